@@ -1,0 +1,5 @@
+//! On-line identification of a running machine's physical parameters.
+
+pub mod estimator;
+pub mod messages;
+pub mod model;

@@ -1,0 +1,112 @@
+//! What a plant's equations are.
+//!
+//! Every equation `e` of a plant is written once, as terms that are differentiated in time:
+//!
+//! ```text
+//! f_e(t; θ) = s_e u_e(t) − Σ_d (d/dt)^d g_{e,d}(q, q̇; θ)        f_n(θ) = 0 is the paper's (5)
+//! φ_e(t; θ) = −∂f_e/∂θ                                          the regressor of (7)
+//! ```
+//!
+//! with `q` the joint positions \[rad or m\], `u_e` the drive's input (voltage, current, torque or force), `s_e` a constant
+//! scale and `θ` the parameters to be identified. From this one definition follow the pointwise form (each sample gives one
+//! row per equation, the derivatives expanded by the chain rule) and the projected form (integrals against a smooth window).
+
+mod manipulator;
+
+pub use manipulator::Manipulator;
+
+use std::ops::Range;
+
+/// The most joints that a sample, and so a plant, can have.
+pub const MAX_JOINTS: usize = 8;
+/// The most parameters that an estimate, and so a plant, can have.
+pub const MAX_PARAMS: usize = 64;
+
+/// The numbers that a plant's equations are written in: `f64` itself, dual numbers, truncated series in time.
+pub trait Scalar: num_dual::DualNum<Primitive = f64> + Copy {}
+impl<T: num_dual::DualNum<Primitive = f64> + Copy> Scalar for T {}
+
+/// Everything that is known about the joints at one instant; SI units, the first `joints` entries count.
+///
+/// A signal that was not measured is zero here; which signals are valid is stated by the message that carries them.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct JointSample {
+    /// Joint position q \[rad or m\].
+    pub q: [f64; MAX_JOINTS],
+    /// Joint velocity q̇ \[rad/s or m/s\].
+    pub dq: [f64; MAX_JOINTS],
+    /// Joint acceleration q̈ \[rad/s² or m/s²\].
+    pub ddq: [f64; MAX_JOINTS],
+    /// Joint jerk q⃛ \[rad/s³ or m/s³\].
+    pub dddq: [f64; MAX_JOINTS],
+    /// Commanded position φ_z of (13) \[rad or m\].
+    pub setpoint: [f64; MAX_JOINTS],
+    /// The drive's input u: voltage \[V\], current \[A\], torque \[N m\] or force \[N\].
+    pub input: [f64; MAX_JOINTS],
+}
+
+/// One parameter of a plant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Short name as in messages, files and tables: `theta_1`, `mass`.
+    pub name: &'static str,
+    /// SI unit, `"1"` where there is none.
+    pub unit: &'static str,
+    /// What it is, in a few words.
+    pub meaning: &'static str,
+    /// Value to start from where the configuration gives none.
+    pub start: f64,
+    /// Physical lower bound, `-inf` where there is none.
+    pub lower: f64,
+    /// Physical upper bound, `+inf` where there is none.
+    pub upper: f64,
+}
+
+/// One scalar equation of a plant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Equation {
+    /// Short name for tables: `joint_1`.
+    pub name: &'static str,
+    /// Joint whose input drives this equation, counted from 0.
+    pub input: usize,
+    /// Scale s_e of the input; the residual has the input's unit times this scale.
+    pub input_scale: f64,
+    /// Highest time derivative d of a term g_{e,d}.
+    pub order: usize,
+    /// Indices of the parameters that this equation depends on. Equations may share parameters.
+    pub parameters: Range<usize>,
+}
+
+/// A plant, defined once: names, units, bounds, and the terms of its equations.
+pub trait Plant {
+    /// Name as in configuration files: `manipulator`.
+    fn name(&self) -> &'static str;
+    /// Number of joints, 1 to [`MAX_JOINTS`].
+    fn joints(&self) -> usize;
+    /// Unit of the input u, for tables and `describe`.
+    fn input_unit(&self) -> &'static str;
+    /// The parameters θ, at most [`MAX_PARAMS`].
+    fn parameters(&self) -> &[Parameter];
+    /// The equations.
+    fn equations(&self) -> &[Equation];
+    /// Writes the terms `g[d]`, d = 0..=order, of one equation; `theta` holds all parameters of the plant.
+    fn terms<D: Scalar>(&self, equation: usize, q: &[D], dq: &[D], theta: &[D], g: &mut [D]);
+}
+
+/// A plant evaluated sample by sample from q, q̇, q̈, q⃛ and u.
+///
+/// [`AutoDiff`] gives this for any [`Plant`]; a plant may bring a faster one of its own, tested equal.
+pub trait PointwiseModel {
+    /// What a sample contributes independently of θ, computed once per sample.
+    type Features: Copy + Default;
+    /// Extracts the features of a sample.
+    fn features(&self, sample: &JointSample) -> Self::Features;
+    /// Residual f_n(θ) of one equation; writes the regressor φ_n = −∂f_n/∂θ over the equation's own parameters.
+    ///
+    /// `theta` holds all parameters of the plant, `regressor` has the length of the equation's `parameters`.
+    fn row(&self, equation: usize, features: &Self::Features, theta: &[f64], regressor: &mut [f64]) -> f64;
+}
+
+/// The pointwise form of any [`Plant`] by automatic differentiation.
+#[derive(Debug, Clone)]
+pub struct AutoDiff<P>(pub P);

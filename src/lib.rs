@@ -3,3 +3,9 @@
 pub mod estimator;
 pub mod messages;
 pub mod model;
+pub mod node;
+pub mod notation;
+#[cfg(feature = "service")]
+pub mod recording;
+#[cfg(feature = "service")]
+pub mod report;

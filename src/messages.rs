@@ -266,6 +266,8 @@ pub struct Status {
     pub last_t_ns: u64,
     /// Estimates published since the start of the stream.
     pub estimates: u64,
+    /// Block of the last estimate published, 0 before the first.
+    pub last_block: u64,
     /// Streams (values of `boot_id`) seen since this process started.
     pub streams: u64,
     /// [`State`].
@@ -285,5 +287,5 @@ const _: () = {
     assert!(offset_of!(Estimate, state) == 104);
     assert!(offset_of!(Estimate, condition) == 136);
     assert!(offset_of!(Estimate, theta) == 144 + 2 * 8 * MAX_JOINTS);
-    assert!(size_of::<Status>() == 8 * 8 + 8);
+    assert!(size_of::<Status>() == 9 * 8 + 8);
 };

@@ -1,0 +1,242 @@
+//! The monitor as a value: estimates in, readable lines and a record of the run out.
+
+use super::stream::{Place, StreamCursor};
+use crate::messages::{Estimate, State, Status, estimate_flags};
+use std::fmt::Write as _;
+
+/// Name and unit of a column: a parameter or a derived value.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Label {
+    /// Short name: `theta_1`, `mass_2`.
+    pub name: String,
+    /// SI unit, `"1"` where there is none.
+    pub unit: String,
+}
+
+/// What the values really are, where somebody knows: the simulator's configuration.
+pub trait Truth {
+    /// The parameters at a stream time \[s\].
+    fn theta(&self, t_s: f64) -> Vec<f64>;
+    /// The derived values at a stream time \[s\], in the order of the labels.
+    fn derived(&self, t_s: f64) -> Vec<f64>;
+}
+
+/// What the monitor remembers of a block.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BlockRecord {
+    /// Block number, from 1.
+    pub block: u64,
+    /// Stream time of the last sample \[s\].
+    pub t_s: f64,
+    /// Time of a change that this block announced \[s\].
+    pub change_s: Option<f64>,
+    /// Largest relative error over the judged parameters, where the truth is known.
+    ///
+    /// Judged are the parameters that the estimate marks usable; all of them where it marks none.
+    pub worst_relative_error: Option<f64>,
+}
+
+/// A change that was found, as the summary tells it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Change {
+    /// Block that announced the change.
+    pub block: u64,
+    /// Located time of the change \[s\].
+    pub t_s: f64,
+    /// Stream time of the last sample of the announcing block \[s\].
+    pub detected_t_s: f64,
+    /// Blocks from the one holding the change (0) to the first from which on the judged parameters stay within 1 % of the
+    /// truth, up to the next change; `None` where the truth is unknown or they do not.
+    pub blocks_to_1_percent: Option<u64>,
+}
+
+/// Collects estimates and status of one robot.
+pub struct MonitorNode {
+    parameters: Vec<Label>,
+    derived: Vec<Label>,
+    truth: Option<Box<dyn Truth>>,
+    cursor: StreamCursor,
+    records: Vec<BlockRecord>,
+    last: Option<Estimate>,
+    status: Option<Status>,
+    lost_estimates: u64,
+}
+
+impl MonitorNode {
+    /// A monitor of a plant with these parameters and derived values.
+    pub fn new(parameters: Vec<Label>, derived: Vec<Label>, truth: Option<Box<dyn Truth>>) -> Self {
+        Self {
+            parameters,
+            derived,
+            truth,
+            cursor: StreamCursor::new(),
+            records: Vec::new(),
+            last: None,
+            status: None,
+            lost_estimates: 0,
+        }
+    }
+
+    /// Takes an estimate in; false where it is one that was seen already (a late joiner gets the last one again).
+    pub fn on_estimate(&mut self, estimate: &Estimate) -> bool {
+        match self.cursor.advance(estimate.boot_id, estimate.block) {
+            Place::Duplicate => return false,
+            // A new stream: what the record says of the previous one no longer belongs to this run.
+            Place::First => {
+                self.records.clear();
+                self.lost_estimates = 0;
+            }
+            // Estimates are numbered by block, so a block without an estimate looks like a lost one; both deserve a count.
+            Place::Gap { missing } => self.lost_estimates += missing,
+            Place::Next => {}
+        }
+        let t_s = seconds(estimate.t_last_ns);
+        self.records.push(BlockRecord {
+            block: estimate.block,
+            t_s,
+            change_s: (estimate.flags & estimate_flags::CHANGED != 0).then(|| seconds(estimate.t_change_ns)),
+            worst_relative_error: self
+                .truth
+                .as_ref()
+                .map(|truth| worst_relative_error(estimate, &truth.theta(t_s))),
+        });
+        self.last = Some(*estimate);
+        true
+    }
+
+    /// Takes a status in.
+    pub fn on_status(&mut self, status: &Status) {
+        self.status = Some(*status);
+    }
+
+    /// True once the identifier has said that the stream ended and its last estimate has arrived.
+    pub fn is_complete(&self) -> bool {
+        self.status.is_some_and(|status| {
+            let arrived = |last: Estimate| last.boot_id == status.boot_id && last.block >= status.last_block;
+            status.state == State::Ended as u32 && (status.last_block == 0 || self.last.is_some_and(arrived))
+        })
+    }
+
+    /// One readable line: block, time, state, then each value with its deviation and unit.
+    pub fn line(&self, estimate: &Estimate) -> String {
+        let mut line = format!(
+            "block {:>4}  {:>9.3} s  {:<14}",
+            estimate.block,
+            seconds(estimate.t_last_ns),
+            State::from_wire(estimate.state).map_or("unknown", State::name)
+        );
+        if estimate.flags & estimate_flags::CHANGED != 0 {
+            let _ = write!(line, "  changed at {:.3} s", seconds(estimate.t_change_ns));
+        }
+        let theta = self.parameters.iter().zip(&estimate.theta).zip(&estimate.theta_std);
+        let derived = self.derived.iter().zip(&estimate.derived).zip(&estimate.derived_std);
+        for ((label, value), std) in theta.chain(derived) {
+            let _ = write!(line, "  {}={value:.6}", label.name);
+            if std.is_finite() {
+                let _ = write!(line, "±{std:.1e}");
+            }
+            if label.unit != "1" {
+                let _ = write!(line, " {}", label.unit);
+            }
+        }
+        let lost = estimate.missing + estimate.rejected;
+        if lost > 0 {
+            let _ = write!(line, "  [missing {}, rejected {}]", estimate.missing, estimate.rejected);
+        }
+        line
+    }
+
+    /// Parameters, in the order of θ.
+    pub fn parameters(&self) -> &[Label] {
+        &self.parameters
+    }
+
+    /// Derived values, in the order of the message.
+    pub fn derived(&self) -> &[Label] {
+        &self.derived
+    }
+
+    /// What the values really are, where known.
+    pub fn truth(&self) -> Option<&dyn Truth> {
+        self.truth.as_deref()
+    }
+
+    /// The blocks of the current stream.
+    pub fn records(&self) -> &[BlockRecord] {
+        &self.records
+    }
+
+    /// The last estimate.
+    pub fn last_estimate(&self) -> Option<&Estimate> {
+        self.last.as_ref()
+    }
+
+    /// The last status.
+    pub fn last_status(&self) -> Option<&Status> {
+        self.status.as_ref()
+    }
+
+    /// Blocks between the first and the last record without an estimate.
+    pub fn lost_estimates(&self) -> u64 {
+        self.lost_estimates
+    }
+
+    /// The changes announced so far.
+    pub fn changes(&self) -> Vec<Change> {
+        let announced: Vec<(usize, f64)> = self
+            .records
+            .iter()
+            .enumerate()
+            .filter_map(|(i, r)| r.change_s.map(|t| (i, t)))
+            .collect();
+        announced
+            .iter()
+            .enumerate()
+            .map(|(k, &(index, t_s))| {
+                // The block that holds the change ends at or after it; it can lie before the one that announced it.
+                let holding = self.records[..=index]
+                    .iter()
+                    .position(|r| r.t_s >= t_s)
+                    .unwrap_or(index);
+                let end = announced.get(k + 1).map_or(self.records.len(), |&(next, _)| next);
+                Change {
+                    block: self.records[index].block,
+                    t_s,
+                    detected_t_s: self.records[index].t_s,
+                    blocks_to_1_percent: blocks_to_settle(&self.records[holding..end], 0.01),
+                }
+            })
+            .collect()
+    }
+}
+
+/// Index of the first block from which on the worst relative error stays within `limit`.
+fn blocks_to_settle(records: &[BlockRecord], limit: f64) -> Option<u64> {
+    let within = |r: &BlockRecord| r.worst_relative_error.is_some_and(|error| error <= limit);
+    let settled = records.iter().rev().take_while(|r| within(r)).count();
+    (settled > 0).then(|| (records.len() - settled) as u64)
+}
+
+fn worst_relative_error(estimate: &Estimate, truth: &[f64]) -> f64 {
+    let judged = |i: usize| estimate.usable == 0 || estimate.usable & (1 << i) != 0;
+    truth
+        .iter()
+        .enumerate()
+        .filter(|&(i, _)| judged(i))
+        .map(|(i, &value)| relative_error(estimate.theta[i], value).abs())
+        .fold(
+            0.0,
+            |worst, error| if error > worst || error.is_nan() { error } else { worst },
+        )
+}
+
+/// (estimate − truth) / truth; the absolute error where the truth is zero.
+pub fn relative_error(estimate: f64, truth: f64) -> f64 {
+    let error = estimate - truth;
+    if truth == 0.0 { error } else { error / truth }
+}
+
+/// Nanoseconds of stream time as seconds.
+pub fn seconds(t_ns: u64) -> f64 {
+    t_ns as f64 * 1e-9
+}

@@ -1,0 +1,73 @@
+//! `estimates.csv`: one line per estimate, for any spreadsheet or script.
+//!
+//! Columns: `block,t_s,state,changed,use_ok,accepted,missing,rejected`, then each parameter by name, then each `<name>_std`, then
+//! each derived value and its `_std`. Numbers are written with as many digits as bring the same bits back. A deviation that the
+//! estimator does not give is an empty cell.
+
+use crate::messages::{Estimate, State, estimate_flags};
+use crate::node::monitor::{Label, seconds};
+use std::io::{self, Write};
+
+/// Writes `estimates.csv`.
+pub struct EstimatesCsv<W: Write> {
+    writer: csv::Writer<W>,
+    parameters: usize,
+    derived: usize,
+}
+
+impl<W: Write> EstimatesCsv<W> {
+    /// Starts a file by its header.
+    ///
+    /// # Errors
+    /// Where the sink cannot be written.
+    pub fn new(sink: W, parameters: &[Label], derived: &[Label]) -> io::Result<Self> {
+        let mut writer = csv::Writer::from_writer(sink);
+        let fixed = [
+            "block", "t_s", "state", "changed", "use_ok", "accepted", "missing", "rejected",
+        ];
+        let mut header: Vec<String> = fixed.map(String::from).to_vec();
+        for group in [parameters, derived] {
+            header.extend(group.iter().map(|label| label.name.clone()));
+            header.extend(group.iter().map(|label| format!("{}_std", label.name)));
+        }
+        writer.write_record(&header)?;
+        writer.flush()?;
+        Ok(Self {
+            writer,
+            parameters: parameters.len(),
+            derived: derived.len(),
+        })
+    }
+
+    /// Appends one estimate and hands it to the operating system, so that a killed process leaves whole lines.
+    ///
+    /// # Errors
+    /// Where the sink cannot be written.
+    pub fn write(&mut self, estimate: &Estimate) -> io::Result<()> {
+        let state = State::from_wire(estimate.state).map_or("unknown", State::name);
+        let flag = |set: bool| if set { "1" } else { "0" }.to_string();
+        let mut record = vec![
+            estimate.block.to_string(),
+            seconds(estimate.t_last_ns).to_string(),
+            state.to_string(),
+            flag(estimate.flags & estimate_flags::CHANGED != 0),
+            flag(estimate.use_ok != 0),
+            estimate.accepted.to_string(),
+            estimate.missing.to_string(),
+            estimate.rejected.to_string(),
+        ];
+        let known = |value: &f64| {
+            if value.is_finite() {
+                value.to_string()
+            } else {
+                String::new()
+            }
+        };
+        record.extend(estimate.theta[..self.parameters].iter().map(known));
+        record.extend(estimate.theta_std[..self.parameters].iter().map(known));
+        record.extend(estimate.derived[..self.derived].iter().map(known));
+        record.extend(estimate.derived_std[..self.derived].iter().map(known));
+        self.writer.write_record(&record)?;
+        self.writer.flush()
+    }
+}

@@ -1,0 +1,5 @@
+//! Runs as files, in and out.
+
+mod estimates_csv;
+
+pub use estimates_csv::EstimatesCsv;

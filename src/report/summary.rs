@@ -1,0 +1,282 @@
+//! `summary.json` and the result table: where a run ended, beside the truth where it is known.
+
+use crate::messages::{Estimate, State};
+use crate::node::monitor::{MonitorNode, relative_error, seconds};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// How many samples a run used, lost and refused.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SampleCounts {
+    /// Used.
+    pub accepted: u64,
+    /// Lost: gaps in `seq`.
+    pub missing: u64,
+    /// Refused: not finite, out of range, out of order.
+    pub rejected: u64,
+}
+
+/// One parameter at the end of a run; what is not known is null.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ParameterSummary {
+    /// Short name: `theta_1`.
+    pub name: String,
+    /// SI unit.
+    pub unit: String,
+    /// θ̂; null where there was no estimate.
+    pub estimate: Option<f64>,
+    /// Its standard deviation.
+    pub std: Option<f64>,
+    /// The true value.
+    pub truth: Option<f64>,
+    /// (estimate − truth) / truth.
+    pub relative_error: Option<f64>,
+    /// Whether the last block informed on it.
+    pub excited: Option<bool>,
+    /// Whether it was held.
+    pub fixed: Option<bool>,
+}
+
+/// One derived value at the end of a run; what is not known is null.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DerivedSummary {
+    /// Short name: `mass_2`.
+    pub name: String,
+    /// SI unit.
+    pub unit: String,
+    /// The value.
+    pub estimate: Option<f64>,
+    /// Its standard deviation.
+    pub std: Option<f64>,
+    /// The true value.
+    pub truth: Option<f64>,
+}
+
+/// One change that was found.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ChangeSummary {
+    /// Block that announced it.
+    pub block: u64,
+    /// Located time \[s\].
+    pub t_s: f64,
+    /// Last sample of the announcing block \[s\].
+    pub detected_t_s: f64,
+    /// See [`crate::node::monitor::Change::blocks_to_1_percent`].
+    pub blocks_to_1_percent: Option<u64>,
+}
+
+/// A run in one value: the contents of `summary.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Message schema version.
+    pub schema: u32,
+    /// Robot name.
+    pub robot: String,
+    /// Model name.
+    pub model: String,
+    /// Hash of the configuration that determined the estimates, hexadecimal.
+    pub config_hash: Option<String>,
+    /// State of the last estimate, `collecting` where there was none.
+    pub state: String,
+    /// Estimates received.
+    pub blocks: u64,
+    /// Sample counts of the identifier.
+    pub samples: SampleCounts,
+    /// The parameters, in the order of θ.
+    pub parameters: Vec<ParameterSummary>,
+    /// Derived values.
+    pub derived: Vec<DerivedSummary>,
+    /// Changes found.
+    pub changes: Vec<ChangeSummary>,
+    /// Wall time of the run \[s\], where somebody measured it.
+    pub wall_s: Option<f64>,
+}
+
+impl Summary {
+    /// The summary of what a monitor has seen.
+    pub fn new(monitor: &MonitorNode, robot: &str, model: &str) -> Self {
+        let last = monitor.last_estimate();
+        let status = monitor
+            .last_status()
+            .filter(|s| last.is_none_or(|e| e.boot_id == s.boot_id));
+        // The status after the last estimate counts the samples of a partial last block, too.
+        let samples = match (status, last) {
+            (Some(s), _) => SampleCounts {
+                accepted: s.accepted,
+                missing: s.missing,
+                rejected: s.rejected,
+            },
+            (None, Some(e)) => SampleCounts {
+                accepted: e.accepted,
+                missing: e.missing,
+                rejected: e.rejected,
+            },
+            (None, None) => SampleCounts::default(),
+        };
+        Self {
+            schema: crate::messages::SCHEMA_VERSION,
+            robot: robot.to_string(),
+            model: model.to_string(),
+            config_hash: last.map(|e| format!("{:016x}", e.config_hash)),
+            state: last
+                .and_then(|e| State::from_wire(e.state))
+                .unwrap_or_default()
+                .name()
+                .to_string(),
+            blocks: monitor.records().len() as u64,
+            samples,
+            parameters: parameters(monitor, last),
+            derived: derived(monitor, last),
+            changes: monitor
+                .changes()
+                .iter()
+                .map(|c| ChangeSummary {
+                    block: c.block,
+                    t_s: c.t_s,
+                    detected_t_s: c.detected_t_s,
+                    blocks_to_1_percent: c.blocks_to_1_percent,
+                })
+                .collect(),
+            wall_s: None,
+        }
+    }
+}
+
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+fn parameters(monitor: &MonitorNode, last: Option<&Estimate>) -> Vec<ParameterSummary> {
+    let truth = last
+        .zip(monitor.truth())
+        .map(|(e, truth)| truth.theta(seconds(e.t_last_ns)));
+    monitor
+        .parameters()
+        .iter()
+        .enumerate()
+        .map(|(i, label)| {
+            let estimate = last.and_then(|e| finite(e.theta[i]));
+            let truth = truth.as_ref().and_then(|theta| theta.get(i).copied());
+            ParameterSummary {
+                name: label.name.clone(),
+                unit: label.unit.clone(),
+                estimate,
+                std: last.and_then(|e| finite(e.theta_std[i])),
+                truth,
+                relative_error: estimate
+                    .zip(truth)
+                    .and_then(|(value, truth)| finite(relative_error(value, truth))),
+                excited: last.map(|e| e.excited & (1 << i) != 0),
+                fixed: last.map(|e| e.fixed & (1 << i) != 0),
+            }
+        })
+        .collect()
+}
+
+fn derived(monitor: &MonitorNode, last: Option<&Estimate>) -> Vec<DerivedSummary> {
+    let truth = last
+        .zip(monitor.truth())
+        .map(|(e, truth)| truth.derived(seconds(e.t_last_ns)));
+    monitor
+        .derived()
+        .iter()
+        .enumerate()
+        .map(|(i, label)| DerivedSummary {
+            name: label.name.clone(),
+            unit: label.unit.clone(),
+            estimate: last.and_then(|e| finite(e.derived[i])),
+            std: last.and_then(|e| finite(e.derived_std[i])),
+            truth: truth.as_ref().and_then(|values| values.get(i).copied()),
+        })
+        .collect()
+}
+
+/// The result table as `thetabus run` prints it.
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let number = |value: Option<f64>| value.map_or_else(|| "-".to_string(), significant);
+        let percent = |value: Option<f64>| value.map_or_else(|| "-".to_string(), |v| format!("{:+.3} %", v * 100.0));
+        let name = |text: &str| format!("{text:<18}");
+        writeln!(
+            f,
+            "{} {:>14} {:>11} {:>14} {:>11}  unit",
+            name("parameter"),
+            "estimate",
+            "std",
+            "truth",
+            "error"
+        )?;
+        for p in &self.parameters {
+            let note = match (p.fixed, p.excited) {
+                (Some(true), _) => "  (fixed)",
+                (_, Some(false)) => "  (not excited in the last block)",
+                _ => "",
+            };
+            writeln!(
+                f,
+                "{} {:>14} {:>11} {:>14} {:>11}  {}{note}",
+                name(&p.name),
+                number(p.estimate),
+                p.std.map_or_else(|| "-".to_string(), |std| format!("{std:.1e}")),
+                number(p.truth),
+                percent(p.relative_error),
+                p.unit
+            )?;
+        }
+        for d in &self.derived {
+            let error = d
+                .estimate
+                .zip(d.truth)
+                .map(|(value, truth)| relative_error(value, truth));
+            writeln!(
+                f,
+                "{} {:>14} {:>11} {:>14} {:>11}  {}",
+                name(&d.name),
+                number(d.estimate),
+                d.std.map_or_else(|| "-".to_string(), |std| format!("{std:.1e}")),
+                number(d.truth),
+                percent(error),
+                d.unit
+            )?;
+        }
+        for change in &self.changes {
+            write!(
+                f,
+                "change at {:.3} s, announced by block {} at {:.3} s",
+                change.t_s, change.block, change.detected_t_s
+            )?;
+            match change.blocks_to_1_percent {
+                Some(0) => writeln!(f, ", within 1 % of the truth in the same block")?,
+                Some(blocks) => writeln!(f, ", within 1 % of the truth {blocks} block(s) later")?,
+                None => writeln!(f)?,
+            }
+        }
+        let SampleCounts {
+            accepted,
+            missing,
+            rejected,
+        } = self.samples;
+        write!(
+            f,
+            "{} blocks, {accepted} samples accepted, {missing} missing, {rejected} rejected; state {}",
+            self.blocks, self.state
+        )?;
+        match self.wall_s {
+            Some(wall) => writeln!(f, "; wall time {wall:.1} s"),
+            None => writeln!(f),
+        }
+    }
+}
+
+/// Seven significant digits, plain where that is short.
+fn significant(value: f64) -> String {
+    let magnitude = value.abs();
+    if magnitude == 0.0 {
+        "0".to_string()
+    } else if (1e-4..1e7).contains(&magnitude) {
+        let decimals = (6 - magnitude.log10().floor() as i32).clamp(0, 12) as usize;
+        format!("{value:.decimals$}")
+    } else {
+        format!("{value:.6e}")
+    }
+}

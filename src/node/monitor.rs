@@ -240,3 +240,165 @@ pub fn relative_error(estimate: f64, truth: f64) -> f64 {
 pub fn seconds(t_ns: u64) -> f64 {
     t_ns as f64 * 1e-9
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::messages::MAX_DERIVED;
+    use crate::model::{MAX_JOINTS, MAX_PARAMS};
+
+    /// An estimate of one parameter.
+    pub(crate) fn estimate(block: u64, theta: f64) -> Estimate {
+        let mut message = Estimate {
+            boot_id: 1,
+            block,
+            t_first_ns: (block - 1) * 1_000_000_000,
+            t_last_ns: block * 1_000_000_000 - 1_000_000,
+            model_hash: 0,
+            config_hash: 0,
+            accepted: block * 1000,
+            missing: 0,
+            rejected: 0,
+            excited: 1,
+            usable: 0,
+            fixed: 0,
+            t_change_ns: 0,
+            state: State::Converging as u32,
+            use_ok: 0,
+            flags: 0,
+            params: 1,
+            equations: 1,
+            derived_len: 0,
+            iterations: 1,
+            outliers: 0,
+            condition: 1.0,
+            innovation_rms: [0.0; MAX_JOINTS],
+            residual_rms: [0.0; MAX_JOINTS],
+            theta: [0.0; MAX_PARAMS],
+            theta_std: [f64::NAN; MAX_PARAMS],
+            derived: [0.0; MAX_DERIVED],
+            derived_std: [f64::NAN; MAX_DERIVED],
+        };
+        message.theta[0] = theta;
+        message
+    }
+
+    /// The mass jumps from 10 to 20 at 2.5 s.
+    struct Jump;
+
+    impl Truth for Jump {
+        fn theta(&self, t_s: f64) -> Vec<f64> {
+            vec![if t_s < 2.5 { 10.0 } else { 20.0 }]
+        }
+        fn derived(&self, _: f64) -> Vec<f64> {
+            Vec::new()
+        }
+    }
+
+    pub(crate) fn monitor() -> MonitorNode {
+        let label = Label {
+            name: "mass".into(),
+            unit: "kg".into(),
+        };
+        MonitorNode::new(vec![label], Vec::new(), Some(Box::new(Jump)))
+    }
+
+    #[test]
+    fn prop_blocks_to_1_percent_count_from_the_block_that_holds_the_change() {
+        let mut monitor = monitor();
+        // Block 3 holds the change (2 s … 3 s), block 4 announces it, block 5 is the first that is right and stays right.
+        for (block, theta) in [(1, 10.0), (2, 10.0), (3, 15.0), (4, 19.0), (5, 20.1), (6, 20.0)] {
+            let mut message = estimate(block, theta);
+            if block == 4 {
+                message.flags |= estimate_flags::CHANGED;
+                message.t_change_ns = 2_500_000_000;
+            }
+            assert!(monitor.on_estimate(&message));
+        }
+        assert_eq!(
+            monitor.changes(),
+            [Change {
+                block: 4,
+                t_s: 2.5,
+                detected_t_s: 3.999,
+                blocks_to_1_percent: Some(2)
+            }]
+        );
+    }
+
+    #[test]
+    fn prop_an_estimate_that_leaves_again_has_not_settled() {
+        let mut monitor = monitor();
+        for (block, theta) in [(1, 10.0), (2, 10.0), (3, 20.0), (4, 19.0)] {
+            let mut message = estimate(block, theta);
+            if block == 3 {
+                message.flags |= estimate_flags::CHANGED;
+                message.t_change_ns = 2_500_000_000;
+            }
+            monitor.on_estimate(&message);
+        }
+        assert_eq!(monitor.changes()[0].blocks_to_1_percent, None);
+    }
+
+    #[test]
+    fn prop_a_late_joiner_counts_the_repeated_estimate_once_and_a_new_stream_starts_over() {
+        let mut monitor = monitor();
+        assert!(monitor.on_estimate(&estimate(7, 10.0)));
+        assert!(!monitor.on_estimate(&estimate(7, 10.0)));
+        assert!(monitor.on_estimate(&estimate(9, 10.0)));
+        assert_eq!(monitor.lost_estimates(), 1);
+        let mut restarted = estimate(1, 10.0);
+        restarted.boot_id = 2;
+        assert!(monitor.on_estimate(&restarted));
+        assert_eq!((monitor.records().len(), monitor.lost_estimates()), (1, 0));
+    }
+
+    #[test]
+    fn fault_a_nan_in_an_estimate_counts_as_an_error_not_as_agreement() {
+        let mut message = estimate(1, f64::NAN);
+        assert!(!(worst_relative_error(&message, &[10.0]) <= 0.01));
+        message.theta[0] = 10.0;
+        assert!(worst_relative_error(&message, &[10.0]) <= 0.01);
+    }
+
+    #[test]
+    fn regress_the_readable_line_names_values_deviations_and_units() {
+        let mut message = estimate(24, 170.25);
+        message.theta_std[0] = 0.125;
+        message.missing = 3;
+        let line = monitor().line(&message);
+        for part in [
+            "block   24",
+            "23.999 s",
+            "converging",
+            "mass=170.250000±1.2e-1 kg",
+            "missing 3",
+        ] {
+            assert!(line.contains(part), "{part:?} is not in {line:?}");
+        }
+    }
+
+    #[test]
+    fn prop_complete_means_ended_and_the_last_estimate_here() {
+        let mut monitor = monitor();
+        let mut status = Status {
+            boot_id: 1,
+            accepted: 2000,
+            missing: 0,
+            rejected: 0,
+            last_seq: 1999,
+            last_t_ns: 0,
+            estimates: 2,
+            last_block: 2,
+            streams: 1,
+            state: State::Converging as u32,
+            pid: 1,
+        };
+        monitor.on_estimate(&estimate(1, 10.0));
+        status.state = State::Ended as u32;
+        monitor.on_status(&status);
+        assert!(!monitor.is_complete(), "the estimate of block 2 is still on its way");
+        monitor.on_estimate(&estimate(2, 10.0));
+        assert!(monitor.is_complete());
+    }
+}

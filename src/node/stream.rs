@@ -34,13 +34,14 @@ impl StreamCursor {
 
     /// Places the next message and moves on to it.
     pub fn advance(&mut self, boot_id: u64, seq: u64) -> Place {
-        let place = match self.last {
-            Some((boot, last)) if boot == boot_id && seq == last => Place::Duplicate,
-            Some((boot, last)) if boot == boot_id && seq == last + 1 => Place::Next,
-            Some((boot, last)) if boot == boot_id && seq > last => Place::Gap {
-                missing: seq - last - 1,
-            },
-            _ => {
+        let ahead = self
+            .last
+            .and_then(|(boot, last)| if boot == boot_id { seq.checked_sub(last) } else { None });
+        let place = match ahead {
+            Some(0) => Place::Duplicate,
+            Some(1) => Place::Next,
+            Some(ahead) => Place::Gap { missing: ahead - 1 },
+            None => {
                 self.streams += 1;
                 Place::First
             }

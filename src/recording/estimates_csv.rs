@@ -71,3 +71,30 @@ impl<W: Write> EstimatesCsv<W> {
         self.writer.flush()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::node::monitor::tests::{estimate, monitor};
+
+    #[test]
+    fn regress_the_columns_are_the_contract_and_numbers_come_back_to_the_bit() {
+        let monitor = monitor();
+        let mut sink = Vec::new();
+        let theta = 0.1 + 0.2;
+        let mut csv = EstimatesCsv::new(&mut sink, monitor.parameters(), monitor.derived()).unwrap();
+        csv.write(&estimate(24, theta)).unwrap();
+        drop(csv);
+        let text = String::from_utf8(sink).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(
+            lines[0],
+            "block,t_s,state,changed,use_ok,accepted,missing,rejected,mass,mass_std"
+        );
+        let cells: Vec<&str> = lines[1].split(',').collect();
+        assert_eq!(cells[0], "24");
+        assert_eq!(cells[2], "converging");
+        assert_eq!(cells[8].parse::<f64>().unwrap().to_bits(), theta.to_bits());
+        assert_eq!(cells[9], "", "a deviation that is not known is an empty cell");
+    }
+}

@@ -280,3 +280,64 @@ fn significant(value: f64) -> String {
         format!("{value:.6e}")
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::node::monitor::tests::{estimate, monitor};
+
+    #[test]
+    fn prop_a_summary_survives_json_and_says_null_for_what_is_not_known() {
+        let mut monitor = monitor();
+        let empty = Summary::new(&monitor, "arm", "test");
+        assert_eq!((empty.blocks, empty.state.as_str()), (0, "collecting"));
+        assert_eq!(empty.parameters[0].estimate, None);
+
+        monitor.on_estimate(&estimate(1, 10.5));
+        let summary = Summary::new(&monitor, "arm", "test");
+        let json = serde_json::to_string(&summary).unwrap();
+        assert!(json.contains("\"std\":null"), "{json}");
+        assert_eq!(serde_json::from_str::<Summary>(&json).unwrap(), summary);
+        assert_eq!(summary.parameters[0].relative_error, Some(0.05));
+        assert_eq!(
+            summary.samples,
+            SampleCounts {
+                accepted: 1000,
+                missing: 0,
+                rejected: 0
+            }
+        );
+    }
+
+    #[test]
+    fn regress_the_table_names_value_truth_error_and_unit() {
+        let mut monitor = monitor();
+        monitor.on_estimate(&estimate(1, 10.5));
+        let table = Summary::new(&monitor, "arm", "test").to_string();
+        for part in [
+            "mass",
+            "10.50000",
+            "10.00000",
+            "+5.000 %",
+            "kg",
+            "1 blocks",
+            "1000 samples accepted",
+        ] {
+            assert!(table.contains(part), "{part:?} is not in\n{table}");
+        }
+    }
+
+    #[test]
+    fn prop_seven_significant_digits_at_every_magnitude() {
+        for (value, text) in [
+            (0.0, "0"),
+            (23.0, "23.00000"),
+            (0.004_347_83, "0.004347830"),
+            (-0.26, "-0.2600000"),
+            (1.5e9, "1.500000e9"),
+            (2e-7, "2.000000e-7"),
+        ] {
+            assert_eq!(significant(value), text);
+        }
+    }
+}

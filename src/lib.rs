@@ -9,3 +9,5 @@ pub mod notation;
 pub mod recording;
 #[cfg(feature = "service")]
 pub mod report;
+#[cfg(feature = "sim")]
+pub mod sim;

@@ -11,9 +11,14 @@
 //! scale and `θ` the parameters to be identified. From this one definition follow the pointwise form (each sample gives one
 //! row per equation, the derivatives expanded by the chain rule) and the projected form (integrals against a smooth window).
 
+mod autodiff;
 mod manipulator;
+mod physical;
+mod raw_manipulator;
 
-pub use manipulator::Manipulator;
+pub use manipulator::{MANIPULATOR_PARAMS, Manipulator, ManipulatorFeatures};
+pub use physical::{KnownConstants, ManipulatorDerived, PhysicalParameters, RecoveryError};
+pub use raw_manipulator::RawManipulator;
 
 use std::ops::Range;
 
@@ -110,3 +115,38 @@ pub trait PointwiseModel {
 /// The pointwise form of any [`Plant`] by automatic differentiation.
 #[derive(Debug, Clone)]
 pub struct AutoDiff<P>(pub P);
+
+/// A value that follows from θ once some constants are known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DerivedQuantity {
+    /// Short name as in messages, files and tables: `mass_2`.
+    pub name: &'static str,
+    /// SI unit.
+    pub unit: &'static str,
+    /// What it is, in a few words.
+    pub meaning: &'static str,
+}
+
+/// Values that follow from θ̂, with their standard deviations.
+pub trait DerivedValues {
+    /// Names and units, at most [`MAX_DERIVED`](crate::messages::MAX_DERIVED).
+    fn quantities(&self) -> &[DerivedQuantity];
+    /// One value; writes its gradient over all parameters. `NaN` where θ̂ does not allow the value.
+    fn value_and_gradient(&self, index: usize, theta: &[f64], gradient: &mut [f64]) -> f64;
+
+    /// One value and its standard deviation by the delta method, √(∇ᵀ P ∇).
+    ///
+    /// `covariance(i, j)` is the covariance P of θ̂. The deviation is `NaN` where P is not finite.
+    fn value_and_std(&self, index: usize, theta: &[f64], covariance: &dyn Fn(usize, usize) -> f64) -> (f64, f64) {
+        let mut gradient = [0.0; MAX_PARAMS];
+        let gradient = &mut gradient[..theta.len()];
+        let value = self.value_and_gradient(index, theta, gradient);
+        let mut variance = 0.0;
+        for (i, &d_i) in gradient.iter().enumerate().filter(|(_, d)| **d != 0.0) {
+            for (j, &d_j) in gradient.iter().enumerate().filter(|(_, d)| **d != 0.0) {
+                variance += d_i * covariance(i, j) * d_j;
+            }
+        }
+        (value, if variance >= 0.0 { variance.sqrt() } else { f64::NAN })
+    }
+}

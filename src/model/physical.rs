@@ -1,0 +1,219 @@
+//! Between the physical parameters of the arm and θ, equation (25), in both directions.
+//!
+//! Forward is (25) itself. Backward, nine numbers cannot give twelve: θ fixes k_e1 = θ₅, k_e2 = θ₈, l₂ = θ₉, the electrical time constants
+//! L₁/R₁ = θ₂/θ₄ and L₂/R₂ = θ₆/θ₇, and products of masses with R/k_m. With the resistances, the torque constants and l₁ known, the rest
+//! follows:
+//!
+//! ```text
+//! m₂ = θ₇ k_m2 / (θ₉ R₂)     m₁ = θ₃ k_m1 / (l₁² R₁)     L₁ = R₁ θ₂/θ₄     L₂ = R₂ θ₆/θ₇
+//! ```
+//!
+//! m₂ could also come from θ₄ = l₂² m₂ R₁/k_m1 and L₁ from θ₁/θ₃. Joint 2 gives the better m₂ (gravity acts on it even at rest), and link 2
+//! gives the better L₁, because it is the heavier one.
+
+use super::{DerivedQuantity, DerivedValues, MANIPULATOR_PARAMS, Scalar};
+use num_dual::Dual64;
+
+/// Physical parameters of the paper's arm, the symbols of (24).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PhysicalParameters {
+    /// l₁ \[m\].
+    pub length_1_m: f64,
+    /// m₁ \[kg\].
+    pub mass_1_kg: f64,
+    /// l₂ \[m\].
+    pub length_2_m: f64,
+    /// m₂ \[kg\].
+    pub mass_2_kg: f64,
+    /// R_w of each motor \[Ω\].
+    pub winding_resistance_ohm: [f64; 2],
+    /// L of each motor \[H\].
+    pub winding_inductance_h: [f64; 2],
+    /// k_m of each motor \[N m/A\].
+    pub torque_constant_n_m_per_a: [f64; 2],
+    /// k_e of each motor \[V s/rad\].
+    pub back_emf_constant_v_s_per_rad: [f64; 2],
+}
+
+/// What has to be known beforehand to get physical parameters back from θ; all must be > 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KnownConstants {
+    /// l₁ \[m\].
+    pub length_1_m: f64,
+    /// R_w of each motor \[Ω\].
+    pub winding_resistance_ohm: [f64; 2],
+    /// k_m of each motor \[N m/A\].
+    pub torque_constant_n_m_per_a: [f64; 2],
+}
+
+/// Why θ gives no physical parameters.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum RecoveryError {
+    /// A known constant is not a positive number.
+    #[error("{name} must be a positive number to recover physical parameters, got {value}")]
+    Constant {
+        /// Name of the constant.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// A parameter that is divided by, or has to be positive, is not.
+    #[error("theta_{} must be a positive number to recover physical parameters, got {value}", .index + 1)]
+    Parameter {
+        /// Its index, counted from 0.
+        index: usize,
+        /// Its value.
+        value: f64,
+    },
+}
+
+impl PhysicalParameters {
+    /// θ by (25).
+    pub fn theta(&self) -> [f64; MANIPULATOR_PARAMS] {
+        let Self {
+            length_1_m: l1,
+            mass_1_kg: m1,
+            length_2_m: l2,
+            mass_2_kg: m2,
+            ..
+        } = *self;
+        let [r1, r2] = self.winding_resistance_ohm;
+        let [inductance_1, inductance_2] = self.winding_inductance_h;
+        let [km1, km2] = self.torque_constant_n_m_per_a;
+        let [ke1, ke2] = self.back_emf_constant_v_s_per_rad;
+        [
+            l1 * l1 * inductance_1 * m1 / km1, // θ₁ of (25), the others follow in order
+            inductance_1 * l2 * l2 * m2 / km1,
+            l1 * l1 * m1 * r1 / km1,
+            l2 * l2 * m2 * r1 / km1,
+            ke1,
+            l2 * inductance_2 * m2 / km2,
+            l2 * m2 * r2 / km2,
+            ke2,
+            l2,
+        ]
+    }
+
+    /// The physical parameters behind θ, as far as `known` allows: the inverse of (25).
+    ///
+    /// # Errors
+    /// A known constant, or a parameter of θ that the inverse needs, is not a positive finite number.
+    pub fn from_theta(theta: &[f64; MANIPULATOR_PARAMS], known: &KnownConstants) -> Result<Self, RecoveryError> {
+        known.validate()?;
+        for (index, &value) in theta.iter().enumerate() {
+            // θ₁ is not used; the back-EMF constants may be zero.
+            let fine = match index {
+                0 => true,
+                4 | 7 => value >= 0.0,
+                _ => value > 0.0,
+            };
+            if !(value.is_finite() && fine) {
+                return Err(RecoveryError::Parameter { index, value });
+            }
+        }
+        let [r1, r2] = known.winding_resistance_ohm;
+        let [km1, km2] = known.torque_constant_n_m_per_a;
+        let l1 = known.length_1_m;
+        Ok(Self {
+            length_1_m: l1,
+            mass_1_kg: theta[2] * km1 / (l1 * l1 * r1),
+            length_2_m: theta[8],
+            mass_2_kg: theta[6] * km2 / (theta[8] * r2),
+            winding_resistance_ohm: known.winding_resistance_ohm,
+            winding_inductance_h: [r1 * theta[1] / theta[3], r2 * theta[5] / theta[6]],
+            torque_constant_n_m_per_a: known.torque_constant_n_m_per_a,
+            back_emf_constant_v_s_per_rad: [theta[4], theta[7]],
+        })
+    }
+
+    /// The constants of this arm that [`from_theta`](Self::from_theta) needs.
+    pub fn known(&self) -> KnownConstants {
+        KnownConstants {
+            length_1_m: self.length_1_m,
+            winding_resistance_ohm: self.winding_resistance_ohm,
+            torque_constant_n_m_per_a: self.torque_constant_n_m_per_a,
+        }
+    }
+}
+
+impl KnownConstants {
+    /// Checks that every constant is a positive finite number.
+    ///
+    /// # Errors
+    /// The first constant that is not.
+    pub fn validate(&self) -> Result<(), RecoveryError> {
+        let [r1, r2] = self.winding_resistance_ohm;
+        let [km1, km2] = self.torque_constant_n_m_per_a;
+        [
+            ("length_1_m", self.length_1_m),
+            ("winding_resistance_ohm", r1),
+            ("winding_resistance_ohm", r2),
+            ("torque_constant_n_m_per_a", km1),
+            ("torque_constant_n_m_per_a", km2),
+        ]
+        .into_iter()
+        .find(|&(_, value)| !(value.is_finite() && value > 0.0))
+        .map_or(Ok(()), |(name, value)| Err(RecoveryError::Constant { name, value }))
+    }
+}
+
+/// Physical values of the arm that follow from θ̂ once the motor constants are known, with deviations by the delta method.
+///
+/// The inverse of (25) as in [`PhysicalParameters::from_theta`]. Values are `NaN` where θ̂ does not allow them (θ₉ = 0, for instance).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ManipulatorDerived {
+    known: KnownConstants,
+}
+
+const fn quantity(name: &'static str, unit: &'static str, meaning: &'static str) -> DerivedQuantity {
+    DerivedQuantity { name, unit, meaning }
+}
+
+static QUANTITIES: [DerivedQuantity; 4] = [
+    quantity("mass_2", "kg", "mass of link 2 with its payload"),
+    quantity("mass_1", "kg", "mass of link 1"),
+    quantity("inductance_1", "H", "winding inductance of motor 1"),
+    quantity("inductance_2", "H", "winding inductance of motor 2"),
+];
+
+impl ManipulatorDerived {
+    /// Derived values on the ground of known motor constants.
+    ///
+    /// # Errors
+    /// A constant is not a positive finite number.
+    pub fn new(known: KnownConstants) -> Result<Self, RecoveryError> {
+        known.validate().map(|()| Self { known })
+    }
+
+    fn value<D: Scalar>(&self, index: usize, theta: &[D]) -> D {
+        let [r1, r2] = self.known.winding_resistance_ohm;
+        let [km1, km2] = self.known.torque_constant_n_m_per_a;
+        let l1 = self.known.length_1_m;
+        match index {
+            0 => theta[6] / theta[8] * (km2 / r2),
+            1 => theta[2] * (km1 / (l1 * l1 * r1)),
+            2 => theta[1] / theta[3] * r1,
+            _ => theta[5] / theta[6] * r2,
+        }
+    }
+}
+
+impl DerivedValues for ManipulatorDerived {
+    fn quantities(&self) -> &[DerivedQuantity] {
+        &QUANTITIES
+    }
+
+    fn value_and_gradient(&self, index: usize, theta: &[f64], gradient: &mut [f64]) -> f64 {
+        let mut dual = [Dual64::from(0.0); MANIPULATOR_PARAMS];
+        for (dual, &value) in dual.iter_mut().zip(theta) {
+            dual.re = value;
+        }
+        for parameter in 0..MANIPULATOR_PARAMS {
+            dual[parameter].eps = 1.0;
+            gradient[parameter] = self.value(index, &dual).eps;
+            dual[parameter].eps = 0.0;
+        }
+        let value = self.value(index, theta);
+        if value.is_finite() { value } else { f64::NAN }
+    }
+}

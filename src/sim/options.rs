@@ -1,0 +1,301 @@
+//! What a simulation is told: plain data with units in the names, validated before use.
+
+use super::{MassSchedule, SensorOptions, Setpoint};
+use crate::model::PhysicalParameters;
+
+/// Joints of the simulated arm.
+pub const ARM_JOINTS: usize = 2;
+
+/// Physical constants of the arm and its motors, everything but the payload-dependent mass of link 2.
+///
+/// The links are uniform beams: centre of gravity at half the length, moment of inertia m l²/12, below (22) in the paper.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmParameters {
+    /// l₁ \[m\], > 0.
+    pub length_1_m: f64,
+    /// m₁ \[kg\], > 0.
+    pub mass_1_kg: f64,
+    /// l₂ \[m\], > 0.
+    pub length_2_m: f64,
+    /// g \[m/s²\], ≥ 0.
+    pub gravity_m_s2: f64,
+    /// R_w of each motor \[Ω\], > 0.
+    pub winding_resistance_ohm: [f64; ARM_JOINTS],
+    /// L of each motor \[H\], > 0.
+    pub winding_inductance_h: [f64; ARM_JOINTS],
+    /// k_m of each motor \[N m/A\], > 0.
+    pub torque_constant_n_m_per_a: [f64; ARM_JOINTS],
+    /// k_e of each motor \[V s/rad\], ≥ 0.
+    pub back_emf_constant_v_s_per_rad: [f64; ARM_JOINTS],
+}
+
+impl ArmParameters {
+    /// Section 5 of the paper.
+    pub const fn cedro2022() -> Self {
+        Self {
+            length_1_m: 0.5,
+            mass_1_kg: 100.0,
+            length_2_m: 1.0,
+            gravity_m_s2: 9.81,
+            winding_resistance_ohm: [0.04; ARM_JOINTS],
+            winding_inductance_h: [0.004; ARM_JOINTS],
+            torque_constant_n_m_per_a: [23.0; ARM_JOINTS],
+            back_emf_constant_v_s_per_rad: [23.0; ARM_JOINTS],
+        }
+    }
+
+    /// These constants together with a mass of link 2 \[kg\].
+    pub const fn with_mass_2(&self, mass_2_kg: f64) -> PhysicalParameters {
+        PhysicalParameters {
+            length_1_m: self.length_1_m,
+            mass_1_kg: self.mass_1_kg,
+            length_2_m: self.length_2_m,
+            mass_2_kg,
+            winding_resistance_ohm: self.winding_resistance_ohm,
+            winding_inductance_h: self.winding_inductance_h,
+            torque_constant_n_m_per_a: self.torque_constant_n_m_per_a,
+            back_emf_constant_v_s_per_rad: self.back_emf_constant_v_s_per_rad,
+        }
+    }
+
+    /// Checks every value against its domain.
+    ///
+    /// # Errors
+    /// The first value outside, with its name.
+    pub fn validate(&self) -> Result<(), SimError> {
+        positive("arm.length_1_m", self.length_1_m)?;
+        positive("arm.mass_1_kg", self.mass_1_kg)?;
+        positive("arm.length_2_m", self.length_2_m)?;
+        not_negative("arm.gravity_m_s2", self.gravity_m_s2)?;
+        for joint in 0..ARM_JOINTS {
+            positive("arm.winding_resistance_ohm", self.winding_resistance_ohm[joint])?;
+            positive("arm.winding_inductance_h", self.winding_inductance_h[joint])?;
+            positive("arm.torque_constant_n_m_per_a", self.torque_constant_n_m_per_a[joint])?;
+            not_negative(
+                "arm.back_emf_constant_v_s_per_rad",
+                self.back_emf_constant_v_s_per_rad[joint],
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// When the controller computes its voltage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ControllerKind {
+    /// Continuously, as in the paper: (13) is part of the differential equation.
+    #[default]
+    Analog,
+    /// Once per sample, held until the next one (zero-order hold).
+    Sampled,
+}
+
+impl ControllerKind {
+    /// All kinds with their names in configuration files.
+    pub const NAMES: [(Self, &'static str); 2] = [(Self::Analog, "analog"), (Self::Sampled, "sampled")];
+}
+
+/// The PD controllers (13), one per joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControllerOptions {
+    /// Analog or sampled.
+    pub kind: ControllerKind,
+    /// K_p of each joint \[V/rad\], ≥ 0.
+    pub proportional_gain_v_per_rad: [f64; ARM_JOINTS],
+    /// K_d of each joint \[V s/rad\], ≥ 0.
+    pub derivative_gain_v_s_per_rad: [f64; ARM_JOINTS],
+}
+
+impl ControllerOptions {
+    /// Section 5 of the paper.
+    pub const fn cedro2022() -> Self {
+        Self {
+            kind: ControllerKind::Analog,
+            proportional_gain_v_per_rad: [191.304; ARM_JOINTS],
+            derivative_gain_v_s_per_rad: [31.6957; ARM_JOINTS],
+        }
+    }
+
+    /// Checks every value against its domain.
+    ///
+    /// # Errors
+    /// The first value outside, with its name.
+    pub fn validate(&self) -> Result<(), SimError> {
+        for joint in 0..ARM_JOINTS {
+            not_negative(
+                "controller.proportional_gain_v_per_rad",
+                self.proportional_gain_v_per_rad[joint],
+            )?;
+            not_negative(
+                "controller.derivative_gain_v_s_per_rad",
+                self.derivative_gain_v_s_per_rad[joint],
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// A whole simulation. The same options give the same samples, bit by bit; a longer duration only adds samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimOptions {
+    /// Δ \[s\], 1e-5 to 0.1.
+    pub sample_period_s: f64,
+    /// Length \[s\], > 0: samples 0, 1, … below duration/Δ.
+    pub duration_s: f64,
+    /// Runge-Kutta steps per sample, 1 to 1000.
+    pub substeps: usize,
+    /// The arm and its motors.
+    pub arm: ArmParameters,
+    /// m₂ over time.
+    pub mass_2: MassSchedule,
+    /// The PD controllers.
+    pub controller: ControllerOptions,
+    /// Commanded position φ_z of each joint.
+    pub setpoint: [Setpoint; ARM_JOINTS],
+    /// Position at t = 0 \[rad\]; the arm starts at rest, its weight held by the motor current.
+    pub initial_q_rad: [f64; ARM_JOINTS],
+    /// Seed of everything random: setpoints and sensor noise draw from streams of their own.
+    pub seed: u64,
+    /// What stands between the exact signals and the samples.
+    pub sensors: SensorOptions,
+}
+
+impl SimOptions {
+    /// The experiment of Section 5 of the paper, with what it leaves open chosen here:
+    ///
+    /// - **Setpoints** (Fig. 3 cannot be read from the scan): steps between eight levels per joint, |q₁|, |q₂| ≤ 1 rad, held for
+    ///   1.1 s and 1.7 s. The dwell times have no common multiple with each other or with N Δ = 1.9 s below 15 s, so the steps wander
+    ///   through the blocks and every block of each joint holds at least one. The levels of joint 2 span both signs, because
+    ///   sin q₂ (gravity's time derivative) is what tells θ₆ from θ₇.
+    /// - **Initial state**: at rest at q = 0, link 2's weight held by its motor.
+    /// - **Sub-steps**: 4 of 0.25 ms. The fastest mode of the arm is near 90 rad/s, so one Runge-Kutta step covers 0.02 rad of it.
+    pub fn cedro2022() -> Self {
+        Self {
+            sample_period_s: 0.001,
+            duration_s: 170.0,
+            substeps: 4,
+            arm: ArmParameters::cedro2022(),
+            mass_2: MassSchedule::cedro2022(),
+            controller: ControllerOptions::cedro2022(),
+            setpoint: [
+                Setpoint::Steps {
+                    levels_rad: vec![0.0, 0.6, -0.4, 0.9, 0.1, -0.8, 0.5, -0.3],
+                    dwell_s: 1.1,
+                    shift_s: 0.0,
+                },
+                Setpoint::Steps {
+                    levels_rad: vec![0.0, -0.6, 0.5, 0.9, -0.7, 0.2, 1.0, -0.3],
+                    dwell_s: 1.7,
+                    shift_s: 0.6,
+                },
+            ],
+            initial_q_rad: [0.0; ARM_JOINTS],
+            seed: 0,
+            sensors: SensorOptions::exact(),
+        }
+    }
+
+    /// Number of samples: 170 s at 1 ms are samples 0 to 169 999.
+    pub fn sample_count(&self) -> u64 {
+        // A duration that is a whole number of periods up to rounding counts as that number.
+        let periods = self.duration_s / self.sample_period_s;
+        let rounded = periods.round();
+        if (periods - rounded).abs() < 1e-6 {
+            rounded as u64
+        } else {
+            periods.ceil() as u64
+        }
+    }
+
+    /// Checks every value against its domain.
+    ///
+    /// # Errors
+    /// The first value outside, with its name.
+    pub fn validate(&self) -> Result<(), SimError> {
+        in_range("sample_period_s", self.sample_period_s, 1e-5, 0.1)?;
+        positive("duration_s", self.duration_s)?;
+        in_range(
+            "duration_s",
+            self.duration_s,
+            self.sample_period_s,
+            1e9 * self.sample_period_s,
+        )?;
+        if !(1..=1000).contains(&self.substeps) {
+            return Err(SimError::new("substeps", "1 to 1000", self.substeps));
+        }
+        self.arm.validate()?;
+        self.mass_2.validate()?;
+        self.controller.validate()?;
+        for (joint, setpoint) in self.setpoint.iter().enumerate() {
+            setpoint
+                .validate(self.sample_period_s)
+                .map_err(|error| error.of_joint(joint))?;
+        }
+        for joint in 0..ARM_JOINTS {
+            in_range("initial_q_rad", self.initial_q_rad[joint], -100.0, 100.0)?;
+        }
+        self.sensors.validate()
+    }
+}
+
+/// A value that a simulation cannot work with.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{field}{}: expected {expected}, got {got}", .joint.map(|j| format!(" of joint {}", j + 1)).unwrap_or_default())]
+pub struct SimError {
+    /// Name of the value: a path of fields of [`SimOptions`].
+    pub field: &'static str,
+    /// Joint that it belongs to, counted from 0, where it is one of several.
+    pub joint: Option<usize>,
+    /// What would be right.
+    pub expected: String,
+    /// What was given.
+    pub got: String,
+}
+
+impl SimError {
+    pub(super) fn new(field: &'static str, expected: impl ToString, got: impl ToString) -> Self {
+        Self {
+            field,
+            joint: None,
+            expected: expected.to_string(),
+            got: got.to_string(),
+        }
+    }
+
+    fn of_joint(mut self, joint: usize) -> Self {
+        self.joint = Some(joint);
+        self
+    }
+}
+
+pub(super) fn finite(field: &'static str, value: f64) -> Result<(), SimError> {
+    if value.is_finite() {
+        Ok(())
+    } else {
+        Err(SimError::new(field, "a finite number", value))
+    }
+}
+
+pub(super) fn positive(field: &'static str, value: f64) -> Result<(), SimError> {
+    if value.is_finite() && value > 0.0 {
+        Ok(())
+    } else {
+        Err(SimError::new(field, "a number above 0", value))
+    }
+}
+
+pub(super) fn not_negative(field: &'static str, value: f64) -> Result<(), SimError> {
+    if value.is_finite() && value >= 0.0 {
+        Ok(())
+    } else {
+        Err(SimError::new(field, "0 or above", value))
+    }
+}
+
+pub(super) fn in_range(field: &'static str, value: f64, low: f64, high: f64) -> Result<(), SimError> {
+    if value >= low && value <= high {
+        Ok(())
+    } else {
+        Err(SimError::new(field, format!("{low} to {high}"), value))
+    }
+}

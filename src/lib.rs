@@ -9,5 +9,6 @@ pub mod notation;
 pub mod recording;
 #[cfg(feature = "service")]
 pub mod report;
+pub mod rows;
 #[cfg(feature = "sim")]
 pub mod sim;

@@ -12,10 +12,12 @@
 //! row per equation, the derivatives expanded by the chain rule) and the projected form (integrals against a smooth window).
 
 mod autodiff;
+mod controller;
 mod manipulator;
 mod physical;
 mod raw_manipulator;
 
+pub use controller::PdController;
 pub use manipulator::{MANIPULATOR_PARAMS, Manipulator, ManipulatorFeatures};
 pub use physical::{KnownConstants, ManipulatorDerived, PhysicalParameters, RecoveryError};
 pub use raw_manipulator::RawManipulator;

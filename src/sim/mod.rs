@@ -1,13 +1,22 @@
 //! A simulated two-joint arm with DC motors under PD control: equations (12) to (23) of the paper.
+//!
+//! [`SimOptions`] say what to simulate, [`ArmSimulator`] gives the samples. The parts are usable on their own: [`Motor`], [`ArmDynamics`], [`rk4_step`].
 
-#[allow(dead_code)]
+mod arm;
+mod integrator;
+mod motor;
 mod noise;
 mod options;
 mod schedule;
 mod sensors;
 mod setpoint;
+mod simulator;
 
+pub use arm::ArmDynamics;
+pub use integrator::rk4_step;
+pub use motor::Motor;
 pub use options::{ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, SimError, SimOptions};
 pub use schedule::{Interpolation, MassSchedule};
 pub use sensors::SensorOptions;
 pub use setpoint::{Setpoint, Tone};
+pub use simulator::ArmSimulator;

@@ -1,7 +1,7 @@
 //! What a simulation is told: plain data with units in the names, validated before use.
 
 use super::{MassSchedule, SensorOptions, Setpoint};
-use crate::model::PhysicalParameters;
+use crate::model::{MANIPULATOR_PARAMS, PhysicalParameters};
 
 /// Joints of the simulated arm.
 pub const ARM_JOINTS: usize = 2;
@@ -193,6 +193,11 @@ impl SimOptions {
             seed: 0,
             sensors: SensorOptions::exact(),
         }
+    }
+
+    /// θ of (25) as it really is at time `t_s` \[s\]; `t_s` ≥ 0.
+    pub fn true_theta(&self, t_s: f64) -> [f64; MANIPULATOR_PARAMS] {
+        self.arm.with_mass_2(self.mass_2.mass_kg(t_s)).theta()
     }
 
     /// Number of samples: 170 s at 1 ms are samples 0 to 169 999.

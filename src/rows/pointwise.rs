@@ -1,0 +1,108 @@
+//! Pointwise rows, the paper's form: each sample gives one row per equation.
+//!
+//! A block keeps what each sample contributes independently of θ and evaluates rows at any θ from it, so that re-linearising a block costs
+//! arithmetic only.
+
+use crate::estimator::{Residuals, Structure};
+use crate::model::{JointSample, MAX_JOINTS, PdController, Plant, PointwiseModel};
+
+/// Which parameters each equation of a plant depends on, for the estimator.
+pub fn structure(plant: &impl Plant) -> Structure {
+    Structure {
+        params: plant.parameters().len(),
+        equations: plant
+            .equations()
+            .iter()
+            .map(|equation| equation.parameters.clone())
+            .collect(),
+    }
+}
+
+/// Where the rows take the drive's input u from; `identifier.input`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum InputSource {
+    /// The sample's own input.
+    #[default]
+    Measured,
+    /// The PD law (13) from setpoint, position and velocity, as (27) does it; one controller per joint.
+    ///
+    /// Right for an analog controller only: a sampled one holds u, which (13) at later instants does not see.
+    Controller([PdController; MAX_JOINTS]),
+}
+
+impl InputSource {
+    /// The sample as the rows shall see it.
+    #[inline]
+    pub fn apply(&self, sample: &JointSample) -> JointSample {
+        let mut sample = *sample;
+        if let Self::Controller(controllers) = self {
+            for (joint, controller) in controllers.iter().enumerate() {
+                // (13), or v of (27) without its factor 12
+                sample.input[joint] = controller.voltage(sample.setpoint[joint], sample.q[joint], sample.dq[joint]);
+            }
+        }
+        sample
+    }
+}
+
+/// The samples of one block, to be evaluated at any θ.
+#[derive(Debug, Clone)]
+pub struct PointwiseBlock<M: PointwiseModel> {
+    model: M,
+    input: InputSource,
+    features: Vec<M::Features>,
+    capacity: usize,
+}
+
+impl<M: PointwiseModel> PointwiseBlock<M> {
+    /// An empty block for up to `capacity` samples; the only place that allocates.
+    pub fn new(model: M, input: InputSource, capacity: usize) -> Self {
+        Self {
+            model,
+            input,
+            features: Vec::with_capacity(capacity),
+            capacity,
+        }
+    }
+
+    /// Takes a sample in; false where the block is full and the sample was not taken.
+    #[inline]
+    #[must_use]
+    pub fn push(&mut self, sample: &JointSample) -> bool {
+        let fits = self.features.len() < self.capacity;
+        if fits {
+            let features = match self.input {
+                InputSource::Measured => self.model.features(sample),
+                InputSource::Controller(_) => self.model.features(&self.input.apply(sample)),
+            };
+            self.features.push(features);
+        }
+        fits
+    }
+
+    /// Forgets all samples and keeps the room.
+    pub fn clear(&mut self) {
+        self.features.clear();
+    }
+
+    /// The most samples that the block takes.
+    pub fn capacity(&self) -> usize {
+        self.capacity
+    }
+
+    /// The model behind the rows.
+    pub fn model(&self) -> &M {
+        &self.model
+    }
+}
+
+impl<M: PointwiseModel> Residuals for PointwiseBlock<M> {
+    fn len(&self) -> usize {
+        self.features.len()
+    }
+
+    #[inline]
+    fn row(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        self.model.row(equation, &self.features[index], theta, regressor)
+    }
+}

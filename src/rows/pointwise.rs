@@ -3,6 +3,7 @@
 //! A block keeps what each sample contributes independently of θ and evaluates rows at any θ from it, so that re-linearising a block costs
 //! arithmetic only.
 
+use super::SampleBlock;
 use crate::estimator::{Residuals, Structure};
 use crate::model::{JointSample, MAX_JOINTS, PdController, Plant, PointwiseModel};
 
@@ -51,6 +52,7 @@ pub struct PointwiseBlock<M: PointwiseModel> {
     model: M,
     input: InputSource,
     features: Vec<M::Features>,
+    times_ns: Vec<u64>,
     capacity: usize,
 }
 
@@ -61,28 +63,9 @@ impl<M: PointwiseModel> PointwiseBlock<M> {
             model,
             input,
             features: Vec::with_capacity(capacity),
+            times_ns: Vec::with_capacity(capacity),
             capacity,
         }
-    }
-
-    /// Takes a sample in; false where the block is full and the sample was not taken.
-    #[inline]
-    #[must_use]
-    pub fn push(&mut self, sample: &JointSample) -> bool {
-        let fits = self.features.len() < self.capacity;
-        if fits {
-            let features = match self.input {
-                InputSource::Measured => self.model.features(sample),
-                InputSource::Controller(_) => self.model.features(&self.input.apply(sample)),
-            };
-            self.features.push(features);
-        }
-        fits
-    }
-
-    /// Forgets all samples and keeps the room.
-    pub fn clear(&mut self) {
-        self.features.clear();
     }
 
     /// The most samples that the block takes.
@@ -93,6 +76,27 @@ impl<M: PointwiseModel> PointwiseBlock<M> {
     /// The model behind the rows.
     pub fn model(&self) -> &M {
         &self.model
+    }
+}
+
+impl<M: PointwiseModel> SampleBlock for PointwiseBlock<M> {
+    #[inline]
+    fn push(&mut self, t_ns: u64, sample: &JointSample) -> bool {
+        let fits = self.features.len() < self.capacity;
+        if fits {
+            let features = match self.input {
+                InputSource::Measured => self.model.features(sample),
+                InputSource::Controller(_) => self.model.features(&self.input.apply(sample)),
+            };
+            self.features.push(features);
+            self.times_ns.push(t_ns);
+        }
+        fits
+    }
+
+    fn clear(&mut self) {
+        self.features.clear();
+        self.times_ns.clear();
     }
 }
 

@@ -1,5 +1,7 @@
 //! On-line identification of a running machine's physical parameters.
 
+#[cfg(feature = "bus")]
+pub mod bus;
 pub mod estimator;
 pub mod messages;
 pub mod model;

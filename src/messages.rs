@@ -15,6 +15,12 @@ pub const SCHEMA_VERSION: u32 = 1;
 /// The most derived values that an estimate can carry.
 pub const MAX_DERIVED: usize = 8;
 
+/// Flags of a [`Header`].
+pub mod header_flags {
+    /// The message was sent before, and may have reached this reader then: drop it if it did.
+    pub const RESENT: u32 = 1 << 0;
+}
+
 /// Flags of a [`Sample`].
 pub mod sample_flags {
     /// The last sample of a stream.
@@ -58,8 +64,8 @@ pub mod estimate_flags {
 pub struct Header {
     /// [`SCHEMA_VERSION`] of the sender.
     pub schema: u32,
-    /// Zero.
-    pub pad: u32,
+    /// [`header_flags`].
+    pub flags: u32,
     /// CLOCK_MONOTONIC at sending \[ns\]; latency is measured from it.
     pub sent_ns: u64,
 }

@@ -1,0 +1,155 @@
+//! Domains: runs on one machine that never meet.
+
+use super::BusError;
+use iceoryx2::prelude::{Config, FileName, Path as IoxPath, SemanticString};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::path::{Path, PathBuf};
+
+/// Longest file name that iceoryx2 appends to root path and prefix for a socket: a 128-bit decimal and `.event`.
+const SOCKET_NAME_LEN: usize = 39 + ".event".len();
+/// Linux keeps a socket's path in 108 bytes, the closing zero included.
+const SOCKET_PATH_MAX: usize = 107;
+
+/// The name of a domain or a robot: `[a-z0-9_-]{1,32}`.
+pub(super) fn check_name(what: &'static str, name: &str) -> Result<(), BusError> {
+    let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_' || c == '-';
+    if (1..=32).contains(&name.len()) && name.chars().all(legal) {
+        Ok(())
+    } else {
+        Err(BusError::Name {
+            what,
+            name: name.into(),
+        })
+    }
+}
+
+/// A set of shared-memory topics separate from all others on this machine.
+///
+/// Its files, locks and sockets live in [`root`](Self::root), its shared memory under [`prefix`](Self::prefix) in /dev/shm. Both
+/// follow from the name and the user alone, so programs in any language find each other. No configuration file of iceoryx2
+/// takes part.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Domain {
+    name: String,
+    root: PathBuf,
+    prefix: String,
+}
+
+impl Domain {
+    /// The domain called `name`, below `$XDG_RUNTIME_DIR` where that is set and below /tmp otherwise.
+    ///
+    /// Fails for a name other than `[a-z0-9_-]{1,32}` and where the paths of its sockets would not fit into 107 bytes.
+    pub fn new(name: &str) -> Result<Self, BusError> {
+        let runtime_dir = std::env::var_os("XDG_RUNTIME_DIR").filter(|dir| !dir.is_empty());
+        Self::below(name, runtime_dir.as_deref().map(Path::new))
+    }
+
+    fn below(name: &str, runtime_dir: Option<&Path>) -> Result<Self, BusError> {
+        check_name("domain", name)?;
+        let root = match runtime_dir {
+            Some(dir) => dir.join(format!("thetabus-{name}")),
+            None => PathBuf::from(format!("/tmp/thetabus-{}-{name}", nix::unistd::geteuid())),
+        };
+        let prefix = format!("thetabus_{name}_");
+        let len = root.as_os_str().len() + 1 + prefix.len() + SOCKET_NAME_LEN;
+        if len > SOCKET_PATH_MAX {
+            return Err(BusError::SocketPath {
+                domain: name.into(),
+                root,
+                len,
+                max: SOCKET_PATH_MAX,
+            });
+        }
+        Ok(Self {
+            name: name.into(),
+            root,
+            prefix,
+        })
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Directory of its files, locks and sockets.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// What the names of its shared-memory objects begin with.
+    pub fn prefix(&self) -> &str {
+        &self.prefix
+    }
+
+    /// Creates the root directory, readable by this user alone; fails where it belongs to somebody else.
+    pub(super) fn create_root(&self) -> Result<(), BusError> {
+        let fail = |source| BusError::Root {
+            domain: self.name.clone(),
+            root: self.root.clone(),
+            source,
+        };
+        std::fs::DirBuilder::new()
+            .recursive(true)
+            .mode(0o700)
+            .create(&self.root)
+            .map_err(fail)?;
+        // In /tmp anybody could have put a directory or a link here first.
+        let found = std::fs::symlink_metadata(&self.root).map_err(fail)?;
+        let uid = nix::unistd::geteuid().as_raw();
+        if !found.is_dir() || found.uid() != uid {
+            return Err(BusError::RootOwner {
+                domain: self.name.clone(),
+                root: self.root.clone(),
+                uid,
+                found: found.uid(),
+            });
+        }
+        Ok(())
+    }
+
+    /// iceoryx2's configuration: its defaults, with this domain's root path and prefix.
+    pub(super) fn config(&self) -> Result<Config, BusError> {
+        let unfit = || BusError::SocketPath {
+            domain: self.name.clone(),
+            root: self.root.clone(),
+            len: self.root.as_os_str().len(),
+            max: SOCKET_PATH_MAX,
+        };
+        let mut config = Config::default();
+        let root = IoxPath::new(self.root.as_os_str().as_encoded_bytes()).map_err(|_| unfit())?;
+        config.global.set_root_path(&root);
+        config.global.prefix = FileName::new(self.prefix.as_bytes()).map_err(|_| unfit())?;
+        Ok(config)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_other_than_lower_case_letters_digits_dash_and_underscore_are_refused() {
+        for name in ["", "Default", "a b", "a/b", "ü", &"x".repeat(33), "..", "a\n"] {
+            let error = Domain::below(name, None).expect_err("must be refused");
+            assert!(error.to_string().contains("[a-z0-9_-]"), "{error}");
+        }
+        assert!(Domain::below("default", None).is_ok());
+    }
+
+    #[test]
+    fn a_root_path_too_long_for_a_socket_is_refused_with_its_length() {
+        let deep = PathBuf::from(format!("/run/{}", "d".repeat(60)));
+        let error = Domain::below("default", Some(&deep))
+            .expect_err("must be refused")
+            .to_string();
+        assert!(error.contains("107") && error.contains("default"), "{error}");
+    }
+
+    #[test]
+    fn root_and_prefix_follow_from_the_name() {
+        let domain = Domain::below("left-arm", Some(Path::new("/run/user/1000"))).expect("valid");
+        assert_eq!(domain.root(), Path::new("/run/user/1000/thetabus-left-arm"));
+        assert_eq!(domain.prefix(), "thetabus_left-arm_");
+    }
+}

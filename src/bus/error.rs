@@ -1,0 +1,166 @@
+//! What can go wrong on the bus, in words for the person who has to mend it.
+
+use super::Topic;
+use std::io;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Version of iceoryx2 that this program talks; peers need the same.
+pub const ICEORYX2_VERSION: &str = "0.10.0";
+
+/// Why something on the bus failed.
+#[derive(Debug, Error)]
+pub enum BusError {
+    /// A domain or robot name that is not allowed.
+    #[error("{what} name {name:?}: expected 1 to 32 characters of [a-z0-9_-]")]
+    Name {
+        /// `domain` or `robot`.
+        what: &'static str,
+        /// What came.
+        name: String,
+    },
+    /// The domain's paths are too long for sockets.
+    #[error(
+        "domain {domain:?}: the paths of its sockets below {} would take {len} bytes, but the system allows {max}; \
+         use a shorter domain name or a shorter $XDG_RUNTIME_DIR",
+        root.display()
+    )]
+    SocketPath {
+        /// The domain.
+        domain: String,
+        /// Its directory.
+        root: PathBuf,
+        /// Bytes needed.
+        len: usize,
+        /// Bytes allowed.
+        max: usize,
+    },
+    /// The domain's directory cannot be made or read.
+    #[error("domain {domain:?}: directory {} cannot be used: {source}", root.display())]
+    Root {
+        /// The domain.
+        domain: String,
+        /// Its directory.
+        root: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The domain's directory belongs to somebody else.
+    #[error(
+        "domain {domain:?}: {} must be a directory of user {uid}, but it is owned by user {found} or is not a directory; \
+         remove it or use another --domain",
+        root.display()
+    )]
+    RootOwner {
+        /// The domain.
+        domain: String,
+        /// Its directory.
+        root: PathBuf,
+        /// Our user.
+        uid: u32,
+        /// Its owner.
+        found: u32,
+    },
+    /// A lock file cannot be used.
+    #[error("lock file {}: {source}", path.display())]
+    Lock {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The role is taken.
+    #[error(
+        "robot {robot:?} in domain {domain:?} has {role} already, process {pid}; stop it first, or use another --domain \
+         (or --robot) to run beside it"
+    )]
+    AlreadyRunning {
+        /// With its article: `a plant`, `an identifier`.
+        role: &'static str,
+        /// The robot.
+        robot: String,
+        /// The domain.
+        domain: String,
+        /// The first one's process id, `?` where it could not be read.
+        pid: String,
+    },
+    /// This process could not become part of the domain.
+    #[error("domain {domain:?}: cannot join the bus below {}: {cause}", root.display())]
+    Join {
+        /// The domain.
+        domain: String,
+        /// Its directory.
+        root: PathBuf,
+        /// What iceoryx2 says.
+        cause: String,
+    },
+    /// A topic could not be opened or created.
+    #[error("topic {topic} of robot {robot:?} in domain {domain:?}: {problem}")]
+    Topic {
+        /// The topic.
+        topic: Topic,
+        /// The robot.
+        robot: String,
+        /// The domain.
+        domain: String,
+        /// Expected, found, and what to do.
+        problem: String,
+    },
+    /// Sending or receiving failed.
+    #[error("topic {topic}: {action} failed: {cause}")]
+    Transfer {
+        /// The topic.
+        topic: Topic,
+        /// What was tried.
+        action: &'static str,
+        /// What iceoryx2 says.
+        cause: String,
+    },
+    /// A message of another schema arrived.
+    #[error(
+        "topic {topic}: a message with schema version {found} arrived, expected {expected}; \
+         build both programs from the same version of thetabus"
+    )]
+    Schema {
+        /// The topic.
+        topic: Topic,
+        /// Ours.
+        expected: u32,
+        /// Theirs.
+        found: u32,
+    },
+    /// The shared memory is too small.
+    #[error(
+        "/dev/shm has {available} bytes left, but topic {topic} of robot {robot:?} may need {needed}; free some, or enlarge it \
+         (`mount -o remount,size=… /dev/shm`, in a container `--shm-size`)"
+    )]
+    SharedMemory {
+        /// The topic.
+        topic: Topic,
+        /// The robot.
+        robot: String,
+        /// Bytes needed at worst.
+        needed: u64,
+        /// Bytes available.
+        available: u64,
+    },
+    /// Nobody listened in time.
+    #[error(
+        "topic {topic} of robot {robot:?} in domain {domain:?}: {attached} of {expected} consumers attached within {limit_s} s; \
+         start them, or set bus.delivery = \"realtime\" to run without waiting for anybody"
+    )]
+    NoConsumers {
+        /// The topic.
+        topic: Topic,
+        /// The robot.
+        robot: String,
+        /// The domain.
+        domain: String,
+        /// How many came.
+        attached: usize,
+        /// How many were to come.
+        expected: usize,
+        /// How long was waited \[s\].
+        limit_s: f64,
+    },
+}

@@ -1,0 +1,116 @@
+//! One plant, one identifier, one run per robot and domain.
+
+use super::{BusError, Domain, domain::check_name};
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Read, Seek, Write};
+use std::os::unix::fs::OpenOptionsExt;
+use std::time::Duration;
+
+/// What there can be only one of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Publishes samples.
+    Plant,
+    /// Publishes estimates and status.
+    Identifier,
+    /// Launched the others.
+    Run,
+}
+
+impl Role {
+    fn file_stem(self) -> &'static str {
+        match self {
+            Self::Plant => "plant",
+            Self::Identifier => "identifier",
+            Self::Run => "run",
+        }
+    }
+
+    fn with_article(self) -> &'static str {
+        match self {
+            Self::Plant => "a plant",
+            Self::Identifier => "an identifier",
+            Self::Run => "a run",
+        }
+    }
+}
+
+/// Holds a role of a robot for as long as it lives.
+///
+/// The kernel releases the lock when the process ends, however it ends; a file that is left behind means nothing.
+#[derive(Debug)]
+pub struct RoleLock {
+    _file: File,
+}
+
+impl RoleLock {
+    /// Takes the role, or tells whose it is.
+    pub fn acquire(domain: &Domain, robot: &str, role: Role) -> Result<Self, BusError> {
+        check_name("robot", robot)?;
+        domain.create_root()?;
+        let path = domain.root().join(format!("{robot}.{}.lock", role.file_stem()));
+        let fail = |source| BusError::Lock {
+            path: path.clone(),
+            source,
+        };
+        let mut file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .mode(0o600)
+            .open(&path)
+            .map_err(fail)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err(BusError::AlreadyRunning {
+                    role: role.with_article(),
+                    robot: robot.into(),
+                    domain: domain.name().into(),
+                    pid: holder(&mut file).unwrap_or_else(|| "?".into()),
+                });
+            }
+            Err(TryLockError::Error(source)) => return Err(fail(source)),
+        }
+        file.set_len(0).map_err(fail)?;
+        file.write_all(format!("{}\n", std::process::id()).as_bytes())
+            .map_err(fail)?;
+        Ok(Self { _file: file })
+    }
+}
+
+/// The process id in a lock file. Its holder writes it just after it has locked, so an empty file is worth a second look.
+fn holder(file: &mut File) -> Option<String> {
+    for _ in 0..20 {
+        let mut text = String::new();
+        file.rewind().ok()?;
+        file.read_to_string(&mut text).ok()?;
+        if let Some(pid) = text.strip_suffix('\n').filter(|pid| !pid.is_empty()) {
+            return Some(pid.into());
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_second_holder_is_refused_with_the_first_ones_pid_and_the_lock_ends_with_its_holder() {
+        let domain = Domain::new(&format!("lock-{}", std::process::id())).expect("valid name");
+        let first = RoleLock::acquire(&domain, "arm", Role::Plant).expect("free");
+        let error = RoleLock::acquire(&domain, "arm", Role::Plant)
+            .expect_err("taken")
+            .to_string();
+        assert!(error.contains(&format!("process {}", std::process::id())), "{error}");
+        assert!(error.contains("--domain"), "{error}");
+        RoleLock::acquire(&domain, "arm", Role::Identifier).expect("another role");
+        RoleLock::acquire(&domain, "leg", Role::Plant).expect("another robot");
+        drop(first);
+        RoleLock::acquire(&domain, "arm", Role::Plant).expect("free again");
+        std::fs::remove_dir_all(domain.root()).expect("clean up");
+    }
+}

@@ -1,0 +1,77 @@
+//! Topics on shared memory; the only place that names iceoryx2.
+//!
+//! ```text
+//! plant ── sample ──▶ identifier ── estimate ──▶ monitor, controllers, anything
+//!                          └─────── status ────▶
+//! ```
+//!
+//! | topic | who publishes | QoS |
+//! |---|---|---|
+//! | `sample` + event | one | by [`Delivery`]; 4 subscribers, 16 nodes |
+//! | `estimate` + event | one, and a spare for bridges | overflow on, buffer 64, history 1; 16 subscribers |
+//! | `status` | one, and a spare for bridges | overflow on, buffer 64, history 1; 16 subscribers |
+//!
+//! Service names are `thetabus/<robot>/<topic>`, isolated from other runs by a [`Domain`]. Every message has the user header
+//! [`Header`](crate::messages::Header). Ports belong to the thread that made them. What a killed process leaves behind is
+//! cleaned up by the next one that joins.
+//!
+//! # Subscribing to the estimates
+//!
+//! ```no_run
+//! use std::time::Duration;
+//! use thetabus::bus::{Bus, Domain, Subscriber};
+//! use thetabus::messages::Estimate;
+//!
+//! # fn main() -> Result<(), thetabus::bus::BusError> {
+//! let bus = Bus::join(&Domain::new("default")?, "arm", "my_controller")?;
+//! let mut estimates = Subscriber::<Estimate>::new(&bus)?;
+//! loop {
+//!     estimates.wait(Duration::from_millis(100))?;
+//!     estimates.drain(|estimate| println!("block {}: {:?}", estimate.block, &estimate.theta[..9]))?;
+//! }
+//! # }
+//! ```
+
+mod domain;
+mod error;
+mod lock;
+mod participant;
+mod publisher;
+mod sample_publisher;
+mod sample_subscriber;
+mod subscriber;
+#[cfg(test)]
+mod tests;
+mod topic;
+
+pub use domain::Domain;
+pub use error::{BusError, ICEORYX2_VERSION};
+pub use lock::{Role, RoleLock};
+pub use participant::Bus;
+pub use publisher::Publisher;
+pub use sample_publisher::{Attached, Delivery, Loss, SamplePublisher};
+pub use sample_subscriber::SampleSubscriber;
+pub use subscriber::Subscriber;
+pub use topic::{Latched, Topic};
+
+use crate::messages::Header;
+use iceoryx2::prelude::ipc;
+use std::time::Duration;
+
+type Node = iceoryx2::node::Node<ipc::Service>;
+type EventService = iceoryx2::service::port_factory::event::PortFactory<ipc::Service>;
+type Listener = iceoryx2::port::listener::Listener<ipc::Service>;
+type Notifier = iceoryx2::port::notifier::Notifier<ipc::Service>;
+type PubSubService<T> = iceoryx2::service::port_factory::publish_subscribe::PortFactory<ipc::Service, T, Header>;
+type PublisherPort<T> = iceoryx2::port::publisher::Publisher<ipc::Service, T, Header>;
+type SubscriberPort<T> = iceoryx2::port::subscriber::Subscriber<ipc::Service, T, Header>;
+
+/// How often a port must be looked after at least: publishers connect late joiners, consumers connect to new publishers.
+pub const IDLE_TICK: Duration = Duration::from_millis(100);
+
+/// CLOCK_MONOTONIC \[ns\], the clock of [`Header::sent_ns`].
+pub fn monotonic_ns() -> u64 {
+    // Linux always has this clock; 0 would say "unknown".
+    nix::time::clock_gettime(nix::time::ClockId::CLOCK_MONOTONIC)
+        .map_or(0, |now| (now.tv_sec() as u64) * 1_000_000_000 + now.tv_nsec() as u64)
+}

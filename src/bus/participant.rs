@@ -1,0 +1,349 @@
+//! A process's membership in a domain, and the services it opens there.
+
+use super::domain::check_name;
+use super::topic::{latched, sample};
+use super::{BusError, Domain, EventService, ICEORYX2_VERSION, Latched, Node, PubSubService, Topic};
+use crate::messages::{Header, Sample};
+use iceoryx2::prelude::{
+    Config, LogLevel, MessagingPattern, NodeBuilder, NodeName, Service, ServiceName, SignalHandlingMode, ipc,
+    set_log_level_from_env_or,
+};
+use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
+use iceoryx2::service::builder::publish_subscribe::{
+    PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
+};
+use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
+use std::fmt;
+use std::rc::Rc;
+use std::time::Duration;
+
+/// Attempts at something that another process is doing at the same moment, and the pause between them.
+const ATTEMPTS: usize = 40;
+const PAUSE: Duration = Duration::from_millis(50);
+
+/// This process in a domain, as seen by one robot. Cheap to clone; belongs to one thread.
+#[derive(Clone)]
+pub struct Bus(Rc<Inner>);
+
+struct Inner {
+    node: Node,
+    domain: Domain,
+    robot: String,
+    config: Config,
+}
+
+impl fmt::Debug for Bus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Bus")
+            .field("domain", &self.0.domain.name())
+            .field("robot", &self.0.robot)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Bus {
+    /// Joins a domain; `name` tells others who this is. Resources of dead processes are cleaned up on the way.
+    pub fn join(domain: &Domain, robot: &str, name: &str) -> Result<Self, BusError> {
+        check_name("robot", robot)?;
+        // Its messages about retries and missing files are not for users; ours name robot, domain and topic.
+        set_log_level_from_env_or(LogLevel::Error);
+        domain.create_root()?;
+        let config = domain.config()?;
+        let fail = |cause: String| BusError::Join {
+            domain: domain.name().into(),
+            root: domain.root().into(),
+            cause,
+        };
+        let node_name = NodeName::new(name).map_err(|e| fail(e.to_string()))?;
+        let node = NodeBuilder::new()
+            .name(&node_name)
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(|e| fail(format!("{e:?} (files of another user or of another iceoryx2 version than {ICEORYX2_VERSION} may be in the way)")))?;
+        Ok(Self(Rc::new(Inner {
+            node,
+            domain: domain.clone(),
+            robot: robot.into(),
+            config,
+        })))
+    }
+
+    /// The domain.
+    pub fn domain(&self) -> &Domain {
+        &self.0.domain
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> &str {
+        &self.0.robot
+    }
+
+    /// Frees what dead processes hold in this domain; returns how many there were.
+    pub fn clean_up_dead(&self) -> u64 {
+        self.0.node.try_cleanup_dead_nodes().cleanups
+    }
+
+    pub(super) fn topic_error(&self, topic: Topic, problem: impl Into<String>) -> BusError {
+        BusError::Topic {
+            topic,
+            robot: self.0.robot.clone(),
+            domain: self.0.domain.name().into(),
+            problem: problem.into(),
+        }
+    }
+
+    pub(super) fn service_name(&self, topic: Topic) -> Result<ServiceName, BusError> {
+        ServiceName::new(&format!("thetabus/{}/{topic}", self.0.robot))
+            .map_err(|e| self.topic_error(topic, e.to_string()))
+    }
+
+    /// The event service that wakes a topic's consumers; made by whoever comes first.
+    pub(super) fn event(&self, topic: Topic) -> Result<EventService, BusError> {
+        let name = self.service_name(topic)?;
+        let nodes = if topic == Topic::Sample {
+            sample::MAX_NODES
+        } else {
+            latched::MAX_NODES
+        };
+        persist(
+            || {
+                self.0
+                    .node
+                    .service_builder(&name)
+                    .event()
+                    .max_notifiers(2)
+                    .max_listeners(nodes)
+                    .max_nodes(nodes)
+                    .open_or_create()
+            },
+            |e| {
+                matches!(
+                    e,
+                    EventOpenOrCreateError::SystemInFlux
+                        | EventOpenOrCreateError::EventOpenError(
+                            EventOpenError::Interrupt
+                                | EventOpenError::HangsInCreation
+                                | EventOpenError::IsMarkedForDestruction
+                        )
+                        | EventOpenOrCreateError::EventCreateError(
+                            EventCreateError::Interrupt | EventCreateError::IsBeingCreatedByAnotherInstance
+                        )
+                )
+            },
+        )
+        .map_err(|e| {
+            self.topic_error(
+                topic,
+                format!(
+                    "the event that wakes its consumers cannot be opened: {e:?}; {}",
+                    advice()
+                ),
+            )
+        })
+    }
+
+    /// `estimate` or `status`; made by whoever comes first.
+    pub(super) fn latched<T: Latched>(&self) -> Result<PubSubService<T>, BusError> {
+        let name = self.service_name(T::TOPIC)?;
+        persist(
+            || {
+                self.0
+                    .node
+                    .service_builder(&name)
+                    .publish_subscribe::<T>()
+                    .user_header::<Header>()
+                    .enable_safe_overflow(true)
+                    .subscriber_max_buffer_size(latched::BUFFER)
+                    .subscriber_max_borrowed_samples(latched::MAX_BORROWED)
+                    .history_size(latched::HISTORY)
+                    .max_publishers(latched::MAX_PUBLISHERS)
+                    .max_subscribers(latched::MAX_SUBSCRIBERS)
+                    .max_nodes(latched::MAX_NODES)
+                    .open_or_create()
+            },
+            in_flux,
+        )
+        .map_err(|e| self.pub_sub_error::<T>(T::TOPIC, &e))
+    }
+
+    /// `sample` as its publisher opens it. Consumers of an earlier publisher with another delivery mode let go of the service
+    /// once they notice that it is gone, so a mismatch gets a second look.
+    pub(super) fn create_sample(&self, overflow: bool, buffer: usize) -> Result<PubSubService<Sample>, BusError> {
+        let name = self.service_name(Topic::Sample)?;
+        persist(
+            || {
+                self.0
+                    .node
+                    .service_builder(&name)
+                    .publish_subscribe::<Sample>()
+                    .user_header::<Header>()
+                    .enable_safe_overflow(overflow)
+                    .subscriber_max_buffer_size(buffer)
+                    .subscriber_max_borrowed_samples(sample::MAX_BORROWED)
+                    .history_size(0)
+                    .max_publishers(sample::MAX_PUBLISHERS)
+                    .max_subscribers(sample::MAX_SUBSCRIBERS)
+                    .max_nodes(sample::MAX_NODES)
+                    .open_or_create()
+            },
+            |e| {
+                in_flux(e)
+                    || matches!(
+                        e,
+                        PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
+                            PublishSubscribeOpenError::IncompatibleOverflowBehavior
+                                | PublishSubscribeOpenError::DoesNotSupportRequestedMinBufferSize
+                        )
+                    )
+            },
+        )
+        .map_err(|e| self.pub_sub_error::<Sample>(Topic::Sample, &e))
+    }
+
+    /// `sample` as its consumers open it: `None` as long as no publisher has made it.
+    pub(super) fn open_sample(&self) -> Result<Option<PubSubService<Sample>>, BusError> {
+        let name = self.service_name(Topic::Sample)?;
+        let opened = self
+            .0
+            .node
+            .service_builder(&name)
+            .publish_subscribe::<Sample>()
+            .user_header::<Header>()
+            .open();
+        match opened {
+            Ok(service) => Ok(Some(service)),
+            Err(
+                PublishSubscribeOpenError::DoesNotExist
+                | PublishSubscribeOpenError::Interrupt
+                | PublishSubscribeOpenError::HangsInCreation
+                | PublishSubscribeOpenError::IsMarkedForDestruction,
+            ) => Ok(None),
+            Err(e) => Err(self.pub_sub_error::<Sample>(
+                Topic::Sample,
+                &PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(e),
+            )),
+        }
+    }
+
+    /// Makes a topic with messages that do not belong there.
+    #[cfg(test)]
+    pub(super) fn occupy(&self, topic: Topic) -> Result<PubSubService<crate::messages::Status>, BusError> {
+        let name = self.service_name(topic)?;
+        let service = self.0.node.service_builder(&name).publish_subscribe();
+        service
+            .user_header()
+            .create()
+            .map_err(|e| self.topic_error(topic, format!("{e:?}")))
+    }
+
+    fn pub_sub_error<T>(&self, topic: Topic, error: &PublishSubscribeOpenOrCreateError) -> BusError
+    where
+        T: iceoryx2::prelude::ZeroCopySend,
+    {
+        use PublishSubscribeOpenError as Open;
+        let found = self.found(topic);
+        let problem = match error {
+            PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(open) => match open {
+                Open::IncompatibleTypes => {
+                    let expected = TypeDetail::new::<T>(TypeVariant::FixedSize);
+                    format!(
+                        "expected messages {} of {} bytes with ThetabusHeaderV1, found {}; build both programs from the same version of \
+                         thetabus",
+                        expected.type_name(),
+                        expected.size(),
+                        found.types
+                    )
+                }
+                Open::IncompatibleOverflowBehavior | Open::DoesNotSupportRequestedMinBufferSize => format!(
+                    "another program holds it with {}; stop that program, or use its delivery mode",
+                    found.qos
+                ),
+                Open::VersionMismatch | Open::ServiceInCorruptedState => format!(
+                    "it is damaged or was made by another version of iceoryx2 than {ICEORYX2_VERSION} ({open:?}); stop those \
+                     programs and use the same version, or use another --domain"
+                ),
+                Open::InsufficientPermissions => "it belongs to another user; use another --domain".into(),
+                Open::ExceedsMaxNumberOfNodes => "too many programs use it already".into(),
+                other => format!("cannot be opened ({other:?}); {}", advice()),
+            },
+            PublishSubscribeOpenOrCreateError::PublishSubscribeCreateError(create) => {
+                format!("cannot be created ({create:?}); {}", advice())
+            }
+            PublishSubscribeOpenOrCreateError::SystemInFlux => {
+                format!("other programs keep creating and removing it; {}", advice())
+            }
+        };
+        self.topic_error(topic, problem)
+    }
+
+    /// What a service that does not fit looks like.
+    fn found(&self, topic: Topic) -> Found {
+        let unknown = || Found {
+            types: "something else".into(),
+            qos: "other settings".into(),
+        };
+        let Ok(name) = self.service_name(topic) else {
+            return unknown();
+        };
+        match ipc::Service::details(&name, &self.0.config, MessagingPattern::PublishSubscribe) {
+            Ok(Some(details)) => {
+                let config = details.static_details.publish_subscribe();
+                let types = config.message_type_details();
+                Found {
+                    types: format!(
+                        "{} of {} bytes with {}",
+                        types.payload.type_name(),
+                        types.payload.size(),
+                        types.user_header.type_name()
+                    ),
+                    qos: format!(
+                        "overflow {} and a buffer of {}",
+                        if config.has_safe_overflow() { "on" } else { "off" },
+                        config.subscriber_max_buffer_size()
+                    ),
+                }
+            }
+            _ => unknown(),
+        }
+    }
+}
+
+struct Found {
+    types: String,
+    qos: String,
+}
+
+fn advice() -> String {
+    format!(
+        "all programs of a domain need iceoryx2 {ICEORYX2_VERSION} and the same user; another --domain starts afresh"
+    )
+}
+
+fn in_flux(error: &PublishSubscribeOpenOrCreateError) -> bool {
+    matches!(
+        error,
+        PublishSubscribeOpenOrCreateError::SystemInFlux
+            | PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
+                PublishSubscribeOpenError::Interrupt
+                    | PublishSubscribeOpenError::HangsInCreation
+                    | PublishSubscribeOpenError::IsMarkedForDestruction
+            )
+            | PublishSubscribeOpenOrCreateError::PublishSubscribeCreateError(
+                PublishSubscribeCreateError::Interrupt
+                    | PublishSubscribeCreateError::IsBeingCreatedByAnotherInstance
+                    | PublishSubscribeCreateError::HangsInCreation
+            )
+    )
+}
+
+/// Tries again as long as the failure says that somebody else is just at it.
+fn persist<T, E>(mut attempt: impl FnMut() -> Result<T, E>, passing: impl Fn(&E) -> bool) -> Result<T, E> {
+    for _ in 1..ATTEMPTS {
+        match attempt() {
+            Err(e) if passing(&e) => std::thread::sleep(PAUSE),
+            done => return done,
+        }
+    }
+    attempt()
+}

@@ -1,0 +1,77 @@
+//! Publishing estimates and status.
+
+use super::{Bus, BusError, Latched, Notifier, PubSubService, PublisherPort, Topic, monotonic_ns};
+use crate::messages::{Header, SCHEMA_VERSION};
+use iceoryx2::port::update_connections::UpdateConnections;
+
+/// Publishes [`Latched`] messages: nobody is waited for, the last one stays for late joiners.
+#[derive(Debug)]
+pub struct Publisher<T: Latched> {
+    notifier: Option<Notifier>,
+    port: PublisherPort<T>,
+    service: PubSubService<T>,
+}
+
+impl<T: Latched> Publisher<T> {
+    /// Becomes a publisher of the topic.
+    pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        let service = bus.latched::<T>()?;
+        let port = service
+            .publisher_builder()
+            .max_loaned_samples(2)
+            .create()
+            .map_err(|e| bus.topic_error(T::TOPIC, format!("cannot publish: {e:?}")))?;
+        let notifier = match T::TOPIC {
+            Topic::Status => None,
+            topic => Some(
+                bus.event(topic)?
+                    .notifier_builder()
+                    .create()
+                    .map_err(|e| bus.topic_error(topic, format!("cannot wake consumers: {e:?}")))?,
+            ),
+        };
+        Ok(Self {
+            notifier,
+            port,
+            service,
+        })
+    }
+
+    /// Sends a copy and wakes the consumers. Never waits for them.
+    pub fn send(&mut self, message: &T) -> Result<(), BusError> {
+        let transfer = |cause: String| BusError::Transfer {
+            topic: T::TOPIC,
+            action: "sending",
+            cause,
+        };
+        let mut loan = self.port.loan_uninit().map_err(|e| transfer(format!("{e:?}")))?;
+        *loan.user_header_mut() = Header {
+            schema: SCHEMA_VERSION,
+            flags: 0,
+            sent_ns: monotonic_ns(),
+        };
+        loan.write_payload(*message)
+            .send()
+            .map_err(|e| transfer(format!("{e:?}")))?;
+        if let Some(notifier) = &self.notifier {
+            // A consumer that could not be woken looks after its queue within an idle tick.
+            let _ = notifier.notify();
+        }
+        Ok(())
+    }
+
+    /// Gives the last message to whoever joined since; to be called once per [`IDLE_TICK`](super::IDLE_TICK).
+    pub fn serve_late_joiners(&mut self) -> Result<(), BusError> {
+        self.port.update_connections().map_err(|e| BusError::Transfer {
+            topic: T::TOPIC,
+            action: "connecting to late joiners",
+            cause: format!("{e:?}"),
+        })
+    }
+
+    /// How many subscribers the topic has now.
+    pub fn subscribers(&self) -> usize {
+        use iceoryx2::service::port_factory::PortFactory as _;
+        self.service.dynamic_config().number_of_subscribers()
+    }
+}

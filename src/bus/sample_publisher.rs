@@ -1,0 +1,384 @@
+//! Publishing samples, in real time or in lockstep.
+//!
+//! In lockstep a full queue makes the publisher wait, and three things must not make it wait for ever or lose a sample:
+//! - A consumer that died: its queue is full for good until somebody cleans up, so this port does while it waits.
+//! - A consumer that is stuck: it is cut off when the limit has passed, and counted.
+//! - A consumer that has registered but not yet connected its end, because it was there before this publisher: once its
+//!   queue is full, iceoryx2 drops the sample and merely reports one receiver less.
+//!
+//! A sample that did not reach everybody is sent again with the header flag `RESENT`; who had it already drops it.
+
+use super::topic::sample;
+use super::{Bus, BusError, IDLE_TICK, Notifier, PubSubService, PublisherPort, Topic, monotonic_ns};
+use crate::messages::{Header, SCHEMA_VERSION, Sample, header_flags};
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::port::{BackpressureAction, BackpressureInfo, SendError};
+use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, ipc};
+use iceoryx2::service::port_factory::PortFactory as _;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use tracing::warn;
+
+/// How long one attempt waits for a full queue before the port looks for dead consumers.
+const ATTEMPT: Duration = Duration::from_millis(50);
+/// Pause between attempts where an attempt does not wait by itself.
+const PAUSE: Duration = Duration::from_millis(1);
+/// How much patience is left for consumers once this process was asked to stop.
+const STOPPING_LIMIT: Duration = Duration::from_secs(2);
+
+/// What happens when a consumer does not keep up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Delivery {
+    /// A live machine: nobody is waited for, a consumer further behind than the buffer loses the oldest samples.
+    Realtime,
+    /// Simulation and replay: the publisher waits, nothing is lost.
+    Lockstep {
+        /// Consumers that must be attached.
+        consumers: usize,
+        /// Patience with consumers that are missing or stuck.
+        limit: Duration,
+    },
+}
+
+impl Delivery {
+    /// Its name in configuration files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Realtime => "realtime",
+            Self::Lockstep { .. } => "lockstep",
+        }
+    }
+}
+
+/// How waiting for consumers ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Attached {
+    /// All are there, or nobody has to be.
+    Yes,
+    /// The process was asked to stop.
+    Stopped,
+}
+
+/// What lockstep could not deliver.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Loss {
+    /// Consumers cut off because they were stuck.
+    pub cut_off: u64,
+    /// Consumers that left and were not replaced in time.
+    pub left: u64,
+}
+
+impl Loss {
+    /// True where everybody got everything.
+    pub fn is_none(self) -> bool {
+        self == Self::default()
+    }
+}
+
+/// What the backpressure handler and the port tell each other.
+#[derive(Debug, Default)]
+struct Pressure {
+    /// Ports that get nothing any more.
+    cut: Vec<u128>,
+    /// Port whose queue was full in the last attempt.
+    full: Option<u128>,
+}
+
+/// Publishes [`Sample`]s.
+#[derive(Debug)]
+pub struct SamplePublisher {
+    notifier: Notifier,
+    port: PublisherPort<Sample>,
+    service: PubSubService<Sample>,
+    bus: Bus,
+    delivery: Delivery,
+    stop: Arc<AtomicBool>,
+    pressure: Arc<Mutex<Pressure>>,
+    /// Consumers that must be there: fewer once one has left for good.
+    required: usize,
+    /// Subscribers that never connected and were given up.
+    given_up: usize,
+    loss: Loss,
+}
+
+impl SamplePublisher {
+    /// Makes the topic; `stop` shortens every wait once it is set.
+    pub fn new(bus: &Bus, delivery: Delivery, stop: Arc<AtomicBool>) -> Result<Self, BusError> {
+        let (overflow, buffer, required) = match delivery {
+            Delivery::Realtime => (true, sample::REALTIME_BUFFER, 0),
+            Delivery::Lockstep { consumers, .. } => (false, sample::LOCKSTEP_BUFFER, consumers),
+        };
+        check_shared_memory(bus, sample::segment_bytes(buffer))?;
+        let service = bus.create_sample(overflow, buffer)?;
+        let pressure = Arc::new(Mutex::new(Pressure::default()));
+        let handler = pressure.clone();
+        let port = service
+            .publisher_builder()
+            .max_loaned_samples(2)
+            .backpressure_strategy(BackpressureStrategy::RetryUntilDelivered)
+            .set_backpressure_handler(move |info: &BackpressureInfo| {
+                let mut pressure = handler.lock().unwrap_or_else(PoisonError::into_inner);
+                if pressure.cut.contains(&info.receiver_port_id) {
+                    BackpressureAction::DiscardData
+                } else if info.elapsed_time > ATTEMPT {
+                    pressure.full = Some(info.receiver_port_id);
+                    BackpressureAction::DiscardDataAndFail
+                } else {
+                    BackpressureAction::Retry
+                }
+            })
+            .create()
+            .map_err(|e| {
+                bus.topic_error(
+                    Topic::Sample,
+                    format!("cannot publish: {e:?}; is another program publishing?"),
+                )
+            })?;
+        let notifier = bus
+            .event(Topic::Sample)?
+            .notifier_builder()
+            .create()
+            .map_err(|e| bus.topic_error(Topic::Sample, format!("cannot wake consumers: {e:?}")))?;
+        Ok(Self {
+            notifier,
+            port,
+            service,
+            bus: bus.clone(),
+            delivery,
+            stop,
+            pressure,
+            required,
+            given_up: 0,
+            loss: Loss::default(),
+        })
+    }
+
+    /// Subscribers of the topic now.
+    pub fn attached(&self) -> usize {
+        self.service.dynamic_config().number_of_subscribers()
+    }
+
+    /// What could not be delivered so far.
+    pub fn loss(&self) -> Loss {
+        self.loss
+    }
+
+    /// In lockstep: waits for the consumers, and fails when they have not come within the limit.
+    pub fn wait_for_consumers(&mut self) -> Result<Attached, BusError> {
+        let Delivery::Lockstep { consumers, limit } = self.delivery else {
+            return Ok(Attached::Yes);
+        };
+        let start = Instant::now();
+        let mut told = false;
+        while self.attached() < consumers {
+            if self.stop.load(Ordering::Relaxed) {
+                return Ok(Attached::Stopped);
+            }
+            if start.elapsed() > limit {
+                return Err(BusError::NoConsumers {
+                    topic: Topic::Sample,
+                    robot: self.bus.robot().into(),
+                    domain: self.bus.domain().name().into(),
+                    attached: self.attached(),
+                    expected: consumers,
+                    limit_s: limit.as_secs_f64(),
+                });
+            }
+            if !told && start.elapsed() > Duration::from_secs(1) {
+                told = true;
+                tracing::info!(
+                    attached = self.attached(),
+                    expected = consumers,
+                    limit_s = limit.as_secs_f64(),
+                    "lockstep: waiting for consumers of the samples"
+                );
+            }
+            // Wakes consumers that wait for the topic to appear.
+            self.wake();
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        Ok(Attached::Yes)
+    }
+
+    /// Sends a copy. In real time it never waits; in lockstep it returns when everybody has it or was given up.
+    pub fn send(&mut self, message: &Sample) -> Result<(), BusError> {
+        let sent = self.attempt(message, 0)?;
+        match self.delivery {
+            Delivery::Realtime => Ok(()),
+            Delivery::Lockstep { limit, .. } => {
+                if self.complete(sent) {
+                    Ok(())
+                } else {
+                    self.insist(message, limit)
+                }
+            }
+        }
+    }
+
+    /// Wakes the consumers. After one sample or after many; before a pause it is due.
+    pub fn wake(&mut self) {
+        // A consumer that could not be woken looks after its queue within an idle tick.
+        let _ = self.notifier.notify();
+    }
+
+    /// Connects to whoever joined since; to be called once per [`IDLE_TICK`].
+    pub fn serve_late_joiners(&mut self) -> Result<(), BusError> {
+        self.port
+            .update_connections()
+            .map_err(|e| transfer("connecting to late joiners", &e))
+    }
+
+    /// One attempt: the number of consumers reached, `None` where a queue stayed full.
+    fn attempt(&mut self, message: &Sample, flags: u32) -> Result<Option<usize>, BusError> {
+        let mut loan = self.port.loan_uninit().map_err(|e| transfer("sending", &e))?;
+        *loan.user_header_mut() = Header {
+            schema: SCHEMA_VERSION,
+            flags,
+            sent_ns: monotonic_ns(),
+        };
+        match loan.write_payload(*message).send() {
+            Ok(reached) => Ok(Some(reached)),
+            Err(SendError::UnableToDeliver) => Ok(None),
+            Err(e) => Err(transfer("sending", &e)),
+        }
+    }
+
+    /// Has everybody who counts got it?
+    fn complete(&self, sent: Option<usize>) -> bool {
+        sent.is_some_and(|reached| reached >= self.required && reached + self.not_counted() >= self.attached())
+    }
+
+    /// Attached subscribers that need not be reached.
+    fn not_counted(&self) -> usize {
+        if self.loss.cut_off == 0 {
+            return 0;
+        }
+        let pressure = self.pressure.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut cut = 0;
+        self.service.dynamic_config().list_subscribers(|details| {
+            cut += usize::from(pressure.cut.contains(&details.subscriber_id.value()));
+            CallbackProgression::Continue
+        });
+        cut + self.given_up
+    }
+
+    /// Repeats a sample until everybody has it or the limit has passed.
+    fn insist(&mut self, message: &Sample, limit: Duration) -> Result<(), BusError> {
+        let mut start = Instant::now();
+        let mut told = false;
+        loop {
+            // Frees the queues of the dead.
+            self.bus.clean_up_dead();
+            self.serve_late_joiners()?;
+            self.wake();
+            let sent = self.attempt(message, header_flags::RESENT)?;
+            if self.complete(sent) {
+                return Ok(());
+            }
+            let stopping = self.stop.load(Ordering::Relaxed);
+            let patience = if stopping { limit.min(STOPPING_LIMIT) } else { limit };
+            if start.elapsed() > patience {
+                self.give_up(sent, patience);
+                start = Instant::now();
+            } else if !told && start.elapsed() > Duration::from_secs(1) {
+                told = true;
+                warn!(
+                    seq = message.seq,
+                    attached = self.attached(),
+                    required = self.required,
+                    limit_s = limit.as_secs_f64(),
+                    "lockstep: waiting for a consumer of the samples that is missing or stuck"
+                );
+            }
+            if sent.is_some() {
+                std::thread::sleep(PAUSE);
+            }
+        }
+    }
+
+    /// Goes on without those that are holding everybody up.
+    fn give_up(&mut self, sent: Option<usize>, patience: Duration) {
+        let patience_s = patience.as_secs_f64();
+        let Some(reached) = sent else {
+            let mut pressure = self.pressure.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(id) = pressure.full.take() {
+                pressure.cut.push(id);
+                drop(pressure);
+                self.loss.cut_off += 1;
+                warn!(
+                    pid = self.pid_of(id),
+                    patience_s, "lockstep: a consumer is stuck, it gets no more samples"
+                );
+            }
+            return;
+        };
+        if reached + self.not_counted() < self.attached() {
+            let silent = self.attached() - reached - self.not_counted();
+            self.given_up += silent;
+            self.loss.cut_off += silent as u64;
+            warn!(
+                consumers = silent,
+                patience_s, "lockstep: consumers attached but never listened, they are not waited for"
+            );
+        }
+        if reached < self.required {
+            self.loss.left += (self.required - reached) as u64;
+            warn!(
+                consumers = self.required - reached,
+                patience_s, "lockstep: consumers left, going on without them"
+            );
+            self.required = reached;
+        }
+    }
+
+    fn pid_of(&self, port: u128) -> Option<i64> {
+        let mut pid = None;
+        self.service.dynamic_config().list_subscribers(|details| {
+            if details.subscriber_id.value() == port {
+                pid = details
+                    .node_id
+                    .pid::<ipc::Service>()
+                    .ok()
+                    .map(|pid| i64::from(pid.value()));
+                CallbackProgression::Stop
+            } else {
+                CallbackProgression::Continue
+            }
+        });
+        pid
+    }
+}
+
+/// Refuses to start where the topic could outgrow /dev/shm: there the kernel kills at the first page that does not fit.
+fn check_shared_memory(bus: &Bus, needed: u64) -> Result<(), BusError> {
+    // Where it cannot be asked, creating the topic will tell.
+    let Ok(shm) = nix::sys::statvfs::statvfs("/dev/shm") else {
+        return Ok(());
+    };
+    #[allow(
+        clippy::useless_conversion,
+        reason = "the width of these types depends on the platform"
+    )]
+    let available = u64::from(shm.blocks_available()) * u64::from(shm.fragment_size());
+    if available < needed {
+        return Err(BusError::SharedMemory {
+            topic: Topic::Sample,
+            robot: bus.robot().into(),
+            needed,
+            available,
+        });
+    }
+    Ok(())
+}
+
+fn transfer(action: &'static str, cause: &dyn std::fmt::Debug) -> BusError {
+    BusError::Transfer {
+        topic: Topic::Sample,
+        action,
+        cause: format!("{cause:?}"),
+    }
+}
+
+// Late joiners must be served within the consumers' own tick.
+const _: () = assert!(ATTEMPT.as_millis() <= IDLE_TICK.as_millis());

@@ -1,0 +1,108 @@
+//! Receiving samples, from whichever publisher there is.
+
+use super::subscriber::{check_schema, listener, wait};
+use super::{Bus, BusError, Listener, PubSubService, SubscriberPort, Topic};
+use crate::messages::{Sample, header_flags};
+use iceoryx2::service::port_factory::PortFactory as _;
+use std::time::Duration;
+
+/// Receives [`Sample`]s.
+///
+/// Only the publisher makes the service, because the delivery mode is its choice: this one opens it when it exists, in whatever
+/// mode, and lets go of it when the publisher is gone, so that the next one may choose again.
+#[derive(Debug)]
+pub struct SampleSubscriber {
+    bus: Bus,
+    listener: Listener,
+    connection: Option<Connection>,
+    /// boot_id and seq of the last sample handed over.
+    last: Option<(u64, u64)>,
+}
+
+#[derive(Debug)]
+struct Connection {
+    port: SubscriberPort<Sample>,
+    service: PubSubService<Sample>,
+}
+
+impl SampleSubscriber {
+    /// Gets ready to receive; connects now if there is a publisher, else later.
+    pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        let listener = listener(bus, Topic::Sample)?;
+        let mut this = Self {
+            bus: bus.clone(),
+            listener,
+            connection: None,
+            last: None,
+        };
+        this.refresh()?;
+        Ok(this)
+    }
+
+    /// True while connected to the topic.
+    pub fn is_connected(&self) -> bool {
+        self.connection.is_some()
+    }
+
+    /// Connects when a publisher has appeared, lets go when it has disappeared; to be called once per
+    /// [`IDLE_TICK`](super::IDLE_TICK), with an empty queue.
+    pub fn refresh(&mut self) -> Result<(), BusError> {
+        match &self.connection {
+            Some(connection) if connection.service.dynamic_config().number_of_publishers() == 0 => {
+                // Between looking into the queue and here a publisher may have put its last samples in and gone.
+                let waiting = connection.port.has_samples().map_err(|e| receiving(&e))?;
+                if !waiting {
+                    self.connection = None;
+                }
+            }
+            Some(_) => {}
+            None => {
+                let Some(service) = self.bus.open_sample()? else {
+                    return Ok(());
+                };
+                let port = service
+                    .subscriber_builder()
+                    .create()
+                    .map_err(|e| self.bus.topic_error(Topic::Sample, format!("cannot subscribe: {e:?}")))?;
+                self.connection = Some(Connection { port, service });
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits until a sample may be there; at most `timeout`. Signals end the wait early.
+    pub fn wait(&self, timeout: Duration) -> Result<(), BusError> {
+        wait(&self.listener, Topic::Sample, timeout)
+    }
+
+    /// Hands over what has arrived, at most `limit` samples; returns how many.
+    ///
+    /// A sample that its publisher had to send again, because another consumer missed it, is handed over once.
+    pub fn drain(&mut self, limit: usize, mut take: impl FnMut(&Sample)) -> Result<usize, BusError> {
+        let Some(connection) = &self.connection else {
+            return Ok(0);
+        };
+        for count in 0..limit {
+            let Some(message) = connection.port.receive().map_err(|e| receiving(&e))? else {
+                return Ok(count);
+            };
+            check_schema(Topic::Sample, message.user_header().schema)?;
+            let sample = message.payload();
+            let place = Some((sample.boot_id, sample.seq));
+            if message.user_header().flags & header_flags::RESENT != 0 && place == self.last {
+                continue;
+            }
+            self.last = place;
+            take(sample);
+        }
+        Ok(limit)
+    }
+}
+
+fn receiving(cause: &dyn std::fmt::Debug) -> BusError {
+    BusError::Transfer {
+        topic: Topic::Sample,
+        action: "receiving",
+        cause: format!("{cause:?}"),
+    }
+}

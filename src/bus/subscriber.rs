@@ -1,0 +1,91 @@
+//! Subscribing to estimates and status.
+
+use super::{Bus, BusError, Latched, Listener, SubscriberPort, Topic};
+use crate::messages::SCHEMA_VERSION;
+use iceoryx2::port::listener::Listener as ListenerPort;
+use iceoryx2::prelude::ipc;
+use std::time::Duration;
+
+/// Receives [`Latched`] messages, the last one before it joined included. Works in any order of starting.
+#[derive(Debug)]
+pub struct Subscriber<T: Latched> {
+    listener: Option<Listener>,
+    port: SubscriberPort<T>,
+}
+
+impl<T: Latched> Subscriber<T> {
+    /// Subscribes, whether or not anybody publishes yet.
+    pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        let listener = match T::TOPIC {
+            Topic::Status => None,
+            topic => Some(listener(bus, topic)?),
+        };
+        let port = bus
+            .latched::<T>()?
+            .subscriber_builder()
+            .create()
+            .map_err(|e| bus.topic_error(T::TOPIC, format!("cannot subscribe: {e:?}")))?;
+        Ok(Self { listener, port })
+    }
+
+    /// Waits until a message may be there; at most `timeout`. Signals end the wait early.
+    ///
+    /// Status does not wake: there this is a pause of length `timeout`.
+    pub fn wait(&self, timeout: Duration) -> Result<(), BusError> {
+        match &self.listener {
+            Some(listener) => wait(listener, T::TOPIC, timeout),
+            None => {
+                std::thread::sleep(timeout);
+                Ok(())
+            }
+        }
+    }
+
+    /// Hands over everything that has arrived; returns how many.
+    pub fn drain(&mut self, mut take: impl FnMut(&T)) -> Result<usize, BusError> {
+        let mut count = 0;
+        loop {
+            let message = self.port.receive().map_err(|e| BusError::Transfer {
+                topic: T::TOPIC,
+                action: "receiving",
+                cause: format!("{e:?}"),
+            })?;
+            let Some(message) = message else { return Ok(count) };
+            check_schema(T::TOPIC, message.user_header().schema)?;
+            take(message.payload());
+            count += 1;
+        }
+    }
+}
+
+pub(super) fn listener(bus: &Bus, topic: Topic) -> Result<Listener, BusError> {
+    bus.event(topic)?
+        .listener_builder()
+        .create()
+        .map_err(|e| bus.topic_error(topic, format!("cannot listen: {e:?}")))
+}
+
+/// Waits on an event; a signal, SIGCONT included, is no failure but a reason to look around.
+pub(super) fn wait(listener: &ListenerPort<ipc::Service>, topic: Topic, timeout: Duration) -> Result<(), BusError> {
+    use iceoryx2::port::listener::ListenerWaitError::InterruptSignal;
+    match listener.timed_wait(|_| {}, timeout) {
+        Ok(_) | Err(InterruptSignal) => Ok(()),
+        Err(e) => Err(BusError::Transfer {
+            topic,
+            action: "waiting",
+            cause: format!("{e:?}"),
+        }),
+    }
+}
+
+pub(super) fn check_schema(topic: Topic, found: u32) -> Result<(), BusError> {
+    if found == SCHEMA_VERSION {
+        Ok(())
+    } else {
+        Err(BusError::Schema {
+            topic,
+            expected: SCHEMA_VERSION,
+            found,
+        })
+    }
+}

@@ -1,0 +1,271 @@
+use super::*;
+use crate::messages::{Estimate, Sample, State, Status};
+use crate::model::JointSample;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::thread;
+use std::time::Instant;
+
+/// A domain of its own, removed on drop.
+pub(super) struct TestDomain(pub Domain);
+
+impl TestDomain {
+    pub fn new() -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let n = COUNT.fetch_add(1, Ordering::Relaxed);
+        Self(Domain::new(&format!("u{}-{n}", std::process::id())).expect("valid name"))
+    }
+}
+
+impl Drop for TestDomain {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(self.0.root());
+        for entry in std::fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
+            if entry.file_name().to_string_lossy().starts_with(self.0.prefix()) {
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
+    }
+}
+
+fn sample(seq: u64) -> Sample {
+    Sample::new(7, seq, seq * 1_000_000, 2, 0, &JointSample::default())
+}
+
+fn lockstep(consumers: usize, limit_ms: u64) -> Delivery {
+    Delivery::Lockstep { consumers, limit: Duration::from_millis(limit_ms) }
+}
+
+fn never() -> Arc<AtomicBool> {
+    Arc::new(AtomicBool::new(false))
+}
+
+fn status(estimates: u64) -> Status {
+    Status {
+        boot_id: 0,
+        accepted: 0,
+        missing: 0,
+        rejected: 0,
+        last_seq: 0,
+        last_t_ns: 0,
+        estimates,
+        streams: 0,
+        state: State::Collecting as u32,
+        pid: 0,
+    }
+}
+
+/// Receives until `count` samples are there or the watchdog bites; returns their numbers.
+fn receive(subscriber: &mut SampleSubscriber, count: usize) -> Vec<u64> {
+    let start = Instant::now();
+    let mut seqs = Vec::new();
+    while seqs.len() < count && start.elapsed() < Duration::from_secs(20) {
+        subscriber.refresh().expect("refresh");
+        if subscriber.drain(usize::MAX, |s| seqs.push(s.seq)).expect("drain") == 0 {
+            subscriber.wait(Duration::from_millis(10)).expect("wait");
+        }
+    }
+    seqs
+}
+
+#[test]
+fn lockstep_loses_nothing_with_a_consumer_slower_than_its_publisher() {
+    let domain = TestDomain::new();
+    const COUNT: u64 = 20_000;
+    thread::scope(|scope| {
+        let consumer = scope.spawn(|| {
+            let bus = Bus::join(&domain.0, "arm", "consumer").expect("join");
+            let mut subscriber = SampleSubscriber::new(&bus).expect("subscribe");
+            receive(&mut subscriber, COUNT as usize)
+        });
+        let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
+        let mut publisher = SamplePublisher::new(&bus, lockstep(1, 20_000), never()).expect("publish");
+        assert_eq!(publisher.wait_for_consumers().expect("a consumer"), Attached::Yes);
+        for seq in 0..COUNT {
+            publisher.send(&sample(seq)).expect("send");
+        }
+        publisher.wake();
+        assert_eq!(consumer.join().expect("consumer"), (0..COUNT).collect::<Vec<_>>());
+        assert!(publisher.loss().is_none());
+    });
+}
+
+#[test]
+fn lockstep_fills_the_startup_hole_of_a_consumer_that_was_there_before_the_publisher() {
+    let domain = TestDomain::new();
+    const COUNT: u64 = 5_000;
+    let bus = Bus::join(&domain.0, "arm", "test").expect("join");
+    // Two consumers of a first publisher outlive it; only one of them listens at once when the second one comes.
+    let first = SamplePublisher::new(&bus, lockstep(2, 20_000), never()).expect("publish");
+    let (attached, is_attached) = std::sync::mpsc::channel();
+    let (go, may_go) = std::sync::mpsc::channel::<()>();
+    thread::scope(|scope| {
+        let domain = &domain.0;
+        let prompt = {
+            let attached = attached.clone();
+            scope.spawn(move || {
+                let bus = Bus::join(domain, "arm", "prompt").expect("join");
+                let mut subscriber = SampleSubscriber::new(&bus).expect("subscribe");
+                attached.send(()).expect("main waits");
+                may_go.recv().expect("main sends");
+                receive(&mut subscriber, COUNT as usize)
+            })
+        };
+        let sleepy = scope.spawn(move || {
+            let bus = Bus::join(domain, "arm", "sleepy").expect("join");
+            let mut subscriber = SampleSubscriber::new(&bus).expect("subscribe");
+            attached.send(()).expect("main waits");
+            // More than the buffer's worth of samples is sent in this time, were they not held back.
+            thread::sleep(Duration::from_millis(600));
+            receive(&mut subscriber, COUNT as usize)
+        });
+        is_attached.recv().expect("prompt");
+        is_attached.recv().expect("sleepy");
+        drop(first);
+        let mut second = SamplePublisher::new(&bus, lockstep(2, 20_000), never()).expect("publish");
+        go.send(()).expect("prompt waits");
+        for seq in 0..COUNT {
+            second.send(&sample(seq)).expect("send");
+        }
+        second.wake();
+        let expected: Vec<u64> = (0..COUNT).collect();
+        assert!(prompt.join().expect("prompt") == expected, "each sample once, in order");
+        assert!(sleepy.join().expect("sleepy") == expected, "each sample once, in order");
+        assert!(second.loss().is_none());
+    });
+}
+
+#[test]
+fn lockstep_cuts_off_a_stuck_consumer_once_and_counts_it() {
+    let domain = TestDomain::new();
+    let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
+    let mut publisher = SamplePublisher::new(&bus, lockstep(1, 200), never()).expect("publish");
+    let stuck = SampleSubscriber::new(&bus).expect("subscribe");
+    let start = Instant::now();
+    for seq in 0..4_000 {
+        publisher.send(&sample(seq)).expect("send");
+    }
+    assert_eq!(publisher.loss().cut_off, 1);
+    // Once cut off it costs nothing: paying the limit for each of the 3 000 samples would take ten minutes.
+    assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
+    assert!(stuck.is_connected());
+}
+
+#[test]
+fn lockstep_without_consumers_fails_with_robot_domain_and_advice() {
+    let domain = TestDomain::new();
+    let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
+    let mut publisher = SamplePublisher::new(&bus, lockstep(2, 50), never()).expect("publish");
+    let error = publisher.wait_for_consumers().expect_err("nobody").to_string();
+    assert!(error.contains("0 of 2") && error.contains("\"arm\"") && error.contains("realtime"), "{error}");
+}
+
+#[test]
+fn realtime_never_waits_and_the_consumer_keeps_the_newest() {
+    let domain = TestDomain::new();
+    let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
+    let mut publisher = SamplePublisher::new(&bus, Delivery::Realtime, never()).expect("publish");
+    let mut subscriber = SampleSubscriber::new(&bus).expect("subscribe");
+    for seq in 0..10_000 {
+        publisher.send(&sample(seq)).expect("send");
+    }
+    let mut seqs = Vec::new();
+    subscriber.drain(usize::MAX, |s| seqs.push(s.seq)).expect("drain");
+    assert_eq!(seqs, (10_000 - 8_192..10_000).collect::<Vec<_>>());
+}
+
+#[test]
+fn the_next_publisher_may_choose_another_delivery_mode_while_a_consumer_stays() {
+    let domain = TestDomain::new();
+    let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
+    thread::scope(|scope| {
+        let first = SamplePublisher::new(&bus, lockstep(1, 10_000), never()).expect("publish");
+        let consumer = scope.spawn(|| {
+            let bus = Bus::join(&domain.0, "arm", "consumer").expect("join");
+            let mut subscriber = SampleSubscriber::new(&bus).expect("subscribe");
+            receive(&mut subscriber, 1)
+        });
+        while first.attached() == 0 {
+            thread::sleep(Duration::from_millis(5));
+        }
+        drop(first);
+        let mut second = SamplePublisher::new(&bus, Delivery::Realtime, never()).expect("publish in the other mode");
+        while second.attached() == 0 {
+            thread::sleep(Duration::from_millis(5));
+        }
+        second.send(&sample(42)).expect("send");
+        second.wake();
+        assert_eq!(consumer.join().expect("consumer"), [42]);
+    });
+}
+
+#[test]
+fn samples_in_the_queue_of_a_publisher_that_has_gone_still_arrive() {
+    let domain = TestDomain::new();
+    let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
+    let mut publisher = SamplePublisher::new(&bus, Delivery::Realtime, never()).expect("publish");
+    let mut subscriber = SampleSubscriber::new(&bus).expect("subscribe");
+    for seq in 0..500 {
+        publisher.send(&sample(seq)).expect("send");
+    }
+    drop(publisher);
+    // Refreshing before looking must not throw the queue away.
+    subscriber.refresh().expect("refresh");
+    assert_eq!(receive(&mut subscriber, 500), (0..500).collect::<Vec<_>>());
+    subscriber.refresh().expect("refresh");
+    assert!(!subscriber.is_connected(), "lets go of a topic without a publisher");
+}
+
+#[test]
+fn a_late_joiner_gets_the_last_status_and_no_earlier_one() {
+    let domain = TestDomain::new();
+    let bus = Bus::join(&domain.0, "arm", "identifier").expect("join");
+    let mut publisher = Publisher::<Status>::new(&bus).expect("publish");
+    publisher.send(&status(1)).expect("send");
+    publisher.send(&status(2)).expect("send");
+    let mut late = Subscriber::<Status>::new(&bus).expect("subscribe");
+    publisher.serve_late_joiners().expect("serve");
+    let mut seen = Vec::new();
+    late.drain(|status| seen.push(status.estimates)).expect("drain");
+    assert_eq!(seen, [2]);
+}
+
+#[test]
+fn domains_and_robots_never_meet() {
+    let (left, right) = (TestDomain::new(), TestDomain::new());
+    let speaker = Bus::join(&left.0, "arm", "speaker").expect("join");
+    let mut publisher = Publisher::<Status>::new(&speaker).expect("publish");
+    for (domain, robot) in [(&right.0, "arm"), (&left.0, "leg")] {
+        let other = Bus::join(domain, robot, "listener").expect("join");
+        let mut subscriber = Subscriber::<Status>::new(&other).expect("subscribe");
+        publisher.send(&status(1)).expect("send");
+        assert_eq!(subscriber.drain(|_| ()).expect("drain"), 0, "{domain:?} {robot}");
+    }
+}
+
+#[test]
+fn a_topic_with_other_messages_is_refused_with_expected_and_found() {
+    let domain = TestDomain::new();
+    let bus = Bus::join(&domain.0, "arm", "intruder").expect("join");
+    let _intruder = bus.occupy(Topic::Sample).expect("occupy");
+    let refused = SamplePublisher::new(&bus, Delivery::Realtime, never())
+        .expect_err("another type")
+        .to_string();
+    for part in ["topic sample", "\"arm\"", bus.domain().name(), "ThetabusSampleV1", "ThetabusStatusV1"] {
+        assert!(refused.contains(part), "{part}: {refused}");
+    }
+    let error = SampleSubscriber::new(&bus).expect_err("another type").to_string();
+    assert!(error.contains("expected messages ThetabusSampleV1"), "{error}");
+}
+
+#[test]
+fn a_publisher_of_estimates_never_waits_for_a_subscriber_that_does_not_listen() {
+    let domain = TestDomain::new();
+    let bus = Bus::join(&domain.0, "arm", "identifier").expect("join");
+    let mut publisher = Publisher::<Estimate>::new(&bus).expect("publish");
+    let _silent = Subscriber::<Estimate>::new(&bus).expect("subscribe");
+    let estimate = Estimate::default();
+    for _ in 0..1_000 {
+        publisher.send(&estimate).expect("send");
+    }
+}

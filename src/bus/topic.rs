@@ -1,0 +1,76 @@
+//! Names and sizes of the topics: the contract with every other program on the bus.
+
+use crate::messages::{Estimate, Sample, Status};
+use iceoryx2::prelude::ZeroCopySend;
+use std::fmt;
+
+/// A topic of a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Topic {
+    /// [`Sample`]s from the plant.
+    Sample,
+    /// [`Estimate`]s from the identifier.
+    Estimate,
+    /// [`Status`] of the identifier.
+    Status,
+}
+
+impl Topic {
+    /// The last part of the service name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sample => "sample",
+            Self::Estimate => "estimate",
+            Self::Status => "status",
+        }
+    }
+}
+
+impl fmt::Display for Topic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// What stays readable after it was sent: a late joiner gets the last one at once.
+pub trait Latched: ZeroCopySend + fmt::Debug + Copy + 'static {
+    /// Its topic.
+    const TOPIC: Topic;
+}
+
+impl Latched for Estimate {
+    const TOPIC: Topic = Topic::Estimate;
+}
+
+impl Latched for Status {
+    const TOPIC: Topic = Topic::Status;
+}
+
+/// Sizes of `sample`.
+pub(super) mod sample {
+    use super::Sample;
+
+    pub const MAX_PUBLISHERS: usize = 1;
+    pub const MAX_SUBSCRIBERS: usize = 4;
+    pub const MAX_NODES: usize = 16;
+    pub const MAX_BORROWED: usize = 2;
+    /// Realtime: 8 s at 1 kHz for a consumer that was held up.
+    pub const REALTIME_BUFFER: usize = 8192;
+    /// Lockstep: the publisher waits, so this needs only to bridge the scheduler's pauses; small enough to stay in the cache.
+    pub const LOCKSTEP_BUFFER: usize = 1024;
+    /// Bytes of a publisher's data segment at worst.
+    pub const fn segment_bytes(buffer: usize) -> u64 {
+        // Headers and alignment take less than 128 bytes.
+        ((MAX_SUBSCRIBERS * (buffer + MAX_BORROWED) + 2) * (size_of::<Sample>() + 128)) as u64
+    }
+}
+
+/// Sizes of `estimate` and `status`.
+pub(super) mod latched {
+    pub const MAX_PUBLISHERS: usize = 2;
+    pub const MAX_SUBSCRIBERS: usize = 16;
+    pub const MAX_NODES: usize = 20;
+    pub const BUFFER: usize = 64;
+    pub const HISTORY: usize = 1;
+    pub const MAX_BORROWED: usize = 2;
+}

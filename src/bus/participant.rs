@@ -230,9 +230,13 @@ impl Bus {
     #[cfg(test)]
     pub(super) fn occupy(&self, topic: Topic) -> Result<PubSubService<crate::messages::Status>, BusError> {
         let name = self.service_name(topic)?;
-        let service = self.0.node.service_builder(&name).publish_subscribe();
+        let service = self
+            .0
+            .node
+            .service_builder(&name)
+            .publish_subscribe::<crate::messages::Status>();
         service
-            .user_header()
+            .user_header::<Header>()
             .create()
             .map_err(|e| self.topic_error(topic, format!("{e:?}")))
     }

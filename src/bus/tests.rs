@@ -1,5 +1,5 @@
 use super::*;
-use crate::messages::{Estimate, Sample, State, Status};
+use crate::messages::{Sample, State, Status};
 use crate::model::JointSample;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -33,7 +33,10 @@ fn sample(seq: u64) -> Sample {
 }
 
 fn lockstep(consumers: usize, limit_ms: u64) -> Delivery {
-    Delivery::Lockstep { consumers, limit: Duration::from_millis(limit_ms) }
+    Delivery::Lockstep {
+        consumers,
+        limit: Duration::from_millis(limit_ms),
+    }
 }
 
 fn never() -> Arc<AtomicBool> {
@@ -49,6 +52,7 @@ fn status(estimates: u64) -> Status {
         last_seq: 0,
         last_t_ns: 0,
         estimates,
+        last_block: 0,
         streams: 0,
         state: State::Collecting as u32,
         pid: 0,
@@ -157,7 +161,10 @@ fn lockstep_without_consumers_fails_with_robot_domain_and_advice() {
     let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
     let mut publisher = SamplePublisher::new(&bus, lockstep(2, 50), never()).expect("publish");
     let error = publisher.wait_for_consumers().expect_err("nobody").to_string();
-    assert!(error.contains("0 of 2") && error.contains("\"arm\"") && error.contains("realtime"), "{error}");
+    assert!(
+        error.contains("0 of 2") && error.contains("\"arm\"") && error.contains("realtime"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -251,7 +258,13 @@ fn a_topic_with_other_messages_is_refused_with_expected_and_found() {
     let refused = SamplePublisher::new(&bus, Delivery::Realtime, never())
         .expect_err("another type")
         .to_string();
-    for part in ["topic sample", "\"arm\"", bus.domain().name(), "ThetabusSampleV1", "ThetabusStatusV1"] {
+    for part in [
+        "topic sample",
+        "\"arm\"",
+        bus.domain().name(),
+        "ThetabusSampleV1",
+        "ThetabusStatusV1",
+    ] {
         assert!(refused.contains(part), "{part}: {refused}");
     }
     let error = SampleSubscriber::new(&bus).expect_err("another type").to_string();
@@ -259,13 +272,15 @@ fn a_topic_with_other_messages_is_refused_with_expected_and_found() {
 }
 
 #[test]
-fn a_publisher_of_estimates_never_waits_for_a_subscriber_that_does_not_listen() {
+fn a_publisher_of_status_never_waits_for_a_subscriber_that_does_not_listen() {
     let domain = TestDomain::new();
     let bus = Bus::join(&domain.0, "arm", "identifier").expect("join");
-    let mut publisher = Publisher::<Estimate>::new(&bus).expect("publish");
-    let _silent = Subscriber::<Estimate>::new(&bus).expect("subscribe");
-    let estimate = Estimate::default();
-    for _ in 0..1_000 {
-        publisher.send(&estimate).expect("send");
+    let mut publisher = Publisher::<Status>::new(&bus).expect("publish");
+    let mut silent = Subscriber::<Status>::new(&bus).expect("subscribe");
+    for count in 1..=1_000 {
+        publisher.send(&status(count)).expect("send");
     }
+    let mut last = 0;
+    silent.drain(|status| last = status.estimates).expect("drain");
+    assert_eq!(last, 1_000);
 }

@@ -1,24 +1,98 @@
-//! Estimators. They see rows, never a model or the simulator.
+//! Estimators. They see rows, never a model or the simulator, so they serve any plant and cannot peek at the truth.
+//!
+//! ```text
+//! f_n(θ)                     residual of a scalar equation at sample n, (5); f = s·u − Σ_d (d/dt)^d g_d
+//! φ_n(θ) = −∂f_n/∂θ          regressor, (7)
+//! v_n = f_n(θ̂) + φ_nᵀ θ̂      the signal of the linear form (1)
+//! ```
+//!
+//! | module | estimator | equations |
+//! |---|---|---|
+//! | [`Wrls`] | sample by sample, linear in θ, exponential forgetting | (2)–(4) |
+//! | [`batch_least_squares`] | a whole record at once, linear or not, with its rank | the least squares of section 1 |
+//! | [`BlockEstimator`] | block by block, nonlinear in θ, every forgetting rule | (6)–(11) and beyond |
+
+mod block;
+mod bound;
+mod constrained;
+mod forgetting;
+mod group;
+mod linalg;
+mod offline;
+mod options;
+mod pass;
+mod wrls;
+
+pub use block::{BlockEstimator, Held, Report};
+pub use bound::{CovarianceBound, Factor, Polynomial, Rational};
+pub use offline::{BatchReport, batch_least_squares};
+pub use options::{Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor};
+pub use wrls::{Wrls, WrlsError};
+
+use std::ops::Range;
+
+/// The most parameters that an estimator can have: masks are 64 bits wide.
+pub const MAX_PARAMS: usize = 64;
 
 /// Which parameters each equation depends on; the estimator's whole knowledge of a plant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Structure {
     /// Number of parameters P.
     pub params: usize,
-    /// For each equation the indices of its parameters.
-    pub equations: Vec<std::ops::Range<usize>>,
+    /// For each equation the indices of its parameters. Equations may share parameters.
+    pub equations: Vec<Range<usize>>,
+}
+
+/// Parameters that are estimated together, because some equation links them: a connected component of the graph of
+/// equations and parameters, and a least squares problem of its own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Group {
+    /// The parameters: overlapping ranges unite to one range.
+    pub parameters: Range<usize>,
+    /// The equations that depend on them.
+    pub equations: Vec<usize>,
+}
+
+impl Structure {
+    /// The independent groups, ordered by their first parameter. A parameter of no equation is in no group.
+    pub fn groups(&self) -> Vec<Group> {
+        let mut order: Vec<usize> = (0..self.equations.len()).filter(|&e| !self.equations[e].is_empty()).collect();
+        order.sort_by_key(|&e| (self.equations[e].start, self.equations[e].end));
+        let mut groups: Vec<Group> = Vec::new();
+        for e in order {
+            let range = self.equations[e].clone();
+            match groups.last_mut() {
+                Some(group) if range.start < group.parameters.end => {
+                    group.parameters.end = group.parameters.end.max(range.end);
+                    group.equations.push(e);
+                }
+                _ => groups.push(Group { parameters: range, equations: vec![e] }),
+            }
+        }
+        for group in &mut groups {
+            group.equations.sort_unstable();
+        }
+        groups
+    }
 }
 
 /// A block of samples as residuals of scalar equations, to be evaluated at any θ.
 ///
-/// Sample `index` of `0..len()` gives one row for each equation.
+/// Row `index` of `0..len()` exists for each equation. Rows are ordered in time.
 pub trait Residuals {
-    /// Number of sample instants in the block.
+    /// Number of rows per equation in the block: the sample instants of the pointwise form, the windows of the projected one.
     fn len(&self) -> usize;
     /// True where the block holds nothing.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
     /// Residual f_n(θ); writes the regressor φ_n = −∂f_n/∂θ over the equation's own parameters.
+    ///
+    /// `theta` holds all parameters of the plant, `regressor` has the length of the equation's range in [`Structure`].
     fn row(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64;
+    /// First and last instant that the row depends on, in the unit that a located change is to be reported in (stream time
+    /// in ns). Both are the sample's own time in the pointwise form. The default counts rows.
+    fn span(&self, index: usize) -> (u64, u64) {
+        (index as u64, index as u64)
+    }
 }

@@ -1,0 +1,365 @@
+//! What can be chosen about an estimator, as plain data that is validated once.
+//!
+//! The names of the variants are those of the configuration files.
+
+use super::Structure;
+use std::str::FromStr;
+
+/// How the information of earlier blocks is forgotten.
+///
+/// Γ_m⁻¹ is the information after block m, S = Σ φφᵀ what block m adds, Λ what is left of Γ_{m−1}⁻¹ when block m is fitted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Forgetting {
+    /// Λ = λ Γ⁻¹, Γ_m⁻¹ = Λ + S: (9).
+    Exponential,
+    /// Π⁻¹ = λ Γ⁻¹ + S, Γ_m = G(εΠ)/ε: (10) and (11) to the letter. Forgets twice: the effective factor is λ².
+    BoundedAsPrinted,
+    /// Π⁻¹ = Γ⁻¹ + S, Γ_m = G(εΠ)/ε: (10) without its λ, which keeps Γ⁻¹ ≥ εI.
+    Bounded,
+    /// Λ = λ Γ⁻¹ + (1 − λ) ε I, Γ_m⁻¹ = Λ + S: information falls to ε and no further.
+    Floor,
+    /// Λ = Γ⁻¹ − (1 − λ) Γ⁻¹U (UᵀΓ⁻¹U)⁻¹ UᵀΓ⁻¹ with U the directions that the block excites: forget only what is
+    /// learnt anew (SIFt-RLS, Lai and Bernstein, arXiv 2404.10844).
+    Directional,
+}
+
+impl Forgetting {
+    /// Every rule.
+    pub const ALL: [Self; 5] =
+        [Self::Exponential, Self::BoundedAsPrinted, Self::Bounded, Self::Floor, Self::Directional];
+
+    /// The name in configuration files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Exponential => "exponential",
+            Self::BoundedAsPrinted => "bounded-as-printed",
+            Self::Bounded => "bounded",
+            Self::Floor => "floor",
+            Self::Directional => "directional",
+        }
+    }
+
+    /// True for the rules that apply a bound G after the update.
+    pub fn is_bounded(self) -> bool {
+        matches!(self, Self::Bounded | Self::BoundedAsPrinted)
+    }
+}
+
+impl FromStr for Forgetting {
+    type Err = EstimatorError;
+    fn from_str(name: &str) -> Result<Self, EstimatorError> {
+        Self::ALL.into_iter().find(|rule| rule.name() == name).ok_or_else(|| EstimatorError::UnknownName {
+            what: "forgetting",
+            got: name.to_owned(),
+            expected: "exponential, bounded-as-printed, bounded, floor or directional",
+        })
+    }
+}
+
+/// Which function G bounds the covariance in (10).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Bound {
+    /// G(x) = (x − (1 − λ)x²)/λ: (11), for λ ≥ ½.
+    Polynomial,
+    /// G(x) = x/(λ + (1 − λ)x): any λ.
+    Rational,
+}
+
+impl Bound {
+    /// Every bound.
+    pub const ALL: [Self; 2] = [Self::Polynomial, Self::Rational];
+
+    /// The name in configuration files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Polynomial => "polynomial",
+            Self::Rational => "rational",
+        }
+    }
+}
+
+impl FromStr for Bound {
+    type Err = EstimatorError;
+    fn from_str(name: &str) -> Result<Self, EstimatorError> {
+        Self::ALL.into_iter().find(|bound| bound.name() == name).ok_or_else(|| EstimatorError::UnknownName {
+            what: "bound",
+            got: name.to_owned(),
+            expected: "polynomial or rational",
+        })
+    }
+}
+
+/// What to do with rows that lie far outside the noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Outliers {
+    /// Every row counts in full.
+    Keep,
+    /// Rows beyond this many standard deviations pull with constant force (Huber's M-estimator; 1.345 keeps 95 % efficiency).
+    Huber(f64),
+    /// Rows beyond this many standard deviations do not count.
+    Gate(f64),
+}
+
+/// Detection of a sudden change of the plant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChangeDetection {
+    /// Probability that a block of an unchanged plant raises an alarm, in (0, 0.1].
+    pub false_alarm_rate: f64,
+    /// Rows that start earlier than this after the located change are not used; in the unit of
+    /// [`span`](super::Residuals::span). Zero for exact rows.
+    pub margin: u64,
+}
+
+impl Default for ChangeDetection {
+    fn default() -> Self {
+        Self { false_alarm_rate: 2e-4, margin: 0 }
+    }
+}
+
+/// Everything that can be chosen about a [`BlockEstimator`](super::BlockEstimator).
+///
+/// The lists have one entry per parameter, `noise_*` one per equation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EstimatorOptions {
+    /// Start value θ̂₀.
+    pub theta_start: Vec<f64>,
+    /// Standard deviation of the start value, in the parameter's unit; not negative. It is the deviation reported until
+    /// data come, not the weight of the start value, which is `information_floor`.
+    pub start_std: Vec<f64>,
+    /// Lower bound, `-inf` for none.
+    pub lower: Vec<f64>,
+    /// Upper bound, `+inf` for none.
+    pub upper: Vec<f64>,
+    /// Parameters that keep their start value.
+    pub fixed: Vec<bool>,
+    /// The forgetting rule.
+    pub forgetting: Forgetting,
+    /// The bound G of the bounded rules.
+    pub bound: Bound,
+    /// λ per block, in (0, 1]; see [`forgetting_factor`] for a time constant.
+    pub forgetting_factor: f64,
+    /// ε > 0: the initial information is εI, and the floor of the bounded rules and of `floor`.
+    pub information_floor: f64,
+    /// Gauss–Newton iterations per block, at least 1. With 1 the step is the paper's (8), undamped and unlimited.
+    pub max_iterations: usize,
+    /// Largest factor by which an iteration changes a parameter whose lower bound is not negative; above 1, `inf` for none.
+    pub step_factor: f64,
+    /// Standard deviation by which the rows of each equation are divided, so that equations that share parameters weigh what
+    /// they are worth; positive. 1 leaves the rows as they are.
+    pub noise_std: Vec<f64>,
+    /// Smallest standard deviation of the divided rows that is believed; not negative. Noise-free data would otherwise
+    /// alarm on rounding.
+    pub noise_floor: Vec<f64>,
+    /// The same as a share of the rows' size, the root mean square of Σ|φ_i θ_i|; the larger of both floors counts.
+    pub noise_floor_relative: f64,
+    /// Standard deviation of a parameter's random walk per block, relative to the parameter; for drifting plants.
+    pub random_walk: Vec<f64>,
+    /// Treatment of outliers.
+    pub outliers: Outliers,
+    /// Change detection, where wanted.
+    pub change_detection: Option<ChangeDetection>,
+}
+
+impl EstimatorOptions {
+    /// The paper's recursion (8), (9) from the given start: exponential forgetting, one iteration, no bounds, nothing beyond.
+    pub fn paper(theta_start: Vec<f64>, equations: usize) -> Self {
+        let params = theta_start.len();
+        Self {
+            start_std: theta_start.iter().map(|theta| theta.abs()).collect(),
+            theta_start,
+            lower: vec![f64::NEG_INFINITY; params],
+            upper: vec![f64::INFINITY; params],
+            fixed: vec![false; params],
+            forgetting: Forgetting::Exponential,
+            bound: Bound::Polynomial,
+            forgetting_factor: 0.95,
+            information_floor: 1e-3,
+            max_iterations: 1,
+            step_factor: f64::INFINITY,
+            noise_std: vec![1.0; equations],
+            noise_floor: vec![0.0; equations],
+            noise_floor_relative: 1e-9,
+            random_walk: vec![0.0; params],
+            outliers: Outliers::Keep,
+            change_detection: None,
+        }
+    }
+
+    /// Re-linearised and self-aware: ten damped iterations limited to a factor of 3, directional forgetting, change detection.
+    pub fn recommended(theta_start: Vec<f64>, equations: usize) -> Self {
+        Self {
+            forgetting: Forgetting::Directional,
+            information_floor: 1e-6,
+            max_iterations: 10,
+            step_factor: 3.0,
+            change_detection: Some(ChangeDetection::default()),
+            ..Self::paper(theta_start, equations)
+        }
+    }
+
+    /// Checks every value and that the lists fit the structure.
+    ///
+    /// # Errors
+    /// The first offending option with what was expected and what came.
+    pub fn validate(&self, structure: &Structure) -> Result<(), EstimatorError> {
+        let params = structure.params;
+        let equations = structure.equations.len();
+        if params == 0
+            || params > super::MAX_PARAMS
+            || equations == 0
+            || structure.equations.iter().any(|r| r.start > r.end || r.end > params) {
+            return Err(EstimatorError::Structure { params, equations });
+        }
+        let per_parameter = [
+            ("theta_start", self.theta_start.len()),
+            ("start_std", self.start_std.len()),
+            ("lower", self.lower.len()),
+            ("upper", self.upper.len()),
+            ("fixed", self.fixed.len()),
+            ("random_walk", self.random_walk.len()),
+        ];
+        for (option, got) in per_parameter {
+            length(option, params, got)?;
+        }
+        length("noise_std", equations, self.noise_std.len())?;
+        length("noise_floor", equations, self.noise_floor.len())?;
+        each("theta_start", "a finite number", &self.theta_start, f64::is_finite)?;
+        each("start_std", "a finite number, not negative", &self.start_std, |v| v.is_finite() && v >= 0.0)?;
+        each("lower", "a number below +inf", &self.lower, |v| v < f64::INFINITY)?;
+        each("upper", "a number above -inf", &self.upper, |v| v > f64::NEG_INFINITY)?;
+        each("random_walk", "a finite number, not negative", &self.random_walk, |v| v.is_finite() && v >= 0.0)?;
+        each("noise_std", "a finite number above 0", &self.noise_std, |v| v.is_finite() && v > 0.0)?;
+        each("noise_floor", "a finite number, not negative", &self.noise_floor, |v| v.is_finite() && v >= 0.0)?;
+        for index in 0..params {
+            let (start, lower, upper) = (self.theta_start[index], self.lower[index], self.upper[index]);
+            if !(lower <= start && start <= upper) {
+                return Err(EstimatorError::StartOutsideBounds { index, start, lower, upper });
+            }
+        }
+        let lambda = self.forgetting_factor;
+        one("forgetting_factor", "a number in (0, 1]", lambda, lambda > 0.0 && lambda <= 1.0)?;
+        if self.forgetting.is_bounded() && self.bound == Bound::Polynomial {
+            let expected = "at least 0.5 with the polynomial bound (11), or the rational bound";
+            one("forgetting_factor", expected, lambda, lambda >= 0.5)?;
+        }
+        let floor = self.information_floor;
+        one("information_floor", "a finite number above 0", floor, floor.is_finite() && floor > 0.0)?;
+        one("max_iterations", "1 to 1000", self.max_iterations as f64, (1..=1000).contains(&self.max_iterations))?;
+        one("step_factor", "a number above 1", self.step_factor, self.step_factor > 1.0)?;
+        let relative = self.noise_floor_relative;
+        one("noise_floor_relative", "a number in [0, 0.1]", relative, (0.0..=0.1).contains(&relative))?;
+        match self.outliers {
+            Outliers::Keep => {}
+            Outliers::Huber(k) => one("outliers.huber", "0.5 to 10", k, (0.5..=10.0).contains(&k))?,
+            Outliers::Gate(k) => one("outliers.gate", "2 to 100", k, (2.0..=100.0).contains(&k))?,
+        }
+        if let Some(detection) = self.change_detection {
+            let rate = detection.false_alarm_rate;
+            one("false_alarm_rate", "a number in (0, 0.1]", rate, rate > 0.0 && rate <= 0.1)?;
+        }
+        Ok(())
+    }
+}
+
+/// λ = exp(−N Δ/τ): the factor per block of `block_len` samples that forgets with the time constant `time_constant_s`.
+///
+/// # Errors
+/// Where an argument is not a positive finite number or λ would not lie in (0, 1).
+pub fn forgetting_factor(time_constant_s: f64, block_len: usize, sample_period_s: f64) -> Result<f64, EstimatorError> {
+    let positive = |v: f64| v.is_finite() && v > 0.0;
+    one("time_constant_s", "a finite number above 0", time_constant_s, positive(time_constant_s))?;
+    one("sample_period_s", "a finite number above 0", sample_period_s, positive(sample_period_s))?;
+    one("block_len", "at least 1", block_len as f64, block_len > 0)?;
+    let lambda = (-(block_len as f64) * sample_period_s / time_constant_s).exp();
+    one("time_constant_s", "not so short that nothing of a block is left", time_constant_s, lambda > 0.0)?;
+    Ok(lambda)
+}
+
+fn length(option: &'static str, expected: usize, got: usize) -> Result<(), EstimatorError> {
+    if got == expected { Ok(()) } else { Err(EstimatorError::Length { option, expected, got }) }
+}
+
+fn each(
+    option: &'static str,
+    expected: &'static str,
+    values: &[f64],
+    good: impl Fn(f64) -> bool,
+) -> Result<(), EstimatorError> {
+    match values.iter().position(|&v| !good(v)) {
+        Some(index) => Err(EstimatorError::Entry { option, index, expected, got: values[index] }),
+        None => Ok(()),
+    }
+}
+
+fn one(option: &'static str, expected: &'static str, got: f64, good: bool) -> Result<(), EstimatorError> {
+    if good { Ok(()) } else { Err(EstimatorError::Value { option, expected, got }) }
+}
+
+/// An option that an estimator cannot work with.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum EstimatorError {
+    /// The structure has no parameters, no equations, or an equation with parameters that do not exist.
+    #[error(
+        "expected equations with 1 to 64 parameters that lie within the plant's, got {equations} equations and {params} parameters"
+    )]
+    Structure {
+        /// Number of parameters.
+        params: usize,
+        /// Number of equations.
+        equations: usize,
+    },
+    /// A list has the wrong length.
+    #[error("{option}: expected {expected} values, got {got}")]
+    Length {
+        /// Name of the option.
+        option: &'static str,
+        /// Expected length.
+        expected: usize,
+        /// Length given.
+        got: usize,
+    },
+    /// An entry of a list is out of its range.
+    #[error("{option}, entry {index}: expected {expected}, got {got}")]
+    Entry {
+        /// Name of the option.
+        option: &'static str,
+        /// Index of the entry, counted from 0.
+        index: usize,
+        /// What would be right.
+        expected: &'static str,
+        /// Value given.
+        got: f64,
+    },
+    /// A value is out of its range.
+    #[error("{option}: expected {expected}, got {got}")]
+    Value {
+        /// Name of the option.
+        option: &'static str,
+        /// What would be right.
+        expected: &'static str,
+        /// Value given.
+        got: f64,
+    },
+    /// The start value of a parameter lies outside its bounds, or these are the wrong way round.
+    #[error("theta_start, entry {index}: expected {lower} to {upper}, got {start}")]
+    StartOutsideBounds {
+        /// Index of the parameter, counted from 0.
+        index: usize,
+        /// Start value.
+        start: f64,
+        /// Lower bound.
+        lower: f64,
+        /// Upper bound.
+        upper: f64,
+    },
+    /// A name that is not in the list of choices.
+    #[error("{what}: expected {expected}, got \"{got}\"")]
+    UnknownName {
+        /// What was to be chosen.
+        what: &'static str,
+        /// Name given.
+        got: String,
+        /// The names there are.
+        expected: &'static str,
+    },
+}

@@ -74,8 +74,11 @@ impl BlockEstimator {
     /// Where the options do not fit the structure or are out of range.
     pub fn new(structure: Structure, options: EstimatorOptions) -> Result<Self, EstimatorError> {
         options.validate(&structure)?;
-        let groups: Vec<GroupState> =
-            structure.groups().iter().map(|group| GroupState::new(group, &structure, &options)).collect();
+        let groups: Vec<GroupState> = structure
+            .groups()
+            .iter()
+            .map(|group| GroupState::new(group, &structure, &options))
+            .collect();
         let (params, equations) = (structure.params, structure.equations.len());
         let report = Report {
             theta: options.theta_start.clone(),
@@ -96,7 +99,13 @@ impl BlockEstimator {
             condition: 1.0,
             held: None,
         };
-        let mut estimator = Self { theta: options.theta_start.clone(), structure, options, groups, report };
+        let mut estimator = Self {
+            theta: options.theta_start.clone(),
+            structure,
+            options,
+            groups,
+            report,
+        };
         estimator.describe();
         Ok(estimator)
     }
@@ -140,10 +149,13 @@ impl BlockEstimator {
 
     /// Covariance of two parameters' errors; 0 between independent groups.
     pub fn covariance(&self, i: usize, j: usize) -> f64 {
-        self.groups.iter().find(|g| g.parameters.contains(&i) && g.parameters.contains(&j)).map_or(0.0, |g| {
-            let start = g.parameters.start;
-            g.covariance[(i - start) * g.n + j - start]
-        })
+        self.groups
+            .iter()
+            .find(|g| g.parameters.contains(&i) && g.parameters.contains(&j))
+            .map_or(0.0, |g| {
+                let start = g.parameters.start;
+                g.covariance[(i - start) * g.n + j - start]
+            })
     }
 
     /// Writes the correlation matrix, P × P and row-major; 1 on the diagonal, 0 for what has no deviation.
@@ -152,7 +164,11 @@ impl BlockEstimator {
         for i in 0..params {
             for j in 0..params {
                 let scale = (self.covariance(i, i) * self.covariance(j, j)).sqrt();
-                let value = if scale > 0.0 { self.covariance(i, j) / scale } else { 0.0 };
+                let value = if scale > 0.0 {
+                    self.covariance(i, j) / scale
+                } else {
+                    0.0
+                };
                 out[i * params + j] = if i == j { 1.0 } else { value.clamp(-1.0, 1.0) };
             }
         }
@@ -192,7 +208,13 @@ impl BlockEstimator {
     fn describe(&mut self) {
         let report = &mut self.report;
         report.theta.copy_from_slice(&self.theta);
-        (report.excited, report.usable, report.fixed, report.rank, report.condition) = (0, 0, 0, 0, 1.0);
+        (
+            report.excited,
+            report.usable,
+            report.fixed,
+            report.rank,
+            report.condition,
+        ) = (0, 0, 0, 0, 1.0);
         for (i, fixed) in self.options.fixed.iter().enumerate() {
             report.fixed |= u64::from(*fixed) << i;
         }
@@ -211,7 +233,13 @@ impl BlockEstimator {
             report.condition = report.condition.max(group.condition);
             for (e, sums) in group.equations.iter().zip(&group.at) {
                 let divisor = self.options.noise_std[e.index];
-                let rms = |cost: f64| if sums.rows > 0 { (cost / sums.rows as f64).sqrt() * divisor } else { 0.0 };
+                let rms = |cost: f64| {
+                    if sums.rows > 0 {
+                        (cost / sums.rows as f64).sqrt() * divisor
+                    } else {
+                        0.0
+                    }
+                };
                 report.residual_rms[e.index] = rms(sums.cost);
                 report.innovation_rms[e.index] = rms(e.innovation_cost);
                 report.noise_std[e.index] = e.variance.sqrt() * divisor;

@@ -116,10 +116,25 @@ mod tests {
     #[test]
     fn val_every_bound_lies_between_x_and_one() {
         for lambda in [0.5, 0.7, 0.9, 0.95, 0.99, 1.0] {
-            check_function(&Polynomial { forgetting_factor: lambda }, lambda);
-            check_function(&Rational { forgetting_factor: lambda }, lambda);
+            check_function(
+                &Polynomial {
+                    forgetting_factor: lambda,
+                },
+                lambda,
+            );
+            check_function(
+                &Rational {
+                    forgetting_factor: lambda,
+                },
+                lambda,
+            );
         }
-        check_function(&Rational { forgetting_factor: 0.05 }, 0.05);
+        check_function(
+            &Rational {
+                forgetting_factor: 0.05,
+            },
+            0.05,
+        );
         // why λ < ½ is refused with (11): its maximum, at x = 1/(2(1 − λ)) < 1, exceeds 1
         assert!(Polynomial { forgetting_factor: 0.4 }.value(1.0 / 1.2) > 1.0);
     }
@@ -150,8 +165,12 @@ mod tests {
     #[test]
     fn val_closed_matrix_form_is_the_spectral_one() {
         for lambda in [0.5, 0.9, 0.99] {
-            check_matrix(&Polynomial { forgetting_factor: lambda });
-            check_matrix(&Rational { forgetting_factor: lambda });
+            check_matrix(&Polynomial {
+                forgetting_factor: lambda,
+            });
+            check_matrix(&Rational {
+                forgetting_factor: lambda,
+            });
         }
     }
 }

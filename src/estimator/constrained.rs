@@ -57,9 +57,8 @@ impl ConstrainedStep {
         self.delta.fill(0.0);
         for i in 0..n {
             // start with what can move downhill
-            self.free[i] = lower[i] < 0.0 && upper[i] > 0.0
-                || lower[i] < 0.0 && g[i] < 0.0
-                || upper[i] > 0.0 && g[i] > 0.0;
+            self.free[i] =
+                lower[i] < 0.0 && upper[i] > 0.0 || lower[i] < 0.0 && g[i] < 0.0 || upper[i] > 0.0 && g[i] > 0.0;
         }
         // each round fixes or frees one; a handful is usual, the limit guards against cycling on rounding
         for _ in 0..4 * n + 4 {
@@ -68,7 +67,11 @@ impl ConstrainedStep {
             let mut blocking = None;
             for (k, &i) in self.index.iter().enumerate() {
                 let step = self.rhs[k];
-                let room = if step > 0.0 { upper[i] - self.delta[i] } else { lower[i] - self.delta[i] };
+                let room = if step > 0.0 {
+                    upper[i] - self.delta[i]
+                } else {
+                    lower[i] - self.delta[i]
+                };
                 if step != 0.0 && room / step < fraction {
                     fraction = (room / step).max(0.0);
                     blocking = Some(i);
@@ -108,7 +111,10 @@ impl ConstrainedStep {
     }
 
     fn rhs_of(&self, parameter: usize) -> f64 {
-        self.index.iter().position(|&i| i == parameter).map_or(0.0, |k| self.rhs[k])
+        self.index
+            .iter()
+            .position(|&i| i == parameter)
+            .map_or(0.0, |k| self.rhs[k])
     }
 
     // rhs ← H_FF⁻¹ (g − H δ)_F
@@ -150,8 +156,10 @@ impl ConstrainedStep {
             self.matrix[k] = c;
         }
         for a in 0..m {
-            self.rhs[a] =
-                self.scale[a] * (0..m).map(|k| self.eigen.vectors[a * m + k] * self.matrix[k]).sum::<f64>();
+            self.rhs[a] = self.scale[a]
+                * (0..m)
+                    .map(|k| self.eigen.vectors[a * m + k] * self.matrix[k])
+                    .sum::<f64>();
         }
     }
 }
@@ -182,7 +190,10 @@ mod tests {
         let mut step = ConstrainedStep::new(3);
         step.solve(&h, &[3.0, 6.0, 0.0], &FREE.map(|v| -v), &FREE);
         let d = step.delta();
-        assert!((d[0] + 2.0 * d[1] - 3.0).abs() < 1e-13, "the informed combination is met: {d:?}");
+        assert!(
+            (d[0] + 2.0 * d[1] - 3.0).abs() < 1e-13,
+            "the informed combination is met: {d:?}"
+        );
         assert_eq!(d[2], 0.0);
     }
 

@@ -72,7 +72,10 @@ impl Excitation {
 
     /// Share of parameter i's own direction that is excited, 0 to 1.
     pub fn share(&self, i: usize) -> f64 {
-        self.directions[i * self.n..i * self.n + self.rank].iter().map(|v| v * v).sum()
+        self.directions[i * self.n..i * self.n + self.rank]
+            .iter()
+            .map(|v| v * v)
+            .sum()
     }
 
     /// Direction k in units of the parameters, entry i.
@@ -244,7 +247,9 @@ mod tests {
         let mut prior = [0.0; 9];
         rule(Forgetting::Directional, 0.8, 1e-6).prior(3, &INFORMATION, &excitation, &mut prior);
         // R − (1 − λ) R x (xᵀ R x)⁻¹ xᵀ R for a single regressor x
-        let rx: Vec<f64> = (0..3).map(|i| (0..3).map(|j| INFORMATION[i * 3 + j] * x[j]).sum()).collect();
+        let rx: Vec<f64> = (0..3)
+            .map(|i| (0..3).map(|j| INFORMATION[i * 3 + j] * x[j]).sum())
+            .collect();
         let xrx = dot(&x, &rx);
         for i in 0..3 {
             for j in 0..3 {
@@ -282,7 +287,11 @@ mod tests {
             let unit = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
             mul(3, &information, &unit, &mut product);
             for i in 0..3 {
-                assert!((0.5 / product[i * 4] - lambda * (1.0 + lambda)).abs() < 1e-9, "λ {lambda}: {}", 0.5 / product[i * 4]);
+                assert!(
+                    (0.5 / product[i * 4] - lambda * (1.0 + lambda)).abs() < 1e-9,
+                    "λ {lambda}: {}",
+                    0.5 / product[i * 4]
+                );
             }
         }
     }
@@ -303,7 +312,11 @@ mod tests {
                 if block % 1000 == 0 || block > 99_990 {
                     eigen.decompose(3, &information);
                     // some ten roundings of numbers near ½
-                    assert!(eigen.values.iter().all(|&v| v >= 0.5 * (1.0 - 1e-14)), "block {block}: {:?}", eigen.values);
+                    assert!(
+                        eigen.values.iter().all(|&v| v >= 0.5 * (1.0 - 1e-14)),
+                        "block {block}: {:?}",
+                        eigen.values
+                    );
                 }
             }
         }

@@ -177,7 +177,11 @@ impl GroupState {
             m[i * n + i] = diagonal;
         };
         clear(&mut self.information, floor);
-        let variance = if self.fixed[i] { 0.0 } else { self.start_std[i] * self.start_std[i] };
+        let variance = if self.fixed[i] {
+            0.0
+        } else {
+            self.start_std[i] * self.start_std[i]
+        };
         clear(&mut self.start_covariance, variance);
         clear(&mut self.covariance, variance);
         for e in &mut self.equations {
@@ -197,10 +201,14 @@ impl GroupState {
         }
         self.set_variances(options);
         self.excite(theta);
-        self.rule.prior(self.n, &self.information, &self.excitation, &mut self.prior);
+        self.rule
+            .prior(self.n, &self.information, &self.excitation, &mut self.prior);
         let fit = if options.max_iterations == 1 {
             self.single_step(theta);
-            Fit { iterations: 1, converged: true }
+            Fit {
+                iterations: 1,
+                converged: true,
+            }
         } else {
             self.fit(rows, range.clone(), theta, options)
         };
@@ -226,20 +234,30 @@ impl GroupState {
         self.gradient.fill(0.0);
         add_scores(&self.equations, &self.at, &mut self.gradient);
         self.set_box(f64::INFINITY);
-        self.step.solve(&self.total, &self.gradient, &self.box_lower, &self.box_upper);
+        self.step
+            .solve(&self.total, &self.gradient, &self.box_lower, &self.box_upper);
         for (i, delta) in self.step.delta().iter().enumerate() {
             theta[self.parameters.start + i] = self.centre[i] + delta;
         }
     }
 
     /// Gauss–Newton with the prior frozen, from θ = θ̄; `at` holds the sums there, and at the result afterwards.
-    fn fit<R: Residuals>(&mut self, rows: &R, range: Range<usize>, theta: &mut [f64], options: &EstimatorOptions) -> Fit {
+    fn fit<R: Residuals>(
+        &mut self,
+        rows: &R,
+        range: Range<usize>,
+        theta: &mut [f64],
+        options: &EstimatorOptions,
+    ) -> Fit {
         let n = self.n;
         let start = self.parameters.start;
         self.centre.copy_from_slice(&theta[self.parameters.clone()]);
         let slack = self.rounding();
         let mut cost = self.cost(theta);
-        let mut fit = Fit { iterations: 0, converged: false };
+        let mut fit = Fit {
+            iterations: 0,
+            converged: false,
+        };
         while (fit.iterations as usize) < options.max_iterations {
             self.total.copy_from_slice(&self.prior);
             add_grams(n, &self.equations, &self.at, &mut self.total);
@@ -254,7 +272,8 @@ impl GroupState {
                 self.scale[i] = theta[start + i];
             }
             self.set_box_at(options.step_factor);
-            self.step.solve(&self.total, &self.gradient, &self.box_lower, &self.box_upper);
+            self.step
+                .solve(&self.total, &self.gradient, &self.box_lower, &self.box_upper);
             if self.is_small(theta) {
                 fit.converged = true;
                 break;
@@ -314,7 +333,9 @@ impl GroupState {
     fn prior_cost(&self, theta: &[f64]) -> f64 {
         let n = self.n;
         let d = |i: usize| theta[self.parameters.start + i] - self.centre[i];
-        (0..n).map(|i| d(i) * (0..n).map(|j| self.prior[i * n + j] * d(j)).sum::<f64>()).sum()
+        (0..n)
+            .map(|i| d(i) * (0..n).map(|j| self.prior[i * n + j] * d(j)).sum::<f64>())
+            .sum()
     }
 
     fn set_box(&mut self, factor: f64) {
@@ -379,15 +400,30 @@ impl GroupState {
         for (k, v) in self.transition.iter_mut().enumerate() {
             *v = if k % (n + 1) == 0 { 1.0 - *v } else { -*v };
         }
-        congruence(n, &self.transition, &self.start_covariance, &mut self.work2, &mut self.work);
+        congruence(
+            n,
+            &self.transition,
+            &self.start_covariance,
+            &mut self.work2,
+            &mut self.work,
+        );
         self.start_covariance.copy_from_slice(&self.work2);
         for (e, sums) in self.equations.iter_mut().zip(&self.at) {
-            congruence(n, &self.transition, &e.noise_covariance, &mut self.work2, &mut self.work);
+            congruence(
+                n,
+                &self.transition,
+                &e.noise_covariance,
+                &mut self.work2,
+                &mut self.work,
+            );
             e.noise_covariance.copy_from_slice(&self.work2);
             self.total.fill(0.0);
             add_gram(n, e, sums, &mut self.total);
             congruence(n, &self.gain, &self.total, &mut self.work2, &mut self.work);
-            e.noise_covariance.iter_mut().zip(&self.work2).for_each(|(p, v)| *p += v);
+            e.noise_covariance
+                .iter_mut()
+                .zip(&self.work2)
+                .for_each(|(p, v)| *p += v);
         }
     }
 
@@ -408,15 +444,20 @@ impl GroupState {
         let largest = values.iter().fold(0.0, |a: f64, &b| a.max(b));
         let smallest = values.iter().fold(f64::INFINITY, |a: f64, &b| a.min(b));
         let least = 100.0 * RANK_TOLERANCE * largest;
-        self.condition = if smallest > 0.0 { largest / smallest } else { f64::INFINITY };
+        self.condition = if smallest > 0.0 {
+            largest / smallest
+        } else {
+            f64::INFINITY
+        };
         if smallest >= least {
             return;
         }
         values.iter_mut().for_each(|v| *v = v.max(least));
         for i in 0..n {
             for j in 0..=i {
-                let v: f64 =
-                    (0..n).map(|k| self.eigen.vectors[i * n + k] * self.eigen.values[k] * self.eigen.vectors[j * n + k]).sum();
+                let v: f64 = (0..n)
+                    .map(|k| self.eigen.vectors[i * n + k] * self.eigen.values[k] * self.eigen.vectors[j * n + k])
+                    .sum();
                 let v = v * self.scale[i] * self.scale[j];
                 self.information[i * n + j] = v;
                 self.information[j * n + i] = v;
@@ -427,7 +468,11 @@ impl GroupState {
     // noise variances for this block's decisions: what was learnt, else what this block allows, never below the floor
     fn set_variances(&mut self, options: &EstimatorOptions) {
         for (e, sums) in self.equations.iter_mut().zip(&self.at) {
-            let size = if sums.rows > 0 { sums.size / sums.rows as f64 } else { 0.0 };
+            let size = if sums.rows > 0 {
+                sums.size / sums.rows as f64
+            } else {
+                0.0
+            };
             let floor = (e.floor * e.floor).max(options.noise_floor_relative.powi(2) * size);
             let learnt = if e.freedom > 0.0 { e.spread / e.freedom } else { 0.0 };
             e.variance = learnt.max(floor);
@@ -449,7 +494,12 @@ impl GroupState {
 
     fn variance(&self) -> f64 {
         let rows: f64 = self.at.iter().map(|s| s.rows as f64).sum();
-        let sum: f64 = self.equations.iter().zip(&self.at).map(|(e, s)| e.variance * s.rows as f64).sum();
+        let sum: f64 = self
+            .equations
+            .iter()
+            .zip(&self.at)
+            .map(|(e, s)| e.variance * s.rows as f64)
+            .sum();
         if rows > 0.0 { sum / rows } else { 0.0 }
     }
 
@@ -462,7 +512,8 @@ impl GroupState {
             self.scale[i] = if size > 0.0 { size } else { 1.0 };
             self.free[i] = !self.fixed[i];
         }
-        self.excitation.analyse(&self.total, &self.scale, &self.free, self.variance());
+        self.excitation
+            .analyse(&self.total, &self.scale, &self.free, self.variance());
     }
 
     fn total_covariance(&mut self) {
@@ -488,7 +539,16 @@ fn evaluate<R: Residuals>(
 ) -> bool {
     let mut finite = true;
     for (e, sums) in equations.iter().zip(sums) {
-        accumulate(rows, e.index, range.clone(), theta, e.own.clone(), e.divisor, Loss::Square, sums);
+        accumulate(
+            rows,
+            e.index,
+            range.clone(),
+            theta,
+            e.own.clone(),
+            e.divisor,
+            Loss::Square,
+            sums,
+        );
         finite &= sums.is_finite();
     }
     finite

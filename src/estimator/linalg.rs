@@ -52,7 +52,12 @@ pub struct Cholesky {
 impl Cholesky {
     /// Room for matrices up to n × n.
     pub fn new(n: usize) -> Self {
-        Self { n, lower: vec![0.0; n * n], scale: vec![0.0; n], smallest_pivot: 0.0 }
+        Self {
+            n,
+            lower: vec![0.0; n * n],
+            scale: vec![0.0; n],
+            smallest_pivot: 0.0,
+        }
     }
 
     /// Factors the leading n × n problem `a`; false where it is not positive definite beyond rounding.
@@ -134,7 +139,11 @@ pub struct Eigen {
 impl Eigen {
     /// Room for matrices up to n × n.
     pub fn new(n: usize) -> Self {
-        Self { values: vec![0.0; n], vectors: vec![0.0; n * n], work: vec![0.0; n * n] }
+        Self {
+            values: vec![0.0; n],
+            vectors: vec![0.0; n * n],
+            work: vec![0.0; n * n],
+        }
     }
 
     /// Decomposes the n × n matrix `a`. A matrix that is not finite gives eigenvalues that are not.
@@ -210,7 +219,7 @@ mod tests {
         let a = spread();
         let mut factor = Cholesky::new(3);
         assert!(factor.factor(3, &a));
-        let x = [2.0, -1e-4, 0.7];
+        let x = [2e3, -1.0 / 3e4, 0.7]; // each of the size of its unit
         let mut b = [0.0; 3];
         mul_vec(3, &a, &x, &mut b);
         factor.solve(&mut b);
@@ -227,7 +236,9 @@ mod tests {
         eigen.decompose(3, &a);
         for i in 0..3 {
             for j in 0..3 {
-                let v: f64 = (0..3).map(|k| eigen.vectors[i * 3 + k] * eigen.values[k] * eigen.vectors[j * 3 + k]).sum();
+                let v: f64 = (0..3)
+                    .map(|k| eigen.vectors[i * 3 + k] * eigen.values[k] * eigen.vectors[j * 3 + k])
+                    .sum();
                 assert!((v - a[i * 3 + j]).abs() < 1e-14, "{i} {j} {v}");
             }
         }

@@ -56,7 +56,9 @@ pub struct Group {
 impl Structure {
     /// The independent groups, ordered by their first parameter. A parameter of no equation is in no group.
     pub fn groups(&self) -> Vec<Group> {
-        let mut order: Vec<usize> = (0..self.equations.len()).filter(|&e| !self.equations[e].is_empty()).collect();
+        let mut order: Vec<usize> = (0..self.equations.len())
+            .filter(|&e| !self.equations[e].is_empty())
+            .collect();
         order.sort_by_key(|&e| (self.equations[e].start, self.equations[e].end));
         let mut groups: Vec<Group> = Vec::new();
         for e in order {
@@ -66,7 +68,10 @@ impl Structure {
                     group.parameters.end = group.parameters.end.max(range.end);
                     group.equations.push(e);
                 }
-                _ => groups.push(Group { parameters: range, equations: vec![e] }),
+                _ => groups.push(Group {
+                    parameters: range,
+                    equations: vec![e],
+                }),
             }
         }
         for group in &mut groups {

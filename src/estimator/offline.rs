@@ -10,8 +10,8 @@
 //! determine beside the others keep their start value, and nothing becomes NaN.
 
 use super::Residuals;
-use super::options::EstimatorError;
 use super::Structure;
+use super::options::EstimatorError;
 
 /// The answer of [`batch_least_squares`].
 #[derive(Debug, Clone, PartialEq)]
@@ -46,14 +46,22 @@ pub fn batch_least_squares<R: Residuals>(
 ) -> Result<BatchReport, EstimatorError> {
     let params = structure.params;
     if theta_start.len() != params {
-        return Err(EstimatorError::Length { option: "theta_start", expected: params, got: theta_start.len() });
+        return Err(EstimatorError::Length {
+            option: "theta_start",
+            expected: params,
+            got: theta_start.len(),
+        });
     }
     let mut theta = theta_start.to_vec();
     let mut stack = Stack::new(structure, rows.len());
     let mut cost = stack.fill(structure, rows, &theta);
     if !cost.is_finite() {
         let option = "residuals at theta_start";
-        return Err(EstimatorError::Value { option, expected: "finite numbers", got: cost });
+        return Err(EstimatorError::Value {
+            option,
+            expected: "finite numbers",
+            got: cost,
+        });
     }
     let mut report = BatchReport {
         theta: Vec::new(),
@@ -66,7 +74,11 @@ pub fn batch_least_squares<R: Residuals>(
     loop {
         let solution = stack.solve();
         report.rank = solution.rank;
-        let small = solution.step.iter().zip(&theta).all(|(d, t)| d.abs() <= 1e-12 * t.abs());
+        let small = solution
+            .step
+            .iter()
+            .zip(&theta)
+            .all(|(d, t)| d.abs() <= 1e-12 * t.abs());
         if small || report.iterations == max_iterations {
             report.converged = small;
             let dof = stack.rows.saturating_sub(solution.rank).max(1) as f64;
@@ -100,7 +112,11 @@ pub fn batch_least_squares<R: Residuals>(
             break;
         }
     }
-    report.residual_rms = if stack.rows > 0 { (cost / stack.rows as f64).sqrt() } else { 0.0 };
+    report.residual_rms = if stack.rows > 0 {
+        (cost / stack.rows as f64).sqrt()
+    } else {
+        0.0
+    };
     report.theta = theta;
     Ok(report)
 }
@@ -122,7 +138,12 @@ struct Stack {
 impl Stack {
     fn new(structure: &Structure, len: usize) -> Self {
         let rows = len * structure.equations.len();
-        Self { params: structure.params, rows, columns: vec![vec![0.0; rows]; structure.params], rhs: vec![0.0; rows] }
+        Self {
+            params: structure.params,
+            rows,
+            columns: vec![vec![0.0; rows]; structure.params],
+            rhs: vec![0.0; rows],
+        }
     }
 
     /// Fills both at θ and returns Σ f².
@@ -228,6 +249,10 @@ impl Stack {
                 }
             }
         }
-        Solution { step, unit_variance, rank }
+        Solution {
+            step,
+            unit_variance,
+            rank,
+        }
     }
 }

@@ -25,8 +25,13 @@ pub enum Forgetting {
 
 impl Forgetting {
     /// Every rule.
-    pub const ALL: [Self; 5] =
-        [Self::Exponential, Self::BoundedAsPrinted, Self::Bounded, Self::Floor, Self::Directional];
+    pub const ALL: [Self; 5] = [
+        Self::Exponential,
+        Self::BoundedAsPrinted,
+        Self::Bounded,
+        Self::Floor,
+        Self::Directional,
+    ];
 
     /// The name in configuration files.
     pub fn name(self) -> &'static str {
@@ -48,11 +53,14 @@ impl Forgetting {
 impl FromStr for Forgetting {
     type Err = EstimatorError;
     fn from_str(name: &str) -> Result<Self, EstimatorError> {
-        Self::ALL.into_iter().find(|rule| rule.name() == name).ok_or_else(|| EstimatorError::UnknownName {
-            what: "forgetting",
-            got: name.to_owned(),
-            expected: "exponential, bounded-as-printed, bounded, floor or directional",
-        })
+        Self::ALL
+            .into_iter()
+            .find(|rule| rule.name() == name)
+            .ok_or_else(|| EstimatorError::UnknownName {
+                what: "forgetting",
+                got: name.to_owned(),
+                expected: "exponential, bounded-as-printed, bounded, floor or directional",
+            })
     }
 }
 
@@ -81,11 +89,14 @@ impl Bound {
 impl FromStr for Bound {
     type Err = EstimatorError;
     fn from_str(name: &str) -> Result<Self, EstimatorError> {
-        Self::ALL.into_iter().find(|bound| bound.name() == name).ok_or_else(|| EstimatorError::UnknownName {
-            what: "bound",
-            got: name.to_owned(),
-            expected: "polynomial or rational",
-        })
+        Self::ALL
+            .into_iter()
+            .find(|bound| bound.name() == name)
+            .ok_or_else(|| EstimatorError::UnknownName {
+                what: "bound",
+                got: name.to_owned(),
+                expected: "polynomial or rational",
+            })
     }
 }
 
@@ -112,7 +123,10 @@ pub struct ChangeDetection {
 
 impl Default for ChangeDetection {
     fn default() -> Self {
-        Self { false_alarm_rate: 2e-4, margin: 0 }
+        Self {
+            false_alarm_rate: 2e-4,
+            margin: 0,
+        }
     }
 }
 
@@ -207,7 +221,8 @@ impl EstimatorOptions {
         if params == 0
             || params > super::MAX_PARAMS
             || equations == 0
-            || structure.equations.iter().any(|r| r.start > r.end || r.end > params) {
+            || structure.equations.iter().any(|r| r.start > r.end || r.end > params)
+        {
             return Err(EstimatorError::Structure { params, equations });
         }
         let per_parameter = [
@@ -224,30 +239,68 @@ impl EstimatorOptions {
         length("noise_std", equations, self.noise_std.len())?;
         length("noise_floor", equations, self.noise_floor.len())?;
         each("theta_start", "a finite number", &self.theta_start, f64::is_finite)?;
-        each("start_std", "a finite number, not negative", &self.start_std, |v| v.is_finite() && v >= 0.0)?;
+        each("start_std", "a finite number, not negative", &self.start_std, |v| {
+            v.is_finite() && v >= 0.0
+        })?;
         each("lower", "a number below +inf", &self.lower, |v| v < f64::INFINITY)?;
         each("upper", "a number above -inf", &self.upper, |v| v > f64::NEG_INFINITY)?;
-        each("random_walk", "a finite number, not negative", &self.random_walk, |v| v.is_finite() && v >= 0.0)?;
-        each("noise_std", "a finite number above 0", &self.noise_std, |v| v.is_finite() && v > 0.0)?;
-        each("noise_floor", "a finite number, not negative", &self.noise_floor, |v| v.is_finite() && v >= 0.0)?;
+        each("random_walk", "a finite number, not negative", &self.random_walk, |v| {
+            v.is_finite() && v >= 0.0
+        })?;
+        each("noise_std", "a finite number above 0", &self.noise_std, |v| {
+            v.is_finite() && v > 0.0
+        })?;
+        each("noise_floor", "a finite number, not negative", &self.noise_floor, |v| {
+            v.is_finite() && v >= 0.0
+        })?;
         for index in 0..params {
             let (start, lower, upper) = (self.theta_start[index], self.lower[index], self.upper[index]);
             if !(lower <= start && start <= upper) {
-                return Err(EstimatorError::StartOutsideBounds { index, start, lower, upper });
+                return Err(EstimatorError::StartOutsideBounds {
+                    index,
+                    start,
+                    lower,
+                    upper,
+                });
             }
         }
         let lambda = self.forgetting_factor;
-        one("forgetting_factor", "a number in (0, 1]", lambda, lambda > 0.0 && lambda <= 1.0)?;
+        one(
+            "forgetting_factor",
+            "a number in (0, 1]",
+            lambda,
+            lambda > 0.0 && lambda <= 1.0,
+        )?;
         if self.forgetting.is_bounded() && self.bound == Bound::Polynomial {
             let expected = "at least 0.5 with the polynomial bound (11), or the rational bound";
             one("forgetting_factor", expected, lambda, lambda >= 0.5)?;
         }
         let floor = self.information_floor;
-        one("information_floor", "a finite number above 0", floor, floor.is_finite() && floor > 0.0)?;
-        one("max_iterations", "1 to 1000", self.max_iterations as f64, (1..=1000).contains(&self.max_iterations))?;
-        one("step_factor", "a number above 1", self.step_factor, self.step_factor > 1.0)?;
+        one(
+            "information_floor",
+            "a finite number above 0",
+            floor,
+            floor.is_finite() && floor > 0.0,
+        )?;
+        one(
+            "max_iterations",
+            "1 to 1000",
+            self.max_iterations as f64,
+            (1..=1000).contains(&self.max_iterations),
+        )?;
+        one(
+            "step_factor",
+            "a number above 1",
+            self.step_factor,
+            self.step_factor > 1.0,
+        )?;
         let relative = self.noise_floor_relative;
-        one("noise_floor_relative", "a number in [0, 0.1]", relative, (0.0..=0.1).contains(&relative))?;
+        one(
+            "noise_floor_relative",
+            "a number in [0, 0.1]",
+            relative,
+            (0.0..=0.1).contains(&relative),
+        )?;
         match self.outliers {
             Outliers::Keep => {}
             Outliers::Huber(k) => one("outliers.huber", "0.5 to 10", k, (0.5..=10.0).contains(&k))?,
@@ -255,7 +308,12 @@ impl EstimatorOptions {
         }
         if let Some(detection) = self.change_detection {
             let rate = detection.false_alarm_rate;
-            one("false_alarm_rate", "a number in (0, 0.1]", rate, rate > 0.0 && rate <= 0.1)?;
+            one(
+                "false_alarm_rate",
+                "a number in (0, 0.1]",
+                rate,
+                rate > 0.0 && rate <= 0.1,
+            )?;
         }
         Ok(())
     }
@@ -267,16 +325,35 @@ impl EstimatorOptions {
 /// Where an argument is not a positive finite number or λ would not lie in (0, 1).
 pub fn forgetting_factor(time_constant_s: f64, block_len: usize, sample_period_s: f64) -> Result<f64, EstimatorError> {
     let positive = |v: f64| v.is_finite() && v > 0.0;
-    one("time_constant_s", "a finite number above 0", time_constant_s, positive(time_constant_s))?;
-    one("sample_period_s", "a finite number above 0", sample_period_s, positive(sample_period_s))?;
+    one(
+        "time_constant_s",
+        "a finite number above 0",
+        time_constant_s,
+        positive(time_constant_s),
+    )?;
+    one(
+        "sample_period_s",
+        "a finite number above 0",
+        sample_period_s,
+        positive(sample_period_s),
+    )?;
     one("block_len", "at least 1", block_len as f64, block_len > 0)?;
     let lambda = (-(block_len as f64) * sample_period_s / time_constant_s).exp();
-    one("time_constant_s", "not so short that nothing of a block is left", time_constant_s, lambda > 0.0)?;
+    one(
+        "time_constant_s",
+        "not so short that nothing of a block is left",
+        time_constant_s,
+        lambda > 0.0,
+    )?;
     Ok(lambda)
 }
 
 fn length(option: &'static str, expected: usize, got: usize) -> Result<(), EstimatorError> {
-    if got == expected { Ok(()) } else { Err(EstimatorError::Length { option, expected, got }) }
+    if got == expected {
+        Ok(())
+    } else {
+        Err(EstimatorError::Length { option, expected, got })
+    }
 }
 
 fn each(
@@ -286,13 +363,22 @@ fn each(
     good: impl Fn(f64) -> bool,
 ) -> Result<(), EstimatorError> {
     match values.iter().position(|&v| !good(v)) {
-        Some(index) => Err(EstimatorError::Entry { option, index, expected, got: values[index] }),
+        Some(index) => Err(EstimatorError::Entry {
+            option,
+            index,
+            expected,
+            got: values[index],
+        }),
         None => Ok(()),
     }
 }
 
 fn one(option: &'static str, expected: &'static str, got: f64, good: bool) -> Result<(), EstimatorError> {
-    if good { Ok(()) } else { Err(EstimatorError::Value { option, expected, got }) }
+    if good {
+        Ok(())
+    } else {
+        Err(EstimatorError::Value { option, expected, got })
+    }
 }
 
 /// An option that an estimator cannot work with.

@@ -1,0 +1,71 @@
+//! Golden samples and small helpers for several test modules.
+
+use thetabus::model::JointSample;
+
+/// A small generator for test data (splitmix64); the tests state their seeds.
+pub struct TestRng(pub u64);
+
+impl TestRng {
+    /// Uniform in [low, high).
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^= z >> 31;
+        low + (high - low) * ((z >> 11) as f64 / (1u64 << 53) as f64)
+    }
+}
+
+/// A random state of the two-joint arm, with every signal set.
+pub fn random_sample(rng: &mut TestRng) -> JointSample {
+    let mut sample = JointSample::default();
+    for joint in 0..2 {
+        sample.q[joint] = rng.between(-3.0, 3.0);
+        sample.dq[joint] = rng.between(-4.0, 4.0);
+        sample.ddq[joint] = rng.between(-50.0, 50.0);
+        sample.dddq[joint] = rng.between(-2000.0, 2000.0);
+        sample.setpoint[joint] = rng.between(-1.0, 1.0);
+        sample.input[joint] = rng.between(-200.0, 200.0);
+    }
+    sample
+}
+
+/// The golden samples as `[z1, z2, q1, q2, dq1, dq2, ddq1, ddq2, dddq1, dddq2, u1, u2]`, see tests/data/golden/README.md.
+pub fn golden_rows() -> Vec<[f64; 12]> {
+    include_str!("../data/golden/samples.csv")
+        .lines()
+        .skip(1)
+        .map(|line| {
+            let values: Vec<f64> = line.split(',').skip(2).map(|field| field.parse().unwrap()).collect();
+            values.try_into().unwrap()
+        })
+        .collect()
+}
+
+/// The golden samples in the core type.
+pub fn golden_samples() -> Vec<JointSample> {
+    golden_rows().iter().map(joint_sample).collect()
+}
+
+fn joint_sample(row: &[f64; 12]) -> JointSample {
+    let mut sample = JointSample::default();
+    for joint in 0..2 {
+        sample.setpoint[joint] = row[joint];
+        sample.q[joint] = row[2 + joint];
+        sample.dq[joint] = row[4 + joint];
+        sample.ddq[joint] = row[6 + joint];
+        sample.dddq[joint] = row[8 + joint];
+        sample.input[joint] = row[10 + joint];
+    }
+    sample
+}
+
+/// The other way round.
+pub fn golden_row(sample: &JointSample) -> [f64; 12] {
+    let [z, q, dq] = [sample.setpoint, sample.q, sample.dq];
+    let [ddq, dddq, u] = [sample.ddq, sample.dddq, sample.input];
+    [
+        z[0], z[1], q[0], q[1], dq[0], dq[1], ddq[0], ddq[1], dddq[0], dddq[1], u[0], u[1],
+    ]
+}

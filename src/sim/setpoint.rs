@@ -239,7 +239,7 @@ enum Source {
         max: f64,
         min_dwell_s: f64,
         max_dwell_s: f64,
-        noise: Noise,
+        noise: Box<Noise>,
         until: u64,
     },
     Chirp {
@@ -322,7 +322,7 @@ impl SetpointSource {
                 max: max_rad,
                 min_dwell_s,
                 max_dwell_s,
-                noise,
+                noise: Box::new(noise),
                 until: 0,
             },
             Setpoint::Chirp {

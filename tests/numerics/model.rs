@@ -7,7 +7,7 @@ use thetabus::model::{
     AutoDiff, DerivedValues, JointSample, KnownConstants, MANIPULATOR_PARAMS, MAX_JOINTS, Manipulator,
     ManipulatorDerived, PdController, PhysicalParameters, Plant, PointwiseModel, RawManipulator, RecoveryError,
 };
-use thetabus::rows::{InputSource, PointwiseBlock, structure};
+use thetabus::rows::{InputSource, PointwiseBlock, SampleBlock, structure};
 
 /// Section 5 of the paper with m₂ = 150 kg.
 const PAPER: PhysicalParameters = PhysicalParameters {
@@ -102,7 +102,7 @@ fn val_equation_26_follows_from_lagrange_and_the_motor_equation() {
         let theta = physical.theta();
         for mut sample in states() {
             let mut scale = [0.0; 2];
-            for joint in 0..2 {
+            for (joint, scale) in scale.iter_mut().enumerate() {
                 let [torque, rate] = torque_and_rate(&physical, gravity, &sample, joint);
                 let km = physical.torque_constant_n_m_per_a[joint];
                 // (12) with (14)-(16), the current from (18)
@@ -112,7 +112,7 @@ fn val_equation_26_follows_from_lagrange_and_the_motor_equation() {
                     physical.back_emf_constant_v_s_per_rad[joint] * sample.dq[joint],
                 ];
                 sample.input[joint] = parts.iter().sum();
-                scale[joint] = 12.0 * parts.iter().map(|part| part.abs()).sum::<f64>();
+                *scale = 12.0 * parts.iter().map(|part| part.abs()).sum::<f64>();
             }
             let features = arm.features(&sample);
             for (equation, scale) in scale.iter().enumerate() {
@@ -391,9 +391,9 @@ fn prop_a_block_gives_the_rows_of_its_samples_and_refuses_more_than_it_holds() {
     let samples = golden_samples();
     assert!(block.is_empty());
     for sample in &samples[1000..1003] {
-        assert!(block.push(sample));
+        assert!(block.push(0, sample));
     }
-    assert!(!block.push(&samples[1003]));
+    assert!(!block.push(0, &samples[1003]));
     assert_eq!((block.len(), block.capacity()), (3, 3));
     let theta = UNEVEN.theta();
     for (index, sample) in samples[1000..1003].iter().enumerate() {

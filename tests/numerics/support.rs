@@ -1,6 +1,6 @@
 //! Golden samples and small helpers for several test modules.
 
-use thetabus::model::JointSample;
+use thetabus::model::{JointSample, MAX_JOINTS};
 
 /// A small generator for test data (splitmix64); the tests state their seeds.
 pub struct TestRng(pub u64);
@@ -49,23 +49,17 @@ pub fn golden_samples() -> Vec<JointSample> {
 }
 
 fn joint_sample(row: &[f64; 12]) -> JointSample {
-    let mut sample = JointSample::default();
-    for joint in 0..2 {
-        sample.setpoint[joint] = row[joint];
-        sample.q[joint] = row[2 + joint];
-        sample.dq[joint] = row[4 + joint];
-        sample.ddq[joint] = row[6 + joint];
-        sample.dddq[joint] = row[8 + joint];
-        sample.input[joint] = row[10 + joint];
+    let two = |at: usize| {
+        let mut signal = [0.0; MAX_JOINTS];
+        signal[..2].copy_from_slice(&row[at..at + 2]);
+        signal
+    };
+    JointSample {
+        setpoint: two(0),
+        q: two(2),
+        dq: two(4),
+        ddq: two(6),
+        dddq: two(8),
+        input: two(10),
     }
-    sample
-}
-
-/// The other way round.
-pub fn golden_row(sample: &JointSample) -> [f64; 12] {
-    let [z, q, dq] = [sample.setpoint, sample.q, sample.dq];
-    let [ddq, dddq, u] = [sample.ddq, sample.dddq, sample.input];
-    [
-        z[0], z[1], q[0], q[1], dq[0], dq[1], ddq[0], ddq[1], dddq[0], dddq[1], u[0], u[1],
-    ]
 }

@@ -1,0 +1,400 @@
+//! From the form of the file to the core types, with the checks that concern several keys, and the defaults the other way.
+
+use super::error::{Origin, Problem};
+use super::layers::Layers;
+use super::schema::{self, FileForm};
+use super::{
+    BusConfig, Config, Delivery, EstimatorConfig, IdentifierConfig, ModelConfig, MonitorConfig, PlantConfig, Rows,
+    Speed, plant,
+};
+use crate::estimator::{
+    Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor,
+};
+use crate::model::{KnownConstants, MAX_JOINTS, Manipulator, PdController};
+use crate::rows::{InputSource, structure};
+use crate::sim::ARM_JOINTS;
+use std::path::PathBuf;
+
+/// Builds and checks; on failure everything that is wrong.
+pub(super) fn config(form: FileForm, layers: &Layers) -> Result<Config, Vec<Problem>> {
+    let mut check = Check {
+        layers,
+        problems: Vec::new(),
+        warnings: Vec::new(),
+    };
+    let plant = plant::plant(&form, &mut check);
+    let model = model(&form, &mut check);
+    let identifier = identifier(&form);
+    let estimator = model.as_ref().and_then(|model| estimator(&form, model, &mut check));
+    let bus = BusConfig {
+        robot: form.bus.robot.clone(),
+        domain: form.bus.domain.clone(),
+        delivery: match form.bus.delivery.as_str() {
+            "realtime" => Delivery::Realtime,
+            "lockstep" => Delivery::Lockstep,
+            _ => Delivery::Auto,
+        },
+        lockstep_consumers: form.bus.lockstep_consumers as usize,
+        lockstep_limit_s: form.bus.lockstep_limit_s,
+    };
+    let monitor = MonitorConfig {
+        out_dir: form.monitor.out_dir.as_ref().map(PathBuf::from),
+    };
+    match (plant, model, estimator) {
+        (Some(plant), Some(model), Some(estimator)) if check.problems.is_empty() => {
+            check.suspicious(&form, &bus, &plant, &estimator);
+            let warnings = check.warnings;
+            Ok(Config {
+                bus,
+                plant,
+                model,
+                identifier,
+                estimator,
+                monitor,
+                file: form,
+                warnings,
+            })
+        }
+        _ => Err(check.problems),
+    }
+}
+
+pub(super) struct Check<'a> {
+    layers: &'a Layers,
+    problems: Vec<Problem>,
+    warnings: Vec<Problem>,
+}
+
+impl Check<'_> {
+    pub(super) fn wrong(&mut self, key: &str, message: impl Into<String>) {
+        self.problems.push(Problem::new(self.layers.origin(key), key, message));
+    }
+
+    /// Of keys that contradict each other, the first one that somebody wrote.
+    fn culprit<'k>(&self, keys: &[&'k str]) -> &'k str {
+        let stated = keys.iter().copied().find(|key| self.stated(key));
+        stated.or(keys.first().copied()).unwrap_or("")
+    }
+
+    fn warn(&mut self, key: &str, message: impl Into<String>) {
+        self.warnings.push(Problem::new(self.layers.origin(key), key, message));
+    }
+
+    pub(super) fn stated(&self, key: &str) -> bool {
+        self.layers.entries().contains_key(key)
+    }
+
+    fn suspicious(&mut self, form: &FileForm, bus: &BusConfig, plant: &PlantConfig, estimator: &EstimatorConfig) {
+        let sim = &plant.sim;
+        if sim.sample_count() < estimator.block_len as u64 {
+            let message = format!(
+                "the run of {} samples ends before the first block is full",
+                sim.sample_count()
+            );
+            self.warn(self.culprit(&["plant.duration_s", "estimator.block_len"]), message);
+        }
+        // Whoever shortens a run on the command line knows what is cut off.
+        let shortened = matches!(self.layers.origin("plant.duration_s"), Origin::Argument(_));
+        if let Some(late) = sim
+            .mass_2
+            .points
+            .iter()
+            .find(|point| point.0 >= sim.duration_s && !shortened)
+        {
+            let message = format!(
+                "the point at {} s lies behind the end of the run at {} s",
+                late.0, sim.duration_s
+            );
+            self.warn(self.culprit(&["plant.mass_2.t_s", "plant.duration_s"]), message);
+        }
+        if bus.delivery == Delivery::Realtime && plant.speed == Speed::Max {
+            let message =
+                "realtime delivery at speed \"max\" loses samples as soon as a consumer is slower than the plant";
+            self.warn(self.culprit(&["bus.delivery", "plant.speed"]), message);
+        }
+        let options = &estimator.options;
+        if options.forgetting_factor == 1.0 && sim.mass_2.points.len() > 1 && options.change_detection.is_none() {
+            let message =
+                "1 forgets nothing, so estimates after a change of the plant are averages of before and after";
+            self.warn("estimator.forgetting_factor", message);
+        }
+        if options.change_detection.is_some() && options.max_iterations == 1 {
+            let message = "a single step per block leaves an error of linearisation that can look like a change";
+            self.warn(
+                self.culprit(&["estimator.change_detection", "estimator.max_iterations"]),
+                message,
+            );
+        }
+        self.without_effect(form);
+    }
+
+    /// Keys that were stated but belong to a choice that was not made.
+    fn without_effect(&mut self, form: &FileForm) {
+        let unused: Vec<(String, String)> = self
+            .layers
+            .entries()
+            .keys()
+            .filter_map(|path| {
+                let (section, name) = path.rsplit_once('.')?;
+                let need = match (section, name) {
+                    ("identifier", "proportional_gain_v_per_rad" | "derivative_gain_v_s_per_rad") => {
+                        ("identifier.input", form.identifier.input.as_str(), "controller")
+                    }
+                    ("estimator", "lower" | "upper") => ("estimator.bounds", form.estimator.bounds.as_str(), "listed"),
+                    ("estimator", "huber_limit") => ("estimator.outliers", form.estimator.outliers.as_str(), "huber"),
+                    ("estimator", "gate_limit") => ("estimator.outliers", form.estimator.outliers.as_str(), "gate"),
+                    _ => {
+                        let kind = section.strip_prefix("plant.setpoint.")?;
+                        ("plant.setpoint.kind", form.setpoint.kind.as_str(), kind)
+                    }
+                };
+                let (key, got, wanted) = need;
+                (got != wanted).then(|| {
+                    (
+                        path.clone(),
+                        format!("has no effect unless {key} is \"{wanted}\"; it is \"{got}\""),
+                    )
+                })
+            })
+            .collect();
+        unused.into_iter().for_each(|(path, message)| self.warn(&path, message));
+    }
+}
+
+/// A list that the schema has checked to have one entry per joint.
+pub(super) fn joints(list: &[f64]) -> [f64; ARM_JOINTS] {
+    std::array::from_fn(|joint| list.get(joint).copied().unwrap_or(f64::NAN))
+}
+
+fn model(form: &FileForm, check: &mut Check<'_>) -> Option<ModelConfig> {
+    let Some(plant) = Manipulator::new(form.model.gravity_m_s2) else {
+        check.wrong(
+            "model.gravity_m_s2",
+            format!("expected 0 or above, got {}", form.model.gravity_m_s2),
+        );
+        return None;
+    };
+    let known = &form.known;
+    let known = match (
+        known.length_1_m,
+        &known.winding_resistance_ohm,
+        &known.torque_constant_n_m_per_a,
+    ) {
+        (None, None, None) => None,
+        (Some(length_1_m), Some(resistance), Some(constant)) => Some(KnownConstants {
+            length_1_m,
+            winding_resistance_ohm: joints(resistance),
+            torque_constant_n_m_per_a: joints(constant),
+        }),
+        (length, resistance, constant) => {
+            let set = [length.is_some(), resistance.is_some(), constant.is_some()];
+            let keys = ["length_1_m", "winding_resistance_ohm", "torque_constant_n_m_per_a"]
+                .map(|k| format!("model.known.{k}"));
+            let given: Vec<&str> = keys
+                .iter()
+                .zip(set)
+                .filter(|(_, set)| *set)
+                .map(|(key, _)| key.as_str())
+                .collect();
+            let missing: Vec<&str> = keys
+                .iter()
+                .zip(set)
+                .filter(|(_, set)| !set)
+                .map(|(key, _)| key.as_str())
+                .collect();
+            let verb = if missing.len() == 1 { "is" } else { "are" };
+            let message = format!(
+                "expected all of [model.known] or none, but {} {verb} not set",
+                missing.join(" and ")
+            );
+            check.wrong(given.first().copied().unwrap_or("model.known"), message);
+            return None;
+        }
+    };
+    Some(ModelConfig::Manipulator { plant, known })
+}
+
+fn identifier(form: &FileForm) -> IdentifierConfig {
+    let input = match form.identifier.input.as_str() {
+        "controller" => {
+            let kp = &form.identifier.proportional_gain_v_per_rad;
+            let kd = &form.identifier.derivative_gain_v_s_per_rad;
+            let mut controllers = [PdController {
+                proportional_gain_v_per_rad: 0.0,
+                derivative_gain_v_s_per_rad: 0.0,
+            }; MAX_JOINTS];
+            for ((controller, kp), kd) in controllers.iter_mut().zip(kp).zip(kd) {
+                *controller = PdController {
+                    proportional_gain_v_per_rad: *kp,
+                    derivative_gain_v_s_per_rad: *kd,
+                };
+            }
+            InputSource::Controller(controllers)
+        }
+        _ => InputSource::Measured,
+    };
+    IdentifierConfig {
+        rows: Rows::Pointwise,
+        input,
+    }
+}
+
+fn estimator(form: &FileForm, model: &ModelConfig, check: &mut Check<'_>) -> Option<EstimatorConfig> {
+    let section = &form.estimator;
+    let before = check.problems.len();
+    let parameters = model.parameters();
+    let ModelConfig::Manipulator { plant, .. } = model;
+    let structure = structure(plant);
+    let (params, equations) = (parameters.len(), structure.equations.len());
+    let mut listed = |name: &str, list: &[f64], len: usize, what: &str, otherwise: &dyn Fn(usize) -> f64| -> Vec<f64> {
+        if !list.is_empty() && list.len() != len {
+            let message = format!(
+                "expected {len} numbers, one per {what} of the model, or none, got {}",
+                list.len()
+            );
+            check.wrong(&format!("estimator.{name}"), message);
+        }
+        if list.is_empty() {
+            (0..len).map(otherwise).collect()
+        } else {
+            list.to_vec()
+        }
+    };
+    let theta_start = listed("theta_start", &section.theta_start, params, "parameter", &|i| {
+        parameters[i].start
+    });
+    let magnitude = |i: usize| theta_start.get(i).map_or(0.0, |v: &f64| v.abs());
+    let start_std = listed("start_std", &section.start_std, params, "parameter", &magnitude);
+    let random_walk = listed("random_walk", &section.random_walk, params, "parameter", &|_| 0.0);
+    let noise_std = listed("noise_std", &section.noise_std, equations, "equation", &|_| 1.0);
+    let noise_floor = listed("noise_floor", &section.noise_floor, equations, "equation", &|_| 0.0);
+    let (lower, upper) = match section.bounds.as_str() {
+        "model" => (
+            parameters.iter().map(|p| p.lower).collect(),
+            parameters.iter().map(|p| p.upper).collect(),
+        ),
+        "listed" => (
+            listed("lower", &section.lower, params, "parameter", &|_| f64::NEG_INFINITY),
+            listed("upper", &section.upper, params, "parameter", &|_| f64::INFINITY),
+        ),
+        _ => (vec![f64::NEG_INFINITY; params], vec![f64::INFINITY; params]),
+    };
+    let names: Vec<&str> = parameters.iter().map(|parameter| parameter.name).collect();
+    for name in section.fixed.iter().filter(|name| !names.contains(&name.as_str())) {
+        check.wrong(
+            "estimator.fixed",
+            format!("expected names out of {}, got \"{name}\"", names.join(", ")),
+        );
+    }
+    let fixed = names
+        .iter()
+        .map(|name| section.fixed.iter().any(|fixed| fixed == name))
+        .collect();
+    let forgetting_factor = match (section.forgetting_factor, section.time_constant_s) {
+        (Some(factor), _) => factor,
+        (None, Some(time_constant_s)) => {
+            match forgetting_factor(time_constant_s, section.block_len as usize, form.plant.sample_period_s) {
+                Ok(factor) => factor,
+                Err(error) => {
+                    check.wrong("estimator.time_constant_s", format!("{error}"));
+                    f64::NAN
+                }
+            }
+        }
+        (None, None) => {
+            check.wrong(
+                "estimator.forgetting_factor",
+                "expected this or estimator.time_constant_s, got neither",
+            );
+            f64::NAN
+        }
+    };
+    if check.problems.len() > before {
+        return None;
+    }
+    let options = EstimatorOptions {
+        theta_start,
+        start_std,
+        lower,
+        upper,
+        fixed,
+        // The schema lets only known names through.
+        forgetting: section.forgetting.parse().unwrap_or(Forgetting::Exponential),
+        bound: section.bound.parse().unwrap_or(Bound::Polynomial),
+        forgetting_factor,
+        information_floor: section.information_floor,
+        max_iterations: section.max_iterations as usize,
+        step_factor: section.step_factor,
+        noise_std,
+        noise_floor,
+        noise_floor_relative: section.noise_floor_relative,
+        random_walk,
+        outliers: match section.outliers.as_str() {
+            "huber" => Outliers::Huber(section.huber_limit),
+            "gate" => Outliers::Gate(section.gate_limit),
+            _ => Outliers::Keep,
+        },
+        change_detection: section.change_detection.then(|| ChangeDetection {
+            false_alarm_rate: section.false_alarm_rate,
+            ..ChangeDetection::default()
+        }),
+    };
+    if let Err(error) = options.validate(&structure) {
+        let (key, message) = estimator_problem(&error, &names, section);
+        let key = match key.as_str() {
+            "estimator.theta_start" => check.culprit(&["estimator.theta_start", "estimator.lower", "estimator.upper"]),
+            "estimator.forgetting_factor" => {
+                check.culprit(&["estimator.forgetting_factor", "estimator.bound", "estimator.forgetting"])
+            }
+            key => key,
+        };
+        check.wrong(key, message);
+        return None;
+    }
+    Some(EstimatorConfig {
+        block_len: section.block_len as usize,
+        options,
+    })
+}
+
+/// Key and message for what the estimator refuses.
+fn estimator_problem(error: &EstimatorError, names: &[&str], section: &schema::Estimator) -> (String, String) {
+    let name = |index: usize| names.get(index).copied().unwrap_or("?");
+    let (option, message) = match error {
+        EstimatorError::Length { option, expected, got } => (*option, format!("expected {expected} values, got {got}")),
+        EstimatorError::Entry {
+            option,
+            index,
+            expected,
+            got,
+        } => (*option, format!("expected {expected} for {}, got {got}", name(*index))),
+        EstimatorError::Value { option, expected, got } => {
+            let option = match *option {
+                "forgetting_factor" if section.time_constant_s.is_some() => "time_constant_s",
+                "outliers.huber" => "huber_limit",
+                "outliers.gate" => "gate_limit",
+                option => option,
+            };
+            let got = if option == "time_constant_s" {
+                format!("λ = {got}")
+            } else {
+                got.to_string()
+            };
+            (option, format!("expected {expected}, got {got}"))
+        }
+        EstimatorError::StartOutsideBounds {
+            index,
+            start,
+            lower,
+            upper,
+        } => (
+            "theta_start",
+            format!(
+                "expected {lower} to {upper} for the start of {}, got {start}",
+                name(*index)
+            ),
+        ),
+        other => ("forgetting", other.to_string()),
+    };
+    (format!("estimator.{option}"), message)
+}

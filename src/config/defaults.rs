@@ -1,0 +1,166 @@
+//! The built-in defaults: the paper's experiment, from the presets of the core types into the form of the file.
+
+use super::schema::{self, FileForm, RealOrWord};
+use crate::estimator::{ChangeDetection, EstimatorOptions, Forgetting};
+use crate::sim::{ARM_JOINTS, ControllerKind, Interpolation, Setpoint, SimOptions};
+
+impl Default for FileForm {
+    /// The paper's experiment, from the presets of the core types.
+    fn default() -> Self {
+        let sim = SimOptions::cedro2022();
+        let estimator = EstimatorOptions::paper(Vec::new(), 0);
+        let arm = &sim.arm;
+        let [kp, kd] = [
+            &sim.controller.proportional_gain_v_per_rad,
+            &sim.controller.derivative_gain_v_s_per_rad,
+        ]
+        .map(|gains| gains.to_vec());
+        let mut steps = schema::Steps {
+            levels_rad: Vec::new(),
+            dwell_s: Vec::new(),
+            shift_s: Vec::new(),
+        };
+        for setpoint in &sim.setpoint {
+            if let Setpoint::Steps {
+                levels_rad,
+                dwell_s,
+                shift_s,
+            } = setpoint
+            {
+                steps.levels_rad.push(levels_rad.clone());
+                steps.dwell_s.push(*dwell_s);
+                steps.shift_s.push(*shift_s);
+            }
+        }
+        let both = |value: f64| vec![value; ARM_JOINTS];
+        Self {
+            bus: schema::Bus {
+                robot: "arm".to_owned(),
+                domain: "default".to_owned(),
+                delivery: "auto".to_owned(),
+                lockstep_consumers: 1,
+                lockstep_limit_s: 10.0,
+            },
+            plant: schema::Plant {
+                duration_s: sim.duration_s,
+                speed: RealOrWord::Word("max".to_owned()),
+                seed: sim.seed,
+                sample_period_s: sim.sample_period_s,
+                substeps: sim.substeps as u64,
+                initial_q_rad: sim.initial_q_rad.to_vec(),
+            },
+            arm: schema::Arm {
+                length_1_m: arm.length_1_m,
+                mass_1_kg: arm.mass_1_kg,
+                length_2_m: arm.length_2_m,
+                gravity_m_s2: arm.gravity_m_s2,
+                winding_resistance_ohm: arm.winding_resistance_ohm.to_vec(),
+                winding_inductance_h: arm.winding_inductance_h.to_vec(),
+                torque_constant_n_m_per_a: arm.torque_constant_n_m_per_a.to_vec(),
+                back_emf_constant_v_s_per_rad: arm.back_emf_constant_v_s_per_rad.to_vec(),
+            },
+            mass_2: schema::Mass2 {
+                t_s: sim.mass_2.points.iter().map(|point| point.0).collect(),
+                mass_kg: sim.mass_2.points.iter().map(|point| point.1).collect(),
+                between: word(&Interpolation::NAMES, sim.mass_2.interpolation),
+            },
+            controller: schema::Controller {
+                kind: word(&ControllerKind::NAMES, sim.controller.kind),
+                proportional_gain_v_per_rad: kp.clone(),
+                derivative_gain_v_s_per_rad: kd.clone(),
+            },
+            sensors: schema::Sensors {
+                input_noise_v: sim.sensors.input_noise_v,
+                spike_probability: sim.sensors.spike_probability,
+                spike_v: sim.sensors.spike_v,
+            },
+            setpoint: schema::Setpoint {
+                kind: "steps".to_owned(),
+            },
+            steps,
+            square: schema::Square {
+                amplitude_rad: both(0.7),
+                offset_rad: both(0.0),
+                period_s: vec![2.6, 3.4],
+                shift_s: both(0.0),
+            },
+            sines: schema::Sines {
+                offset_rad: both(0.0),
+                frequency_hz: vec![vec![0.23, 0.71, 1.9, 4.3], vec![0.31, 0.97, 2.3, 5.3]],
+                amplitude_rad: vec![vec![0.4, 0.2, 0.1, 0.05]; ARM_JOINTS],
+                phase_rad: vec![vec![0.0, 1.0, 2.0, 3.0]; ARM_JOINTS],
+            },
+            random_sines: schema::RandomSines {
+                count: 6,
+                min_frequency_hz: both(0.23),
+                max_frequency_hz: both(5.3),
+                amplitude_rad: both(0.8),
+            },
+            random: schema::Random {
+                min_rad: vec![-1.0, -0.8],
+                max_rad: vec![1.0, 0.8],
+                min_dwell_s: both(1.0),
+                max_dwell_s: both(3.0),
+            },
+            chirp: schema::Chirp {
+                amplitude_rad: both(0.3),
+                offset_rad: both(0.0),
+                start_frequency_hz: vec![0.1, 0.13],
+                end_frequency_hz: vec![5.0, 6.5],
+                sweep_s: vec![20.0, 23.0],
+            },
+            csv: schema::Csv {
+                path: None,
+                between: "step".to_owned(),
+            },
+            model: schema::Model {
+                kind: "manipulator".to_owned(),
+                gravity_m_s2: arm.gravity_m_s2,
+            },
+            known: schema::Known {
+                length_1_m: None,
+                winding_resistance_ohm: None,
+                torque_constant_n_m_per_a: None,
+            },
+            identifier: schema::Identifier {
+                rows: "pointwise".to_owned(),
+                input: "measured".to_owned(),
+                proportional_gain_v_per_rad: kp,
+                derivative_gain_v_s_per_rad: kd,
+            },
+            estimator: schema::Estimator {
+                block_len: 1900,
+                theta_start: Vec::new(),
+                start_std: Vec::new(),
+                forgetting: Forgetting::Bounded.name().to_owned(),
+                bound: estimator.bound.name().to_owned(),
+                forgetting_factor: Some(estimator.forgetting_factor),
+                time_constant_s: None,
+                information_floor: estimator.information_floor,
+                max_iterations: estimator.max_iterations as u64,
+                step_factor: estimator.step_factor,
+                bounds: "none".to_owned(),
+                lower: Vec::new(),
+                upper: Vec::new(),
+                fixed: Vec::new(),
+                noise_std: Vec::new(),
+                noise_floor: Vec::new(),
+                noise_floor_relative: estimator.noise_floor_relative,
+                random_walk: Vec::new(),
+                outliers: "keep".to_owned(),
+                huber_limit: 1.345,
+                gate_limit: 6.0,
+                change_detection: false,
+                false_alarm_rate: ChangeDetection::default().false_alarm_rate,
+            },
+            monitor: schema::Monitor { out_dir: None },
+        }
+    }
+}
+
+fn word<T: PartialEq>(names: &[(T, &'static str)], value: T) -> String {
+    names
+        .iter()
+        .find(|(known, _)| *known == value)
+        .map_or(String::new(), |(_, name)| (*name).to_owned())
+}

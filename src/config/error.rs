@@ -1,0 +1,85 @@
+//! What can be wrong with a configuration, said so that it can be mended without a manual.
+
+use std::fmt;
+
+/// Where a value was written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Origin {
+    /// In the defaults that are compiled in.
+    Default,
+    /// In a file, at this line (counted from 1).
+    File {
+        /// The file's name as it was given.
+        name: String,
+        /// Line of the key, 0 where the whole file is meant.
+        line: usize,
+    },
+    /// In a `--set` argument, quoted as given.
+    Argument(String),
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Default => write!(f, "built-in default"),
+            Self::File { name, line: 0 } => write!(f, "{name}"),
+            Self::File { name, line } => write!(f, "{name}:{line}"),
+            Self::Argument(text) => write!(f, "--set {text}"),
+        }
+    }
+}
+
+/// One thing that is wrong, or merely suspicious.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Problem {
+    /// Where it was written.
+    pub origin: Origin,
+    /// Full key, `estimator.block_len`; empty where no key is concerned.
+    pub key: String,
+    /// What was expected and what came, with a hint where there is one.
+    pub message: String,
+}
+
+impl Problem {
+    /// The usual shape: expected this, got that.
+    pub(super) fn expected(origin: Origin, key: &str, expected: impl fmt::Display, got: impl fmt::Display) -> Self {
+        Self {
+            origin,
+            key: key.to_owned(),
+            message: format!("expected {expected}, got {got}"),
+        }
+    }
+
+    /// A problem in free words.
+    pub(super) fn new(origin: Origin, key: &str, message: impl Into<String>) -> Self {
+        Self {
+            origin,
+            key: key.to_owned(),
+            message: message.into(),
+        }
+    }
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.key.is_empty() {
+            write!(f, "{}: {}", self.origin, self.message)
+        } else {
+            write!(f, "{}: {}: {}", self.origin, self.key, self.message)
+        }
+    }
+}
+
+/// Everything that is wrong with a configuration, one line each.
+///
+/// A program ends with exit code 2 on it.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{}", lines(.problems))]
+pub struct ConfigError {
+    /// At least one problem, in the order of the sources.
+    pub problems: Vec<Problem>,
+}
+
+fn lines(problems: &[Problem]) -> String {
+    problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+}

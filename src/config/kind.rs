@@ -1,0 +1,278 @@
+//! What a key may hold: type, range, and how both are told to a reader.
+
+use std::fmt;
+use toml::Value;
+use toml::de::DeValue;
+
+/// An interval of real numbers; infinite ends stand for "no limit".
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Interval {
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+    /// The lower end itself is not allowed.
+    pub above_low: bool,
+    /// The upper end itself is not allowed.
+    pub below_high: bool,
+    /// The infinities are values like any other.
+    pub infinite: bool,
+}
+
+impl Interval {
+    /// Every finite number.
+    pub const ANY: Self = Self::closed(f64::NEG_INFINITY, f64::INFINITY);
+    /// Numbers greater than zero.
+    pub const POSITIVE: Self = Self::above(0.0, f64::INFINITY);
+    /// Zero and above.
+    pub const NOT_NEGATIVE: Self = Self::closed(0.0, f64::INFINITY);
+
+    /// Both ends allowed.
+    pub const fn closed(low: f64, high: f64) -> Self {
+        Self {
+            low,
+            high,
+            above_low: false,
+            below_high: false,
+            infinite: false,
+        }
+    }
+
+    /// The lower end not allowed.
+    pub const fn above(low: f64, high: f64) -> Self {
+        Self {
+            low,
+            high,
+            above_low: true,
+            below_high: false,
+            infinite: false,
+        }
+    }
+
+    /// The same with `inf` and `-inf` as far as the ends reach.
+    pub const fn or_infinite(self) -> Self {
+        Self { infinite: true, ..self }
+    }
+
+    fn contains(&self, x: f64) -> bool {
+        (x.is_finite() || self.infinite && !x.is_nan())
+            && if self.above_low { x > self.low } else { x >= self.low }
+            && if self.below_high { x < self.high } else { x <= self.high }
+    }
+}
+
+impl fmt::Display for Interval {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            above_low,
+            below_high,
+            infinite,
+            ..
+        } = *self;
+        let [low, high] = [self.low, self.high].map(Short);
+        match (self.low.is_finite(), self.high.is_finite()) {
+            (false, false) => write!(f, "of any size"),
+            (true, false) if above_low => write!(f, "above {low}"),
+            (true, false) => write!(f, "of at least {low}"),
+            (false, true) if below_high => write!(f, "below {high}"),
+            (false, true) => write!(f, "of at most {high}"),
+            (true, true) => {
+                write!(f, "{} {low} ", if above_low { "above" } else { "from" })?;
+                match (above_low, below_high) {
+                    (_, true) => write!(f, "and below {high}"),
+                    (true, false) => write!(f, "up to {high}"),
+                    (false, false) => write!(f, "to {high}"),
+                }
+            }
+        }?;
+        if infinite { write!(f, " or infinite") } else { Ok(()) }
+    }
+}
+
+/// A number as people write it: 1e9, not 1000000000.
+struct Short(f64);
+
+impl fmt::Display for Short {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(x) = *self;
+        if x == 0.0 || (1e-3..1e6).contains(&x.abs()) {
+            write!(f, "{x}")
+        } else {
+            write!(f, "{x:e}")
+        }
+    }
+}
+
+/// How many entries a list has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Len {
+    /// One per joint of the arm.
+    Joints,
+    /// One per parameter of the model, or none for the model's own values.
+    Parameters,
+    /// One per equation of the model, or none for the default.
+    Equations,
+    /// Any number within these limits.
+    From(usize, usize),
+}
+
+impl Len {
+    /// Joints of the only plant that can be simulated.
+    pub const ARM_JOINTS: usize = 2;
+
+    fn limits(self) -> (usize, usize) {
+        match self {
+            Self::Joints => (Self::ARM_JOINTS, Self::ARM_JOINTS),
+            Self::Parameters => (0, crate::model::MAX_PARAMS),
+            Self::Equations => (0, crate::model::MAX_JOINTS),
+            Self::From(low, high) => (low, high),
+        }
+    }
+}
+
+impl Len {
+    /// "a list of 2 numbers above 0 \[m\], one per joint", around what the items are.
+    fn of(self, items: &str) -> String {
+        match self {
+            Self::Joints => format!("a list of {} {items}, one per joint", Self::ARM_JOINTS),
+            Self::Parameters => format!("a list of {items}, one per parameter, or none"),
+            Self::Equations => format!("a list of {items}, one per equation, or none"),
+            Self::From(low, high) => format!("a list of {low} to {high} {items}"),
+        }
+    }
+}
+
+/// What a key may hold.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Kind {
+    /// `true` or `false`.
+    Flag,
+    /// A short name that can stand in file and service names.
+    Name,
+    /// Text, for a path.
+    Path,
+    /// One of these words.
+    Choice(&'static [&'static str]),
+    /// A whole number within these limits.
+    Whole(u64, u64),
+    /// A finite number.
+    Real(Interval),
+    /// A finite number or one word.
+    RealOr(Interval, &'static str),
+    /// A list of finite numbers.
+    Reals(Len, Interval),
+    /// A list of short names.
+    Words,
+    /// One list of finite numbers for each joint.
+    RealsPerJoint(Len, Interval),
+}
+
+impl Kind {
+    /// True for keys whose value is text, so that an unquoted `--set` argument is meant literally.
+    pub(super) fn is_text(&self) -> bool {
+        matches!(self, Self::Name | Self::Path | Self::Choice(_))
+    }
+
+    /// "a whole number from 1 to 10 \[samples\]".
+    pub fn expected(&self, unit: &str) -> String {
+        let unit = match unit {
+            "" => String::new(),
+            unit => format!(" [{unit}]"),
+        };
+        match self {
+            Self::Flag => "true or false".to_owned(),
+            Self::Name => "a name of 1 to 32 characters a-z 0-9 _ -".to_owned(),
+            Self::Path => "a path as a string".to_owned(),
+            Self::Choice(words) => format!("one of {}", quoted(words)),
+            Self::Whole(low, high) if *high == i64::MAX as u64 => format!("a whole number of at least {low}{unit}"),
+            Self::Whole(low, high) => format!("a whole number from {low} to {high}{unit}"),
+            Self::Real(interval) => format!("a number {interval}{unit}"),
+            Self::RealOr(interval, word) => format!("\"{word}\" or a number {interval}{unit}"),
+            Self::Reals(len, interval) => len.of(&format!("numbers {interval}{unit}")),
+            Self::Words => "a list of names as strings".to_owned(),
+            Self::RealsPerJoint(len, interval) => {
+                format!(
+                    "for each of the {} joints {}",
+                    Len::ARM_JOINTS,
+                    len.of(&format!("numbers {interval}{unit}"))
+                )
+            }
+        }
+    }
+
+    /// The value in the shape that the file structures take, or `None` where it does not fit.
+    pub(super) fn check(&self, value: &DeValue<'_>) -> Option<Value> {
+        match self {
+            Self::Flag => value.as_bool().map(Value::Boolean),
+            Self::Name => value.as_str().filter(|s| is_name(s)).map(Value::from),
+            Self::Path => value
+                .as_str()
+                .filter(|s| !s.is_empty() && !s.contains('\0'))
+                .map(Value::from),
+            Self::Choice(words) => value.as_str().filter(|s| words.contains(s)).map(Value::from),
+            Self::Whole(low, high) => {
+                let n = whole(value)?;
+                (u64::try_from(n).is_ok_and(|n| (*low..=*high).contains(&n))).then_some(Value::Integer(n))
+            }
+            Self::Real(interval) => number(value, interval),
+            Self::RealOr(interval, word) => match value.as_str() {
+                Some(s) => (s == *word).then(|| Value::from(s)),
+                None => number(value, interval),
+            },
+            Self::Reals(len, interval) => list(value, *len, |v| number(v, interval)),
+            Self::Words => list(value, Len::Parameters, |v| v.as_str().map(Value::from)),
+            Self::RealsPerJoint(len, interval) => {
+                list(value, Len::Joints, |inner| list(inner, *len, |v| number(v, interval)))
+            }
+        }
+    }
+}
+
+/// A name that can stand in file names, service names and socket paths.
+pub(super) fn is_name(s: &str) -> bool {
+    (1..=32).contains(&s.len())
+        && s.bytes()
+            .all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b"_-".contains(&b))
+}
+
+/// "a", "b" or "c".
+pub(super) fn quoted(words: &[&str]) -> String {
+    let mut text = String::new();
+    for (i, word) in words.iter().enumerate() {
+        text.push_str(match i {
+            0 => "",
+            i if i + 1 == words.len() => " or ",
+            _ => ", ",
+        });
+        text.push_str(&format!("\"{word}\""));
+    }
+    text
+}
+
+fn whole(value: &DeValue<'_>) -> Option<i64> {
+    let n = value.as_integer()?;
+    i64::from_str_radix(n.as_str(), n.radix()).ok()
+}
+
+/// Whole numbers are numbers, too: `duration_s = 170` is what people write.
+fn number(value: &DeValue<'_>, interval: &Interval) -> Option<Value> {
+    let x = match value {
+        DeValue::Integer(_) => whole(value)? as f64,
+        DeValue::Float(x) => x.as_str().parse().ok()?,
+        _ => return None,
+    };
+    interval.contains(x).then_some(Value::Float(x))
+}
+
+fn list(value: &DeValue<'_>, len: Len, item: impl Fn(&DeValue<'_>) -> Option<Value>) -> Option<Value> {
+    let items = value.as_array()?;
+    let (low, high) = len.limits();
+    if !(low..=high).contains(&items.len()) {
+        return None;
+    }
+    items
+        .iter()
+        .map(|v| item(v.get_ref()))
+        .collect::<Option<Vec<_>>>()
+        .map(Value::Array)
+}

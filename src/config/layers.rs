@@ -1,0 +1,309 @@
+//! Sources of settings laid over each other: built-in defaults, files in order, `--set` arguments.
+
+use super::error::{Origin, Problem};
+use super::kind::Kind;
+use super::schema::{EXCLUSIVE, Key, key, keys};
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use toml::Value;
+use toml::de::{DeTable, DeValue};
+
+/// Larger files are refused: a mistyped path to a recording must not be read whole.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// Where settings come from.
+#[derive(Debug, Clone)]
+pub enum Source {
+    /// A file on disk; relative paths inside it are relative to its directory.
+    File(PathBuf),
+    /// A text built into the program.
+    Embedded {
+        /// Shown in messages.
+        name: String,
+        /// TOML.
+        text: String,
+    },
+}
+
+/// A checked value and where it was written.
+#[derive(Debug, Clone)]
+pub(super) struct Entry {
+    pub value: Value,
+    pub origin: Origin,
+    /// Directory that a relative path starts from.
+    pub base: Option<PathBuf>,
+    layer: usize,
+}
+
+/// The values in force while sources are laid over each other.
+#[derive(Debug, Default)]
+pub(super) struct Layers {
+    entries: BTreeMap<String, Entry>,
+    layer: usize,
+    pub problems: Vec<Problem>,
+}
+
+impl Layers {
+    /// The values that were stated, by full key.
+    pub fn entries(&self) -> &BTreeMap<String, Entry> {
+        &self.entries
+    }
+
+    /// Where a key was stated, or the built-in default.
+    pub fn origin(&self, key: &str) -> Origin {
+        self.entries
+            .get(key)
+            .map_or(Origin::Default, |entry| entry.origin.clone())
+    }
+
+    /// Lays one source over what is there.
+    pub fn source(&mut self, source: &Source) {
+        match source {
+            Source::Embedded { name, text } => self.text(name, text, None),
+            Source::File(path) => {
+                let name = path.display().to_string();
+                match read(path) {
+                    Ok(text) => self.text(&name, &text, path.parent()),
+                    Err(message) => self
+                        .problems
+                        .push(Problem::new(Origin::File { name, line: 0 }, "", message)),
+                }
+            }
+        }
+    }
+
+    /// Lays `section.key=value` arguments over what is there; a later one wins over an earlier one.
+    pub fn arguments(&mut self, arguments: &[String]) {
+        self.layer += 1;
+        for argument in arguments {
+            if let Err(problem) = self.argument(argument) {
+                self.problems.push(problem);
+            }
+        }
+    }
+
+    fn argument(&mut self, argument: &str) -> Result<(), Problem> {
+        let origin = Origin::Argument(argument.to_owned());
+        let Some((path, text)) = argument.split_once('=') else {
+            return Err(Problem::expected(
+                origin,
+                "",
+                "section.key=value, for example estimator.block_len=950",
+                "no \"=\"",
+            ));
+        };
+        let (path, text) = (path.trim(), text.trim());
+        let Some(key) = key(path) else {
+            return Err(Problem::new(origin, path, unknown(path)));
+        };
+        // A bare word is a string, so that nobody has to quote quotes in a shell.
+        let bare = DeValue::String(text.into());
+        let parsed = match DeValue::parse(text) {
+            Ok(value) if !key.kind.is_text() || value.get_ref().is_str() => value.into_inner(),
+            Err(error) if text.starts_with(['[', '{', '"', '\'']) => {
+                return Err(Problem::new(
+                    origin,
+                    path,
+                    format!("not a TOML value: {}", error.message()),
+                ));
+            }
+            _ => bare,
+        };
+        self.put(key, path, &parsed, text, origin, None);
+        Ok(())
+    }
+
+    fn text(&mut self, name: &str, text: &str, base: Option<&Path>) {
+        self.layer += 1;
+        let (table, errors) = DeTable::parse_recoverable(text);
+        let file = File { name, text, base };
+        for error in &errors {
+            let at = error.span().unwrap_or(0..0);
+            let near = match file.slice(&at) {
+                "" => String::new(),
+                near => format!(", at {}", shorten(near)),
+            };
+            let message = format!("not valid TOML: {}{near}", error.message());
+            self.problems.push(Problem::new(file.origin(at.start), "", message));
+        }
+        // What a parser guesses behind a syntax error would only mislead.
+        if errors.is_empty() {
+            self.table(&file, "", table.get_ref());
+        }
+    }
+
+    fn table(&mut self, file: &File<'_>, prefix: &str, table: &DeTable<'_>) {
+        for (name, value) in table.iter() {
+            let path = if prefix.is_empty() {
+                name.get_ref().to_string()
+            } else {
+                format!("{prefix}.{}", name.get_ref())
+            };
+            let origin = file.origin(name.span().start);
+            let got = file.slice(&value.span());
+            if let Some(key) = key(&path) {
+                self.put(key, &path, value.get_ref(), got, origin, file.base);
+            } else if !is_section(&path) {
+                self.problems.push(Problem::new(origin, &path, unknown(&path)));
+            } else if let Some(inner) = value.get_ref().as_table() {
+                self.table(file, &path, inner);
+            } else {
+                let expected = format!("a section [{path}]");
+                self.problems.push(Problem::expected(
+                    origin,
+                    &path,
+                    expected,
+                    describe(value.get_ref(), got),
+                ));
+            }
+        }
+    }
+
+    fn put(&mut self, key: &Key, path: &str, value: &DeValue<'_>, text: &str, origin: Origin, base: Option<&Path>) {
+        let Some(checked) = key.kind.check(value) else {
+            let expected = key.kind.expected(key.unit);
+            let got = describe(value, text);
+            let got = match key.kind {
+                Kind::Choice(words) => match value.as_str().and_then(|s| nearest(s, words.iter().copied())) {
+                    Some(word) => format!("{got}; did you mean \"{word}\"?"),
+                    None => got,
+                },
+                _ => got,
+            };
+            self.problems.push(Problem::expected(origin, path, expected, got));
+            return;
+        };
+        for group in EXCLUSIVE.iter().filter(|group| group.contains(&path)) {
+            for other in group.iter().filter(|other| **other != path) {
+                match self.entries.get(*other) {
+                    // Stated side by side they contradict each other; a later source just decides anew.
+                    Some(entry) if entry.layer == self.layer => self.problems.push(Problem::expected(
+                        origin.clone(),
+                        path,
+                        format!("either this or {other}"),
+                        format!("both ({other} is set at {})", entry.origin),
+                    )),
+                    _ => _ = self.entries.remove(*other),
+                }
+            }
+        }
+        let entry = Entry {
+            value: checked,
+            origin,
+            base: base.map(Path::to_path_buf),
+            layer: self.layer,
+        };
+        self.entries.insert(path.to_owned(), entry);
+    }
+}
+
+struct File<'a> {
+    name: &'a str,
+    text: &'a str,
+    base: Option<&'a Path>,
+}
+
+impl File<'_> {
+    fn origin(&self, offset: usize) -> Origin {
+        let before = self.text.as_bytes().iter().take(offset);
+        Origin::File {
+            name: self.name.to_owned(),
+            line: 1 + before.filter(|b| **b == b'\n').count(),
+        }
+    }
+
+    fn slice(&self, span: &std::ops::Range<usize>) -> &str {
+        self.text.get(span.clone()).unwrap_or("")
+    }
+}
+
+fn read(path: &Path) -> Result<String, String> {
+    let file = std::fs::File::open(path).map_err(|e| format!("cannot be opened: {e}"))?;
+    let mut bytes = Vec::new();
+    file.take(MAX_BYTES + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|e| format!("cannot be read: {e}"))?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(format!(
+            "expected a configuration of at most {MAX_BYTES} bytes, got a larger file"
+        ));
+    }
+    String::from_utf8(bytes).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        let line = 1 + e.as_bytes()[..at].iter().filter(|b| **b == b'\n').count();
+        format!("expected UTF-8 text, got other bytes in line {line}")
+    })
+}
+
+fn is_section(path: &str) -> bool {
+    keys().any(|key| key.section == path || key.section.strip_prefix(path).is_some_and(|rest| rest.starts_with('.')))
+}
+
+fn unknown(path: &str) -> String {
+    let known: Vec<String> = keys().map(Key::path).collect();
+    let name = path.rsplit('.').next().unwrap_or(path);
+    // The right key in the wrong section is the commonest slip.
+    let moved = known
+        .iter()
+        .find(|key| key.rsplit('.').next() == Some(name))
+        .map(String::as_str);
+    let sections = keys().map(|key| key.section);
+    match moved.or_else(|| nearest(path, known.iter().map(String::as_str).chain(sections))) {
+        Some(key) => format!("unknown key; did you mean {key}?"),
+        None => "unknown key; config/default.toml lists all of them".to_owned(),
+    }
+}
+
+/// The word that differs least, if that is little enough to be a slip of the finger.
+fn nearest<'a>(word: &str, words: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    words
+        .map(|candidate| (edit_distance(word, candidate), candidate))
+        .min()
+        .filter(|(distance, candidate)| *distance <= 1 + candidate.len() / 5)
+        .map(|(_, candidate)| candidate)
+}
+
+/// Levenshtein's distance, for keys of sensible length.
+fn edit_distance(a: &str, b: &str) -> usize {
+    const LONGEST: usize = 64;
+    if a.len() > LONGEST {
+        return usize::MAX;
+    }
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.bytes().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.bytes().enumerate() {
+            let replaced = diagonal + usize::from(x != y);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}
+
+fn describe(value: &DeValue<'_>, text: &str) -> String {
+    let what = match value {
+        DeValue::String(s) => return format!("{} (a string)", shorten(&format!("{s:?}"))),
+        DeValue::Integer(_) => "a whole number".to_owned(),
+        DeValue::Float(x) if matches!(x.as_str().trim_start_matches(['+', '-']), "inf" | "nan") => {
+            "not a finite number".to_owned()
+        }
+        DeValue::Float(_) => "a number".to_owned(),
+        DeValue::Boolean(_) => "a truth value".to_owned(),
+        DeValue::Datetime(_) => "a date or time".to_owned(),
+        DeValue::Array(items) => format!("a list of {}", items.len()),
+        DeValue::Table(_) => return "a section".to_owned(),
+    };
+    format!("{} ({what})", shorten(text))
+}
+
+fn shorten(text: &str) -> String {
+    const LIMIT: usize = 60;
+    let line: String = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    match line.char_indices().nth(LIMIT) {
+        Some((end, _)) => format!("{}…", &line[..end]),
+        None => line,
+    }
+}

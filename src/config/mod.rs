@@ -1,0 +1,362 @@
+//! Configuration files: TOML ⇄ validated core types. The only place that translates between the two.
+//!
+//! Sources are laid over each other: built-in defaults, then files in the order given, then `section.key=value` arguments. A file
+//! states only what differs. Every problem is told with its place, key, what was expected and what came, and all of them at once:
+//!
+//! ```text
+//! config/arm.toml:12: estimator.block_len: expected a whole number from 1 to 10000000 [samples], got "abc" (a string)
+//! ```
+//!
+//! `config/default.toml` lists every key with its default, unit, range and meaning.
+
+mod build;
+mod defaults;
+mod error;
+mod kind;
+mod layers;
+mod plant;
+mod schema;
+mod setpoint_csv;
+
+pub use error::{ConfigError, Origin, Problem};
+pub use kind::{Interval, Kind, Len};
+pub use layers::Source;
+pub use schema::{FileForm, Key, RealOrWord, keys};
+
+use crate::estimator::EstimatorOptions;
+use crate::model::{KnownConstants, Manipulator, Parameter, Plant as _};
+use crate::rows::InputSource;
+use crate::sim::SimOptions;
+use layers::Layers;
+use serde::Deserialize;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use toml::Value;
+
+/// Configurations built into the library, by name; each is also a file in `config/`.
+const EMBEDDED: &[(&str, &str)] = &[
+    ("default", include_str!("../../config/default.toml")),
+    ("cedro2022", include_str!("../../config/cedro2022.toml")),
+];
+
+/// How samples are delivered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Delivery {
+    /// Lockstep for a simulation at full speed, else realtime.
+    Auto,
+    /// The plant never waits; a late consumer loses the oldest samples.
+    Realtime,
+    /// The plant waits for its consumers; nothing is lost.
+    Lockstep,
+}
+
+/// Section `[bus]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BusConfig {
+    /// Robot of the topics' names.
+    pub robot: String,
+    /// Domain that isolates the run.
+    pub domain: String,
+    /// Delivery as configured; [`BusConfig::lockstep`] resolves `auto`.
+    pub delivery: Delivery,
+    /// Consumers that a lockstep run waits for.
+    pub lockstep_consumers: usize,
+    /// Longest wait for a consumer \[s\].
+    pub lockstep_limit_s: f64,
+}
+
+impl BusConfig {
+    /// Whether a run at this speed is in lockstep.
+    pub fn lockstep(&self, speed: Speed) -> bool {
+        match self.delivery {
+            Delivery::Auto => speed == Speed::Max,
+            Delivery::Realtime => false,
+            Delivery::Lockstep => true,
+        }
+    }
+}
+
+/// How fast simulated time passes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Speed {
+    /// As fast as it can be computed and consumed.
+    Max,
+    /// Simulated seconds per second, > 0.
+    Factor(f64),
+}
+
+/// Section `[plant]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlantConfig {
+    /// The simulation.
+    pub sim: SimOptions,
+    /// Its pace.
+    pub speed: Speed,
+}
+
+/// Section `[model]`: which equations.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ModelConfig {
+    /// The paper's two-joint arm.
+    Manipulator {
+        /// The equations.
+        plant: Manipulator,
+        /// Motor constants, where they are known: physical values are derived with them.
+        known: Option<KnownConstants>,
+    },
+}
+
+impl ModelConfig {
+    /// The parameters to be identified.
+    pub fn parameters(&self) -> &[Parameter] {
+        match self {
+            Self::Manipulator { plant, .. } => plant.parameters(),
+        }
+    }
+}
+
+/// How samples become rows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rows {
+    /// One row per sample and equation.
+    Pointwise,
+}
+
+/// Section `[identifier]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IdentifierConfig {
+    /// Form of the rows.
+    pub rows: Rows,
+    /// Source of u.
+    pub input: InputSource,
+}
+
+/// Section `[estimator]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EstimatorConfig {
+    /// N, samples per block.
+    pub block_len: usize,
+    /// Everything else, checked against the model.
+    pub options: EstimatorOptions,
+}
+
+/// Section `[monitor]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MonitorConfig {
+    /// Directory for the results, where one is stated.
+    pub out_dir: Option<PathBuf>,
+}
+
+/// A whole configuration, valid in itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Config {
+    /// Topics and delivery.
+    pub bus: BusConfig,
+    /// The simulated machine.
+    pub plant: PlantConfig,
+    /// The equations.
+    pub model: ModelConfig,
+    /// From samples to rows.
+    pub identifier: IdentifierConfig,
+    /// The recursion.
+    pub estimator: EstimatorConfig,
+    /// What is kept.
+    pub monitor: MonitorConfig,
+    file: FileForm,
+    warnings: Vec<Problem>,
+}
+
+impl Config {
+    /// Lays files over the built-in defaults in the order given, then `section.key=value` arguments over these.
+    ///
+    /// # Errors
+    /// Everything that is wrong with any of them.
+    pub fn load(sources: &[Source], arguments: &[String]) -> Result<Self, ConfigError> {
+        let mut layers = Layers::default();
+        sources.iter().for_each(|source| layers.source(source));
+        layers.arguments(arguments);
+        let mut problems = std::mem::take(&mut layers.problems);
+        // What is right so far is checked on, so that one run of a program tells everything.
+        let config = resolve(&layers).and_then(|form| build::config(form, &layers));
+        match config {
+            Ok(config) if problems.is_empty() => Ok(config),
+            Ok(_) => Err(ConfigError { problems }),
+            Err(more) => {
+                problems.extend(more);
+                Err(ConfigError { problems })
+            }
+        }
+    }
+
+    /// The configuration in a text, under a name for messages.
+    ///
+    /// # Errors
+    /// Everything that is wrong with it.
+    pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
+        Self::load(
+            &[Source::Embedded {
+                name: name.to_owned(),
+                text: text.to_owned(),
+            }],
+            &[],
+        )
+    }
+
+    /// A configuration that is built in, `cedro2022` for instance; the same as the file of that name in `config/`.
+    pub fn embedded(name: &str) -> Option<Source> {
+        let (name, text) = EMBEDDED.iter().find(|(known, _)| *known == name)?;
+        Some(Source::Embedded {
+            name: format!("built-in {name}.toml"),
+            text: (*text).to_owned(),
+        })
+    }
+
+    /// What is legal but suspicious.
+    pub fn warnings(&self) -> &[Problem] {
+        &self.warnings
+    }
+
+    /// A number that changes with whatever determines the estimates: model, rows, estimator, sample period.
+    ///
+    /// 64-bit FNV-1a over the settings' text, the same in every build and on every machine.
+    pub fn config_hash(&self) -> u64 {
+        let relevant = ["model", "model.known", "identifier", "estimator"];
+        let lines = settings(&self.file).filter(|(section, name, _)| {
+            relevant.contains(&section.as_str()) || (section == "plant" && name == "sample_period_s")
+        });
+        let text = lines.fold(String::new(), |mut text, (section, name, value)| {
+            let _ = writeln!(text, "{section}.{name} = {value}");
+            text
+        });
+        text.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+        })
+    }
+
+    /// The whole configuration as a file that loads to the same.
+    pub fn to_toml(&self) -> String {
+        render(&self.file, false)
+    }
+
+    /// `config/default.toml`: every key with its default, type, range, unit and meaning.
+    pub fn reference() -> String {
+        render(&FileForm::default(), true)
+    }
+
+    /// The settings in the form of their file.
+    pub fn file_form(&self) -> &FileForm {
+        &self.file
+    }
+}
+
+impl Default for Config {
+    /// The paper's experiment: the values of `config/default.toml`.
+    fn default() -> Self {
+        let layers = Layers::default();
+        build::config(FileForm::default(), &layers)
+            .unwrap_or_else(|problems| unreachable!("the built-in defaults are tested to be valid: {problems:?}"))
+    }
+}
+
+/// Defaults with what was stated laid over them.
+fn resolve(layers: &Layers) -> Result<FileForm, Vec<Problem>> {
+    let broken = |e: &dyn std::fmt::Display| vec![Problem::new(Origin::Default, "", format!("{e}"))];
+    let mut table = toml::Table::try_from(FileForm::default()).map_err(|e| broken(&e))?;
+    for group in schema::EXCLUSIVE {
+        if group.iter().any(|key| layers.entries().contains_key(*key)) {
+            for (section, name) in group.iter().filter_map(|key| key.rsplit_once('.')) {
+                section_of(&mut table, section).map(|section| section.remove(name));
+            }
+        }
+    }
+    for (path, entry) in layers.entries() {
+        let Some((section, name)) = path.rsplit_once('.') else {
+            continue;
+        };
+        section_of(&mut table, section).map(|section| section.insert(name.to_owned(), entry.value.clone()));
+    }
+    let mut form = FileForm::deserialize(Value::Table(table)).map_err(|e| broken(&e))?;
+    let base = layers
+        .entries()
+        .get("plant.setpoint.csv.path")
+        .and_then(|entry| entry.base.as_ref());
+    if let (Some(path), Some(base)) = (&mut form.csv.path, base) {
+        *path = base.join(&*path).display().to_string();
+    }
+    Ok(form)
+}
+
+fn section_of<'a>(table: &'a mut toml::Table, section: &str) -> Option<&'a mut toml::Table> {
+    table.get_mut(section).and_then(Value::as_table_mut)
+}
+
+/// Section, name and value of every key that is set, in the order of the schema.
+fn settings(form: &FileForm) -> impl Iterator<Item = (String, String, Value)> {
+    // Serialising plain structures of numbers, words and lists has no way to fail.
+    let table = toml::Table::try_from(form).unwrap_or_default();
+    keys().filter_map(move |key| {
+        let value = table.get(key.section)?.get(key.name)?.clone();
+        Some((key.section.to_owned(), key.name.to_owned(), value))
+    })
+}
+
+fn render(form: &FileForm, comments: bool) -> String {
+    let values: std::collections::BTreeMap<_, _> = settings(form).map(|(s, n, value)| ((s, n), value)).collect();
+    let mut text = String::new();
+    if comments {
+        text.push_str(
+            "# Every key with its default. A configuration states only what differs; see config/cedro2022.toml.\n\
+             # The same can be said on the command line: --set estimator.block_len=950\n",
+        );
+    }
+    for section in schema::SECTIONS {
+        if comments {
+            text.push('\n');
+            comment(&mut text, &format!("{}.", section.meaning));
+        }
+        let _ = writeln!(text, "[{}]", section.name);
+        for key in section.keys {
+            let value = values.get(&(section.name.to_owned(), key.name.to_owned()));
+            if comments {
+                let default = if value.is_none() { "; not set by default" } else { "" };
+                text.push('\n');
+                comment(&mut text, &format!("{}.", key.meaning));
+                comment(&mut text, &format!("Takes {}{default}.", key.kind.expected(key.unit)));
+            }
+            match value {
+                Some(value) => _ = writeln!(text, "{} = {}", key.name, literal(value)),
+                None if comments => _ = writeln!(text, "#{} =", key.name),
+                None => {}
+            }
+        }
+        if !comments {
+            text.push('\n');
+        }
+    }
+    text
+}
+
+/// A value as people write it: `1e-9`, not `0.000000001`.
+fn literal(value: &Value) -> String {
+    match value {
+        Value::Float(x) => format!("{x:?}"),
+        Value::Array(items) => format!("[{}]", items.iter().map(literal).collect::<Vec<_>>().join(", ")),
+        other => other.to_string(),
+    }
+}
+
+/// A sentence as comment lines of readable length.
+fn comment(text: &mut String, sentence: &str) {
+    const WIDTH: usize = 110;
+    let mut width = WIDTH;
+    for word in sentence.split(' ') {
+        if width + 1 + word.chars().count() > WIDTH {
+            text.push_str(if text.ends_with('\n') { "#" } else { "\n#" });
+            width = 1;
+        }
+        text.push(' ');
+        text.push_str(word);
+        width += 1 + word.chars().count();
+    }
+    text.push('\n');
+}

@@ -1,0 +1,200 @@
+//! Section `[plant]` and those below it: the simulation's options.
+
+use super::build::{Check, joints};
+use super::schema::{FileForm, RealOrWord};
+use super::{PlantConfig, Speed, setpoint_csv};
+use crate::sim::{
+    ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, Interpolation, MassSchedule, SensorOptions, Setpoint,
+    SimError, SimOptions, Tone,
+};
+use std::path::Path;
+
+fn interpolation(word: &str) -> Interpolation {
+    if word == "linear" {
+        Interpolation::Linear
+    } else {
+        Interpolation::Step
+    }
+}
+
+pub(super) fn plant(form: &FileForm, check: &mut Check<'_>) -> Option<PlantConfig> {
+    let (t_s, mass_kg) = (&form.mass_2.t_s, &form.mass_2.mass_kg);
+    if t_s.len() != mass_kg.len() {
+        let key = if check.stated("plant.mass_2.mass_kg") {
+            "plant.mass_2.mass_kg"
+        } else {
+            "plant.mass_2.t_s"
+        };
+        let message = format!(
+            "expected as many times as masses, got {} times and {} masses",
+            t_s.len(),
+            mass_kg.len()
+        );
+        check.wrong(key, message);
+        return None;
+    }
+    let setpoint = setpoint(form, check)?;
+    let arm = &form.arm;
+    let sim = SimOptions {
+        sample_period_s: form.plant.sample_period_s,
+        duration_s: form.plant.duration_s,
+        substeps: form.plant.substeps as usize,
+        arm: ArmParameters {
+            length_1_m: arm.length_1_m,
+            mass_1_kg: arm.mass_1_kg,
+            length_2_m: arm.length_2_m,
+            gravity_m_s2: arm.gravity_m_s2,
+            winding_resistance_ohm: joints(&arm.winding_resistance_ohm),
+            winding_inductance_h: joints(&arm.winding_inductance_h),
+            torque_constant_n_m_per_a: joints(&arm.torque_constant_n_m_per_a),
+            back_emf_constant_v_s_per_rad: joints(&arm.back_emf_constant_v_s_per_rad),
+        },
+        mass_2: MassSchedule {
+            points: t_s.iter().copied().zip(mass_kg.iter().copied()).collect(),
+            interpolation: interpolation(&form.mass_2.between),
+        },
+        controller: ControllerOptions {
+            kind: if form.controller.kind == "sampled" {
+                ControllerKind::Sampled
+            } else {
+                ControllerKind::Analog
+            },
+            proportional_gain_v_per_rad: joints(&form.controller.proportional_gain_v_per_rad),
+            derivative_gain_v_s_per_rad: joints(&form.controller.derivative_gain_v_s_per_rad),
+        },
+        setpoint,
+        initial_q_rad: joints(&form.plant.initial_q_rad),
+        seed: form.plant.seed,
+        sensors: SensorOptions {
+            input_noise_v: form.sensors.input_noise_v,
+            spike_probability: form.sensors.spike_probability,
+            spike_v: form.sensors.spike_v,
+        },
+    };
+    let period_ns = sim.sample_period_s * 1e9;
+    if (period_ns - period_ns.round()).abs() > 1e-6 * period_ns {
+        let message = format!("expected a whole number of nanoseconds, got {period_ns} ns");
+        check.wrong("plant.sample_period_s", message);
+    }
+    if let Err(error) = sim.validate() {
+        let key = sim_key(&error, &form.setpoint.kind);
+        let joint = error
+            .joint
+            .map(|joint| format!(" for joint {}", joint + 1))
+            .unwrap_or_default();
+        check.wrong(&key, format!("expected {}{joint}, got {}", error.expected, error.got));
+    }
+    let speed = match form.plant.speed {
+        RealOrWord::Word(_) => Speed::Max,
+        RealOrWord::Real(factor) => Speed::Factor(factor),
+    };
+    Some(PlantConfig { sim, speed })
+}
+
+/// The key behind a field of the simulation's options.
+fn sim_key(error: &SimError, setpoint_kind: &str) -> String {
+    match error.field.split_once('.') {
+        Some(("setpoint", rest)) => {
+            let rest = rest.rsplit('.').next().unwrap_or(rest);
+            format!("plant.setpoint.{setpoint_kind}.{rest}")
+        }
+        Some(("mass_2", _)) => "plant.mass_2.t_s".to_owned(),
+        _ => format!("plant.{}", error.field),
+    }
+}
+
+fn setpoint(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint; ARM_JOINTS]> {
+    if form.setpoint.kind == "csv" {
+        return setpoint_from_csv(form, check);
+    }
+    if form.setpoint.kind == "sines" {
+        let sines = &form.sines;
+        for (key, lists) in [("amplitude_rad", &sines.amplitude_rad), ("phase_rad", &sines.phase_rad)] {
+            for (joint, (list, frequencies)) in lists.iter().zip(&sines.frequency_hz).enumerate() {
+                if list.len() != frequencies.len() {
+                    let message = format!(
+                        "expected as many values as frequency_hz has for joint {}, {}, got {}",
+                        joint + 1,
+                        frequencies.len(),
+                        list.len()
+                    );
+                    check.wrong(&format!("plant.setpoint.sines.{key}"), message);
+                    return None;
+                }
+            }
+        }
+    }
+    Some(std::array::from_fn(|j| match form.setpoint.kind.as_str() {
+        "square" => Setpoint::Square {
+            amplitude_rad: form.square.amplitude_rad[j],
+            offset_rad: form.square.offset_rad[j],
+            period_s: form.square.period_s[j],
+            shift_s: form.square.shift_s[j],
+        },
+        "sines" => {
+            let sines = &form.sines;
+            let tones = sines.frequency_hz[j]
+                .iter()
+                .zip(&sines.amplitude_rad[j])
+                .zip(&sines.phase_rad[j]);
+            Setpoint::Sines {
+                offset_rad: sines.offset_rad[j],
+                tones: tones
+                    .map(|((&frequency_hz, &amplitude_rad), &phase_rad)| Tone {
+                        frequency_hz,
+                        amplitude_rad,
+                        phase_rad,
+                    })
+                    .collect(),
+            }
+        }
+        "random_sines" => Setpoint::RandomSines {
+            count: form.random_sines.count as usize,
+            min_frequency_hz: form.random_sines.min_frequency_hz[j],
+            max_frequency_hz: form.random_sines.max_frequency_hz[j],
+            amplitude_rad: form.random_sines.amplitude_rad[j],
+        },
+        "random" => Setpoint::Random {
+            min_rad: form.random.min_rad[j],
+            max_rad: form.random.max_rad[j],
+            min_dwell_s: form.random.min_dwell_s[j],
+            max_dwell_s: form.random.max_dwell_s[j],
+        },
+        "chirp" => Setpoint::Chirp {
+            amplitude_rad: form.chirp.amplitude_rad[j],
+            offset_rad: form.chirp.offset_rad[j],
+            start_frequency_hz: form.chirp.start_frequency_hz[j],
+            end_frequency_hz: form.chirp.end_frequency_hz[j],
+            sweep_s: form.chirp.sweep_s[j],
+        },
+        _ => Setpoint::Steps {
+            levels_rad: form.steps.levels_rad[j].clone(),
+            dwell_s: form.steps.dwell_s[j],
+            shift_s: form.steps.shift_s[j],
+        },
+    }))
+}
+
+fn setpoint_from_csv(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint; ARM_JOINTS]> {
+    let Some(path) = &form.csv.path else {
+        check.wrong(
+            "plant.setpoint.kind",
+            "\"csv\" needs plant.setpoint.csv.path, which is not set",
+        );
+        return None;
+    };
+    match setpoint_csv::read(Path::new(path)) {
+        Ok(columns) => {
+            let interpolation = interpolation(&form.csv.between);
+            Some(columns.q_rad.map(|values_rad| Setpoint::Table {
+                t_s: columns.t_s.clone(),
+                values_rad,
+                interpolation,
+            }))
+        }
+        Err(message) => {
+            check.wrong("plant.setpoint.csv.path", message);
+            None
+        }
+    }
+}

@@ -1,0 +1,352 @@
+//! Every key there is, defined once: its section, name, type, range, unit and meaning.
+//!
+//! From this one list follow the structures that a file is read into, the checks and their messages, and `config/default.toml`.
+
+use super::kind::{Interval, Kind, Len};
+use serde::{Deserialize, Serialize};
+
+/// One key of the configuration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Key {
+    /// Section that it stands in, `plant.arm`.
+    pub section: &'static str,
+    /// Its name there.
+    pub name: &'static str,
+    /// What it may hold.
+    pub kind: Kind,
+    /// SI unit, empty where there is none.
+    pub unit: &'static str,
+    /// What it is.
+    pub meaning: &'static str,
+    /// It may be left out altogether, which is its default.
+    pub optional: bool,
+}
+
+impl Key {
+    /// Section and name, `plant.arm.length_1_m`.
+    pub fn path(&self) -> String {
+        format!("{}.{}", self.section, self.name)
+    }
+}
+
+/// Keys of which one excludes the others.
+pub(super) const EXCLUSIVE: &[&[&str]] = &[&["estimator.forgetting_factor", "estimator.time_constant_s"]];
+
+/// All keys, in the order of `config/default.toml`.
+pub fn keys() -> impl Iterator<Item = &'static Key> {
+    SECTIONS.iter().flat_map(|section| section.keys)
+}
+
+/// The key with this full name.
+pub(super) fn key(path: &str) -> Option<&'static Key> {
+    let (section, name) = path.rsplit_once('.')?;
+    keys().find(|key| key.section == section && key.name == name)
+}
+
+/// A section of the configuration.
+pub(super) struct Section {
+    pub name: &'static str,
+    pub meaning: &'static str,
+    pub keys: &'static [Key],
+}
+
+/// Whether a field may be left out.
+trait Field {
+    const OPTIONAL: bool = false;
+}
+impl Field for bool {}
+impl Field for u64 {}
+impl Field for f64 {}
+impl Field for String {}
+impl Field for RealOrWord {}
+impl<T: Field> Field for Vec<T> {}
+impl<T: Field> Field for Option<T> {
+    const OPTIONAL: bool = true;
+}
+
+/// A number, or a word that stands for one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum RealOrWord {
+    /// A number.
+    Real(f64),
+    /// A word.
+    Word(String),
+}
+
+macro_rules! sections {
+    ($( $field:ident : $struct:ident = $section:literal, $about:literal {
+        $( $name:ident : $type:ty, $kind:expr, $unit:literal, $meaning:literal; )*
+    } )*) => {
+        /// The configuration in the form of its file: every section with its keys.
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields)]
+        pub struct FileForm {
+            $(
+                #[doc = $about]
+                #[serde(rename = $section)]
+                pub $field: $struct,
+            )*
+        }
+        $(
+            #[doc = $about]
+            #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+            #[serde(deny_unknown_fields)]
+            pub struct $struct {
+                $( #[doc = $meaning] pub $name: $type, )*
+            }
+        )*
+        pub(super) static SECTIONS: &[Section] = &[ $( Section {
+            name: $section,
+            meaning: $about,
+            keys: &[ $( Key {
+                section: $section,
+                name: stringify!($name),
+                kind: $kind,
+                unit: $unit,
+                meaning: $meaning,
+                optional: <$type as Field>::OPTIONAL,
+            }, )* ],
+        }, )* ];
+    };
+}
+
+const FINITE: Interval = Interval::ANY;
+const POSITIVE: Interval = Interval::POSITIVE;
+const NOT_NEGATIVE: Interval = Interval::NOT_NEGATIVE;
+/// Longest time that a key may ask for: some thirty years.
+const LONGEST_S: f64 = 1e9;
+const LIST: Len = Len::From(1, 100_000);
+
+/// A number per joint.
+const fn joints(interval: Interval) -> Kind {
+    Kind::Reals(Len::Joints, interval)
+}
+
+/// A number per parameter, or none.
+const fn parameters(interval: Interval) -> Kind {
+    Kind::Reals(Len::Parameters, interval)
+}
+
+/// A number per equation, or none.
+const fn equations(interval: Interval) -> Kind {
+    Kind::Reals(Len::Equations, interval)
+}
+
+sections! {
+    bus: Bus = "bus", "Which topics, and how samples are delivered" {
+        robot: String, Kind::Name, "",
+            "Name of the machine; the topics are thetabus/<robot>/sample, estimate, status";
+        domain: String, Kind::Name, "",
+            "Isolates whole runs from each other; programs of one run name the same domain";
+        delivery: String, Kind::Choice(&["auto", "realtime", "lockstep"]), "",
+            "realtime: the plant never waits, a late consumer loses the oldest samples. lockstep: the plant waits, nothing is lost. auto: lockstep where plant.speed is \"max\", else realtime";
+        lockstep_consumers: u64, Kind::Whole(0, 4), "",
+            "Consumers of samples that must be attached before a lockstep run starts; `run` sets it";
+        lockstep_limit_s: f64, Kind::Real(Interval::closed(0.1, 3600.0)), "s",
+            "Longest time that a lockstep run waits for its consumers, or for one of them that is stuck, which is then cut off";
+    }
+    plant: Plant = "plant", "The simulated machine" {
+        duration_s: f64, Kind::Real(Interval::above(0.0, LONGEST_S)), "s",
+            "Length of the run in simulated time";
+        speed: RealOrWord, Kind::RealOr(Interval::closed(1e-3, 1e3), "max"), "",
+            "Simulated seconds per second; \"max\" is as fast as it can be computed and consumed";
+        seed: u64, Kind::Whole(0, i64::MAX as u64), "",
+            "Seed of everything random; the same seed gives the same samples, bit by bit";
+        sample_period_s: f64, Kind::Real(Interval::closed(1e-5, 0.1)), "s",
+            "Time between two samples, the paper's Δ; also converts estimator.time_constant_s";
+        substeps: u64, Kind::Whole(1, 1000), "",
+            "Runge-Kutta steps per sample";
+        initial_q_rad: Vec<f64>, joints(Interval::closed(-100.0, 100.0)), "rad",
+            "Joint positions at the start; the arm starts at rest, its weight held by the motors";
+    }
+    arm: Arm = "plant.arm", "The simulated arm: two uniform beams, a DC motor at each joint" {
+        length_1_m: f64, Kind::Real(POSITIVE), "m",
+            "Length l1 of link 1, the column";
+        mass_1_kg: f64, Kind::Real(POSITIVE), "kg",
+            "Mass m1 of link 1";
+        length_2_m: f64, Kind::Real(POSITIVE), "m",
+            "Length l2 of link 2, the arm";
+        gravity_m_s2: f64, Kind::Real(NOT_NEGATIVE), "m/s²",
+            "Acceleration of gravity g";
+        winding_resistance_ohm: Vec<f64>, joints(POSITIVE), "Ω",
+            "Resistance R_w of each motor";
+        winding_inductance_h: Vec<f64>, joints(POSITIVE), "H",
+            "Inductance L of each motor";
+        torque_constant_n_m_per_a: Vec<f64>, joints(POSITIVE), "N m/A",
+            "Torque constant k_m of each motor";
+        back_emf_constant_v_s_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V s/rad",
+            "Back-EMF constant k_e of each motor";
+    }
+    mass_2: Mass2 = "plant.mass_2", "Mass m2 of link 2 with its payload over time, as points" {
+        t_s: Vec<f64>, Kind::Reals(LIST, Interval::closed(0.0, LONGEST_S)), "s",
+            "Times of the points, rising, the first one 0";
+        mass_kg: Vec<f64>, Kind::Reals(LIST, POSITIVE), "kg",
+            "Masses from these times on, as many";
+        between: String, Kind::Choice(&["step", "linear"]), "",
+            "Between two points the mass keeps the value of the first (step) or follows the straight line (linear)";
+    }
+    controller: Controller = "plant.controller", "The PD controllers (13): u = Kp (setpoint − q) − Kd dq" {
+        kind: String, Kind::Choice(&["analog", "sampled"]), "",
+            "analog: continuous, as in the paper. sampled: computed once per sample and held; unstable for |q2| near π/2 at 1 kHz";
+        proportional_gain_v_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V/rad",
+            "Gain Kp of each joint";
+        derivative_gain_v_s_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V s/rad",
+            "Gain Kd of each joint";
+    }
+    sensors: Sensors = "plant.sensors", "What stands between the machine's exact signals and its samples" {
+        input_noise_v: f64, Kind::Real(NOT_NEGATIVE), "V",
+            "Standard deviation of white noise on the measured voltage; the motor itself does not see it";
+        spike_probability: f64, Kind::Real(Interval::closed(0.0, 1.0)), "",
+            "Share of samples whose measured voltage carries a spike, per joint";
+        spike_v: f64, Kind::Real(NOT_NEGATIVE), "V",
+            "Standard deviation of the spikes";
+    }
+    setpoint: Setpoint = "plant.setpoint", "Commanded positions; only the section of the chosen kind is used" {
+        kind: String, Kind::Choice(&["steps", "square", "sines", "random_sines", "random", "chirp", "csv"]), "",
+            "Kind of commanded motion, for both joints";
+    }
+    steps: Steps = "plant.setpoint.steps", "A cycle of levels" {
+        levels_rad: Vec<Vec<f64>>, Kind::RealsPerJoint(Len::From(1, 10_000), FINITE), "rad",
+            "Levels of each joint, in turn";
+        dwell_s: Vec<f64>, joints(Interval::above(0.0, LONGEST_S)), "s",
+            "Time on each level, at least one sample period; whole samples";
+        shift_s: Vec<f64>, joints(Interval::closed(0.0, LONGEST_S)), "s",
+            "How far into the cycle the run starts";
+    }
+    square: Square = "plant.setpoint.square", "Between offset + amplitude and offset − amplitude" {
+        amplitude_rad: Vec<f64>, joints(FINITE), "rad",
+            "Amplitude of each joint";
+        offset_rad: Vec<f64>, joints(FINITE), "rad",
+            "Mean of each joint";
+        period_s: Vec<f64>, joints(Interval::above(0.0, LONGEST_S)), "s",
+            "Period of each joint, at least two sample periods";
+        shift_s: Vec<f64>, joints(Interval::closed(0.0, LONGEST_S)), "s",
+            "How far into the period the run starts";
+    }
+    sines: Sines = "plant.setpoint.sines", "A sum of given sines" {
+        offset_rad: Vec<f64>, joints(FINITE), "rad",
+            "Mean of each joint";
+        frequency_hz: Vec<Vec<f64>>, Kind::RealsPerJoint(Len::From(1, 64), POSITIVE), "Hz",
+            "Frequencies of each joint";
+        amplitude_rad: Vec<Vec<f64>>, Kind::RealsPerJoint(Len::From(1, 64), FINITE), "rad",
+            "Amplitudes, as many as frequencies";
+        phase_rad: Vec<Vec<f64>>, Kind::RealsPerJoint(Len::From(1, 64), FINITE), "rad",
+            "Phases at the start, as many as frequencies";
+    }
+    random_sines: RandomSines = "plant.setpoint.random_sines", "A sum of sines drawn from the seed, velocities equal" {
+        count: u64, Kind::Whole(1, 64), "",
+            "Number of sines per joint, spread evenly over the logarithmic frequency range";
+        min_frequency_hz: Vec<f64>, joints(POSITIVE), "Hz",
+            "Lowest frequency of each joint";
+        max_frequency_hz: Vec<f64>, joints(Interval::above(0.0, 1e6)), "Hz",
+            "Highest frequency of each joint";
+        amplitude_rad: Vec<f64>, joints(NOT_NEGATIVE), "rad",
+            "Bound of each joint's motion";
+    }
+    random: Random = "plant.setpoint.random", "Levels and dwell times drawn uniformly from the seed" {
+        min_rad: Vec<f64>, joints(FINITE), "rad",
+            "Lowest level of each joint";
+        max_rad: Vec<f64>, joints(FINITE), "rad",
+            "Highest level of each joint";
+        min_dwell_s: Vec<f64>, joints(Interval::above(0.0, LONGEST_S)), "s",
+            "Shortest time on a level, at least one sample period";
+        max_dwell_s: Vec<f64>, joints(Interval::above(0.0, LONGEST_S)), "s",
+            "Longest time on a level";
+    }
+    chirp: Chirp = "plant.setpoint.chirp", "A sine whose frequency moves exponentially, again and again" {
+        amplitude_rad: Vec<f64>, joints(FINITE), "rad",
+            "Amplitude of each joint";
+        offset_rad: Vec<f64>, joints(FINITE), "rad",
+            "Mean of each joint";
+        start_frequency_hz: Vec<f64>, joints(POSITIVE), "Hz",
+            "First frequency of each joint";
+        end_frequency_hz: Vec<f64>, joints(POSITIVE), "Hz",
+            "Last frequency of each joint";
+        sweep_s: Vec<f64>, joints(Interval::above(0.0, LONGEST_S)), "s",
+            "Time from the first to the last frequency";
+    }
+    csv: Csv = "plant.setpoint.csv", "Values at given times, read from a file" {
+        path: Option<String>, Kind::Path, "",
+            "File with the columns t_s, q1_rad, q2_rad and rising times; relative to the configuration file's directory";
+        between: String, Kind::Choice(&["step", "linear"]), "",
+            "Between two rows the setpoint keeps the value of the first (step) or follows the straight line (linear)";
+    }
+    model: Model = "model", "The equations whose parameters are identified" {
+        kind: String, Kind::Choice(&["manipulator"]), "",
+            "manipulator: the two-joint arm with DC motors of equations (24) to (27), parameters theta_1 to theta_9";
+        gravity_m_s2: f64, Kind::Real(NOT_NEGATIVE), "m/s²",
+            "Acceleration of gravity g in the equations";
+    }
+    known: Known = "model.known", "What is known of the machine; with all three, physical values are derived from the estimate, such as mass_2 [kg]" {
+        length_1_m: Option<f64>, Kind::Real(POSITIVE), "m",
+            "Length l1 of link 1";
+        winding_resistance_ohm: Option<Vec<f64>>, joints(POSITIVE), "Ω",
+            "Resistance R_w of each motor";
+        torque_constant_n_m_per_a: Option<Vec<f64>>, joints(POSITIVE), "N m/A",
+            "Torque constant k_m of each motor";
+    }
+    identifier: Identifier = "identifier", "How samples become rows of the estimation problem" {
+        rows: String, Kind::Choice(&["pointwise"]), "",
+            "pointwise: one row per sample and equation, from measured q, dq, ddq, dddq";
+        input: String, Kind::Choice(&["measured", "controller"]), "",
+            "Where the drives' voltage comes from: measured, or computed from setpoint, q and dq by the PD law as in (27)";
+        proportional_gain_v_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V/rad",
+            "Gain Kp of each joint for input = \"controller\"";
+        derivative_gain_v_s_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V s/rad",
+            "Gain Kd of each joint for input = \"controller\"";
+    }
+    estimator: Estimator = "estimator", "The recursion over blocks of samples" {
+        block_len: u64, Kind::Whole(1, 10_000_000), "samples",
+            "Samples per block, the paper's N; one estimate per block";
+        theta_start: Vec<f64>, parameters(FINITE), "",
+            "Start values of the parameters, in the order and units of the model; none: the model's own";
+        start_std: Vec<f64>, parameters(NOT_NEGATIVE), "",
+            "Standard deviations of the start values, reported until data come; none: the values' magnitudes";
+        forgetting: String,
+            Kind::Choice(&["exponential", "bounded-as-printed", "bounded", "floor", "directional"]), "",
+            "Rule by which old information is forgotten: exponential is (9), bounded-as-printed (10) with (11) literally, bounded (10) without its own λ";
+        bound: String, Kind::Choice(&["polynomial", "rational"]), "",
+            "Function G of the bounded rules: polynomial is (11), for λ of at least 0.5; rational is x/(λ + (1 − λ) x)";
+        forgetting_factor: Option<f64>, Kind::Real(Interval::above(0.0, 1.0)), "",
+            "λ per block; 1 forgets nothing";
+        time_constant_s: Option<f64>, Kind::Real(Interval::above(0.0, LONGEST_S)), "s",
+            "Instead of forgetting_factor: time τ in which old information falls to 1/e, λ = exp(−block_len sample_period_s/τ)";
+        information_floor: f64, Kind::Real(Interval::above(0.0, 1e30)), "",
+            "ε: the information at the start is ε times the identity, and never less with the rules bounded and floor";
+        max_iterations: u64, Kind::Whole(1, 1000), "",
+            "Gauss-Newton iterations per block; 1 is the paper's single undamped step (8)";
+        step_factor: f64, Kind::Real(Interval::above(1.0, f64::INFINITY).or_infinite()), "",
+            "Largest factor by which an iteration changes a positive parameter; inf for no limit";
+        bounds: String, Kind::Choice(&["none", "model", "listed"]), "",
+            "Which bounds the parameters keep: none, the physical ones of the model, or those listed in lower and upper";
+        lower: Vec<f64>, parameters(FINITE.or_infinite()), "",
+            "Lower bounds for bounds = \"listed\"; -inf for none";
+        upper: Vec<f64>, parameters(FINITE.or_infinite()), "",
+            "Upper bounds for bounds = \"listed\"; inf for none";
+        fixed: Vec<String>, Kind::Words, "",
+            "Names of parameters that keep their start value";
+        noise_std: Vec<f64>, equations(POSITIVE), "",
+            "Standard deviation of each equation's rows, in the equation's unit: weighs equations that share parameters; none: 1";
+        noise_floor: Vec<f64>, equations(NOT_NEGATIVE), "",
+            "Smallest standard deviation of the weighed rows that is believed; none: 0";
+        noise_floor_relative: f64, Kind::Real(Interval::closed(0.0, 0.1)), "",
+            "The same as a share of the rows' size; keeps tests from firing on rounding where data are free of noise";
+        random_walk: Vec<f64>, parameters(NOT_NEGATIVE), "",
+            "For drifting plants: standard deviation of each parameter's random walk per block, relative to the parameter; none: 0";
+        outliers: String, Kind::Choice(&["keep", "huber", "gate"]), "",
+            "Rows far outside the noise: keep them, let them pull with constant force (huber), or leave them out (gate)";
+        huber_limit: f64, Kind::Real(Interval::closed(0.5, 10.0)), "standard deviations",
+            "Where huber begins; 1.345 keeps 95 % efficiency for normal noise";
+        gate_limit: f64, Kind::Real(Interval::closed(2.0, 100.0)), "standard deviations",
+            "Where gate begins";
+        change_detection: bool, Kind::Flag, "",
+            "Look for sudden changes of the plant, locate them in the block and follow them";
+        false_alarm_rate: f64, Kind::Real(Interval::above(0.0, 0.1)), "",
+            "Probability that a block of an unchanged plant raises an alarm";
+    }
+    monitor: Monitor = "monitor", "What is kept of a run" {
+        out_dir: Option<String>, Kind::Path, "",
+            "Directory for estimates.csv and summary.json, which must not hold files yet; not set: `run` takes thetabus-out/<time>, `monitor` writes none";
+    }
+}

@@ -1,0 +1,463 @@
+//! Configuration files: what loads, what does not, and what is said about it.
+
+use proptest::prelude::*;
+use std::path::Path;
+use thetabus::config::{Config, Delivery, Kind, Source, Speed, keys};
+use thetabus::sim::SimOptions;
+
+fn root(path: &str) -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+fn load(text: &str, sets: &[&str]) -> Result<Config, String> {
+    let source = Source::Embedded {
+        name: "test.toml".to_owned(),
+        text: text.to_owned(),
+    };
+    let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
+    Config::load(&[source], &sets).map_err(|e| e.to_string())
+}
+
+/// `THETABUS_WRITE=1 cargo test config` writes the file anew after a change of the keys.
+#[test]
+fn regress_the_reference_file_lists_every_key_as_the_code_has_it() {
+    let path = root("config/default.toml");
+    if std::env::var_os("THETABUS_WRITE").is_some() {
+        std::fs::write(&path, Config::reference()).unwrap();
+    }
+    let text = std::fs::read_to_string(&path).unwrap();
+    assert_eq!(
+        text,
+        Config::reference(),
+        "config/default.toml differs from the keys in src/config/schema.rs"
+    );
+    for key in keys() {
+        let stated = text
+            .lines()
+            .any(|l| l.trim_start_matches('#').starts_with(&format!("{} =", key.name)));
+        assert!(stated, "{} is not in config/default.toml", key.path());
+        // A quantity's unit shows in its comment, too.
+        let suffix = ["_s", "_rad", "_hz", "_kg", "_m", "_ohm", "_h", "_a", "_s2", "_v"];
+        let quantity = suffix.iter().any(|s| key.name.ends_with(s)) && !matches!(key.kind, Kind::Path);
+        assert!(
+            !quantity || !key.unit.is_empty(),
+            "{} has a unit in its name but none in its comment",
+            key.path()
+        );
+    }
+}
+
+#[test]
+fn regress_the_reference_file_loads_to_the_defaults_in_code() {
+    let source = Source::File(root("config/default.toml"));
+    let loaded = Config::load(&[source], &[]).unwrap();
+    let default = Config::default();
+    assert_eq!(loaded.file_form(), default.file_form());
+    assert_eq!((&loaded.plant, &loaded.estimator), (&default.plant, &default.estimator));
+    assert_eq!(loaded.plant.sim, SimOptions::cedro2022());
+}
+
+#[test]
+fn regress_embedded_files_are_the_files_in_the_directory() {
+    for entry in std::fs::read_dir(root("config")).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+        let Some(Source::Embedded { text, .. }) = Config::embedded(&name) else {
+            panic!("config/{name}.toml is not built in")
+        };
+        assert_eq!(text, std::fs::read_to_string(&path).unwrap());
+        let config = Config::load(&[Source::File(path)], &[]).unwrap();
+        assert!(
+            name == "default" || config.warnings().is_empty(),
+            "{name}: {:?}",
+            config.warnings()
+        );
+    }
+}
+
+#[test]
+fn prop_a_written_configuration_loads_to_itself() {
+    let config = load(
+        "[plant.setpoint]\nkind = \"random\"\n[estimator]\ntime_constant_s = 33.5\nstep_factor = inf\nfixed = [\"theta_9\"]",
+        &["bus.domain=elsewhere", "plant.speed=2.5", "monitor.out_dir=/tmp/a b"],
+    )
+    .unwrap();
+    let again = load(&config.to_toml(), &[]).unwrap();
+    assert_eq!(again.file_form(), config.file_form());
+    assert_eq!(again.estimator, config.estimator);
+    assert_eq!(again.config_hash(), config.config_hash());
+    assert_eq!(config.plant.speed, Speed::Factor(2.5));
+    assert!(config.estimator.options.fixed[8]);
+    // λ = exp(−N Δ/τ)
+    assert_eq!(config.estimator.options.forgetting_factor, (-1.9f64 / 33.5).exp());
+}
+
+#[test]
+fn regress_later_sources_win_and_arguments_win_over_all() {
+    let file = |text: &str| Source::Embedded {
+        name: "f".to_owned(),
+        text: text.to_owned(),
+    };
+    let sources = [
+        file("[estimator]\nblock_len = 100\nforgetting_factor = 0.9\n[plant]\nduration_s = 5"),
+        file("estimator.block_len = 200\nestimator.time_constant_s = 19"),
+    ];
+    let config = Config::load(&sources, &["plant.duration_s = 7".to_owned()]).unwrap();
+    assert_eq!(config.estimator.block_len, 200);
+    assert_eq!(config.plant.sim.duration_s, 7.0);
+    // The later file's time constant replaces the earlier one's factor: exp(−0.2/19).
+    assert_eq!(config.estimator.options.forgetting_factor, (-0.2f64 / 19.0).exp());
+    let config = Config::load(&sources, &["estimator.forgetting_factor=0.5".to_owned()]).unwrap();
+    assert_eq!(config.estimator.options.forgetting_factor, 0.5);
+}
+
+#[test]
+fn regress_auto_delivery_is_lockstep_at_full_speed_only() {
+    let bus = load("", &[]).unwrap().bus;
+    assert_eq!(bus.delivery, Delivery::Auto);
+    assert!(bus.lockstep(Speed::Max) && !bus.lockstep(Speed::Factor(1.0)));
+}
+
+#[test]
+fn prop_the_hash_follows_what_determines_estimates_and_nothing_else() {
+    let hash = |set: &str| load("", &[set]).unwrap().config_hash();
+    let default = Config::default().config_hash();
+    for same in [
+        "bus.domain=b",
+        "plant.seed=5",
+        "plant.duration_s=3",
+        "monitor.out_dir=x",
+        "estimator.block_len=1900",
+    ] {
+        assert_eq!(hash(same), default, "{same}");
+    }
+    for other in [
+        "estimator.block_len=950",
+        "estimator.forgetting_factor=0.9",
+        "identifier.input=controller",
+        "model.gravity_m_s2=1.62",
+        "plant.sample_period_s=0.002",
+    ] {
+        assert_ne!(hash(other), default, "{other}");
+    }
+}
+
+/// Each case: a file, and what its message has to contain.
+const WRONG: &[(&str, &[&str])] = &[
+    (
+        "[estimator]\nblock_len = \"abc\"",
+        &[
+            "test.toml:2",
+            "estimator.block_len",
+            "whole number from 1 to",
+            "[samples]",
+            "\"abc\" (a string)",
+        ],
+    ),
+    (
+        "[estimator]\n\n\nblock_len = 0",
+        &["test.toml:4", "block_len", "from 1 to", "got 0"],
+    ),
+    ("[estimator]\nblock_len = -5", &["got -5"]),
+    ("[estimator]\nblock_len = 1.5", &["got 1.5"]),
+    (
+        "[estimator]\nblock_len = 99999999999999999999999",
+        &["block_len", "got 99999999999999999999999"],
+    ),
+    (
+        "[estimator]\nforgetting_factor = nan",
+        &["forgetting_factor", "above 0 up to 1", "nan (not a finite number)"],
+    ),
+    (
+        "[estimator]\ninformation_floor = inf",
+        &["information_floor", "inf (not a finite number)"],
+    ),
+    (
+        "[estimator]\ninformation_floor = 1e999",
+        &["information_floor", "got 1e999"],
+    ),
+    ("[estimator]\nforgetting_factor = 1.01", &["up to 1", "got 1.01"]),
+    (
+        "[estimator]\nforgetting_factor = 0.3",
+        &["forgetting_factor", "0.5", "polynomial", "got 0.3"],
+    ),
+    (
+        "[estimator]\nforgetting_factor = 0.9\ntime_constant_s = 19",
+        &["either this or", "both", "test.toml:"],
+    ),
+    ("[estimator]\ntime_constant_s = 1e-9", &["time_constant_s"]),
+    (
+        "[estimator]\nblok_len = 5",
+        &[
+            "test.toml:2",
+            "blok_len",
+            "unknown key",
+            "did you mean estimator.block_len?",
+        ],
+    ),
+    (
+        "[plant]\nblock_len = 5",
+        &["plant.block_len", "did you mean estimator.block_len?"],
+    ),
+    ("[plnt]\nseed = 5", &["plnt", "did you mean plant?"]),
+    (
+        "colour = 5",
+        &["test.toml:1", "colour", "unknown key", "config/default.toml"],
+    ),
+    ("estimator = 5", &["estimator", "a section [estimator]", "got 5"]),
+    ("[estimator.block_len]\na = 1", &["estimator.block_len", "a section"]),
+    ("[[estimator]]\nblock_len = 1", &["estimator", "a section [estimator]"]),
+    (
+        "[estimator]\nforgetting = \"bouned\"",
+        &["one of \"exponential\"", "did you mean \"bounded\"?"],
+    ),
+    ("[estimator]\nforgetting = 3", &["one of", "3 (a whole number)"]),
+    (
+        "[estimator]\ntheta_start = [1, 2, 3]",
+        &["theta_start", "expected 9 numbers", "got 3"],
+    ),
+    (
+        "[estimator]\ntheta_start = [1, 2, 3, 4, 5, 6, 7, 8, nan]",
+        &["theta_start", "a list of"],
+    ),
+    (
+        "[estimator]\nfixed = [\"theta_10\"]",
+        &["fixed", "theta_1, theta_2", "\"theta_10\""],
+    ),
+    (
+        "[estimator]\nbounds = \"listed\"\nlower = [1,1,1,1,1,1,1,1,1]",
+        &[
+            "test.toml:3",
+            "estimator.lower",
+            "expected 1 to inf for the start of theta_1",
+        ],
+    ),
+    (
+        "[bus]\ndomain = \"No Spaces\"",
+        &["bus.domain", "a-z 0-9 _ -", "\"No Spaces\""],
+    ),
+    ("[bus]\nrobot = \"../../etc\"", &["bus.robot"]),
+    ("[bus]\nlockstep_consumers = true", &["true (a truth value)"]),
+    ("[bus]\ndelivery = 2026-01-01", &["a date or time"]),
+    ("[plant]\nspeed = \"fast\"", &["\"max\" or a number", "\"fast\""]),
+    ("[plant]\nspeed = 0", &["plant.speed", "got 0"]),
+    (
+        "[plant]\ninitial_q_rad = [0]",
+        &["a list of 2 numbers", "one per joint", "a list of 1"],
+    ),
+    (
+        "[plant]\nsample_period_s = 0.00012345678912",
+        &["sample_period_s", "nanoseconds"],
+    ),
+    ("[plant]\nduration_s = 0.0001", &["plant.duration_s", "0.0001"]),
+    (
+        "[plant.arm]\nmass_1_kg = -1",
+        &["plant.arm.mass_1_kg", "above 0", "[kg]", "-1"],
+    ),
+    (
+        "[plant.mass_2]\nt_s = [0, 1, 2]",
+        &["plant.mass_2.t_s", "3 times and 2 masses"],
+    ),
+    ("[plant.mass_2]\nt_s = [1, 2]", &["plant.mass_2.t_s", "at 0 s"]),
+    ("[plant.mass_2]\nt_s = [0, 0]", &["plant.mass_2.t_s", "rising"]),
+    (
+        "[plant.setpoint.steps]\ndwell_s = [1e-9, 1]",
+        &["plant.setpoint.steps.dwell_s", "joint 1"],
+    ),
+    (
+        "[plant.setpoint.steps]\nlevels_rad = [[1], []]",
+        &["levels_rad", "for each of the 2 joints"],
+    ),
+    (
+        "[plant.setpoint]\nkind = \"csv\"",
+        &["plant.setpoint.csv.path", "not set"],
+    ),
+    (
+        "[plant.setpoint]\nkind = \"csv\"\n[plant.setpoint.csv]\npath = \"no/such.csv\"",
+        &["no/such.csv", "cannot be read"],
+    ),
+    (
+        "[plant.setpoint]\nkind = \"sines\"\n[plant.setpoint.sines]\nphase_rad = [[1], [1]]",
+        &["phase_rad", "frequency_hz"],
+    ),
+    (
+        "[model.known]\nlength_1_m = 0.5",
+        &["model.known", "not set", "winding_resistance_ohm"],
+    ),
+    (
+        "[estimator]\nblock_len = 5\nblock_len = 6",
+        &["test.toml:3", "duplicate key"],
+    ),
+    ("[estimator]\nblock_len = ", &["test.toml:2", "not valid TOML"]),
+    ("[estimator\nblock_len = 1", &["test.toml:1", "not valid TOML"]),
+];
+
+#[test]
+fn fault_a_wrong_file_is_told_with_place_key_expected_and_got() {
+    for (text, parts) in WRONG {
+        let message = load(text, &[]).map(|_| ()).expect_err(text);
+        for part in *parts {
+            assert!(message.contains(part), "{text:?}: expected {part:?} in: {message}");
+        }
+        assert!(message.starts_with("test.toml"), "{text:?}: no place in: {message}");
+    }
+}
+
+#[test]
+fn fault_a_wrong_argument_is_quoted() {
+    for (set, parts) in [
+        (
+            "estimator.block_len=abc",
+            &["--set estimator.block_len=abc", "whole number", "\"abc\" (a string)"][..],
+        ),
+        ("estimator.block_len", &["section.key=value", "no \"=\""]),
+        ("estimator.blok_len=5", &["did you mean estimator.block_len?"]),
+        ("block_len=5", &["did you mean estimator.block_len?"]),
+        ("estimator=5", &["unknown key"]),
+        ("plant.initial_q_rad=[0, ", &["not a TOML value"]),
+        ("=", &["unknown key"]),
+        ("estimator.block_len=", &["block_len"]),
+        ("plant.duration_s=1 2", &["\"1 2\""]),
+    ] {
+        let message = load("", &[set]).map(|_| ()).expect_err(set);
+        for part in parts {
+            assert!(message.contains(part), "{set}: expected {part:?} in: {message}");
+        }
+    }
+    // Names need no quotes even where they look like something else.
+    assert_eq!(
+        load("", &["bus.domain=1234", "bus.robot=true"]).unwrap().bus.domain,
+        "1234"
+    );
+}
+
+#[test]
+fn fault_all_problems_are_told_at_once() {
+    let text =
+        "colour = 1\n[bus]\nrobot = \"\"\n[plant]\nseed = -1\nduration_s = \"long\"\n[model.known]\nlength_1_m = 1";
+    let message = load(text, &["estimator.block_len=0"]).map(|_| ()).unwrap_err();
+    assert_eq!(message.lines().count(), 6, "{message}");
+}
+
+#[test]
+fn fault_files_that_are_none_are_refused_by_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    std::fs::write(path("latin1.toml"), b"# ok\n# Gr\xfc\xdfe\n").unwrap();
+    std::fs::write(path("huge.toml"), vec![b'#'; (1 << 20) + 1]).unwrap();
+    for (name, part) in [
+        ("missing.toml", "cannot be opened"),
+        ("latin1.toml", "UTF-8 text, got other bytes in line 2"),
+        ("huge.toml", "at most 1048576 bytes"),
+        ("", "cannot be read"),
+    ] {
+        let message = Config::load(&[Source::File(path(name))], &[])
+            .map(|_| ())
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains(part) && message.contains(name), "{name}: {message}");
+    }
+}
+
+#[test]
+fn regress_setpoints_come_from_a_csv_file_beside_the_configuration() {
+    let dir = tempfile::tempdir().unwrap();
+    let toml = dir.path().join("run.toml");
+    std::fs::write(
+        &toml,
+        "plant.setpoint = { kind = \"csv\", csv = { path = \"moves.csv\", between = \"linear\" } }",
+    )
+    .unwrap();
+    let try_csv = |text: &str| {
+        std::fs::write(dir.path().join("moves.csv"), text).unwrap();
+        Config::load(&[Source::File(toml.clone())], &[]).map_err(|e| e.to_string())
+    };
+    let good = try_csv("# recorded\nq2_rad, t_s, q1_rad, note\n0.5, 0, 0.1, a\n-0.5, 2.5, 0.2, b\n").unwrap();
+    let thetabus::sim::Setpoint::Table { t_s, values_rad, .. } = &good.plant.sim.setpoint[1] else {
+        panic!("not a table")
+    };
+    assert_eq!(
+        (t_s.as_slice(), values_rad.as_slice()),
+        (&[0.0, 2.5][..], &[0.5, -0.5][..])
+    );
+    // What is written out finds the file from any other directory.
+    assert!(load(&good.to_toml(), &[]).is_ok());
+    for (text, parts) in [
+        ("t_s,q1_rad\n0,0\n", &["moves.csv:1", "t_s, q1_rad, q2_rad"][..]),
+        ("t_s,q1_rad,q2_rad\n0,0,x\n", &["moves.csv:2", "q2_rad", "\"x\""]),
+        ("t_s,q1_rad,q2_rad\n0,0,nan\n", &["moves.csv:2", "finite"]),
+        ("t_s,q1_rad,q2_rad\n1,0,0\n1,0,0\n", &["moves.csv:3", "after 1"]),
+        ("t_s,q1_rad,q2_rad\n1,0\n", &["moves.csv"]),
+        ("t_s,q1_rad,q2_rad\n", &["at least one row"]),
+        ("", &["moves.csv"]),
+    ] {
+        let message = try_csv(text).map(|_| ()).expect_err(text);
+        for part in parts {
+            assert!(message.contains(part), "{text:?}: expected {part:?} in: {message}");
+        }
+    }
+}
+
+#[test]
+fn regress_legal_but_suspicious_settings_warn() {
+    for (sets, part) in [
+        (&["plant.duration_s=1"][..], "before the first block is full"),
+        (&["plant.mass_2.t_s=[0, 200]"], "behind the end of the run"),
+        (&["bus.delivery=realtime"], "loses samples"),
+        (&["estimator.forgetting_factor=1"], "averages"),
+        (&["estimator.change_detection=true"], "single step"),
+        (
+            &["plant.setpoint.chirp.sweep_s=[9, 9]"],
+            "no effect unless plant.setpoint.kind is \"chirp\"; it is \"steps\"",
+        ),
+        (&["estimator.huber_limit=2"], "no effect unless estimator.outliers"),
+        (
+            &["identifier.derivative_gain_v_s_per_rad=[1,1]"],
+            "no effect unless identifier.input",
+        ),
+    ] {
+        let config = load("", sets).unwrap();
+        let warnings: Vec<String> = config.warnings().iter().map(ToString::to_string).collect();
+        assert!(
+            warnings.iter().any(|w| w.contains(part) && w.contains("--set")),
+            "{sets:?}: {warnings:?}"
+        );
+    }
+    assert_eq!(load("", &[]).unwrap().warnings(), &[]);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 10_000, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Bytes flipped, cut out, doubled or moved in the reference file: an error or a configuration, never a panic.
+    #[test]
+    fn fault_corrupt_files_never_panic(
+        edits in prop::collection::vec((0..4u8, any::<prop::sample::Index>(), any::<prop::sample::Index>(), any::<u8>()), 1..6),
+    ) {
+        let mut bytes = include_bytes!("../../config/default.toml").to_vec();
+        for (edit, at, to, byte) in edits {
+            if bytes.is_empty() { break; }
+            let (at, to) = (at.index(bytes.len()), to.index(bytes.len()));
+            match edit {
+                0 => bytes[at] = byte,
+                1 => { bytes.drain(at..(at + usize::from(byte)).min(bytes.len())); }
+                2 => { let piece = bytes[at..(at + usize::from(byte)).min(bytes.len())].to_vec(); bytes.splice(to..to, piece); }
+                _ => bytes.swap(at, to),
+            }
+        }
+        let text = String::from_utf8_lossy(&bytes);
+        if let Err(message) = load(&text, &[]) {
+            prop_assert!(message.starts_with("test.toml"), "{}", message);
+        }
+    }
+
+    /// Any value for any key, as an argument.
+    #[test]
+    fn fault_strange_arguments_never_panic(key in any::<prop::sample::Index>(), value in "\\PC{0,24}|-?[0-9.e_xinfa]{1,12}|\\[[-0-9., \\[\\]]{0,30}\\]") {
+        let keys: Vec<_> = keys().collect();
+        let argument = format!("{}={value}", keys[key.index(keys.len())].path());
+        if let Err(message) = load("", &[&argument]) {
+            prop_assert!(!message.is_empty());
+        }
+    }
+}

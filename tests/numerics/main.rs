@@ -2,6 +2,7 @@
 
 #[cfg(feature = "config")]
 mod config;
+mod estimator;
 mod model;
 #[cfg(feature = "sim")]
 mod sim;

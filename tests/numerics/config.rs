@@ -142,6 +142,14 @@ fn prop_the_hash_follows_what_determines_estimates_and_nothing_else() {
     }
 }
 
+#[test]
+fn regress_the_paper_file_states_the_paper_presets_of_the_core_types() {
+    let config = Config::load(&[Config::embedded("cedro2022").unwrap()], &[]).unwrap();
+    assert_eq!(config.plant.sim, SimOptions::cedro2022());
+    assert_eq!(config.plant.sim.sample_count(), 170_000);
+    assert_eq!(config.plant.sim.sample_count() / config.estimator.block_len as u64, 89);
+}
+
 /// Each case: a file, and what its message has to contain.
 const WRONG: &[(&str, &[&str])] = &[
     (

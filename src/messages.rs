@@ -255,7 +255,7 @@ pub struct Estimate {
 
 /// Topic `status`: the identifier's heartbeat.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusStatusV1"))]
 pub struct Status {
     /// `boot_id` of the sample stream, 0 before the first sample.

@@ -12,7 +12,7 @@
 //! | `status` | one, and a spare for bridges | overflow on, buffer 64, history 1; 16 subscribers |
 //!
 //! Service names are `thetabus/<robot>/<topic>`, isolated from other runs by a [`Domain`]. Every message has the user header
-//! [`Header`](crate::messages::Header). Ports belong to the thread that made them. What a killed process leaves behind is
+//! [`Header`]. Ports belong to the thread that made them. What a killed process leaves behind is
 //! cleaned up by the next one that joins.
 //!
 //! # Subscribing to the estimates

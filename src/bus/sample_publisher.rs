@@ -111,6 +111,11 @@ impl SamplePublisher {
         };
         check_shared_memory(bus, sample::segment_bytes(buffer))?;
         let service = bus.create_sample(overflow, buffer)?;
+        // Consumers of a publisher that has gone let go within an idle tick and come back to this one, connected from the start.
+        let start = Instant::now();
+        while service.dynamic_config().number_of_subscribers() > 0 && start.elapsed() < 3 * IDLE_TICK {
+            std::thread::sleep(PAUSE);
+        }
         let pressure = Arc::new(Mutex::new(Pressure::default()));
         let handler = pressure.clone();
         let port = service
@@ -140,6 +145,8 @@ impl SamplePublisher {
             .notifier_builder()
             .create()
             .map_err(|e| bus.topic_error(Topic::Sample, format!("cannot wake consumers: {e:?}")))?;
+        // Whoever waits for the topic looks at once.
+        let _ = notifier.notify();
         Ok(Self {
             notifier,
             port,
@@ -199,6 +206,15 @@ impl SamplePublisher {
             std::thread::sleep(Duration::from_millis(5));
         }
         Ok(Attached::Yes)
+    }
+
+    /// Gives `consumers` the chance to be there from the first sample on, in any delivery mode, for `limit` at most.
+    pub fn hold_for(&mut self, consumers: usize, limit: Duration) {
+        let start = Instant::now();
+        while self.attached() < consumers && start.elapsed() < limit && !self.stop.load(Ordering::Relaxed) {
+            self.wake();
+            std::thread::sleep(Duration::from_millis(5));
+        }
     }
 
     /// Sends a copy. In real time it never waits; in lockstep it returns when everybody has it or was given up.

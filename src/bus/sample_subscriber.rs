@@ -60,6 +60,10 @@ impl SampleSubscriber {
                 let Some(service) = self.bus.open_sample()? else {
                     return Ok(());
                 };
+                // Subscribing after the publisher connects both ends at once; before it, samples could fall between.
+                if service.dynamic_config().number_of_publishers() == 0 {
+                    return Ok(());
+                }
                 let port = service
                     .subscriber_builder()
                     .create()

@@ -120,7 +120,7 @@ fn lockstep_fills_the_startup_hole_of_a_consumer_that_was_there_before_the_publi
             let mut subscriber = SampleSubscriber::new(&bus).expect("subscribe");
             attached.send(()).expect("main waits");
             // More than the buffer's worth of samples is sent in this time, were they not held back.
-            thread::sleep(Duration::from_millis(600));
+            thread::sleep(Duration::from_millis(1_500));
             receive(&mut subscriber, COUNT as usize)
         });
         is_attached.recv().expect("prompt");

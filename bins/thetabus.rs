@@ -1,1 +1,67 @@
-fn main() {}
+//! The launcher and the tools.
+//!
+//! ```text
+//! run ─┬─ plant ── sample ──▶ identifier ── estimate ──▶ monitor ─▶ result table, files
+//!      └─ one signal, one result
+//! ```
+//!
+//! The three roles are this same program, so that `cargo run` has everything that it needs.
+#![forbid(unsafe_code)]
+
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use thetabus::service::{self, CommonArgs, EXIT_CODES, IdentifierArgs, MonitorArgs, PlantArgs, RunArgs, VERSION};
+
+/// On-line identification of a running machine's physical parameters
+#[derive(Parser)]
+#[command(name = "thetabus", version = VERSION.as_str(), after_help = EXIT_CODES)]
+struct Program {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Run plant, identifier and monitor, then print the result beside the truth
+    #[command(after_help = EXIT_CODES)]
+    Run(RunArgs),
+    /// Tools for configuration files
+    #[command(subcommand)]
+    Config(ConfigCommand),
+    /// The simulated machine, as plant_simulator
+    #[command(hide = true)]
+    Plant(PlantArgs),
+    /// The identification service, as identifier
+    #[command(hide = true)]
+    Identifier(IdentifierArgs),
+    /// The monitor, as monitor
+    #[command(hide = true)]
+    Monitor(MonitorArgs),
+}
+
+#[derive(Subcommand)]
+enum ConfigCommand {
+    /// Check a configuration file and tell everything that is wrong or suspicious
+    #[command(after_help = EXIT_CODES)]
+    Check {
+        /// The file
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+        /// Override a key, as the programs do; repeatable
+        #[arg(long, value_name = "SECTION.KEY=VALUE")]
+        set: Vec<String>,
+    },
+}
+
+fn main() -> ExitCode {
+    match Program::parse().command {
+        Command::Run(args) => service::main_with(&args.plant.common, |shutdown| service::launch(&args, shutdown)),
+        Command::Config(ConfigCommand::Check { file, set }) => {
+            service::main_with(&CommonArgs::default(), |_| service::config_check(&file, &set))
+        }
+        Command::Plant(args) => service::main_with(&args.common, |shutdown| service::plant(&args, shutdown)),
+        Command::Identifier(args) => service::main_with(&args.common, |shutdown| service::identifier(&args, shutdown)),
+        Command::Monitor(args) => service::main_with(&args.common, |shutdown| service::monitor(&args, shutdown)),
+    }
+}

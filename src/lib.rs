@@ -14,5 +14,9 @@ pub mod recording;
 #[cfg(feature = "service")]
 pub mod report;
 pub mod rows;
+#[cfg(feature = "service")]
+pub mod runner;
+#[cfg(feature = "service")]
+pub mod service;
 #[cfg(feature = "sim")]
 pub mod sim;

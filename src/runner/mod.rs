@@ -1,0 +1,65 @@
+//! The runner: paces, waits, drains, publishes and minds signals, so that the nodes need not.
+//!
+//! ```text
+//! plant:       node.next_sample ─▶ pace ─▶ send, wake
+//! identifier:  wait ─▶ drain ─▶ node.on_sample ─▶ send estimates; heartbeat; serve late joiners
+//! monitor:     wait ─▶ drain ─▶ node.on_estimate, node.on_status ─▶ the caller's sink
+//! ```
+//!
+//! Each loop ends when the process is asked to stop, or with the stream where it was told so. Between a sample's arrival and the
+//! sending of its estimate nothing here allocates, locks or logs.
+
+mod identifier;
+mod monitor;
+mod pace;
+mod plant;
+mod shutdown;
+
+pub use identifier::{IdentifierPorts, run_identifier};
+pub use monitor::{MonitorPorts, run_monitor};
+pub use pace::{Pace, PaceReport};
+pub use plant::{PlantReport, run_plant};
+pub use shutdown::Shutdown;
+
+use crate::bus::BusError;
+use std::time::Duration;
+use thiserror::Error;
+
+/// How long a service with nothing to do stays deaf: late joiners and signals wait no longer.
+pub const TICK: Duration = crate::bus::IDLE_TICK;
+/// Period of the identifier's heartbeat.
+pub const HEARTBEAT: Duration = Duration::from_millis(500);
+
+/// When a consumer's loop ends by itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stay {
+    /// A service: for stream after stream, until it is asked to stop.
+    Forever,
+    /// To the end of the first stream.
+    UntilEnd,
+}
+
+/// Why a loop ended before its time.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// The bus failed.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The source of samples ran dry.
+    #[error(
+        "the simulation stopped at sample {seq} of {samples}: its state is no longer finite; the loop is unstable with these \
+         gains or this step (plant.controller, plant.substeps)"
+    )]
+    SourceEnded {
+        /// The sample that could not be made.
+        seq: u64,
+        /// Samples that were to come.
+        samples: u64,
+    },
+    /// The results could not be written.
+    #[error("writing results: {0}")]
+    Sink(#[from] std::io::Error),
+    /// Signals cannot be handled.
+    #[error("cannot handle signals: {0}")]
+    Signals(String),
+}

@@ -1,0 +1,82 @@
+//! The plant's loop.
+
+use super::{Pace, PaceReport, RunError, Shutdown, TICK};
+use crate::bus::{Attached, Loss, SamplePublisher};
+use crate::model::JointSample;
+use crate::node::plant::PlantNode;
+use std::time::Instant;
+
+/// At full speed consumers are woken once per this many samples: waking costs more than sending.
+const SAMPLES_PER_WAKE: u64 = 64;
+
+/// How a plant's stream ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PlantReport {
+    /// Samples sent.
+    pub sent: u64,
+    /// What lockstep could not deliver.
+    pub loss: Loss,
+    /// How well the pace was kept.
+    pub pace: PaceReport,
+}
+
+/// Publishes the stream of `node`, from its first sample to the one flagged `END`. A stop makes the next sample the last one.
+///
+/// # Errors
+/// The bus fails, no consumer comes in lockstep, or the source ends before its time.
+pub fn run_plant<S: Iterator<Item = JointSample>>(
+    node: &mut PlantNode<S>,
+    publisher: &mut SamplePublisher,
+    mut pace: Pace,
+    shutdown: &Shutdown,
+) -> Result<PlantReport, RunError> {
+    if publisher.wait_for_consumers()? == Attached::Yes {
+        stream(node, publisher, &mut pace, shutdown)?;
+    }
+    Ok(PlantReport {
+        sent: node.position(),
+        loss: publisher.loss(),
+        pace: pace.report(),
+    })
+}
+
+fn stream<S: Iterator<Item = JointSample>>(
+    node: &mut PlantNode<S>,
+    publisher: &mut SamplePublisher,
+    pace: &mut Pace,
+    shutdown: &Shutdown,
+) -> Result<(), RunError> {
+    loop {
+        if shutdown.requested() {
+            node.end_early();
+        }
+        let Some(sample) = node.next_sample() else {
+            // The last sample was flagged END unless the source ran dry.
+            return Err(RunError::SourceEnded {
+                seq: node.position(),
+                samples: node.len(),
+            });
+        };
+        while let Some(pause) = pace.pause(sample.t_ns, Instant::now()) {
+            std::thread::sleep(pause.min(TICK));
+            if pause > TICK {
+                publisher.serve_late_joiners()?;
+            }
+        }
+        publisher.send(&sample)?;
+        if !pace.is_max() || sample.seq % SAMPLES_PER_WAKE == 0 || sample.is_end() {
+            publisher.wake();
+        }
+        if sample.is_end() {
+            break;
+        }
+    }
+    // A consumer that has only just attached maps the queue while its publisher still lives.
+    let end = Instant::now();
+    while end.elapsed() < 2 * TICK {
+        publisher.serve_late_joiners()?;
+        publisher.wake();
+        std::thread::sleep(TICK / 4);
+    }
+    Ok(())
+}

@@ -1,0 +1,170 @@
+//! Command lines. What overrides the configuration becomes an argument of its loader, so that one place checks everything.
+
+use super::Failure;
+use crate::bus::{Domain, ICEORYX2_VERSION};
+use crate::config::{Config, Source};
+use crate::messages::SCHEMA_VERSION;
+use crate::runner::Stay;
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+use std::sync::LazyLock;
+
+/// What `--version` says: crate, schema, iceoryx2.
+pub static VERSION: LazyLock<String> = LazyLock::new(|| {
+    format!(
+        "{} (message schema {SCHEMA_VERSION}, iceoryx2 {ICEORYX2_VERSION})",
+        env!("CARGO_PKG_VERSION")
+    )
+});
+
+/// Form of the logs on standard error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum LogFormat {
+    /// Lines for people.
+    #[default]
+    Text,
+    /// One JSON object per line.
+    Json,
+}
+
+/// What all programs understand.
+#[derive(Debug, Clone, Default, Args)]
+pub struct CommonArgs {
+    /// Configuration file; repeated, later files win key by key
+    #[arg(long, value_name = "FILE")]
+    pub config: Vec<PathBuf>,
+    /// Override a key of the configuration, e.g. --set estimator.block_len=950; repeatable
+    #[arg(long, value_name = "SECTION.KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Name of the machine; its topics are thetabus/NAME/… (key bus.robot)
+    #[arg(long, value_name = "NAME")]
+    pub robot: Option<String>,
+    /// Keeps whole runs apart; programs that belong together name the same (key bus.domain)
+    #[arg(long, value_name = "NAME")]
+    pub domain: Option<String>,
+    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub log_format: LogFormat,
+    #[command(flatten)]
+    pub(super) launched: Launched,
+}
+
+/// What `thetabus run` tells the processes that it starts.
+#[derive(Debug, Clone, Default, Args)]
+pub(super) struct Launched {
+    /// Process id of the launcher: end with it
+    #[arg(long, hide = true, value_name = "PID")]
+    pub launched_by: Option<u32>,
+    /// Start once so many consumers of the own topic are attached
+    #[arg(long, hide = true, default_value_t = 0, value_name = "COUNT")]
+    pub await_consumers: usize,
+    /// End with the stream
+    #[arg(long, hide = true)]
+    pub until_end: bool,
+}
+
+impl CommonArgs {
+    /// True in a process that `thetabus run` has started.
+    pub(super) fn is_launched(&self) -> bool {
+        self.launched.launched_by.is_some()
+    }
+
+    pub(super) fn stay(&self) -> Stay {
+        if self.launched.until_end {
+            Stay::UntilEnd
+        } else {
+            Stay::Forever
+        }
+    }
+
+    /// The configuration: built-in defaults, `sources`, the files, `--set`, then what the command line says with words of its own.
+    pub(super) fn load(&self, sources: Vec<Source>, own: &[(&str, Option<String>)]) -> Result<Config, Failure> {
+        let files = self.config.iter().cloned().map(Source::File);
+        let sources: Vec<Source> = sources.into_iter().chain(files).collect();
+        let names = [
+            ("bus.robot", quoted(self.robot.as_ref())),
+            ("bus.domain", quoted(self.domain.as_ref())),
+        ];
+        let own = names
+            .iter()
+            .chain(own)
+            .filter_map(|(key, value)| value.as_ref().map(|value| format!("{key}={value}")));
+        let arguments: Vec<String> = self.set.iter().cloned().chain(own).collect();
+        let config = Config::load(&sources, &arguments)?;
+        // A launcher has told them already, with the user's own file and line.
+        if !self.is_launched() {
+            config.warnings().iter().for_each(|warning| tracing::warn!("{warning}"));
+        }
+        Ok(config)
+    }
+}
+
+/// A string as the configuration's loader reads it, whatever is in it.
+pub(super) fn quoted(value: Option<impl Into<String>>) -> Option<String> {
+    value.map(|value| toml::Value::String(value.into()).to_string())
+}
+
+/// The domain of a configuration.
+pub(super) fn domain(config: &Config) -> Result<Domain, Failure> {
+    Ok(Domain::new(&config.bus.domain)?)
+}
+
+/// `plant_simulator`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct PlantArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+    /// Simulated seconds per second, or max (key plant.speed)
+    #[arg(long, value_name = "X|max")]
+    pub speed: Option<String>,
+    /// Length of the run in simulated seconds (key plant.duration_s)
+    #[arg(long, value_name = "S")]
+    pub duration: Option<String>,
+    /// Seed of everything random (key plant.seed)
+    #[arg(long, value_name = "N")]
+    pub seed: Option<String>,
+}
+
+impl PlantArgs {
+    pub(super) fn overrides(&self) -> [(&'static str, Option<String>); 3] {
+        [
+            ("plant.speed", self.speed.clone()),
+            ("plant.duration_s", self.duration.clone()),
+            ("plant.seed", self.seed.clone()),
+        ]
+    }
+}
+
+/// `identifier`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct IdentifierArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+}
+
+/// `monitor`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct MonitorArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+    /// Directory for estimates.csv and summary.json, new or empty (key monitor.out_dir)
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// `thetabus run`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct RunArgs {
+    /// Configuration file; without one, the paper's experiment that is built in
+    #[arg(value_name = "CONFIG")]
+    pub file: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub plant: PlantArgs,
+    /// Directory for the results, new or empty; thetabus-out/TIME without it (key monitor.out_dir)
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}

@@ -1,0 +1,79 @@
+//! Exit codes, and the one place where a program ends.
+
+use super::{CommonArgs, logging};
+use crate::bus::BusError;
+use crate::config::ConfigError;
+use crate::runner::{RunError, Shutdown};
+use std::process::ExitCode;
+use thiserror::Error;
+
+/// The end of every `--help`.
+pub const EXIT_CODES: &str = "Exit codes:\n  \
+    0    done; a service that was ended by a signal, too\n  \
+    1    failed\n  \
+    2    wrong usage or configuration\n  \
+    3    finished, but data were lost\n  \
+    130  ended by a second signal";
+
+/// How a program ended that did not fail.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Exit {
+    /// All is well.
+    Done,
+    /// Finished, but data were lost.
+    DataLoss,
+}
+
+/// Why a program could not do its work.
+#[derive(Debug, Error)]
+pub enum Failure {
+    /// The command line or the configuration is wrong.
+    #[error("{0}")]
+    Usage(String),
+    /// Something else.
+    #[error("{0}")]
+    Failed(String),
+}
+
+impl From<ConfigError> for Failure {
+    fn from(error: ConfigError) -> Self {
+        Self::Usage(error.to_string())
+    }
+}
+
+impl From<RunError> for Failure {
+    fn from(error: RunError) -> Self {
+        match error {
+            RunError::Bus(error) => error.into(),
+            error => Self::Failed(error.to_string()),
+        }
+    }
+}
+
+impl From<BusError> for Failure {
+    fn from(error: BusError) -> Self {
+        match error {
+            BusError::Name { .. } | BusError::SocketPath { .. } => Self::Usage(error.to_string()),
+            error => Self::Failed(error.to_string()),
+        }
+    }
+}
+
+/// Logging, signals, the program, its exit code.
+pub fn main_with(common: &CommonArgs, program: impl FnOnce(&Shutdown) -> Result<Exit, Failure>) -> ExitCode {
+    logging::start(common.log_format, common.is_launched());
+    let outcome = Shutdown::on_signals()
+        .map_err(Failure::from)
+        .and_then(|shutdown| program(&shutdown));
+    match outcome {
+        Ok(Exit::Done) => ExitCode::SUCCESS,
+        Ok(Exit::DataLoss) => ExitCode::from(3),
+        Err(failure) => {
+            logging::failure(common.log_format, &failure.to_string());
+            ExitCode::from(match failure {
+                Failure::Failed(_) => 1,
+                Failure::Usage(_) => 2,
+            })
+        }
+    }
+}

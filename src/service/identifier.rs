@@ -1,0 +1,69 @@
+//! The identifier as a process.
+
+use super::args::domain;
+use super::wiring::identifier_node;
+use super::{Exit, Failure, IdentifierArgs, child, logging};
+use crate::bus::{Bus, Publisher, Role, RoleLock, SampleSubscriber};
+use crate::messages::Estimate;
+use crate::runner::{IdentifierPorts, Shutdown, TICK, run_identifier};
+use std::time::{Duration, Instant};
+
+/// Identifies a robot's parameters from its samples until it is asked to stop.
+///
+/// # Errors
+/// A wrong configuration, a second identifier of this robot, a bus that fails.
+pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
+    let common = &args.common;
+    child::follow_launcher(common)?;
+    let config = common.load(Vec::new(), &[])?;
+    let domain = domain(&config)?;
+    let robot = &config.bus.robot;
+    let _only_one = RoleLock::acquire(&domain, robot, Role::Identifier)?;
+    let mut node = identifier_node(&config)?;
+
+    let bus = Bus::join(&domain, robot, "identifier")?;
+    let status = Publisher::new(&bus)?;
+    let mut estimates = Publisher::new(&bus)?;
+    let limit = Duration::from_secs_f64(config.bus.lockstep_limit_s);
+    await_readers(&mut estimates, common.launched.await_consumers, limit, shutdown)?;
+    // Last: in lockstep the plant starts when this one listens.
+    let samples = SampleSubscriber::new(&bus)?;
+    tracing::info!(
+        robot,
+        domain = domain.name(),
+        block_len = config.estimator.block_len,
+        "identifier"
+    );
+    if !samples.is_connected() {
+        tracing::info!(robot, domain = domain.name(), "no plant yet, waiting for its samples");
+    }
+    let mut ports = IdentifierPorts {
+        samples,
+        estimates,
+        status,
+    };
+    run_identifier(&mut node, &mut ports, common.stay(), shutdown)?;
+    let status = node.status();
+    if !common.is_launched() {
+        logging::result(&format!(
+            "{} samples accepted, {} missing, {} rejected, {} estimates in the last of {} streams",
+            status.accepted, status.missing, status.rejected, status.estimates, status.streams
+        ));
+    }
+    Ok(Exit::Done)
+}
+
+/// Gives readers of the estimates the chance to be there before the first one.
+fn await_readers(
+    estimates: &mut Publisher<Estimate>,
+    count: usize,
+    limit: Duration,
+    shutdown: &Shutdown,
+) -> Result<(), Failure> {
+    let start = Instant::now();
+    while estimates.subscribers() < count && start.elapsed() < limit && !shutdown.requested() {
+        estimates.serve_late_joiners()?;
+        std::thread::sleep(TICK / 20);
+    }
+    Ok(())
+}

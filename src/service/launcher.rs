@@ -1,0 +1,377 @@
+//! `thetabus run`: the three processes, one result.
+//!
+//! ```text
+//! run ─┬─ thetabus monitor      waits for estimates
+//!      ├─ thetabus identifier   waits for the monitor
+//!      └─ thetabus plant        waits for the identifier; END ends the identifier, its last status the monitor
+//! ```
+//!
+//! A signal is passed on to the plant alone, once: it flags its next sample END, and the others end as ever. Who does not within
+//! the grace time gets a signal of its own, and SIGKILL after that. The children follow a launcher that dies.
+
+use super::args::{domain, quoted};
+use super::monitor::{SUMMARY_JSON, write_summary};
+use super::progress::Progress;
+use super::{Exit, Failure, RunArgs, logging, out_dir};
+use crate::bus::{Bus, Role, RoleLock, Subscriber};
+use crate::config::{Config, Source};
+use crate::messages::Status;
+use crate::report::Summary;
+use crate::runner::Shutdown;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use std::collections::VecDeque;
+use std::io::{BufRead, BufReader};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// The configuration that is run when none is named.
+const BUILT_IN: &str = "cedro2022";
+/// Name of the file with the whole configuration of the run.
+const CONFIG_TOML: &str = "config.toml";
+/// How often children and status are looked at.
+const POLL: Duration = Duration::from_millis(20);
+/// How long identifier and monitor may take for what is in their queues once the plant has gone.
+const GRACE: Duration = Duration::from_secs(10);
+/// How long a process may take to end after its signal.
+const SIGNAL_GRACE: Duration = Duration::from_secs(5);
+/// How long the others may take to end by themselves once one has failed.
+const FAILURE_GRACE: Duration = Duration::from_secs(2);
+/// Last lines of a failed child that are shown again.
+const LAST_LINES: usize = 8;
+
+/// Runs plant, identifier and monitor to the end, then prints the result.
+///
+/// # Errors
+/// A wrong configuration, a directory that is not empty, a second run, a child that fails.
+pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
+    let start = Instant::now();
+    let config = load(args)?;
+    let domain = domain(&config)?;
+    let robot = config.bus.robot.clone();
+    let dir = config.monitor.out_dir.clone().unwrap_or_else(out_dir::default_dir);
+    out_dir::check(&dir)?;
+    let _only_one = RoleLock::acquire(&domain, &robot, Role::Run)?;
+    // Told now, not by a child that fails.
+    for role in [Role::Plant, Role::Identifier] {
+        RoleLock::acquire(&domain, &robot, role)?;
+    }
+    out_dir::create(&dir)?;
+    let config_file = dir.join(CONFIG_TOML);
+    std::fs::write(&config_file, config.to_toml())
+        .map_err(|e| Failure::Failed(format!("{} cannot be written: {e}", config_file.display())))?;
+
+    let bus = Bus::join(&domain, &robot, "run")?;
+    let status = Subscriber::<Status>::new(&bus)?;
+    let progress = Arc::new(Progress::new(
+        config.plant.sim.sample_count(),
+        config.estimator.block_len as u64,
+    ));
+    let mut children = Children::start(&config_file, &dir, args, &progress)?;
+    let outcome = children.supervise(status, &progress, shutdown);
+    progress.clear();
+    if children.killed {
+        bus.clean_up_dead();
+    }
+
+    let result = show_result(&dir, start);
+    let lost = outcome?;
+    let summary = result?;
+    let incomplete = lost || summary.samples.missing > 0;
+    let lockstep = config.bus.lockstep(config.plant.speed);
+    Ok(if lockstep && incomplete {
+        Exit::DataLoss
+    } else {
+        Exit::Done
+    })
+}
+
+/// The configuration with what `run` decides: who is waited for.
+fn load(args: &RunArgs) -> Result<Config, Failure> {
+    let source = match &args.file {
+        Some(file) => Source::File(file.clone()),
+        None => Config::embedded(BUILT_IN)
+            .ok_or_else(|| Failure::Failed(format!("the configuration {BUILT_IN} is not built in")))?,
+    };
+    let out = quoted(args.out.as_ref().map(|dir| dir.display().to_string()));
+    // Only the identifier takes samples.
+    let own = [
+        ("bus.lockstep_consumers", Some("1".to_owned())),
+        ("monitor.out_dir", out),
+    ];
+    let own: Vec<_> = args.plant.overrides().into_iter().chain(own).collect();
+    args.plant.common.load(vec![source], &own)
+}
+
+/// Reads what the monitor has written, adds the wall time, prints the table and names the directory last.
+fn show_result(dir: &Path, start: Instant) -> Result<Summary, Failure> {
+    let path = dir.join(SUMMARY_JSON);
+    let read = || -> std::io::Result<Summary> { Ok(serde_json::from_str(&std::fs::read_to_string(&path)?)?) };
+    let result = read()
+        .map_err(|e| Failure::Failed(format!("no result: {} cannot be read: {e}", path.display())))
+        .and_then(|mut summary| {
+            summary.wall_s = Some((start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
+            write_summary(dir, &summary)?;
+            logging::result(summary.to_string().trim_end());
+            Ok(summary)
+        });
+    logging::result(&format!("results in {}", dir.display()));
+    result
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Monitor,
+    Identifier,
+    Plant,
+}
+
+impl Part {
+    /// In the order of starting: each waits for the one before it.
+    const ALL: [Self; 3] = [Self::Monitor, Self::Identifier, Self::Plant];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Monitor => "monitor",
+            Self::Identifier => "identifier",
+            Self::Plant => "plant",
+        }
+    }
+}
+
+struct Process {
+    part: Part,
+    child: Child,
+    last_lines: Arc<Mutex<VecDeque<String>>>,
+    reader: Option<JoinHandle<()>>,
+    ended: Option<(ExitStatus, Instant)>,
+    signalled: Option<Instant>,
+}
+
+struct Children {
+    processes: Vec<Process>,
+    killed: bool,
+}
+
+impl Children {
+    fn start(config: &Path, dir: &Path, args: &RunArgs, progress: &Arc<Progress>) -> Result<Self, Failure> {
+        let program = std::env::current_exe().map_err(|e| Failure::Failed(format!("cannot find this program: {e}")))?;
+        let mut children = Self {
+            processes: Vec::new(),
+            killed: false,
+        };
+        for part in Part::ALL {
+            match Process::start(part, &program, config, dir, args, progress) {
+                Ok(process) => children.processes.push(process),
+                Err(e) => {
+                    children.end_all(Duration::ZERO);
+                    return Err(Failure::Failed(format!("cannot start the {}: {e}", part.name())));
+                }
+            }
+        }
+        Ok(children)
+    }
+
+    /// Waits for the end; true where a child says that data were lost.
+    fn supervise(
+        &mut self,
+        mut status: Subscriber<Status>,
+        progress: &Progress,
+        shutdown: &Shutdown,
+    ) -> Result<bool, Failure> {
+        let mut streaming = false;
+        loop {
+            status.drain(|status| {
+                streaming |= status.boot_id != 0;
+                progress.show(status);
+            })?;
+            for process in &mut self.processes {
+                process.poll();
+            }
+            if let Some(failure) = self.processes.iter().find_map(Process::failure) {
+                // The plant's END lets the survivors write what they have.
+                self.signal(Part::Plant);
+                self.end_all(FAILURE_GRACE);
+                return Err(Failure::Failed(failure));
+            }
+            if self.processes.iter().all(|process| process.ended.is_some()) {
+                self.join_readers();
+                return Ok(self.processes.iter().any(Process::lost_data));
+            }
+            if shutdown.requested() {
+                self.signal(Part::Plant);
+            }
+            if let Some(gone) = self.plant_gone() {
+                // Without a first sample there is no END to wait for.
+                let grace = if streaming { GRACE } else { SIGNAL_GRACE.min(GRACE) / 5 };
+                if gone.elapsed() > grace {
+                    self.end_all(SIGNAL_GRACE);
+                }
+            } else if shutdown.requested() && self.signalled_since(Part::Plant) > SIGNAL_GRACE {
+                self.end_all(SIGNAL_GRACE);
+            }
+            std::thread::sleep(POLL);
+        }
+    }
+
+    fn plant_gone(&self) -> Option<Instant> {
+        let plant = self.processes.iter().find(|process| process.part == Part::Plant)?;
+        plant.ended.map(|(_, at)| at)
+    }
+
+    fn signalled_since(&self, part: Part) -> Duration {
+        let process = self.processes.iter().find(|process| process.part == part);
+        process
+            .and_then(|p| p.signalled)
+            .map_or(Duration::ZERO, |at| at.elapsed())
+    }
+
+    /// One SIGTERM, however often this is called.
+    fn signal(&mut self, part: Part) {
+        for process in self.processes.iter_mut().filter(|process| process.part == part) {
+            process.terminate();
+        }
+    }
+
+    /// Ends whoever is left: by their own, after `grace` by SIGTERM, in the end by SIGKILL.
+    fn end_all(&mut self, grace: Duration) {
+        let start = Instant::now();
+        while self.any_left() && start.elapsed() < 2 * grace + SIGNAL_GRACE {
+            // The identifier drains the plant's END, the monitor the identifier's last status.
+            if start.elapsed() >= grace {
+                self.processes.iter_mut().for_each(Process::terminate);
+            }
+            std::thread::sleep(POLL);
+        }
+        for process in &mut self.processes {
+            if process.ended.is_none() {
+                self.killed = true;
+                let _ = process.child.kill();
+                let _ = process.child.wait();
+                process.poll();
+            }
+        }
+        self.killed |= self
+            .processes
+            .iter()
+            .any(|p| p.ended.is_some_and(|(status, _)| status.signal().is_some()));
+        self.join_readers();
+    }
+
+    fn any_left(&mut self) -> bool {
+        self.processes.iter_mut().for_each(Process::poll);
+        self.processes.iter().any(|process| process.ended.is_none())
+    }
+
+    fn join_readers(&mut self) {
+        for process in &mut self.processes {
+            if let Some(reader) = process.reader.take() {
+                let _ = reader.join();
+            }
+        }
+    }
+}
+
+impl Process {
+    fn start(
+        part: Part,
+        program: &Path,
+        config: &Path,
+        dir: &Path,
+        args: &RunArgs,
+        progress: &Arc<Progress>,
+    ) -> std::io::Result<Self> {
+        let mut command = Command::new(program);
+        command
+            .arg(part.name())
+            .arg("--config")
+            .arg(config)
+            .arg("--launched-by")
+            .arg(std::process::id().to_string())
+            .arg("--log-format")
+            .arg(logging::format_name(args.plant.common.log_format))
+            // A group of its own: Ctrl-C on the terminal reaches the launcher alone, which passes it on once.
+            .process_group(0)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped());
+        match part {
+            Part::Monitor => command.arg("--until-end").arg("--out").arg(dir),
+            Part::Identifier => command.args(["--until-end", "--await-consumers", "1"]),
+            Part::Plant => command.args(["--await-consumers", "1"]),
+        };
+        let mut child = command.spawn()?;
+        let last_lines = Arc::new(Mutex::new(VecDeque::new()));
+        let reader = child.stderr.take().map(|stderr| {
+            let (lines, progress) = (last_lines.clone(), progress.clone());
+            std::thread::spawn(move || {
+                for line in BufReader::new(stderr).lines().map_while(Result::ok) {
+                    progress.pass_on(&line);
+                    let mut lines = lines.lock().unwrap_or_else(PoisonError::into_inner);
+                    if lines.len() == LAST_LINES {
+                        lines.pop_front();
+                    }
+                    lines.push_back(line);
+                }
+            })
+        });
+        Ok(Self {
+            part,
+            child,
+            last_lines,
+            reader,
+            ended: None,
+            signalled: None,
+        })
+    }
+
+    fn poll(&mut self) {
+        if self.ended.is_none()
+            && let Ok(Some(status)) = self.child.try_wait()
+        {
+            self.ended = Some((status, Instant::now()));
+        }
+    }
+
+    fn terminate(&mut self) {
+        if self.ended.is_none() && self.signalled.is_none() {
+            self.signalled = Some(Instant::now());
+            // Not waited for yet, so the number still is this child's.
+            let _ = kill(Pid::from_raw(self.child.id().cast_signed()), Signal::SIGTERM);
+        }
+    }
+
+    fn lost_data(&self) -> bool {
+        self.ended.is_some_and(|(status, _)| status.code() == Some(3))
+    }
+
+    /// What the user must know of a child that ended badly.
+    fn failure(&self) -> Option<String> {
+        let (status, _) = self.ended?;
+        let how = match (status.code(), status.signal()) {
+            (Some(0 | 3), _) => return None,
+            (Some(code), _) => format!("failed with exit code {code}"),
+            (None, Some(number)) => {
+                let name = Signal::try_from(number).map_or("unknown signal", Signal::as_str);
+                format!("was killed by signal {number} ({name})")
+            }
+            (None, None) => format!("ended in an unknown way ({status})"),
+        };
+        let lines = self.last_lines.lock().unwrap_or_else(PoisonError::into_inner);
+        let last: Vec<&str> = lines.iter().map(String::as_str).collect();
+        let said = if last.is_empty() {
+            "it said nothing".to_owned()
+        } else {
+            format!("its last lines:\n  {}", last.join("\n  "))
+        };
+        Some(format!(
+            "the {}, process {}, {how}; {said}",
+            self.part.name(),
+            self.child.id()
+        ))
+    }
+}

@@ -1,0 +1,44 @@
+//! Logs on standard error. A reader that has gone away is no reason to fail.
+
+use super::LogFormat;
+use std::io::{IsTerminal, Write};
+use tracing_subscriber::EnvFilter;
+
+/// Starts logging; `RUST_LOG` chooses what, `info` without it, and `warn` below a launcher that shows progress itself.
+pub(super) fn start(format: LogFormat, launched: bool) {
+    let default = if launched { "warn" } else { "info" };
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
+    let builder = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        .log_internal_errors(false);
+    // A second start in one process, as in tests, keeps the first.
+    let _ = match format {
+        LogFormat::Text => builder.try_init(),
+        LogFormat::Json => builder.json().try_init(),
+    };
+}
+
+/// The name of a format on the command line.
+pub(super) fn format_name(format: LogFormat) -> &'static str {
+    match format {
+        LogFormat::Text => "text",
+        LogFormat::Json => "json",
+    }
+}
+
+/// The last words of a program that failed: shown whatever `RUST_LOG` says.
+pub(super) fn failure(format: LogFormat, message: &str) {
+    let line = match format {
+        LogFormat::Text => format!("error: {message}"),
+        LogFormat::Json => serde_json::json!({ "level": "ERROR", "fields": { "message": message } }).to_string(),
+    };
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
+}
+
+/// A line of results on standard output. A reader that has closed it, as `head` does, is no failure.
+pub(super) fn result(line: &str) {
+    let _ = writeln!(std::io::stdout().lock(), "{line}");
+}

@@ -1,0 +1,88 @@
+//! The monitor as a process: a readable line per estimate, estimates.csv, summary.json.
+
+use super::args::{domain, quoted};
+use super::wiring::{model_name, monitor_node};
+use super::{Exit, Failure, MonitorArgs, child, logging, out_dir};
+use crate::bus::{Bus, Subscriber};
+use crate::recording::EstimatesCsv;
+use crate::report::Summary;
+use crate::runner::{MonitorPorts, Shutdown, run_monitor};
+use std::fs::File;
+use std::io;
+use std::path::Path;
+
+/// Name of the file with one line per block.
+pub(super) const ESTIMATES_CSV: &str = "estimates.csv";
+/// Name of the file with the end of the run.
+pub(super) const SUMMARY_JSON: &str = "summary.json";
+
+/// Follows the estimates of a robot until it is asked to stop.
+///
+/// # Errors
+/// A wrong configuration, a directory that is not empty, a bus or a disk that fails.
+pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
+    child::follow_launcher(&args.common)?;
+    let out = quoted(args.out.as_ref().map(|dir| dir.display().to_string()));
+    let config = args.common.load(Vec::new(), &[("monitor.out_dir", out)])?;
+    let domain = domain(&config)?;
+    let robot = &config.bus.robot;
+    // A launcher has made and checked the directory, and put the configuration into it.
+    let dir = config.monitor.out_dir.as_deref();
+    if let Some(dir) = dir.filter(|_| !args.common.is_launched()) {
+        out_dir::check(dir)?;
+        out_dir::create(dir)?;
+    }
+    // Beside a launched plant the truth is known; what publishes otherwise may be a real machine.
+    let truth = args.common.is_launched().then_some(&config.plant.sim);
+    let mut node = monitor_node(&config, truth)?;
+    let mut csv = dir
+        .map(|dir| EstimatesCsv::new(create(&dir.join(ESTIMATES_CSV))?, node.parameters(), node.derived()))
+        .transpose()
+        .map_err(|e| unwritable(ESTIMATES_CSV, &e))?;
+
+    let bus = Bus::join(&domain, robot, "monitor")?;
+    let mut ports = MonitorPorts {
+        estimates: Subscriber::new(&bus)?,
+        status: Subscriber::new(&bus)?,
+    };
+    tracing::info!(robot, domain = domain.name(), "monitor");
+    let outcome = run_monitor(&mut node, &mut ports, args.common.stay(), shutdown, |node, estimate| {
+        tracing::info!("{}", node.line(estimate));
+        csv.as_mut().map_or(Ok(()), |csv| csv.write(estimate))
+    });
+
+    let summary = Summary::new(&node, robot, model_name(&config));
+    if let Some(dir) = dir {
+        write_summary(dir, &summary)?;
+    }
+    outcome?;
+    if !args.common.is_launched() {
+        logging::result(summary.to_string().trim_end());
+        if let Some(dir) = dir {
+            logging::result(&format!("results in {}", dir.display()));
+        }
+    }
+    // Only where nothing may be lost does a lost estimate make the run a failure; the launcher knows.
+    Ok(if args.common.is_launched() && node.lost_estimates() > 0 {
+        Exit::DataLoss
+    } else {
+        Exit::Done
+    })
+}
+
+pub(super) fn write_summary(dir: &Path, summary: &Summary) -> Result<(), Failure> {
+    let write = || -> io::Result<()> {
+        let mut text = serde_json::to_string_pretty(summary)?;
+        text.push('\n');
+        std::fs::write(dir.join(SUMMARY_JSON), text)
+    };
+    write().map_err(|e| unwritable(SUMMARY_JSON, &e))
+}
+
+fn create(path: &Path) -> io::Result<File> {
+    File::create_new(path)
+}
+
+fn unwritable(name: &str, error: &io::Error) -> Failure {
+    Failure::Failed(format!("{name} cannot be written: {error}"))
+}

@@ -1,0 +1,83 @@
+//! The simulated machine as a process.
+
+use super::args::domain;
+use super::{Exit, Failure, PlantArgs, child, logging};
+use crate::bus::{Bus, Delivery, Role, RoleLock, SamplePublisher};
+use crate::config::{Config, Speed};
+use crate::messages::signals;
+use crate::node::plant::PlantNode;
+use crate::runner::{Pace, Shutdown, run_plant};
+use crate::sim::{ARM_JOINTS, ArmSimulator};
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::time::Duration;
+
+/// Simulates the configured machine and publishes its samples, from start to END.
+///
+/// # Errors
+/// A wrong configuration, a second plant of this robot, no consumer in lockstep, a bus that fails.
+pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
+    child::follow_launcher(&args.common)?;
+    let config = args.common.load(Vec::new(), &args.overrides())?;
+    let domain = domain(&config)?;
+    let robot = &config.bus.robot;
+    let _only_one = RoleLock::acquire(&domain, robot, Role::Plant)?;
+
+    let sim = &config.plant.sim;
+    let simulator = ArmSimulator::new(sim).map_err(|e| Failure::Usage(e.to_string()))?;
+    let period_ns = (sim.sample_period_s * 1e9).round() as u64;
+    let samples = sim.sample_count();
+    let mut node = PlantNode::new(simulator, boot_id(), ARM_JOINTS, signals::ALL, period_ns, samples);
+
+    let bus = Bus::join(&domain, robot, "plant_simulator")?;
+    let delivery = delivery(&config);
+    let mut publisher = SamplePublisher::new(&bus, delivery, shutdown.flag())?;
+    tracing::info!(
+        robot,
+        domain = domain.name(),
+        samples,
+        delivery = delivery.name(),
+        "plant simulator"
+    );
+    if delivery == Delivery::Realtime {
+        publisher.hold_for(args.common.launched.await_consumers, limit(&config));
+    }
+    let pace = Pace::new(match config.plant.speed {
+        Speed::Max => None,
+        Speed::Factor(factor) => Some(factor),
+    });
+    let report = run_plant(&mut node, &mut publisher, pace, shutdown)?;
+    if report.pace.restarts > 0 {
+        tracing::warn!(
+            times = report.pace.restarts,
+            "the plant could not keep its pace or was stopped, and its schedule started anew"
+        );
+    }
+    if !args.common.is_launched() {
+        logging::result(&format!("{} of {samples} samples sent", report.sent));
+    }
+    Ok(if report.loss.is_none() {
+        Exit::Done
+    } else {
+        Exit::DataLoss
+    })
+}
+
+fn delivery(config: &Config) -> Delivery {
+    if config.bus.lockstep(config.plant.speed) {
+        Delivery::Lockstep {
+            consumers: config.bus.lockstep_consumers,
+            limit: limit(config),
+        }
+    } else {
+        Delivery::Realtime
+    }
+}
+
+fn limit(config: &Config) -> Duration {
+    Duration::from_secs_f64(config.bus.lockstep_limit_s)
+}
+
+/// A number that no earlier start of a plant had; 0 means "none yet" in status.
+fn boot_id() -> u64 {
+    RandomState::new().build_hasher().finish().max(1)
+}

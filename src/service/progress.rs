@@ -1,0 +1,97 @@
+//! How far a run is, on standard error: in place on a terminal, else a line every few seconds.
+
+use crate::messages::{State, Status};
+use std::io::{IsTerminal, Write};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Period of lines where they cannot be written in place.
+const LINE_PERIOD: Duration = Duration::from_secs(5);
+/// Period of updates in place.
+const IN_PLACE_PERIOD: Duration = Duration::from_millis(200);
+
+/// The progress line. Everything else that goes to standard error meanwhile goes through [`Progress::pass_on`].
+#[derive(Debug)]
+pub(super) struct Progress {
+    terminal: bool,
+    samples: u64,
+    block_len: u64,
+    start: Instant,
+    line: Mutex<Line>,
+}
+
+#[derive(Debug)]
+struct Line {
+    last: Instant,
+    shown: bool,
+}
+
+impl Progress {
+    /// Progress towards `samples` samples in blocks of `block_len`.
+    pub(super) fn new(samples: u64, block_len: u64) -> Self {
+        let now = Instant::now();
+        Self {
+            terminal: std::io::stderr().is_terminal(),
+            samples,
+            block_len: block_len.max(1),
+            start: now,
+            line: Mutex::new(Line {
+                last: now,
+                shown: false,
+            }),
+        }
+    }
+
+    /// Shows a status where it is time to.
+    pub(super) fn show(&self, status: &Status) {
+        let mut line = self.line.lock().unwrap_or_else(PoisonError::into_inner);
+        let period = if self.terminal { IN_PLACE_PERIOD } else { LINE_PERIOD };
+        if line.last.elapsed() < period {
+            return;
+        }
+        line.last = Instant::now();
+        let text = self.text(status, self.start.elapsed());
+        let mut stderr = std::io::stderr().lock();
+        if self.terminal {
+            line.shown = true;
+            let _ = write!(stderr, "\r{text}\x1b[K");
+        } else {
+            let _ = writeln!(stderr, "{text}");
+        }
+        let _ = stderr.flush();
+    }
+
+    fn text(&self, status: &Status, elapsed: Duration) -> String {
+        let taken = status.accepted + status.rejected + status.missing;
+        let percent = 100.0 * taken as f64 / self.samples.max(1) as f64;
+        let blocks = self.samples / self.block_len;
+        format!(
+            "{percent:3.0} %  block {} of {blocks}  {}  {} accepted, {} missing, {} rejected  {:.1} s",
+            status.last_block,
+            State::from_wire(status.state).map_or("unknown", State::name),
+            status.accepted,
+            status.missing,
+            status.rejected,
+            elapsed.as_secs_f64()
+        )
+    }
+
+    /// Writes a line of a child's, without tearing the progress line.
+    pub(super) fn pass_on(&self, text: &str) {
+        let mut line = self.line.lock().unwrap_or_else(PoisonError::into_inner);
+        let clear = if std::mem::take(&mut line.shown) {
+            "\r\x1b[K"
+        } else {
+            ""
+        };
+        let _ = writeln!(std::io::stderr().lock(), "{clear}{text}");
+    }
+
+    /// Removes the line in place.
+    pub(super) fn clear(&self) {
+        let mut line = self.line.lock().unwrap_or_else(PoisonError::into_inner);
+        if std::mem::take(&mut line.shown) {
+            let _ = write!(std::io::stderr().lock(), "\r\x1b[K");
+        }
+    }
+}

@@ -2,6 +2,8 @@
 
 #[cfg(feature = "bus")]
 pub mod bus;
+#[cfg(feature = "sim")]
+pub mod compare;
 #[cfg(feature = "config")]
 pub mod config;
 pub mod estimator;

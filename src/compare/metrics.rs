@@ -47,7 +47,10 @@ mod tests {
 
     #[test]
     fn prop_errors_that_are_not_numbers_count_as_infinite() {
-        assert_eq!(worst_relative_error(&[f64::NAN, 2.0], &[1.0, 2.0], &[0, 1]), f64::INFINITY);
+        assert_eq!(
+            worst_relative_error(&[f64::NAN, 2.0], &[1.0, 2.0], &[0, 1]),
+            f64::INFINITY
+        );
         assert_eq!(worst_relative_error(&[1.5, 2.0], &[1.0, 2.0], &[0, 1]), 0.5);
         assert_eq!(worst_relative_error(&[1.5, 2.0], &[1.0, 2.0], &[1]), 0.0);
         assert_eq!(median(&mut [3.0, 1.0, 2.0]), 2.0);

@@ -31,7 +31,10 @@ impl Scenario {
         let simulator = ArmSimulator::new(options)?;
         let model = Manipulator::new(options.arm.gravity_m_s2).unwrap_or_default();
         let count = options.sample_count();
-        let features: Vec<_> = simulator.take(count as usize).map(|sample| model.features(&sample)).collect();
+        let features: Vec<_> = simulator
+            .take(count as usize)
+            .map(|sample| model.features(&sample))
+            .collect();
         if (features.len() as u64) < count {
             return Err(SimError {
                 field: "controller",
@@ -75,18 +78,23 @@ impl Scenario {
     /// The complete blocks of `block_len` samples, in order; `block_len` ≥ 1.
     pub fn blocks(&self, block_len: usize) -> impl Iterator<Item = ScenarioRows<'_>> {
         let period_ns = (self.options.sample_period_s * 1e9).round() as u64;
-        self.features.chunks_exact(block_len).enumerate().map(move |(block, features)| ScenarioRows {
-            model: &self.model,
-            features,
-            first: (block * block_len) as u64,
-            period_ns,
-        })
+        self.features
+            .chunks_exact(block_len)
+            .enumerate()
+            .map(move |(block, features)| ScenarioRows {
+                model: &self.model,
+                features,
+                first: (block * block_len) as u64,
+                period_ns,
+            })
     }
 
     /// The first sample at which the mass is another one than before, as (sample, block counted from 0).
     pub fn first_change(&self, block_len: usize) -> Option<(usize, usize)> {
         let mass = |sample: usize| self.options.mass_2.mass_kg(self.time_s(sample));
-        (1..self.len()).find(|&k| mass(k) != mass(k - 1)).map(|k| (k, k / block_len))
+        (1..self.len())
+            .find(|&k| mass(k) != mass(k - 1))
+            .map(|k| (k, k / block_len))
     }
 }
 

@@ -34,7 +34,7 @@ const fn parameter(name: &'static str, unit: &'static str, meaning: &'static str
     }
 }
 
-/// θ₁…θ₉ of (25). All are positive for every physical arm; the starts are round numbers off the paper's values by a factor of 2 to 3.
+/// θ₁…θ₉ of (25). All are positive for every physical arm; the starts are orders of magnitude, and a round number for the length.
 pub static PARAMETERS: [Parameter; MANIPULATOR_PARAMS] = [
     parameter(
         "theta_1",
@@ -74,7 +74,7 @@ pub static PARAMETERS: [Parameter; MANIPULATOR_PARAMS] = [
         0.1,
     ),
     parameter("theta_8", "V s/rad", "ke2: back-EMF constant of motor 2", 10.0),
-    parameter("theta_9", "m", "l2: length of link 2", 0.5),
+    parameter("theta_9", "m", "l2: length of link 2", 1.0),
 ];
 
 static EQUATIONS: [Equation; 2] = [

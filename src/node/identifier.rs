@@ -31,6 +31,8 @@ pub struct IdentifierOptions {
 struct OpenBlock {
     block: u64,
     t_first_ns: u64,
+    /// Samples taken in; rows may be fewer.
+    samples: u64,
 }
 
 /// Consumes samples, gives an estimate per block.
@@ -114,7 +116,8 @@ impl<B: SampleBlock> IdentifierNode<B> {
     /// A new stream: counters start over. θ̂ and its information stay, for the machine is the same; only its publisher was
     /// started again.
     fn start_stream(&mut self, sample: &Sample) {
-        self.discard();
+        self.rows.reset();
+        self.open = None;
         self.first_seq = sample.seq;
         self.status = Status {
             boot_id: sample.boot_id,
@@ -134,12 +137,16 @@ impl<B: SampleBlock> IdentifierNode<B> {
             self.open = Some(OpenBlock {
                 block,
                 t_first_ns: if valid { sample.t_ns } else { self.status.last_t_ns },
+                samples: 0,
             });
         }
         let taken = valid && (!wanted || self.rows.push(sample.t_ns, &sample.joint_sample()));
         if taken {
             self.status.accepted += 1;
             self.status.last_t_ns = sample.t_ns;
+            if let Some(open) = &mut self.open {
+                open.samples += 1;
+            }
         } else {
             self.status.rejected += 1;
         }
@@ -148,7 +155,8 @@ impl<B: SampleBlock> IdentifierNode<B> {
     /// Ends the open block with an estimate.
     fn close(&mut self, emit: &mut dyn FnMut(&Estimate)) {
         let Some(open) = self.open else { return };
-        let incomplete = (self.rows.len() as u64) < self.options.block_len;
+        let incomplete = open.samples < self.options.block_len;
+        self.rows.prepare(self.estimator.theta());
         let mut estimate = message(self.estimator.update(&self.rows));
         estimate.boot_id = self.status.boot_id;
         estimate.block = open.block;

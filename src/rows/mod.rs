@@ -12,6 +12,13 @@ pub trait SampleBlock: Residuals {
     /// Takes the sample of stream time `t_ns` in; false where the block is full and the sample was not taken.
     #[must_use]
     fn push(&mut self, t_ns: u64, sample: &JointSample) -> bool;
-    /// Forgets all samples and keeps the room.
+    /// Gets the rows of the block ready, with θ̂ as it is before the block: whatever weighs rows is computed here, once per block, because it
+    /// must not follow the fit. To be called after the last `push` of a block and before the rows are read.
+    fn prepare(&mut self, _theta: &[f64]) {}
+    /// Begins the next block: forgets the rows. Samples that later rows still reach back to are kept.
     fn clear(&mut self);
+    /// Begins a new stream: forgets everything and keeps the room.
+    fn reset(&mut self) {
+        self.clear();
+    }
 }

@@ -1,14 +1,15 @@
 //! The built-in defaults: the paper's experiment, from the presets of the core types into the form of the file.
 
 use super::schema::{self, FileForm, RealOrWord};
-use crate::estimator::{ChangeDetection, EstimatorOptions, Forgetting};
+use crate::compare::{CEDRO2022_BLOCK_LEN, cedro2022_estimator};
+use crate::estimator::ChangeDetection;
 use crate::sim::{ARM_JOINTS, ControllerKind, Interpolation, Setpoint, SimOptions};
 
 impl Default for FileForm {
     /// The paper's experiment, from the presets of the core types.
     fn default() -> Self {
         let sim = SimOptions::cedro2022();
-        let estimator = EstimatorOptions::paper(Vec::new(), 0);
+        let estimator = cedro2022_estimator();
         let arm = &sim.arm;
         let [kp, kd] = [
             &sim.controller.proportional_gain_v_per_rad,
@@ -129,10 +130,10 @@ impl Default for FileForm {
                 derivative_gain_v_s_per_rad: kd,
             },
             estimator: schema::Estimator {
-                block_len: 1900,
+                block_len: CEDRO2022_BLOCK_LEN as u64,
                 theta_start: Vec::new(),
                 start_std: Vec::new(),
-                forgetting: Forgetting::Bounded.name().to_owned(),
+                forgetting: estimator.forgetting.name().to_owned(),
                 bound: estimator.bound.name().to_owned(),
                 forgetting_factor: Some(estimator.forgetting_factor),
                 time_constant_s: None,

@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 use std::path::Path;
+use thetabus::compare::cedro2022_estimator;
 use thetabus::config::{Config, Delivery, Kind, Source, Speed, keys};
 use thetabus::sim::SimOptions;
 
@@ -133,7 +134,7 @@ fn prop_the_hash_follows_what_determines_estimates_and_nothing_else() {
     }
     for other in [
         "estimator.block_len=950",
-        "estimator.forgetting_factor=0.9",
+        "estimator.forgetting_factor=0.93",
         "identifier.input=controller",
         "model.gravity_m_s2=1.62",
         "plant.sample_period_s=0.002",
@@ -146,6 +147,12 @@ fn prop_the_hash_follows_what_determines_estimates_and_nothing_else() {
 fn regress_the_paper_file_states_the_paper_presets_of_the_core_types() {
     let config = Config::load(&[Config::embedded("cedro2022").unwrap()], &[]).unwrap();
     assert_eq!(config.plant.sim, SimOptions::cedro2022());
+    assert_eq!(config.estimator.options, cedro2022_estimator());
+    assert_eq!(
+        config.estimator,
+        Config::default().estimator,
+        "the defaults in code are the paper's, too"
+    );
     assert_eq!(config.plant.sim.sample_count(), 170_000);
     assert_eq!(config.plant.sim.sample_count() / config.estimator.block_len as u64, 89);
 }

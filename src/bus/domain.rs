@@ -5,8 +5,9 @@ use iceoryx2::prelude::{Config, FileName, Path as IoxPath, SemanticString};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
-/// Longest file name that iceoryx2 appends to root path and prefix for a socket: a 128-bit decimal and `.event`.
-const SOCKET_NAME_LEN: usize = 39 + ".event".len();
+/// Longest file name that iceoryx2 appends to root path and prefix for a socket: a decimal and `.event`. The decimal is a count of
+/// the process's ports times 2^96 plus time and process: 33 digits suffice for 12 000 ports, and sockets are among the first.
+const SOCKET_NAME_LEN: usize = 33 + ".event".len();
 /// Linux keeps a socket's path in 108 bytes, the closing zero included.
 const SOCKET_PATH_MAX: usize = 107;
 
@@ -53,11 +54,14 @@ impl Domain {
         let prefix = format!("thetabus_{name}_");
         let len = root.as_os_str().len() + 1 + prefix.len() + SOCKET_NAME_LEN;
         if len > SOCKET_PATH_MAX {
+            // The name stands in both.
+            let shorten = (len - SOCKET_PATH_MAX).div_ceil(2);
             return Err(BusError::SocketPath {
                 domain: name.into(),
                 root,
                 len,
                 max: SOCKET_PATH_MAX,
+                longest: name.len().saturating_sub(shorten),
             });
         }
         Ok(Self {
@@ -110,11 +114,10 @@ impl Domain {
 
     /// iceoryx2's configuration: its defaults, with this domain's root path and prefix.
     pub(super) fn config(&self) -> Result<Config, BusError> {
-        let unfit = || BusError::SocketPath {
+        let unfit = || BusError::Root {
             domain: self.name.clone(),
             root: self.root.clone(),
-            len: self.root.as_os_str().len(),
-            max: SOCKET_PATH_MAX,
+            source: std::io::Error::new(std::io::ErrorKind::InvalidInput, "iceoryx2 does not accept such a path"),
         };
         let mut config = Config::default();
         let root = IoxPath::new(self.root.as_os_str().as_encoded_bytes()).map_err(|_| unfit())?;

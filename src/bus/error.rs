@@ -22,7 +22,7 @@ pub enum BusError {
     /// The domain's paths are too long for sockets.
     #[error(
         "domain {domain:?}: the paths of its sockets below {} would take {len} bytes, but the system allows {max}; \
-         use a shorter domain name or a shorter $XDG_RUNTIME_DIR",
+         use a domain name of at most {longest} characters, or a shorter $XDG_RUNTIME_DIR",
         root.display()
     )]
     SocketPath {
@@ -34,6 +34,8 @@ pub enum BusError {
         len: usize,
         /// Bytes allowed.
         max: usize,
+        /// Characters that a domain name may have here.
+        longest: usize,
     },
     /// The domain's directory cannot be made or read.
     #[error("domain {domain:?}: directory {} cannot be used: {source}", root.display())]

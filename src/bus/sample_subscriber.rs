@@ -83,6 +83,11 @@ impl SampleSubscriber {
     ///
     /// A sample that its publisher had to send again, because another consumer missed it, is handed over once.
     pub fn drain(&mut self, limit: usize, mut take: impl FnMut(&Sample)) -> Result<usize, BusError> {
+        self.drain_timed(limit, |sample, _| take(sample))
+    }
+
+    /// As [`drain`](Self::drain), with the time of sending \[ns of CLOCK_MONOTONIC\] beside each sample.
+    pub fn drain_timed(&mut self, limit: usize, mut take: impl FnMut(&Sample, u64)) -> Result<usize, BusError> {
         let Some(connection) = &self.connection else {
             return Ok(0);
         };
@@ -97,7 +102,7 @@ impl SampleSubscriber {
                 continue;
             }
             self.last = place;
-            take(sample);
+            take(sample, message.user_header().sent_ns);
         }
         Ok(limit)
     }

@@ -116,13 +116,13 @@ pub struct PlantArgs {
     #[allow(missing_docs, reason = "flattened")]
     pub common: CommonArgs,
     /// Simulated seconds per second, or max (key plant.speed)
-    #[arg(long, value_name = "X|max")]
+    #[arg(long, value_name = "X|max", allow_negative_numbers = true)]
     pub speed: Option<String>,
     /// Length of the run in simulated seconds (key plant.duration_s)
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub duration: Option<String>,
     /// Seed of everything random (key plant.seed)
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub seed: Option<String>,
 }
 

@@ -55,7 +55,7 @@ pub(super) fn identifier_node(config: &Config) -> Result<IdentifierNode<Pointwis
     };
     let estimator = BlockEstimator::new(structure(plant), config.estimator.options.clone())
         .map_err(|e| Failure::Usage(format!("estimator: {e}")))?;
-    let rows = PointwiseBlock::new(plant.clone(), input, block_len);
+    let rows = PointwiseBlock::new(*plant, input, block_len);
     let derived = derived(config)?.map(|derived| Box::new(derived) as Box<dyn DerivedValues>);
     Ok(IdentifierNode::new(
         options,

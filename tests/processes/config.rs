@@ -1,0 +1,110 @@
+//! Wrong usage and configuration: exit code 2, and what to mend.
+
+use crate::support::{Process, Program, Site};
+use std::process::Command;
+
+#[test]
+fn fault_a_bad_configuration_gives_2_and_the_keys_name_in_each_program() {
+    let site = Site::new();
+    let file = site.dir.path().join("bad.toml");
+    std::fs::write(&file, "[estimator]\nforgetting_factor = 1.5\nblock_lenght = 3\n").expect("write");
+    let file = file.to_str().expect("UTF-8");
+    for (program, args) in [
+        (Program::Plant, vec!["--config", file]),
+        (Program::Identifier, vec!["--config", file]),
+        (Program::Monitor, vec!["--config", file]),
+        (Program::Thetabus, vec!["run", file]),
+    ] {
+        let mut process = site.start(program, &args);
+        process.expect_code(2);
+        process.expect_stderr(&[
+            "bad.toml:2",
+            "estimator.forgetting_factor",
+            "1.5",
+            "bad.toml:3",
+            "block_lenght",
+        ]);
+    }
+    let mut command = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+    command.args(["config", "check", file]);
+    let mut check = Process::start(command);
+    check.expect_code(2);
+    check.expect_stderr(&["bad.toml:2", "estimator.forgetting_factor"]);
+}
+
+#[test]
+fn e2e_config_check_accepts_what_run_has_written() {
+    let site = Site::new();
+    site.start_run(&["--duration", "1"]).expect_code(0);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+    command.args(["config", "check"]).arg(site.out().join("config.toml"));
+    let mut check = Process::start(command);
+    check.expect_code(0);
+    assert!(check.stdout().contains("ok"), "{}", check.said());
+}
+
+#[test]
+fn fault_wrong_usage_gives_2_and_names_the_argument() {
+    let site = Site::new();
+    for (program, args, part) in [
+        (Program::Plant, &["--sped", "1"][..], "--sped"),
+        (Program::Plant, &["--speed", "fast"], "plant.speed"),
+        (Program::Plant, &["--speed", "-1"], "plant.speed"),
+        (Program::Plant, &["--duration", "nan"], "plant.duration_s"),
+        (Program::Plant, &["--seed", "x"], "plant.seed"),
+        (Program::Identifier, &["--robot", "Big Arm"], "bus.robot"),
+        (Program::Identifier, &["--config", "absent.toml"], "absent.toml"),
+        (
+            Program::Monitor,
+            &["--set", "estimator.block_len"],
+            "estimator.block_len",
+        ),
+        (Program::Thetabus, &["run", "absent.toml"], "absent.toml"),
+        (Program::Thetabus, &["run", "--set", "nonsense.key=1"], "nonsense"),
+    ] {
+        let mut process = site.start(program, args);
+        process.expect_code(2);
+        process.expect_stderr(&[part]);
+    }
+    for args in [&["dance"][..], &[], &["config"]] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+        command.args(args);
+        Process::start(command).expect_code(2);
+    }
+    // A domain is part of the command line: said twice, or badly, is wrong usage as well.
+    let mut command = Command::new(env!("CARGO_BIN_EXE_identifier"));
+    command.args(["--domain", "No Domain"]);
+    let mut process = Process::start(command);
+    process.expect_code(2);
+    process.expect_stderr(&["domain"]);
+}
+
+#[test]
+fn e2e_help_lists_the_exit_codes_and_version_names_schema_and_iceoryx2() {
+    for program in [
+        env!("CARGO_BIN_EXE_thetabus"),
+        env!("CARGO_BIN_EXE_plant_simulator"),
+        env!("CARGO_BIN_EXE_identifier"),
+        env!("CARGO_BIN_EXE_monitor"),
+    ] {
+        let output = |arg: &str| {
+            let output = Command::new(program).arg(arg).output().expect("it runs");
+            assert!(output.status.success());
+            String::from_utf8(output.stdout).expect("UTF-8")
+        };
+        let help = output("--help");
+        for part in ["Exit codes", "130", "data were lost"] {
+            assert!(help.contains(part), "{part:?} is not in\n{help}");
+        }
+        let version = output("--version");
+        for part in [env!("CARGO_PKG_VERSION"), "schema 1", "iceoryx2 0.10.0"] {
+            assert!(version.contains(part), "{part:?} is not in {version}");
+        }
+    }
+    let output = Command::new(env!("CARGO_BIN_EXE_thetabus"))
+        .args(["run", "--help"])
+        .output()
+        .expect("it runs");
+    let help = String::from_utf8(output.stdout).expect("UTF-8");
+    assert!(help.contains("Exit codes") && !help.contains("launched-by"), "{help}");
+}

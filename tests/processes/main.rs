@@ -1,0 +1,14 @@
+//! The programs as users start them: real processes on real shared memory.
+//!
+//! Each test has a bus domain and a directory of its own, waits for conditions under a watchdog, and leaves nothing behind.
+#![cfg(feature = "service")]
+
+mod config;
+mod isolation;
+mod late;
+mod lockstep;
+mod order;
+mod realtime;
+mod run;
+mod signals;
+mod support;

@@ -238,7 +238,7 @@ pub fn relative_error(estimate: f64, truth: f64) -> f64 {
 
 /// Nanoseconds of stream time as seconds.
 pub fn seconds(t_ns: u64) -> f64 {
-    t_ns as f64 * 1e-9
+    t_ns as f64 / 1e9
 }
 
 #[cfg(test)]

@@ -128,14 +128,18 @@ impl Check<'_> {
         self.without_effect(form);
     }
 
-    /// Keys that were stated but belong to a choice that was not made.
+    /// Keys that were set to something of their own but belong to a choice that was not made.
     fn without_effect(&mut self, form: &FileForm) {
+        let default = toml::Table::try_from(FileForm::default()).unwrap_or_default();
         let unused: Vec<(String, String)> = self
             .layers
             .entries()
-            .keys()
-            .filter_map(|path| {
+            .iter()
+            .filter_map(|(path, entry)| {
                 let (section, name) = path.rsplit_once('.')?;
+                if default.get(section)?.get(name) == Some(&entry.value) {
+                    return None;
+                }
                 let need = match (section, name) {
                     ("identifier", "proportional_gain_v_per_rad" | "derivative_gain_v_s_per_rad") => {
                         ("identifier.input", form.identifier.input.as_str(), "controller")

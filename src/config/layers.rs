@@ -12,6 +12,9 @@ use toml::de::{DeTable, DeValue};
 /// Larger files are refused: a mistyped path to a recording must not be read whole.
 const MAX_BYTES: u64 = 1 << 20;
 
+/// A file that is no TOML at all has a syntax error in each line; a few tell enough.
+const MAX_SYNTAX_ERRORS: usize = 5;
+
 /// Where settings come from.
 #[derive(Debug, Clone)]
 pub enum Source {
@@ -118,7 +121,7 @@ impl Layers {
         self.layer += 1;
         let (table, errors) = DeTable::parse_recoverable(text);
         let file = File { name, text, base };
-        for error in &errors {
+        for error in errors.iter().take(MAX_SYNTAX_ERRORS) {
             let at = error.span().unwrap_or(0..0);
             let near = match file.slice(&at) {
                 "" => String::new(),
@@ -126,6 +129,13 @@ impl Layers {
             };
             let message = format!("not valid TOML: {}{near}", error.message());
             self.problems.push(Problem::new(file.origin(at.start), "", message));
+        }
+        if let Some(more) = errors.len().checked_sub(MAX_SYNTAX_ERRORS).filter(|more| *more > 0) {
+            self.problems.push(Problem::new(
+                file.whole(),
+                "",
+                format!("and {more} more; is this a TOML file?"),
+            ));
         }
         // What a parser guesses behind a syntax error would only mislead.
         if errors.is_empty() {
@@ -210,6 +220,13 @@ impl File<'_> {
         Origin::File {
             name: self.name.to_owned(),
             line: 1 + before.filter(|b| **b == b'\n').count(),
+        }
+    }
+
+    fn whole(&self) -> Origin {
+        Origin::File {
+            name: self.name.to_owned(),
+            line: 0,
         }
     }
 

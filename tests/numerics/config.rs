@@ -68,11 +68,7 @@ fn regress_embedded_files_are_the_files_in_the_directory() {
         };
         assert_eq!(text, std::fs::read_to_string(&path).unwrap());
         let config = Config::load(&[Source::File(path)], &[]).unwrap();
-        assert!(
-            name == "default" || config.warnings().is_empty(),
-            "{name}: {:?}",
-            config.warnings()
-        );
+        assert_eq!(config.warnings(), &[], "{name}");
     }
 }
 
@@ -475,4 +471,11 @@ proptest! {
             prop_assert!(!message.is_empty());
         }
     }
+}
+
+#[test]
+fn fault_a_file_that_is_no_toml_is_told_in_a_few_lines() {
+    let message = load(include_str!("../../docs/method.md"), &[]).map(|_| ()).unwrap_err();
+    assert_eq!(message.lines().count(), 6, "{message}");
+    assert!(message.contains("is this a TOML file?"), "{message}");
 }

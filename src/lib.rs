@@ -22,3 +22,8 @@ pub mod runner;
 pub mod service;
 #[cfg(feature = "sim")]
 pub mod sim;
+
+// The README's program compiles.
+#[cfg(all(doctest, feature = "bus"))]
+#[doc = include_str!("../README.md")]
+struct Readme;

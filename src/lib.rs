@@ -1,4 +1,62 @@
 //! On-line identification of a running machine's physical parameters.
+//!
+//! thetabus attaches to a machine through shared memory and publishes its physical parameters with their uncertainty, live, every
+//! N samples. The method is weighted recursive least squares, generalised to models that are nonlinear in their parameters by
+//! linearising around the current estimate; it starts from L. Cedro, *Model parameter on-line identification with nonlinear
+//! parametrization – manipulator model* (Technical Transactions e2022007, 2022).
+//!
+//! Without any bus it is a library. A two-joint arm, simulated and identified:
+#![cfg_attr(feature = "sim", doc = "```")]
+#![cfg_attr(not(feature = "sim"), doc = "```ignore")]
+//! use thetabus::estimator::{BlockEstimator, EstimatorOptions, Residuals};
+//! use thetabus::model::Manipulator;
+//! use thetabus::rows::{InputSource, PointwiseBlock, SampleBlock, structure};
+//! use thetabus::sim::{ArmSimulator, SimOptions};
+//!
+//! let arm = SimOptions { duration_s: 19.0, ..SimOptions::cedro2022() };
+//! let start = vec![0.01, 0.01, 0.1, 0.1, 10.0, 0.01, 0.1, 10.0, 0.5];
+//! let plant = Manipulator::default();
+//! let mut rows = PointwiseBlock::new(plant, InputSource::Measured, 1900);
+//! let mut estimator = BlockEstimator::new(structure(&plant), EstimatorOptions::recommended(start, 2))?;
+//! for (seq, sample) in ArmSimulator::new(&arm)?.enumerate().take(19_000) {
+//!     assert!(rows.push(seq as u64 * 1_000_000, &sample));
+//!     if rows.len() == rows.capacity() {
+//!         estimator.update(&rows);
+//!         rows.clear();
+//!     }
+//! }
+//! for (theta_hat, theta) in estimator.theta().iter().zip(arm.true_theta(19.0)) {
+//!     println!("{theta_hat:.9} is {theta:.9}");
+//!     assert!((theta_hat / theta - 1.0).abs() < 1e-6);
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! As a service it is three processes on [iceoryx2](https://docs.rs/iceoryx2) topics:
+//!
+//! ```text
+//! plant_simulator ──sample──▶ identifier ──estimate──▶ monitor, adaptive controllers, anything
+//! (or your machine)                └──────status────▶
+//! ```
+//!
+//! # Where things are
+//!
+//! | module | what | feature |
+//! |---|---|---|
+//! | [`model`] | what a plant's equations are; the manipulator (24)–(27) | |
+//! | [`rows`] | samples → rows | |
+//! | [`estimator`] | WRLS (2)–(4), the block recursion (6)–(11) and what lies beyond it | |
+//! | [`messages`] | the bus payloads | |
+//! | [`node`] | plant, identifier and monitor as values: messages in, messages out, no I/O, no clock | |
+//! | `sim` | the simulated arm (12)–(23) | `sim` |
+//! | `config` | TOML files ⇄ validated core types | `config` |
+//! | `bus` | topics on shared memory, the only place that names iceoryx2 | `bus` |
+//! | `runner`, `service` | pace, wait, drain, publish, signals; the programs | `service` |
+//! | `recording`, `report` | files, tables and figures of a run | `service` |
+//! | [`notation`] | every symbol of the paper with its name in the code | |
+//!
+//! `estimator` and `model` import nothing of ours: the estimator sees rows, never a model or the simulator, so it serves any plant
+//! and cannot peek at the truth.
 
 #[cfg(feature = "bus")]
 pub mod bus;

@@ -1,10 +1,14 @@
-//! The block recursion (6)–(11): one estimate with its evidence per block of samples.
+//! The block recursion (6)–(11) and what goes beyond it: one estimate with its evidence per block of samples.
 //!
-//! Each independent [`Group`](super::Group) of parameters is a least squares problem of its own, see `group.rs` for its equations.
+//! Each independent [`Group`](super::Group) of parameters is a least squares problem of its own; a change of the plant is looked for in all of them
+//! together. See `group.rs`, `fit.rs` and `change.rs` for the equations.
 
+use super::change::locate;
+use super::fit::Fit;
 use super::group::GroupState;
-use super::options::{EstimatorError, EstimatorOptions};
+use super::options::{ChangeDetection, EstimatorError, EstimatorOptions};
 use super::{Residuals, Structure};
+use std::ops::Range;
 
 /// Why a block gave no new estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -13,6 +17,28 @@ pub enum Held {
     Empty,
     /// A residual or regressor is not finite at the present estimate.
     NotFinite,
+}
+
+/// What an alarm turned out to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum ChangeKind {
+    /// Nothing changed inside the block, but the plant is another one than before it.
+    Between,
+    /// The plant changed at [`Change::row`]; only rows from there on were used.
+    Within,
+    /// The parameters move slowly; the estimate is the mean over the block.
+    Drift,
+}
+
+/// A change of the plant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Change {
+    /// What kind of change.
+    pub kind: ChangeKind,
+    /// First row of the block that belongs to the plant as it is now.
+    pub row: usize,
+    /// First instant of that row, in the unit of [`span`](Residuals::span).
+    pub time: u64,
 }
 
 /// The answer to a block with its evidence. Parameters in the plant's units and order, equations in the structure's order.
@@ -24,15 +50,17 @@ pub struct Report {
     pub theta_std: Vec<f64>,
     /// Root mean square of f(θ̂ before the update) per equation, in the equation's unit.
     pub innovation_rms: Vec<f64>,
-    /// Root mean square of f(θ̂ after the update) per equation, in the equation's unit.
+    /// Root mean square of f(θ̂ after the update) over the rows used, per equation, in the equation's unit.
     pub residual_rms: Vec<f64>,
     /// Estimated noise standard deviation per equation, in the equation's unit.
     pub noise_std: Vec<f64>,
-    /// Per parameter how much of it the block informed on, 0 to 1.
+    /// Root mean square of Σ|φ_i θ_i| per equation, in the equation's unit: the size of what the equation balances.
+    pub signal_rms: Vec<f64>,
+    /// Per parameter the share of the variance of a parameter known to within 100 % that this block alone would remove, 0 to 1.
     pub excitation: Vec<f64>,
-    /// Bit i: the block informed on parameter i.
+    /// Bit i: the block informed on parameter i, to a third of its size at least.
     pub excited: u64,
-    /// Bit i: parameter i is known well enough to be used.
+    /// Bit i: three standard deviations of parameter i are below 5 %, and no change was seen in this block or the one before.
     pub usable: u64,
     /// Bit i: parameter i is fixed.
     pub fixed: u64,
@@ -42,14 +70,18 @@ pub struct Report {
     pub rows: usize,
     /// Number of independent directions that the block informed on, at most the number of parameters.
     pub rank: usize,
-    /// Gauss–Newton iterations, the largest number of any group.
+    /// Gauss–Newton iterations of the estimate, the largest number of any group.
     pub iterations: u32,
     /// False where the iterations ran out.
     pub converged: bool,
-    /// Rows treated as outliers.
+    /// Rows treated as outliers, over all equations.
     pub outliers: u32,
     /// Condition number of the column-scaled information, the largest of any group, `inf` where singular.
     pub condition: f64,
+    /// Probability of a block as different from the past as this one, were the plant unchanged; the smallest of any group.
+    pub change_probability: f64,
+    /// The change found in this block.
+    pub change: Option<Change>,
     /// Why there is no new estimate.
     pub held: Option<Held>,
 }
@@ -61,12 +93,24 @@ pub struct BlockEstimator {
     options: EstimatorOptions,
     groups: Vec<GroupState>,
     theta: Vec<f64>,
+    /// θ̂ before the block, and of the last fit while the time of a change is sought.
+    before: Vec<f64>,
+    later: Vec<f64>,
+    /// Blocks since the last change that was no drift, and since the last alarm.
+    since_change: u32,
+    since_alarm: u32,
     report: Report,
 }
 
 impl BlockEstimator {
-    /// Relative standard deviation below which a parameter counts as usable, times three.
+    /// Three relative standard deviations below which a parameter counts as usable.
     const USABLE: f64 = 0.05;
+    /// Share of variance removed from which a parameter counts as excited: the block alone knows it to within 32 %.
+    const EXCITED: f64 = 0.9;
+    /// A group that gave no alarm follows one that did where its own test is below this.
+    const JOINS: f64 = 1e-2;
+    /// Alarms at most this many blocks apart are a drift.
+    const DRIFT_BLOCKS: u32 = 4;
 
     /// An estimator at its start values.
     ///
@@ -86,6 +130,7 @@ impl BlockEstimator {
             innovation_rms: vec![0.0; equations],
             residual_rms: vec![0.0; equations],
             noise_std: vec![0.0; equations],
+            signal_rms: vec![0.0; equations],
             excitation: vec![0.0; params],
             excited: 0,
             usable: 0,
@@ -97,13 +142,19 @@ impl BlockEstimator {
             converged: true,
             outliers: 0,
             condition: 1.0,
+            change_probability: 1.0,
+            change: None,
             held: None,
         };
         let mut estimator = Self {
             theta: options.theta_start.clone(),
+            before: options.theta_start.clone(),
+            later: options.theta_start.clone(),
             structure,
             options,
             groups,
+            since_change: u32::MAX,
+            since_alarm: u32::MAX,
             report,
         };
         estimator.describe();
@@ -130,19 +181,40 @@ impl BlockEstimator {
         &self.report
     }
 
-    /// Back to the start values and to knowing nothing.
+    /// Back to the start values and to knowing nothing. Allocates: no part of the step.
     pub fn reset(&mut self) {
-        // allocates: not a part of the step
         for (state, group) in self.groups.iter_mut().zip(self.structure.groups()) {
             *state = GroupState::new(&group, &self.structure, &self.options);
         }
         self.theta.copy_from_slice(&self.options.theta_start);
+        (self.since_change, self.since_alarm) = (u32::MAX, u32::MAX);
         self.report.blocks = 0;
+        self.report.change = None;
+        self.report.change_probability = 1.0;
         self.describe();
     }
 
+    /// Holds parameter `index` at `value`, clamped to its bounds, or sets it free with the deviation of the start; false where there is no such
+    /// parameter or the value is not finite. What the others know of each other stays.
+    pub fn fix(&mut self, index: usize, value: Option<f64>) -> bool {
+        if index >= self.structure.params || value.is_some_and(|v| !v.is_finite()) {
+            return false;
+        }
+        self.options.fixed[index] = value.is_some();
+        if let Some(value) = value {
+            self.theta[index] = value.clamp(self.options.lower[index], self.options.upper[index]);
+        }
+        for group in self.groups.iter_mut().filter(|g| g.parameters.contains(&index)) {
+            let i = index - group.parameters.start;
+            group.fixed[i] = value.is_some();
+            group.forget_parameter(i, self.options.information_floor);
+        }
+        self.describe();
+        true
+    }
+
     /// Information Γ⁻¹ of the group that holds `parameter`, in (parameters, row-major matrix); `None` where no equation has it.
-    pub fn information(&self, parameter: usize) -> Option<(std::ops::Range<usize>, &[f64])> {
+    pub fn information(&self, parameter: usize) -> Option<(Range<usize>, &[f64])> {
         let group = self.groups.iter().find(|g| g.parameters.contains(&parameter))?;
         Some((group.parameters.clone(), &group.information))
     }
@@ -153,8 +225,9 @@ impl BlockEstimator {
             .iter()
             .find(|g| g.parameters.contains(&i) && g.parameters.contains(&j))
             .map_or(0.0, |g| {
-                let start = g.parameters.start;
-                g.covariance[(i - start) * g.n + j - start]
+                let (i, j) = (i - g.parameters.start, j - g.parameters.start);
+                // a drifting parameter moves on while its mean is taken
+                g.covariance[i * g.n + j] + g.drift[i] * g.drift[j]
             })
     }
 
@@ -174,6 +247,24 @@ impl BlockEstimator {
         }
     }
 
+    /// How well θ_a θ_b = θ_c θ_d holds: θ_a θ_b/(θ_c θ_d) − 1 and its standard deviation to first order.
+    ///
+    /// The arm has θ₁θ₄ = θ₂θ₃, for both are products with the same winding: nine parameters, eight degrees of freedom. The estimator does
+    /// not impose it, so that it can tell whether the data agree. `NaN` where the right side is 0.
+    pub fn product_ratio(&self, [a, b]: [usize; 2], [c, d]: [usize; 2]) -> (f64, f64) {
+        let theta = &self.theta;
+        let ratio = theta[a] * theta[b] / (theta[c] * theta[d]);
+        // d ln ratio = dθ_a/θ_a + dθ_b/θ_b − dθ_c/θ_c − dθ_d/θ_d
+        let terms = [(a, 1.0), (b, 1.0), (c, -1.0), (d, -1.0)];
+        let mut variance = 0.0;
+        for (i, s) in terms {
+            for (j, t) in terms {
+                variance += s * t * self.covariance(i, j) / (theta[i] * theta[j]);
+            }
+        }
+        (ratio - 1.0, ratio.abs() * variance.max(0.0).sqrt())
+    }
+
     /// Takes a block and returns the estimate with its evidence.
     ///
     /// An empty block, and one whose rows are not finite, leaves everything as it is and says so in [`Report::held`].
@@ -181,69 +272,248 @@ impl BlockEstimator {
         let report = &mut self.report;
         report.rows = rows.len();
         report.blocks += 1;
-        report.held = None;
+        (report.held, report.change, report.change_probability) = (None, None, 1.0);
         (report.iterations, report.converged, report.outliers) = (0, true, 0);
-        if rows.is_empty() {
-            report.held = Some(Held::Empty);
-            report.excited = 0;
-            report.rank = 0;
+        self.since_change = self.since_change.saturating_add(1);
+        self.since_alarm = self.since_alarm.saturating_add(1);
+        self.before.copy_from_slice(&self.theta);
+        // all groups or none: half a block would be no estimate of the plant
+        let held = if rows.is_empty() {
+            Some(Held::Empty)
+        } else {
+            let theta = &self.theta;
+            let finite = self
+                .groups
+                .iter_mut()
+                .map(|g| g.look(rows, theta))
+                .fold(true, |a, b| a & b);
+            (!finite).then_some(Held::NotFinite)
+        };
+        if held.is_some() {
+            report.held = held;
+            (report.excited, report.rank) = (0, 0);
             report.excitation.fill(0.0);
             return &self.report;
         }
-        report.innovation_rms.fill(0.0);
-        report.residual_rms.fill(0.0);
+        let single = self.options.max_iterations == 1;
         for group in &mut self.groups {
-            match group.update(rows, &mut self.theta, &self.options) {
-                Some(fit) => {
-                    report.iterations = report.iterations.max(fit.iterations);
-                    report.converged &= fit.converged;
-                }
-                None => report.held = Some(Held::NotFinite),
+            group.begin(rows, &self.theta, &self.options);
+            if single {
+                group.single_step(&mut self.theta);
+                self.report.iterations = 1;
+            } else {
+                let fit = group.fit(rows, 0..rows.len(), &mut self.theta, &self.options);
+                note(&mut self.report, fit);
+            }
+        }
+        if let Some(detection) = self.options.change_detection {
+            self.watch(rows, detection);
+        }
+        for group in &mut self.groups {
+            // the sums of a single step belong to θ̄, as (9) has them; the residual after the step is evidence
+            let stepped = single && self.report.change.is_none() && group.try_at(rows, 0..rows.len(), &self.theta);
+            group.conclude(&self.theta, stepped, &self.options);
+            if stepped {
+                std::mem::swap(&mut group.at, &mut group.trial);
             }
         }
         self.describe();
         &self.report
     }
 
+    /// Tests the block, and where it raises an alarm finds out what happened and fits anew.
+    fn watch<R: Residuals>(&mut self, rows: &R, detection: ChangeDetection) {
+        let level = detection.false_alarm_rate / self.groups.len() as f64;
+        // with one iteration the sums are those at θ̄
+        let single = self.options.max_iterations == 1;
+        let at = if single { &self.before } else { &self.theta };
+        let (mut joined, mut smallest) = (0u64, 1.0f64);
+        let mut alarm = false;
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            let probability = group.change_probability(at);
+            smallest = smallest.min(probability);
+            let another = group.is_another_plant(&self.options);
+            alarm |= probability < level || another;
+            if probability < Self::JOINS || another {
+                joined |= 1 << k;
+            }
+        }
+        self.report.change_probability = smallest;
+        if !alarm {
+            for group in &mut self.groups {
+                group.follow_drift(&self.theta);
+            }
+            return;
+        }
+        let whole = 0..rows.len();
+        let mut consistent = true;
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            if joined >> k & 1 == 1 {
+                group.fit_alone(rows, whole.clone(), &mut self.theta, &self.options);
+                consistent &= group.is_consistent(&self.options);
+            }
+        }
+        let change = if consistent {
+            let again = self.since_alarm <= Self::DRIFT_BLOCKS;
+            let kind = if again { ChangeKind::Drift } else { ChangeKind::Between };
+            Change {
+                kind,
+                row: 0,
+                time: rows.span(0).0,
+            }
+        } else {
+            self.find(rows, joined)
+        };
+        self.since_alarm = 0;
+        if change.kind != ChangeKind::Drift {
+            self.since_change = 0;
+        }
+        self.report.change = Some(change);
+        self.refit(rows, joined, change, detection.margin);
+    }
+
+    /// The cut of the block, or a drift where a line through the block explains it better.
+    fn find<R: Residuals>(&mut self, rows: &R, joined: u64) -> Change {
+        let whole = 0..rows.len();
+        let mut row = 0;
+        let mut cost = 0.0;
+        let mut line = 0.0;
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            if joined >> k & 1 == 1 {
+                // two more per parameter: Akaike's price of the slopes
+                line += group.line_cost(rows, whole.clone(), &self.theta) + 2.0 * group.n as f64;
+            }
+        }
+        self.later.copy_from_slice(&self.theta);
+        for pass in 0..6 {
+            for group in &mut self.groups {
+                group.set_losses(pass > 0, &self.options);
+            }
+            let (found, least) = locate(&mut self.groups, joined, rows, whole.clone(), &self.before, &self.later);
+            let settled = pass > 0 && found == row;
+            (row, cost) = (found, least);
+            if settled {
+                break;
+            }
+            for (k, group) in self.groups.iter_mut().enumerate() {
+                if joined >> k & 1 == 1 {
+                    // from θ̄: a fit to both plants at once may have gone astray
+                    let own = group.parameters.clone();
+                    self.later[own.clone()].copy_from_slice(&self.before[own]);
+                    group.fit_alone(rows, row..whole.end, &mut self.later, &self.options);
+                }
+            }
+        }
+        if line < cost {
+            return Change {
+                kind: ChangeKind::Drift,
+                row: 0,
+                time: rows.span(0).0,
+            };
+        }
+        self.theta.copy_from_slice(&self.later);
+        Change {
+            kind: ChangeKind::Within,
+            row,
+            time: rows.span(row).0,
+        }
+    }
+
+    /// Fits the rows that may still be believed with a prior that allows for the change.
+    fn refit<R: Residuals>(&mut self, rows: &R, joined: u64, change: Change, margin: u64) {
+        let from = match change.kind {
+            ChangeKind::Within => {
+                let usable = change.time.saturating_add(margin);
+                (change.row..rows.len())
+                    .find(|&row| rows.span(row).0 >= usable)
+                    .unwrap_or(rows.len())
+            }
+            ChangeKind::Between | ChangeKind::Drift => 0,
+        };
+        (self.report.iterations, self.report.converged) = (0, true);
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            if joined >> k & 1 == 0 {
+                continue;
+            }
+            let range = from..rows.len();
+            group.set_losses(false, &self.options);
+            group.evaluate_at(rows, range.clone(), &self.theta);
+            match change.kind {
+                ChangeKind::Within => group.widen(&self.theta, None),
+                ChangeKind::Between | ChangeKind::Drift => {
+                    let own = group.parameters.clone();
+                    for i in 0..group.n {
+                        self.later[i] = self.theta[own.start + i] - group.centre[i];
+                    }
+                    group.widen(&self.theta, Some(&self.later[..group.n]));
+                    if change.kind == ChangeKind::Drift {
+                        group.drift.copy_from_slice(&self.later[..group.n]);
+                    }
+                }
+            }
+            group.prior_from_covariance();
+            let fit = group.fit(rows, range, &mut self.theta, &self.options);
+            note(&mut self.report, fit);
+        }
+    }
+
     fn describe(&mut self) {
+        let quiet = self.since_change > 1;
+        let mut usable = 0;
+        for i in 0..self.structure.params {
+            let variance = self.covariance(i, i);
+            let known = self.groups.iter().any(|g| g.parameters.contains(&i));
+            // a parameter of no equation stays what it was
+            let std = if known {
+                variance.max(0.0).sqrt()
+            } else {
+                self.options.start_std[i]
+            };
+            self.report.theta_std[i] = std;
+            let small = 3.0 * std < Self::USABLE * self.theta[i].abs();
+            usable |= u64::from(small && quiet) << i;
+        }
         let report = &mut self.report;
         report.theta.copy_from_slice(&self.theta);
+        report.usable = usable;
         (
             report.excited,
-            report.usable,
             report.fixed,
             report.rank,
             report.condition,
-        ) = (0, 0, 0, 0, 1.0);
+            report.outliers,
+        ) = (0, 0, 0, 1.0, 0);
         for (i, fixed) in self.options.fixed.iter().enumerate() {
             report.fixed |= u64::from(*fixed) << i;
         }
         for group in &self.groups {
             let start = group.parameters.start;
             for i in 0..group.n {
-                let std = group.covariance[i * group.n + i].max(0.0).sqrt();
-                report.theta_std[start + i] = std;
                 let share = group.excitation.share(i);
                 report.excitation[start + i] = share;
-                report.excited |= u64::from(share > 0.5) << (start + i);
-                let usable = 3.0 * std < Self::USABLE * self.theta[start + i].abs();
-                report.usable |= u64::from(usable) << (start + i);
+                report.excited |= u64::from(share > Self::EXCITED) << (start + i);
             }
             report.rank += group.excitation.rank;
             report.condition = report.condition.max(group.condition);
             for (e, sums) in group.equations.iter().zip(&group.at) {
-                let divisor = self.options.noise_std[e.index];
-                let rms = |cost: f64| {
-                    if sums.rows > 0 {
-                        (cost / sums.rows as f64).sqrt() * divisor
+                let rms = |(sum, rows): (f64, usize)| {
+                    if rows > 0 {
+                        (sum / rows as f64).sqrt() * e.divisor
                     } else {
                         0.0
                     }
                 };
-                report.residual_rms[e.index] = rms(sums.cost);
-                report.innovation_rms[e.index] = rms(e.innovation_cost);
-                report.noise_std[e.index] = e.variance.sqrt() * divisor;
+                report.innovation_rms[e.index] = rms(e.innovation);
+                report.residual_rms[e.index] = rms((sums.cost, sums.rows));
+                report.signal_rms[e.index] = rms((sums.size, sums.rows));
+                report.noise_std[e.index] = e.variance.sqrt() * e.divisor;
+                report.outliers = report.outliers.saturating_add(sums.outliers as u32);
             }
         }
     }
+}
+
+fn note(report: &mut Report, fit: Fit) {
+    report.iterations = report.iterations.max(fit.iterations);
+    report.converged &= fit.converged;
 }

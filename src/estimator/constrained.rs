@@ -46,11 +46,6 @@ impl ConstrainedStep {
         &self.delta
     }
 
-    /// Which parameters ended between their bounds.
-    pub fn free(&self) -> &[bool] {
-        &self.free
-    }
-
     /// Solves the problem; H is n × n, full and symmetric positive semidefinite.
     pub fn solve(&mut self, h: &[f64], g: &[f64], lower: &[f64], upper: &[f64]) {
         let n = g.len();

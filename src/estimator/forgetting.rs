@@ -16,6 +16,10 @@ use super::linalg::{Eigen, dot};
 use super::options::{Bound, EstimatorOptions, Forgetting};
 
 /// The directions of parameter space that a block informs on.
+///
+/// Parameters are measured in units of their own size, so that directions mean the same whatever the units. With e_k the eigenvalues of
+/// the scaled information over the noise variance, a block alone would find direction k to within 1/√e_k of the
+/// parameters' size; it is excited where e_k > 1.
 #[derive(Debug, Clone)]
 pub struct Excitation {
     eigen: Eigen,
@@ -24,8 +28,8 @@ pub struct Excitation {
     n: usize,
     /// Number of excited directions.
     pub rank: usize,
-    /// n × n; column k < rank is an excited direction in scaled parameters, orthonormal.
-    pub directions: Vec<f64>,
+    directions: Vec<f64>,
+    shares: Vec<f64>,
 }
 
 impl Excitation {
@@ -41,27 +45,35 @@ impl Excitation {
             n,
             rank: 0,
             directions: vec![0.0; n * n],
+            shares: vec![0.0; n],
         }
     }
 
-    /// Finds the directions of S whose information on a change of a parameter by its own size exceeds one unit of
-    /// `variance`, the noise variance of the rows.
-    pub fn analyse(&mut self, gram: &[f64], scale: &[f64], free: &[bool], variance: f64) {
+    /// Finds the directions of `information`, Σ φφᵀ/σ², for parameters of the sizes `scale`.
+    pub fn analyse(&mut self, information: &[f64], scale: &[f64], free: &[bool]) {
         let n = self.n;
         for i in 0..n {
             self.scale[i] = if free[i] { scale[i] } else { 0.0 };
         }
         for i in 0..n {
             for j in 0..n {
-                self.scaled[i * n + j] = gram[i * n + j] * self.scale[i] * self.scale[j];
+                self.scaled[i * n + j] = information[i * n + j] * self.scale[i] * self.scale[j];
             }
         }
         self.eigen.decompose(n, &self.scaled);
         let largest = self.eigen.values[..n].iter().fold(0.0, |a: f64, &b| a.max(b));
-        let threshold = variance.max(Self::ROUNDING * largest);
+        let threshold = Self::ROUNDING * largest;
         self.rank = 0;
+        self.shares.fill(0.0);
         for k in 0..n {
-            if self.eigen.values[k] > threshold {
+            let value = self.eigen.values[k];
+            if value <= threshold {
+                continue;
+            }
+            for i in 0..n {
+                self.shares[i] += self.eigen.vectors[i * n + k].powi(2) * value / (1.0 + value);
+            }
+            if value > 1.0 {
                 for i in 0..n {
                     self.directions[i * n + self.rank] = self.eigen.vectors[i * n + k];
                 }
@@ -70,15 +82,12 @@ impl Excitation {
         }
     }
 
-    /// Share of parameter i's own direction that is excited, 0 to 1.
+    /// Share of the variance of parameter i, known to within its own size, that this block alone would remove: 0 to 1.
     pub fn share(&self, i: usize) -> f64 {
-        self.directions[i * self.n..i * self.n + self.rank]
-            .iter()
-            .map(|v| v * v)
-            .sum()
+        self.shares[i]
     }
 
-    /// Direction k in units of the parameters, entry i.
+    /// Direction k < rank in units of the parameters, entry i.
     pub fn direction(&self, i: usize, k: usize) -> f64 {
         self.directions[i * self.n + k] * self.scale[i]
     }
@@ -108,11 +117,6 @@ impl Rule {
             work: vec![0.0; n * n + n],
             basis: vec![0.0; n * n],
         }
-    }
-
-    /// λ.
-    pub fn lambda(&self) -> f64 {
-        self.lambda
     }
 
     /// Λ from Γ⁻¹ in `information`, n × n.
@@ -242,7 +246,7 @@ mod tests {
         let x = [1.0, -2.0, 0.5];
         let gram: Vec<f64> = (0..9).map(|k| x[k / 3] * x[k % 3]).collect();
         let mut excitation = Excitation::new(3);
-        excitation.analyse(&gram, &[1.0; 3], &[true; 3], 1e-9);
+        excitation.analyse(&gram, &[1.0; 3], &[true; 3]);
         assert_eq!(excitation.rank, 1);
         let mut prior = [0.0; 9];
         rule(Forgetting::Directional, 0.8, 1e-6).prior(3, &INFORMATION, &excitation, &mut prior);
@@ -263,10 +267,10 @@ mod tests {
     fn val_directional_with_full_excitation_is_exponential_and_with_none_forgets_nothing() {
         let mut excitation = Excitation::new(3);
         let mut prior = [0.0; 9];
-        excitation.analyse(&INFORMATION, &[1.0; 3], &[true; 3], 1e-3);
+        excitation.analyse(&INFORMATION, &[1.0; 3], &[true; 3]);
         rule(Forgetting::Directional, 0.8, 1e-6).prior(3, &INFORMATION, &excitation, &mut prior);
         assert_eq!(prior.to_vec(), INFORMATION.iter().map(|v| v * 0.8).collect::<Vec<_>>());
-        excitation.analyse(&[0.0; 9], &[1.0; 3], &[true; 3], 1e-3);
+        excitation.analyse(&[0.0; 9], &[1.0; 3], &[true; 3]);
         rule(Forgetting::Directional, 0.8, 1e-6).prior(3, &INFORMATION, &excitation, &mut prior);
         assert_eq!(prior, INFORMATION);
     }

@@ -1,15 +1,10 @@
-//! One independent least squares problem: the parameters of a connected group of equations, block by block.
+//! One independent least squares problem: the parameters of a connected group of equations, and what is known about them.
 //!
 //! ```text
-//! θ̂_m = argmin Σ w f_n(θ)² + (θ − θ̄)ᵀ Λ (θ − θ̄)        θ̄ = θ̂_{m−1}, Λ from the forgetting rule      (6)
-//! δ   = (Λ + S)⁻¹ (g − Λ (θ − θ̄))                       S = Σ w φφᵀ, g = Σ w φ f at the present θ     (8)
-//! Γ_m⁻¹ = Λ + S                                                                                      (9)
+//! Λ       from Γ_{m−1}⁻¹ by the forgetting rule                       begin
+//! θ̂_m     = argmin Σ w f_n(θ)² + (θ − θ̄)ᵀ Λ (θ − θ̄), θ̄ = θ̂_{m−1}    fit
+//! Γ_m⁻¹   = Λ + S, S = Σ w φφᵀ at θ̂_m                                 conclude, (9)
 //! ```
-//!
-//! With one iteration from θ = θ̄ this is (8) as it stands. With more, θ is linearised anew at each iteration while the prior
-//! stays frozen, so that an old linearisation at a bad estimate leaves nothing in the information. A step is the
-//! minimiser of the quadratic model in a box, the bounds and a factor `step_factor` per positive parameter, and is halved until
-//! the total cost, prior included, falls.
 //!
 //! # Covariance
 //! θ̂ is a linear function of what came before: with K = Γ_m and A = I − K S the error obeys e_m = A e_{m−1} + K Σ φ n, whatever
@@ -19,14 +14,19 @@
 //! P ← A P Aᵀ + K (Σ_e σ_e² S_e) K
 //! ```
 //!
-//! For exponential forgetting this is the sandwich Γ M Γ with M ← λ² M + S; it is kept per equation for unit noise, so that the
-//! noise levels can be estimated all along, and apart for the start value.
+//! For exponential forgetting this is the sandwich Γ M Γ with M ← λ² M + S. It is kept per equation for noise of unit variance, so
+//! that the noise level may still be learnt, and apart for what the start value (or a change since) leaves unknown.
+//!
+//! # Noise
+//! σ_e² is the residuals' sum of squares over their degrees of freedom, rows less tr(K S_e), both forgotten with λ: a block that a
+//! strong prior holds is charged less than one parameter per parameter. It never goes below the floor of the options.
 
 use super::constrained::ConstrainedStep;
 use super::forgetting::{Excitation, Rule};
-use super::linalg::{Cholesky, Eigen, RANK_TOLERANCE, congruence, mul, mul_vec};
-use super::options::EstimatorOptions;
+use super::linalg::{Cholesky, Eigen, RANK_TOLERANCE, congruence, mul};
+use super::options::{EstimatorOptions, Forgetting, Outliers};
 use super::pass::{Loss, Sums, accumulate};
+use super::robust::Magnitudes;
 use super::{Group, Residuals, Structure};
 use std::ops::Range;
 
@@ -38,30 +38,24 @@ pub struct EquationState {
     /// Its parameters among all.
     pub own: Range<usize>,
     /// Its first parameter in the group.
-    offset: usize,
-    divisor: f64,
+    pub offset: usize,
+    pub divisor: f64,
     floor: f64,
-    /// Forgotten sum of squares and degrees of freedom of the residuals.
+    /// Forgotten sum of squares of the residuals and its degrees of freedom.
     spread: f64,
-    freedom: f64,
-    /// Σ ρ(f) at θ̄.
-    pub innovation_cost: f64,
-    /// Noise variance of the divided rows, as used.
+    pub freedom: f64,
+    /// Noise variance of the divided rows: learnt, and never below the floor.
     pub variance: f64,
+    /// Σ f² at θ̄ and the rows it is of.
+    pub innovation: (f64, usize),
+    /// Robust standard deviation of the residuals and the loss that follows from it.
+    pub scale: f64,
+    pub loss: Loss,
     /// Covariance caused by this equation's noise of unit variance, n × n.
     noise_covariance: Vec<f64>,
 }
 
-/// How a fit ended.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fit {
-    /// Iterations made.
-    pub iterations: u32,
-    /// False where the iterations ran out.
-    pub converged: bool,
-}
-
-/// The state of a group.
+/// The state of a group, with room for every step.
 #[derive(Debug, Clone)]
 pub struct GroupState {
     pub parameters: Range<usize>,
@@ -69,37 +63,76 @@ pub struct GroupState {
     pub equations: Vec<EquationState>,
     /// Γ⁻¹, n × n.
     pub information: Vec<f64>,
-    /// Covariance of the error that the start values caused, n × n.
-    start_covariance: Vec<f64>,
-    /// σ²-weighted total, n × n.
+    /// Covariance of the error that the start value left, n × n.
+    pub guess_covariance: Vec<f64>,
+    /// Covariance of the error that changes of the plant since then brought, n × n.
+    pub change_covariance: Vec<f64>,
+    /// Total, weighted with the noise variances, n × n.
     pub covariance: Vec<f64>,
+    /// Expected movement of the parameters per block, while they drift.
+    pub drift: Vec<f64>,
+    /// Blocks that this group was updated with.
+    pub blocks: u64,
     pub fixed: Vec<bool>,
-    lower: Vec<f64>,
-    upper: Vec<f64>,
+    pub lower: Vec<f64>,
+    pub upper: Vec<f64>,
     start_std: Vec<f64>,
+    /// What the last block informed on.
     pub excitation: Excitation,
     /// Condition number of the column-scaled information.
     pub condition: f64,
-    prior: Vec<f64>,
-    centre: Vec<f64>,
+    /// Λ and θ̄ of the present fit.
+    pub prior: Vec<f64>,
+    pub centre: Vec<f64>,
+    /// Sums at the present θ, and at a candidate.
     pub at: Vec<Sums>,
-    trial: Vec<Sums>,
-    // workspaces
-    step: ConstrainedStep,
-    rule: Rule,
-    cholesky: Cholesky,
-    eigen: Eigen,
-    total: Vec<f64>,
-    gain: Vec<f64>,
-    transition: Vec<f64>,
-    work: Vec<f64>,
-    work2: Vec<f64>,
-    gradient: Vec<f64>,
-    offset: Vec<f64>,
-    box_lower: Vec<f64>,
-    box_upper: Vec<f64>,
-    scale: Vec<f64>,
-    free: Vec<bool>,
+    pub trial: Vec<Sums>,
+    pub rule: Rule,
+    pub step: ConstrainedStep,
+    pub cholesky: Cholesky,
+    pub eigen: Eigen,
+    pub magnitudes: Magnitudes,
+    /// Normal equations of a line through the block, (2n)² + 4n, and their factor.
+    pub line: Vec<f64>,
+    pub line_factor: Cholesky,
+    pub room: Room,
+}
+
+/// Matrices (n × n) and vectors (n) that hold nothing between two calls.
+#[derive(Debug, Clone)]
+pub struct Room {
+    pub total: Vec<f64>,
+    pub gain: Vec<f64>,
+    pub transition: Vec<f64>,
+    pub a: Vec<f64>,
+    pub b: Vec<f64>,
+    pub gradient: Vec<f64>,
+    pub offset: Vec<f64>,
+    pub lower: Vec<f64>,
+    pub upper: Vec<f64>,
+    pub scale: Vec<f64>,
+    pub free: Vec<bool>,
+    pub regressor: Vec<f64>,
+}
+
+impl Room {
+    fn new(n: usize) -> Self {
+        let (matrix, vector) = (vec![0.0; n * n], vec![0.0; n]);
+        Self {
+            total: matrix.clone(),
+            gain: matrix.clone(),
+            transition: matrix.clone(),
+            a: matrix.clone(),
+            b: matrix,
+            gradient: vector.clone(),
+            offset: vector.clone(),
+            lower: vector.clone(),
+            upper: vector.clone(),
+            scale: vector.clone(),
+            free: vec![true; n],
+            regressor: vector,
+        }
+    }
 }
 
 impl GroupState {
@@ -120,8 +153,10 @@ impl GroupState {
                     floor: options.noise_floor[index],
                     spread: 0.0,
                     freedom: 0.0,
-                    innovation_cost: 0.0,
                     variance: 0.0,
+                    innovation: (0.0, 0),
+                    scale: 0.0,
+                    loss: Loss::Square,
                     noise_covariance: vec![0.0; n * n],
                 }
             })
@@ -130,8 +165,11 @@ impl GroupState {
         let mut state = Self {
             n,
             information: vec![0.0; n * n],
-            start_covariance: vec![0.0; n * n],
+            guess_covariance: vec![0.0; n * n],
+            change_covariance: vec![0.0; n * n],
             covariance: vec![0.0; n * n],
+            drift: vec![0.0; n],
+            blocks: 0,
             fixed: options.fixed[parameters.clone()].to_vec(),
             lower: options.lower[parameters.clone()].to_vec(),
             upper: options.upper[parameters.clone()].to_vec(),
@@ -142,21 +180,14 @@ impl GroupState {
             centre: vec![0.0; n],
             at: sums.clone(),
             trial: sums,
-            step: ConstrainedStep::new(n),
             rule: Rule::new(options, n),
+            step: ConstrainedStep::new(n),
             cholesky: Cholesky::new(n),
             eigen: Eigen::new(n),
-            total: vec![0.0; n * n],
-            gain: vec![0.0; n * n],
-            transition: vec![0.0; n * n],
-            work: vec![0.0; n * n],
-            work2: vec![0.0; n * n],
-            gradient: vec![0.0; n],
-            offset: vec![0.0; n],
-            box_lower: vec![0.0; n],
-            box_upper: vec![0.0; n],
-            scale: vec![0.0; n],
-            free: vec![true; n],
+            magnitudes: Magnitudes::new(),
+            line: vec![0.0; 4 * n * n + 4 * n],
+            line_factor: Cholesky::new(2 * n),
+            room: Room::new(n),
             parameters,
             equations,
         };
@@ -182,317 +213,212 @@ impl GroupState {
         } else {
             self.start_std[i] * self.start_std[i]
         };
-        clear(&mut self.start_covariance, variance);
+        clear(&mut self.guess_covariance, variance);
+        clear(&mut self.change_covariance, 0.0);
         clear(&mut self.covariance, variance);
         for e in &mut self.equations {
             clear(&mut e.noise_covariance, 0.0);
         }
+        self.drift[i] = 0.0;
     }
 
-    /// Takes the block: moves θ̂ within `theta` (all parameters of the plant). False where the rows are not finite at the
-    /// present estimate, and nothing changes then.
-    pub fn update<R: Residuals>(&mut self, rows: &R, theta: &mut [f64], options: &EstimatorOptions) -> Option<Fit> {
-        let range = 0..rows.len();
-        if !evaluate(rows, range.clone(), theta, &self.equations, &mut self.at) {
-            return None;
-        }
+    /// Looks at the block from the present estimate: innovation and sums at θ̄. False where the rows are not finite there.
+    pub fn look<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> bool {
+        self.equations.iter_mut().for_each(|e| e.loss = Loss::Square);
+        let finite = self.evaluate_at(rows, 0..rows.len(), theta);
         for (e, sums) in self.equations.iter_mut().zip(&self.at) {
-            e.innovation_cost = sums.cost;
+            e.innovation = (sums.cost, sums.rows);
         }
+        finite
+    }
+
+    /// After [`look`](Self::look): noise level, excitation, and the prior Λ, θ̄.
+    pub fn begin<R: Residuals>(&mut self, rows: &R, theta: &[f64], options: &EstimatorOptions) {
         self.set_variances(options);
-        self.excite(theta);
+        self.limit_outliers(rows, 0..rows.len(), theta, options);
+        self.centre.copy_from_slice(&theta[self.parameters.clone()]);
+        self.walk(options);
+        if options.forgetting == Forgetting::Directional {
+            self.excite(theta);
+        }
         self.rule
             .prior(self.n, &self.information, &self.excitation, &mut self.prior);
-        let fit = if options.max_iterations == 1 {
-            self.single_step(theta);
-            Fit {
-                iterations: 1,
-                converged: true,
-            }
-        } else {
-            self.fit(rows, range.clone(), theta, options)
-        };
-        self.conclude();
-        if options.max_iterations == 1 {
-            // the sums so far belong to θ̄, as (9) has them; the residual after the step is evidence only
-            if evaluate(rows, range, theta, &self.equations, &mut self.trial) {
-                std::mem::swap(&mut self.at, &mut self.trial);
-            }
-        }
-        self.learn_noise(options);
-        self.total_covariance();
-        Some(fit)
     }
 
-    /// (8) as it stands: δ = Γ_m Σ φ f, with Γ_m of the forgetting rule.
-    fn single_step(&mut self, theta: &mut [f64]) {
-        let n = self.n;
-        self.centre.copy_from_slice(&theta[self.parameters.clone()]);
-        self.total.copy_from_slice(&self.prior);
-        add_grams(n, &self.equations, &self.at, &mut self.total);
-        self.rule.posterior(n, &mut self.total);
-        self.gradient.fill(0.0);
-        add_scores(&self.equations, &self.at, &mut self.gradient);
-        self.set_box(f64::INFINITY);
-        self.step
-            .solve(&self.total, &self.gradient, &self.box_lower, &self.box_upper);
-        for (i, delta) in self.step.delta().iter().enumerate() {
-            theta[self.parameters.start + i] = self.centre[i] + delta;
-        }
+    /// Sums at θ over `range` into `trial`, with the losses as they are.
+    pub fn try_at<R: Residuals>(&mut self, rows: &R, range: Range<usize>, theta: &[f64]) -> bool {
+        evaluate(rows, range, theta, &self.equations, &mut self.trial)
     }
 
-    /// Gauss–Newton with the prior frozen, from θ = θ̄; `at` holds the sums there, and at the result afterwards.
-    fn fit<R: Residuals>(
+    /// Sums at θ over `range` into `at`, with the losses as they are.
+    pub fn evaluate_at<R: Residuals>(&mut self, rows: &R, range: Range<usize>, theta: &[f64]) -> bool {
+        evaluate(rows, range, theta, &self.equations, &mut self.at)
+    }
+
+    /// Sets the losses from the residuals at θ and renews the sums there. Does nothing where every row counts in full.
+    pub fn limit_outliers<R: Residuals>(
         &mut self,
         rows: &R,
         range: Range<usize>,
-        theta: &mut [f64],
+        theta: &[f64],
         options: &EstimatorOptions,
-    ) -> Fit {
-        let n = self.n;
-        let start = self.parameters.start;
-        self.centre.copy_from_slice(&theta[self.parameters.clone()]);
-        let slack = self.rounding();
-        let mut cost = self.cost(theta);
-        let mut fit = Fit {
-            iterations: 0,
-            converged: false,
-        };
-        while (fit.iterations as usize) < options.max_iterations {
-            self.total.copy_from_slice(&self.prior);
-            add_grams(n, &self.equations, &self.at, &mut self.total);
-            self.gradient.fill(0.0);
-            add_scores(&self.equations, &self.at, &mut self.gradient);
-            for i in 0..n {
-                self.offset[i] = theta[start + i] - self.centre[i];
-            }
-            mul_vec(n, &self.prior, &self.offset, &mut self.work[..n]);
-            for i in 0..n {
-                self.gradient[i] -= self.work[i];
-                self.scale[i] = theta[start + i];
-            }
-            self.set_box_at(options.step_factor);
-            self.step
-                .solve(&self.total, &self.gradient, &self.box_lower, &self.box_upper);
-            if self.is_small(theta) {
-                fit.converged = true;
-                break;
-            }
-            fit.iterations += 1;
-            let mut fraction = 1.0;
-            let mut accepted = false;
-            for _ in 0..HALVINGS {
-                for i in 0..n {
-                    let moved = self.scale[i] + fraction * self.step.delta()[i];
-                    theta[start + i] = moved.clamp(self.lower[i], self.upper[i]);
-                }
-                if evaluate(rows, range.clone(), theta, &self.equations, &mut self.trial) {
-                    let candidate = self.trial_cost(theta);
-                    if candidate <= cost + slack {
-                        cost = candidate;
-                        accepted = true;
-                        std::mem::swap(&mut self.at, &mut self.trial);
-                        break;
-                    }
-                }
-                fraction *= 0.5;
-            }
-            if !accepted {
-                // no descent to be had beyond rounding
-                theta[self.parameters.clone()].copy_from_slice(&self.scale);
-                fit.converged = true;
-                break;
-            }
+    ) {
+        if options.outliers == Outliers::Keep {
+            return;
         }
-        fit
-    }
-
-    // a step that is small beside every parameter, or beside the deviation of the estimate
-    fn is_small(&self, theta: &[f64]) -> bool {
-        let delta = self.step.delta();
-        let own = &theta[self.parameters.clone()];
-        let relative = delta.iter().zip(own).all(|(d, t)| d.abs() <= 1e-12 * t.abs());
-        let decrement: f64 = delta.iter().zip(&self.gradient).map(|(d, g)| d * g).sum();
-        // the decrement is the squared length of the step in standard deviations, times σ²
-        relative || decrement <= 1e-8 * self.variance()
-    }
-
-    // what the cost can change by rounding alone
-    fn rounding(&self) -> f64 {
-        self.at.iter().map(|s| 1e-28 * s.size).sum()
-    }
-
-    fn cost(&self, theta: &[f64]) -> f64 {
-        self.at.iter().map(|s| s.cost).sum::<f64>() + self.prior_cost(theta)
-    }
-
-    fn trial_cost(&self, theta: &[f64]) -> f64 {
-        self.trial.iter().map(|s| s.cost).sum::<f64>() + self.prior_cost(theta)
-    }
-
-    fn prior_cost(&self, theta: &[f64]) -> f64 {
-        let n = self.n;
-        let d = |i: usize| theta[self.parameters.start + i] - self.centre[i];
-        (0..n)
-            .map(|i| d(i) * (0..n).map(|j| self.prior[i * n + j] * d(j)).sum::<f64>())
-            .sum()
-    }
-
-    fn set_box(&mut self, factor: f64) {
-        self.scale.copy_from_slice(&self.centre);
-        self.set_box_at(factor);
-    }
-
-    // the room of a step from the point in `scale`
-    fn set_box_at(&mut self, factor: f64) {
-        for i in 0..self.n {
-            let (from, lower, upper) = (self.scale[i], self.lower[i], self.upper[i]);
-            let (mut down, mut up) = (lower - from, upper - from);
-            if lower >= 0.0 && from > 0.0 && factor.is_finite() {
-                down = down.max(from / factor - from);
-                up = up.min(from * factor - from);
-            }
-            if self.fixed[i] {
-                (down, up) = (0.0, 0.0);
-            }
-            (self.box_lower[i], self.box_upper[i]) = (down.min(0.0), up.max(0.0));
+        for (e, sums) in self.equations.iter_mut().zip(&self.at) {
+            let regressor = &mut self.room.regressor[..e.own.len()];
+            let median = self.magnitudes.median(rows, e.index, range.clone(), theta, regressor) / e.divisor;
+            // the median of |f| of a normal distribution is 0.6745 σ
+            e.scale = (median / 0.6745).max(floor_variance(e, sums, options).sqrt());
+            e.loss = options.outliers.loss(e.scale);
         }
+        self.evaluate_at(rows, range, theta);
     }
 
-    /// Γ_m⁻¹ and the covariance from the prior and the sums in `at`.
-    fn conclude(&mut self) {
+    /// Γ_m⁻¹ and the covariance from the prior and the sums in `at`; learns the noise from the residuals in `at`, or those in `trial`
+    /// where the sums in `at` were taken before the step.
+    pub fn conclude(&mut self, theta: &[f64], stepped: bool, options: &EstimatorOptions) {
         let n = self.n;
         self.information.copy_from_slice(&self.prior);
         add_grams(n, &self.equations, &self.at, &mut self.information);
         self.rule.posterior(n, &mut self.information);
-        self.repair();
-        // K: the inverse over the free parameters
-        let mut free = 0;
-        for i in 0..n {
-            if !self.fixed[i] {
-                free += 1;
-            }
-        }
-        let index = |skip: &[bool], k: usize| (0..n).filter(|&i| !skip[i]).nth(k).unwrap_or(0);
-        if free == n {
-            self.cholesky.factor(n, &self.information);
-            self.cholesky.inverse(&mut self.gain, &mut self.work);
-        } else {
-            for a in 0..free {
-                for b in 0..free {
-                    self.work[a * free + b] = self.information[index(&self.fixed, a) * n + index(&self.fixed, b)];
-                }
-            }
-            self.gain.fill(0.0);
-            if free > 0 && self.cholesky.factor(free, &self.work[..free * free]) {
-                self.cholesky.inverse(&mut self.work2, &mut self.work);
-                for a in 0..free {
-                    for b in 0..free {
-                        self.gain[index(&self.fixed, a) * n + index(&self.fixed, b)] = self.work2[a * free + b];
-                    }
-                }
-            }
-        }
+        self.condition = repair(
+            n,
+            &mut self.information,
+            &mut self.eigen,
+            &mut self.room.a,
+            &mut self.room.scale,
+        );
+        self.invert_free();
+        let room = &mut self.room;
         // A = I − K S
-        self.total.fill(0.0);
-        add_grams(n, &self.equations, &self.at, &mut self.total);
-        mul(n, &self.gain, &self.total, &mut self.transition);
-        for (k, v) in self.transition.iter_mut().enumerate() {
+        room.total.fill(0.0);
+        add_grams(n, &self.equations, &self.at, &mut room.total);
+        mul(n, &room.gain, &room.total, &mut room.transition);
+        for (k, v) in room.transition.iter_mut().enumerate() {
             *v = if k % (n + 1) == 0 { 1.0 - *v } else { -*v };
         }
-        congruence(
-            n,
-            &self.transition,
-            &self.start_covariance,
-            &mut self.work2,
-            &mut self.work,
-        );
-        self.start_covariance.copy_from_slice(&self.work2);
-        for (e, sums) in self.equations.iter_mut().zip(&self.at) {
-            congruence(
-                n,
-                &self.transition,
-                &e.noise_covariance,
-                &mut self.work2,
-                &mut self.work,
-            );
-            e.noise_covariance.copy_from_slice(&self.work2);
-            self.total.fill(0.0);
-            add_gram(n, e, sums, &mut self.total);
-            congruence(n, &self.gain, &self.total, &mut self.work2, &mut self.work);
-            e.noise_covariance
-                .iter_mut()
-                .zip(&self.work2)
-                .for_each(|(p, v)| *p += v);
+        for covariance in [&mut self.guess_covariance, &mut self.change_covariance] {
+            congruence(n, &room.transition, covariance, &mut room.b, &mut room.a);
+            covariance.copy_from_slice(&room.b);
         }
-    }
-
-    // Keeps the information positive definite to rounding: a block of identical samples adds 1e12 in one direction to 1e-6 in the
-    // others, of which a sum of doubles keeps nothing.
-    fn repair(&mut self) {
-        let n = self.n;
-        for i in 0..n {
-            self.scale[i] = self.information[i * n + i].max(f64::MIN_POSITIVE).sqrt();
-        }
-        for i in 0..n {
-            for j in 0..n {
-                self.work[i * n + j] = self.information[i * n + j] / (self.scale[i] * self.scale[j]);
-            }
-        }
-        self.eigen.decompose(n, &self.work);
-        let values = &mut self.eigen.values[..n];
-        let largest = values.iter().fold(0.0, |a: f64, &b| a.max(b));
-        let smallest = values.iter().fold(f64::INFINITY, |a: f64, &b| a.min(b));
-        let least = 100.0 * RANK_TOLERANCE * largest;
-        self.condition = if smallest > 0.0 {
-            largest / smallest
-        } else {
-            f64::INFINITY
-        };
-        if smallest >= least {
-            return;
-        }
-        values.iter_mut().for_each(|v| *v = v.max(least));
-        for i in 0..n {
-            for j in 0..=i {
-                let v: f64 = (0..n)
-                    .map(|k| self.eigen.vectors[i * n + k] * self.eigen.values[k] * self.eigen.vectors[j * n + k])
-                    .sum();
-                let v = v * self.scale[i] * self.scale[j];
-                self.information[i * n + j] = v;
-                self.information[j * n + i] = v;
-            }
-        }
-    }
-
-    // noise variances for this block's decisions: what was learnt, else what this block allows, never below the floor
-    fn set_variances(&mut self, options: &EstimatorOptions) {
-        for (e, sums) in self.equations.iter_mut().zip(&self.at) {
-            let size = if sums.rows > 0 {
-                sums.size / sums.rows as f64
-            } else {
-                0.0
-            };
-            let floor = (e.floor * e.floor).max(options.noise_floor_relative.powi(2) * size);
-            let learnt = if e.freedom > 0.0 { e.spread / e.freedom } else { 0.0 };
-            e.variance = learnt.max(floor);
-        }
-    }
-
-    fn learn_noise(&mut self, options: &EstimatorOptions) {
         let lambda = options.forgetting_factor;
-        for (e, sums) in self.equations.iter_mut().zip(&self.at) {
-            // each equation is charged the parameters that it informs on
-            let freedom = sums.rows as f64 - e.own.len() as f64;
-            if freedom > 0.0 {
-                e.spread = lambda * e.spread + sums.cost;
+        for ((e, sums), after) in self.equations.iter_mut().zip(&self.at).zip(&self.trial) {
+            congruence(n, &room.transition, &e.noise_covariance, &mut room.b, &mut room.a);
+            e.noise_covariance.copy_from_slice(&room.b);
+            room.total.fill(0.0);
+            add_gram(n, e, sums, &mut room.total);
+            congruence(n, &room.gain, &room.total, &mut room.b, &mut room.a);
+            e.noise_covariance.iter_mut().zip(&room.b).for_each(|(p, v)| *p += v);
+            // tr(K S_e): what the parameters take of the rows
+            let taken: f64 = room.gain.iter().zip(&room.total).map(|(k, s)| k * s).sum();
+            let freedom = (sums.rows - sums.outliers) as f64 - taken;
+            if freedom > 1e-6 * sums.rows as f64 {
+                let cost = if stepped { after.cost } else { sums.cost };
+                let spread = if e.loss == Loss::Square {
+                    cost
+                } else {
+                    freedom * e.scale * e.scale
+                };
+                e.spread = lambda * e.spread + spread;
                 e.freedom = lambda * e.freedom + freedom;
             }
         }
+        self.blocks += 1;
         self.set_variances(options);
+        self.excite(theta);
+        self.total_covariance();
     }
 
-    fn variance(&self) -> f64 {
+    // K: the inverse of the information over the parameters that are not fixed
+    fn invert_free(&mut self) {
+        let n = self.n;
+        let room = &mut self.room;
+        let mut count = 0;
+        for i in 0..n {
+            if !self.fixed[i] {
+                room.free[i] = true;
+                count += 1;
+            } else {
+                room.free[i] = false;
+            }
+        }
+        let mut a = 0;
+        for i in (0..n).filter(|&i| room.free[i]) {
+            for (b, j) in (0..n).filter(|&j| room.free[j]).enumerate() {
+                room.a[a * count + b] = self.information[i * n + j];
+            }
+            a += 1;
+        }
+        room.gain.fill(0.0);
+        // `repair` made the information positive definite, and so is every principal part of it
+        if count == 0 || !self.cholesky.factor(count, &room.a[..count * count]) {
+            return;
+        }
+        self.cholesky.inverse(&mut room.b[..count * count], &mut room.offset);
+        let mut a = 0;
+        for i in (0..n).filter(|&i| room.free[i]) {
+            for (b, j) in (0..n).filter(|&j| room.free[j]).enumerate() {
+                room.gain[i * n + j] = room.b[a * count + b];
+            }
+            a += 1;
+        }
+    }
+
+    /// The parameters' random walk since the last block: Γ ← Γ + Q/σ², P ← P + Q.
+    fn walk(&mut self, options: &EstimatorOptions) {
+        let n = self.n;
+        let walks = &options.random_walk[self.parameters.clone()];
+        let drifts = self.drift.iter().any(|&d| d != 0.0);
+        if !drifts && walks.iter().all(|&w| w == 0.0) {
+            return;
+        }
+        let variance = self.variance().max(f64::MIN_POSITIVE);
+        self.invert_free();
+        let room = &mut self.room;
+        for i in 0..n {
+            for j in 0..n {
+                let mut q = self.drift[i] * self.drift[j];
+                if i == j {
+                    q += (walks[i] * self.centre[i]).powi(2);
+                }
+                if self.fixed[i] || self.fixed[j] {
+                    q = 0.0;
+                }
+                self.change_covariance[i * n + j] += q;
+                room.gain[i * n + j] += q / variance;
+            }
+        }
+        invert(
+            n,
+            &mut room.gain,
+            &self.fixed,
+            &mut self.eigen,
+            &mut room.a,
+            &mut room.scale,
+        );
+        for i in 0..n {
+            for j in 0..n {
+                // a fixed parameter keeps its own information and has none in common with the others
+                if !self.fixed[i] && !self.fixed[j] {
+                    self.information[i * n + j] = room.gain[i * n + j];
+                }
+            }
+        }
+        self.total_covariance();
+    }
+
+    // noise variances for this block's decisions
+    fn set_variances(&mut self, options: &EstimatorOptions) {
+        for (e, sums) in self.equations.iter_mut().zip(&self.at) {
+            let learnt = if e.freedom > 0.0 { e.spread / e.freedom } else { 0.0 };
+            e.variance = learnt.max(floor_variance(e, sums, options));
+        }
+    }
+
+    /// Mean noise variance of the rows in `at`.
+    pub fn variance(&self) -> f64 {
         let rows: f64 = self.at.iter().map(|s| s.rows as f64).sum();
         let sum: f64 = self
             .equations
@@ -503,31 +429,77 @@ impl GroupState {
         if rows > 0.0 { sum / rows } else { 0.0 }
     }
 
-    fn excite(&mut self, theta: &[f64]) {
-        let n = self.n;
-        self.total.fill(0.0);
-        add_grams(n, &self.equations, &self.at, &mut self.total);
-        for i in 0..n {
-            let size = theta[self.parameters.start + i].abs().max(self.start_std[i]);
-            self.scale[i] = if size > 0.0 { size } else { 1.0 };
-            self.free[i] = !self.fixed[i];
-        }
-        self.excitation
-            .analyse(&self.total, &self.scale, &self.free, self.variance());
+    /// Size of parameter i: what a change of 100 % means.
+    pub fn size(&self, theta: &[f64], i: usize) -> f64 {
+        let size = theta[self.parameters.start + i].abs().max(self.start_std[i]);
+        if size > 0.0 { size } else { 1.0 }
     }
 
-    fn total_covariance(&mut self) {
-        self.covariance.copy_from_slice(&self.start_covariance);
+    /// Directions that the sums in `at` inform on.
+    pub fn excite(&mut self, theta: &[f64]) {
+        let n = self.n;
+        self.room.total.fill(0.0);
+        for (e, sums) in self.equations.iter().zip(&self.at) {
+            let weight = 1.0 / e.variance.max(TINY);
+            let p = sums.params;
+            for i in 0..p {
+                for j in 0..p {
+                    self.room.total[(e.offset + i) * n + e.offset + j] += weight * sums.gram[i * p + j];
+                }
+            }
+        }
+        for i in 0..n {
+            self.room.scale[i] = self.size(theta, i);
+            self.room.free[i] = !self.fixed[i];
+        }
+        self.excitation
+            .analyse(&self.room.total, &self.room.scale, &self.room.free);
+    }
+
+    /// The total covariance from its parts.
+    pub fn total_covariance(&mut self) {
+        for (k, c) in self.covariance.iter_mut().enumerate() {
+            *c = self.guess_covariance[k] + self.change_covariance[k];
+        }
         for e in &self.equations {
             for (c, p) in self.covariance.iter_mut().zip(&e.noise_covariance) {
                 *c += e.variance * p;
             }
         }
     }
+
+    /// Λ = σ² P⁻¹ from the covariance as it is, for a fit whose prior is the honest one.
+    pub fn prior_from_covariance(&mut self) {
+        let n = self.n;
+        let variance = self.variance().max(TINY);
+        self.prior.copy_from_slice(&self.covariance);
+        let room = &mut self.room;
+        invert(
+            n,
+            &mut self.prior,
+            &self.fixed,
+            &mut self.eigen,
+            &mut room.a,
+            &mut room.scale,
+        );
+        self.prior.iter_mut().for_each(|v| *v *= variance);
+        for i in (0..n).filter(|&i| self.fixed[i]) {
+            self.prior[i * n + i] = self.information[i * n + i];
+        }
+    }
 }
 
-/// How often a step is halved before the fit gives up.
-const HALVINGS: usize = 20;
+/// Noise variances are kept above this, so that they may divide.
+pub const TINY: f64 = 1e-200;
+
+fn floor_variance(e: &EquationState, sums: &Sums, options: &EstimatorOptions) -> f64 {
+    let size = if sums.rows > 0 {
+        sums.size / sums.rows as f64
+    } else {
+        0.0
+    };
+    (e.floor * e.floor).max(options.noise_floor_relative.powi(2) * size)
+}
 
 /// Sums of every equation at θ; false where something is not finite.
 fn evaluate<R: Residuals>(
@@ -546,7 +518,7 @@ fn evaluate<R: Residuals>(
             theta,
             e.own.clone(),
             e.divisor,
-            Loss::Square,
+            e.loss,
             sums,
         );
         finite &= sums.is_finite();
@@ -563,16 +535,77 @@ fn add_gram(n: usize, e: &EquationState, sums: &Sums, matrix: &mut [f64]) {
     }
 }
 
-fn add_grams(n: usize, equations: &[EquationState], sums: &[Sums], matrix: &mut [f64]) {
+/// matrix += Σ_e S_e.
+pub fn add_grams(n: usize, equations: &[EquationState], sums: &[Sums], matrix: &mut [f64]) {
     for (e, sums) in equations.iter().zip(sums) {
         add_gram(n, e, sums, matrix);
     }
 }
 
-fn add_scores(equations: &[EquationState], sums: &[Sums], gradient: &mut [f64]) {
+/// gradient += Σ_e g_e.
+pub fn add_scores(equations: &[EquationState], sums: &[Sums], gradient: &mut [f64]) {
     for (e, sums) in equations.iter().zip(sums) {
         for (g, s) in gradient[e.offset..].iter_mut().zip(&sums.score) {
             *g += s;
+        }
+    }
+}
+
+/// Keeps a matrix positive definite to rounding and returns the condition number of its column-scaled form: a block of
+/// identical samples adds 1e12 in one direction to 1e-6 in the others, of which a sum of doubles keeps nothing.
+fn repair(n: usize, matrix: &mut [f64], eigen: &mut Eigen, work: &mut [f64], scale: &mut [f64]) -> f64 {
+    for i in 0..n {
+        scale[i] = matrix[i * n + i].max(f64::MIN_POSITIVE).sqrt();
+    }
+    for i in 0..n {
+        for j in 0..n {
+            work[i * n + j] = matrix[i * n + j] / (scale[i] * scale[j]);
+        }
+    }
+    eigen.decompose(n, work);
+    let values = &mut eigen.values[..n];
+    let largest = values.iter().fold(0.0, |a: f64, &b| a.max(b));
+    let smallest = values.iter().fold(f64::INFINITY, |a: f64, &b| a.min(b));
+    let least = 100.0 * RANK_TOLERANCE * largest;
+    if smallest < least {
+        values.iter_mut().for_each(|v| *v = v.max(least));
+        eigen.rebuild(n, matrix, |value| value);
+        rescale(n, matrix, |i| scale[i]);
+    }
+    if smallest > 0.0 {
+        largest / smallest
+    } else {
+        f64::INFINITY
+    }
+}
+
+/// Inverts a covariance over the parameters that are not fixed, in place; directions known a million times better than
+/// others are taken as a million times better. Rows and columns of fixed parameters become zero.
+fn invert(n: usize, matrix: &mut [f64], fixed: &[bool], eigen: &mut Eigen, work: &mut [f64], scale: &mut [f64]) {
+    for i in 0..n {
+        let d = matrix[i * n + i];
+        scale[i] = if fixed[i] || !(d > 0.0) { 0.0 } else { 1.0 / d.sqrt() };
+    }
+    for i in 0..n {
+        for j in 0..n {
+            let unit = if i == j { 1.0 } else { 0.0 };
+            work[i * n + j] = if scale[i] > 0.0 && scale[j] > 0.0 {
+                matrix[i * n + j] * scale[i] * scale[j]
+            } else {
+                unit
+            };
+        }
+    }
+    eigen.decompose(n, work);
+    let largest = eigen.values[..n].iter().fold(0.0, |a: f64, &b| a.max(b));
+    eigen.rebuild(n, matrix, |value| 1.0 / value.max(1e-12 * largest));
+    rescale(n, matrix, |i| scale[i]);
+}
+
+fn rescale(n: usize, matrix: &mut [f64], scale: impl Fn(usize) -> f64) {
+    for i in 0..n {
+        for j in 0..n {
+            matrix[i * n + j] *= scale(i) * scale(j);
         }
     }
 }

@@ -201,6 +201,19 @@ impl Eigen {
             self.values[i] = w[i * n + i];
         }
     }
+
+    /// out ← V f(values) Vᵀ, symmetric by construction.
+    pub fn rebuild(&self, n: usize, out: &mut [f64], f: impl Fn(f64) -> f64) {
+        for i in 0..n {
+            for j in 0..=i {
+                let v: f64 = (0..n)
+                    .map(|k| self.vectors[i * n + k] * f(self.values[k]) * self.vectors[j * n + k])
+                    .sum();
+                out[i * n + j] = v;
+                out[j * n + i] = v;
+            }
+        }
+    }
 }
 
 #[cfg(test)]

@@ -14,16 +14,20 @@
 
 mod block;
 mod bound;
+mod change;
 mod constrained;
+mod fit;
 mod forgetting;
 mod group;
 mod linalg;
 mod offline;
 mod options;
 mod pass;
+mod robust;
+mod stats;
 mod wrls;
 
-pub use block::{BlockEstimator, Held, Report};
+pub use block::{BlockEstimator, Change, ChangeKind, Held, Report};
 pub use bound::{CovarianceBound, Factor, Polynomial, Rational};
 pub use offline::{BatchReport, batch_least_squares};
 pub use options::{Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor};

@@ -66,7 +66,10 @@ impl Loss {
     fn at(self, f: f64) -> (f64, f64, bool) {
         match self {
             Self::Square => (f * f, 1.0, false),
-            Self::Huber(limit) if f.abs() > limit => (limit * (2.0 * f.abs() - limit), limit / f.abs(), true),
+            // what pulls less is no outlier yet: at k = 1.345 these are 18 % of clean rows
+            Self::Huber(limit) if f.abs() > limit => {
+                (limit * (2.0 * f.abs() - limit), limit / f.abs(), f.abs() > 3.0 * limit)
+            }
             Self::Gate(limit) if f.abs() > limit => (limit * limit, 0.0, true),
             Self::Huber(_) | Self::Gate(_) => (f * f, 1.0, false),
         }

@@ -109,4 +109,9 @@ impl<M: PointwiseModel> Residuals for PointwiseBlock<M> {
     fn row(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
         self.model.row(equation, &self.features[index], theta, regressor)
     }
+
+    fn span(&self, index: usize) -> (u64, u64) {
+        let t_ns = self.times_ns[index];
+        (t_ns, t_ns)
+    }
 }

@@ -3,6 +3,8 @@
 #[cfg(feature = "config")]
 mod config;
 mod estimator;
+#[cfg(feature = "sim")]
+mod estimator_study;
 mod model;
 #[cfg(feature = "sim")]
 mod sim;

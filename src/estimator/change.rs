@@ -1,0 +1,467 @@
+//! Has the plant changed in this block, when, and what may still be believed.
+//!
+//! **Test.** With d = θ_block − θ̄ the difference between what the block alone says and what was believed before,
+//!
+//! ```text
+//! T = dᵀ (P + A⁻¹)⁻¹ d,    A = Σ_e S_e/σ_e²,    T/r ~ F(r, ν) where nothing changed
+//! ```
+//!
+//! P is the honest covariance of θ̄ (not the inverse information, which forgetting makes 1 + λ too large), r the number of directions
+//! that the block informs on, ν the degrees of freedom of σ². A⁻¹ does not exist where the block is silent, so T is formed from A d = A (θ_m − θ̄)
+//! + g(θ_m), g the score, which needs no block fit: with P = L Lᵀ and (b_k, q_k) the eigenpairs of LᵀAL,
+//!
+//! ```text
+//! T = Σ_k (q_kᵀ Lᵀ A d)² / (b_k (1 + b_k))
+//! ```
+//!
+//! a sum of squares without cancellation, in which a direction without excitation (b_k = 0) has no part. The start value is only a guess and
+//! enters P a hundredfold: to be wrong about it is not a change of the plant.
+//!
+//! **Kind.** On an alarm the block is fitted alone. Where that fit leaves no more than noise, nothing changed inside the block: all of it
+//! is used, and the prior is widened by the difference found. Else the block is cut at the row τ that minimises
+//!
+//! ```text
+//! J(τ) = min_θ [prior + Σ_{rows ending before τ} f²/σ²] + min_θ [Σ_{rows starting at τ or later} f²/σ²] + number of rows across τ
+//! ```
+//!
+//! over all groups together, and only the rows after τ are used, with the prior widened to 100 % in the directions that they excite:
+//! never Λ ← κΛ, which leaves a wrong and overconfident prior in the others. Each side is linearised at its own estimate, the
+//! later one anew until τ stays. Where a straight line θ(t) through the block costs less than the cut, the plant drifts: the
+//! block is used as a whole and its movement is expected of the next ones.
+
+use super::Residuals;
+use super::fit::Fit;
+use super::group::{GroupState, TINY};
+use super::linalg::{dot, mul_vec};
+use super::options::{EstimatorOptions, Outliers};
+use super::pass::{Loss, Sums, accumulate};
+use super::stats::f_tail;
+use std::ops::Range;
+
+/// How much wider than stated the start value is taken to be, in variance.
+const GUESS: f64 = 100.0;
+/// A block fit whose residuals are less probable than this holds more than noise.
+const CONSISTENT: f64 = 1e-4;
+/// Share of gated rows beyond which they are no outliers but another plant.
+const GATED: f64 = 0.1;
+/// Boundaries per level of the search for τ.
+pub const GRID: usize = 64;
+
+impl GroupState {
+    /// Probability of a T as large as this block's, were the plant unchanged; 1 where there is nothing to compare with.
+    /// `at` holds the sums at `theta`.
+    pub fn change_probability(&mut self, theta: &[f64]) -> f64 {
+        let n = self.n;
+        let freedom: f64 = self.equations.iter().map(|e| e.freedom).sum();
+        if self.blocks == 0 || freedom < 1.0 {
+            return 1.0;
+        }
+        let room = &mut self.room;
+        room.total.fill(0.0);
+        room.gradient.fill(0.0);
+        for (e, sums) in self.equations.iter().zip(&self.at) {
+            let p = sums.params;
+            // the block's own noise, as long as it is of the size known so far
+            let own = own_variance(sums, &mut self.cholesky, &mut room.a);
+            let variance = e.variance.max(own.min(4.0 * e.variance)).max(TINY);
+            for i in 0..p {
+                room.gradient[e.offset + i] += sums.score[i] / variance;
+                for j in 0..p {
+                    room.total[(e.offset + i) * n + e.offset + j] += sums.gram[i * p + j] / variance;
+                }
+            }
+        }
+        for i in 0..n {
+            room.offset[i] = theta[self.parameters.start + i] - self.centre[i];
+        }
+        // A d
+        for i in 0..n {
+            room.gradient[i] += dot(&room.total[i * n..(i + 1) * n], &room.offset);
+        }
+        // L: P = L Lᵀ from the eigenvectors of the correlation matrix; zero for fixed parameters
+        for i in 0..n {
+            let v = self.covariance[i * n + i] + (GUESS - 1.0) * self.guess_covariance[i * n + i];
+            room.scale[i] = if v > 0.0 && !self.fixed[i] { v.sqrt() } else { 0.0 };
+        }
+        for k in 0..n * n {
+            let (si, sj) = (room.scale[k / n], room.scale[k % n]);
+            let v = self.covariance[k] + (GUESS - 1.0) * self.guess_covariance[k];
+            room.a[k] = if si > 0.0 && sj > 0.0 { v / (si * sj) } else { 0.0 };
+        }
+        self.eigen.decompose(n, &room.a);
+        for i in 0..n {
+            for k in 0..n {
+                room.a[i * n + k] =
+                    room.scale[i] * self.eigen.vectors[i * n + k] * self.eigen.values[k].max(0.0).sqrt();
+            }
+        }
+        // B = LᵀAL and Lᵀ A d
+        for i in 0..n {
+            for k in 0..n {
+                room.b[i * n + k] = (0..n).map(|j| room.total[i * n + j] * room.a[j * n + k]).sum();
+            }
+        }
+        for k in 0..n {
+            for l in 0..=k {
+                let v: f64 = (0..n).map(|i| room.a[i * n + k] * room.b[i * n + l]).sum();
+                room.transition[k * n + l] = v;
+                room.transition[l * n + k] = v;
+            }
+            room.offset[k] = (0..n).map(|i| room.a[i * n + k] * room.gradient[i]).sum();
+        }
+        self.eigen.decompose(n, &room.transition);
+        let largest = self.eigen.values[..n].iter().fold(0.0, |a: f64, &b| a.max(b));
+        let (mut t, mut directions) = (0.0, 0.0);
+        for k in 0..n {
+            let b = self.eigen.values[k];
+            if b > 1e-6 && b > 1e-12 * largest {
+                let c: f64 = (0..n).map(|i| self.eigen.vectors[i * n + k] * room.offset[i]).sum();
+                t += c * c / (b * (1.0 + b));
+                directions += 1.0;
+            }
+        }
+        if directions == 0.0 {
+            1.0
+        } else {
+            f_tail(t / directions, directions, freedom.min(1e6))
+        }
+    }
+
+    /// True where a gate dropped more rows than outliers can be.
+    pub fn is_another_plant(&self, options: &EstimatorOptions) -> bool {
+        let gated = |s: &Sums| s.outliers as f64 > GATED * s.rows as f64;
+        matches!(options.outliers, Outliers::Gate(_)) && self.blocks > 0 && self.at.iter().any(gated)
+    }
+
+    /// Prior of a fit that is to follow the rows alone: centred at θ̄, 100 % of each parameter.
+    pub fn prior_weak(&mut self) {
+        let n = self.n;
+        let variance = self.variance().max(TINY);
+        self.prior.fill(0.0);
+        for i in 0..n {
+            let size = self.centre[i].abs();
+            let size = if size > 0.0 { size } else { 1.0 };
+            self.prior[i * n + i] = variance / (size * size);
+        }
+    }
+
+    /// Fits the rows alone from the present θ.
+    pub fn fit_alone<R: Residuals>(
+        &mut self,
+        rows: &R,
+        range: Range<usize>,
+        theta: &mut [f64],
+        options: &EstimatorOptions,
+    ) -> Fit {
+        self.prior_weak();
+        self.evaluate_at(rows, range.clone(), theta);
+        self.fit(rows, range, theta, options)
+    }
+
+    /// True where the residuals in `at` are no larger than the noise known so far.
+    pub fn is_consistent(&self, options: &EstimatorOptions) -> bool {
+        self.equations.iter().zip(&self.at).all(|(e, sums)| {
+            let mut freedom = (sums.rows - sums.outliers) as f64 - sums.params as f64;
+            if freedom < 1.0 {
+                return true;
+            }
+            let mut own = sums.cost / freedom;
+            if e.loss != Loss::Square {
+                // the median's efficiency is 0.37
+                (own, freedom) = (e.scale * e.scale, 0.37 * freedom);
+            }
+            let ratio = own / e.variance.max(TINY);
+            f_tail(ratio, freedom, e.freedom.max(1.0)) > CONSISTENT
+        }) && !self.is_another_plant(options)
+    }
+
+    /// Widens the covariance in the directions that `at` excites: parameter i by `sizes`[i], or by its whole size.
+    pub fn widen(&mut self, theta: &[f64], sizes: Option<&[f64]>) {
+        let n = self.n;
+        self.excite(theta);
+        let free = self.fixed.iter().filter(|&&f| !f).count();
+        let full = self.excitation.rank == free;
+        // where only some directions are excited, their own scale applies to all alike
+        let share = sizes.map_or(1.0, |sizes| {
+            (0..n)
+                .map(|i| sizes[i].abs() / self.size(theta, i))
+                .fold(0.0, f64::max)
+                .min(1.0)
+        });
+        for i in 0..n {
+            if full && !self.fixed[i] {
+                let size = self.size(theta, i);
+                let by = sizes.map_or(size, |sizes| sizes[i].abs().min(size));
+                self.change_covariance[i * n + i] += by * by;
+                continue;
+            }
+            for j in 0..n {
+                let v: f64 = (0..self.excitation.rank)
+                    .map(|k| self.excitation.direction(i, k) * self.excitation.direction(j, k))
+                    .sum();
+                self.change_covariance[i * n + j] += share * share * v;
+            }
+        }
+        self.total_covariance();
+    }
+
+    /// Cost of a straight line through the block, θ(t) = θ + θ' s with s from −½ to ½, in units of the noise. Linearised at `theta`.
+    pub fn line_cost<R: Residuals>(&mut self, rows: &R, range: Range<usize>, theta: &[f64]) -> f64 {
+        let n = self.n;
+        let m = 2 * n;
+        let (middle, length) = (
+            (range.start + range.end - 1) as f64 / 2.0,
+            range.len().max(2) as f64 - 1.0,
+        );
+        self.line.fill(0.0);
+        let (matrix, vector) = self.line.split_at_mut(m * m);
+        let mut total = 0.0;
+        for e in &self.equations {
+            let weight = 1.0 / e.variance.max(TINY);
+            let p = e.own.len();
+            let phi = &mut self.room.regressor[..p];
+            for index in range.clone() {
+                let f = rows.row(e.index, index, theta, phi) / e.divisor;
+                if matches!(e.loss, Loss::Gate(limit) | Loss::Huber(limit) if f.abs() > limit) {
+                    continue;
+                }
+                let s = (index as f64 - middle) / length;
+                total += weight * f * f;
+                for i in 0..p {
+                    let x = phi[i] / e.divisor * weight;
+                    vector[e.offset + i] += x * f;
+                    vector[n + e.offset + i] += s * x * f;
+                    for j in 0..p {
+                        let v = x * phi[j] / e.divisor;
+                        matrix[(e.offset + i) * m + e.offset + j] += v;
+                        matrix[(e.offset + i) * m + n + e.offset + j] += s * v;
+                        matrix[(n + e.offset + i) * m + e.offset + j] += s * v;
+                        matrix[(n + e.offset + i) * m + n + e.offset + j] += s * s * v;
+                    }
+                }
+            }
+        }
+        for i in 0..m {
+            // fixed parameters do not move, and a touch of weight keeps silent ones where they are
+            let fixed = self.fixed[i % n];
+            if fixed {
+                for j in 0..m {
+                    matrix[i * m + j] = 0.0;
+                    matrix[j * m + i] = 0.0;
+                }
+                vector[i] = 0.0;
+            }
+            let d = matrix[i * m + i];
+            matrix[i * m + i] = if d > 0.0 { d * (1.0 + 1e-11) } else { 1.0 };
+        }
+        if !self.line_factor.factor(m, matrix) {
+            return f64::INFINITY;
+        }
+        let (vector, solution) = vector.split_at_mut(m);
+        solution.copy_from_slice(vector);
+        self.line_factor.solve(solution);
+        total - dot(vector, solution)
+    }
+
+    /// Adds to `costs`[k] the least cost, in units of the noise, of the rows before (`after` false) or from (`after` true) boundary k on,
+    /// with the prior as it is and linearised at `theta`.
+    pub fn segment_costs<R: Residuals>(
+        &mut self,
+        rows: &R,
+        whole: Range<usize>,
+        theta: &[f64],
+        boundaries: &[Boundary],
+        after: bool,
+        costs: &mut [f64],
+    ) {
+        let n = self.n;
+        let variance = self.variance().max(TINY);
+        self.room.total.copy_from_slice(&self.prior);
+        for i in 0..n {
+            self.room.offset[i] = theta[self.parameters.start + i] - self.centre[i];
+        }
+        mul_vec(n, &self.prior, &self.room.offset, &mut self.room.gradient);
+        self.room.gradient.iter_mut().for_each(|g| *g = -*g);
+        let mut total = self.prior_cost(theta);
+        let mut reached = if after { whole.end } else { whole.start };
+        for step in 0..boundaries.len() {
+            let k = if after { boundaries.len() - 1 - step } else { step };
+            let (part, next) = if after {
+                (
+                    boundaries[k].after.min(reached)..reached,
+                    boundaries[k].after.min(reached),
+                )
+            } else {
+                (
+                    reached..boundaries[k].before.max(reached),
+                    boundaries[k].before.max(reached),
+                )
+            };
+            reached = next;
+            if !part.is_empty() {
+                for (e, sums) in self.equations.iter().zip(&mut self.trial) {
+                    let weight = variance / e.variance.max(TINY);
+                    accumulate(
+                        rows,
+                        e.index,
+                        part.clone(),
+                        theta,
+                        e.own.clone(),
+                        e.divisor,
+                        e.loss,
+                        sums,
+                    );
+                    total += weight * sums.cost;
+                    let p = sums.params;
+                    for i in 0..p {
+                        self.room.gradient[e.offset + i] += weight * sums.score[i];
+                        for j in 0..p {
+                            self.room.total[(e.offset + i) * n + e.offset + j] += weight * sums.gram[i * p + j];
+                        }
+                    }
+                }
+            }
+            let mut least = total;
+            let count = (0..n).filter(|&i| !self.fixed[i]).count();
+            let room = &mut self.room;
+            let mut a = 0;
+            for i in (0..n).filter(|&i| !self.fixed[i]) {
+                for (b, j) in (0..n).filter(|&j| !self.fixed[j]).enumerate() {
+                    room.a[a * count + b] = room.total[i * n + j];
+                }
+                room.offset[a] = room.gradient[i];
+                room.scale[a] = room.gradient[i];
+                a += 1;
+            }
+            if self.cholesky.factor(count, &room.a[..count * count]) {
+                self.cholesky.solve(&mut room.offset[..count]);
+                least -= dot(&room.offset[..count], &room.scale[..count]);
+            }
+            costs[k] += least / variance;
+        }
+    }
+
+    /// While the parameters drift: the movement of this block is what the next is expected to bring, in the mean with the past.
+    pub fn follow_drift(&mut self, theta: &[f64]) {
+        if self.drift.iter().all(|&d| d == 0.0) {
+            return;
+        }
+        let n = self.n;
+        let mut matters = false;
+        for i in 0..n {
+            let moved = theta[self.parameters.start + i] - self.centre[i];
+            self.drift[i] = 0.5 * (self.drift[i] + moved);
+            matters |= self.drift[i] * self.drift[i] > 0.01 * self.covariance[i * n + i];
+        }
+        if !matters {
+            self.drift.fill(0.0);
+        }
+    }
+
+    /// Takes every row in full, or limits them at the noise known so far.
+    pub fn set_losses(&mut self, robust: bool, options: &EstimatorOptions) {
+        for e in &mut self.equations {
+            e.loss = if robust {
+                options.outliers.loss(e.variance.sqrt())
+            } else {
+                Loss::Square
+            };
+        }
+    }
+}
+
+/// A place where a block may be cut.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Boundary {
+    /// The row whose first instant is the cut.
+    pub row: usize,
+    /// Rows before this one end before the cut.
+    pub before: usize,
+    /// Rows from this one on start at the cut or after it.
+    pub after: usize,
+}
+
+impl Boundary {
+    /// The cut at the first instant of `row`, which lies in `whole`.
+    pub fn at<R: Residuals>(rows: &R, whole: &Range<usize>, row: usize) -> Self {
+        let cut = rows.span(row).0;
+        let mut before = row;
+        while before > whole.start && rows.span(before - 1).1 >= cut {
+            before -= 1;
+        }
+        Self {
+            row,
+            before,
+            after: row,
+        }
+    }
+}
+
+// What the residuals of one equation would leave if it were fitted alone, over its degrees of freedom.
+fn own_variance(sums: &Sums, factor: &mut super::linalg::Cholesky, work: &mut [f64]) -> f64 {
+    let p = sums.params;
+    let freedom = sums.rows as f64 - p as f64;
+    if freedom < 1.0 {
+        return 0.0;
+    }
+    let mut cost = sums.cost;
+    if factor.factor(p, &sums.gram) {
+        let x = &mut work[..p];
+        x.copy_from_slice(&sums.score);
+        factor.solve(x);
+        cost -= dot(x, &sums.score);
+    }
+    cost.max(0.0) / freedom
+}
+
+/// Finds the cut of `whole` that costs least, for the groups in `joined` together; returns it with its cost.
+///
+/// `before` and `later` are the points of linearisation of either side; the prior of the earlier side is the honest one.
+pub fn locate<R: Residuals>(
+    groups: &mut [GroupState],
+    joined: u64,
+    rows: &R,
+    whole: Range<usize>,
+    before: &[f64],
+    later: &[f64],
+) -> (usize, f64) {
+    let (mut low, mut high) = (whole.start, whole.end - 1);
+    let mut boundaries = [Boundary::default(); GRID + 1];
+    loop {
+        let stride = (high - low).div_ceil(GRID).max(1);
+        let mut count = 0;
+        let mut row = low;
+        while row <= high && count <= GRID {
+            boundaries[count] = Boundary::at(rows, &whole, row);
+            count += 1;
+            row += stride;
+        }
+        let boundaries = &boundaries[..count];
+        let mut costs = [0.0; GRID + 1];
+        let costs = &mut costs[..count];
+        for (k, group) in groups.iter_mut().enumerate() {
+            if joined >> k & 1 == 0 {
+                continue;
+            }
+            group.prior_from_covariance();
+            group.segment_costs(rows, whole.clone(), before, boundaries, false, costs);
+            group.prior_weak();
+            group.segment_costs(rows, whole.clone(), later, boundaries, true, costs);
+            for (cost, boundary) in costs.iter_mut().zip(boundaries) {
+                *cost += ((boundary.after - boundary.before) * group.equations.len()) as f64;
+            }
+        }
+        let mut best = 0;
+        for k in 1..count {
+            if costs[k] < costs[best] {
+                best = k;
+            }
+        }
+        let row = boundaries[best].row;
+        if stride == 1 {
+            return (row, costs[best]);
+        }
+        low = row.saturating_sub(stride - 1).max(whole.start);
+        high = (row + stride - 1).min(whole.end - 1);
+    }
+}

@@ -32,7 +32,7 @@
 use super::Residuals;
 use super::fit::Fit;
 use super::group::{GroupState, TINY};
-use super::linalg::{dot, mul_vec};
+use super::linalg::{dot, gather, mul_vec};
 use super::options::{EstimatorOptions, Outliers};
 use super::pass::{Loss, Sums, accumulate};
 use super::stats::f_tail;
@@ -322,16 +322,11 @@ impl GroupState {
                 }
             }
             let mut least = total;
-            let count = (0..n).filter(|&i| !self.fixed[i]).count();
             let room = &mut self.room;
-            let mut a = 0;
-            for i in (0..n).filter(|&i| !self.fixed[i]) {
-                for (b, j) in (0..n).filter(|&j| !self.fixed[j]).enumerate() {
-                    room.a[a * count + b] = room.total[i * n + j];
-                }
+            let count = gather(n, &room.total, &self.fixed, &mut room.a);
+            for (a, i) in (0..n).filter(|&i| !self.fixed[i]).enumerate() {
                 room.offset[a] = room.gradient[i];
                 room.scale[a] = room.gradient[i];
-                a += 1;
             }
             if self.cholesky.factor(count, &room.a[..count * count]) {
                 self.cholesky.solve(&mut room.offset[..count]);

@@ -52,8 +52,14 @@ impl ConstrainedStep {
         self.delta.fill(0.0);
         for i in 0..n {
             // start with what can move downhill
-            self.free[i] =
-                lower[i] < 0.0 && upper[i] > 0.0 || lower[i] < 0.0 && g[i] < 0.0 || upper[i] > 0.0 && g[i] > 0.0;
+            let (down, up) = (lower[i] < 0.0, upper[i] > 0.0);
+            self.free[i] = if g[i] > 0.0 {
+                up
+            } else if g[i] < 0.0 {
+                down
+            } else {
+                down && up
+            };
         }
         // each round fixes or frees one; a handful is usual, the limit guards against cycling on rounding
         for _ in 0..4 * n + 4 {

@@ -23,7 +23,7 @@
 
 use super::constrained::ConstrainedStep;
 use super::forgetting::{Excitation, Rule};
-use super::linalg::{Cholesky, Eigen, RANK_TOLERANCE, congruence, mul};
+use super::linalg::{Cholesky, Eigen, RANK_TOLERANCE, congruence, gather, mul, scatter};
 use super::options::{EstimatorOptions, Forgetting, Outliers};
 use super::pass::{Loss, Sums, accumulate};
 use super::robust::Magnitudes;
@@ -335,34 +335,12 @@ impl GroupState {
     fn invert_free(&mut self) {
         let n = self.n;
         let room = &mut self.room;
-        let mut count = 0;
-        for i in 0..n {
-            if !self.fixed[i] {
-                room.free[i] = true;
-                count += 1;
-            } else {
-                room.free[i] = false;
-            }
-        }
-        let mut a = 0;
-        for i in (0..n).filter(|&i| room.free[i]) {
-            for (b, j) in (0..n).filter(|&j| room.free[j]).enumerate() {
-                room.a[a * count + b] = self.information[i * n + j];
-            }
-            a += 1;
-        }
+        let count = gather(n, &self.information, &self.fixed, &mut room.a);
         room.gain.fill(0.0);
         // `repair` made the information positive definite, and so is every principal part of it
-        if count == 0 || !self.cholesky.factor(count, &room.a[..count * count]) {
-            return;
-        }
-        self.cholesky.inverse(&mut room.b[..count * count], &mut room.offset);
-        let mut a = 0;
-        for i in (0..n).filter(|&i| room.free[i]) {
-            for (b, j) in (0..n).filter(|&j| room.free[j]).enumerate() {
-                room.gain[i * n + j] = room.b[a * count + b];
-            }
-            a += 1;
+        if count > 0 && self.cholesky.factor(count, &room.a[..count * count]) {
+            self.cholesky.inverse(&mut room.b[..count * count], &mut room.offset);
+            scatter(n, &room.b, &self.fixed, &mut room.gain);
         }
     }
 

@@ -40,6 +40,30 @@ pub fn congruence(n: usize, a: &[f64], s: &[f64], out: &mut [f64], work: &mut [f
     }
 }
 
+/// Copies the rows and columns of `a` that are not `dropped` to the head of `out`; returns how many they are.
+pub fn gather(n: usize, a: &[f64], dropped: &[bool], out: &mut [f64]) -> usize {
+    let mut at = 0;
+    for i in (0..n).filter(|&i| !dropped[i]) {
+        for j in (0..n).filter(|&j| !dropped[j]) {
+            out[at] = a[i * n + j];
+            at += 1;
+        }
+    }
+    dropped[..n].iter().filter(|&&d| !d).count()
+}
+
+/// The reverse of [`gather`]: the rest of `out` becomes zero.
+pub fn scatter(n: usize, a: &[f64], dropped: &[bool], out: &mut [f64]) {
+    out[..n * n].fill(0.0);
+    let mut at = 0;
+    for i in (0..n).filter(|&i| !dropped[i]) {
+        for j in (0..n).filter(|&j| !dropped[j]) {
+            out[i * n + j] = a[at];
+            at += 1;
+        }
+    }
+}
+
 /// Lower Cholesky factor with column scaling of a symmetric positive (semi)definite matrix.
 #[derive(Debug, Clone)]
 pub struct Cholesky {

@@ -79,8 +79,8 @@ mod tests {
     #[test]
     fn val_tails_agree_with_closed_forms_and_tables() {
         // d₁ = 2: P = (1 + 2x/d₂)^(−d₂/2)
-        for (x, d2) in [(0.5, 10.0), (3.0, 7.0), (12.0, 1895.0)] {
-            let want = (1.0 + 2.0 * x / d2 as f64).powf(-d2 / 2.0);
+        for (x, d2) in [(0.5, 10.0f64), (3.0, 7.0), (12.0, 1895.0)] {
+            let want = (1.0 + 2.0 * x / d2).powf(-d2 / 2.0);
             assert!((f_tail(x, 2.0, d2) / want - 1.0).abs() < 1e-9, "{x} {d2}");
         }
         // d₁ = d₂ = 1: P = 1 − (2/π) atan √x

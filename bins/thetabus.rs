@@ -11,7 +11,9 @@
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use thetabus::service::{self, CommonArgs, EXIT_CODES, IdentifierArgs, MonitorArgs, PlantArgs, RunArgs, VERSION};
+use thetabus::service::{
+    self, CommonArgs, CompareArgs, EXIT_CODES, IdentifierArgs, MonitorArgs, PlantArgs, RunArgs, VERSION,
+};
 
 /// On-line identification of a running machine's physical parameters
 #[derive(Parser)]
@@ -26,6 +28,9 @@ enum Command {
     /// Run plant, identifier and monitor, then print the result beside the truth
     #[command(after_help = EXIT_CODES)]
     Run(RunArgs),
+    /// Put estimators side by side on one simulated run
+    #[command(after_help = EXIT_CODES)]
+    Compare(CompareArgs),
     /// Tools for configuration files
     #[command(subcommand)]
     Config(ConfigCommand),
@@ -57,6 +62,7 @@ enum ConfigCommand {
 fn main() -> ExitCode {
     match Program::parse().command {
         Command::Run(args) => service::main_with(&args.plant.common, |shutdown| service::launch(&args, shutdown)),
+        Command::Compare(args) => service::main_with(&args.common, |_| service::compare(&args)),
         Command::Config(ConfigCommand::Check { file, set }) => {
             service::main_with(&CommonArgs::default(), |_| service::config_check(&file, &set))
         }

@@ -8,8 +8,8 @@ pub const CEDRO2022_BLOCK_LEN: usize = 1900;
 
 /// θ̂₀ of `config/cedro2022.toml`; the paper gives none.
 ///
-/// Orders of magnitude only, except θ₉ = l₂, which a tape measure gives. It multiplies θ₆ and θ₇; started at 0.5 m, the recursion is still 60 % off at
-/// 45 s, because it never linearises a block again.
+/// Orders of magnitude only, except θ₉ = l₂, which a tape measure gives. It multiplies θ₆ and θ₇; started at 0.5 m, the recursion does not
+/// settle after the jump, because it never linearises a block again (docs/paper-results.md).
 pub const CEDRO2022_START: [f64; MANIPULATOR_PARAMS] = [0.01, 0.01, 0.1, 0.1, 10.0, 0.01, 0.1, 10.0, 1.0];
 
 /// The paper's recursion with (10) without its λ, as `config/cedro2022.toml` has it. λ and ε are our choice:

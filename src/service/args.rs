@@ -168,3 +168,26 @@ pub struct RunArgs {
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }
+
+/// `thetabus compare`.
+#[derive(Debug, Clone, Args)]
+pub struct CompareArgs {
+    /// Configuration file of the run to compare estimators on
+    #[arg(value_name = "CONFIG")]
+    pub file: PathBuf,
+    /// The paper's recursion in its variants instead of all estimators
+    #[arg(long)]
+    pub paper: bool,
+    /// Runs with other seeds, for medians
+    #[arg(long, value_name = "COUNT", default_value_t = 20)]
+    pub seeds: u64,
+    /// File to write the tables to; standard output without it
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// JSON instead of Markdown
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+}

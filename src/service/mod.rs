@@ -5,6 +5,7 @@
 mod args;
 mod check;
 mod child;
+mod compare;
 mod exit;
 mod identifier;
 mod launcher;
@@ -15,8 +16,9 @@ mod plant;
 mod progress;
 mod wiring;
 
-pub use args::{CommonArgs, IdentifierArgs, LogFormat, MonitorArgs, PlantArgs, RunArgs, VERSION};
+pub use args::{CommonArgs, CompareArgs, IdentifierArgs, LogFormat, MonitorArgs, PlantArgs, RunArgs, VERSION};
 pub use check::config_check;
+pub use compare::run as compare;
 pub use exit::{EXIT_CODES, Exit, Failure, main_with};
 pub use identifier::run as identifier;
 pub use launcher::run as launch;

@@ -1,5 +1,7 @@
 //! Numerics: model, rows, simulation and estimators, each against something independent of it.
 
+#[cfg(feature = "sim")]
+mod compare;
 #[cfg(feature = "config")]
 mod config;
 mod estimator;

@@ -136,7 +136,7 @@ const fn equations(interval: Interval) -> Kind {
 sections! {
     bus: Bus = "bus", "Which topics, and how samples are delivered" {
         robot: String, Kind::Name, "",
-            "Name of the machine; the topics are thetabus/<robot>/sample, estimate, status";
+            "Name of the machine; the topics are thetabus/ROBOT/sample, estimate, status";
         domain: String, Kind::Name, "",
             "Isolates whole runs from each other; programs of one run name the same domain";
         delivery: String, Kind::Choice(&["auto", "realtime", "lockstep"]), "",
@@ -278,7 +278,7 @@ sections! {
         gravity_m_s2: f64, Kind::Real(NOT_NEGATIVE), "m/s²",
             "Acceleration of gravity g in the equations";
     }
-    known: Known = "model.known", "What is known of the machine; with all three, physical values are derived from the estimate, such as mass_2 [kg]" {
+    known: Known = "model.known", "What is known of the machine; with all three, physical values are derived from the estimate, such as mass_2 in kg" {
         length_1_m: Option<f64>, Kind::Real(POSITIVE), "m",
             "Length l1 of link 1";
         winding_resistance_ohm: Option<Vec<f64>>, joints(POSITIVE), "Ω",
@@ -347,6 +347,6 @@ sections! {
     }
     monitor: Monitor = "monitor", "What is kept of a run" {
         out_dir: Option<String>, Kind::Path, "",
-            "Directory for estimates.csv and summary.json, which must not hold files yet; not set: `run` takes thetabus-out/<time>, `monitor` writes none";
+            "Directory for estimates.csv and summary.json, which must not hold files yet; not set: `run` takes thetabus-out/TIME, `monitor` writes none";
     }
 }

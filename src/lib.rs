@@ -69,9 +69,9 @@ pub mod messages;
 pub mod model;
 pub mod node;
 pub mod notation;
-#[cfg(feature = "service")]
+#[cfg(feature = "recording")]
 pub mod recording;
-#[cfg(feature = "service")]
+#[cfg(feature = "report")]
 pub mod report;
 pub mod rows;
 #[cfg(feature = "service")]

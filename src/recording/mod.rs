@@ -1,5 +1,22 @@
 //! Runs as files, in and out.
+//!
+//! A recording is an MCAP file with `cdr` messages and `ros2msg` schemas: PlotJuggler, Foxglove, rerun and the Python packages `mcap`
+//! and `mcap-ros2-support` open it with the plant's own parameter names. It holds what is needed to identify again to the same bits:
+//! every sample, and the configuration.
 
+mod cdr;
 mod estimates_csv;
+mod info;
+mod layout;
+mod reader;
+mod samples_csv;
+#[cfg(test)]
+mod tests;
+mod writer;
 
 pub use estimates_csv::EstimatesCsv;
+pub use info::{InfoError, RunInfo};
+pub use layout::{NameCollision, RecorderStatus};
+pub use reader::{Entry, Loss, ReadError, RecordingReader, Span};
+pub use samples_csv::{CsvSampleError, SamplesCsv, read_samples_csv};
+pub use writer::{RecordError, Recorder, RecordingLimits};

@@ -1,0 +1,224 @@
+//! What a recording says of its run beside the messages: enough to read, identify again and report without any other file.
+
+use crate::messages::{MAX_DERIVED, SCHEMA_VERSION};
+use crate::model::{MAX_JOINTS, MAX_PARAMS};
+use crate::node::monitor::Label;
+use std::collections::BTreeMap;
+
+/// The metadata of a recording.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RunInfo {
+    /// Tells recordings apart; all files of one recording have the same.
+    pub recording_id: String,
+    /// Robot name.
+    pub robot: String,
+    /// Model name.
+    pub model: String,
+    /// Hash of the model.
+    pub model_hash: u64,
+    /// Hash of the configuration that determines estimates.
+    pub config_hash: u64,
+    /// The whole configuration, TOML.
+    pub config_toml: String,
+    /// Number of joints.
+    pub joints: usize,
+    /// Unit of a position: `rad` or `m`.
+    pub position_unit: String,
+    /// Unit of the input: `V`.
+    pub input_unit: String,
+    /// Names of the equations.
+    pub equations: Vec<String>,
+    /// Parameters, in the order of θ.
+    pub parameters: Vec<Label>,
+    /// Derived values, in the order of the message.
+    pub derived: Vec<Label>,
+}
+
+/// Why metadata cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum InfoError {
+    /// A key is missing.
+    #[error("the metadata has no `{0}`")]
+    Missing(&'static str),
+    /// A value is not what its key needs.
+    #[error("metadata `{key}`: expected {expected}, got {got:?}")]
+    Invalid {
+        /// The key.
+        key: &'static str,
+        /// What it needs.
+        expected: &'static str,
+        /// What is there.
+        got: String,
+    },
+}
+
+impl RunInfo {
+    /// As the name-value pairs of a metadata record.
+    pub(super) fn to_map(&self) -> BTreeMap<String, String> {
+        [
+            ("thetabus_version", env!("CARGO_PKG_VERSION").to_string()),
+            ("schema_version", SCHEMA_VERSION.to_string()),
+            ("recording_id", self.recording_id.clone()),
+            ("robot", self.robot.clone()),
+            ("model", self.model.clone()),
+            ("model_hash", format!("{:016x}", self.model_hash)),
+            ("config_hash", format!("{:016x}", self.config_hash)),
+            ("config_toml", self.config_toml.clone()),
+            ("joints", self.joints.to_string()),
+            ("position_unit", self.position_unit.clone()),
+            ("input_unit", self.input_unit.clone()),
+            ("equations", self.equations.join("\n")),
+            ("parameters", labels_to_text(&self.parameters)),
+            ("derived", labels_to_text(&self.derived)),
+        ]
+        .into_iter()
+        .map(|(key, value)| (key.to_string(), value))
+        .collect()
+    }
+
+    /// From the name-value pairs of a metadata record.
+    ///
+    /// # Errors
+    /// Where a key is missing, has another schema version or a value out of its range.
+    pub(super) fn from_map(map: &BTreeMap<String, String>) -> Result<Self, InfoError> {
+        let get = |key: &'static str| map.get(key).ok_or(InfoError::Missing(key));
+        let text = |key| get(key).cloned();
+        let hash = |key: &'static str| {
+            let got = get(key)?;
+            u64::from_str_radix(got, 16).map_err(|_| InfoError::invalid(key, "16 hexadecimal digits", got))
+        };
+        let version = get("schema_version")?;
+        if *version != SCHEMA_VERSION.to_string() {
+            return Err(InfoError::invalid(
+                "schema_version",
+                "1 (this program's; open the file with the version that wrote it)",
+                version,
+            ));
+        }
+        let joints = get("joints")?;
+        let joints = joints
+            .parse()
+            .ok()
+            .filter(|n| (1..=MAX_JOINTS).contains(n))
+            .ok_or_else(|| InfoError::invalid("joints", "1 to 8", joints))?;
+        let info = Self {
+            recording_id: text("recording_id")?,
+            robot: text("robot")?,
+            model: text("model")?,
+            model_hash: hash("model_hash")?,
+            config_hash: hash("config_hash")?,
+            config_toml: text("config_toml")?,
+            joints,
+            position_unit: text("position_unit")?,
+            input_unit: text("input_unit")?,
+            equations: get("equations")?.lines().map(String::from).collect(),
+            parameters: labels_from_text("parameters", get("parameters")?)?,
+            derived: labels_from_text("derived", get("derived")?)?,
+        };
+        info.check()?;
+        Ok(info)
+    }
+
+    /// Checks that the counts fit the messages.
+    ///
+    /// # Errors
+    /// Where they do not.
+    pub fn check(&self) -> Result<(), InfoError> {
+        let counts = [
+            ("joints", self.joints, MAX_JOINTS, "1 to 8"),
+            ("equations", self.equations.len(), MAX_JOINTS, "at most 8"),
+            ("parameters", self.parameters.len(), MAX_PARAMS, "at most 64"),
+            ("derived", self.derived.len(), MAX_DERIVED, "at most 8"),
+        ];
+        for (key, count, limit, expected) in counts {
+            if count > limit || (key == "joints" && count == 0) {
+                return Err(InfoError::invalid(key, expected, &count.to_string()));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl InfoError {
+    fn invalid(key: &'static str, expected: &'static str, got: &str) -> Self {
+        Self::Invalid {
+            key,
+            expected,
+            got: got.chars().take(60).collect(),
+        }
+    }
+}
+
+fn labels_to_text(labels: &[Label]) -> String {
+    let lines: Vec<String> = labels.iter().map(|l| format!("{}\t{}", l.name, l.unit)).collect();
+    lines.join("\n")
+}
+
+fn labels_from_text(key: &'static str, text: &str) -> Result<Vec<Label>, InfoError> {
+    text.lines()
+        .map(|line| {
+            let (name, unit) = line
+                .split_once('\t')
+                .ok_or_else(|| InfoError::invalid(key, "a name, a tab and a unit on each line", line))?;
+            Ok(Label {
+                name: name.to_string(),
+                unit: unit.to_string(),
+            })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// The arm: two joints, nine parameters, one derived value.
+    pub(crate) fn arm() -> RunInfo {
+        let label = |name: String, unit: &str| Label {
+            name,
+            unit: unit.to_string(),
+        };
+        RunInfo {
+            recording_id: "1-2".into(),
+            robot: "arm".into(),
+            model: "manipulator".into(),
+            model_hash: 0x1234,
+            config_hash: u64::MAX,
+            config_toml: "[plant]\nduration_s = 170.0 # \"Δ\"\n".into(),
+            joints: 2,
+            position_unit: "rad".into(),
+            input_unit: "V".into(),
+            equations: vec!["joint_1".into(), "joint_2".into()],
+            parameters: (1..=9).map(|i| label(format!("theta_{i}"), "V s/rad")).collect(),
+            derived: vec![label("mass_2".into(), "kg")],
+        }
+    }
+
+    #[test]
+    fn prop_metadata_comes_back_as_it_was() {
+        let info = arm();
+        assert_eq!(RunInfo::from_map(&info.to_map()), Ok(info));
+    }
+
+    #[test]
+    fn fault_metadata_that_does_not_fit_is_refused_with_its_key() {
+        let whole = arm().to_map();
+        for key in ["robot", "joints", "parameters", "schema_version"] {
+            let mut map = whole.clone();
+            map.remove(key);
+            assert_eq!(RunInfo::from_map(&map), Err(InfoError::Missing(key)));
+        }
+        for (key, value) in [
+            ("joints", "9"),
+            ("joints", "-1"),
+            ("schema_version", "2"),
+            ("model_hash", "no"),
+            ("parameters", "name without unit"),
+        ] {
+            let mut map = whole.clone();
+            map.insert(key.into(), value.into());
+            let error = RunInfo::from_map(&map).unwrap_err().to_string();
+            assert!(error.contains(key) && error.contains(value), "{error}");
+        }
+    }
+}

@@ -1,0 +1,229 @@
+//! Samples as CSV, the unit in each column's name: `seq,t_ns,flags,signals,q_1_rad,…,input_2_v`.
+//!
+//! Numbers are written with as many digits as bring the same bits back; a signal that was not measured is an empty cell.
+
+use super::info::RunInfo;
+use super::layout::{field_name, no_sample};
+use crate::messages::{Sample, signals};
+use std::io::{self, Read, Write};
+
+/// Writes samples as CSV.
+pub struct SamplesCsv<W: Write> {
+    writer: csv::Writer<W>,
+    joints: usize,
+    record: csv::ByteRecord,
+}
+
+/// Why samples cannot be read from CSV.
+#[derive(Debug, thiserror::Error)]
+pub enum CsvSampleError {
+    /// Not CSV, or the source fails.
+    #[error(transparent)]
+    Csv(#[from] csv::Error),
+    /// Another header.
+    #[error("line 1: expected the columns {expected}, got {got}")]
+    Header {
+        /// The columns of this plant.
+        expected: String,
+        /// Those of the file.
+        got: String,
+    },
+    /// A cell that is no number.
+    #[error("line {line}, column {column}: expected a number, got {got:?}")]
+    Cell {
+        /// Line of the file, from 1.
+        line: u64,
+        /// Name of the column.
+        column: String,
+        /// What stands there.
+        got: String,
+    },
+}
+
+/// The arrays of a sample with the bit that says whether they are valid.
+const ARRAYS: [(&str, u32); 6] = [
+    ("q", signals::Q),
+    ("dq", signals::DQ),
+    ("ddq", signals::DDQ),
+    ("dddq", signals::DDDQ),
+    ("setpoint", signals::SETPOINT),
+    ("input", signals::INPUT),
+];
+
+fn array_mut(sample: &mut Sample, index: usize) -> &mut [f64] {
+    match index {
+        0 => &mut sample.q,
+        1 => &mut sample.dq,
+        2 => &mut sample.ddq,
+        3 => &mut sample.dddq,
+        4 => &mut sample.setpoint,
+        _ => &mut sample.input,
+    }
+}
+
+fn header(info: &RunInfo) -> Vec<String> {
+    let mut header: Vec<String> = ["seq", "t_ns", "flags", "signals"].map(String::from).to_vec();
+    for (name, _) in ARRAYS {
+        let unit = match name {
+            "dq" => format!("{}_per_s", info.position_unit),
+            "ddq" => format!("{}_per_s2", info.position_unit),
+            "dddq" => format!("{}_per_s3", info.position_unit),
+            "input" => info.input_unit.clone(),
+            _ => info.position_unit.clone(),
+        };
+        header.extend((1..=info.joints).map(|j| format!("{name}_{j}_{}", field_name(&unit))));
+    }
+    header
+}
+
+impl<W: Write> SamplesCsv<W> {
+    /// Starts a file by its header.
+    ///
+    /// # Errors
+    /// Where the sink cannot be written.
+    pub fn new(sink: W, info: &RunInfo) -> io::Result<Self> {
+        let mut writer = csv::Writer::from_writer(sink);
+        writer.write_record(header(info))?;
+        Ok(Self {
+            writer,
+            joints: info.joints,
+            record: csv::ByteRecord::new(),
+        })
+    }
+
+    /// Appends a sample.
+    ///
+    /// # Errors
+    /// Where the sink cannot be written.
+    pub fn write(&mut self, sample: &Sample) -> io::Result<()> {
+        self.record.clear();
+        for value in [
+            sample.seq,
+            sample.t_ns,
+            u64::from(sample.flags),
+            u64::from(sample.signals),
+        ] {
+            self.record.push_field(value.to_string().as_bytes());
+        }
+        let mut sample = *sample;
+        for (index, (_, valid)) in ARRAYS.iter().enumerate() {
+            let known = sample.signals & valid != 0;
+            for value in &array_mut(&mut sample, index)[..self.joints] {
+                let cell = if known { value.to_string() } else { String::new() };
+                self.record.push_field(cell.as_bytes());
+            }
+        }
+        Ok(self.writer.write_byte_record(&self.record)?)
+    }
+
+    /// Writes everything out.
+    ///
+    /// # Errors
+    /// Where the sink cannot be written.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.writer.flush()
+    }
+}
+
+/// Reads what [`SamplesCsv`] wrote, sample by sample; `boot_id` is 0.
+///
+/// # Errors
+/// At a header of another plant, and at the first cell that is no number, with line and column.
+pub fn read_samples_csv(
+    source: impl Read,
+    info: &RunInfo,
+    mut each: impl FnMut(&Sample),
+) -> Result<(), CsvSampleError> {
+    let mut reader = csv::Reader::from_reader(source);
+    let expected = header(info);
+    let got: Vec<String> = reader.headers()?.iter().map(String::from).collect();
+    if got != expected {
+        return Err(CsvSampleError::Header {
+            expected: expected.join(","),
+            got: got.join(","),
+        });
+    }
+    for (index, record) in reader.records().enumerate() {
+        let record = record?;
+        let cell = |column: usize| record.get(column).unwrap_or_default();
+        let bad = |column: usize| CsvSampleError::Cell {
+            line: record.position().map_or(index as u64 + 2, csv::Position::line),
+            column: expected[column].clone(),
+            got: cell(column).to_string(),
+        };
+        let integer = |column: usize| cell(column).parse::<u64>().map_err(|_| bad(column));
+        let small = |column: usize| u32::try_from(integer(column)?).map_err(|_| bad(column));
+        let mut sample = no_sample();
+        (sample.seq, sample.t_ns) = (integer(0)?, integer(1)?);
+        (sample.flags, sample.signals) = (small(2)?, small(3)?);
+        sample.joints = info.joints as u32;
+        let mut column = 4;
+        for (index, (_, valid)) in ARRAYS.iter().enumerate() {
+            let known = sample.signals & valid != 0;
+            for value in &mut array_mut(&mut sample, index)[..info.joints] {
+                if known {
+                    *value = cell(column).parse().map_err(|_| bad(column))?;
+                }
+                column += 1;
+            }
+        }
+        each(&sample);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::info::tests::arm;
+    use super::*;
+
+    #[test]
+    fn prop_samples_come_back_to_the_bit() {
+        let mut sink = Vec::new();
+        let mut csv = SamplesCsv::new(&mut sink, &arm()).unwrap();
+        let mut sample = no_sample();
+        sample.joints = 2;
+        sample.signals = signals::Q | signals::INPUT;
+        (sample.seq, sample.t_ns) = (3, 3_000_000);
+        sample.q[..2].copy_from_slice(&[0.1 + 0.2, f64::NAN]);
+        sample.input[..2].copy_from_slice(&[-1e-300, f64::INFINITY]);
+        csv.write(&sample).unwrap();
+        csv.finish().unwrap();
+        let text = String::from_utf8(sink).unwrap();
+        assert!(
+            text.starts_with("seq,t_ns,flags,signals,q_1_rad,q_2_rad,dq_1_rad_per_s,"),
+            "{text}"
+        );
+        assert!(
+            text.lines()
+                .next()
+                .unwrap()
+                .ends_with(",setpoint_2_rad,input_1_v,input_2_v"),
+            "{text}"
+        );
+
+        let mut back = Vec::new();
+        read_samples_csv(text.as_bytes(), &arm(), |s| back.push(*s)).unwrap();
+        assert_eq!(back.len(), 1);
+        let bits = |s: &Sample| s.q.iter().chain(&s.input).map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&back[0]), bits(&sample));
+        assert_eq!(
+            (back[0].seq, back[0].t_ns, back[0].signals),
+            (3, 3_000_000, sample.signals)
+        );
+    }
+
+    #[test]
+    fn fault_a_cell_that_is_no_number_is_named_by_line_and_column() {
+        let head = header(&arm()).join(",");
+        let text = format!("{head}\n0,0,0,1,0,0,,,,,,,,,,\n1,1000,0,1,0,x,,,,,,,,,,\n");
+        let error = read_samples_csv(text.as_bytes(), &arm(), |_| {})
+            .unwrap_err()
+            .to_string();
+        assert_eq!(error, "line 3, column q_2_rad: expected a number, got \"x\"");
+        let error = read_samples_csv("a,b\n".as_bytes(), &arm(), |_| {})
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("expected the columns seq,t_ns"), "{error}");
+    }
+}

@@ -1,0 +1,419 @@
+//! Recordings written, read, cut and damaged.
+
+use super::info::tests::arm;
+use super::layout::{no_estimate, no_sample};
+use super::writer::{RUN_METADATA, numbered};
+use super::*;
+use crate::messages::{Estimate, Sample, Status};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// A sample with values that differ from each other and do not compress away.
+fn sample(seq: u64) -> Sample {
+    let mut s = no_sample();
+    (s.boot_id, s.seq, s.t_ns) = (77, seq, seq * 1_000_000);
+    (s.joints, s.signals, s.flags) = (2, 0b111111, 0);
+    for (k, array) in [
+        &mut s.q,
+        &mut s.dq,
+        &mut s.ddq,
+        &mut s.dddq,
+        &mut s.setpoint,
+        &mut s.input,
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        for (j, value) in array[..2].iter_mut().enumerate() {
+            *value = ((seq * 12 + k as u64 * 2 + j as u64) as f64 * 0.7123).sin();
+        }
+    }
+    s
+}
+
+fn estimate(block: u64) -> Estimate {
+    let mut e = no_estimate();
+    (e.boot_id, e.block, e.t_last_ns) = (77, block, block * 1_900_000_000);
+    (e.params, e.equations, e.derived_len, e.state, e.flags) = (9, 2, 1, 1, 0b101);
+    (e.excited, e.usable, e.fixed, e.condition) = (0b1_0101_0101, 0b11, 0b100, f64::INFINITY);
+    for i in 0..9 {
+        (e.theta[i], e.theta_std[i]) = (0.1 * i as f64 + block as f64, f64::NAN);
+    }
+    (e.derived[0], e.derived_std[0]) = (170.1, 0.25);
+    (e.innovation_rms[1], e.residual_rms[0]) = (1e-9, f64::MIN_POSITIVE);
+    e
+}
+
+/// Messages as bits: NaN compares, too.
+fn bits(e: &Estimate) -> Vec<u64> {
+    let scalars = [
+        e.boot_id,
+        e.block,
+        e.t_first_ns,
+        e.t_last_ns,
+        e.model_hash,
+        e.config_hash,
+        e.accepted,
+        e.missing,
+    ];
+    let more = [
+        e.rejected,
+        e.excited,
+        e.usable,
+        e.fixed,
+        e.t_change_ns,
+        e.condition.to_bits(),
+    ];
+    let small = [
+        e.state,
+        e.use_ok,
+        e.flags,
+        e.params,
+        e.equations,
+        e.derived_len,
+        e.iterations,
+        e.outliers,
+    ];
+    let arrays = e
+        .innovation_rms
+        .iter()
+        .chain(&e.residual_rms)
+        .chain(&e.theta)
+        .chain(&e.theta_std);
+    let arrays = arrays.chain(&e.derived).chain(&e.derived_std).map(|v| v.to_bits());
+    scalars
+        .into_iter()
+        .chain(more)
+        .chain(small.map(u64::from))
+        .chain(arrays)
+        .collect()
+}
+
+/// Writes `samples` samples, an estimate every hundred, flushed every `flush`.
+fn write(path: &Path, samples: u64, flush: u64, limits: RecordingLimits, finish: bool) -> Vec<PathBuf> {
+    let mut recorder = Recorder::create(path, arm(), limits).unwrap();
+    let mut paths = vec![path.to_path_buf()];
+    for seq in 0..samples {
+        recorder.sample(&sample(seq), seq + 5).unwrap();
+        if seq % 100 == 99 {
+            recorder.estimate(&estimate(seq / 100 + 1), seq + 6).unwrap();
+            recorder
+                .status(
+                    &Status {
+                        last_seq: seq,
+                        pid: 9,
+                        ..Status::default()
+                    },
+                    7,
+                )
+                .unwrap();
+        }
+        if seq % flush == flush - 1 {
+            recorder.flush().unwrap();
+        }
+        if paths.last().unwrap() != recorder.path() {
+            paths.push(recorder.path().to_path_buf());
+        }
+    }
+    if finish {
+        assert_eq!(recorder.finish().unwrap().samples, samples);
+    } else {
+        // What a kill does: nothing is written any more, not even what lies in buffers.
+        std::mem::forget(recorder);
+    }
+    paths
+}
+
+/// Everything in a recording: seq of the samples, blocks of the estimates, count of status, loss. Checks values on the way.
+fn read(path: &Path, span: Span) -> (Vec<u64>, Vec<u64>, u64, Loss) {
+    let mut reader = RecordingReader::open(path, span).unwrap();
+    assert_eq!(reader.info(), &arm());
+    let (mut seqs, mut blocks, mut statuses) = (Vec::new(), Vec::new(), 0);
+    while let Some(entry) = reader.next_entry().unwrap() {
+        match entry {
+            Entry::Sample { sample: s, sent_ns } => {
+                assert_eq!((*s, sent_ns), (sample(s.seq), s.seq + 5));
+                seqs.push(s.seq);
+            }
+            Entry::Estimate { estimate: e, .. } => {
+                assert_eq!(bits(e), bits(&estimate(e.block)));
+                blocks.push(e.block);
+            }
+            Entry::Status { status, .. } => {
+                assert_eq!(status.pid, 9);
+                statuses += 1;
+            }
+            Entry::Recorder(_) => {}
+        }
+    }
+    (seqs, blocks, statuses, reader.loss())
+}
+
+const NO_LIMITS: RecordingLimits = RecordingLimits {
+    file_bytes: 0,
+    files: 0,
+};
+
+#[test]
+fn prop_messages_come_back_to_the_bit() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write(&path, 5_000, 1_000, NO_LIMITS, true);
+    let (seqs, blocks, statuses, loss) = read(&path, Span::default());
+    assert_eq!(seqs, (0..5_000).collect::<Vec<_>>());
+    assert_eq!(blocks, (1..=50).collect::<Vec<_>>());
+    assert_eq!(statuses, 50);
+    assert!(loss.is_none(), "{loss}");
+}
+
+#[test]
+fn prop_a_span_of_stream_time_is_read_without_the_rest() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write(&path, 5_000, 500, NO_LIMITS, true);
+    let span = Span {
+        from_ns: 1_250_000_000,
+        to_ns: 1_999_000_000,
+    };
+    let (seqs, _, _, loss) = read(&path, span);
+    assert_eq!(seqs, (1_250..=1_999).collect::<Vec<_>>());
+    assert!(loss.is_none(), "{loss}");
+}
+
+#[test]
+fn fault_an_existing_file_is_not_written_over() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    fs::write(&path, "mine").unwrap();
+    let error = Recorder::create(&path, arm(), NO_LIMITS).err().unwrap();
+    assert!(matches!(error, RecordError::Io { .. }), "{error}");
+    assert_eq!(fs::read(&path).unwrap(), b"mine");
+}
+
+#[test]
+fn fault_of_a_killed_recorder_everything_flushed_is_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write(&path, 2_750, 500, NO_LIMITS, false);
+    let (seqs, _, _, loss) = read(&path, Span::default());
+    assert_eq!(seqs, (0..2_500).collect::<Vec<_>>());
+    assert_eq!(loss.unfinished_files, 1);
+}
+
+/// A small generator, so that the places differ and are the same in every run.
+fn places(count: usize, below: u64) -> impl Iterator<Item = u64> {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    (0..count).map(move |_| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state % below
+    })
+}
+
+#[test]
+fn fault_a_file_cut_at_20_random_places_is_read_up_to_the_cut() {
+    let dir = tempfile::tempdir().unwrap();
+    let whole = dir.path().join("run.mcap");
+    write(&whole, 5_000, 500, NO_LIMITS, true);
+    let bytes = fs::read(&whole).unwrap();
+    // Where each flush ended: the chunk with samples up to here is whole in a file of this length.
+    let chunk_ends: Vec<u64> = chunks(&bytes).into_iter().skip(1).map(|(_, end)| end as u64).collect();
+    assert_eq!(chunk_ends.len(), 11, "one chunk per flush, the last one of `finish`");
+    let cut = dir.path().join("cut.mcap");
+    let first_chunk = chunks(&bytes)[0].1 as u64;
+    for at in places(20, bytes.len() as u64 - first_chunk).map(|p| p + first_chunk) {
+        fs::write(&cut, &bytes[..at as usize]).unwrap();
+        let (seqs, _, _, loss) = read(&cut, Span::default());
+        let flushed = 500 * chunk_ends[..10].iter().filter(|&&end| end <= at).count() as u64;
+        assert!(seqs.len() as u64 >= flushed, "cut at {at}: {} of {flushed}", seqs.len());
+        // Whatever is read of the chunk at the cut is in order and without a hole.
+        assert_eq!(seqs, (0..seqs.len() as u64).collect::<Vec<_>>(), "cut at {at}");
+        assert_eq!(loss.unfinished_files, 1, "cut at {at}: {loss}");
+    }
+    // Cut inside the metadata nothing tells what was recorded.
+    fs::write(&cut, &bytes[..100]).unwrap();
+    let error = RecordingReader::open(&cut, Span::default()).err().unwrap().to_string();
+    assert!(error.contains("no metadata"), "{error}");
+}
+
+/// Start and end of each chunk record.
+fn chunks(bytes: &[u8]) -> Vec<(usize, usize)> {
+    let mut at = 8;
+    let mut found = Vec::new();
+    while at + 9 <= bytes.len() - 8 {
+        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        if bytes[at] == 0x06 {
+            found.push((at, at + 9 + length));
+        }
+        at += 9 + length;
+    }
+    found
+}
+
+#[test]
+fn fault_a_damaged_chunk_is_left_out_and_its_messages_are_counted() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write(&path, 5_000, 500, NO_LIMITS, true);
+    let bytes = fs::read(&path).unwrap();
+    let whole: Vec<u64> = (0..500).chain(1_000..5_000).collect();
+    let (start, end) = chunks(&bytes)[2];
+    // Each byte stands for a kind of damage: opcode, length, checksum, name and size, data.
+    for at in [
+        start,
+        start + 3,
+        start + 34,
+        start + 42,
+        start + 45,
+        start + 400,
+        end - 5,
+    ] {
+        let mut damaged = bytes.clone();
+        damaged[at] ^= 0x5a;
+        fs::write(&path, damaged).unwrap();
+        let (seqs, _, statuses, loss) = read(&path, Span::default());
+        assert_eq!(seqs, whole, "byte {} of the chunk", at - start);
+        assert_eq!(statuses, 45);
+        assert!(!loss.is_none());
+        if at > start + 45 {
+            // 500 samples, 5 estimates, 5 status, 1 of the recorder
+            assert_eq!((loss.damaged_chunks, loss.messages), (1, 511), "{loss}");
+        }
+    }
+}
+
+#[test]
+fn fault_random_bytes_never_end_in_a_panic_or_a_wrong_sample() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write(&path, 2_000, 200, NO_LIMITS, true);
+    let bytes = fs::read(&path).unwrap();
+    let first_chunk = chunks(&bytes)[1].0;
+    let mut places = places(600, (bytes.len() - first_chunk) as u64);
+    for _ in 0..200 {
+        let mut damaged = bytes.clone();
+        for at in places.by_ref().take(3) {
+            damaged[first_chunk + at as usize] ^= 0xff;
+        }
+        fs::write(&path, damaged).unwrap();
+        // `read` compares each sample with what was written.
+        read(&path, Span::default());
+    }
+}
+
+#[test]
+fn prop_a_rotated_recording_is_read_as_one_and_keeps_to_its_limits() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    let limits = RecordingLimits {
+        file_bytes: 60_000,
+        files: 0,
+    };
+    let paths = write(&path, 5_000, 100, limits, true);
+    assert!(paths.len() > 3, "{paths:?}");
+    for path in &paths {
+        // One flush beyond the limit at most, and the index of the file.
+        assert!(fs::metadata(path).unwrap().len() < 120_000);
+    }
+    let (seqs, _, _, loss) = read(&path, Span::default());
+    assert_eq!(seqs, (0..5_000).collect::<Vec<_>>());
+    assert!(loss.is_none(), "{loss}");
+    // From a later file on.
+    let (seqs, ..) = read(&paths[2], Span::default());
+    assert!(seqs[0] > 0 && *seqs.last().unwrap() == 4_999);
+
+    let kept = dir.path().join("kept.mcap");
+    let paths = write(&kept, 5_000, 100, RecordingLimits { files: 2, ..limits }, true);
+    let existing: Vec<_> = paths.iter().filter(|p| p.exists()).collect();
+    assert_eq!(existing, paths[paths.len() - 2..].iter().collect::<Vec<_>>());
+    assert_eq!(numbered(&kept, 12).file_name().unwrap(), "kept_0012.mcap");
+}
+
+#[test]
+fn fault_samples_that_never_reached_the_recorder_are_stated_in_the_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    let mut recorder = Recorder::create(&path, arm(), NO_LIMITS).unwrap();
+    for seq in (0..1_000).chain(1_300..2_000) {
+        recorder.sample(&sample(seq), seq + 5).unwrap();
+    }
+    assert_eq!(recorder.finish().unwrap().samples_missing, 300);
+    let (seqs, _, _, loss) = read(&path, Span::default());
+    assert_eq!((seqs.len(), loss.samples_not_recorded), (1_700, 300));
+    assert!(!loss.is_none());
+}
+
+#[test]
+fn val_the_mcap_crate_reads_every_message_with_its_checksums() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write(&path, 3_000, 500, NO_LIMITS, true);
+    let bytes = fs::read(&path).unwrap();
+    let messages = mcap::MessageStream::new(&bytes).unwrap();
+    let samples = messages
+        .map(Result::unwrap)
+        .filter(|m| m.channel.topic == "/thetabus/arm/sample");
+    assert_eq!(samples.count(), 3_000);
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    assert_eq!(summary.stats.unwrap().message_count, 3_000 + 30 + 30 + 7);
+    let index = summary
+        .metadata_indexes
+        .iter()
+        .find(|m| m.name == RUN_METADATA)
+        .unwrap();
+    let metadata = mcap::read::metadata(&bytes, index).unwrap().metadata;
+    assert_eq!(metadata["config_toml"], arm().config_toml);
+}
+
+/// The Python with `mcap` and `mcap-ros2-support`; `None`, with a word why, where there is none and none is required.
+fn peer_python() -> Option<String> {
+    let named = std::env::var("THETABUS_PEERS_PYTHON").ok();
+    let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/ci-venv/bin/python");
+    let candidates = [named, Some(ours.to_string_lossy().into_owned()), Some("python3".into())];
+    let found = candidates.into_iter().flatten().find(|python| {
+        let imports = std::process::Command::new(python).args(["-c", "import mcap, mcap_ros2"]).output();
+        imports.is_ok_and(|output| output.status.success())
+    });
+    if found.is_none() {
+        let why = "no Python with the packages mcap and mcap-ros2-support (set THETABUS_PEERS_PYTHON)";
+        assert!(std::env::var("THETABUS_REQUIRE_PEERS").as_deref() != Ok("1"), "{why}");
+        eprintln!("skipped: {why}");
+    }
+    found
+}
+
+#[test]
+fn val_the_python_packages_decode_every_message() {
+    let Some(python) = peer_python() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write(&path, 1_000, 300, NO_LIMITS, true);
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/read_recording.py");
+    let output = std::process::Command::new(python).arg(script).arg(&path).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    // Python's json writes NaN and Infinity, which are no JSON; they stand for themselves here.
+    let text = text.replace("NaN", "\"NaN\"").replace("Infinity", "\"Infinity\"");
+    let found: serde_json::Value = serde_json::from_str(&text).unwrap();
+
+    for (topic, count) in [("sample", 1_000), ("estimate", 10), ("status", 10), ("recorder", 4)] {
+        assert_eq!(found["counts"][format!("/thetabus/arm/{topic}")], count, "{topic}");
+    }
+    for encoding in found["encodings"].as_array().unwrap() {
+        assert_eq!((&encoding[2], &encoding[3]), (&"ros2msg".into(), &"cdr".into()), "{encoding}");
+    }
+    let last = &found["last"]["/thetabus/arm/sample"];
+    assert_eq!((&last["seq"], &last["signals"]), (&999.into(), &0b111111.into()));
+    assert_eq!(last["q_2"].as_f64(), Some(sample(999).q[1]));
+    assert_eq!(last["input_1"].as_f64(), Some(sample(999).input[0]));
+    // Python adds in the same order, so the sums agree to the bit.
+    let sum = (0..1_000).map(|seq| sample(seq).dddq[0]).fold(0.0, |sum, v| sum + v);
+    assert_eq!(found["sums"]["/thetabus/arm/sample"]["dddq_1"].as_f64(), Some(sum));
+    let estimate = &found["last"]["/thetabus/arm/estimate"];
+    assert_eq!(estimate["theta_9"].as_f64(), Some(self::estimate(10).theta[8]));
+    assert_eq!((&estimate["theta_9_std"], &estimate["condition"]), (&"NaN".into(), &"Infinity".into()));
+    assert_eq!(estimate["mass_2"], 170.1);
+    assert_eq!(found["metadata"][RUN_METADATA]["config_toml"], arm().config_toml);
+    assert_eq!(found["metadata"]["thetabus_end"]["samples"], "1000");
+}

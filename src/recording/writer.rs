@@ -1,0 +1,343 @@
+//! Writes a run as MCAP: `cdr` messages with `ros2msg` schemas, lz4 chunks, the run's metadata first.
+//!
+//! The log time of a message is its stream time, so that a recording of a simulation shows simulated time in every viewer; the publish
+//! time is the clock at sending. Messages are in the file, readable after a kill, from the next [`Recorder::flush`] on.
+
+use super::cdr::CdrWriter;
+use super::info::{InfoError, RunInfo};
+use super::layout::{Layout, NameCollision, RecorderStatus};
+use crate::messages::{Estimate, Sample, Status};
+use crate::node::stream::{Place, StreamCursor};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Compression, McapError, WriteOptions};
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Channel ids; fixed, so that a file whose definitions are damaged can still be read.
+pub(super) mod channel {
+    pub(in super::super) const SAMPLE: u16 = 1;
+    pub(in super::super) const ESTIMATE: u16 = 2;
+    pub(in super::super) const STATUS: u16 = 3;
+    pub(in super::super) const RECORDER: u16 = 4;
+}
+
+/// Name of the metadata record with [`RunInfo`].
+pub(super) const RUN_METADATA: &str = "thetabus_run";
+/// Name of the metadata record that a finished file ends with.
+pub(super) const END_METADATA: &str = "thetabus_end";
+
+/// Messages of a chunk before compression \[bytes\].
+const CHUNK_BYTES: u64 = 1 << 20;
+
+/// How large a recording may become.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RecordingLimits {
+    /// A file of this size is closed and the next one begun \[bytes\]; 0 for no limit.
+    pub file_bytes: u64,
+    /// So many files are kept, the oldest is removed for a new one; 0 for no limit.
+    pub files: usize,
+}
+
+/// Why a recording cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The file system refuses.
+    #[error("cannot write the recording {path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The names of the plant do not fit.
+    #[error(transparent)]
+    Names(#[from] NameCollision),
+    /// The description of the run does not fit.
+    #[error(transparent)]
+    Info(#[from] InfoError),
+}
+
+/// Writes samples, estimates and status of one run.
+pub struct Recorder {
+    info: RunInfo,
+    layout: Layout,
+    limits: RecordingLimits,
+    first: PathBuf,
+    kept: std::collections::VecDeque<PathBuf>,
+    file: OpenFile,
+    rotations: u32,
+    written: RecorderStatus,
+    cursor: StreamCursor,
+    last_t_ns: u64,
+    buffer: Vec<u8>,
+}
+
+struct OpenFile {
+    path: PathBuf,
+    writer: mcap::Writer<CountingFile>,
+    bytes: Arc<AtomicU64>,
+    sequence: [u32; 5],
+}
+
+impl Recorder {
+    /// Begins a recording at `path`, which must not exist.
+    ///
+    /// # Errors
+    /// Where the file exists or cannot be made, or where the plant's names cannot be told apart in a recording.
+    pub fn create(path: &Path, info: RunInfo, limits: RecordingLimits) -> Result<Self, RecordError> {
+        info.check()?;
+        let layout = Layout::new(&info)?;
+        let file = OpenFile::create(path, &info, &layout)?;
+        Ok(Self {
+            info,
+            layout,
+            limits,
+            first: path.to_path_buf(),
+            kept: [path.to_path_buf()].into(),
+            file,
+            rotations: 0,
+            written: RecorderStatus::default(),
+            cursor: StreamCursor::new(),
+            last_t_ns: 0,
+            buffer: Vec::with_capacity(4096),
+        })
+    }
+
+    /// Writes a sample; `sent_ns` is the clock at sending.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn sample(&mut self, sample: &Sample, sent_ns: u64) -> Result<(), RecordError> {
+        match self.cursor.advance(sample.boot_id, sample.seq) {
+            Place::Gap { missing } => self.written.samples_missing += missing,
+            Place::First | Place::Next | Place::Duplicate => {}
+        }
+        self.last_t_ns = sample.t_ns;
+        let Ok(()) = self
+            .layout
+            .sample(&mut CdrWriter::new(&mut self.buffer), &mut sample.clone());
+        self.put(channel::SAMPLE, sample.t_ns, sent_ns)?;
+        self.written.samples += 1;
+        Ok(())
+    }
+
+    /// Writes an estimate; `sent_ns` is the clock at sending.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn estimate(&mut self, estimate: &Estimate, sent_ns: u64) -> Result<(), RecordError> {
+        let Ok(()) = self
+            .layout
+            .estimate(&mut CdrWriter::new(&mut self.buffer), &mut estimate.clone());
+        self.put(channel::ESTIMATE, estimate.t_last_ns, sent_ns)?;
+        self.written.estimates += 1;
+        Ok(())
+    }
+
+    /// Writes a status; `sent_ns` is the clock at sending.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn status(&mut self, status: &Status, sent_ns: u64) -> Result<(), RecordError> {
+        let Ok(()) = self
+            .layout
+            .status(&mut CdrWriter::new(&mut self.buffer), &mut status.clone());
+        self.put(channel::STATUS, status.last_t_ns, sent_ns)?;
+        self.written.statuses += 1;
+        Ok(())
+    }
+
+    /// Hands everything written so far to the operating system, with a word on what was written and what never arrived; to be called
+    /// about once a second.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn flush(&mut self) -> Result<(), RecordError> {
+        self.written.file_bytes = self.file.bytes.load(Ordering::Relaxed);
+        let Ok(()) = Layout::recorder(&mut CdrWriter::new(&mut self.buffer), &mut self.written.clone());
+        self.put(channel::RECORDER, self.last_t_ns, 0)?;
+        let flushed = self.file.writer.flush();
+        self.file.check(flushed)
+    }
+
+    /// Ends the recording: index, statistics, and the mark of a file that is whole.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn finish(mut self) -> Result<RecorderStatus, RecordError> {
+        self.flush()?;
+        self.file.finish(&self.written)?;
+        Ok(self.written)
+    }
+
+    /// What was written so far.
+    pub fn written(&self) -> &RecorderStatus {
+        &self.written
+    }
+
+    /// The file being written.
+    pub fn path(&self) -> &Path {
+        &self.file.path
+    }
+
+    fn put(&mut self, channel: u16, t_ns: u64, sent_ns: u64) -> Result<(), RecordError> {
+        let header = MessageHeader {
+            channel_id: channel,
+            sequence: self.file.sequence[channel as usize],
+            log_time: t_ns,
+            publish_time: sent_ns,
+        };
+        let put = self.file.writer.write_to_known_channel(&header, &self.buffer);
+        self.file.check(put)?;
+        self.file.sequence[channel as usize] = header.sequence.wrapping_add(1);
+        let limit = self.limits.file_bytes;
+        if limit > 0 && self.file.bytes.load(Ordering::Relaxed) >= limit {
+            self.rotate()?;
+        }
+        Ok(())
+    }
+
+    fn rotate(&mut self) -> Result<(), RecordError> {
+        self.rotations += 1;
+        let path = numbered(&self.first, self.rotations);
+        let next = OpenFile::create(&path, &self.info, &self.layout)?;
+        std::mem::replace(&mut self.file, next).finish(&self.written)?;
+        self.kept.push_back(path);
+        while self.limits.files > 0 && self.kept.len() > self.limits.files {
+            if let Some(oldest) = self.kept.pop_front() {
+                fs::remove_file(&oldest).map_err(|source| RecordError::Io { path: oldest, source })?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// `run.mcap`, `run_0001.mcap`, `run_0002.mcap` …
+pub(super) fn numbered(first: &Path, number: u32) -> PathBuf {
+    if number == 0 {
+        return first.to_path_buf();
+    }
+    let stem = first.file_stem().unwrap_or_default().to_string_lossy();
+    let mut name = format!("{stem}_{number:04}");
+    if let Some(extension) = first.extension() {
+        name.push('.');
+        name.push_str(&extension.to_string_lossy());
+    }
+    first.with_file_name(name)
+}
+
+impl OpenFile {
+    fn create(path: &Path, info: &RunInfo, layout: &Layout) -> Result<Self, RecordError> {
+        let bytes = Arc::new(AtomicU64::new(0));
+        let failed = |source| RecordError::Io {
+            path: path.to_path_buf(),
+            source,
+        };
+        let file = File::create_new(path).map_err(failed)?;
+        let sink = CountingFile {
+            file: BufWriter::with_capacity(1 << 16, file),
+            bytes: bytes.clone(),
+        };
+        let writer = WriteOptions::new()
+            .compression(Some(Compression::Lz4))
+            .compression_level(0)
+            .chunk_size(Some(CHUNK_BYTES))
+            .library(concat!("thetabus ", env!("CARGO_PKG_VERSION")))
+            .create(sink)
+            .map_err(|e| failed(io_error(e)))?;
+        let mut open = Self {
+            path: path.to_path_buf(),
+            writer,
+            bytes,
+            sequence: [0; 5],
+        };
+        let begun = open.begin(info, layout);
+        open.check(begun)?;
+        Ok(open)
+    }
+
+    fn begin(&mut self, info: &RunInfo, layout: &Layout) -> Result<(), McapError> {
+        self.writer.write_metadata(&Metadata {
+            name: RUN_METADATA.into(),
+            metadata: info.to_map(),
+        })?;
+        let channels = [
+            (channel::SAMPLE, "sample", "Sample", layout.sample_schema()),
+            (channel::ESTIMATE, "estimate", "Estimate", layout.estimate_schema()),
+            (channel::STATUS, "status", "Status", layout.status_schema()),
+            (channel::RECORDER, "recorder", "Recorder", Layout::recorder_schema()),
+        ];
+        for (id, topic, message, schema) in channels {
+            let name = format!("thetabus/msg/{message}");
+            self.writer
+                .add_schema_with_id(id, &name, "ros2msg", schema.as_bytes())?;
+            let topic = format!("/thetabus/{}/{topic}", info.robot);
+            self.writer
+                .add_channel_with_id(id, id, &topic, "cdr", &BTreeMap::new())?;
+        }
+        // The definitions in a chunk of their own: small, so seldom hit by damage.
+        self.writer.flush()
+    }
+
+    fn finish(mut self, written: &RecorderStatus) -> Result<(), RecordError> {
+        let metadata = [
+            ("samples", written.samples),
+            ("estimates", written.estimates),
+            ("statuses", written.statuses),
+            ("samples_missing", written.samples_missing),
+        ];
+        let ended = self.writer.write_metadata(&Metadata {
+            name: END_METADATA.into(),
+            metadata: metadata.map(|(k, v)| (k.to_string(), v.to_string())).into(),
+        });
+        self.check(ended)?;
+        let finished = self.writer.finish().map(|_| ());
+        self.check(finished)?;
+        let path = self.path.clone();
+        self.writer
+            .into_inner()
+            .flush()
+            .map_err(|source| RecordError::Io { path, source })
+    }
+
+    fn check(&self, result: Result<(), McapError>) -> Result<(), RecordError> {
+        result.map_err(|e| RecordError::Io {
+            path: self.path.clone(),
+            source: io_error(e),
+        })
+    }
+}
+
+fn io_error(error: McapError) -> io::Error {
+    match error {
+        McapError::Io(error) => error,
+        other => io::Error::other(other),
+    }
+}
+
+/// A file that counts what was written to it.
+struct CountingFile {
+    file: BufWriter<File>,
+    bytes: Arc<AtomicU64>,
+}
+
+impl Write for CountingFile {
+    fn write(&mut self, data: &[u8]) -> io::Result<usize> {
+        let written = self.file.write(data)?;
+        self.bytes.fetch_add(written as u64, Ordering::Relaxed);
+        Ok(written)
+    }
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Seek for CountingFile {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.file.seek(to)
+    }
+}

@@ -35,4 +35,12 @@ with open(path, "rb") as file:
         for name, value in fields.items():
             sums[name] += value
 
-json.dump(result, sys.stdout)
+
+def exact(value):
+    """Floats as text: JSON knows neither NaN nor infinity, and not every reader of JSON rounds to the nearest."""
+    if isinstance(value, dict):
+        return {key: exact(item) for key, item in value.items()}
+    return repr(value) if isinstance(value, float) else value
+
+
+json.dump(exact(result), sys.stdout, allow_nan=False)

@@ -24,6 +24,7 @@ mod offline;
 mod options;
 mod pass;
 mod robust;
+mod state;
 mod stats;
 mod wrls;
 
@@ -31,6 +32,7 @@ pub use block::{BlockEstimator, Change, ChangeKind, Held, Report};
 pub use bound::{CovarianceBound, Factor, Polynomial, Rational};
 pub use offline::{BatchReport, batch_least_squares};
 pub use options::{Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor};
+pub use state::{Phase, StateMachine, Verdict};
 pub use wrls::{Wrls, WrlsError};
 
 use std::ops::Range;

@@ -1,0 +1,218 @@
+//! What an estimate is good for: the states of a stream of reports, with hysteresis.
+//!
+//! | state | entered | left |
+//! |---|---|---|
+//! | `Collecting` | at the start | with the first block that gives an estimate |
+//! | `Converging` | otherwise | |
+//! | `Converged` | after two blocks in a row that the estimate before them predicted and that moved it little | a block that it does not predict |
+//! | `Changing` | a change of the plant in this block | a later block that was predicted |
+//! | `PoorlyExcited` | two blocks in a row that leave some direction of the free parameters open | a block that leaves none |
+//! | `Degraded` | more than 5 % of the rows lost or outliers | two blocks in a row with at most 1 % |
+//! | `Invalid` | a block that cannot be evaluated at θ̂ | the next that can |
+//!
+//! *Predicted* means that the innovation is within 1.5 standard deviations of the noise, or 2 % of the size of the equation's terms, in every
+//! equation; to fall from `Converged` it takes twice the former and 5 %. This judges θ̂ as a whole: a direction that hardly
+//! acts on the plant need not be known for the plant to be predicted. *Moved little* means by less than three standard deviations or 1 %.
+//!
+//! Controllers may use θ̂ (`use_ok`) in `Converged`, and in `PoorlyExcited` if it had converged before and no change was seen since.
+
+use super::block::{ChangeKind, Held, Report};
+
+/// State of the identification.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Phase {
+    /// No estimate yet.
+    #[default]
+    Collecting,
+    /// Estimates exist and still move.
+    Converging,
+    /// Estimates predict the plant.
+    Converged,
+    /// The data leave parameters, or combinations of them, open.
+    PoorlyExcited,
+    /// The plant has just changed.
+    Changing,
+    /// Too many rows are missing or outliers.
+    Degraded,
+    /// The model cannot be evaluated.
+    Invalid,
+}
+
+/// The judgement on a report.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct Verdict {
+    /// State of the identification.
+    pub phase: Phase,
+    /// True where controllers may use θ̂.
+    pub use_ok: bool,
+}
+
+/// Follows the reports of one estimator.
+#[derive(Debug, Clone)]
+pub struct StateMachine {
+    theta: Vec<f64>,
+    predicted: u32,
+    poor: u32,
+    clean: u32,
+    changing: bool,
+    degraded: bool,
+    converged: bool,
+    seen: bool,
+}
+
+impl StateMachine {
+    const NOISE: f64 = 1.5;
+    const SIGNAL: f64 = 0.02;
+    const LEAVE_NOISE: f64 = 3.0;
+    const LEAVE_SIGNAL: f64 = 0.05;
+    const MOVED: f64 = 0.01;
+    const LOST: f64 = 0.05;
+    const CLEAN: f64 = 0.01;
+
+    /// At the start, for the estimator's start value.
+    pub fn new(theta_start: &[f64]) -> Self {
+        Self {
+            theta: theta_start.to_vec(),
+            predicted: 0,
+            poor: 0,
+            clean: 0,
+            changing: false,
+            degraded: false,
+            converged: false,
+            seen: false,
+        }
+    }
+
+    /// Takes the next report; `expected_rows` is how many rows the block has where nothing is lost.
+    pub fn step(&mut self, report: &Report, expected_rows: usize) -> Verdict {
+        let lost = expected_rows.saturating_sub(report.rows) as f64 / expected_rows.max(1) as f64;
+        let equations = report.residual_rms.len().max(1);
+        let outliers = f64::from(report.outliers) / (report.rows * equations).max(1) as f64;
+        let bad = lost.max(outliers);
+        self.clean = if bad <= Self::CLEAN { self.clean.saturating_add(1) } else { 0 };
+        self.degraded = bad > Self::LOST || self.degraded && self.clean < 2;
+        if report.held == Some(Held::NotFinite) {
+            (self.converged, self.predicted) = (false, 0);
+            return Verdict { phase: Phase::Invalid, use_ok: false };
+        }
+        if report.held.is_none() {
+            self.judge(report);
+        }
+        let phase = if self.degraded {
+            Phase::Degraded
+        } else if !self.seen {
+            Phase::Collecting
+        } else if self.changing {
+            Phase::Changing
+        } else if self.poor >= 2 {
+            Phase::PoorlyExcited
+        } else if self.converged {
+            Phase::Converged
+        } else {
+            Phase::Converging
+        };
+        let use_ok = self.converged && matches!(phase, Phase::Converged | Phase::PoorlyExcited);
+        Verdict { phase, use_ok }
+    }
+
+    fn judge(&mut self, report: &Report) {
+        let free = report.theta.len() as u32 - report.fixed.count_ones();
+        self.poor = if (report.rank as u32) < free { self.poor.saturating_add(1) } else { 0 };
+        let within = |noise: f64, signal: f64| {
+            (0..report.innovation_rms.len()).all(|e| {
+                report.innovation_rms[e] <= (noise * report.noise_std[e]).max(signal * report.signal_rms[e])
+            })
+        };
+        let settled = (0..report.theta.len()).all(|i| {
+            let moved = (report.theta[i] - self.theta[i]).abs();
+            moved <= (3.0 * report.theta_std[i]).max(Self::MOVED * report.theta[i].abs())
+        });
+        // the first block has no estimate before it that could have predicted anything
+        let predicted = self.seen && settled && within(Self::NOISE, Self::SIGNAL);
+        self.predicted = if predicted { self.predicted.saturating_add(1) } else { 0 };
+        self.converged = if self.converged {
+            within(Self::LEAVE_NOISE, Self::LEAVE_SIGNAL)
+        } else {
+            self.predicted >= 2
+        };
+        let changed = report.change.is_some_and(|change| change.kind != ChangeKind::Drift);
+        if changed {
+            (self.changing, self.converged, self.predicted) = (true, false, 0);
+        } else if self.predicted > 0 {
+            self.changing = false;
+        }
+        self.seen = true;
+        self.theta.copy_from_slice(&report.theta);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{BlockEstimator, Change, EstimatorOptions, Structure};
+    use super::*;
+
+    // a report of a block that the estimate predicted well
+    fn good() -> Report {
+        let structure = Structure { params: 2, equations: std::iter::once(0..2).collect() };
+        let mut report =
+            BlockEstimator::new(structure, EstimatorOptions::paper(vec![1.0, 2.0], 1)).expect("valid").report().clone();
+        report.theta_std = vec![0.001, 0.001];
+        (report.rows, report.rank, report.blocks) = (100, 2, 1);
+        (report.innovation_rms[0], report.noise_std[0], report.signal_rms[0]) = (1.0, 1.0, 100.0);
+        report
+    }
+
+    fn drive(machine: &mut StateMachine, change: impl Fn(&mut Report)) -> (Phase, bool) {
+        let mut report = good();
+        change(&mut report);
+        let verdict = machine.step(&report, 100);
+        (verdict.phase, verdict.use_ok)
+    }
+
+    #[test]
+    fn fault_each_event_leads_to_its_state_and_back_with_hysteresis() {
+        let mut m = StateMachine::new(&[3.0, 3.0]);
+        // an empty block gives nothing to judge
+        assert_eq!(drive(&mut m, |r| (r.held, r.rows) = (Some(Held::Empty), 0)), (Phase::Degraded, false));
+        let mut m = StateMachine::new(&[3.0, 3.0]);
+        assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
+        assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
+        assert_eq!(drive(&mut m, |_| ()), (Phase::Converged, true));
+        // 4 % of the signal does not suffice to enter, but to stay
+        let wavering = |r: &mut Report| r.innovation_rms[0] = 4.0;
+        assert_eq!(drive(&mut m, wavering), (Phase::Converged, true));
+        assert_eq!(drive(&mut m, |r| r.innovation_rms[0] = 6.0), (Phase::Converging, false));
+        assert_eq!(drive(&mut m, wavering), (Phase::Converging, false));
+        assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
+        assert_eq!(drive(&mut m, |_| ()), (Phase::Converged, true));
+        // one poor block is no reason yet; θ̂ stays usable while nothing else happens
+        let poor = |r: &mut Report| r.rank = 1;
+        assert_eq!(drive(&mut m, poor), (Phase::Converged, true));
+        assert_eq!(drive(&mut m, poor), (Phase::PoorlyExcited, true));
+        assert_eq!(drive(&mut m, |_| ()), (Phase::Converged, true));
+        // lost rows: in at once, out after two clean blocks
+        assert_eq!(drive(&mut m, |r| r.rows = 97), (Phase::Converged, true));
+        assert_eq!(drive(&mut m, |r| r.rows = 90), (Phase::Degraded, false));
+        assert_eq!(drive(&mut m, |_| ()), (Phase::Degraded, false));
+        assert_eq!(drive(&mut m, |_| ()), (Phase::Converged, true));
+        // a change
+        let change = |kind| move |r: &mut Report| r.change = Some(Change { kind, row: 5, time: 5 });
+        assert_eq!(drive(&mut m, change(ChangeKind::Drift)), (Phase::Converged, true));
+        assert_eq!(drive(&mut m, change(ChangeKind::Within)), (Phase::Changing, false));
+        assert_eq!(drive(&mut m, |r| r.innovation_rms[0] = 6.0), (Phase::Changing, false));
+        assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
+        assert_eq!(drive(&mut m, |_| ()), (Phase::Converged, true));
+        // not evaluable
+        assert_eq!(drive(&mut m, |r| r.held = Some(Held::NotFinite)), (Phase::Invalid, false));
+        assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
+    }
+
+    #[test]
+    fn fault_an_estimate_that_still_moves_has_not_converged() {
+        let mut m = StateMachine::new(&[1.0, 2.0]);
+        for k in 1..10 {
+            let theta = 1.0 + 0.02 * f64::from(k);
+            assert_eq!(drive(&mut m, |r| r.theta[0] = theta).0, Phase::Converging);
+        }
+    }
+}

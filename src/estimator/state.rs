@@ -7,7 +7,7 @@
 //! | `Converged` | after two blocks in a row that the estimate before them predicted and that moved it little | a block that it does not predict |
 //! | `Changing` | a change of the plant in this block | a later block that was predicted |
 //! | `PoorlyExcited` | two blocks in a row that leave some direction of the free parameters open | a block that leaves none |
-//! | `Degraded` | more than 5 % of the rows lost or outliers | two blocks in a row with at most 1 % |
+//! | `Degraded` | more than 5 % of the samples lost or of the rows outliers | two blocks in a row with at most 1 % |
 //! | `Invalid` | a block that cannot be evaluated at θ̂ | the next that can |
 //!
 //! *Predicted* means that the innovation is within 1.5 standard deviations of the noise, or 2 % of the size of the equation's terms, in every
@@ -83,17 +83,23 @@ impl StateMachine {
         }
     }
 
-    /// Takes the next report; `expected_rows` is how many rows the block has where nothing is lost.
-    pub fn step(&mut self, report: &Report, expected_rows: usize) -> Verdict {
-        let lost = expected_rows.saturating_sub(report.rows) as f64 / expected_rows.max(1) as f64;
+    /// Takes the next report; `lost` is the share of the block's samples that are missing or were refused, 0 to 1.
+    pub fn step(&mut self, report: &Report, lost: f64) -> Verdict {
         let equations = report.residual_rms.len().max(1);
         let outliers = f64::from(report.outliers) / (report.rows * equations).max(1) as f64;
         let bad = lost.max(outliers);
-        self.clean = if bad <= Self::CLEAN { self.clean.saturating_add(1) } else { 0 };
+        self.clean = if bad <= Self::CLEAN {
+            self.clean.saturating_add(1)
+        } else {
+            0
+        };
         self.degraded = bad > Self::LOST || self.degraded && self.clean < 2;
         if report.held == Some(Held::NotFinite) {
             (self.converged, self.predicted) = (false, 0);
-            return Verdict { phase: Phase::Invalid, use_ok: false };
+            return Verdict {
+                phase: Phase::Invalid,
+                use_ok: false,
+            };
         }
         if report.held.is_none() {
             self.judge(report);
@@ -117,11 +123,14 @@ impl StateMachine {
 
     fn judge(&mut self, report: &Report) {
         let free = report.theta.len() as u32 - report.fixed.count_ones();
-        self.poor = if (report.rank as u32) < free { self.poor.saturating_add(1) } else { 0 };
+        self.poor = if (report.rank as u32) < free {
+            self.poor.saturating_add(1)
+        } else {
+            0
+        };
         let within = |noise: f64, signal: f64| {
-            (0..report.innovation_rms.len()).all(|e| {
-                report.innovation_rms[e] <= (noise * report.noise_std[e]).max(signal * report.signal_rms[e])
-            })
+            (0..report.innovation_rms.len())
+                .all(|e| report.innovation_rms[e] <= (noise * report.noise_std[e]).max(signal * report.signal_rms[e]))
         };
         let settled = (0..report.theta.len()).all(|i| {
             let moved = (report.theta[i] - self.theta[i]).abs();
@@ -153,9 +162,14 @@ mod tests {
 
     // a report of a block that the estimate predicted well
     fn good() -> Report {
-        let structure = Structure { params: 2, equations: std::iter::once(0..2).collect() };
-        let mut report =
-            BlockEstimator::new(structure, EstimatorOptions::paper(vec![1.0, 2.0], 1)).expect("valid").report().clone();
+        let structure = Structure {
+            params: 2,
+            equations: std::iter::once(0..2).collect(),
+        };
+        let mut report = BlockEstimator::new(structure, EstimatorOptions::paper(vec![1.0, 2.0], 1))
+            .expect("valid")
+            .report()
+            .clone();
         report.theta_std = vec![0.001, 0.001];
         (report.rows, report.rank, report.blocks) = (100, 2, 1);
         (report.innovation_rms[0], report.noise_std[0], report.signal_rms[0]) = (1.0, 1.0, 100.0);
@@ -165,7 +179,8 @@ mod tests {
     fn drive(machine: &mut StateMachine, change: impl Fn(&mut Report)) -> (Phase, bool) {
         let mut report = good();
         change(&mut report);
-        let verdict = machine.step(&report, 100);
+        let lost = 1.0 - report.rows as f64 / 100.0;
+        let verdict = machine.step(&report, lost);
         (verdict.phase, verdict.use_ok)
     }
 
@@ -173,7 +188,10 @@ mod tests {
     fn fault_each_event_leads_to_its_state_and_back_with_hysteresis() {
         let mut m = StateMachine::new(&[3.0, 3.0]);
         // an empty block gives nothing to judge
-        assert_eq!(drive(&mut m, |r| (r.held, r.rows) = (Some(Held::Empty), 0)), (Phase::Degraded, false));
+        assert_eq!(
+            drive(&mut m, |r| (r.held, r.rows) = (Some(Held::Empty), 0)),
+            (Phase::Degraded, false)
+        );
         let mut m = StateMachine::new(&[3.0, 3.0]);
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
@@ -203,7 +221,10 @@ mod tests {
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converged, true));
         // not evaluable
-        assert_eq!(drive(&mut m, |r| r.held = Some(Held::NotFinite)), (Phase::Invalid, false));
+        assert_eq!(
+            drive(&mut m, |r| r.held = Some(Held::NotFinite)),
+            (Phase::Invalid, false)
+        );
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
     }
 

@@ -6,7 +6,7 @@
 //! allocates nor locks, and the same input gives the same bits.
 
 use super::stream::{Place, StreamCursor};
-use crate::estimator::{BlockEstimator, Report};
+use crate::estimator::{BlockEstimator, ChangeKind, Phase, Report, StateMachine, Verdict};
 use crate::messages::{Estimate, MAX_DERIVED, Sample, State, Status, estimate_flags, signals};
 use crate::model::{DerivedValues, MAX_JOINTS, MAX_PARAMS};
 use crate::rows::SampleBlock;
@@ -40,6 +40,9 @@ pub struct IdentifierNode<B> {
     options: IdentifierOptions,
     rows: B,
     estimator: BlockEstimator,
+    machine: StateMachine,
+    /// Time of the last change found \[ns of stream time\].
+    t_change_ns: u64,
     derived: Option<Box<dyn DerivedValues>>,
     cursor: StreamCursor,
     /// `seq` of the first sample of the stream that this process received.
@@ -64,7 +67,9 @@ impl<B: SampleBlock> IdentifierNode<B> {
         Self {
             options,
             rows,
+            machine: StateMachine::new(estimator.theta()),
             estimator,
+            t_change_ns: 0,
             derived,
             cursor: StreamCursor::new(),
             first_seq: 0,
@@ -119,6 +124,7 @@ impl<B: SampleBlock> IdentifierNode<B> {
         self.rows.reset();
         self.open = None;
         self.first_seq = sample.seq;
+        self.t_change_ns = 0;
         self.status = Status {
             boot_id: sample.boot_id,
             pid: self.status.pid,
@@ -157,7 +163,14 @@ impl<B: SampleBlock> IdentifierNode<B> {
         let Some(open) = self.open else { return };
         let incomplete = open.samples < self.options.block_len;
         self.rows.prepare(self.estimator.theta());
-        let mut estimate = message(self.estimator.update(&self.rows));
+        let report = self.estimator.update(&self.rows);
+        let lost = 1.0 - open.samples as f64 / self.options.block_len as f64;
+        let mut estimate = message(report, self.machine.step(report, lost));
+        if let Some(change) = report.change.filter(|change| change.kind != ChangeKind::Drift) {
+            self.t_change_ns = change.time;
+            estimate.flags |= estimate_flags::CHANGED;
+        }
+        estimate.t_change_ns = self.t_change_ns;
         estimate.boot_id = self.status.boot_id;
         estimate.block = open.block;
         estimate.t_first_ns = open.t_first_ns;
@@ -212,10 +225,15 @@ impl IdentifierOptions {
 }
 
 /// The estimator's answer as a message; what only the stream knows is zero.
-fn message(report: &Report) -> Estimate {
-    let state = match report.held {
-        Some(_) => State::PoorlyExcited,
-        None => State::Converging,
+fn message(report: &Report, verdict: Verdict) -> Estimate {
+    let state = match verdict.phase {
+        Phase::Collecting => State::Collecting,
+        Phase::Converging => State::Converging,
+        Phase::Converged => State::Converged,
+        Phase::PoorlyExcited => State::PoorlyExcited,
+        Phase::Changing => State::Changing,
+        Phase::Degraded => State::Degraded,
+        Phase::Invalid => State::Invalid,
     };
     let mut estimate = Estimate {
         boot_id: 0,
@@ -232,7 +250,7 @@ fn message(report: &Report) -> Estimate {
         fixed: report.fixed,
         t_change_ns: 0,
         state: state as u32,
-        use_ok: 0,
+        use_ok: u32::from(verdict.use_ok),
         flags: if report.held.is_some() { estimate_flags::HELD } else { 0 },
         params: report.theta.len() as u32,
         equations: report.residual_rms.len() as u32,

@@ -17,7 +17,7 @@ use thetabus::service::{
 
 /// On-line identification of a running machine's physical parameters
 #[derive(Parser)]
-#[command(name = "thetabus", version = VERSION.as_str(), after_help = EXIT_CODES)]
+#[command(name = "thetabus", version = VERSION.as_str(), after_help = EXIT_CODES, propagate_version = true)]
 struct Program {
     #[command(subcommand)]
     command: Command,

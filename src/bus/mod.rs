@@ -35,6 +35,7 @@
 mod domain;
 mod error;
 mod lock;
+mod membership;
 mod participant;
 mod publisher;
 mod sample_publisher;

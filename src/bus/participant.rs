@@ -1,8 +1,9 @@
 //! A process's membership in a domain, and the services it opens there.
 
 use super::domain::check_name;
+use super::membership::Membership;
 use super::topic::{latched, sample};
-use super::{BusError, Domain, EventService, ICEORYX2_VERSION, Latched, Node, PubSubService, Topic};
+use super::{BusError, Domain, EventService, ICEORYX2_VERSION, Latched, PubSubService, Topic};
 use crate::messages::{Header, Sample};
 use iceoryx2::prelude::{
     Config, LogLevel, MessagingPattern, NodeBuilder, NodeName, Service, ServiceName, SignalHandlingMode, ipc,
@@ -26,7 +27,7 @@ const PAUSE: Duration = Duration::from_millis(50);
 pub struct Bus(Rc<Inner>);
 
 struct Inner {
-    node: Node,
+    membership: Membership,
     domain: Domain,
     robot: String,
     config: Config,
@@ -49,20 +50,20 @@ impl Bus {
         set_log_level_from_env_or(LogLevel::Error);
         domain.create_root()?;
         let config = domain.config()?;
-        let fail = |cause: String| BusError::Join {
+        let node_name = NodeName::new(name).map_err(|e| BusError::Join {
             domain: domain.name().into(),
             root: domain.root().into(),
-            cause,
-        };
-        let node_name = NodeName::new(name).map_err(|e| fail(e.to_string()))?;
-        let node = NodeBuilder::new()
-            .name(&node_name)
-            .config(&config)
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<ipc::Service>()
-            .map_err(|e| fail(format!("{e:?} (files of another user or of another iceoryx2 version than {ICEORYX2_VERSION} may be in the way)")))?;
+            cause: e.to_string(),
+        })?;
+        let membership = Membership::new(domain, &config, || {
+            NodeBuilder::new()
+                .name(&node_name)
+                .config(&config)
+                .signal_handling_mode(SignalHandlingMode::Disabled)
+                .create::<ipc::Service>()
+        })?;
         Ok(Self(Rc::new(Inner {
-            node,
+            membership,
             domain: domain.clone(),
             robot: robot.into(),
             config,
@@ -81,7 +82,7 @@ impl Bus {
 
     /// Frees what dead processes hold in this domain; returns how many there were.
     pub fn clean_up_dead(&self) -> u64 {
-        self.0.node.try_cleanup_dead_nodes().cleanups
+        self.0.membership.node.try_cleanup_dead_nodes().cleanups
     }
 
     pub(super) fn topic_error(&self, topic: Topic, problem: impl Into<String>) -> BusError {
@@ -109,6 +110,7 @@ impl Bus {
         persist(
             || {
                 self.0
+                    .membership
                     .node
                     .service_builder(&name)
                     .event()
@@ -149,6 +151,7 @@ impl Bus {
         persist(
             || {
                 self.0
+                    .membership
                     .node
                     .service_builder(&name)
                     .publish_subscribe::<T>()
@@ -174,6 +177,7 @@ impl Bus {
         persist(
             || {
                 self.0
+                    .membership
                     .node
                     .service_builder(&name)
                     .publish_subscribe::<Sample>()
@@ -206,6 +210,7 @@ impl Bus {
         let name = self.service_name(Topic::Sample)?;
         let opened = self
             .0
+            .membership
             .node
             .service_builder(&name)
             .publish_subscribe::<Sample>()
@@ -232,6 +237,7 @@ impl Bus {
         let name = self.service_name(topic)?;
         let service = self
             .0
+            .membership
             .node
             .service_builder(&name)
             .publish_subscribe::<crate::messages::Status>();

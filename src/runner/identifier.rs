@@ -41,8 +41,10 @@ pub fn run_identifier<B: SampleBlock>(
     } = ports;
     let mut clock = Clock::new();
     let mut end_told = false;
+    let mut news = News::default();
     loop {
         samples.refresh()?;
+        news.plant(samples.is_connected());
         samples.wait(TICK)?;
         // Asked before the last look into the queue: what came before the request is processed.
         let stopping = shutdown.requested();
@@ -57,6 +59,7 @@ pub fn run_identifier<B: SampleBlock>(
             }
             if clock.heartbeat_due() {
                 status.send(&node.status())?;
+                news.losses(&node.status());
             }
             if clock.tick_due() {
                 estimates.serve_late_joiners()?;
@@ -71,6 +74,7 @@ pub fn run_identifier<B: SampleBlock>(
         }
     }
     status.send(&node.status())?;
+    news.losses(&node.status());
     linger(estimates, status, shutdown)
 }
 
@@ -109,6 +113,48 @@ fn linger(
             return Ok(());
         }
         std::thread::sleep(TICK / 10);
+    }
+}
+
+/// What the log tells, once per heartbeat at most and never from within the step.
+#[derive(Debug, Default)]
+struct News {
+    connected: bool,
+    stream: u64,
+    missing: u64,
+    rejected: u64,
+}
+
+impl News {
+    fn plant(&mut self, connected: bool) {
+        if connected != self.connected {
+            self.connected = connected;
+            tracing::info!(
+                "{}",
+                if connected {
+                    "a plant is there"
+                } else {
+                    "the plant has gone"
+                }
+            );
+        }
+    }
+
+    fn losses(&mut self, status: &Status) {
+        if status.boot_id != self.stream {
+            (self.stream, self.missing, self.rejected) = (status.boot_id, 0, 0);
+        }
+        if (status.missing, status.rejected) != (self.missing, self.rejected) {
+            let missing = status.missing.saturating_sub(self.missing);
+            let rejected = status.rejected.saturating_sub(self.rejected);
+            tracing::warn!(
+                missing,
+                rejected,
+                last_seq = status.last_seq,
+                "samples were lost or refused"
+            );
+            (self.missing, self.rejected) = (status.missing, status.rejected);
+        }
     }
 }
 

@@ -158,3 +158,55 @@ fn fault_processes_stopped_and_continued_go_on() {
         observer.last_status.filter(|status| status.pid == pid)
     });
 }
+
+#[test]
+fn fault_damaged_leftovers_of_a_crash_are_swept_away_by_the_next_start() {
+    let site = Site::new();
+    for damage in [
+        "",
+        "cut",
+        "not what iceoryx2 writes, \u{1}\u{2}\u{3}, and longer than what it expects",
+    ] {
+        let mut observer = site.observer();
+        let mut processes = [plant(&site, &["--speed", "2"]), identifier(&site)];
+        observer.estimate("a block", |estimate| estimate.block >= 2);
+        for process in &mut processes {
+            process.signal(Signal::SIGKILL);
+            process.wait();
+        }
+        // Left by a process that cannot be asked, as the observer could be: it goes as well, but its services stay.
+        let (root, prefix) = (site.domain.root(), site.domain.prefix());
+        let services: Vec<_> = std::fs::read_dir(root.join("services"))
+            .expect("services")
+            .flatten()
+            .collect();
+        assert!(!services.is_empty());
+        let kept: Vec<_> = services
+            .iter()
+            .map(|entry| (entry.path(), std::fs::read(entry.path()).expect("read")))
+            .collect();
+        drop(observer);
+        for (path, content) in kept {
+            let text = match damage {
+                "" => Vec::new(),
+                "cut" => content[..content.len() / 2].to_vec(),
+                text => text.as_bytes().to_vec(),
+            };
+            let _ = std::fs::remove_file(&path);
+            std::fs::write(&path, text).expect("write");
+        }
+        let name = format!("/dev/shm/{prefix}{}_1.data", "0a".repeat(20));
+        std::fs::write(&name, "rubbish").expect("write");
+
+        let next = site.observer();
+        assert!(
+            !std::fs::exists(&name).expect("known"),
+            "rubbish in shared memory is removed"
+        );
+        drop(next);
+        site.start_run(&[&["--duration", "2"], &QUICK[..]].concat())
+            .expect_code(0);
+        assert_eq!(site.summary().samples.accepted, 2_000);
+        std::fs::remove_dir_all(site.out()).expect("results");
+    }
+}

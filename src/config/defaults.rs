@@ -3,7 +3,7 @@
 use super::schema::{self, FileForm, RealOrWord};
 use crate::compare::{CEDRO2022_BLOCK_LEN, cedro2022_estimator};
 use crate::estimator::ChangeDetection;
-use crate::sim::{ARM_JOINTS, ControllerKind, Interpolation, Setpoint, SimOptions};
+use crate::sim::{ARM_JOINTS, ControllerKind, Interpolation, PositionFeedback, Setpoint, SimOptions};
 
 impl Default for FileForm {
     /// The paper's experiment, from the presets of the core types.
@@ -67,6 +67,7 @@ impl Default for FileForm {
             },
             controller: schema::Controller {
                 kind: word(&ControllerKind::NAMES, sim.controller.kind),
+                feedback: word(&PositionFeedback::NAMES, sim.controller.feedback),
                 proportional_gain_v_per_rad: kp.clone(),
                 derivative_gain_v_s_per_rad: kd.clone(),
             },
@@ -74,6 +75,12 @@ impl Default for FileForm {
                 input_noise_v: sim.sensors.input_noise_v,
                 spike_probability: sim.sensors.spike_probability,
                 spike_v: sim.sensors.spike_v,
+                input_limit_v: sim.sensors.input_limit_v,
+                encoder_bits: u64::from(sim.sensors.encoder_bits),
+                position_noise_rad: sim.sensors.position_noise_rad,
+                input_delay_s: sim.sensors.input_delay_s,
+                jitter_s: sim.sensors.jitter_s,
+                loss_probability: sim.sensors.loss_probability,
             },
             setpoint: schema::Setpoint {
                 kind: "steps".to_owned(),

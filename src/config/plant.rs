@@ -4,8 +4,8 @@ use super::build::{Check, joints};
 use super::schema::{FileForm, RealOrWord};
 use super::{PlantConfig, Speed, setpoint_csv};
 use crate::sim::{
-    ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, Interpolation, MassSchedule, SensorOptions, Setpoint,
-    SimError, SimOptions, Tone,
+    ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, Interpolation, MassSchedule, PositionFeedback,
+    SensorOptions, Setpoint, SimError, SimOptions, Tone,
 };
 use std::path::Path;
 
@@ -59,6 +59,11 @@ pub(super) fn plant(form: &FileForm, check: &mut Check<'_>) -> Option<PlantConfi
             } else {
                 ControllerKind::Analog
             },
+            feedback: if form.controller.feedback == "measured" {
+                PositionFeedback::Measured
+            } else {
+                PositionFeedback::True
+            },
             proportional_gain_v_per_rad: joints(&form.controller.proportional_gain_v_per_rad),
             derivative_gain_v_s_per_rad: joints(&form.controller.derivative_gain_v_s_per_rad),
         },
@@ -69,6 +74,12 @@ pub(super) fn plant(form: &FileForm, check: &mut Check<'_>) -> Option<PlantConfi
             input_noise_v: form.sensors.input_noise_v,
             spike_probability: form.sensors.spike_probability,
             spike_v: form.sensors.spike_v,
+            input_limit_v: form.sensors.input_limit_v,
+            encoder_bits: form.sensors.encoder_bits as u32,
+            position_noise_rad: form.sensors.position_noise_rad,
+            input_delay_s: form.sensors.input_delay_s,
+            jitter_s: form.sensors.jitter_s,
+            loss_probability: form.sensors.loss_probability,
         },
     };
     let period_ns = sim.sample_period_s * 1e9;

@@ -189,6 +189,8 @@ sections! {
     controller: Controller = "plant.controller", "The PD controllers (13): u = Kp (setpoint − q) − Kd dq" {
         kind: String, Kind::Choice(&["analog", "sampled"]), "",
             "analog: continuous, as in the paper. sampled: computed once per sample and held; unstable for |q2| near π/2 at 1 kHz";
+        feedback: String, Kind::Choice(&["true", "measured"]), "",
+            "Position that the controller works with: the true one, or as its sample has it (sampled only); the velocity is true, as from a tachometer";
         proportional_gain_v_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V/rad",
             "Gain Kp of each joint";
         derivative_gain_v_s_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V s/rad",
@@ -201,6 +203,18 @@ sections! {
             "Share of samples whose measured voltage carries a spike, per joint";
         spike_v: f64, Kind::Real(NOT_NEGATIVE), "V",
             "Standard deviation of the spikes";
+        input_limit_v: f64, Kind::Real(POSITIVE.or_infinite()), "V",
+            "Most that the voltage measurement shows, either sign; inf: no limit";
+        encoder_bits: u64, Kind::Whole(0, 40), "bits",
+            "2^bits counts per turn on each joint, and no measured derivatives; 0: positions without rounding";
+        position_noise_rad: f64, Kind::Real(NOT_NEGATIVE), "rad",
+            "Standard deviation of white noise on the measured positions, before they are rounded";
+        input_delay_s: f64, Kind::Real(Interval::closed(-0.01, 0.01)), "s",
+            "The recorded voltage acts this much later than the positions of its sample say";
+        jitter_s: f64, Kind::Real(Interval::closed(0.0, 1e-3)), "s",
+            "Standard deviation of the instant at which the positions are read";
+        loss_probability: f64, Kind::Real(Interval::closed(0.0, 0.999)), "",
+            "Share of samples that are lost on their way to everybody";
     }
     setpoint: Setpoint = "plant.setpoint", "Commanded positions; only the section of the chosen kind is used" {
         kind: String, Kind::Choice(&["steps", "square", "sines", "random_sines", "random", "chirp", "csv"]), "",

@@ -13,11 +13,13 @@
 
 mod autodiff;
 mod controller;
+mod delayed;
 mod manipulator;
 mod physical;
 mod raw_manipulator;
 
 pub use controller::PdController;
+pub use delayed::Delayed;
 pub use manipulator::{MANIPULATOR_PARAMS, Manipulator, ManipulatorFeatures};
 pub use physical::{KnownConstants, ManipulatorDerived, PhysicalParameters, RecoveryError};
 pub use raw_manipulator::RawManipulator;
@@ -96,6 +98,11 @@ pub trait Plant {
     fn parameters(&self) -> &[Parameter];
     /// The equations.
     fn equations(&self) -> &[Equation];
+    /// Index of the parameter that is the delay \[s\] with which the recorded input acts; every equation must then have it among its
+    /// parameters. `None`, the default, where the delay is not estimated.
+    fn input_delay(&self) -> Option<usize> {
+        None
+    }
     /// Writes the terms `g[d]`, d = 0..=order, of one equation; `theta` holds all parameters of the plant.
     fn terms<D: Scalar>(&self, equation: usize, q: &[D], dq: &[D], theta: &[D], g: &mut [D]);
 }

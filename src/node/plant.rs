@@ -4,7 +4,6 @@ use crate::messages::{Sample, sample_flags};
 use crate::model::JointSample;
 
 /// Turns a simulated machine into the sample stream seq 0, 1, 2, …, t = seq·Δ, the last one flagged `END`.
-#[derive(Debug, Clone)]
 pub struct PlantNode<S> {
     source: S,
     boot_id: u64,
@@ -13,6 +12,7 @@ pub struct PlantNode<S> {
     period_ns: u64,
     seq: u64,
     samples: u64,
+    lost: Option<Box<dyn FnMut() -> bool + Send>>,
 }
 
 impl<S: Iterator<Item = JointSample>> PlantNode<S> {
@@ -28,7 +28,15 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
             period_ns,
             seq: 0,
             samples,
+            lost: None,
         }
+    }
+
+    /// Loses the samples for which `lost` says so: their `seq` never appears. The last one is always sent.
+    #[must_use]
+    pub fn with_losses(mut self, lost: impl FnMut() -> bool + Send + 'static) -> Self {
+        self.lost = Some(Box::new(lost));
+        self
     }
 
     /// The next sample; `None` after the one flagged `END`.
@@ -36,7 +44,11 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
         if self.seq >= self.samples {
             return None;
         }
-        let joints = self.source.next()?;
+        let mut joints = self.source.next()?;
+        while self.seq + 1 < self.samples && self.lost.as_mut().is_some_and(|lost| lost()) {
+            joints = self.source.next()?;
+            self.seq += 1;
+        }
         let t_ns = self.seq * self.period_ns;
         let mut sample = Sample::new(self.boot_id, self.seq, t_ns, self.joints, self.signals, &joints);
         self.seq += 1;
@@ -92,6 +104,17 @@ mod tests {
         assert_eq!(stream[169_999].t_ns, 169_999_000_000);
         assert_eq!(stream.iter().filter(|s| s.is_end()).count(), 1);
         assert!(stream[169_999].is_end());
+    }
+
+    #[test]
+    fn fault_lost_samples_leave_holes_in_seq_and_never_take_the_end() {
+        let mut odd = false;
+        let mut plant = plant(10).with_losses(move || {
+            odd = !odd;
+            odd
+        });
+        let seqs: Vec<u64> = std::iter::from_fn(|| plant.next_sample()).map(|s| s.seq).collect();
+        assert_eq!(seqs, [1, 3, 5, 7, 9]);
     }
 
     #[test]

@@ -1,8 +1,16 @@
 //! From samples to the rows that an estimator sees.
 
+mod kernel;
 mod pointwise;
+mod projected;
+mod separation;
+mod smoothing;
+mod whitening;
 
+pub use kernel::InputTiming;
 pub use pointwise::{InputSource, PointwiseBlock, structure};
+pub use projected::{ProjectedBlock, ProjectedError, ProjectedOptions, SensorNoise};
+pub use smoothing::savitzky_golay;
 
 use crate::estimator::Residuals;
 use crate::model::JointSample;

@@ -15,8 +15,10 @@ mod simulator;
 pub use arm::ArmDynamics;
 pub use integrator::rk4_step;
 pub use motor::Motor;
-pub use options::{ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, SimError, SimOptions};
+pub use options::{
+    ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, PositionFeedback, SimError, SimOptions,
+};
 pub use schedule::{Interpolation, MassSchedule};
-pub use sensors::SensorOptions;
+pub use sensors::{Losses, SensorOptions};
 pub use setpoint::{Setpoint, Tone};
 pub use simulator::ArmSimulator;

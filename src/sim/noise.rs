@@ -16,6 +16,12 @@ impl Noise {
     pub const INPUT: u64 = 0x100;
     /// Stream of the spikes on the measured input.
     pub const SPIKES: u64 = 0x101;
+    /// Stream of the noise on measured positions.
+    pub const POSITION: u64 = 0x102;
+    /// Stream of the sampling jitter.
+    pub const JITTER: u64 = 0x103;
+    /// Stream of lost samples.
+    pub const LOSSES: u64 = 0x104;
 
     /// Stream of the setpoint of a joint.
     pub fn setpoint_stream(joint: usize) -> u64 {

@@ -10,7 +10,7 @@ use super::arm::ArmDynamics;
 use super::integrator::rk4_step;
 use super::motor::Motor;
 use super::noise::Noise;
-use super::options::{ARM_JOINTS, ControllerKind, SimError, SimOptions};
+use super::options::{ARM_JOINTS, ControllerKind, PositionFeedback, SimError, SimOptions};
 use super::schedule::MassSchedule;
 use super::sensors::Sensors;
 use super::setpoint::SetpointSource;
@@ -27,6 +27,7 @@ pub struct ArmSimulator {
     arm: ArmParameters,
     mass_2: MassSchedule,
     kind: ControllerKind,
+    feedback: PositionFeedback,
     controllers: [PdController; ARM_JOINTS],
     motors: [Motor; ARM_JOINTS],
     setpoints: [SetpointSource; ARM_JOINTS],
@@ -55,6 +56,7 @@ impl ArmSimulator {
             arm,
             mass_2: options.mass_2.clone(),
             kind: options.controller.kind,
+            feedback: options.controller.feedback,
             controllers: from_fn(|joint| PdController {
                 proportional_gain_v_per_rad: options.controller.proportional_gain_v_per_rad[joint],
                 derivative_gain_v_s_per_rad: options.controller.derivative_gain_v_s_per_rad[joint],
@@ -82,7 +84,7 @@ impl ArmSimulator {
         self.k
     }
 
-    /// The next sample without the sensors' errors; `None` once the state is no longer finite.
+    /// The next sample with measured positions and exact derivatives and voltages; `None` once the state is no longer finite.
     fn exact_sample(&mut self) -> Option<JointSample> {
         if self.state.iter().any(|x| !x.is_finite()) {
             return None;
@@ -99,13 +101,18 @@ impl ArmSimulator {
         let [q1, q2, dq1, dq2, i1, i2] = self.state;
         let (q, dq) = ([q1, q2], [dq1, dq2]);
         let setpoint: [f64; ARM_JOINTS] = from_fn(|joint| self.setpoints[joint].value(0.0));
-        // (13)
-        let voltage: [f64; ARM_JOINTS] =
-            from_fn(|joint| self.controllers[joint].voltage(setpoint[joint], q[joint], dq[joint]));
         let [motor_1, motor_2] = &self.motors;
         let ddq = self
             .dynamics
             .accelerations(q, dq, [motor_1.torque(i1), motor_2.torque(i2)]);
+        let measured_q = self.sensors.positions(q, dq, ddq);
+        let seen_q = match self.feedback {
+            PositionFeedback::True => q,
+            PositionFeedback::Measured => measured_q,
+        };
+        // (13)
+        let voltage: [f64; ARM_JOINTS] =
+            from_fn(|joint| self.controllers[joint].voltage(setpoint[joint], seen_q[joint], dq[joint]));
         let torque_rate = [
             motor_1.torque(motor_1.current_rate(voltage[0], i1, dq1)),
             motor_2.torque(motor_2.current_rate(voltage[1], i2, dq2)),
@@ -113,7 +120,7 @@ impl ArmSimulator {
         let dddq = self.dynamics.jerks(q, dq, ddq, torque_rate);
 
         let mut sample = JointSample::default();
-        sample.q[..ARM_JOINTS].copy_from_slice(&q);
+        sample.q[..ARM_JOINTS].copy_from_slice(&measured_q);
         sample.dq[..ARM_JOINTS].copy_from_slice(&dq);
         sample.ddq[..ARM_JOINTS].copy_from_slice(&ddq);
         sample.dddq[..ARM_JOINTS].copy_from_slice(&dddq);

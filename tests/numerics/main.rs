@@ -9,5 +9,7 @@ mod estimator;
 mod estimator_study;
 mod model;
 #[cfg(feature = "sim")]
+mod projected;
+#[cfg(feature = "sim")]
 mod sim;
 mod support;

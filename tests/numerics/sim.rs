@@ -4,8 +4,8 @@ use crate::support::golden_rows;
 use std::array::from_fn;
 use thetabus::model::{JointSample, Manipulator, PointwiseModel};
 use thetabus::sim::{
-    ArmDynamics, ArmParameters, ArmSimulator, ControllerKind, Interpolation, MassSchedule, SensorOptions, Setpoint,
-    SimOptions, Tone, rk4_step,
+    ArmDynamics, ArmParameters, ArmSimulator, ControllerKind, Interpolation, Losses, MassSchedule, PositionFeedback,
+    SensorOptions, Setpoint, SimOptions, Tone, rk4_step,
 };
 
 /// The recipe of tests/data/golden/README.md.
@@ -551,6 +551,7 @@ fn val_input_noise_is_white_and_has_the_stated_deviation_and_leaves_the_motion_a
         input_noise_v: 0.0,
         spike_probability: 0.01,
         spike_v: 5.0,
+        ..SensorOptions::exact()
     };
     let spiked = run(&SimOptions { sensors, ..exact });
     let hit = clean
@@ -674,4 +675,116 @@ fn fault_a_loop_that_is_unstable_ends_instead_of_giving_numbers_that_are_not_fin
     let samples = run(&options);
     assert!((samples.len() as u64) < options.sample_count());
     assert!(samples.iter().all(|sample| sample.q[..2].iter().all(|q| q.is_finite())));
+}
+
+#[test]
+fn val_sensors_do_to_the_signals_what_their_options_say() {
+    let options = SimOptions {
+        duration_s: 5.0,
+        ..SimOptions::cedro2022()
+    };
+    let run = |sensors: SensorOptions| -> Vec<JointSample> {
+        let options = SimOptions {
+            sensors,
+            ..options.clone()
+        };
+        ArmSimulator::new(&options).unwrap().take(5000).collect()
+    };
+    let exact = run(SensorOptions::exact());
+    let worst = |samples: &[JointSample], wanted: &dyn Fn(&JointSample, usize) -> f64| -> f64 {
+        exact.iter().zip(samples).fold(0.0, |worst, (e, s)| {
+            (0..2).fold(worst, |worst: f64, j| worst.max((s.q[j] - wanted(e, j)).abs()))
+        })
+    };
+
+    // An encoder is off by half a count at most, shows whole counts, and gives no derivative.
+    let encoder = SensorOptions::encoder(12, 0.0);
+    let count = encoder.resolution_rad();
+    assert!((count - std::f64::consts::TAU / 4096.0).abs() < 1e-18);
+    let rounded = run(encoder);
+    let error = worst(&rounded, &|e, j| e.q[j]);
+    assert!(error > 0.4 * count && error <= 0.500_001 * count);
+    assert!(
+        rounded
+            .iter()
+            .all(|s| s.dq == [0.0; 8] && ((s.q[1] / count).round() - s.q[1] / count).abs() < 1e-9)
+    );
+    assert_eq!(encoder.signals() & thetabus::messages::signals::DQ, 0);
+
+    // With a delay of the input the positions are those of half a millisecond ago; 1e-7 rad is the sensors' own approximation.
+    let late = run(SensorOptions {
+        input_delay_s: 0.5e-3,
+        ..SensorOptions::exact()
+    });
+    let error = worst(&late, &|e, j| e.q[j] - 0.5e-3 * e.dq[j] + 0.125e-6 * e.ddq[j]);
+    assert!(error < 1e-7, "{error}");
+
+    // Jitter of 0.1 ms at speeds below 10 rad/s, six deviations at most in 5000 draws.
+    let shaky = run(SensorOptions {
+        jitter_s: 1e-4,
+        ..SensorOptions::exact()
+    });
+    let error = worst(&shaky, &|e, j| e.q[j]);
+    assert!(error > 1e-5 && error < 6e-3, "{error}");
+
+    let limited = run(SensorOptions {
+        input_limit_v: 20.0,
+        ..SensorOptions::exact()
+    });
+    let peak = |samples: &[JointSample]| samples.iter().fold(0.0, |p: f64, s| p.max(s.input[0].abs()));
+    assert!(peak(&exact) > 20.0 && peak(&limited) == 20.0);
+
+    let noisy = run(SensorOptions {
+        position_noise_rad: 1e-4,
+        ..SensorOptions::exact()
+    });
+    let square: f64 = exact
+        .iter()
+        .zip(&noisy)
+        .map(|(e, s)| (e.q[0] - s.q[0]).powi(2))
+        .sum::<f64>()
+        / 5000.0;
+    // The standard error of a variance from 5000 values is 2 %; five of them.
+    assert!((square / 1e-8 - 1.0).abs() < 0.1, "{square}");
+
+    let mut losses = Losses::new(
+        &SensorOptions {
+            loss_probability: 0.01,
+            ..SensorOptions::exact()
+        },
+        3,
+    );
+    let lost = (0..20_000).filter(|_| losses.next_is_lost()).count() as f64;
+    // Binomial with n = 20 000, p = 0.01: deviation 14.
+    assert!((lost - 200.0).abs() < 5.0 * 14.1, "{lost}");
+}
+
+#[test]
+fn prop_a_controller_on_measured_positions_acts_on_their_rounding() {
+    let mut options = SimOptions::cedro2022();
+    options.duration_s = 2.0;
+    options.controller.kind = ControllerKind::Sampled;
+    options.sensors = SensorOptions::encoder(12, 0.0);
+    options.controller.feedback = PositionFeedback::Measured;
+    let kp = options.controller.proportional_gain_v_per_rad[0];
+    let run = |options: &SimOptions| -> Vec<JointSample> { ArmSimulator::new(options).unwrap().take(2000).collect() };
+    let measured = run(&options);
+    options.controller.feedback = PositionFeedback::True;
+    let blind = run(&options);
+    // Up to the first sample that differs both machines are in one state, so there the voltages differ by the rounding alone.
+    let k = (0..2000).find(|&k| measured[k].input != blind[k].input).unwrap();
+    options.sensors = SensorOptions::exact();
+    let exact = run(&options)[k];
+    for joint in 0..2 {
+        let difference = measured[k].input[joint] - blind[k].input[joint];
+        let rounding = exact.q[joint] - measured[k].q[joint];
+        assert!((difference - kp * rounding).abs() < 1e-9, "joint {joint}: {difference}");
+    }
+
+    options.controller.kind = ControllerKind::Analog;
+    options.controller.feedback = PositionFeedback::Measured;
+    assert!(
+        options.validate().is_err(),
+        "an analog controller has no measured position"
+    );
 }

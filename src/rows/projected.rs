@@ -1,0 +1,918 @@
+//! Projected rows, the weak form: positions and inputs are measured, nothing else.
+//!
+//! ```text
+//! f_i(θ) = s ∫ ψ_i u dt − Σ_d (−1)^d ∫ ψ_i^(d) g_d(q, q̇; θ) dt        one row per equation and window i
+//! ```
+//!
+//! with ψ a smooth bump on a window of length T (`kernel.rs`). Integration by parts has moved every time derivative from the signals to ψ,
+//! which is known exactly. Terms that are a constant times a velocity are integrated by parts once more and need the position only; the velocity
+//! inside nonlinear terms comes from a zero-phase Savitzky-Golay filter. ∫ψ = 1, so a residual is a weighted mean over the window, in the
+//! equation's unit, before it is whitened.
+//!
+//! Windows lie on a grid of sample numbers and reach back over the border of a block; windows that touch a lost sample are dropped.
+//!
+//! # Noise
+//! Row i depends on position k by c_i(k) = ∂f_i/∂q_k and on input k by s w_i(k), so the noise of rows i and j has the covariance
+//!
+//! ```text
+//! R_ij = Σ_k c_i(k) c_j(k) σ_q² v_k + s² σ_u² Σ_k w_i(k) w_j(k) + jumps        σ_q² = σ² + LSB²/12 · v_k
+//! ```
+//!
+//! v_k = clip(0.06 LSB / |q̇ h|, 1, 8): the rounding of an encoder is white while the joint crosses counts, and hardly changes from sample to sample
+//! while it creeps. c follows from automatic differentiation at θ̂ before the block. The rows are whitened by R (`whitening.rs`), so that their
+//! residuals have variance 1 and the deviations of θ̂ follow without a factor.
+//!
+//! Before the first estimate θ is not known well enough for R: the first block is fitted once with R from the start values, then R is made anew.
+
+use super::kernel::{InputTiming, Kernels, dot};
+use super::separation::{MAX_ORDER, Monomial, Polynomial, Separation, partials};
+use super::smoothing::savitzky_golay;
+use super::whitening::{Direction, Whitening};
+use super::{SampleBlock, structure};
+use crate::estimator::{BlockEstimator, EstimatorOptions, Residuals};
+use crate::model::{JointSample, MAX_JOINTS, MAX_PARAMS, Plant};
+use num_dual::Dual64;
+use std::cell::RefCell;
+
+/// Counts of LSB per sample below which the rounding of consecutive samples is taken to be correlated.
+const CREEP: f64 = 0.06;
+/// Most that the variance of the rounding is raised by.
+const CREEP_LIMIT: f64 = 8.0;
+/// Share of the input's size that counts as noise of signals that are exact.
+const EXACT: f64 = 1e-7;
+
+/// What the sensors do to the signals; the weights of the rows follow from it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SensorNoise {
+    /// Size of one count of each joint's encoder \[rad or m\], ≥ 0; 0 where the position is not quantised.
+    pub position_resolution: [f64; MAX_JOINTS],
+    /// Standard deviation of white noise on each measured position \[rad or m\], ≥ 0.
+    pub position_noise: [f64; MAX_JOINTS],
+    /// Standard deviation of white noise on each measured input, in the input's unit, ≥ 0.
+    pub input_noise: [f64; MAX_JOINTS],
+}
+
+impl SensorNoise {
+    /// Exact signals.
+    pub const NONE: Self = Self {
+        position_resolution: [0.0; MAX_JOINTS],
+        position_noise: [0.0; MAX_JOINTS],
+        input_noise: [0.0; MAX_JOINTS],
+    };
+
+    /// The same encoder of `bits` (2^bits counts per turn) and the same input noise on every joint.
+    pub fn encoder(bits: u32, input_noise: f64) -> Self {
+        Self {
+            position_resolution: [std::f64::consts::TAU / f64::from(bits).exp2(); MAX_JOINTS],
+            position_noise: [0.0; MAX_JOINTS],
+            input_noise: [input_noise; MAX_JOINTS],
+        }
+    }
+}
+
+/// How samples become projected rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ProjectedOptions {
+    /// h \[s\], 1e-6 to 1.
+    pub sample_period_s: f64,
+    /// T \[s\], 8 to 2000 sample periods; rounded to an even number of them. Long windows average more noise, short ones resolve faster motion:
+    /// about 1.3 periods of the fastest mode that matters are a good length.
+    pub window_s: f64,
+    /// Time from a window to the next \[s\], one sample period to T; rounded to whole periods. T/5 loses nothing worth having.
+    pub stride_s: f64,
+    /// Samples on either side that the velocity filter (order 5) uses, 3 to 100. 10 for encoders of 16 bits, 5 from 20 bits on.
+    pub velocity_half_width: usize,
+    /// What the input does between samples.
+    pub timing: InputTiming,
+    /// The recorded input acts on the plant this much later \[s\], at most half of T either way; negative for an input that was recorded late.
+    pub input_delay_s: f64,
+    /// What the sensors do.
+    pub noise: SensorNoise,
+}
+
+impl ProjectedOptions {
+    /// Windows of 100 ms every 20 ms at 1 kHz: right for modes up to some 15 Hz, through 16-bit encoders and 0.05 of input noise.
+    pub fn recommended() -> Self {
+        Self {
+            sample_period_s: 1e-3,
+            window_s: 0.1,
+            stride_s: 0.02,
+            velocity_half_width: 10,
+            timing: InputTiming::Held,
+            input_delay_s: 0.0,
+            noise: SensorNoise::encoder(16, 0.05),
+        }
+    }
+
+    fn half(&self) -> usize {
+        (0.5 * self.window_s / self.sample_period_s).round() as usize
+    }
+
+    fn stride(&self) -> usize {
+        (self.stride_s / self.sample_period_s).round() as usize
+    }
+
+    /// Checks every value against its domain.
+    ///
+    /// # Errors
+    /// The first value outside.
+    pub fn validate(&self) -> Result<(), ProjectedError> {
+        let check = |field, expected, got: f64, good: bool| {
+            if good {
+                Ok(())
+            } else {
+                Err(ProjectedError::Value { field, expected, got })
+            }
+        };
+        let within = |x: f64, low: f64, high: f64| x >= low && x <= high;
+        let (h, t) = (self.sample_period_s, self.window_s);
+        check("sample_period_s", "1e-6 to 1", h, within(h, 1e-6, 1.0))?;
+        check(
+            "window_s",
+            "8 to 2000 sample periods",
+            t,
+            within(t / h, 7.999, 2000.001),
+        )?;
+        check(
+            "stride_s",
+            "one sample period to window_s",
+            self.stride_s,
+            within(self.stride_s / h, 0.999, t / h + 0.001),
+        )?;
+        let half_width = self.velocity_half_width;
+        check(
+            "velocity_half_width",
+            "3 to 100",
+            half_width as f64,
+            (3..=100).contains(&half_width),
+        )?;
+        check(
+            "input_delay_s",
+            "at most half of window_s either way",
+            self.input_delay_s,
+            within(self.input_delay_s.abs(), 0.0, 0.5 * t),
+        )?;
+        let all = self
+            .noise
+            .position_resolution
+            .iter()
+            .map(|v| ("position_resolution", v))
+            .chain(self.noise.position_noise.iter().map(|v| ("position_noise", v)))
+            .chain(self.noise.input_noise.iter().map(|v| ("input_noise", v)));
+        for (field, &value) in all {
+            check(
+                field,
+                "a finite number, not negative",
+                value,
+                value.is_finite() && value >= 0.0,
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// Options or a plant that projected rows cannot work with.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum ProjectedError {
+    /// An option is out of its range.
+    #[error("{field}: expected {expected}, got {got}")]
+    Value {
+        /// Name of the option.
+        field: &'static str,
+        /// What would be right.
+        expected: &'static str,
+        /// Value given.
+        got: f64,
+    },
+    /// A term is differentiated more often than the window allows.
+    #[error("equation {equation}: expected terms differentiated at most {expected} times, got {got}")]
+    Order {
+        /// Name of the equation.
+        equation: &'static str,
+        /// Highest order there is.
+        expected: usize,
+        /// Order of the equation.
+        got: usize,
+    },
+    /// The plant's equations, parameters or start values do not fit together.
+    #[error("the plant's parameters and equations do not fit together")]
+    Plant,
+}
+
+/// One window of the open block.
+#[derive(Debug, Clone, Copy)]
+struct Window {
+    /// Position of the centre in the buffers.
+    centre: usize,
+    /// Number of the centre sample on the grid.
+    number: i64,
+    start_ns: u64,
+    end_ns: u64,
+}
+
+/// The columns of one equation: a value per window each.
+#[derive(Debug, Clone)]
+struct Columns {
+    /// Y₀, Y₁, Y₂ times the input's scale; only Y₀ where the delay is not estimated.
+    input: Vec<Vec<f64>>,
+    /// The factors of the monomials.
+    factors: Vec<Vec<f64>>,
+}
+
+/// Values of one equation at one θ, for plants whose terms are no polynomials in θ.
+#[derive(Debug, Clone, Default)]
+struct Evaluated {
+    theta: Vec<f64>,
+    valid: bool,
+    /// [direction][equation][column][row]; the residual's part without the input first, then the regressors.
+    columns: [Vec<Vec<Vec<f64>>>; 2],
+    /// Scratch: a term and its derivatives in θ over the samples.
+    samples: Vec<Vec<f64>>,
+}
+
+/// Everything of a block but the estimator that the first block needs.
+#[derive(Debug, Clone)]
+struct Core<P> {
+    plant: P,
+    options: ProjectedOptions,
+    separation: Separation,
+    kernels: Kernels,
+    velocity_weights: Vec<f64>,
+    stride: i64,
+    /// Samples on either side of a centre that a window needs.
+    reach: usize,
+    /// Samples kept over the border of a block.
+    history: usize,
+    capacity: usize,
+    /// Index of the parameter that is the input's delay.
+    delay: Option<usize>,
+    // samples of the block, and of the one before as far as windows reach back
+    q: Vec<Vec<f64>>,
+    dq: Vec<Vec<f64>>,
+    /// Standard deviation of each position.
+    q_std: Vec<Vec<f64>>,
+    u: Vec<Vec<f64>>,
+    features: Vec<Vec<f64>>,
+    t_ns: Vec<u64>,
+    len: usize,
+    /// First buffer position that follows the last hole.
+    segment: usize,
+    /// Grid number of buffer position 0, for positions from `segment` on.
+    offset: i64,
+    windows: Vec<Window>,
+    // rows
+    raw: Vec<Columns>,
+    white: [Vec<Columns>; 2],
+    whitening: Vec<Whitening>,
+    evaluated: RefCell<Evaluated>,
+    // scratch of `prepare`
+    jumps: Vec<Vec<(usize, f64)>>,
+    statistic: Vec<f64>,
+    /// [2 joint + (0 position, 1 velocity)][sample]
+    partials: Vec<Vec<[f64; MAX_ORDER + 1]>>,
+    /// Σ_k w_i(k) w_j(k) for windows a number of strides apart.
+    input_overlap: Vec<f64>,
+    sensitivity: Vec<Vec<f64>>,
+}
+
+/// A block of samples as projected rows, see the module's head.
+#[derive(Debug, Clone)]
+pub struct ProjectedBlock<P: Plant> {
+    core: Core<P>,
+    /// Fits the first block of a stream for its weights.
+    first_fit: BlockEstimator,
+    first: bool,
+}
+
+impl<P: Plant + Clone> ProjectedBlock<P> {
+    /// An empty block for up to `block_len` samples; the only place that allocates.
+    ///
+    /// # Errors
+    /// Options out of range, or a plant with terms differentiated more than twice or without parameters.
+    pub fn new(plant: P, options: ProjectedOptions, block_len: usize) -> Result<Self, ProjectedError> {
+        options.validate()?;
+        let order = plant.equations().iter().map(|e| e.order).max().unwrap_or(0);
+        if let Some(equation) = plant.equations().iter().find(|e| e.order >= MAX_ORDER) {
+            return Err(ProjectedError::Order {
+                equation: equation.name,
+                expected: MAX_ORDER - 1,
+                got: equation.order,
+            });
+        }
+        let structure = structure(&plant);
+        let mut start = EstimatorOptions::recommended(
+            plant.parameters().iter().map(|p| p.start).collect(),
+            plant.equations().len(),
+        );
+        start.lower = plant.parameters().iter().map(|p| p.lower).collect();
+        start.upper = plant.parameters().iter().map(|p| p.upper).collect();
+        start.change_detection = None;
+        let first_fit = BlockEstimator::new(structure, start).map_err(|_| ProjectedError::Plant)?;
+        Ok(Self {
+            core: Core::new(plant, options, order, block_len)?,
+            first_fit,
+            first: true,
+        })
+    }
+
+    /// The plant behind the rows.
+    pub fn plant(&self) -> &P {
+        &self.core.plant
+    }
+
+    /// The options in force.
+    pub fn options(&self) -> &ProjectedOptions {
+        &self.core.options
+    }
+}
+
+impl<P: Plant> Core<P> {
+    fn new(plant: P, options: ProjectedOptions, order: usize, block_len: usize) -> Result<Self, ProjectedError> {
+        let separation = Separation::new(&plant);
+        let kernels = Kernels::new(
+            options.half(),
+            options.sample_period_s,
+            order + 1,
+            options.timing,
+            options.input_delay_s,
+        );
+        let velocity_half = options.velocity_half_width;
+        let Some(mut velocity_weights) = savitzky_golay(velocity_half, 5, 1) else {
+            return Err(ProjectedError::Value {
+                field: "velocity_half_width",
+                expected: "3 to 100",
+                got: velocity_half as f64,
+            });
+        };
+        velocity_weights.iter_mut().for_each(|w| *w /= options.sample_period_s);
+        let stride = options.stride().max(1);
+        // a velocity needs its neighbours, a jump five samples before it
+        let reach = (kernels.half + 2 * velocity_half).max(kernels.input_half + 5);
+        let history = 2 * reach + stride;
+        let capacity = history + block_len;
+        let rows = capacity / stride + 2;
+        let joints = plant.joints();
+        let delay = plant.input_delay();
+        let support = 2 * (kernels.half + velocity_half) + 1;
+        let bandwidth = (support.max(2 * kernels.input_half + 1) - 1) / stride;
+        let column = vec![0.0; rows];
+        let raw: Vec<Columns> = (0..plant.equations().len())
+            .map(|e| Columns {
+                input: vec![column.clone(); if delay.is_some() { 3 } else { 1 }],
+                factors: vec![column.clone(); separation.equations[e].as_ref().map_or(0, |p| p.monomials.len())],
+            })
+            .collect();
+        let general = |e: usize| separation.equations[e].is_none();
+        let widest = (0..plant.equations().len())
+            .filter(|&e| general(e))
+            .map(|e| plant.equations()[e].parameters.len() + 1)
+            .max();
+        let evaluated_columns: Vec<Vec<Vec<f64>>> = (0..plant.equations().len())
+            .map(|e| match general(e) {
+                true => vec![column.clone(); plant.equations()[e].parameters.len() + 1],
+                false => Vec::new(),
+            })
+            .collect();
+        let evaluated = Evaluated {
+            theta: vec![0.0; plant.parameters().len()],
+            valid: false,
+            columns: [evaluated_columns.clone(), evaluated_columns],
+            samples: vec![vec![0.0; capacity]; widest.map_or(0, |columns| columns * (MAX_ORDER + 1))],
+        };
+        let buffers = |count: usize| vec![vec![0.0; capacity]; count];
+        Ok(Self {
+            q: buffers(joints),
+            dq: buffers(joints),
+            q_std: buffers(joints),
+            u: buffers(joints),
+            features: buffers(separation.features),
+            t_ns: vec![0; capacity],
+            len: 0,
+            segment: 0,
+            offset: 0,
+            windows: Vec::with_capacity(rows),
+            white: [raw.clone(), raw.clone()],
+            raw,
+            whitening: vec![Whitening::new(rows, bandwidth); plant.equations().len()],
+            evaluated: RefCell::new(evaluated),
+            jumps: vec![Vec::with_capacity(capacity); joints],
+            statistic: Vec::with_capacity(capacity),
+            partials: vec![vec![[0.0; MAX_ORDER + 1]; capacity]; 2 * joints],
+            input_overlap: (0..=bandwidth)
+                .map(|lag| {
+                    let w = &kernels.input[0];
+                    w.get(lag * stride..).map_or(0.0, |shifted| dot(w, shifted))
+                })
+                .collect(),
+            sensitivity: vec![vec![0.0; support * joints]; bandwidth + 1],
+            separation,
+            kernels,
+            velocity_weights,
+            stride: stride as i64,
+            reach,
+            history,
+            capacity,
+            delay,
+            plant,
+            options,
+        })
+    }
+
+    fn reset(&mut self) {
+        self.len = 0;
+        self.segment = 0;
+        self.windows.clear();
+    }
+
+    fn push(&mut self, t_ns: u64, sample: &JointSample) -> bool {
+        if self.len == self.capacity {
+            return false;
+        }
+        let period_ns = self.options.sample_period_s * 1e9;
+        let at = self.len;
+        if at == 0 {
+            self.offset = (t_ns as f64 / period_ns).round() as i64;
+            self.segment = 0;
+        } else {
+            let last_ns = self.t_ns[at - 1];
+            let periods = (t_ns as f64 - last_ns as f64) / period_ns;
+            if !(0.5..1.5).contains(&periods) {
+                // a hole, or a clock that went back
+                self.segment = at;
+                self.offset += (periods.round() as i64 - 1).max(0);
+            }
+        }
+        for joint in 0..self.q.len() {
+            self.q[joint][at] = sample.q[joint];
+            self.u[joint][at] = sample.input[joint];
+        }
+        self.t_ns[at] = t_ns;
+        self.len += 1;
+
+        let velocity_half = self.options.velocity_half_width;
+        if self.len > self.segment + 2 * velocity_half {
+            self.differentiate(at - velocity_half);
+        }
+        if self.len > self.segment + 2 * self.reach {
+            let centre = at - self.reach;
+            let number = self.offset + centre as i64;
+            if number.rem_euclid(self.stride) == 0 && self.windows.len() < self.windows.capacity() {
+                self.windows.push(Window {
+                    centre,
+                    number,
+                    start_ns: self.t_ns[centre - self.kernels.half],
+                    end_ns: self.t_ns[centre + self.kernels.half],
+                });
+            }
+        }
+        true
+    }
+
+    /// Velocity, noise and features of a sample whose neighbours are known.
+    fn differentiate(&mut self, at: usize) {
+        let velocity_half = self.options.velocity_half_width;
+        let noise = &self.options.noise;
+        let mut q = [0.0; MAX_JOINTS];
+        let mut dq = [0.0; MAX_JOINTS];
+        for joint in 0..self.q.len() {
+            let neighbours = &self.q[joint][at - velocity_half..=at + velocity_half];
+            q[joint] = self.q[joint][at];
+            dq[joint] = dot(&self.velocity_weights, neighbours);
+            self.dq[joint][at] = dq[joint];
+            let resolution = noise.position_resolution[joint];
+            let creep = CREEP * resolution / (dq[joint].abs() * self.options.sample_period_s);
+            // 0/0 of a joint without quantisation counts for nothing
+            let inflation = if resolution > 0.0 {
+                creep.clamp(1.0, CREEP_LIMIT)
+            } else {
+                1.0
+            };
+            let variance = noise.position_noise[joint].powi(2) + resolution * resolution / 12.0 * inflation;
+            self.q_std[joint][at] = variance.sqrt();
+        }
+        let features = &mut self.features;
+        self.separation
+            .extract(&self.plant, &q, &dq, |feature, value| features[feature][at] = value);
+    }
+
+    /// Keeps what the next block's windows reach back to.
+    fn clear(&mut self) {
+        let kept = (self.len - self.segment).min(self.history);
+        let from = self.len - kept;
+        for buffer in [
+            &mut self.q,
+            &mut self.dq,
+            &mut self.q_std,
+            &mut self.u,
+            &mut self.features,
+        ] {
+            for values in buffer {
+                values.copy_within(from..from + kept, 0);
+            }
+        }
+        self.t_ns.copy_within(from..from + kept, 0);
+        self.offset += from as i64;
+        self.segment = 0;
+        self.len = kept;
+        self.windows.clear();
+        self.evaluated.get_mut().valid = false;
+    }
+
+    /// Projects the block and whitens its rows by the noise at θ.
+    fn project(&mut self) {
+        if self.options.timing == InputTiming::Continuous {
+            for joint in 0..self.q.len() {
+                self.find_jumps(joint);
+            }
+        }
+        for e in 0..self.raw.len() {
+            let form = &self.plant.equations()[e];
+            let (input, scale) = (form.input, form.input_scale);
+            let polynomial = self.separation.equations[e].as_ref();
+            let kernels = &self.kernels;
+            let columns = &mut self.raw[e];
+            for (row, window) in self.windows.iter().enumerate() {
+                let from = window.centre - kernels.input_half;
+                let u = &self.u[input][from..=window.centre + kernels.input_half];
+                for (r, column) in columns.input.iter_mut().enumerate() {
+                    let mut sum = dot(&kernels.input[r], u);
+                    for &(at, size) in jumps_within(&self.jumps[input], from, u.len()) {
+                        sum += kernels.jump[r][at - from] * size;
+                    }
+                    column[row] = scale * sum;
+                }
+                let Some(polynomial) = polynomial else { continue };
+                for column in &mut columns.factors {
+                    column[row] = 0.0;
+                }
+                let span = window.centre - kernels.half..window.centre + kernels.half + 1;
+                for term in &polynomial.velocity {
+                    let weights = &kernels.position[term.derivative + 1];
+                    columns.factors[term.monomial][row] +=
+                        term.coefficient * dot(weights, &self.q[term.joint][span.clone()]);
+                }
+                for term in &polynomial.features {
+                    columns.factors[term.monomial][row] += dot(
+                        &kernels.position[term.derivative],
+                        &self.features[term.feature][span.clone()],
+                    );
+                }
+            }
+        }
+    }
+
+    /// Finds the jumps of an input within the block and their sizes.
+    ///
+    /// With d_k = u_k − u_{k−1} and e_k = d_k − (d_{k−1} + d_{k+1})/2 a jump Δ at t_k gives e = (−Δ/2, Δ, −Δ/2) around k, white noise a variance of
+    /// 5 σ_u², and a smooth input next to nothing, of slowly varying sign. j_k = (e_k − (e_{k−1} + e_{k+1})/2)/1.5 tells them apart best.
+    fn find_jumps(&mut self, joint: usize) {
+        let (u, len) = (&self.u[joint][..self.len], self.len);
+        let jumps = &mut self.jumps[joint];
+        jumps.clear();
+        if len < 9 {
+            return;
+        }
+        let e = |k: usize| 1.5 * (u[k] - u[k - 1]) - 0.5 * (u[k + 1] - u[k - 2]);
+        let contrast = |k: usize| (e(k) - 0.5 * (e(k - 1) + e(k + 1))) / 1.5;
+        let candidates = 5..len - 2;
+        self.statistic.clear();
+        self.statistic.extend(candidates.clone().map(|k| contrast(k).abs()));
+        let middle = self.statistic.len() / 2;
+        let (_, median, _) = self.statistic.select_nth_unstable_by(middle, f64::total_cmp);
+        let noise = self.options.noise.input_noise[joint];
+        // the variance of j is 7 σ_u², and a median of 0.67 standard deviations
+        let threshold = (8.0 * 7f64.sqrt() * noise).max(12.0 * *median).max(f64::MIN_POSITIVE);
+        for k in candidates {
+            let here = e(k);
+            let shape = (e(k - 1) + 0.5 * here).abs() + (e(k + 1) + 0.5 * here).abs();
+            if contrast(k).abs() > threshold && shape < 0.5 * here.abs() {
+                // without noise the left limit is extrapolated, which is exact for polynomials of degree 4
+                let left = 5.0 * (u[k - 1] - u[k - 4]) - 10.0 * (u[k - 2] - u[k - 3]) + u[k - 5];
+                jumps.push((k, if noise > 0.0 { here } else { u[k] - left }));
+            }
+        }
+    }
+
+    /// Makes R at θ and whitens the rows by it.
+    fn weigh(&mut self, theta: &[f64]) {
+        for e in 0..self.raw.len() {
+            self.differentiate_terms(e, theta);
+            self.covariance(e, theta);
+            self.whitening[e].factor();
+            let rows = self.windows.len();
+            for (direction, white) in [Direction::Forward, Direction::Backward]
+                .into_iter()
+                .zip(&mut self.white)
+            {
+                let (raw, white) = (&self.raw[e], &mut white[e]);
+                let columns = white.input.iter_mut().chain(&mut white.factors);
+                for (white, raw) in columns.zip(raw.input.iter().chain(&raw.factors)) {
+                    white[..rows].copy_from_slice(&raw[..rows]);
+                    self.whitening[e].apply(direction, &mut white[..rows]);
+                }
+            }
+        }
+        self.evaluated.get_mut().valid = false;
+    }
+
+    /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at every sample that a window holds.
+    fn differentiate_terms(&mut self, e: usize, theta: &[f64]) {
+        let (Some(first), Some(last)) = (self.windows.first(), self.windows.last()) else {
+            return;
+        };
+        let span = first.centre - self.kernels.half..last.centre + self.kernels.half + 1;
+        let joints = self.q.len();
+        let sensitivity = &self.separation.sensitivities[e];
+        let kinds = [(&sensitivity.position, false), (&sensitivity.velocity, true)];
+        for (joint, velocity) in kinds.into_iter().flat_map(|(js, v)| js.iter().map(move |&j| (j, v))) {
+            // what is linear in the velocity is not in the features, and its noise enters by way of the position
+            let mut linear = [0.0; MAX_ORDER + 1];
+            if let (true, Some(polynomial)) = (velocity, &self.separation.equations[e]) {
+                for term in polynomial.velocity.iter().filter(|term| term.joint == joint) {
+                    linear[term.derivative] += polynomial.monomials[term.monomial].value(theta) * term.coefficient;
+                }
+            }
+            for at in span.clone() {
+                let mut q = [0.0; MAX_JOINTS];
+                let mut dq = [0.0; MAX_JOINTS];
+                for j in 0..joints {
+                    (q[j], dq[j]) = (self.q[j][at], self.dq[j][at]);
+                }
+                let mut slopes = partials(&self.plant, e, &q, &dq, theta, joint, velocity);
+                for (slope, linear) in slopes.iter_mut().zip(&linear) {
+                    // a kink or a pole of the model must not spoil the weights
+                    *slope = if slope.is_finite() { *slope - linear } else { 0.0 };
+                }
+                self.partials[2 * joint + usize::from(velocity)][at] = slopes;
+            }
+        }
+    }
+
+    /// R of one equation, lower band.
+    fn covariance(&mut self, e: usize, theta: &[f64]) {
+        let form = &self.plant.equations()[e];
+        let (input, scale, order) = (form.input, form.input_scale, form.order);
+        let kernels = &self.kernels;
+        let velocity_half = self.options.velocity_half_width;
+        let support = 2 * (kernels.half + velocity_half) + 1;
+        let joints = self.q.len();
+        let sensitivity = &self.separation.sensitivities[e];
+        let polynomial = self.separation.equations[e].as_ref();
+        let slots = self.sensitivity.len();
+        let u = &self.u[input][..self.len];
+        let mean_square = dot(u, u) / self.len.max(1) as f64;
+        // exact signals are exact to rounding and quadrature only
+        let input_variance = self.options.noise.input_noise[input].powi(2) + EXACT * EXACT * mean_square.max(EXACT);
+        let whitening = &mut self.whitening[e];
+        whitening.begin(self.windows.len());
+        for (i, window) in self.windows.iter().enumerate() {
+            // c_i, times the deviation of each position
+            let c = &mut self.sensitivity[i % slots];
+            c.fill(0.0);
+            let first = window.centre - kernels.half;
+            if let Some(polynomial) = polynomial {
+                for term in &polynomial.velocity {
+                    let factor = polynomial.monomials[term.monomial].value(theta) * term.coefficient;
+                    let own = &mut c[term.joint * support + velocity_half..];
+                    for (c, weight) in own.iter_mut().zip(&kernels.position[term.derivative + 1]) {
+                        *c += factor * weight;
+                    }
+                }
+            }
+            for &joint in &sensitivity.position {
+                let own = &mut c[joint * support + velocity_half..];
+                let slopes = &self.partials[2 * joint][first..];
+                for k in 0..=2 * kernels.half {
+                    own[k] += (0..=order).map(|d| kernels.position[d][k] * slopes[k][d]).sum::<f64>();
+                }
+            }
+            for &joint in &sensitivity.velocity {
+                let slopes = &self.partials[2 * joint + 1][first..];
+                let own = &mut c[joint * support..(joint + 1) * support];
+                for k in 0..=2 * kernels.half {
+                    let at_k: f64 = (0..=order).map(|d| kernels.position[d][k] * slopes[k][d]).sum();
+                    // the transposed velocity filter
+                    for (c, weight) in own[k..].iter_mut().zip(&self.velocity_weights) {
+                        *c += weight * at_k;
+                    }
+                }
+            }
+            for joint in 0..joints {
+                let deviations = &self.q_std[joint][first - velocity_half..];
+                let own = &mut c[joint * support..(joint + 1) * support];
+                own.iter_mut()
+                    .zip(deviations)
+                    .for_each(|(c, deviation)| *c *= deviation);
+            }
+
+            let from = window.centre - kernels.input_half;
+            let jumps = jumps_within(&self.jumps[input], from, 2 * kernels.input_half + 1);
+            for lag in 0..slots.min(i + 1) {
+                let earlier = self.windows[i - lag];
+                let distance = (window.number - earlier.number) as usize;
+                let strides = distance / self.stride as usize;
+                let mut sum = self.input_overlap.get(strides).unwrap_or(&0.0) * scale * scale * input_variance;
+                if distance < support {
+                    let (a, b) = (&self.sensitivity[i % slots], &self.sensitivity[(i - lag) % slots]);
+                    for joint in 0..joints {
+                        let (a, b) = (
+                            &a[joint * support..],
+                            &b[joint * support + distance..(joint + 1) * support],
+                        );
+                        sum += dot(&a[..support - distance], b);
+                    }
+                }
+                if strides < slots && !jumps.is_empty() {
+                    let earlier_from = earlier.centre - kernels.input_half;
+                    for &(at, size) in jumps {
+                        let Some(weight) = kernels.jump[0].get(at - earlier_from) else {
+                            continue;
+                        };
+                        let noise = self.options.noise.input_noise[input];
+                        let relative = if noise > 0.0 { 1e-3 } else { 1e-5 };
+                        let variance = 5.0 * noise * noise + (relative * size) * (relative * size);
+                        sum += scale * scale * kernels.jump[0][at - from] * weight * variance;
+                    }
+                }
+                whitening.add(i, lag, sum);
+            }
+        }
+    }
+
+    /// Residual without the input and regressors of every row at θ, for equations whose terms are no polynomials in θ.
+    fn evaluate(&self, theta: &[f64], evaluated: &mut Evaluated) {
+        evaluated.theta.copy_from_slice(theta);
+        evaluated.valid = true;
+        let (Some(first), Some(last)) = (self.windows.first(), self.windows.last()) else {
+            return;
+        };
+        let half = self.kernels.half;
+        let span = first.centre - half..last.centre + half + 1;
+        let joints = self.q.len();
+        for e in (0..self.raw.len()).filter(|&e| self.separation.equations[e].is_none()) {
+            let form = &self.plant.equations()[e];
+            let terms = form.order + 1;
+            let mut dual_theta = [Dual64::from_re(0.0); MAX_PARAMS];
+            for (dual, &value) in dual_theta.iter_mut().zip(theta) {
+                dual.re = value;
+            }
+            for at in span.clone() {
+                let mut q = [Dual64::from_re(0.0); MAX_JOINTS];
+                let mut dq = [Dual64::from_re(0.0); MAX_JOINTS];
+                for j in 0..joints {
+                    (q[j].re, dq[j].re) = (self.q[j][at], self.dq[j][at]);
+                }
+                for (slot, parameter) in form.parameters.clone().enumerate() {
+                    dual_theta[parameter].eps = 1.0;
+                    let mut g = [Dual64::from_re(0.0); MAX_ORDER + 1];
+                    self.plant.terms(
+                        e,
+                        &q[..joints],
+                        &dq[..joints],
+                        &dual_theta[..theta.len()],
+                        &mut g[..terms],
+                    );
+                    dual_theta[parameter].eps = 0.0;
+                    for d in 0..terms {
+                        evaluated.samples[d][at] = g[d].re;
+                        evaluated.samples[(slot + 1) * terms + d][at] = g[d].eps;
+                    }
+                }
+            }
+            for column in 0..=form.parameters.len() {
+                for (row, window) in self.windows.iter().enumerate() {
+                    let span = window.centre - half..window.centre + half + 1;
+                    let sum: f64 = (0..terms)
+                        .map(|d| {
+                            dot(
+                                &self.kernels.position[d],
+                                &evaluated.samples[column * terms + d][span.clone()],
+                            )
+                        })
+                        .sum();
+                    evaluated.columns.iter_mut().for_each(|c| c[e][column][row] = sum);
+                }
+                for (direction, columns) in [Direction::Forward, Direction::Backward]
+                    .into_iter()
+                    .zip(&mut evaluated.columns)
+                {
+                    self.whitening[e].apply(direction, &mut columns[e][column][..self.windows.len()]);
+                }
+            }
+        }
+    }
+
+    /// A whitened row, see [`Residuals::row`].
+    fn white_row(&self, direction: Direction, e: usize, row: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        let columns = &self.white[direction as usize][e];
+        let first = self.plant.equations()[e].parameters.start;
+        regressor.fill(0.0);
+        let mut f = columns.input[0][row];
+        if let (Some(delay), [_, y1, y2]) = (self.delay, columns.input.as_slice()) {
+            // Y(ε) = Y₀ + ε Y₁ + ε²/2 Y₂, ε beyond the configured delay; the regressor is −∂f/∂ε
+            let more = theta[delay] - self.options.input_delay_s;
+            f += more * (y1[row] + 0.5 * more * y2[row]);
+            regressor[delay - first] = -(y1[row] + more * y2[row]);
+        }
+        match &self.separation.equations[e] {
+            Some(Polynomial { monomials, .. }) => {
+                for (monomial, factors) in monomials.iter().zip(&columns.factors) {
+                    let z = factors[row];
+                    match *monomial {
+                        Monomial::One => f -= z,
+                        Monomial::Linear(i) => {
+                            f -= z * theta[i];
+                            regressor[i - first] += z;
+                        }
+                        Monomial::Product(i, j) => {
+                            f -= z * theta[i] * theta[j];
+                            regressor[i - first] += z * theta[j];
+                            regressor[j - first] += z * theta[i];
+                        }
+                    }
+                }
+            }
+            None => {
+                let mut evaluated = self.evaluated.borrow_mut();
+                if !evaluated.valid || evaluated.theta != theta {
+                    self.evaluate(theta, &mut evaluated);
+                }
+                let columns = &evaluated.columns[direction as usize][e];
+                f -= columns[0][row];
+                for (slot, column) in columns[1..].iter().enumerate() {
+                    regressor[slot] += column[row];
+                }
+            }
+        }
+        f
+    }
+}
+
+/// The jumps at buffer positions `from..from + len`.
+fn jumps_within(jumps: &[(usize, f64)], from: usize, len: usize) -> &[(usize, f64)] {
+    let start = jumps.partition_point(|jump| jump.0 < from);
+    let end = jumps.partition_point(|jump| jump.0 < from + len);
+    &jumps[start..end]
+}
+
+impl<P: Plant> Residuals for Core<P> {
+    fn len(&self) -> usize {
+        self.windows.len()
+    }
+
+    #[inline]
+    fn row(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        self.white_row(Direction::Forward, equation, index, theta, regressor)
+    }
+
+    fn span(&self, index: usize) -> (u64, u64) {
+        (self.windows[index].start_ns, self.windows[index].end_ns)
+    }
+
+    fn row_backward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        self.white_row(Direction::Backward, equation, index, theta, regressor)
+    }
+}
+
+impl<P: Plant> Residuals for ProjectedBlock<P> {
+    fn len(&self) -> usize {
+        self.core.len()
+    }
+
+    #[inline]
+    fn row(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        self.core.row(equation, index, theta, regressor)
+    }
+
+    fn span(&self, index: usize) -> (u64, u64) {
+        self.core.span(index)
+    }
+
+    fn row_backward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        self.core.row_backward(equation, index, theta, regressor)
+    }
+}
+
+impl<P: Plant> SampleBlock for ProjectedBlock<P> {
+    fn push(&mut self, t_ns: u64, sample: &JointSample) -> bool {
+        self.core.push(t_ns, sample)
+    }
+
+    fn prepare(&mut self, theta: &[f64]) {
+        self.core.project();
+        self.core.weigh(theta);
+        if self.first && !self.core.windows.is_empty() {
+            self.first = false;
+            self.first_fit.update(&self.core);
+            self.core.weigh(self.first_fit.theta());
+        }
+    }
+
+    fn clear(&mut self) {
+        self.core.clear();
+    }
+
+    fn reset(&mut self) {
+        self.core.reset();
+    }
+}

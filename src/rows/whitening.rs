@@ -1,0 +1,186 @@
+//! Whitening of overlapping rows: r ← L⁻¹ r with R = L Lᵀ the covariance of their noise.
+//!
+//! Neighbouring windows share samples, so the noise of their rows is correlated; a least squares fit that takes them for independent reports
+//! deviations that are too small. R is banded, because windows that do not overlap share nothing, and known up to scale, because the sensors are.
+//!
+//! Forward whitening makes row i of windows 0..=i, backward whitening of windows i..n (R = Uᵀ-type factor of the reversed order); rᵀR⁻¹r is the
+//! same. Sums over the start of a block need the former, sums over its end the latter.
+
+/// Symmetric banded matrix, and its two factors.
+#[derive(Debug, Clone)]
+pub(super) struct Whitening {
+    bandwidth: usize,
+    rows: usize,
+    /// R_{i, i−lag} at i (bandwidth + 1) + lag.
+    band: Vec<f64>,
+    forward: Vec<f64>,
+    backward: Vec<f64>,
+}
+
+/// Which way the whitening runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Direction {
+    Forward,
+    Backward,
+}
+
+impl Whitening {
+    /// Room for `capacity` rows that correlate over at most `bandwidth` neighbours.
+    pub fn new(capacity: usize, bandwidth: usize) -> Self {
+        let room = capacity * (bandwidth + 1);
+        Self {
+            bandwidth,
+            rows: 0,
+            band: vec![0.0; room],
+            forward: vec![0.0; room],
+            backward: vec![0.0; room],
+        }
+    }
+
+    /// Begins a matrix of `rows` rows, all zero.
+    pub fn begin(&mut self, rows: usize) {
+        self.rows = rows;
+        self.band[..rows * (self.bandwidth + 1)].fill(0.0);
+    }
+
+    /// Adds to R_{i, i−lag}; ignored beyond the band.
+    #[inline]
+    pub fn add(&mut self, i: usize, lag: usize, value: f64) {
+        if lag <= self.bandwidth && lag <= i {
+            self.band[i * (self.bandwidth + 1) + lag] += value;
+        }
+    }
+
+    /// Factors R both ways. Where it is not positive definite its diagonal alone is used; a row without noise is left as it is.
+    pub fn factor(&mut self) {
+        let (n, width) = (self.rows, self.bandwidth + 1);
+        let forward = |i: usize, lag: usize| self.band[i * width + lag];
+        // pair (i, i + lag) of the reversed order
+        let backward = |i: usize, lag: usize| self.band[(n - 1 - i + lag) * width + lag];
+        if !(cholesky(n, self.bandwidth, forward, &mut self.forward)
+            && cholesky(n, self.bandwidth, backward, &mut self.backward))
+        {
+            let diagonal = |target: &mut Vec<f64>, at: &dyn Fn(usize) -> f64| {
+                target[..n * width].fill(0.0);
+                for i in 0..n {
+                    let variance = at(i);
+                    target[i * width] = if variance > 0.0 && variance.is_finite() {
+                        variance.sqrt()
+                    } else {
+                        1.0
+                    };
+                }
+            };
+            let band = &self.band;
+            diagonal(&mut self.forward, &|i| band[i * width]);
+            diagonal(&mut self.backward, &|i| band[(n - 1 - i) * width]);
+        }
+    }
+
+    /// Whitens a column of `rows` values in place.
+    pub fn apply(&self, direction: Direction, column: &mut [f64]) {
+        let (n, width) = (self.rows, self.bandwidth + 1);
+        match direction {
+            Direction::Forward => {
+                for i in 0..n {
+                    let l = &self.forward[i * width..(i + 1) * width];
+                    let mut v = column[i];
+                    for lag in 1..width.min(i + 1) {
+                        v -= l[lag] * column[i - lag];
+                    }
+                    column[i] = v / l[0];
+                }
+            }
+            Direction::Backward => {
+                for i in 0..n {
+                    let l = &self.backward[i * width..(i + 1) * width];
+                    let at = n - 1 - i;
+                    let mut v = column[at];
+                    for lag in 1..width.min(i + 1) {
+                        v -= l[lag] * column[at + lag];
+                    }
+                    column[at] = v / l[0];
+                }
+            }
+        }
+    }
+}
+
+/// Banded Cholesky factor; false where a pivot is not positive beyond rounding.
+fn cholesky(n: usize, bandwidth: usize, matrix: impl Fn(usize, usize) -> f64, factor: &mut [f64]) -> bool {
+    let width = bandwidth + 1;
+    for i in 0..n {
+        for lag in (0..=bandwidth.min(i)).rev() {
+            let j = i - lag;
+            let mut v = matrix(i, lag);
+            // Σ_k L_ik L_jk over k < j that both reach
+            for k in i.saturating_sub(bandwidth).max(j.saturating_sub(bandwidth))..j {
+                v -= factor[i * width + i - k] * factor[j * width + j - k];
+            }
+            if lag > 0 {
+                factor[i * width + lag] = v / factor[j * width];
+            } else if v > 1e-13 * matrix(i, 0) {
+                factor[i * width] = v.sqrt();
+            } else {
+                return false;
+            }
+        }
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_both_directions_give_the_generalised_sum_of_squares() {
+        let n = 12;
+        let mut whitening = Whitening::new(n, 3);
+        whitening.begin(n);
+        let r = |i: usize, j: usize| match i.abs_diff(j) {
+            0 => 2.0 + 0.1 * i as f64,
+            1 => -0.7,
+            2 => 0.3,
+            3 => 0.1,
+            _ => 0.0,
+        };
+        for i in 0..n {
+            for lag in 0..=3.min(i) {
+                whitening.add(i, lag, r(i, i - lag));
+            }
+        }
+        whitening.factor();
+        let x: Vec<f64> = (0..n).map(|i| (i as f64 * 1.3).sin()).collect();
+        let matrix = nalgebra::DMatrix::from_fn(n, n, r);
+        let vector = nalgebra::DVector::from_column_slice(&x);
+        let wanted = vector.dot(&matrix.lu().solve(&vector).unwrap());
+        for direction in [Direction::Forward, Direction::Backward] {
+            let mut y = x.clone();
+            whitening.apply(direction, &mut y);
+            let sum: f64 = y.iter().map(|v| v * v).sum();
+            // a dozen rows of a well-conditioned matrix
+            assert!((sum / wanted - 1.0).abs() < 1e-13, "{direction:?}");
+        }
+        // a change of the last value changes only the last forward row, and no backward row but all before it
+        let mut changed = x.clone();
+        changed[n - 1] += 1.0;
+        let (mut a, mut b) = (x, changed);
+        whitening.apply(Direction::Forward, &mut a);
+        whitening.apply(Direction::Forward, &mut b);
+        assert_eq!(a[..n - 1], b[..n - 1]);
+    }
+
+    #[test]
+    fn fault_a_matrix_that_is_not_positive_definite_falls_back_to_its_diagonal() {
+        let mut whitening = Whitening::new(2, 1);
+        whitening.begin(2);
+        whitening.add(0, 0, 4.0);
+        whitening.add(1, 0, 0.0);
+        whitening.add(1, 1, 9.0);
+        whitening.factor();
+        let mut column = [2.0, 5.0];
+        whitening.apply(Direction::Forward, &mut column);
+        assert_eq!(column, [1.0, 5.0]);
+    }
+}

@@ -146,6 +146,9 @@ impl Check<'_> {
                     }
                     ("estimator", "lower" | "upper") => ("estimator.bounds", form.estimator.bounds.as_str(), "listed"),
                     ("estimator", "huber_limit") => ("estimator.outliers", form.estimator.outliers.as_str(), "huber"),
+                    ("estimator", "false_alarm_rate" | "change_margin_s") if !form.estimator.change_detection => {
+                        ("estimator.change_detection", "false", "true")
+                    }
                     ("estimator", "gate_limit") => ("estimator.outliers", form.estimator.outliers.as_str(), "gate"),
                     _ => {
                         let kind = section.strip_prefix("plant.setpoint.")?;
@@ -340,7 +343,8 @@ fn estimator(form: &FileForm, model: &ModelConfig, check: &mut Check<'_>) -> Opt
         },
         change_detection: section.change_detection.then(|| ChangeDetection {
             false_alarm_rate: section.false_alarm_rate,
-            ..ChangeDetection::default()
+            // Rows state their span in nanoseconds.
+            margin: (section.change_margin_s * 1e9).round() as u64,
         }),
     };
     if let Err(error) = options.validate(&structure) {

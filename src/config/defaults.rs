@@ -160,6 +160,7 @@ impl Default for FileForm {
                 gate_limit: 6.0,
                 change_detection: false,
                 false_alarm_rate: ChangeDetection::default().false_alarm_rate,
+                change_margin_s: 0.0,
             },
             monitor: schema::Monitor { out_dir: None },
         }

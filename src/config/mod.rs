@@ -37,6 +37,7 @@ use toml::Value;
 const EMBEDDED: &[(&str, &str)] = &[
     ("default", include_str!("../../config/default.toml")),
     ("cedro2022", include_str!("../../config/cedro2022.toml")),
+    ("cedro2022_best", include_str!("../../config/cedro2022_best.toml")),
 ];
 
 /// How samples are delivered.

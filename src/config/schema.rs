@@ -358,6 +358,8 @@ sections! {
             "Look for sudden changes of the plant, locate them in the block and follow them";
         false_alarm_rate: f64, Kind::Real(Interval::above(0.0, 0.1)), "",
             "Probability that a block of an unchanged plant raises an alarm";
+        change_margin_s: f64, Kind::Real(Interval::closed(0.0, 60.0)), "s",
+            "After a located change so much more is left out, for rows that the change itself has smeared; 0 for exact signals";
     }
     monitor: Monitor = "monitor", "What is kept of a run" {
         out_dir: Option<String>, Kind::Path, "",

@@ -432,10 +432,16 @@ impl BlockEstimator {
         };
         (self.report.iterations, self.report.converged) = (0, true);
         for (k, group) in self.groups.iter_mut().enumerate() {
+            let range = from..rows.len();
             if joined >> k & 1 == 0 {
+                // the plant changed for this group, too, though it shows no sign of it: what came before says nothing any more
+                if change.kind == ChangeKind::Within {
+                    group.evaluate_at(rows, range.clone(), &self.theta);
+                    let fit = group.fit(rows, range, &mut self.theta, &self.options);
+                    note(&mut self.report, fit);
+                }
                 continue;
             }
-            let range = from..rows.len();
             group.set_losses(false, &self.options);
             group.evaluate_at(rows, range.clone(), &self.theta);
             match change.kind {

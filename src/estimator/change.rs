@@ -29,13 +29,13 @@
 //! later one anew until τ stays. Where a straight line θ(t) through the block costs less than the cut, the plant drifts: the
 //! block is used as a whole and its movement is expected of the next ones.
 
-use super::Residuals;
 use super::fit::Fit;
 use super::group::{GroupState, TINY};
 use super::linalg::{dot, gather, mul_vec};
 use super::options::{EstimatorOptions, Outliers};
 use super::pass::{Loss, Sums, accumulate};
 use super::stats::f_tail;
+use super::{Forward, Residuals};
 use std::ops::Range;
 
 /// How much wider than stated the start value is taken to be, in variance.
@@ -301,16 +301,12 @@ impl GroupState {
             if !part.is_empty() {
                 for (e, sums) in self.equations.iter().zip(&mut self.trial) {
                     let weight = variance / e.variance.max(TINY);
-                    accumulate(
-                        rows,
-                        e.index,
-                        part.clone(),
-                        theta,
-                        e.own.clone(),
-                        e.divisor,
-                        e.loss,
-                        sums,
-                    );
+                    let (part, own) = (part.clone(), e.own.clone());
+                    if after {
+                        accumulate(rows, e.index, part, theta, own, e.divisor, e.loss, sums);
+                    } else {
+                        accumulate(&Forward(rows), e.index, part, theta, own, e.divisor, e.loss, sums);
+                    }
                     total += weight * sums.cost;
                     let p = sums.params;
                     for i in 0..p {

@@ -106,13 +106,28 @@ pub trait Residuals {
     fn span(&self, index: usize) -> (u64, u64) {
         (index as u64, index as u64)
     }
-    /// The row of a whitening that runs backwards in time, for sums over the end of a block.
+    /// The row of a whitening that runs forwards in time, for sums over the start of a block.
     ///
-    /// Overlapping rows are whitened: row `index` of [`row`](Self::row) depends on the windows `0..=index` only, so that a sum from
-    /// the start up to any row is the cost of these windows alone. Here row `index` depends on the windows `index..len()` only, so that a
-    /// sum from any row to the end is the cost of the windows from there on, with nothing from before a change. Sums over the whole
-    /// block are equal. The same as `row` where rows do not overlap.
-    fn row_backward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+    /// Overlapping rows are whitened: row `index` of [`row`](Self::row) depends on the windows `index..len()` only, so that a sum from any
+    /// row to the end is the cost of these windows alone, with nothing from before a change. Here row `index` depends on the windows
+    /// `0..=index` only, so that a sum from the start up to any row is theirs alone. Sums over the whole block are equal. The same as `row`
+    /// where rows do not overlap.
+    fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
         self.row(equation, index, theta, regressor)
+    }
+}
+
+/// The rows of a block in their forward form.
+struct Forward<'a, R>(&'a R);
+
+impl<R: Residuals> Residuals for Forward<'_, R> {
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+    fn row(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        self.0.row_forward(equation, index, theta, regressor)
+    }
+    fn span(&self, index: usize) -> (u64, u64) {
+        self.0.span(index)
     }
 }

@@ -862,15 +862,15 @@ impl<P: Plant> Residuals for Core<P> {
 
     #[inline]
     fn row(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
-        self.white_row(Direction::Forward, equation, index, theta, regressor)
+        self.white_row(Direction::Backward, equation, index, theta, regressor)
     }
 
     fn span(&self, index: usize) -> (u64, u64) {
         (self.windows[index].start_ns, self.windows[index].end_ns)
     }
 
-    fn row_backward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
-        self.white_row(Direction::Backward, equation, index, theta, regressor)
+    fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        self.white_row(Direction::Forward, equation, index, theta, regressor)
     }
 }
 
@@ -888,8 +888,8 @@ impl<P: Plant> Residuals for ProjectedBlock<P> {
         self.core.span(index)
     }
 
-    fn row_backward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
-        self.core.row_backward(equation, index, theta, regressor)
+    fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        self.core.row_forward(equation, index, theta, regressor)
     }
 }
 

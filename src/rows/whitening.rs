@@ -4,7 +4,7 @@
 //! deviations that are too small. R is banded, because windows that do not overlap share nothing, and known up to scale, because the sensors are.
 //!
 //! Forward whitening makes row i of windows 0..=i, backward whitening of windows i..n (R = Uᵀ-type factor of the reversed order); rᵀR⁻¹r is the
-//! same. Sums over the start of a block need the former, sums over its end the latter.
+//! same. Sums over the start of a block need the former; the latter serves sums over its end, and so every fit.
 
 /// Symmetric banded matrix, and its two factors.
 #[derive(Debug, Clone)]

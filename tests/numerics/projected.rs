@@ -72,6 +72,9 @@ fn estimator_options(plant: &impl Plant, theta_start: Vec<f64>) -> EstimatorOpti
     options.lower = plant.parameters().iter().map(|p| p.lower).collect();
     options.upper = plant.parameters().iter().map(|p| p.upper).collect();
     options.forgetting_factor = 0.98;
+    if let Some(detection) = &mut options.change_detection {
+        detection.margin = 40_000_000;
+    }
     options
 }
 

@@ -1,0 +1,89 @@
+//! The step sample → estimate, after construction: what it may not do.
+//!
+//! A test binary of its own, because the counting allocator is global.
+
+#![cfg(feature = "sim")]
+
+use thetabus::estimator::{BlockEstimator, EstimatorOptions};
+use thetabus::messages::{Estimate, Sample, signals};
+use thetabus::model::{KnownConstants, Manipulator, ManipulatorDerived, Plant};
+use thetabus::node::identifier::{IdentifierNode, IdentifierOptions};
+use thetabus::rows::{InputSource, PointwiseBlock, structure};
+use thetabus::sim::{ArmParameters, ArmSimulator, SimOptions};
+
+const BLOCK_LEN: u64 = 400;
+
+fn identifier(options: EstimatorOptions) -> IdentifierNode<PointwiseBlock<Manipulator>> {
+    let plant = Manipulator::default();
+    let arm = ArmParameters::cedro2022();
+    let known = KnownConstants {
+        length_1_m: arm.length_1_m,
+        winding_resistance_ohm: arm.winding_resistance_ohm,
+        torque_constant_n_m_per_a: arm.torque_constant_n_m_per_a,
+    };
+    let node = IdentifierOptions {
+        block_len: BLOCK_LEN,
+        joints: plant.joints(),
+        signals: signals::ALL,
+        model_hash: 0,
+        config_hash: 0,
+    };
+    let rows = PointwiseBlock::new(plant, InputSource::Measured, BLOCK_LEN as usize);
+    let estimator = BlockEstimator::new(structure(&plant), options).unwrap();
+    let derived = ManipulatorDerived::new(known).unwrap();
+    IdentifierNode::new(node, rows, estimator, Some(Box::new(derived)), 1)
+}
+
+/// Ten blocks: lost, refused and repeated samples, a jump of the payload inside block 6, a restarted publisher.
+fn eventful_stream() -> Vec<Sample> {
+    let mut arm = SimOptions::cedro2022();
+    arm.mass_2 = thetabus::sim::MassSchedule::jump(150.0, 2.15, 170.0);
+    let mut samples: Vec<Sample> = ArmSimulator::new(&arm)
+        .unwrap()
+        .take(10 * BLOCK_LEN as usize)
+        .enumerate()
+        .map(|(seq, joints)| Sample::new(1, seq as u64, seq as u64 * 1_000_000, 2, signals::ALL, &joints))
+        .collect();
+    samples[700].input[1] = f64::NAN;
+    samples[800].q[0] = f64::INFINITY;
+    samples[901] = samples[900];
+    samples.drain(1000..1010);
+    samples.drain(1180..1620);
+    let restarted: Vec<Sample> = samples[..900].iter().map(|s| Sample { boot_id: 2, ..*s }).collect();
+    samples.extend(restarted);
+    samples
+}
+
+#[test]
+fn rt_the_step_from_sample_to_estimate_allocates_nothing() {
+    let stream = eventful_stream();
+    let start = vec![0.01, 0.01, 0.1, 0.1, 10.0, 0.01, 0.1, 10.0, 0.5];
+    for options in [EstimatorOptions::paper(start.clone(), 2), EstimatorOptions::recommended(start.clone(), 2)] {
+        let mut node = identifier(options);
+        let mut estimates = 0;
+        let counted = allocation_counter::measure(|| {
+            for sample in &stream {
+                node.on_sample(sample, &mut |_: &Estimate| estimates += 1);
+            }
+        });
+        assert!(estimates >= 8, "the stream gave only {estimates} estimates");
+        assert_eq!(counted.count_total, 0, "allocations in the step from sample to estimate");
+    }
+}
+
+#[test]
+fn rt_the_same_samples_give_the_same_bits() {
+    let stream = eventful_stream();
+    let start = vec![0.01, 0.01, 0.1, 0.1, 10.0, 0.01, 0.1, 10.0, 0.5];
+    let run = || {
+        let mut node = identifier(EstimatorOptions::recommended(start.clone(), 2));
+        let mut bits: Vec<u64> = Vec::new();
+        for sample in &stream {
+            node.on_sample(sample, &mut |e: &Estimate| {
+                bits.extend(e.theta.iter().chain(&e.theta_std).chain(&e.derived).map(|v| v.to_bits()));
+            });
+        }
+        bits
+    };
+    assert_eq!(run(), run());
+}

@@ -58,7 +58,10 @@ fn eventful_stream() -> Vec<Sample> {
 fn rt_the_step_from_sample_to_estimate_allocates_nothing() {
     let stream = eventful_stream();
     let start = vec![0.01, 0.01, 0.1, 0.1, 10.0, 0.01, 0.1, 10.0, 0.5];
-    for options in [EstimatorOptions::paper(start.clone(), 2), EstimatorOptions::recommended(start.clone(), 2)] {
+    for options in [
+        EstimatorOptions::paper(start.clone(), 2),
+        EstimatorOptions::recommended(start.clone(), 2),
+    ] {
         let mut node = identifier(options);
         let mut estimates = 0;
         let counted = allocation_counter::measure(|| {
@@ -67,7 +70,10 @@ fn rt_the_step_from_sample_to_estimate_allocates_nothing() {
             }
         });
         assert!(estimates >= 8, "the stream gave only {estimates} estimates");
-        assert_eq!(counted.count_total, 0, "allocations in the step from sample to estimate");
+        assert_eq!(
+            counted.count_total, 0,
+            "allocations in the step from sample to estimate"
+        );
     }
 }
 
@@ -80,7 +86,13 @@ fn rt_the_same_samples_give_the_same_bits() {
         let mut bits: Vec<u64> = Vec::new();
         for sample in &stream {
             node.on_sample(sample, &mut |e: &Estimate| {
-                bits.extend(e.theta.iter().chain(&e.theta_std).chain(&e.derived).map(|v| v.to_bits()));
+                bits.extend(
+                    e.theta
+                        .iter()
+                        .chain(&e.theta_std)
+                        .chain(&e.derived)
+                        .map(|v| v.to_bits()),
+                );
             });
         }
         bits

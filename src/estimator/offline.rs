@@ -12,6 +12,7 @@
 use super::Residuals;
 use super::Structure;
 use super::options::EstimatorError;
+use nalgebra::{DMatrix, DVector, RowDVector};
 
 /// The answer of [`batch_least_squares`].
 #[derive(Debug, Clone, PartialEq)]
@@ -127,126 +128,86 @@ struct Solution {
     rank: usize,
 }
 
-/// Φ, column by column, and f.
+/// Φ and f: one row per residual, one column per parameter.
 struct Stack {
-    params: usize,
     rows: usize,
-    columns: Vec<Vec<f64>>,
-    rhs: Vec<f64>,
+    regressors: DMatrix<f64>,
+    residuals: DVector<f64>,
 }
 
 impl Stack {
     fn new(structure: &Structure, len: usize) -> Self {
         let rows = len * structure.equations.len();
         Self {
-            params: structure.params,
             rows,
-            columns: vec![vec![0.0; rows]; structure.params],
-            rhs: vec![0.0; rows],
+            regressors: DMatrix::zeros(rows, structure.params),
+            residuals: DVector::zeros(rows),
         }
     }
 
-    /// Fills both at θ and returns Σ f².
+    /// Fills both at θ and returns Σ f², `NaN` where a number is not finite.
     fn fill<R: Residuals>(&mut self, structure: &Structure, rows: &R, theta: &[f64]) -> f64 {
-        self.columns.iter_mut().for_each(|c| c.fill(0.0));
-        let mut phi = vec![0.0; self.params];
-        let mut cost = 0.0;
+        let mut phi = vec![0.0; structure.params];
+        let mut finite = true;
         for (e, own) in structure.equations.iter().enumerate() {
             for index in 0..rows.len() {
                 let at = e * rows.len() + index;
-                let f = rows.row(e, index, theta, &mut phi[..own.len()]);
-                self.rhs[at] = f;
-                cost += f * f;
+                self.residuals[at] = rows.row(e, index, theta, &mut phi[..own.len()]);
                 for (x, i) in phi.iter().zip(own.clone()) {
-                    self.columns[i][at] = *x;
-                    if !x.is_finite() {
-                        cost = f64::NAN;
-                    }
+                    self.regressors[(at, i)] = *x;
+                    finite &= x.is_finite();
                 }
             }
         }
-        cost
+        if finite {
+            self.residuals.norm_squared()
+        } else {
+            f64::NAN
+        }
     }
 
     fn solve(&self) -> Solution {
-        let p = self.params;
-        let m = self.rows;
-        let mut a = self.columns.clone();
-        let mut b = self.rhs.clone();
-        let scale: Vec<f64> = a.iter().map(|c| c.iter().map(|v| v * v).sum::<f64>().sqrt()).collect();
-        for (column, s) in a.iter_mut().zip(&scale) {
-            if *s > 0.0 {
-                column.iter_mut().for_each(|v| *v /= s);
-            }
-        }
-        let mut order: Vec<usize> = (0..p).collect();
-        let mut rank = 0;
-        let mut first = 0.0;
-        for k in 0..p.min(m) {
-            let norm = |c: &[f64]| c[k..].iter().map(|v| v * v).sum::<f64>().sqrt();
-            let mut best = k;
-            for j in k + 1..p {
-                if norm(&a[j]) > norm(&a[best]) {
-                    best = j;
-                }
-            }
-            a.swap(k, best);
-            order.swap(k, best);
-            let length = norm(&a[k]);
-            if k == 0 {
-                first = length;
-            }
-            if !(length > RANK_TOLERANCE * first) || length == 0.0 {
-                break;
-            }
-            rank += 1;
-            // the reflection that maps the column to −sign(a_kk)·length·e_k
-            let mut v = a[k][k..].to_vec();
-            let alpha = if v[0] > 0.0 { -length } else { length };
-            v[0] -= alpha;
-            let vv: f64 = v.iter().map(|x| x * x).sum();
-            let reflect = |c: &mut [f64]| {
-                let s = 2.0 * v.iter().zip(&c[k..]).map(|(x, y)| x * y).sum::<f64>() / vv;
-                c[k..].iter_mut().zip(&v).for_each(|(y, x)| *y -= s * x);
-            };
-            a[k..].iter_mut().for_each(|c| reflect(c));
-            reflect(&mut b);
-        }
-        // basic solution R₁₁ x = b₁ and the diagonal of (R₁₁ᵀR₁₁)⁻¹
-        let back = |rhs: &mut [f64]| {
-            for i in (0..rank).rev() {
-                for j in i + 1..rank {
-                    rhs[i] -= a[j][i] * rhs[j];
-                }
-                rhs[i] /= a[i][i];
-            }
-        };
-        let mut x = b[..rank.min(b.len())].to_vec();
-        back(&mut x);
+        let p = self.regressors.ncols();
         let mut step = vec![0.0; p];
         let mut unit_variance = vec![f64::INFINITY; p];
-        for i in 0..rank {
-            step[order[i]] = x[i] / scale[order[i]];
-            unit_variance[order[i]] = 0.0;
-        }
-        for k in 0..rank {
-            let mut e = vec![0.0; rank];
-            e[k] = 1.0;
-            back(&mut e);
-            for i in 0..rank {
-                unit_variance[order[i]] += (e[i] / scale[order[i]]).powi(2);
+        // Columns of length 1, so that the diagonal of R compares parameters on equal terms.
+        let mut scaled = self.regressors.clone();
+        let scale: Vec<f64> = scaled.column_iter().map(|c| c.norm()).collect();
+        for (mut column, &s) in scaled.column_iter_mut().zip(&scale) {
+            if s > 0.0 {
+                column /= s;
             }
         }
-        if rank < p {
-            // a parameter is determined only if no undetermined column is a combination that includes it
-            for j in rank..p {
-                let mut c: Vec<f64> = (0..rank).map(|i| a[j][i]).collect();
-                back(&mut c);
-                for i in 0..rank {
-                    if c[i].abs() > 1e-8 {
-                        unit_variance[order[i]] = f64::INFINITY;
-                    }
-                }
+        if self.rows == 0 {
+            return Solution {
+                step,
+                unit_variance,
+                rank: 0,
+            };
+        }
+        // Φ P = Q R
+        let qr = scaled.col_piv_qr();
+        let r = qr.r();
+        let mut rotated = self.residuals.clone();
+        qr.q_tr_mul(&mut rotated);
+        let mut order = RowDVector::from_fn(p, |_, j| j);
+        qr.p().permute_columns(&mut order);
+        let first = r[(0, 0)].abs();
+        let rank = (0..r.nrows())
+            .take_while(|&k| r[(k, k)].abs() > RANK_TOLERANCE * first)
+            .count();
+        // Basic solution R₁₁ x = (Qᵀf)₁, the diagonal of (R₁₁ᵀR₁₁)⁻¹, and how the other columns depend on the first ones.
+        let r11 = r.view((0, 0), (rank, rank));
+        let solve = |rhs: DMatrix<f64>| r11.solve_upper_triangular(&rhs).unwrap_or(rhs);
+        let x = solve(DMatrix::from_column_slice(rank, 1, &rotated.as_slice()[..rank]));
+        let inverse = solve(DMatrix::identity(rank, rank));
+        let dependence = solve(r.view((0, rank), (rank, p - rank)).into_owned());
+        for i in 0..rank {
+            let parameter = order[i];
+            step[parameter] = x[(i, 0)] / scale[parameter];
+            // Determined only where no undetermined column is a combination that includes it.
+            if dependence.row(i).iter().all(|c| c.abs() <= 1e-8) {
+                unit_variance[parameter] = inverse.row(i).norm_squared() / scale[parameter].powi(2);
             }
         }
         Solution {

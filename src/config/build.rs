@@ -125,6 +125,12 @@ impl Check<'_> {
                 message,
             );
         }
+        let limited = options.step_factor.is_finite() && options.max_iterations > 1;
+        if limited && options.lower.iter().all(|lower| *lower < 0.0) {
+            let message =
+                "limits nothing, because it acts on parameters whose lower bound is not negative: see estimator.bounds";
+            self.warn("estimator.step_factor", message);
+        }
         self.without_effect(form);
     }
 

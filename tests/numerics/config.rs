@@ -421,6 +421,10 @@ fn regress_legal_but_suspicious_settings_warn() {
             &["plant.setpoint.chirp.sweep_s=[9, 9]"],
             "no effect unless plant.setpoint.kind is \"chirp\"; it is \"steps\"",
         ),
+        (
+            &["estimator.step_factor=3", "estimator.max_iterations=9"],
+            "limits nothing",
+        ),
         (&["estimator.huber_limit=2"], "no effect unless estimator.outliers"),
         (
             &["identifier.derivative_gain_v_s_per_rad=[1,1]"],

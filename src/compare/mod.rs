@@ -1,18 +1,27 @@
 //! Estimators side by side on the same simulated data.
 
+mod contenders;
 mod document;
+pub mod ekf;
 pub mod metrics;
 pub mod paper;
 mod parallel;
 mod presets;
+mod references;
+pub mod results;
 mod scenario;
+pub mod studies;
 
+pub use contenders::{BlockResult, RunRecord, run_batch, run_blocks, run_ekf, run_wrls};
 pub use document::{Document, Section, Table};
 pub use parallel::for_each_index;
-pub use presets::{CEDRO2022_BLOCK_LEN, CEDRO2022_START, cedro2022_estimator};
-pub use scenario::{Scenario, ScenarioRows};
+pub use presets::{
+    CEDRO2022_BLOCK_LEN, CEDRO2022_START, cedro2022_best_estimator, cedro2022_best_start, cedro2022_estimator,
+};
+pub use references::Reference;
+pub use scenario::{ArmSample, Scenario, ScenarioRows};
 
-use crate::estimator::EstimatorError;
+use crate::estimator::{EstimatorError, WrlsError};
 use crate::sim::SimError;
 
 /// Why there is no comparison.
@@ -24,6 +33,9 @@ pub enum CompareError {
     /// The estimator's options.
     #[error(transparent)]
     Estimator(#[from] EstimatorError),
+    /// The options of the sample-by-sample baseline.
+    #[error(transparent)]
+    Wrls(#[from] WrlsError),
     /// Nothing to follow.
     #[error("expected a mass that changes after the first block and within the run, got none: set plant.mass_2")]
     NoJump,

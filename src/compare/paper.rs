@@ -172,7 +172,7 @@ pub fn variants_section(scenario: &Scenario, base: &EstimatorOptions) -> Result<
             ),
             "The paper says: θ2, θ4, θ6 and θ7 reach their new values after about a dozen iterations (N = 1900, no λ given), the other five change for a \
              moment, and a smaller λ or N makes the estimates right sooner. The bounded forms with λ = 0.90 come near the dozen where 5 % counts as reached; \
-             1 % takes two to three times as long. A smaller N is sooner in seconds but not in blocks, because a short block without a step carries little \
+             1 % takes two to four times as long. A smaller N is sooner in seconds but not in blocks, because a short block without a step carries little \
              information. As printed, (10) and (11) forget twice, which makes this form the quickest of the three."
                 .to_owned(),
             "Two things hold the recursion up. What the blocks before the jump said stays in the information with the weight λ per block; and the block \

@@ -1,14 +1,30 @@
 //! One simulated run, kept as what the rows need, so that many estimators can be put on the very same data.
 
 use crate::estimator::Residuals;
-use crate::model::{MANIPULATOR_PARAMS, Manipulator, ManipulatorFeatures, PointwiseModel};
+use crate::model::{MANIPULATOR_PARAMS, MAX_JOINTS, Manipulator, ManipulatorFeatures, PointwiseModel};
 use crate::sim::{ArmSimulator, SimError, SimOptions};
 
-/// A run of the arm: features of every sample and the true parameters.
+/// What a sample of the arm holds; entries are \[joint 1, joint 2\] in SI units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmSample {
+    /// q.
+    pub q: [f64; 2],
+    /// q̇.
+    pub dq: [f64; 2],
+    /// q̈.
+    pub ddq: [f64; 2],
+    /// Setpoint.
+    pub setpoint: [f64; 2],
+    /// Measured voltage.
+    pub voltage: [f64; 2],
+}
+
+/// A run of the arm: every sample, its features, and the true parameters.
 #[derive(Debug, Clone)]
 pub struct Scenario {
     options: SimOptions,
     model: Manipulator,
+    samples: Vec<ArmSample>,
     features: Vec<ManipulatorFeatures>,
 }
 
@@ -22,7 +38,7 @@ pub struct ScenarioRows<'a> {
 }
 
 impl Scenario {
-    /// Simulates; some 100 bytes a sample are kept.
+    /// Simulates; some 200 bytes a sample are kept.
     ///
     /// # Errors
     /// The options are not valid, or the closed loop is unstable and ends before the duration does.
@@ -31,10 +47,18 @@ impl Scenario {
         let simulator = ArmSimulator::new(options)?;
         let model = Manipulator::new(options.arm.gravity_m_s2).unwrap_or_default();
         let count = options.sample_count();
-        let features: Vec<_> = simulator
-            .take(count as usize)
-            .map(|sample| model.features(&sample))
-            .collect();
+        let (mut samples, mut features) = (Vec::new(), Vec::new());
+        for sample in simulator.take(count as usize) {
+            let joints = |signal: &[f64; MAX_JOINTS]| [signal[0], signal[1]];
+            features.push(model.features(&sample));
+            samples.push(ArmSample {
+                q: joints(&sample.q),
+                dq: joints(&sample.dq),
+                ddq: joints(&sample.ddq),
+                setpoint: joints(&sample.setpoint),
+                voltage: joints(&sample.input),
+            });
+        }
         if (features.len() as u64) < count {
             return Err(SimError {
                 field: "controller",
@@ -46,6 +70,7 @@ impl Scenario {
         Ok(Self {
             options: options.clone(),
             model,
+            samples,
             features,
         })
     }
@@ -53,6 +78,31 @@ impl Scenario {
     /// What was simulated.
     pub fn options(&self) -> &SimOptions {
         &self.options
+    }
+
+    /// The model that the rows are made with.
+    pub fn model(&self) -> &Manipulator {
+        &self.model
+    }
+
+    /// The samples.
+    pub fn samples(&self) -> &[ArmSample] {
+        &self.samples
+    }
+
+    /// All samples as one block of rows, or those of a range.
+    pub fn rows(&self, range: std::ops::Range<usize>) -> ScenarioRows<'_> {
+        ScenarioRows {
+            model: &self.model,
+            features: &self.features[range.clone()],
+            first: range.start as u64,
+            period_ns: (self.options.sample_period_s * 1e9).round() as u64,
+        }
+    }
+
+    /// The features of every sample.
+    pub fn features(&self) -> &[ManipulatorFeatures] {
+        &self.features
     }
 
     /// Number of samples.
@@ -77,16 +127,7 @@ impl Scenario {
 
     /// The complete blocks of `block_len` samples, in order; `block_len` ≥ 1.
     pub fn blocks(&self, block_len: usize) -> impl Iterator<Item = ScenarioRows<'_>> {
-        let period_ns = (self.options.sample_period_s * 1e9).round() as u64;
-        self.features
-            .chunks_exact(block_len)
-            .enumerate()
-            .map(move |(block, features)| ScenarioRows {
-                model: &self.model,
-                features,
-                first: (block * block_len) as u64,
-                period_ns,
-            })
+        (0..self.len() / block_len).map(move |block| self.rows(block * block_len..(block + 1) * block_len))
     }
 
     /// The first sample at which the mass is another one than before, as (sample, block counted from 0).

@@ -177,6 +177,19 @@ pub struct ManipulatorFeatures {
     v_2: f64,
 }
 
+impl ManipulatorFeatures {
+    /// The row as (1) has it, v = φᵀβ, for estimators that are linear in their parameters: (φ, v).
+    ///
+    /// Equation 0: β = θ₁…θ₅. Equation 1 is linear in five numbers that hold θ₆…θ₉ with their products: β = θ₆, θ₇, θ₈, θ₆θ₉, θ₇θ₉.
+    pub fn linear_row(&self, equation: usize) -> ([f64; 5], f64) {
+        if equation == 0 {
+            (self.phi_1, self.v_1)
+        } else {
+            ([self.b_6, self.b_7, self.b_8, self.a_6, self.a_7], self.v_2)
+        }
+    }
+}
+
 impl PointwiseModel for Manipulator {
     type Features = ManipulatorFeatures;
 

@@ -175,7 +175,7 @@ pub struct CompareArgs {
     /// Configuration file of the run to compare estimators on
     #[arg(value_name = "CONFIG")]
     pub file: PathBuf,
-    /// The paper's recursion in its variants instead of all estimators
+    /// The paper's recursion in its variants, instead of all estimators and the studies of this one
     #[arg(long)]
     pub paper: bool,
     /// Runs with other seeds, for medians

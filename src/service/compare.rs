@@ -1,6 +1,7 @@
 //! `thetabus compare`.
 
 use super::{CompareArgs, Exit, Failure, logging};
+use crate::compare::results::{Effort, results_document};
 use crate::compare::{CompareError, paper};
 use crate::config::Source;
 
@@ -16,7 +17,16 @@ impl From<CompareError> for Failure {
 /// The configuration is wrong or gives nothing to compare, or the file cannot be written.
 pub fn run(args: &CompareArgs) -> Result<Exit, Failure> {
     let config = args.common.load(vec![Source::File(args.file.clone())], &[])?;
-    let document = paper::paper_document(&config.plant.sim, &config.estimator.options, args.seeds)?;
+    let (sim, estimator) = (&config.plant.sim, &config.estimator);
+    let document = if args.paper {
+        paper::paper_document(sim, &estimator.options, args.seeds)?
+    } else {
+        let effort = Effort {
+            seeds: args.seeds,
+            calibration_runs: 10 * args.seeds,
+        };
+        results_document(sim, estimator.block_len, &estimator.options, effort)?
+    };
     let text = if args.json {
         serde_json::to_string_pretty(&document).map_err(|error| Failure::Failed(error.to_string()))? + "\n"
     } else {

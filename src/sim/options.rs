@@ -185,10 +185,10 @@ pub struct SimOptions {
 impl SimOptions {
     /// The experiment of Section 5 of the paper, with what it leaves open chosen here:
     ///
-    /// - **Setpoints** (Fig. 3 cannot be read from the scan): steps within |q₁|, |q₂| ≤ 1 rad, held for 1.5 s and 2.5 s, so that they wander
-    ///   through the blocks of 1.9 s. They begin small and grow: what is gathered while θ̂ is far off is linearised in the wrong place and
-    ///   stays in the information, so the less of it the better. The levels of joint 2 span both signs, because sin q₂ (gravity's time
-    ///   derivative) is what tells θ₆ from θ₇.
+    /// - **Setpoints** (Fig. 3 cannot be read from the scan): steps within |q₁|, |q₂| ≤ 1 rad, held for 1.1 s and 1.7 s. Both are shorter than a block of
+    ///   1.9 s and share no small multiple with it, so that every block, the first included, holds steps of both joints, in ever other places.
+    ///   They begin small and grow: what is gathered while θ̂ is far off is linearised in the wrong place and stays in the information, so the
+    ///   less of it the better. The levels of joint 2 span both signs, because sin q₂ (gravity's time derivative) is what tells θ₆ from θ₇.
     /// - **Initial state**: at rest at q = 0, link 2's weight held by its motor.
     /// - **Sub-steps**: 4 of 0.25 ms. The fastest mode of the arm is near 90 rad/s, so one Runge-Kutta step covers 0.02 rad of it.
     pub fn cedro2022() -> Self {
@@ -204,15 +204,15 @@ impl SimOptions {
                     levels_rad: vec![
                         0.0, 0.1, -0.1, 0.2, -0.2, 0.4, -0.4, 0.7, -0.6, 1.0, -0.5, 0.9, 0.1, -0.8, 0.5, -0.3,
                     ],
-                    dwell_s: 1.5,
-                    shift_s: 0.0,
+                    dwell_s: 1.1,
+                    shift_s: 0.5,
                 },
                 Setpoint::Steps {
                     levels_rad: vec![
                         0.0, 0.1, -0.1, 0.3, -0.2, -0.5, 0.4, -0.6, 0.5, 0.9, -0.7, 0.2, 1.0, -0.3,
                     ],
-                    dwell_s: 2.5,
-                    shift_s: 0.0,
+                    dwell_s: 1.7,
+                    shift_s: 1.5,
                 },
             ],
             initial_q_rad: [0.0; ARM_JOINTS],

@@ -106,6 +106,15 @@ impl Setpoint {
         }
     }
 
+    /// True for the kinds that jump at sample instants and hold in between.
+    pub fn has_steps(&self) -> bool {
+        match self {
+            Self::Steps { .. } | Self::Square { .. } | Self::Random { .. } => true,
+            Self::Table { interpolation, .. } => *interpolation == Interpolation::Step,
+            Self::Sines { .. } | Self::RandomSines { .. } | Self::Chirp { .. } => false,
+        }
+    }
+
     /// Checks every value against its domain; `sample_period_s` is the run's Δ.
     ///
     /// # Errors

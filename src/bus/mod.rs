@@ -38,6 +38,7 @@ mod lock;
 mod membership;
 mod participant;
 mod publisher;
+mod receipts;
 mod sample_publisher;
 mod sample_subscriber;
 mod subscriber;

@@ -101,7 +101,17 @@ impl Bus {
 
     /// The event service that wakes a topic's consumers; made by whoever comes first.
     pub(super) fn event(&self, topic: Topic) -> Result<EventService, BusError> {
-        let name = self.service_name(topic)?;
+        self.event_named(topic, &self.service_name(topic)?)
+    }
+
+    /// The event service by which a reader tells that it has had a message.
+    pub(super) fn receipts(&self, topic: Topic) -> Result<EventService, BusError> {
+        let name = ServiceName::new(&format!("thetabus/{}/{topic}/receipts", self.0.robot))
+            .map_err(|e| self.topic_error(topic, e.to_string()))?;
+        self.event_named(topic, &name)
+    }
+
+    fn event_named(&self, topic: Topic, name: &ServiceName) -> Result<EventService, BusError> {
         let nodes = if topic == Topic::Sample {
             sample::MAX_NODES
         } else {
@@ -112,7 +122,7 @@ impl Bus {
                 self.0
                     .membership
                     .node
-                    .service_builder(&name)
+                    .service_builder(name)
                     .event()
                     .max_notifiers(2)
                     .max_listeners(nodes)
@@ -137,10 +147,7 @@ impl Bus {
         .map_err(|e| {
             self.topic_error(
                 topic,
-                format!(
-                    "the event that wakes its consumers cannot be opened: {e:?}; {}",
-                    advice()
-                ),
+                format!("an event service of it cannot be opened: {e:?}; {}", advice()),
             )
         })
     }

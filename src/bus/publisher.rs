@@ -1,8 +1,12 @@
 //! Publishing estimates and status.
 
+use super::receipts::ReceiptBook;
 use super::{Bus, BusError, Latched, Notifier, PubSubService, PublisherPort, Topic, monotonic_ns};
 use crate::messages::{Header, SCHEMA_VERSION};
 use iceoryx2::port::update_connections::UpdateConnections;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 /// Publishes [`Latched`] messages: nobody is waited for, the last one stays for late joiners.
 #[derive(Debug)]
@@ -10,6 +14,7 @@ pub struct Publisher<T: Latched> {
     notifier: Option<Notifier>,
     port: PublisherPort<T>,
     service: PubSubService<T>,
+    receipts: Option<ReceiptBook>,
 }
 
 impl<T: Latched> Publisher<T> {
@@ -34,11 +39,23 @@ impl<T: Latched> Publisher<T> {
             notifier,
             port,
             service,
+            receipts: None,
         })
     }
 
-    /// Sends a copy and wakes the consumers. Never waits for them.
+    /// From now on keeps fewer messages on the way than a queue holds, by the receipts of the one reader that
+    /// [gives them](super::Subscriber::give_receipts): for runs in which nothing may be lost. A reader silent for `limit` is not waited
+    /// for again, and nobody is once `stop` is set.
+    pub fn await_receipts(&mut self, bus: &Bus, limit: Duration, stop: Arc<AtomicBool>) -> Result<(), BusError> {
+        self.receipts = Some(ReceiptBook::new(bus, T::TOPIC, limit, stop)?);
+        Ok(())
+    }
+
+    /// Sends a copy and wakes the consumers. Never waits for them, unless receipts are awaited.
     pub fn send(&mut self, message: &T) -> Result<(), BusError> {
+        if let Some(receipts) = &mut self.receipts {
+            receipts.before_send()?;
+        }
         let transfer = |cause: String| BusError::Transfer {
             topic: T::TOPIC,
             action: "sending",

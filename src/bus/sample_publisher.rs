@@ -367,7 +367,7 @@ impl SamplePublisher {
 }
 
 /// Refuses to start where the topic could outgrow /dev/shm: there the kernel kills at the first page that does not fit.
-fn check_shared_memory(bus: &Bus, needed: u64) -> Result<(), BusError> {
+pub(super) fn check_shared_memory(bus: &Bus, needed: u64) -> Result<(), BusError> {
     // Where it cannot be asked, creating the topic will tell.
     let Ok(shm) = nix::sys::statvfs::statvfs("/dev/shm") else {
         return Ok(());

@@ -1,5 +1,6 @@
 //! Subscribing to estimates and status.
 
+use super::receipts::Receipts;
 use super::{Bus, BusError, Latched, Listener, SubscriberPort, Topic};
 use crate::messages::SCHEMA_VERSION;
 use iceoryx2::port::listener::Listener as ListenerPort;
@@ -11,6 +12,7 @@ use std::time::Duration;
 pub struct Subscriber<T: Latched> {
     listener: Option<Listener>,
     port: SubscriberPort<T>,
+    receipts: Option<Receipts>,
 }
 
 impl<T: Latched> Subscriber<T> {
@@ -25,7 +27,18 @@ impl<T: Latched> Subscriber<T> {
             .subscriber_builder()
             .create()
             .map_err(|e| bus.topic_error(T::TOPIC, format!("cannot subscribe: {e:?}")))?;
-        Ok(Self { listener, port })
+        Ok(Self {
+            listener,
+            port,
+            receipts: None,
+        })
+    }
+
+    /// From now on tells the publisher of each message that was taken; for the one reader that it
+    /// [waits for](super::Publisher::await_receipts).
+    pub fn give_receipts(&mut self, bus: &Bus) -> Result<(), BusError> {
+        self.receipts = Some(Receipts::new(bus, T::TOPIC)?);
+        Ok(())
     }
 
     /// Waits until a message may be there; at most `timeout`. Signals end the wait early.
@@ -53,6 +66,9 @@ impl<T: Latched> Subscriber<T> {
             let Some(message) = message else { return Ok(count) };
             check_schema(T::TOPIC, message.user_header().schema)?;
             take(message.payload());
+            if let Some(receipts) = &self.receipts {
+                receipts.give();
+            }
             count += 1;
         }
     }

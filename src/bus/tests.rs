@@ -284,3 +284,64 @@ fn a_publisher_of_status_never_waits_for_a_subscriber_that_does_not_listen() {
     silent.drain(|status| last = status.estimates).expect("drain");
     assert_eq!(last, 1_000);
 }
+
+#[test]
+fn with_receipts_no_message_is_lost_to_a_reader_slower_than_its_publisher() {
+    let domain = TestDomain::new();
+    const COUNT: u64 = 1_000;
+    let bus = Bus::join(&domain.0, "arm", "identifier").expect("join");
+    let mut publisher = Publisher::<Status>::new(&bus).expect("publish");
+    publisher
+        .await_receipts(&bus, Duration::from_secs(20), never())
+        .expect("receipts");
+    thread::scope(|scope| {
+        let reader = scope.spawn(|| {
+            let bus = Bus::join(&domain.0, "arm", "monitor").expect("join");
+            let mut subscriber = Subscriber::<Status>::new(&bus).expect("subscribe");
+            subscriber.give_receipts(&bus).expect("receipts");
+            let (mut seen, start) = (Vec::new(), Instant::now());
+            while seen.len() < COUNT as usize && start.elapsed() < Duration::from_secs(20) {
+                // A queue's worth of messages could be sent in this time many times over.
+                thread::sleep(Duration::from_millis(5));
+                subscriber.drain(|status| seen.push(status.estimates)).expect("drain");
+            }
+            seen
+        });
+        while publisher.subscribers() == 0 {
+            thread::sleep(Duration::from_millis(1));
+        }
+        for count in 0..COUNT {
+            publisher.send(&status(count)).expect("send");
+        }
+        assert_eq!(reader.join().expect("reader"), (0..COUNT).collect::<Vec<_>>());
+    });
+}
+
+#[test]
+fn a_reader_that_gives_no_receipts_is_waited_for_once() {
+    let domain = TestDomain::new();
+    let bus = Bus::join(&domain.0, "arm", "identifier").expect("join");
+    let mut publisher = Publisher::<Status>::new(&bus).expect("publish");
+    let limit = Duration::from_millis(200);
+    publisher.await_receipts(&bus, limit, never()).expect("receipts");
+    let start = Instant::now();
+    for count in 0..1_000 {
+        publisher.send(&status(count)).expect("send");
+    }
+    // Paying the limit for each of the 950 messages beyond the window would take three minutes.
+    assert!(start.elapsed() >= limit && start.elapsed() < Duration::from_secs(20));
+}
+
+#[test]
+fn too_little_shared_memory_is_refused_with_the_numbers() {
+    let domain = TestDomain::new();
+    let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
+    let error = super::sample_publisher::check_shared_memory(&bus, u64::MAX)
+        .expect_err("nobody has that much")
+        .to_string();
+    assert!(
+        error.contains("/dev/shm") && error.contains(&u64::MAX.to_string()),
+        "{error}"
+    );
+    super::sample_publisher::check_shared_memory(&bus, 0).expect("nothing is needed");
+}

@@ -58,6 +58,9 @@ pub(super) struct Launched {
     /// Start once so many consumers of the own topic are attached
     #[arg(long, hide = true, default_value_t = 0, value_name = "COUNT")]
     pub await_consumers: usize,
+    /// Nothing may be lost: the monitor gives receipts for estimates, the identifier waits for them
+    #[arg(long, hide = true)]
+    pub receipts: bool,
     /// End with the stream
     #[arg(long, hide = true)]
     pub until_end: bool,

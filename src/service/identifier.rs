@@ -25,6 +25,9 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
     let status = Publisher::new(&bus)?;
     let mut estimates = Publisher::new(&bus)?;
     let limit = Duration::from_secs_f64(config.bus.lockstep_limit_s);
+    if common.launched.receipts {
+        estimates.await_receipts(&bus, limit, shutdown.flag())?;
+    }
     await_readers(&mut estimates, common.launched.await_consumers, limit, shutdown)?;
     // Last: in lockstep the plant starts when this one listens.
     let samples = SampleSubscriber::new(&bus)?;

@@ -12,7 +12,7 @@
 use super::args::{domain, quoted};
 use super::monitor::{SUMMARY_JSON, write_summary};
 use super::progress::Progress;
-use super::{Exit, Failure, RunArgs, logging, out_dir};
+use super::{Exit, Failure, LogFormat, RunArgs, logging, out_dir};
 use crate::bus::{Bus, Role, RoleLock, Subscriber};
 use crate::config::{Config, Source};
 use crate::messages::Status;
@@ -23,7 +23,7 @@ use nix::unistd::Pid;
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -71,7 +71,15 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         config.plant.sim.sample_count(),
         config.estimator.block_len as u64,
     ));
-    let mut children = Children::start(&config_file, &dir, args, &progress)?;
+    let lockstep = config.bus.lockstep(config.plant.speed);
+    let plan = Plan {
+        program: std::env::current_exe().map_err(|e| Failure::Failed(format!("cannot find this program: {e}")))?,
+        config: config_file,
+        dir: dir.clone(),
+        log_format: args.plant.common.log_format,
+        lockstep,
+    };
+    let mut children = Children::start(&plan, &progress)?;
     let outcome = children.supervise(status, &progress, shutdown);
     progress.clear();
     if children.killed {
@@ -82,7 +90,9 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let lost = outcome?;
     let summary = result?;
     let incomplete = lost || summary.samples.missing > 0;
-    let lockstep = config.bus.lockstep(config.plant.speed);
+    if lockstep && incomplete {
+        tracing::error!("data were lost in a run in which nothing may be lost; the warnings above tell where");
+    }
     Ok(if lockstep && incomplete {
         Exit::DataLoss
     } else {
@@ -123,6 +133,15 @@ fn show_result(dir: &Path, start: Instant) -> Result<Summary, Failure> {
     result
 }
 
+/// What all children are told.
+struct Plan {
+    program: PathBuf,
+    config: PathBuf,
+    dir: PathBuf,
+    log_format: LogFormat,
+    lockstep: bool,
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Part {
     Monitor,
@@ -158,14 +177,13 @@ struct Children {
 }
 
 impl Children {
-    fn start(config: &Path, dir: &Path, args: &RunArgs, progress: &Arc<Progress>) -> Result<Self, Failure> {
-        let program = std::env::current_exe().map_err(|e| Failure::Failed(format!("cannot find this program: {e}")))?;
+    fn start(plan: &Plan, progress: &Arc<Progress>) -> Result<Self, Failure> {
         let mut children = Self {
             processes: Vec::new(),
             killed: false,
         };
         for part in Part::ALL {
-            match Process::start(part, &program, config, dir, args, progress) {
+            match Process::start(part, plan, progress) {
                 Ok(process) => children.processes.push(process),
                 Err(e) => {
                     children.end_all(Duration::ZERO);
@@ -277,30 +295,26 @@ impl Children {
 }
 
 impl Process {
-    fn start(
-        part: Part,
-        program: &Path,
-        config: &Path,
-        dir: &Path,
-        args: &RunArgs,
-        progress: &Arc<Progress>,
-    ) -> std::io::Result<Self> {
-        let mut command = Command::new(program);
+    fn start(part: Part, plan: &Plan, progress: &Arc<Progress>) -> std::io::Result<Self> {
+        let mut command = Command::new(&plan.program);
         command
             .arg(part.name())
             .arg("--config")
-            .arg(config)
+            .arg(&plan.config)
             .arg("--launched-by")
             .arg(std::process::id().to_string())
             .arg("--log-format")
-            .arg(logging::format_name(args.plant.common.log_format))
+            .arg(logging::format_name(plan.log_format))
             // A group of its own: Ctrl-C on the terminal reaches the launcher alone, which passes it on once.
             .process_group(0)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped());
+        if plan.lockstep && part != Part::Plant {
+            command.arg("--receipts");
+        }
         match part {
-            Part::Monitor => command.arg("--until-end").arg("--out").arg(dir),
+            Part::Monitor => command.arg("--until-end").arg("--out").arg(&plan.dir),
             Part::Identifier => command.args(["--until-end", "--await-consumers", "1"]),
             Part::Plant => command.args(["--await-consumers", "1"]),
         };

@@ -45,6 +45,9 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         estimates: Subscriber::new(&bus)?,
         status: Subscriber::new(&bus)?,
     };
+    if args.common.launched.receipts {
+        ports.estimates.give_receipts(&bus)?;
+    }
     tracing::info!(robot, domain = domain.name(), "monitor");
     let outcome = run_monitor(&mut node, &mut ports, args.common.stay(), shutdown, |node, estimate| {
         tracing::info!("{}", node.line(estimate));
@@ -62,8 +65,15 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
             logging::result(&format!("results in {}", dir.display()));
         }
     }
-    // Only where nothing may be lost does a lost estimate make the run a failure; the launcher knows.
-    Ok(if args.common.is_launched() && node.lost_estimates() > 0 {
+    let lost = node.lost_estimates();
+    if lost > 0 {
+        tracing::warn!(
+            lost,
+            "some blocks have no estimate here: lost on the way, or never made because their samples were"
+        );
+    }
+    // Where nothing may be lost this makes a difference to the run's exit code.
+    Ok(if args.common.launched.receipts && lost > 0 {
         Exit::DataLoss
     } else {
         Exit::Done

@@ -72,6 +72,17 @@ fn e2e_the_estimates_converge_to_the_truth() {
 }
 
 #[test]
+fn e2e_in_lockstep_no_estimate_is_lost_even_of_the_shortest_blocks() {
+    let site = Site::new();
+    site.start_run(&["--duration", "10", "--set", "estimator.block_len=2"])
+        .expect_code(0);
+    let summary = site.summary();
+    assert_eq!((summary.blocks, summary.samples.accepted), (5_000, 10_000));
+    let blocks = column(&site.out().join("estimates.csv"), "block");
+    assert_eq!(blocks, (1..=5_000).map(f64::from).collect::<Vec<_>>());
+}
+
+#[test]
 fn e2e_the_same_seed_gives_the_same_estimates_bit_for_bit() {
     let sites = [Site::new(), Site::new()];
     let files = sites.each_ref().map(|site| {

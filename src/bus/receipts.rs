@@ -86,7 +86,7 @@ impl ReceiptBook {
 
     fn collect(&mut self) -> Result<(), BusError> {
         let mut count = 0;
-        match self.listener.timed_wait(|event| count += event.count as u64, POLL) {
+        match self.listener.timed_wait(|event| count += event.count, POLL) {
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => {
                 self.on_the_way = self.on_the_way.saturating_sub(count);
                 Ok(())

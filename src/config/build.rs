@@ -4,14 +4,14 @@ use super::error::{Origin, Problem};
 use super::layers::Layers;
 use super::schema::{self, FileForm};
 use super::{
-    BusConfig, Config, Delivery, EstimatorConfig, IdentifierConfig, ModelConfig, MonitorConfig, PlantConfig, Rows,
-    Speed, plant,
+    BusConfig, Config, Delivery, EstimatorConfig, IdentifierConfig, LogColumns, ModelConfig, MonitorConfig,
+    PlantConfig, Rows, Speed, plant,
 };
 use crate::estimator::{
     Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor,
 };
-use crate::model::{KnownConstants, MAX_JOINTS, Manipulator, PdController};
-use crate::rows::{InputSource, structure};
+use crate::model::{Delayed, DriveInput, KnownConstants, MAX_JOINTS, Manipulator, Motion, PdController, ServoAxis};
+use crate::rows::{InputSource, InputTiming, ProjectedError, ProjectedOptions, SensorNoise};
 use crate::sim::ARM_JOINTS;
 use std::path::PathBuf;
 
@@ -24,7 +24,8 @@ pub(super) fn config(form: FileForm, layers: &Layers) -> Result<Config, Vec<Prob
     };
     let plant = plant::plant(&form, &mut check);
     let model = model(&form, &mut check);
-    let identifier = identifier(&form);
+    let identifier = identifier(&form, &mut check);
+    let log = log(&form);
     let estimator = model.as_ref().and_then(|model| estimator(&form, model, &mut check));
     let bus = BusConfig {
         robot: form.bus.robot.clone(),
@@ -40,8 +41,8 @@ pub(super) fn config(form: FileForm, layers: &Layers) -> Result<Config, Vec<Prob
     let monitor = MonitorConfig {
         out_dir: form.monitor.out_dir.as_ref().map(PathBuf::from),
     };
-    match (plant, model, estimator) {
-        (Some(plant), Some(model), Some(estimator)) if check.problems.is_empty() => {
+    match (plant, model, identifier, estimator) {
+        (Some(plant), Some(model), Some(identifier), Some(estimator)) if check.problems.is_empty() => {
             check.suspicious(&form, &bus, &plant, &estimator);
             let warnings = check.warnings;
             Ok(Config {
@@ -51,6 +52,7 @@ pub(super) fn config(form: FileForm, layers: &Layers) -> Result<Config, Vec<Prob
                 identifier,
                 estimator,
                 monitor,
+                log,
                 file: form,
                 warnings,
             })
@@ -113,7 +115,9 @@ impl Check<'_> {
             self.warn(self.culprit(&["bus.delivery", "plant.speed"]), message);
         }
         let options = &estimator.options;
-        if options.forgetting_factor == 1.0 && sim.mass_2.points.len() > 1 && options.change_detection.is_none() {
+        let arm = form.model.kind == "manipulator";
+        if arm && options.forgetting_factor == 1.0 && sim.mass_2.points.len() > 1 && options.change_detection.is_none()
+        {
             let message =
                 "1 forgets nothing, so estimates after a change of the plant are averages of before and after";
             self.warn("estimator.forgetting_factor", message);
@@ -150,6 +154,8 @@ impl Check<'_> {
                     ("identifier", "proportional_gain_v_per_rad" | "derivative_gain_v_s_per_rad") => {
                         ("identifier.input", form.identifier.input.as_str(), "controller")
                     }
+                    ("identifier.projected", _) => ("identifier.rows", form.identifier.rows.as_str(), "projected"),
+                    ("model.servo_axis", _) => ("model.kind", form.model.kind.as_str(), "servo_axis"),
                     ("estimator", "lower" | "upper") => ("estimator.bounds", form.estimator.bounds.as_str(), "listed"),
                     ("estimator", "huber_limit") => ("estimator.outliers", form.estimator.outliers.as_str(), "huber"),
                     ("estimator", "false_alarm_rate" | "change_margin_s") if !form.estimator.change_detection => {
@@ -180,6 +186,9 @@ pub(super) fn joints(list: &[f64]) -> [f64; ARM_JOINTS] {
 }
 
 fn model(form: &FileForm, check: &mut Check<'_>) -> Option<ModelConfig> {
+    if form.model.kind == "servo_axis" {
+        return servo_axis(form, check);
+    }
     let Some(plant) = Manipulator::new(form.model.gravity_m_s2) else {
         check.wrong(
             "model.gravity_m_s2",
@@ -224,10 +233,120 @@ fn model(form: &FileForm, check: &mut Check<'_>) -> Option<ModelConfig> {
             return None;
         }
     };
-    Some(ModelConfig::Manipulator { plant, known })
+    Some(match delay(form) {
+        None => ModelConfig::Manipulator { plant, known },
+        Some((start_s, limit_s)) => ModelConfig::DelayedManipulator {
+            plant: Delayed::new(plant, start_s, limit_s),
+            known,
+        },
+    })
 }
 
-fn identifier(form: &FileForm) -> IdentifierConfig {
+fn servo_axis(form: &FileForm, check: &mut Check<'_>) -> Option<ModelConfig> {
+    let section = &form.servo_axis;
+    let motion = chosen(&Motion::NAMES, &section.motion);
+    let Some(plant) = ServoAxis::new(motion, chosen(&DriveInput::NAMES, &section.input), section.gain) else {
+        let message = format!("expected a number that is not 0, got {}", section.gain);
+        check.wrong("model.servo_axis.gain", message);
+        return None;
+    };
+    Some(match delay(form) {
+        None => ModelConfig::ServoAxis { plant },
+        Some((start_s, limit_s)) => ModelConfig::DelayedServoAxis {
+            plant: Delayed::new(plant, start_s, limit_s),
+        },
+    })
+}
+
+/// Start and limit of a delay that is to be identified \[s\].
+fn delay(form: &FileForm) -> Option<(f64, f64)> {
+    let section = &form.projected;
+    let wanted = form.identifier.rows == "projected" && section.estimate_input_delay;
+    wanted.then_some((section.input_delay_s, section.input_delay_limit_s))
+}
+
+/// The value of a name that the schema has let through.
+fn chosen<T: Copy + Default>(names: &[(T, &'static str)], name: &str) -> T {
+    names
+        .iter()
+        .find(|(_, n)| *n == name)
+        .map_or_else(T::default, |(value, _)| *value)
+}
+
+/// The projected rows' options; `None` with a problem where they do not go together.
+fn projected(form: &FileForm, check: &mut Check<'_>) -> Option<ProjectedOptions> {
+    let section = &form.projected;
+    let per_joint = |list: &[f64]| -> [f64; MAX_JOINTS] {
+        // one number counts for all
+        std::array::from_fn(|joint| match list {
+            [one] => *one,
+            list => list.get(joint).copied().unwrap_or(0.0),
+        })
+    };
+    let options = ProjectedOptions {
+        sample_period_s: form.plant.sample_period_s,
+        window_s: section.window_s,
+        stride_s: section.stride_s,
+        velocity_half_width: section.velocity_half_width as usize,
+        timing: chosen(&InputTiming::NAMES, &section.timing),
+        input_delay_s: section.input_delay_s,
+        noise: SensorNoise {
+            position_resolution: per_joint(&section.position_resolution),
+            position_noise: per_joint(&section.position_noise),
+            input_noise: per_joint(&section.input_noise),
+        },
+    };
+    if let Err(ProjectedError::Value { field, expected, got }) = options.validate() {
+        let key = match field {
+            "sample_period_s" => "plant.sample_period_s".to_owned(),
+            field => format!("identifier.projected.{field}"),
+        };
+        check.wrong(&key, format!("expected {expected}, got {got}"));
+        return None;
+    }
+    let limit = section.input_delay_limit_s;
+    if section.estimate_input_delay && section.input_delay_s.abs() > limit {
+        let message = format!("expected at least the magnitude of input_delay_s, got {limit}");
+        check.wrong("identifier.projected.input_delay_limit_s", message);
+        return None;
+    }
+    Some(options)
+}
+
+fn log(form: &FileForm) -> LogColumns {
+    let section = &form.log;
+    LogColumns {
+        time: section.time.clone(),
+        time_unit_s: match section.time_unit.as_str() {
+            "ms" => 1e-3,
+            "us" => 1e-6,
+            "ns" => 1e-9,
+            _ => 1.0,
+        },
+        positions: section.q.clone(),
+        position_unit: match section.position_unit.as_str() {
+            "deg" => std::f64::consts::TAU / 360.0,
+            "turn" => std::f64::consts::TAU,
+            "mm" => 1e-3,
+            "um" => 1e-6,
+            _ => 1.0,
+        },
+        inputs: section.input.clone(),
+        input_unit: section.input_unit,
+        setpoints: section.setpoint.clone(),
+    }
+}
+
+fn identifier(form: &FileForm, check: &mut Check<'_>) -> Option<IdentifierConfig> {
+    let rows = match form.identifier.rows.as_str() {
+        "projected" if form.identifier.input == "controller" => {
+            let message = "expected \"measured\" with projected rows, which have no velocity to put into a controller, got \"controller\"";
+            check.wrong(check.culprit(&["identifier.input", "identifier.rows"]), message);
+            return None;
+        }
+        "projected" => Rows::Projected(projected(form, check)?),
+        _ => Rows::Pointwise,
+    };
     let input = match form.identifier.input.as_str() {
         "controller" => {
             let kp = &form.identifier.proportional_gain_v_per_rad;
@@ -246,18 +365,14 @@ fn identifier(form: &FileForm) -> IdentifierConfig {
         }
         _ => InputSource::Measured,
     };
-    IdentifierConfig {
-        rows: Rows::Pointwise,
-        input,
-    }
+    Some(IdentifierConfig { rows, input })
 }
 
 fn estimator(form: &FileForm, model: &ModelConfig, check: &mut Check<'_>) -> Option<EstimatorConfig> {
     let section = &form.estimator;
     let before = check.problems.len();
     let parameters = model.parameters();
-    let ModelConfig::Manipulator { plant, .. } = model;
-    let structure = structure(plant);
+    let structure = model.structure();
     let (params, equations) = (parameters.len(), structure.equations.len());
     let mut listed = |name: &str, list: &[f64], len: usize, what: &str, otherwise: &dyn Fn(usize) -> f64| -> Vec<f64> {
         if !list.is_empty() && list.len() != len {

@@ -3,6 +3,8 @@
 use super::schema::{self, FileForm, RealOrWord};
 use crate::compare::{CEDRO2022_BLOCK_LEN, cedro2022_estimator};
 use crate::estimator::ChangeDetection;
+use crate::model::{DriveInput, Motion};
+use crate::rows::{InputTiming, ProjectedOptions};
 use crate::sim::{ARM_JOINTS, ControllerKind, Interpolation, PositionFeedback, Setpoint, SimOptions};
 
 impl Default for FileForm {
@@ -10,6 +12,7 @@ impl Default for FileForm {
     fn default() -> Self {
         let sim = SimOptions::cedro2022();
         let estimator = cedro2022_estimator();
+        let rows = ProjectedOptions::recommended();
         let arm = &sim.arm;
         let [kp, kd] = [
             &sim.controller.proportional_gain_v_per_rad,
@@ -125,6 +128,11 @@ impl Default for FileForm {
                 kind: "manipulator".to_owned(),
                 gravity_m_s2: arm.gravity_m_s2,
             },
+            servo_axis: schema::ServoAxisModel {
+                motion: word(&Motion::NAMES, Motion::default()),
+                input: word(&DriveInput::NAMES, DriveInput::default()),
+                gain: 1.0,
+            },
             known: schema::Known {
                 length_1_m: None,
                 winding_resistance_ohm: None,
@@ -135,6 +143,18 @@ impl Default for FileForm {
                 input: "measured".to_owned(),
                 proportional_gain_v_per_rad: kp,
                 derivative_gain_v_s_per_rad: kd,
+            },
+            projected: schema::Projected {
+                window_s: rows.window_s,
+                stride_s: rows.stride_s,
+                velocity_half_width: rows.velocity_half_width as u64,
+                timing: word(&InputTiming::NAMES, rows.timing),
+                input_delay_s: rows.input_delay_s,
+                estimate_input_delay: false,
+                input_delay_limit_s: 5e-3,
+                position_resolution: vec![rows.noise.position_resolution[0]],
+                position_noise: vec![rows.noise.position_noise[0]],
+                input_noise: vec![rows.noise.input_noise[0]],
             },
             estimator: schema::Estimator {
                 block_len: CEDRO2022_BLOCK_LEN as u64,
@@ -161,6 +181,15 @@ impl Default for FileForm {
                 change_detection: false,
                 false_alarm_rate: ChangeDetection::default().false_alarm_rate,
                 change_margin_s: 0.0,
+            },
+            log: schema::Log {
+                time: None,
+                time_unit: "s".to_owned(),
+                q: Vec::new(),
+                position_unit: "rad".to_owned(),
+                input: Vec::new(),
+                input_unit: 1.0,
+                setpoint: Vec::new(),
             },
             monitor: schema::Monitor { out_dir: None },
         }

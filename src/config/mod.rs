@@ -23,9 +23,9 @@ pub use kind::{Interval, Kind, Len};
 pub use layers::Source;
 pub use schema::{FileForm, Key, RealOrWord, keys};
 
-use crate::estimator::EstimatorOptions;
-use crate::model::{KnownConstants, Manipulator, Parameter, Plant as _};
-use crate::rows::InputSource;
+use crate::estimator::{EstimatorOptions, Structure};
+use crate::model::{Delayed, KnownConstants, Manipulator, Parameter, Plant as _, ServoAxis};
+use crate::rows::{InputSource, ProjectedOptions, structure};
 use crate::sim::SimOptions;
 use layers::Layers;
 use serde::Deserialize;
@@ -37,6 +37,8 @@ use toml::Value;
 const EMBEDDED: &[(&str, &str)] = &[
     ("default", include_str!("../../config/default.toml")),
     ("cedro2022", include_str!("../../config/cedro2022.toml")),
+    ("encoder_only", include_str!("../../config/encoder_only.toml")),
+    ("servo_axis", include_str!("../../config/servo_axis.toml")),
     ("cedro2022_best", include_str!("../../config/cedro2022_best.toml")),
 ];
 
@@ -105,22 +107,70 @@ pub enum ModelConfig {
         /// Motor constants, where they are known: physical values are derived with them.
         known: Option<KnownConstants>,
     },
+    /// The same with the delay of its input as one more parameter.
+    DelayedManipulator {
+        /// The equations.
+        plant: Delayed<Manipulator>,
+        /// As above.
+        known: Option<KnownConstants>,
+    },
+    /// One servo axis.
+    ServoAxis {
+        /// The equation.
+        plant: ServoAxis,
+    },
+    /// The same with the delay of its input as one more parameter.
+    DelayedServoAxis {
+        /// The equation.
+        plant: Delayed<ServoAxis>,
+    },
 }
+
+/// The same expression for the plant of every model.
+macro_rules! with_plant {
+    ($model:expr, $plant:ident => $body:expr) => {
+        match $model {
+            $crate::config::ModelConfig::Manipulator { plant: $plant, .. } => $body,
+            $crate::config::ModelConfig::DelayedManipulator { plant: $plant, .. } => $body,
+            $crate::config::ModelConfig::ServoAxis { plant: $plant } => $body,
+            $crate::config::ModelConfig::DelayedServoAxis { plant: $plant } => $body,
+        }
+    };
+}
+pub(crate) use with_plant;
 
 impl ModelConfig {
     /// The parameters to be identified.
     pub fn parameters(&self) -> &[Parameter] {
+        with_plant!(self, plant => plant.parameters())
+    }
+
+    /// Which equation has which parameters.
+    pub fn structure(&self) -> Structure {
+        with_plant!(self, plant => structure(plant))
+    }
+
+    /// Name of the model.
+    pub fn name(&self) -> &'static str {
+        with_plant!(self, plant => plant.name())
+    }
+
+    /// Motor constants of an arm, where they are known.
+    pub fn known(&self) -> Option<KnownConstants> {
         match self {
-            Self::Manipulator { plant, .. } => plant.parameters(),
+            Self::Manipulator { known, .. } | Self::DelayedManipulator { known, .. } => *known,
+            Self::ServoAxis { .. } | Self::DelayedServoAxis { .. } => None,
         }
     }
 }
 
 /// How samples become rows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Rows {
     /// One row per sample and equation.
     Pointwise,
+    /// One row per window and equation, from positions and inputs.
+    Projected(ProjectedOptions),
 }
 
 /// Section `[identifier]`.
@@ -148,6 +198,25 @@ pub struct MonitorConfig {
     pub out_dir: Option<PathBuf>,
 }
 
+/// Section `[log]`: what the columns of a log file mean.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LogColumns {
+    /// Column of the time; rows follow each other at the sample period where there is none.
+    pub time: Option<String>,
+    /// One unit of the time column \[s\].
+    pub time_unit_s: f64,
+    /// Column of each joint's position.
+    pub positions: Vec<String>,
+    /// One unit of the positions \[rad or m\].
+    pub position_unit: f64,
+    /// Column of each joint's input.
+    pub inputs: Vec<String>,
+    /// One unit of the inputs, in the model's unit.
+    pub input_unit: f64,
+    /// Column of each joint's setpoint, or none.
+    pub setpoints: Vec<String>,
+}
+
 /// A whole configuration, valid in itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Config {
@@ -163,6 +232,8 @@ pub struct Config {
     pub estimator: EstimatorConfig,
     /// What is kept.
     pub monitor: MonitorConfig,
+    /// How a log file is read.
+    pub log: LogColumns,
     file: FileForm,
     warnings: Vec<Problem>,
 }
@@ -221,7 +292,14 @@ impl Config {
     ///
     /// 64-bit FNV-1a over the settings' text, the same in every build and on every machine.
     pub fn config_hash(&self) -> u64 {
-        let relevant = ["model", "model.known", "identifier", "estimator"];
+        let relevant = [
+            "model",
+            "model.known",
+            "model.servo_axis",
+            "identifier",
+            "identifier.projected",
+            "estimator",
+        ];
         let lines = settings(&self.file).filter(|(section, name, _)| {
             relevant.contains(&section.as_str()) || (section == "plant" && name == "sample_period_s")
         });

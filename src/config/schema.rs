@@ -287,10 +287,18 @@ sections! {
             "Between two rows the setpoint keeps the value of the first (step) or follows the straight line (linear)";
     }
     model: Model = "model", "The equations whose parameters are identified" {
-        kind: String, Kind::Choice(&["manipulator"]), "",
-            "manipulator: the two-joint arm with DC motors of equations (24) to (27), parameters theta_1 to theta_9";
+        kind: String, Kind::Choice(&["manipulator", "servo_axis"]), "",
+            "manipulator: the two-joint arm with DC motors of equations (24) to (27), parameters theta_1 to theta_9. servo_axis: mass, viscous_friction, coulomb_friction, offset of one axis";
         gravity_m_s2: f64, Kind::Real(NOT_NEGATIVE), "m/s²",
             "Acceleration of gravity g in the equations";
+    }
+    servo_axis: ServoAxisModel = "model.servo_axis", "What is known of a servo axis" {
+        motion: String, Kind::Choice(&["linear", "rotary"]), "",
+            "linear: positions in m, forces in N. rotary: positions in rad, torques in N m";
+        input: String, Kind::Choice(&["voltage", "current", "force"]), "",
+            "What the drive's input is: control voltage [V], motor current [A], or force or torque itself [N or N m]";
+        gain: f64, Kind::Real(FINITE), "N or N m per unit of input",
+            "What the drive gives for one unit of input; 1 for a force or torque";
     }
     known: Known = "model.known", "What is known of the machine; with all three, physical values are derived from the estimate, such as mass_2 in kg" {
         length_1_m: Option<f64>, Kind::Real(POSITIVE), "m",
@@ -301,14 +309,36 @@ sections! {
             "Torque constant k_m of each motor";
     }
     identifier: Identifier = "identifier", "How samples become rows of the estimation problem" {
-        rows: String, Kind::Choice(&["pointwise"]), "",
-            "pointwise: one row per sample and equation, from measured q, dq, ddq, dddq";
+        rows: String, Kind::Choice(&["pointwise", "projected"]), "",
+            "pointwise: one row per sample and equation, from measured q, dq, ddq, dddq. projected: one row per window and equation, from q and the input alone";
         input: String, Kind::Choice(&["measured", "controller"]), "",
             "Where the drives' voltage comes from: measured, or computed from setpoint, q and dq by the PD law as in (27)";
         proportional_gain_v_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V/rad",
             "Gain Kp of each joint for input = \"controller\"";
         derivative_gain_v_s_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V s/rad",
             "Gain Kd of each joint for input = \"controller\"";
+    }
+    projected: Projected = "identifier.projected", "Rows from positions and inputs; for rows = \"projected\"" {
+        window_s: f64, Kind::Real(POSITIVE), "s",
+            "Length of a window, 8 to 2000 sample periods; about 1.3 periods of the fastest motion that matters";
+        stride_s: f64, Kind::Real(POSITIVE), "s",
+            "Time from a window to the next; a fifth of the window loses nothing worth having";
+        velocity_half_width: u64, Kind::Whole(3, 100), "samples",
+            "Samples on either side that the velocity filter uses; 10 for 16-bit encoders, 5 from 20 bits on";
+        timing: String, Kind::Choice(&["held", "continuous"]), "",
+            "Input between samples: held by a sampled controller, or continuous except for jumps at sample instants";
+        input_delay_s: f64, Kind::Real(FINITE), "s",
+            "The recorded input acts on the plant this much later; negative where it was recorded late";
+        estimate_input_delay: bool, Kind::Flag, "",
+            "Identify the delay too, as the parameter input_delay [s], starting at input_delay_s";
+        input_delay_limit_s: f64, Kind::Real(POSITIVE), "s",
+            "Largest magnitude of an identified delay";
+        position_resolution: Vec<f64>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "rad or m",
+            "One count of the encoders, one number for all joints or one per joint; 0 where positions are not rounded";
+        position_noise: Vec<f64>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "rad or m",
+            "Standard deviation of white noise on the positions, one number or one per joint";
+        input_noise: Vec<f64>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "V, A, N or N m",
+            "Standard deviation of white noise on the inputs, one number or one per joint";
     }
     estimator: Estimator = "estimator", "The recursion over blocks of samples" {
         block_len: u64, Kind::Whole(1, 10_000_000), "samples",
@@ -360,6 +390,22 @@ sections! {
             "Probability that a block of an unchanged plant raises an alarm";
         change_margin_s: f64, Kind::Real(Interval::closed(0.0, 60.0)), "s",
             "After a located change so much more is left out, for rows that the change itself has smeared; 0 for exact signals";
+    }
+    log: Log = "log", "Columns of a log file for `thetabus identify`" {
+        time: Option<String>, Kind::Path, "",
+            "Column of the time; without it rows follow each other at plant.sample_period_s";
+        time_unit: String, Kind::Choice(&["s", "ms", "us", "ns"]), "",
+            "Unit of the time column";
+        q: Vec<String>, Kind::Words, "",
+            "Columns of the positions, one per joint";
+        position_unit: String, Kind::Choice(&["rad", "deg", "turn", "m", "mm", "um"]), "",
+            "Unit of the position columns";
+        input: Vec<String>, Kind::Words, "",
+            "Columns of the inputs, one per joint";
+        input_unit: f64, Kind::Real(POSITIVE), "",
+            "One unit of the input columns in the model's unit, 0.001 for millivolts";
+        setpoint: Vec<String>, Kind::Words, "",
+            "Columns of the setpoints, one per joint in the unit of the positions, or none";
     }
     monitor: Monitor = "monitor", "What is kept of a run" {
         out_dir: Option<String>, Kind::Path, "",

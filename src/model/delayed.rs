@@ -11,7 +11,7 @@
 use super::{Equation, Parameter, Plant, Scalar};
 
 /// A plant whose input acts with an unknown delay, its last parameter.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Delayed<P> {
     plant: P,
     parameters: Vec<Parameter>,

@@ -17,12 +17,14 @@ mod delayed;
 mod manipulator;
 mod physical;
 mod raw_manipulator;
+mod servo_axis;
 
 pub use controller::PdController;
 pub use delayed::Delayed;
 pub use manipulator::{MANIPULATOR_PARAMS, Manipulator, ManipulatorFeatures};
 pub use physical::{KnownConstants, ManipulatorDerived, PhysicalParameters, RecoveryError};
 pub use raw_manipulator::RawManipulator;
+pub use servo_axis::{DriveInput, Motion, SERVO_PARAMS, ServoAxis};
 
 use std::ops::Range;
 

@@ -35,6 +35,24 @@ struct OpenBlock {
     samples: u64,
 }
 
+/// An identifier node of whatever plant and rows.
+pub trait Identifier {
+    /// See [`IdentifierNode::on_sample`].
+    fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate));
+    /// See [`IdentifierNode::status`].
+    fn status(&self) -> Status;
+}
+
+impl<B: SampleBlock> Identifier for IdentifierNode<B> {
+    fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate)) {
+        IdentifierNode::on_sample(self, sample, emit);
+    }
+
+    fn status(&self) -> Status {
+        IdentifierNode::status(self)
+    }
+}
+
 /// Consumes samples, gives an estimate per block.
 pub struct IdentifierNode<B> {
     options: IdentifierOptions,

@@ -315,6 +315,21 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
         })
     }
 
+    /// The same with other start values than the plant's own for the first block's weights.
+    ///
+    /// # Errors
+    /// Not one finite value within its bounds for each parameter.
+    pub fn starting_at(mut self, theta: &[f64]) -> Result<Self, ProjectedError> {
+        let options = EstimatorOptions {
+            theta_start: theta.to_vec(),
+            start_std: theta.iter().map(|t| t.abs()).collect(),
+            ..self.first_fit.options().clone()
+        };
+        self.first_fit =
+            BlockEstimator::new(structure(&self.core.plant), options).map_err(|_| ProjectedError::Plant)?;
+        Ok(self)
+    }
+
     /// The plant behind the rows.
     pub fn plant(&self) -> &P {
         &self.core.plant

@@ -3,8 +3,7 @@
 use super::{HEARTBEAT, RunError, Shutdown, Stay, TICK};
 use crate::bus::{BusError, Publisher, SampleSubscriber};
 use crate::messages::{Estimate, State, Status};
-use crate::node::identifier::IdentifierNode;
-use crate::rows::SampleBlock;
+use crate::node::identifier::Identifier;
 use std::time::{Duration, Instant};
 
 /// Samples taken in before the clock is looked at again.
@@ -28,8 +27,8 @@ pub struct IdentifierPorts {
 ///
 /// # Errors
 /// The bus fails.
-pub fn run_identifier<B: SampleBlock>(
-    node: &mut IdentifierNode<B>,
+pub fn run_identifier(
+    node: &mut dyn Identifier,
     ports: &mut IdentifierPorts,
     stay: Stay,
     shutdown: &Shutdown,
@@ -79,8 +78,8 @@ pub fn run_identifier<B: SampleBlock>(
 }
 
 /// The step sample → estimate.
-fn take_in<B: SampleBlock>(
-    node: &mut IdentifierNode<B>,
+fn take_in(
+    node: &mut dyn Identifier,
     samples: &mut SampleSubscriber,
     estimates: &mut Publisher<Estimate>,
 ) -> Result<usize, BusError> {

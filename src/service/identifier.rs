@@ -45,7 +45,7 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
         estimates,
         status,
     };
-    run_identifier(&mut node, &mut ports, common.stay(), shutdown)?;
+    run_identifier(&mut *node, &mut ports, common.stay(), shutdown)?;
     let status = node.status();
     if !common.is_launched() {
         logging::result(&format!(

@@ -1,13 +1,13 @@
 //! From a configuration to nodes: the one place that knows which core type a configured choice means.
 
 use super::Failure;
-use crate::config::{Config, ModelConfig};
+use crate::config::{Config, ModelConfig, Rows, with_plant};
 use crate::estimator::BlockEstimator;
 use crate::messages::signals;
-use crate::model::{DerivedValues, Manipulator, ManipulatorDerived, Plant};
-use crate::node::identifier::{IdentifierNode, IdentifierOptions};
+use crate::model::{AutoDiff, DerivedValues, ManipulatorDerived, Plant};
+use crate::node::identifier::{Identifier, IdentifierNode, IdentifierOptions};
 use crate::node::monitor::{Label, MonitorNode, Truth};
-use crate::rows::{InputSource, PointwiseBlock, structure};
+use crate::rows::{InputSource, PointwiseBlock, ProjectedBlock, SampleBlock, structure};
 use crate::sim::SimOptions;
 
 /// A monitor that knows the names, and what the values really are where `truth` is the simulated machine.
@@ -28,9 +28,14 @@ pub(super) fn monitor_node(config: &Config, truth: Option<&SimOptions>) -> Resul
         .flat_map(|derived| derived.quantities())
         .map(|quantity| label(quantity.name, quantity.unit))
         .collect();
-    let truth = truth.map(|sim| {
+    let arm = matches!(
+        config.model,
+        ModelConfig::Manipulator { .. } | ModelConfig::DelayedManipulator { .. }
+    );
+    let truth = truth.filter(|_| arm).map(|sim| {
         Box::new(SimulatedTruth {
             sim: sim.clone(),
+            delay: matches!(config.model, ModelConfig::DelayedManipulator { .. }),
             derived,
         }) as Box<dyn Truth>
     });
@@ -38,25 +43,54 @@ pub(super) fn monitor_node(config: &Config, truth: Option<&SimOptions>) -> Resul
 }
 
 /// The identifier of the configured model.
-pub(super) fn identifier_node(config: &Config) -> Result<IdentifierNode<PointwiseBlock<Manipulator>>, Failure> {
-    let ModelConfig::Manipulator { plant, .. } = &config.model;
+pub(super) fn identifier_node(config: &Config) -> Result<Box<dyn Identifier>, Failure> {
+    let derived = derived(config)?.map(|derived| Box::new(derived) as Box<dyn DerivedValues>);
+    let block_len = config.estimator.block_len;
     let input = config.identifier.input;
-    let needed = match input {
+    Ok(match (&config.model, &config.identifier.rows) {
+        // its own fast path
+        (ModelConfig::Manipulator { plant, .. }, Rows::Pointwise) => {
+            let rows = PointwiseBlock::new(*plant, input, block_len);
+            Box::new(node(config, plant, needed(input), rows, derived)?)
+        }
+        (model, Rows::Pointwise) => with_plant!(model, plant => {
+            let rows = PointwiseBlock::new(AutoDiff(plant.clone()), input, block_len);
+            Box::new(node(config, plant, needed(input), rows, derived)?)
+        }),
+        (model, Rows::Projected(options)) => with_plant!(model, plant => {
+            let start = &config.estimator.options.theta_start;
+            let rows = ProjectedBlock::new(plant.clone(), *options, block_len)
+                .and_then(|rows| rows.starting_at(start))
+                .map_err(|e| Failure::Usage(format!("identifier.projected: {e}")))?;
+            Box::new(node(config, plant, signals::Q | signals::INPUT, rows, derived)?)
+        }),
+    })
+}
+
+/// Signals that pointwise rows need.
+fn needed(input: InputSource) -> u32 {
+    match input {
         InputSource::Measured => signals::ALL & !signals::SETPOINT,
         InputSource::Controller(_) => signals::ALL & !signals::INPUT,
-    };
-    let block_len = config.estimator.block_len;
+    }
+}
+
+fn node<B: SampleBlock>(
+    config: &Config,
+    plant: &impl Plant,
+    signals: u32,
+    rows: B,
+    derived: Option<Box<dyn DerivedValues>>,
+) -> Result<IdentifierNode<B>, Failure> {
     let options = IdentifierOptions {
-        block_len: block_len as u64,
+        block_len: config.estimator.block_len as u64,
         joints: plant.joints(),
-        signals: needed,
+        signals,
         model_hash: model_hash(plant),
         config_hash: config.config_hash(),
     };
     let estimator = BlockEstimator::new(structure(plant), config.estimator.options.clone())
         .map_err(|e| Failure::Usage(format!("estimator: {e}")))?;
-    let rows = PointwiseBlock::new(*plant, input, block_len);
-    let derived = derived(config)?.map(|derived| Box::new(derived) as Box<dyn DerivedValues>);
     Ok(IdentifierNode::new(
         options,
         rows,
@@ -68,18 +102,16 @@ pub(super) fn identifier_node(config: &Config) -> Result<IdentifierNode<Pointwis
 
 /// Name of the model.
 pub(super) fn model_name(config: &Config) -> &'static str {
-    match &config.model {
-        ModelConfig::Manipulator { plant, .. } => plant.name(),
-    }
+    config.model.name()
 }
 
 fn derived(config: &Config) -> Result<Option<ManipulatorDerived>, Failure> {
-    match &config.model {
-        ModelConfig::Manipulator { known, .. } => known
-            .map(ManipulatorDerived::new)
-            .transpose()
-            .map_err(|e| Failure::Usage(format!("model.known: {e}"))),
-    }
+    config
+        .model
+        .known()
+        .map(ManipulatorDerived::new)
+        .transpose()
+        .map_err(|e| Failure::Usage(format!("model.known: {e}")))
 }
 
 /// Changes with whatever gives θ̂ its meaning: names, units, equations. 64-bit FNV-1a, the same on every machine.
@@ -103,12 +135,18 @@ fn model_hash(plant: &impl Plant) -> u64 {
 /// What the simulator knows and the identifier must find out.
 struct SimulatedTruth {
     sim: SimOptions,
+    /// The delay of the input is a parameter, too.
+    delay: bool,
     derived: Option<ManipulatorDerived>,
 }
 
 impl Truth for SimulatedTruth {
     fn theta(&self, t_s: f64) -> Vec<f64> {
-        self.sim.true_theta(t_s).to_vec()
+        let mut theta = self.sim.true_theta(t_s).to_vec();
+        if self.delay {
+            theta.push(self.sim.sensors.input_delay_s);
+        }
+        theta
     }
 
     fn derived(&self, t_s: f64) -> Vec<f64> {

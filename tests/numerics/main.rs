@@ -4,6 +4,7 @@
 mod compare;
 #[cfg(feature = "config")]
 mod config;
+mod emps;
 mod estimator;
 #[cfg(feature = "sim")]
 mod estimator_study;

@@ -1,12 +1,12 @@
 //! Projected rows: what they give from positions and inputs alone.
 
-use thetabus::estimator::{BlockEstimator, EstimatorOptions};
-use thetabus::model::{Manipulator, Plant};
+use thetabus::estimator::{BlockEstimator, EstimatorOptions, Residuals};
+use thetabus::model::{Delayed, Equation, Manipulator, Parameter, Plant, Scalar};
 use thetabus::rows::{InputTiming, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, structure};
 use thetabus::sim::{ArmSimulator, ControllerKind, MassSchedule, SensorOptions, Setpoint, SimOptions};
 
 /// References of three kinds; each seed has its own.
-fn reference(kind: &str) -> [Setpoint; 2] {
+fn reference(kind: &str, seed: u64) -> [Setpoint; 2] {
     let random = |limit: f64| Setpoint::Random {
         min_rad: -limit,
         max_rad: limit,
@@ -27,7 +27,10 @@ fn reference(kind: &str) -> [Setpoint; 2] {
     };
     match kind {
         "steps" => [random(1.0), random(0.8)],
-        "square" => [square(0.8, 3.1), square(0.6, 4.3)],
+        "square" => {
+            let shift = 0.13 * seed as f64;
+            [square(0.8, 3.1 + 0.5 * shift), square(0.6, 4.3 - 0.5 * shift)]
+        }
         _ => [sines(1.0), sines(0.8)],
     }
 }
@@ -35,7 +38,7 @@ fn reference(kind: &str) -> [Setpoint; 2] {
 fn scenario(kind: &str, controller: ControllerKind, seed: u64, duration_s: f64) -> SimOptions {
     let mut options = SimOptions::cedro2022();
     options.duration_s = duration_s;
-    options.setpoint = reference(kind);
+    options.setpoint = reference(kind, seed);
     options.controller.kind = controller;
     options.seed = seed;
     options.mass_2 = MassSchedule::jump(150.0, 45.0, 170.0);
@@ -58,6 +61,8 @@ struct Run {
     std: Vec<Vec<f64>>,
     truth: Vec<Vec<f64>>,
     noise: Vec<Vec<f64>>,
+    usable: Vec<u64>,
+    change: Vec<Option<u64>>,
 }
 
 fn timing(sim: &SimOptions) -> InputTiming {
@@ -87,6 +92,8 @@ fn identify<P: Plant + Clone>(plant: P, sim: &SimOptions, rows: ProjectedOptions
         std: Vec::new(),
         truth: Vec::new(),
         noise: Vec::new(),
+        usable: Vec::new(),
+        change: Vec::new(),
     };
     let mut losses = thetabus::sim::Losses::new(&sim.sensors, sim.seed);
     for (k, sample) in (0..sim.sample_count()).zip(ArmSimulator::new(sim).unwrap()) {
@@ -99,6 +106,8 @@ fn identify<P: Plant + Clone>(plant: P, sim: &SimOptions, rows: ProjectedOptions
             run.theta.push(report.theta.clone());
             run.std.push(report.theta_std.clone());
             run.noise.push(report.noise_std.clone());
+            run.usable.push(report.usable);
+            run.change.push(report.change.map(|change| change.time));
             run.truth.push(sim.true_theta(k as f64 * 1e-3).to_vec());
             block.clear();
         }
@@ -127,7 +136,7 @@ fn ident_exact_positions_give_the_parameters_to_the_filters_error() {
             let error = errors(&run, 9);
             // The velocity filter is off by 0.07 % at the resonance of 13 Hz, which meets theta_1 and theta_3 in full, for link 1 alone is
             // a twentieth of the inertia that they stand beside; everything else by a share of that.
-            for (i, limit) in [0.2, 0.02, 0.2, 0.02, 0.002, 0.002, 0.002, 0.002, 0.002]
+            for (i, limit) in [0.2, 0.03, 0.5, 0.03, 0.002, 0.002, 0.002, 0.002, 0.002]
                 .into_iter()
                 .enumerate()
             {
@@ -142,36 +151,328 @@ fn ident_exact_positions_give_the_parameters_to_the_filters_error() {
     }
 }
 
+fn encoder_rows(sim: &SimOptions) -> ProjectedOptions {
+    let bits = sim.sensors.encoder_bits;
+    ProjectedOptions {
+        timing: timing(sim),
+        noise: SensorNoise::encoder(bits, sim.sensors.input_noise_v),
+        velocity_half_width: if bits >= 20 { 5 } else { 10 },
+        ..ProjectedOptions::recommended()
+    }
+}
+
 #[test]
-#[ignore = "a look at the figures"]
-fn explore_encoder() {
+fn ident_encoder_and_voltage_alone_give_all_that_the_data_hold() {
     for controller in [ControllerKind::Analog, ControllerKind::Sampled] {
-        for kind in ["steps", "square", "sines"] {
-            for (bits, volt, half) in [(16, 0.05, 10), (20, 0.0, 5)] {
-                for seed in 0..3 {
-                    let mut sim = scenario(kind, controller, seed, 170.0);
-                    sim.sensors = SensorOptions::encoder(bits, volt);
-                    let plant = Manipulator::default();
-                    let rows = ProjectedOptions {
-                        timing: timing(&sim),
-                        noise: SensorNoise::encoder(bits, volt),
-                        velocity_half_width: half,
-                        ..ProjectedOptions::recommended()
-                    };
-                    let run = identify(plant, &sim, rows, estimator_options(&plant, start()));
-                    println!("{controller:?} {kind} {bits} seed {seed}");
-                    for block in [0, 9, 22, 23, 24, 26, 88] {
-                        println!(
-                            "{block:3} noise {:.2?} err {:7.3?} dev {:5.2?}",
-                            run.noise[block],
-                            errors(&run, block),
-                            (0..9)
-                                .map(|i| (run.theta[block][i] - run.truth[block][i]) / run.std[block][i])
-                                .collect::<Vec<_>>()
-                        );
-                    }
+        let mut sim = scenario("steps", controller, 4, 10.0 * 1.9);
+        sim.sensors = SensorOptions::encoder(16, 0.05);
+        let plant = Manipulator::default();
+        let run = identify(plant, &sim, encoder_rows(&sim), estimator_options(&plant, start()));
+        for (block, limit) in [(0, 2.0), (9, 0.3)] {
+            let error = errors(&run, block);
+            for i in 4..9 {
+                assert!(
+                    error[i].abs() < limit,
+                    "{controller:?} block {block}: theta_{} {:.3} %",
+                    i + 1,
+                    error[i]
+                );
+            }
+        }
+        for i in 0..9 {
+            let deviations = (run.theta[9][i] - run.truth[9][i]).abs() / run.std[9][i];
+            // nine parameters in two runs: 4.5 deviations come once in 10 000 such tests
+            assert!(
+                deviations < 4.5,
+                "{controller:?}: theta_{} is off by {deviations:.1} deviations",
+                i + 1
+            );
+        }
+        // The sensors were told, so whitened residuals have variance 1; 950 rows give their deviation to 2 %, and R is right to some per cent.
+        for noise in &run.noise[9] {
+            assert!((noise - 1.0).abs() < 0.15, "{controller:?}: {:?}", run.noise[9]);
+        }
+    }
+}
+
+#[test]
+fn ident_a_delay_ignored_configured_and_identified() {
+    let mut sim = scenario("sines", ControllerKind::Sampled, 2, 10.0 * 1.9);
+    sim.sensors = SensorOptions::encoder(16, 0.05);
+    sim.sensors.input_delay_s = 0.5e-3;
+    let plant = Manipulator::default();
+    let rows = encoder_rows(&sim);
+    let ignored = identify(plant, &sim, rows, estimator_options(&plant, start()));
+    let told = ProjectedOptions {
+        input_delay_s: 0.5e-3,
+        ..rows
+    };
+    let configured = identify(plant, &sim, told, estimator_options(&plant, start()));
+    let delayed = Delayed::new(plant, 0.0, 5e-3);
+    let mut theta = start();
+    theta.push(0.0);
+    let mut options = estimator_options(&delayed, theta);
+    options.start_std[9] = 1e-3;
+    let identified = identify(delayed, &sim, rows, options);
+    // theta_6: half a sample costs tens of per cent, told or found out it is as good as without
+    let error = |run: &Run| errors(run, 9)[5];
+    assert!(error(&ignored).abs() > 5.0, "{}", error(&ignored));
+    assert!(error(&configured).abs() < 0.5, "{}", error(&configured));
+    assert!(error(&identified).abs() < 0.5, "{}", error(&identified));
+    let delay = identified.theta[9][9];
+    assert!((delay - 0.5e-3).abs() < 20e-6, "{delay}");
+    let deviations = (delay - 0.5e-3).abs() / identified.std[9][9];
+    assert!(deviations < 4.5, "{deviations}");
+}
+
+/// The rows of a block of samples, evaluated at θ.
+fn all_rows<P: Plant + Clone>(block: &ProjectedBlock<P>, plant: &P, theta: &[f64]) -> Vec<(f64, Vec<f64>)> {
+    let mut rows = Vec::new();
+    for (e, equation) in plant.equations().iter().enumerate() {
+        for index in 0..block.len() {
+            let mut phi = vec![0.0; equation.parameters.len()];
+            let f = block.row(e, index, theta, &mut phi);
+            rows.push((f, phi));
+        }
+    }
+    rows
+}
+
+#[test]
+fn fault_windows_that_touch_a_lost_sample_are_dropped_and_no_others() {
+    let sim = scenario("steps", ControllerKind::Sampled, 1, 4.0);
+    let plant = Manipulator::default();
+    let options = ProjectedOptions {
+        noise: SensorNoise::encoder(16, 0.05),
+        ..ProjectedOptions::recommended()
+    };
+    let samples: Vec<_> = ArmSimulator::new(&sim).unwrap().take(1900).collect();
+    let spans = |lost: &[usize]| -> Vec<(u64, u64)> {
+        let mut block = ProjectedBlock::new(plant, options, 1900).unwrap();
+        for (k, sample) in samples.iter().enumerate().filter(|(k, _)| !lost.contains(k)) {
+            assert!(block.push(k as u64 * 1_000_000, sample));
+        }
+        block.prepare(&start());
+        (0..block.len()).map(|i| block.span(i)).collect()
+    };
+    let whole = spans(&[]);
+    let with_hole = spans(&[1000]);
+    let hole_ns = 1_000_000_000;
+    assert!(with_hole.iter().all(|&(a, b)| b < hole_ns || a > hole_ns));
+    // a window needs 70 samples on either side of its centre: those whose centres are nearer to the hole are gone, every 20th sample one
+    assert_eq!(whole.len() - with_hole.len(), 7);
+    assert!(
+        with_hole.iter().all(|span| whole.contains(span)),
+        "the grid stays where it was"
+    );
+    assert_eq!(spans(&(500..900).collect::<Vec<_>>()).len(), whole.len() - 27);
+}
+
+#[test]
+fn prop_rows_do_not_depend_on_where_blocks_are_cut() {
+    let sim = scenario("steps", ControllerKind::Sampled, 1, 4.0);
+    let plant = Manipulator::default();
+    let options = ProjectedOptions {
+        noise: SensorNoise::encoder(16, 0.05),
+        ..ProjectedOptions::recommended()
+    };
+    let spans = |block_len: usize| -> Vec<(u64, u64)> {
+        let mut block = ProjectedBlock::new(plant, options, block_len).unwrap();
+        let mut spans = Vec::new();
+        for (k, sample) in ArmSimulator::new(&sim).unwrap().take(3800).enumerate() {
+            assert!(block.push(k as u64 * 1_000_000, &sample));
+            if (k + 1) % block_len == 0 {
+                spans.extend((0..block.len()).map(|i| block.span(i)));
+                block.clear();
+            }
+        }
+        spans
+    };
+    let whole = spans(3800);
+    assert_eq!(spans(1900), whole);
+    assert_eq!(spans(95), whole, "a block shorter than a window");
+    assert_eq!(spans(1), whole, "one sample to a block");
+}
+
+/// The arm's equations with θ₁ written as the square of its root: no polynomial of degree 2.
+#[derive(Clone)]
+struct Rooted(Manipulator);
+
+impl Plant for Rooted {
+    fn name(&self) -> &'static str {
+        "rooted"
+    }
+    fn joints(&self) -> usize {
+        self.0.joints()
+    }
+    fn input_unit(&self) -> &'static str {
+        self.0.input_unit()
+    }
+    fn parameters(&self) -> &[Parameter] {
+        self.0.parameters()
+    }
+    fn equations(&self) -> &[Equation] {
+        self.0.equations()
+    }
+    fn terms<D: Scalar>(&self, equation: usize, q: &[D], dq: &[D], theta: &[D], g: &mut [D]) {
+        let mut other = [D::from(0.0); 9];
+        other.copy_from_slice(theta);
+        other[8] = theta[8].sqrt();
+        other[0] = theta[0].sqrt();
+        self.0.terms(equation, q, dq, &other, g);
+    }
+}
+
+#[test]
+fn val_terms_that_are_no_polynomials_give_the_same_rows_by_evaluation() {
+    let sim = scenario("sines", ControllerKind::Sampled, 1, 4.0);
+    let options = ProjectedOptions {
+        noise: SensorNoise::NONE,
+        velocity_half_width: 5,
+        ..ProjectedOptions::recommended()
+    };
+    let truth = sim.true_theta(0.0).to_vec();
+    let mut squared = truth.clone();
+    (squared[0], squared[8]) = (truth[0] * truth[0], truth[8] * truth[8]);
+    let arm = Manipulator::default();
+    let mut by_parts = ProjectedBlock::new(arm, options, 1900).unwrap();
+    let rooted = Rooted(arm);
+    let mut evaluated = ProjectedBlock::new(rooted.clone(), options, 1900).unwrap();
+    for (k, sample) in ArmSimulator::new(&sim).unwrap().take(1900).enumerate() {
+        assert!(by_parts.push(k as u64 * 1_000_000, &sample));
+        assert!(evaluated.push(k as u64 * 1_000_000, &sample));
+    }
+    by_parts.prepare(&truth);
+    evaluated.prepare(&squared);
+    let a = all_rows(&by_parts, &arm, &truth);
+    let b = all_rows(&evaluated, &rooted, &squared);
+    let size = |rows: &[(f64, Vec<f64>)], i: usize| rows.iter().fold(0.0, |m: f64, r| m.max(r.1[i].abs()));
+    for (range, i, factor) in [
+        (0..a.len() / 2, 1, 1.0),
+        (0..a.len() / 2, 0, 0.5 / truth[0]),
+        (a.len() / 2..a.len(), 3, 0.5 / truth[8]),
+    ] {
+        let scale = size(&a[range.clone()], i) * factor;
+        for k in range {
+            // by parts from positions, or from filtered velocities: the filter's 1e-5 and what it is whitened by
+            let difference = (a[k].1[i] * factor - b[k].1[i]).abs();
+            assert!(
+                difference < 5e-3 * scale,
+                "row {k}, column {i}: {} {}",
+                a[k].1[i] * factor,
+                b[k].1[i]
+            );
+        }
+    }
+}
+
+/// Median and worst of a list.
+fn summary(mut values: Vec<f64>) -> String {
+    values.sort_by(f64::total_cmp);
+    format!("{:.3}/{:.3}", values[values.len() / 2], values[values.len() - 1])
+}
+
+/// Blocks after the jump until the parameters stay within 1 %, counted from the block that holds it.
+fn blocks_to_1_percent(run: &Run, parameters: &[usize]) -> f64 {
+    let last_off = (23..run.theta.len()).rev().find(|&block| {
+        let error = errors(run, block);
+        parameters.iter().any(|&i| error[i].abs() > 1.0)
+    });
+    last_off.map_or(0.0, |block| (block - 22) as f64)
+}
+
+#[test]
+#[ignore = "the accuracy table: 12 scenarios of 20 runs"]
+fn table_encoder_only() {
+    let seeds = std::env::var("SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(20);
+    for (bits, volt) in [(16, 0.05), (20, 0.0)] {
+        for controller in [ControllerKind::Sampled, ControllerKind::Analog] {
+            for kind in ["steps", "square", "sines"] {
+                let runs: Vec<Run> = (0..seeds)
+                    .map(|seed| {
+                        let mut sim = scenario(kind, controller, seed, 170.0);
+                        sim.sensors = SensorOptions::encoder(bits, volt);
+                        let plant = Manipulator::default();
+                        identify(plant, &sim, encoder_rows(&sim), estimator_options(&plant, start()))
+                    })
+                    .collect();
+                let each = |f: &dyn Fn(&Run) -> f64| summary(runs.iter().map(f).collect());
+                let end = |i: usize| each(&|run: &Run| errors(run, 88)[i].abs());
+                let alarms: usize = runs
+                    .iter()
+                    .map(|run| {
+                        (0..run.theta.len())
+                            .filter(|b| run.change[*b].is_some() && !(23..=24).contains(b))
+                            .count()
+                    })
+                    .sum();
+                let when: Vec<f64> = runs
+                    .iter()
+                    .map(|run| {
+                        run.change[23]
+                            .or(run.change[24])
+                            .map_or(9.0, |t| (t as f64 * 1e-9 - 45.0).abs())
+                    })
+                    .collect();
+                let wrong = runs
+                    .iter()
+                    .map(|run| {
+                        let mut worst: f64 = 0.0;
+                        for block in 0..89 {
+                            for i in [1, 3, 4, 5, 6, 7, 8] {
+                                if run.usable[block] >> i & 1 == 1 {
+                                    worst = worst.max(errors(run, block)[i].abs());
+                                }
+                            }
+                        }
+                        worst
+                    })
+                    .collect();
+                let all: Vec<usize> = (0..9).collect();
+                let start_blocks = |run: &Run| {
+                    (0..23)
+                        .rev()
+                        .find(|&b| errors(run, b).iter().any(|e| e.abs() > 1.0))
+                        .map_or(1.0, |b| b as f64 + 2.0)
+                };
+                println!(
+                    "{bits} bit {controller:?} {kind}: end {} | 6,7,9 after {} blocks | all nine after the start {} and the jump {} | usable worst {} | time {} | false alarms {alarms} of {}",
+                    (0..9).map(end).collect::<Vec<_>>().join(" "),
+                    each(&|run| blocks_to_1_percent(run, &[5, 6, 8])),
+                    each(&start_blocks),
+                    each(&|run| blocks_to_1_percent(run, &all)),
+                    summary(wrong),
+                    summary(when),
+                    87 * seeds,
+                );
+            }
+        }
+    }
+}
+
+#[test]
+#[ignore = "the calibration table: 200 runs of 10 blocks"]
+fn table_calibration() {
+    for (bits, volt, told) in [(16, 0.05, true), (20, 0.0, true), (16, 0.05, false)] {
+        for controller in [ControllerKind::Sampled, ControllerKind::Analog] {
+            let (mut inside, mut alarms) = ([0usize; 9], 0);
+            for seed in 1000..1200 {
+                let mut sim = scenario("steps", controller, seed, 10.0 * 1.9);
+                sim.sensors = SensorOptions::encoder(bits, volt);
+                let plant = Manipulator::default();
+                let mut rows = encoder_rows(&sim);
+                if !told {
+                    // three times too little and too much
+                    rows.noise = SensorNoise::encoder(bits + 2, 3.0 * volt);
+                }
+                let run = identify(plant, &sim, rows, estimator_options(&plant, start()));
+                alarms += run.change.iter().filter(|c| c.is_some()).count();
+                for i in 0..9 {
+                    inside[i] += usize::from((run.theta[9][i] - run.truth[9][i]).abs() < 1.96 * run.std[9][i]);
                 }
             }
+            let share = inside.map(|n| n as f64 / 2.0);
+            println!("{bits} bit {controller:?} told {told}: {share:.1?} %, {alarms} alarms in 2000 blocks");
         }
     }
 }

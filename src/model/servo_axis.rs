@@ -1,0 +1,156 @@
+//! One servo axis: an inertia with viscous and Coulomb friction, driven by a force or torque.
+//!
+//! ```text
+//! M q̈ + F_v q̇ + F_c sign q̇ + b = k u          as terms: g₀ = F_v q̇ + F_c sign q̇ + b, g₁ = M q̇, s = k
+//! ```
+//!
+//! | symbol | meaning | linear axis | rotary axis |
+//! |---|---|---|---|
+//! | q | position | m | rad |
+//! | u | the drive's input: voltage, current, force or torque | V, A, N | V, A, N m |
+//! | k | force per unit of input | N/V, N/A, 1 | N m/V, N m/A, 1 |
+//! | M | `mass`: mass or moment of inertia, everything that moves | kg | kg m² |
+//! | F_v | `viscous_friction` | N s/m | N m s/rad |
+//! | F_c | `coulomb_friction` | N | N m |
+//! | b | `offset`: what pulls or pushes constantly | N | N m |
+//!
+//! The model and its names are those of the EMPS benchmark: A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, Workshop on
+//! Nonlinear System Identification Benchmarks, 2019. sign 0 = 0.
+
+use super::{Equation, Parameter, Plant, Scalar};
+
+/// Number of parameters of a servo axis.
+pub const SERVO_PARAMS: usize = 4;
+
+/// How the axis moves, which decides on its units.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Motion {
+    /// Along a line.
+    #[default]
+    Linear,
+    /// About an axis.
+    Rotary,
+}
+
+impl Motion {
+    /// All kinds with their names in configuration files.
+    pub const NAMES: [(Self, &'static str); 2] = [(Self::Linear, "linear"), (Self::Rotary, "rotary")];
+}
+
+/// What the drive's input is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum DriveInput {
+    /// Control voltage of a current-controlled drive \[V\].
+    #[default]
+    Voltage,
+    /// Motor current \[A\].
+    Current,
+    /// Force \[N\] or torque \[N m\].
+    Force,
+}
+
+impl DriveInput {
+    /// All kinds with their names in configuration files.
+    pub const NAMES: [(Self, &'static str); 3] = [
+        (Self::Voltage, "voltage"),
+        (Self::Current, "current"),
+        (Self::Force, "force"),
+    ];
+}
+
+const fn parameter(name: &'static str, unit: &'static str, meaning: &'static str, start: f64, lower: f64) -> Parameter {
+    Parameter {
+        name,
+        unit,
+        meaning,
+        start,
+        lower,
+        upper: f64::INFINITY,
+    }
+}
+
+static LINEAR: [Parameter; SERVO_PARAMS] = [
+    parameter("mass", "kg", "everything that moves with the axis", 50.0, 0.0),
+    parameter(
+        "viscous_friction",
+        "N s/m",
+        "friction that grows with speed",
+        100.0,
+        0.0,
+    ),
+    parameter("coulomb_friction", "N", "friction that does not", 10.0, 0.0),
+    parameter("offset", "N", "constant force on the axis", 0.0, f64::NEG_INFINITY),
+];
+
+static ROTARY: [Parameter; SERVO_PARAMS] = [
+    parameter("mass", "kg m^2", "moment of inertia of everything that moves", 1.0, 0.0),
+    parameter(
+        "viscous_friction",
+        "N m s/rad",
+        "friction that grows with speed",
+        1.0,
+        0.0,
+    ),
+    parameter("coulomb_friction", "N m", "friction that does not", 1.0, 0.0),
+    parameter("offset", "N m", "constant torque on the axis", 0.0, f64::NEG_INFINITY),
+];
+
+/// One servo axis; known is what its input does.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ServoAxis {
+    motion: Motion,
+    input: DriveInput,
+    equations: [Equation; 1],
+}
+
+impl ServoAxis {
+    /// An axis whose drive gives `gain` \[N or N m per unit of input\]; must be finite and not 0, otherwise `None`.
+    pub fn new(motion: Motion, input: DriveInput, gain: f64) -> Option<Self> {
+        (gain.is_finite() && gain != 0.0).then_some(Self {
+            motion,
+            input,
+            equations: [Equation {
+                name: "axis",
+                input: 0,
+                input_scale: gain,
+                order: 1,
+                parameters: 0..SERVO_PARAMS,
+            }],
+        })
+    }
+}
+
+impl Plant for ServoAxis {
+    fn name(&self) -> &'static str {
+        "servo_axis"
+    }
+
+    fn joints(&self) -> usize {
+        1
+    }
+
+    fn input_unit(&self) -> &'static str {
+        match (self.input, self.motion) {
+            (DriveInput::Voltage, _) => "V",
+            (DriveInput::Current, _) => "A",
+            (DriveInput::Force, Motion::Linear) => "N",
+            (DriveInput::Force, Motion::Rotary) => "N m",
+        }
+    }
+
+    fn parameters(&self) -> &[Parameter] {
+        match self.motion {
+            Motion::Linear => &LINEAR,
+            Motion::Rotary => &ROTARY,
+        }
+    }
+
+    fn equations(&self) -> &[Equation] {
+        &self.equations
+    }
+
+    fn terms<D: Scalar>(&self, _equation: usize, _q: &[D], dq: &[D], theta: &[D], g: &mut [D]) {
+        g[0] = theta[1] * dq[0] + theta[2] * dq[0].signum() + theta[3];
+        g[1] = theta[0] * dq[0];
+    }
+}

@@ -1,0 +1,125 @@
+//! A real machine: the Electro-Mechanical Positioning System, 24.8 s of a carriage on a ball screw at 1 kHz.
+
+use std::path::PathBuf;
+use thetabus::estimator::{BlockEstimator, EstimatorOptions, Report};
+use thetabus::model::{DriveInput, JointSample, Motion, Plant, ServoAxis};
+use thetabus::rows::{InputTiming, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, structure};
+
+/// Force per volt \[N/V\], and what the rig's owners published for M, F_v, F_c and the offset.
+const GAIN: f64 = 35.150_651_88;
+const PUBLISHED: [f64; 4] = [95.1089, 203.5034, 20.3935, -3.1648];
+
+/// The recording, or why there is none. It stands beside the project, since it came without a licence.
+fn recording() -> Result<Vec<(f64, f64)>, String> {
+    let name = "data/emps.csv";
+    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
+    let named = std::env::var_os("THETABUS_DATA_DIR").map(|dir| PathBuf::from(dir).join("emps.csv"));
+    let path = named.unwrap_or_else(|| root.join("../shared").join(name));
+    let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let rows = text.lines().skip(1).map(|line| {
+        let fields: Vec<f64> = line.split(',').map(|field| field.trim().parse().unwrap()).collect();
+        (fields[1], fields[3])
+    });
+    Ok(rows.collect())
+}
+
+fn rows(window_s: f64, timing: InputTiming) -> ProjectedOptions {
+    let mut noise = SensorNoise::NONE;
+    noise.position_resolution[0] = 50e-9;
+    noise.input_noise[0] = 0.05;
+    ProjectedOptions {
+        window_s,
+        stride_s: window_s / 5.0,
+        timing,
+        noise,
+        ..ProjectedOptions::recommended()
+    }
+}
+
+/// One on-line pass; the last report and how many blocks informed on every parameter.
+fn pass(record: &[(f64, f64)], rows: ProjectedOptions, lambda: f64) -> (Report, usize) {
+    let axis = ServoAxis::new(Motion::Linear, DriveInput::Voltage, GAIN).unwrap();
+    let mut options = EstimatorOptions::recommended(axis.parameters().iter().map(|p| p.start).collect(), 1);
+    options.lower = axis.parameters().iter().map(|p| p.lower).collect();
+    options.forgetting_factor = lambda;
+    options.change_detection = None;
+    let mut block = ProjectedBlock::new(axis.clone(), rows, 1900).unwrap();
+    let mut estimator = BlockEstimator::new(structure(&axis), options).unwrap();
+    let mut excited = 0;
+    for (k, &(q, voltage)) in record.iter().enumerate() {
+        let mut sample = JointSample::default();
+        (sample.q[0], sample.input[0]) = (q, voltage);
+        assert!(block.push(k as u64 * 1_000_000, &sample));
+        if k % 1900 == 1899 {
+            block.prepare(estimator.theta());
+            let report = estimator.update(&block);
+            excited += usize::from(report.excited == 0b1111);
+            assert!(report.theta.iter().chain(&report.theta_std).all(|v| v.is_finite()));
+            block.clear();
+        }
+    }
+    (estimator.report().clone(), excited)
+}
+
+/// The recording, or `None` with a message; a gate that requires it fails instead.
+fn recording_or_skip() -> Option<Vec<(f64, f64)>> {
+    match recording() {
+        Ok(record) => Some(record),
+        Err(why) => {
+            assert!(std::env::var("THETABUS_REQUIRE_PEERS").as_deref() != Ok("1"), "{why}");
+            println!("skipped: {why}");
+            None
+        }
+    }
+}
+
+fn errors_percent(report: &Report) -> [f64; 4] {
+    std::array::from_fn(|i| 100.0 * (report.theta[i] / PUBLISHED[i] - 1.0))
+}
+
+#[test]
+fn val_emps_in_one_on_line_pass_gives_the_published_parameters() {
+    let Some(record) = recording_or_skip() else { return };
+    assert_eq!(record.len(), 24_841);
+    let (report, excited) = pass(&record, rows(0.04, InputTiming::Continuous), 1.0);
+    let error = errors_percent(&report);
+    // What issue and data sheet ask of 40 ms windows; the published values are off-line fits of the same record.
+    for (i, limit) in [0.2, 0.5, 0.5, 2.0].into_iter().enumerate() {
+        assert!(error[i].abs() < limit, "{}: {:.3} %", report_name(i), error[i]);
+        let deviations = (report.theta[i] - PUBLISHED[i]).abs() / report.theta_std[i];
+        assert!(deviations < 3.0, "{}: {deviations:.2} deviations", report_name(i));
+    }
+    // The carriage moves one way for seconds: six blocks are silent on a parameter, and are told as such.
+    assert_eq!(excited, 13 - 6);
+}
+
+fn report_name(i: usize) -> &'static str {
+    ["mass", "viscous_friction", "coulomb_friction", "offset"][i]
+}
+
+/// A tuned window would be no test: three times shorter and three times longer ones agree.
+#[test]
+fn val_emps_does_not_hang_on_the_window_but_on_the_input_between_samples() {
+    let Some(record) = recording_or_skip() else { return };
+    println!("| window | timing | mass | viscous | coulomb | offset | (deviations) |");
+    for window_s in [0.024, 0.04, 0.06, 0.08, 0.12] {
+        for timing in [InputTiming::Continuous, InputTiming::Held] {
+            let (report, _) = pass(&record, rows(window_s, timing), 1.0);
+            let error = errors_percent(&report);
+            let std: Vec<f64> = (0..4)
+                .map(|i| 100.0 * (report.theta_std[i] / PUBLISHED[i]).abs())
+                .collect();
+            println!("| {window_s} | {timing:?} | {error:.2?} | {std:.2?} |");
+            if timing == InputTiming::Continuous {
+                for (i, limit) in [0.2, 0.6, 0.6, 2.0].into_iter().enumerate() {
+                    assert!(
+                        error[i].abs() < limit,
+                        "{window_s}: {} {:.3} %",
+                        report_name(i),
+                        error[i]
+                    );
+                }
+            }
+        }
+    }
+}

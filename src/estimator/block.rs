@@ -109,6 +109,9 @@ impl BlockEstimator {
     const EXCITED: f64 = 0.9;
     /// A group that gave no alarm follows one that did where its own test is below this.
     const JOINS: f64 = 1e-2;
+    /// Changes looked for in one block, and repetitions until the place of one settles.
+    const CUTS: usize = 3;
+    const PASSES: usize = 6;
     /// Alarms at most this many blocks apart are a drift.
     const DRIFT_BLOCKS: u32 = 4;
 
@@ -296,20 +299,35 @@ impl BlockEstimator {
             return &self.report;
         }
         let single = self.options.max_iterations == 1;
-        for group in &mut self.groups {
+        let mut lines = 0u64;
+        for (k, group) in self.groups.iter_mut().enumerate() {
             group.begin(rows, &self.theta, &self.options);
+            if group.drifting && group.follow_line(rows, &mut self.theta) {
+                lines |= 1 << k;
+                self.report.change = Some(Change {
+                    kind: ChangeKind::Drift,
+                    row: 0,
+                    time: rows.span(0).0,
+                });
+                continue;
+            }
             if single {
                 group.single_step(&mut self.theta);
                 self.report.iterations = 1;
             } else {
+                // a line that was tried and refused may have left other priors
                 let fit = group.fit(rows, 0..rows.len(), &mut self.theta, &self.options);
                 note(&mut self.report, fit);
             }
         }
         if let Some(detection) = self.options.change_detection {
-            self.watch(rows, detection);
+            lines |= self.watch(rows, lines, detection);
         }
-        for group in &mut self.groups {
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            if lines >> k & 1 == 1 {
+                group.conclude_line(&self.theta, &self.options);
+                continue;
+            }
             // the sums of a single step belong to θ̄, as (9) has them; the residual after the step is evidence
             let stepped = single && self.report.change.is_none() && group.try_at(rows, 0..rows.len(), &self.theta);
             group.conclude(&self.theta, stepped, &self.options);
@@ -321,8 +339,9 @@ impl BlockEstimator {
         &self.report
     }
 
-    /// Tests the block, and where it raises an alarm finds out what happened and fits anew.
-    fn watch<R: Residuals>(&mut self, rows: &R, detection: ChangeDetection) {
+    /// Tests the groups that follow no line, and where one raises an alarm finds out what happened and fits anew. Returns the
+    /// groups that now follow a line.
+    fn watch<R: Residuals>(&mut self, rows: &R, lines: u64, detection: ChangeDetection) -> u64 {
         let level = detection.false_alarm_rate / self.groups.len() as f64;
         // with one iteration the sums are those at θ̄
         let single = self.options.max_iterations == 1;
@@ -330,6 +349,9 @@ impl BlockEstimator {
         let (mut joined, mut smallest) = (0u64, 1.0f64);
         let mut alarm = false;
         for (k, group) in self.groups.iter_mut().enumerate() {
+            if lines >> k & 1 == 1 {
+                continue;
+            }
             let probability = group.change_probability(at);
             smallest = smallest.min(probability);
             let another = group.is_another_plant(&self.options);
@@ -343,7 +365,7 @@ impl BlockEstimator {
             for group in &mut self.groups {
                 group.follow_drift(&self.theta);
             }
-            return;
+            return 0;
         }
         let whole = 0..rows.len();
         let mut consistent = true;
@@ -369,54 +391,100 @@ impl BlockEstimator {
             self.since_change = 0;
         }
         self.report.change = Some(change);
-        self.refit(rows, joined, change, detection.margin);
+        let mut started = 0;
+        if change.kind == ChangeKind::Drift && !consistent {
+            for (k, group) in self.groups.iter_mut().enumerate() {
+                if joined >> k & 1 == 1 && group.start_line(rows, &mut self.theta) {
+                    started |= 1 << k;
+                }
+            }
+        }
+        self.refit(rows, joined & !started, change, detection.margin);
+        started
     }
 
-    /// The cut of the block, or a drift where a line through the block explains it better.
+    /// The cut of the block, the last one where there are several, or a drift where a line through the block explains it better.
     fn find<R: Residuals>(&mut self, rows: &R, joined: u64) -> Change {
-        let whole = 0..rows.len();
-        let mut row = 0;
-        let mut cost = 0.0;
+        let end = rows.len();
         let mut line = 0.0;
+        let mut straight = true;
         for (k, group) in self.groups.iter_mut().enumerate() {
             if joined >> k & 1 == 1 {
                 // two more per parameter: Akaike's price of the slopes
-                line += group.line_cost(rows, whole.clone(), &self.theta) + 2.0 * group.n as f64;
+                line += group.line_cost(rows, &self.theta) + 2.0 * group.n as f64;
+                straight &= group.line_is_consistent();
             }
         }
+        let mut start = 0;
         self.later.copy_from_slice(&self.theta);
-        for pass in 0..6 {
+        for cut in 0..Self::CUTS {
+            // after the first cut, what lies before the next is free of the past
+            let (row, cost, consistent) = self.cut(rows, joined, start..end, cut > 0);
+            if cut == 0 && straight && line < cost {
+                return Change {
+                    kind: ChangeKind::Drift,
+                    row: 0,
+                    time: rows.span(0).0,
+                };
+            }
+            start = row;
+            if consistent || end - start < 4 {
+                break;
+            }
+            self.before.copy_from_slice(&self.later);
+        }
+        for (k, group) in self.groups.iter().enumerate() {
+            if joined >> k & 1 == 1 {
+                let own = group.parameters.clone();
+                self.theta[own.clone()].copy_from_slice(&self.later[own]);
+            }
+        }
+        Change {
+            kind: ChangeKind::Within,
+            row: start,
+            time: rows.span(start).0,
+        }
+    }
+
+    /// The best single cut of `whole`; `later` becomes the fit of what follows it. Returns also the cost and whether that fit leaves noise only.
+    fn cut<R: Residuals>(&mut self, rows: &R, joined: u64, whole: Range<usize>, free: bool) -> (usize, f64, bool) {
+        let (mut row, mut cost) = (whole.start, f64::INFINITY);
+        let mut consistent = true;
+        for pass in 0..Self::PASSES {
             for group in &mut self.groups {
                 group.set_losses(pass > 0, &self.options);
             }
-            let (found, least) = locate(&mut self.groups, joined, rows, whole.clone(), &self.before, &self.later);
+            let (found, least) = locate(
+                &mut self.groups,
+                joined,
+                rows,
+                whole.clone(),
+                &self.before,
+                &self.later,
+                free,
+            );
             let settled = pass > 0 && found == row;
             (row, cost) = (found, least);
             if settled {
                 break;
             }
+            consistent = true;
             for (k, group) in self.groups.iter_mut().enumerate() {
                 if joined >> k & 1 == 1 {
                     // from θ̄: a fit to both plants at once may have gone astray
                     let own = group.parameters.clone();
-                    self.later[own.clone()].copy_from_slice(&self.before[own]);
+                    self.later[own.clone()].copy_from_slice(&group.centre);
                     group.fit_alone(rows, row..whole.end, &mut self.later, &self.options);
+                    consistent &= group.is_consistent(&self.options);
+                    if free && row > whole.start {
+                        self.before[own.clone()].copy_from_slice(&group.centre);
+                        // the sums that count are those of the later part
+                        group.fit_alone(rows, whole.start..row, &mut self.before, &self.options);
+                    }
                 }
             }
         }
-        if line < cost {
-            return Change {
-                kind: ChangeKind::Drift,
-                row: 0,
-                time: rows.span(0).0,
-            };
-        }
-        self.theta.copy_from_slice(&self.later);
-        Change {
-            kind: ChangeKind::Within,
-            row,
-            time: rows.span(row).0,
-        }
+        (row, cost, consistent)
     }
 
     /// Fits the rows that may still be believed with a prior that allows for the change.

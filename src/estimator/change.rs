@@ -32,6 +32,7 @@
 use super::fit::Fit;
 use super::group::{GroupState, TINY};
 use super::linalg::{dot, gather, mul_vec};
+use super::line::{LineFit, LinePrior};
 use super::options::{EstimatorOptions, Outliers};
 use super::pass::{Loss, Sums, accumulate};
 use super::stats::f_tail;
@@ -205,62 +206,103 @@ impl GroupState {
         self.total_covariance();
     }
 
-    /// Cost of a straight line through the block, θ(t) = θ + θ' s with s from −½ to ½, in units of the noise. Linearised at `theta`.
-    pub fn line_cost<R: Residuals>(&mut self, rows: &R, range: Range<usize>, theta: &[f64]) -> f64 {
+    /// Fits a line to the whole block, see `line.rs`; its cost in units of the noise, infinite where there is none to be had.
+    pub fn line_cost<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> f64 {
+        let own = self.parameters.clone();
+        self.line
+            .fit(rows, &self.equations, theta, own, &self.fixed, None)
+            .unwrap_or(f64::INFINITY)
+    }
+
+    /// True where the line's residuals are no larger than the noise known so far.
+    pub fn line_is_consistent(&self) -> bool {
+        let rows: usize = self.at.iter().map(|s| s.rows).sum();
+        let freedom = rows as f64 - 2.0 * self.n as f64;
+        let known: f64 = self.equations.iter().map(|e| e.freedom).sum();
+        let cost: f64 = self
+            .equations
+            .iter()
+            .zip(&self.line.costs)
+            .map(|(e, cost)| cost / e.variance.max(TINY))
+            .sum();
+        freedom < 1.0 || f_tail(cost / freedom, freedom, known.max(1.0)) > CONSISTENT
+    }
+
+    /// Begins to follow a drift: after [`line_cost`](Self::line_cost), fits the line again with what was known before the block as far as it agrees,
+    /// and takes its end. Slopes, and differences to what was known, count as real as far as they exceed their variance.
+    pub fn start_line<R: Residuals>(&mut self, rows: &R, theta: &mut [f64]) -> bool {
+        for i in 0..self.n {
+            let size = self.size(theta, i);
+            let (slope, variance) = (self.line.slope[i], self.line.slope_variance(i));
+            self.slope[i] = 0.0;
+            self.slope_variance[i] = (slope * slope - variance).max(1e-18 * size * size);
+            if !self.fixed[i] {
+                let off = self.line.middle[i] - 0.5 * slope - self.centre[i];
+                self.change_covariance[i * self.n + i] += (off * off - self.line.start_variance(i)).max(0.0);
+            }
+        }
+        self.total_covariance();
+        self.drifting = true;
+        self.take_line(rows, theta)
+    }
+
+    /// Goes on following a drift: true where a line explains the block and moves; else the drift has ended and nothing is changed.
+    pub fn follow_line<R: Residuals>(&mut self, rows: &R, theta: &mut [f64]) -> bool {
+        self.drifting = false;
+        for i in 0..self.n {
+            self.slope_variance[i] += (0.3 * self.slope[i]).powi(2);
+        }
+        if !self.fit_line(rows, theta) || !self.line_is_consistent() {
+            return false;
+        }
+        let moves = (0..self.n).any(|i| self.line.slope[i].powi(2) > 9.0 * self.line.slope_variance(i));
+        self.drifting = moves;
+        moves && self.end_line(theta)
+    }
+
+    fn take_line<R: Residuals>(&mut self, rows: &R, theta: &mut [f64]) -> bool {
+        self.fit_line(rows, theta) && self.end_line(theta)
+    }
+
+    fn fit_line<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> bool {
         let n = self.n;
-        let m = 2 * n;
-        let (middle, length) = (
-            (range.start + range.end - 1) as f64 / 2.0,
-            range.len().max(2) as f64 - 1.0,
-        );
-        self.line.fill(0.0);
-        let (matrix, vector) = self.line.split_at_mut(m * m);
-        let mut total = 0.0;
-        for e in &self.equations {
-            let weight = 1.0 / e.variance.max(TINY);
-            let p = e.own.len();
-            let phi = &mut self.room.regressor[..p];
-            for index in range.clone() {
-                let f = rows.row(e.index, index, theta, phi) / e.divisor;
-                if matches!(e.loss, Loss::Gate(limit) | Loss::Huber(limit) if f.abs() > limit) {
-                    continue;
-                }
-                let s = (index as f64 - middle) / length;
-                total += weight * f * f;
-                for i in 0..p {
-                    let x = phi[i] / e.divisor * weight;
-                    vector[e.offset + i] += x * f;
-                    vector[n + e.offset + i] += s * x * f;
-                    for j in 0..p {
-                        let v = x * phi[j] / e.divisor;
-                        matrix[(e.offset + i) * m + e.offset + j] += v;
-                        matrix[(e.offset + i) * m + n + e.offset + j] += s * v;
-                        matrix[(n + e.offset + i) * m + e.offset + j] += s * v;
-                        matrix[(n + e.offset + i) * m + n + e.offset + j] += s * s * v;
-                    }
-                }
+        self.prior_from_covariance();
+        let variance = self.variance().max(TINY);
+        self.prior.iter_mut().for_each(|v| *v /= variance);
+        let prior = LinePrior {
+            start: &self.centre,
+            start_information: &self.prior,
+            slope: &self.slope,
+            slope_variance: &self.slope_variance,
+        };
+        let own = self.parameters.clone();
+        debug_assert_eq!(own.len(), n);
+        self.line
+            .fit(rows, &self.equations, theta, own, &self.fixed, Some(prior))
+            .is_some()
+    }
+
+    /// The line's end is the estimate, with its covariance and the information that belongs to it.
+    fn end_line(&mut self, theta: &mut [f64]) -> bool {
+        let n = self.n;
+        let own = self.parameters.clone();
+        let end = |line: &LineFit, i: usize| line.middle[i] + 0.5 * line.slope[i];
+        if (0..n).any(|i| !(end(&self.line, i).is_finite() && self.line.end_covariance(i, i) >= 0.0)) {
+            return false;
+        }
+        for i in 0..n {
+            theta[own.start + i] = end(&self.line, i).clamp(self.lower[i], self.upper[i]);
+            self.slope[i] = self.line.slope[i];
+            self.slope_variance[i] = self.line.slope_variance(i);
+            for j in 0..n {
+                let free = !self.fixed[i] && !self.fixed[j];
+                self.change_covariance[i * n + j] = if free { self.line.end_covariance(i, j) } else { 0.0 };
             }
         }
-        for i in 0..m {
-            // fixed parameters do not move, and a touch of weight keeps silent ones where they are
-            let fixed = self.fixed[i % n];
-            if fixed {
-                for j in 0..m {
-                    matrix[i * m + j] = 0.0;
-                    matrix[j * m + i] = 0.0;
-                }
-                vector[i] = 0.0;
-            }
-            let d = matrix[i * m + i];
-            matrix[i * m + i] = if d > 0.0 { d * (1.0 + 1e-11) } else { 1.0 };
+        for (sums, cost) in self.at.iter_mut().zip(&self.line.costs) {
+            sums.cost = *cost;
         }
-        if !self.line_factor.factor(m, matrix) {
-            return f64::INFINITY;
-        }
-        let (vector, solution) = vector.split_at_mut(m);
-        solution.copy_from_slice(vector);
-        self.line_factor.solve(solution);
-        total - dot(vector, solution)
+        true
     }
 
     /// Adds to `costs`[k] the least cost, in units of the noise, of the rows before (`after` false) or from (`after` true) boundary k on,
@@ -407,7 +449,9 @@ fn own_variance(sums: &Sums, factor: &mut super::linalg::Cholesky, work: &mut [f
 
 /// Finds the cut of `whole` that costs least, for the groups in `joined` together; returns it with its cost.
 ///
-/// `before` and `later` are the points of linearisation of either side; the prior of the earlier side is the honest one.
+/// `before` and `later` are the points of linearisation of either side. The earlier side is held by what was known before the block, unless
+/// it is `free` of it because an earlier cut separates them.
+#[allow(clippy::too_many_arguments)]
 pub fn locate<R: Residuals>(
     groups: &mut [GroupState],
     joined: u64,
@@ -415,6 +459,7 @@ pub fn locate<R: Residuals>(
     whole: Range<usize>,
     before: &[f64],
     later: &[f64],
+    free: bool,
 ) -> (usize, f64) {
     let (mut low, mut high) = (whole.start, whole.end - 1);
     let mut boundaries = [Boundary::default(); GRID + 1];
@@ -434,7 +479,11 @@ pub fn locate<R: Residuals>(
             if joined >> k & 1 == 0 {
                 continue;
             }
-            group.prior_from_covariance();
+            if free {
+                group.prior_weak();
+            } else {
+                group.prior_from_covariance();
+            }
             group.segment_costs(rows, whole.clone(), before, boundaries, false, costs);
             group.prior_weak();
             group.segment_costs(rows, whole.clone(), later, boundaries, true, costs);

@@ -24,6 +24,7 @@
 use super::constrained::ConstrainedStep;
 use super::forgetting::{Excitation, Rule};
 use super::linalg::{Cholesky, Eigen, RANK_TOLERANCE, congruence, gather, mul, scatter};
+use super::line::LineFit;
 use super::options::{EstimatorOptions, Forgetting, Outliers};
 use super::pass::{Loss, Sums, accumulate};
 use super::robust::Magnitudes;
@@ -55,6 +56,26 @@ pub struct EquationState {
     noise_covariance: Vec<f64>,
 }
 
+impl EquationState {
+    /// Learns the noise from residuals of `cost` of which the parameters took `taken` degrees of freedom. A block counts as at most four
+    /// times as noisy as known so far: more is something else than noise, or is learnt in two blocks.
+    fn learn(&mut self, sums: &Sums, cost: f64, taken: f64, options: &EstimatorOptions) {
+        let freedom = (sums.rows - sums.outliers) as f64 - taken;
+        if freedom > 1e-6 * sums.rows as f64 {
+            let own = if self.loss == Loss::Square {
+                cost / freedom
+            } else {
+                self.scale * self.scale
+            };
+            let known = self.freedom > 0.0 && options.change_detection.is_some();
+            let own = if known { own.min(4.0 * self.variance) } else { own };
+            let lambda = options.forgetting_factor;
+            self.spread = lambda * self.spread + freedom * own;
+            self.freedom = lambda * self.freedom + freedom;
+        }
+    }
+}
+
 /// The state of a group, with room for every step.
 #[derive(Debug, Clone)]
 pub struct GroupState {
@@ -69,8 +90,13 @@ pub struct GroupState {
     pub change_covariance: Vec<f64>,
     /// Total, weighted with the noise variances, n × n.
     pub covariance: Vec<f64>,
-    /// Expected movement of the parameters per block, while they drift.
+    /// Expected movement of the parameters per block, while they drift too slowly to be seen within one.
     pub drift: Vec<f64>,
+    /// True while the parameters move along a line, with its slope per block and the variance of that.
+    pub drifting: bool,
+    pub slope: Vec<f64>,
+    pub slope_variance: Vec<f64>,
+    pub line: LineFit,
     /// Blocks that this group was updated with.
     pub blocks: u64,
     pub fixed: Vec<bool>,
@@ -92,9 +118,6 @@ pub struct GroupState {
     pub cholesky: Cholesky,
     pub eigen: Eigen,
     pub magnitudes: Magnitudes,
-    /// Normal equations of a line through the block, (2n)² + 4n, and their factor.
-    pub line: Vec<f64>,
-    pub line_factor: Cholesky,
     pub room: Room,
 }
 
@@ -169,6 +192,10 @@ impl GroupState {
             change_covariance: vec![0.0; n * n],
             covariance: vec![0.0; n * n],
             drift: vec![0.0; n],
+            drifting: false,
+            slope: vec![0.0; n],
+            slope_variance: vec![0.0; n],
+            line: LineFit::new(n, structure.params, equations.len()),
             blocks: 0,
             fixed: options.fixed[parameters.clone()].to_vec(),
             lower: options.lower[parameters.clone()].to_vec(),
@@ -185,8 +212,6 @@ impl GroupState {
             cholesky: Cholesky::new(n),
             eigen: Eigen::new(n),
             magnitudes: Magnitudes::new(),
-            line: vec![0.0; 4 * n * n + 4 * n],
-            line_factor: Cholesky::new(2 * n),
             room: Room::new(n),
             parameters,
             equations,
@@ -303,7 +328,6 @@ impl GroupState {
             congruence(n, &room.transition, covariance, &mut room.b, &mut room.a);
             covariance.copy_from_slice(&room.b);
         }
-        let lambda = options.forgetting_factor;
         for ((e, sums), after) in self.equations.iter_mut().zip(&self.at).zip(&self.trial) {
             congruence(n, &room.transition, &e.noise_covariance, &mut room.b, &mut room.a);
             e.noise_covariance.copy_from_slice(&room.b);
@@ -313,22 +337,35 @@ impl GroupState {
             e.noise_covariance.iter_mut().zip(&room.b).for_each(|(p, v)| *p += v);
             // tr(K S_e): what the parameters take of the rows
             let taken: f64 = room.gain.iter().zip(&room.total).map(|(k, s)| k * s).sum();
-            let freedom = (sums.rows - sums.outliers) as f64 - taken;
-            if freedom > 1e-6 * sums.rows as f64 {
-                let cost = if stepped { after.cost } else { sums.cost };
-                let spread = if e.loss == Loss::Square {
-                    cost
-                } else {
-                    freedom * e.scale * e.scale
-                };
-                e.spread = lambda * e.spread + spread;
-                e.freedom = lambda * e.freedom + freedom;
-            }
+            e.learn(sums, if stepped { after.cost } else { sums.cost }, taken, options);
         }
         self.blocks += 1;
         self.set_variances(options);
         self.excite(theta);
         self.total_covariance();
+    }
+
+    /// Concludes a block that a line was fitted to: the covariance is the line's.
+    pub fn conclude_line(&mut self, theta: &[f64], options: &EstimatorOptions) {
+        let n = self.n as f64;
+        self.guess_covariance.fill(0.0);
+        for (e, sums) in self.equations.iter_mut().zip(&self.at) {
+            e.noise_covariance.fill(0.0);
+            e.learn(sums, sums.cost, 2.0 * n, options);
+        }
+        self.total_covariance();
+        self.set_variances(options);
+        self.prior_from_covariance();
+        self.information.copy_from_slice(&self.prior);
+        self.condition = repair(
+            self.n,
+            &mut self.information,
+            &mut self.eigen,
+            &mut self.room.a,
+            &mut self.room.scale,
+        );
+        self.blocks += 1;
+        self.excite(theta);
     }
 
     // K: the inverse of the information over the parameters that are not fixed

@@ -20,6 +20,7 @@ mod fit;
 mod forgetting;
 mod group;
 mod linalg;
+mod line;
 mod offline;
 mod options;
 mod pass;

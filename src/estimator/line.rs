@@ -1,0 +1,217 @@
+//! A drifting plant: parameters that move along a straight line within the block.
+//!
+//! ```text
+//! θ(s) = c + v s,   s = −½ … ½ over the block
+//! minimise Σ_e Σ f_n(θ(s_n))²/σ_e² + (c − v/2 − θ̄)ᵀ C⁻¹ (c − v/2 − θ̄) + Σ_i (v_i − v̄_i)²/V_i
+//! ```
+//!
+//! by Gauss–Newton over (c, v), each row at its own θ. A constant fitted to a drifting block is worse than late: the movement of a
+//! strong parameter turns up in the weak ones, by a hundred times its size. The estimate is the line's end, c + v/2.
+
+use super::Residuals;
+use super::group::{EquationState, TINY};
+use super::linalg::{Cholesky, dot};
+use super::pass::Loss;
+use std::ops::Range;
+
+/// What is known of a line before the block.
+#[derive(Debug, Clone, Copy)]
+pub struct LinePrior<'a> {
+    /// θ̄, where the line is expected to start.
+    pub start: &'a [f64],
+    /// C⁻¹, n × n.
+    pub start_information: &'a [f64],
+    /// v̄.
+    pub slope: &'a [f64],
+    /// V.
+    pub slope_variance: &'a [f64],
+}
+
+/// A line with its covariance, and the room to fit it.
+#[derive(Debug, Clone)]
+pub struct LineFit {
+    n: usize,
+    /// c.
+    pub middle: Vec<f64>,
+    /// v.
+    pub slope: Vec<f64>,
+    /// Covariance of (c, v), 2n × 2n.
+    pub covariance: Vec<f64>,
+    /// Σ f² per equation of the group.
+    pub costs: Vec<f64>,
+    matrix: Vec<f64>,
+    vector: Vec<f64>,
+    delta: Vec<f64>,
+    theta: Vec<f64>,
+    regressor: Vec<f64>,
+    factor: Cholesky,
+}
+
+impl LineFit {
+    /// Gauss–Newton converges quadratically from the constant fit; the fourth step is at rounding.
+    const ITERATIONS: usize = 4;
+
+    /// Room for a group of n of all `params` parameters and `equations` equations.
+    pub fn new(n: usize, params: usize, equations: usize) -> Self {
+        let m = 2 * n;
+        Self {
+            n,
+            middle: vec![0.0; n],
+            slope: vec![0.0; n],
+            covariance: vec![0.0; m * m],
+            costs: vec![0.0; equations],
+            matrix: vec![0.0; m * m],
+            vector: vec![0.0; m],
+            delta: vec![0.0; m],
+            theta: vec![0.0; params],
+            regressor: vec![0.0; n],
+            factor: Cholesky::new(m),
+        }
+    }
+
+    /// Fits a line to the rows, from θ and no slope. Returns Σ f²/σ², `None` where it cannot be fitted.
+    pub fn fit<R: Residuals>(
+        &mut self,
+        rows: &R,
+        equations: &[EquationState],
+        theta: &[f64],
+        own: Range<usize>,
+        fixed: &[bool],
+        prior: Option<LinePrior<'_>>,
+    ) -> Option<f64> {
+        let (n, m) = (self.n, 2 * self.n);
+        self.theta.copy_from_slice(theta);
+        self.middle.copy_from_slice(&theta[own.clone()]);
+        self.slope.fill(0.0);
+        for iteration in 0..=Self::ITERATIONS {
+            let cost = self.sums(rows, equations, own.start);
+            if !cost.is_finite() {
+                return None;
+            }
+            if let Some(prior) = prior {
+                self.add_prior(prior);
+            }
+            for i in 0..m {
+                if fixed[i % n] {
+                    for j in 0..m {
+                        self.matrix[i * m + j] = 0.0;
+                        self.matrix[j * m + i] = 0.0;
+                    }
+                    self.vector[i] = 0.0;
+                }
+                // a touch of weight keeps what the data are silent about where it is
+                let d = self.matrix[i * m + i];
+                self.matrix[i * m + i] = if d > 0.0 { d * (1.0 + 1e-11) } else { 1.0 };
+            }
+            if !self.factor.factor(m, &self.matrix) {
+                return None;
+            }
+            if iteration == Self::ITERATIONS {
+                self.factor.inverse(&mut self.covariance, &mut self.delta);
+                return Some(cost);
+            }
+            self.delta.copy_from_slice(&self.vector);
+            self.factor.solve(&mut self.delta);
+            for i in 0..n {
+                self.middle[i] += self.delta[i];
+                self.slope[i] += self.delta[n + i];
+            }
+        }
+        None
+    }
+
+    // Σ over the rows of the outer products of (φ, s φ), of these times f, and of f²
+    fn sums<R: Residuals>(&mut self, rows: &R, equations: &[EquationState], first: usize) -> f64 {
+        let (n, m) = (self.n, 2 * self.n);
+        let length = rows.len().max(2) as f64 - 1.0;
+        self.matrix.fill(0.0);
+        self.vector.fill(0.0);
+        let mut total = 0.0;
+        for (e, cost) in equations.iter().zip(&mut self.costs) {
+            *cost = 0.0;
+            let p = e.own.len();
+            let weight = 1.0 / (e.divisor * e.divisor * e.variance.max(TINY));
+            for index in 0..rows.len() {
+                let s = index as f64 / length - 0.5;
+                for i in 0..p {
+                    let k = e.offset + i;
+                    self.theta[first + k] = self.middle[k] + s * self.slope[k];
+                }
+                let phi = &mut self.regressor[..p];
+                let f = rows.row(e.index, index, &self.theta, phi);
+                if matches!(e.loss, Loss::Gate(limit) | Loss::Huber(limit) if f.abs() > limit * e.divisor) {
+                    continue;
+                }
+                *cost += f * f / (e.divisor * e.divisor);
+                for i in 0..p {
+                    let x = weight * phi[i];
+                    let a = e.offset + i;
+                    self.vector[a] += x * f;
+                    self.vector[n + a] += s * x * f;
+                    for j in 0..=i {
+                        let (b, v) = (e.offset + j, x * phi[j]);
+                        self.matrix[a * m + b] += v;
+                        self.matrix[(n + a) * m + b] += s * v;
+                        self.matrix[(n + a) * m + n + b] += s * s * v;
+                    }
+                }
+            }
+            total += *cost / e.variance.max(TINY);
+        }
+        for a in 0..n {
+            // Σ s φφᵀ is symmetric, too
+            for b in 0..a {
+                self.matrix[(n + b) * m + a] = self.matrix[(n + a) * m + b];
+            }
+        }
+        for a in 0..m {
+            for b in 0..a {
+                self.matrix[b * m + a] = self.matrix[a * m + b];
+            }
+        }
+        total
+    }
+
+    // the start of the line is c − v/2
+    fn add_prior(&mut self, prior: LinePrior<'_>) {
+        let (n, m) = (self.n, 2 * self.n);
+        for i in 0..n {
+            self.delta[i] = self.middle[i] - 0.5 * self.slope[i] - prior.start[i];
+        }
+        for i in 0..n {
+            let row = &prior.start_information[i * n..(i + 1) * n];
+            let pull = dot(row, &self.delta[..n]);
+            self.vector[i] -= pull;
+            self.vector[n + i] += 0.5 * pull;
+            for j in 0..n {
+                self.matrix[i * m + j] += row[j];
+                self.matrix[i * m + n + j] -= 0.5 * row[j];
+                self.matrix[(n + i) * m + j] -= 0.5 * row[j];
+                self.matrix[(n + i) * m + n + j] += 0.25 * row[j];
+            }
+            let information = 1.0 / prior.slope_variance[i].max(TINY);
+            self.vector[n + i] -= information * (self.slope[i] - prior.slope[i]);
+            self.matrix[(n + i) * m + n + i] += information;
+        }
+    }
+
+    /// Variance of the slope of parameter i.
+    pub fn slope_variance(&self, i: usize) -> f64 {
+        let (n, m) = (self.n, 2 * self.n);
+        self.covariance[(n + i) * m + n + i]
+    }
+
+    /// Variance of the line's start, parameter i.
+    pub fn start_variance(&self, i: usize) -> f64 {
+        let (n, m) = (self.n, 2 * self.n);
+        let c = |a: usize, b: usize| self.covariance[a * m + b];
+        c(i, i) - c(i, n + i) + 0.25 * c(n + i, n + i)
+    }
+
+    /// Covariance of the line's end, entry (i, j).
+    pub fn end_covariance(&self, i: usize, j: usize) -> f64 {
+        let (n, m) = (self.n, 2 * self.n);
+        let c = |a: usize, b: usize| self.covariance[a * m + b];
+        c(i, j) + 0.5 * (c(i, n + j) + c(n + i, j)) + 0.25 * c(n + i, n + j)
+    }
+}

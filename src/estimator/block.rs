@@ -399,7 +399,7 @@ impl BlockEstimator {
                 }
             }
         }
-        self.refit(rows, joined & !started, change, detection.margin);
+        self.refit(rows, joined & !started, lines | started, change, detection.margin);
         started
     }
 
@@ -488,7 +488,7 @@ impl BlockEstimator {
     }
 
     /// Fits the rows that may still be believed with a prior that allows for the change.
-    fn refit<R: Residuals>(&mut self, rows: &R, joined: u64, change: Change, margin: u64) {
+    fn refit<R: Residuals>(&mut self, rows: &R, joined: u64, lines: u64, change: Change, margin: u64) {
         let from = match change.kind {
             ChangeKind::Within => {
                 let usable = change.time.saturating_add(margin);
@@ -503,7 +503,7 @@ impl BlockEstimator {
             let range = from..rows.len();
             if joined >> k & 1 == 0 {
                 // the plant changed for this group, too, though it shows no sign of it: what came before says nothing any more
-                if change.kind == ChangeKind::Within {
+                if change.kind == ChangeKind::Within && lines >> k & 1 == 0 {
                     group.evaluate_at(rows, range.clone(), &self.theta);
                     let fit = group.fit(rows, range, &mut self.theta, &self.options);
                     note(&mut self.report, fit);

@@ -161,8 +161,8 @@ impl GroupState {
             let (mut down, mut up) = (lower - from, upper - from);
             if lower >= 0.0 && from > 0.0 && factor.is_finite() {
                 down = down.max(from / factor - from);
-                // the way back to where the block began is always open
-                up = up.min((from * factor).max(self.centre[i]) - from);
+                // a parameter that noise has driven to zero finds back to its usual size in one step
+                up = up.min((from * factor).max(self.centre[i]).max(self.start_std[i]) - from);
             }
             if self.fixed[i] {
                 (down, up) = (0.0, 0.0);

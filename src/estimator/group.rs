@@ -102,7 +102,7 @@ pub struct GroupState {
     pub fixed: Vec<bool>,
     pub lower: Vec<f64>,
     pub upper: Vec<f64>,
-    start_std: Vec<f64>,
+    pub start_std: Vec<f64>,
     /// What the last block informed on.
     pub excitation: Excitation,
     /// Condition number of the column-scaled information.

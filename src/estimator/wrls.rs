@@ -180,7 +180,7 @@ mod tests {
     #[test]
     fn val_one_update_is_equation_4() {
         let mut wrls = Wrls::new(&[0.0; 5], 0.9, 0.5).expect("valid");
-        let mut information = vec![0.0; 25];
+        let mut information = [0.0; 25];
         (0..5).for_each(|i| information[i * 6] = 0.5);
         for k in 0..20 {
             let x = regressor(k * 37);
@@ -191,7 +191,7 @@ mod tests {
                 }
             }
         }
-        let mut covariance = vec![0.0; 25];
+        let mut covariance = [0.0; 25];
         wrls.covariance(&mut covariance);
         for i in 0..5 {
             for j in 0..5 {

@@ -49,7 +49,7 @@ pub fn reference(kind: &str, seed: u64) -> SimOptions {
                     .map(|k| Tone {
                         amplitude_rad: reach / 6.0,
                         frequency_hz: 0.23 * (5.3f64 / 0.23).powf(k as f64 / 5.0) * draw.between(0.95, 1.05),
-                        phase_rad: draw.between(0.0, 6.28),
+                        phase_rad: draw.between(0.0, std::f64::consts::TAU),
                     })
                     .collect(),
             },
@@ -249,5 +249,65 @@ fn ident_drift_and_double_jump_table() {
         schedule_table("two jumps in two blocks", &next, noise_v, 57.1, 45.0, 57.0);
         schedule_table("two jumps in one block", &same, noise_v, 57.1, 45.0, 57.0);
         schedule_table("drift", &drift, noise_v, 140.0, 21.0, 120.0);
+    }
+}
+
+/// Runs with noise: per block the alarms, and per parameter how often the 95 % interval holds the truth after given blocks.
+fn calibration(
+    kind: &str,
+    seeds: std::ops::Range<u64>,
+    blocks: u64,
+    lambda: f64,
+    at: &[u64],
+) -> (usize, usize, Vec<[f64; 9]>) {
+    let mut options = options();
+    options.forgetting_factor = lambda;
+    let mut hits = vec![[0.0; 9]; at.len()];
+    let (mut alarms, mut count) = (0, 0);
+    let runs = (seeds.end - seeds.start) as f64;
+    for seed in seeds {
+        let mut sim = reference(kind, seed);
+        sim.mass_2 = MassSchedule::constant(150.0);
+        sim.duration_s = blocks as f64 * 1.9 + 1e-6;
+        run(&sim, &options, 0.05, |block, report, truth| {
+            count += 1;
+            if report.change.is_some() {
+                alarms += 1;
+                println!(
+                    "    {kind} {seed} block {block}: {:?} p {:.1e}",
+                    report.change, report.change_probability
+                );
+            }
+            if let Some(k) = at.iter().position(|&b| b == block) {
+                for i in 0..9 {
+                    if (report.theta[i] - truth[i]).abs() < 1.96 * report.theta_std[i] {
+                        hits[k][i] += 100.0 / runs;
+                    }
+                }
+                if seed == 1000 {
+                    println!(
+                        "    rel std after {block}: {:?}",
+                        (0..9)
+                            .map(|i| format!("{:.1e}", report.theta_std[i] / truth[i]))
+                            .collect::<Vec<_>>()
+                    );
+                }
+            }
+        });
+    }
+    (alarms, count, hits)
+}
+
+#[test]
+#[ignore = "prints a table, some minutes"]
+fn ident_calibration_and_false_alarms_table() {
+    let runs: u64 = std::env::var("RUNS").map_or(200, |v| v.parse().unwrap());
+    for (kind, lambda) in [("steps", 0.95), ("sines", 0.95), ("square", 0.95)] {
+        let at = [1, 2, 10, 50];
+        let (alarms, count, hits) = calibration(kind, 1000..1000 + runs, 50, lambda, &at);
+        println!("{kind} | false alarms {alarms} of {count}");
+        for (k, block) in at.iter().enumerate() {
+            println!("{kind} | after {block} blocks | {:.0?}", hits[k]);
+        }
     }
 }

@@ -64,6 +64,8 @@ pub mod messages;
 pub mod model;
 pub mod node;
 pub mod notation;
+#[cfg(feature = "config")]
+pub mod offline;
 #[cfg(feature = "recording")]
 pub mod recording;
 #[cfg(feature = "report")]

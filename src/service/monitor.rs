@@ -89,10 +89,10 @@ pub(super) fn write_summary(dir: &Path, summary: &Summary) -> Result<(), Failure
     write().map_err(|e| unwritable(SUMMARY_JSON, &e))
 }
 
-fn create(path: &Path) -> io::Result<File> {
+pub(super) fn create(path: &Path) -> io::Result<File> {
     File::create_new(path)
 }
 
-fn unwritable(name: &str, error: &io::Error) -> Failure {
+pub(super) fn unwritable(name: &str, error: &io::Error) -> Failure {
     Failure::Failed(format!("{name} cannot be written: {error}"))
 }

@@ -79,6 +79,8 @@ fn estimator_options(plant: &impl Plant, theta_start: Vec<f64>) -> EstimatorOpti
     options.forgetting_factor = 0.98;
     if let Some(detection) = &mut options.change_detection {
         detection.margin = 40_000_000;
+        // as in encoder_only.toml: R is right to some per cent only, so the tail of the test is thicker than stated
+        detection.false_alarm_rate = 2e-5;
     }
     options
 }

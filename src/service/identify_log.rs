@@ -1,0 +1,75 @@
+//! `thetabus identify LOG.csv`: the very same node off line, on the user's own data.
+
+use super::monitor::{ESTIMATES_CSV, create, unwritable, write_summary};
+use super::wiring::{identifier_node, model_name, monitor_node};
+use super::{CommonArgs, Exit, Failure, logging, out_dir};
+use crate::offline::{LogError, LogReader};
+use crate::recording::EstimatesCsv;
+use crate::report::Summary;
+use crate::runner::Shutdown;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use std::time::Instant;
+
+/// Identifies from a log file with columns as `[log]` names them.
+///
+/// # Errors
+/// A configuration or log that is wrong, results that cannot be written.
+pub fn run(input: &Path, common: &CommonArgs, out: Option<&Path>, shutdown: &Shutdown) -> Result<Exit, Failure> {
+    let start = Instant::now();
+    let config = common.load(Vec::new(), &[])?;
+    if let Some(dir) = out {
+        out_dir::check(dir)?;
+    }
+    let place = |error: &dyn std::fmt::Display| format!("{}: {error}", input.display());
+    let file = File::open(input).map_err(|e| Failure::Usage(place(&e)))?;
+    let joints = crate::config::with_plant!(&config.model, plant => crate::model::Plant::joints(plant));
+    let period_s = config.plant.sim.sample_period_s;
+    let refused = |error: LogError| match error {
+        LogError::Read { .. } => Failure::Failed(place(&error)),
+        _ => Failure::Usage(place(&error)),
+    };
+    let mut log = LogReader::new(BufReader::new(file), &config.log, joints, period_s).map_err(refused)?;
+    let mut node = identifier_node(&config)?;
+    let mut monitor = monitor_node(&config, None)?;
+    let mut csv = match out {
+        None => None,
+        Some(dir) => {
+            out_dir::create(dir)?;
+            let csv = create(&dir.join(ESTIMATES_CSV))
+                .and_then(|file| EstimatesCsv::new(file, monitor.parameters(), monitor.derived()));
+            Some(csv.map_err(|e| unwritable(ESTIMATES_CSV, &e))?)
+        }
+    };
+    let mut failure = None;
+    while let Some(sample) = log.next_sample().map_err(refused)? {
+        node.on_sample(&sample, &mut |estimate| {
+            tracing::info!("{}", monitor.line(estimate));
+            monitor.on_estimate(estimate);
+            if let Some(csv) = &mut csv
+                && let Err(e) = csv.write(estimate)
+            {
+                failure.get_or_insert(e);
+            }
+        });
+        if shutdown.requested() {
+            break;
+        }
+    }
+    monitor.on_status(&node.status());
+    if let Some(e) = failure {
+        return Err(unwritable(ESTIMATES_CSV, &e));
+    }
+    let mut summary = Summary::new(&monitor, &config.bus.robot, model_name(&config));
+    summary.wall_s = Some((start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
+    logging::result(summary.to_string().trim_end());
+    let counts = log.counts();
+    logging::result(&format!("{}: {counts}", input.display()));
+    if let Some(dir) = out {
+        write_summary(dir, &summary)?;
+        logging::result(&format!("results in {}", dir.display()));
+    }
+    let lost = counts.refused() > 0 || node.status().missing > 0;
+    Ok(if lost { Exit::DataLoss } else { Exit::Done })
+}

@@ -54,7 +54,7 @@ pub struct Report {
     pub residual_rms: Vec<f64>,
     /// Estimated noise standard deviation per equation, in the equation's unit.
     pub noise_std: Vec<f64>,
-    /// Root mean square of Σ|φ_i θ_i| per equation, in the equation's unit: the size of what the equation balances.
+    /// Root mean square of √Σ(φ_i θ_i)² per equation, in the equation's unit: the size of what the equation balances.
     pub signal_rms: Vec<f64>,
     /// Per parameter the share of the variance of a parameter known to within 100 % that this block alone would remove, 0 to 1.
     pub excitation: Vec<f64>,

@@ -164,7 +164,7 @@ pub struct EstimatorOptions {
     /// Smallest standard deviation of the divided rows that is believed; not negative. Noise-free data would otherwise
     /// alarm on rounding.
     pub noise_floor: Vec<f64>,
-    /// The same as a share of the rows' size, the root mean square of Σ|φ_i θ_i|; the larger of both floors counts.
+    /// The same as a share of the rows' size, the root mean square of √Σ(φ_i θ_i)²; the larger of both floors counts.
     pub noise_floor_relative: f64,
     /// Standard deviation of a parameter's random walk per block, relative to the parameter; for drifting plants.
     pub random_walk: Vec<f64>,

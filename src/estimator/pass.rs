@@ -21,7 +21,7 @@ pub struct Sums {
     pub score: Vec<f64>,
     /// Σ ρ(f), which is Σ f² where nothing is an outlier.
     pub cost: f64,
-    /// Σ (Σ_i |φ_i θ_i|)²: the size of the terms that f is the difference of.
+    /// Σ Σ_i (φ_i θ_i)²: the size of the terms that f is the difference of.
     pub size: f64,
     /// Rows treated as outliers.
     pub outliers: usize,
@@ -114,49 +114,72 @@ fn fixed<R: Residuals, const N: usize, const ROBUST: bool>(
     loss: Loss,
     sums: &mut Sums,
 ) {
-    let mut gram = [[0.0; N]; N];
-    let mut score = [0.0; N];
-    let (mut cost, mut size, mut outliers) = (0.0, 0.0, 0);
-    let mut parameters = [0.0; N];
-    parameters.copy_from_slice(&theta[own]);
+    // rows go in LANES at a time, so that each product of two regressor entries is one vector operation
+    let mut gram = [[[0.0; LANES]; N]; N];
+    let mut score = [[0.0; LANES]; N];
+    let (mut cost, mut outliers) = ([0.0; LANES], 0);
     let inverse = 1.0 / divisor;
     let count = range.len();
-    for index in range {
-        let mut phi = [0.0; N];
-        let f = rows.row(equation, index, theta, &mut phi) * inverse;
-        let mut terms = 0.0;
-        for i in 0..N {
-            phi[i] *= inverse;
-            terms += (phi[i] * parameters[i]).abs();
-        }
-        size += terms * terms;
-        let mut weighted = phi;
-        if ROBUST {
-            let (rho, weight, outlier) = loss.at(f);
-            cost += rho;
-            outliers += usize::from(outlier);
-            for w in &mut weighted {
-                *w *= weight;
+    let mut start = range.start;
+    while start < range.end {
+        let lanes = LANES.min(range.end - start);
+        let mut phi = [[0.0; LANES]; N];
+        let mut f = [0.0; LANES];
+        let mut weight = [1.0; LANES];
+        for lane in 0..lanes {
+            let mut regressor = [0.0; N];
+            f[lane] = rows.row(equation, start + lane, theta, &mut regressor) * inverse;
+            for i in 0..N {
+                phi[i][lane] = regressor[i] * inverse;
             }
-        } else {
-            cost += f * f;
-        }
-        for i in 0..N {
-            score[i] += weighted[i] * f;
-            for j in 0..N {
-                gram[i][j] += weighted[i] * phi[j];
+            if ROBUST {
+                let (rho, w, outlier) = loss.at(f[lane]);
+                cost[lane] += rho;
+                weight[lane] = w;
+                outliers += usize::from(outlier);
             }
         }
+        if !ROBUST {
+            for lane in 0..LANES {
+                cost[lane] += f[lane] * f[lane];
+            }
+        }
+        for i in 0..N {
+            let mut weighted = phi[i];
+            if ROBUST {
+                for lane in 0..LANES {
+                    weighted[lane] *= weight[lane];
+                }
+            }
+            for lane in 0..LANES {
+                score[i][lane] += weighted[lane] * f[lane];
+            }
+            for j in 0..=i {
+                for lane in 0..LANES {
+                    gram[i][j][lane] += weighted[lane] * phi[j][lane];
+                }
+            }
+        }
+        start += LANES;
     }
+    let sum = |lanes: [f64; LANES]| lanes.iter().sum::<f64>();
     for i in 0..N {
-        sums.score[i] = score[i];
+        sums.score[i] = sum(score[i]);
         for j in 0..=i {
-            // the products commute up to rounding; one triangle for both
-            sums.gram[i * N + j] = gram[i][j];
-            sums.gram[j * N + i] = gram[i][j];
+            let v = sum(gram[i][j]);
+            sums.gram[i * N + j] = v;
+            sums.gram[j * N + i] = v;
         }
     }
-    (sums.cost, sums.size, sums.outliers, sums.rows) = (cost, size, outliers, count);
+    (sums.cost, sums.outliers, sums.rows) = (sum(cost), outliers, count);
+    sums.size = size(N, &sums.gram, &theta[own]);
+}
+
+/// Rows that are summed side by side.
+const LANES: usize = 4;
+
+fn size(n: usize, gram: &[f64], theta: &[f64]) -> f64 {
+    (0..n).map(|i| gram[i * n + i] * theta[i] * theta[i]).sum()
 }
 
 #[allow(clippy::too_many_arguments)]
@@ -175,15 +198,10 @@ fn general<R: Residuals>(
     let phi = &mut buffer[..n];
     sums.gram.fill(0.0);
     sums.score.fill(0.0);
-    (sums.cost, sums.size, sums.outliers, sums.rows) = (0.0, 0.0, 0, range.len());
+    (sums.cost, sums.outliers, sums.rows) = (0.0, 0, range.len());
     for index in range {
         let f = rows.row(equation, index, theta, phi) / divisor;
-        let mut terms = 0.0;
-        for (x, t) in phi.iter_mut().zip(&theta[own.clone()]) {
-            *x /= divisor;
-            terms += (*x * t).abs();
-        }
-        sums.size += terms * terms;
+        phi.iter_mut().for_each(|x| *x /= divisor);
         let (rho, weight, outlier) = loss.at(f);
         sums.cost += rho;
         sums.outliers += usize::from(outlier);
@@ -200,4 +218,5 @@ fn general<R: Residuals>(
             sums.gram[j * n + i] = sums.gram[i * n + j];
         }
     }
+    sums.size = size(n, &sums.gram, &theta[own]);
 }

@@ -12,7 +12,8 @@ use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use thetabus::service::{
-    self, CommonArgs, CompareArgs, EXIT_CODES, IdentifierArgs, MonitorArgs, PlantArgs, RunArgs, VERSION,
+    self, CommonArgs, CompareArgs, EXIT_CODES, IdentifierArgs, IdentifyArgs, MonitorArgs, PlantArgs, ReplayArgs,
+    ReportArgs, RunArgs, VERSION,
 };
 
 /// On-line identification of a running machine's physical parameters
@@ -31,6 +32,15 @@ enum Command {
     /// Put estimators side by side on one simulated run
     #[command(after_help = EXIT_CODES)]
     Compare(CompareArgs),
+    /// Identify off line from a recording or a log
+    #[command(after_help = EXIT_CODES)]
+    Identify(IdentifyArgs),
+    /// Publish a recording's samples again; identifier and monitor follow as ever
+    #[command(after_help = EXIT_CODES)]
+    Replay(ReplayArgs),
+    /// Make figures and a page of a run that was recorded
+    #[command(after_help = EXIT_CODES)]
+    Report(ReportArgs),
     /// Tools for configuration files
     #[command(subcommand)]
     Config(ConfigCommand),
@@ -63,6 +73,11 @@ fn main() -> ExitCode {
     match Program::parse().command {
         Command::Run(args) => service::main_with(&args.plant.common, |shutdown| service::launch(&args, shutdown)),
         Command::Compare(args) => service::main_with(&args.common, |_| service::compare(&args)),
+        Command::Identify(args) => service::main_with(&args.common, |shutdown| service::identify(&args, shutdown)),
+        Command::Replay(args) => service::main_with(&args.common, |shutdown| service::replay(&args, shutdown)),
+        Command::Report(args) => {
+            service::main_with(&CommonArgs::with_logs(args.log_format), |_| service::report(&args))
+        }
         Command::Config(ConfigCommand::Check { file, set }) => {
             service::main_with(&CommonArgs::default(), |_| service::config_check(&file, &set))
         }

@@ -56,6 +56,11 @@ impl<T: Latched> Subscriber<T> {
 
     /// Hands over everything that has arrived; returns how many.
     pub fn drain(&mut self, mut take: impl FnMut(&T)) -> Result<usize, BusError> {
+        self.drain_timed(|message, _| take(message))
+    }
+
+    /// As [`drain`](Self::drain), with the time of sending \[ns of CLOCK_MONOTONIC\] beside each message.
+    pub fn drain_timed(&mut self, mut take: impl FnMut(&T, u64)) -> Result<usize, BusError> {
         let mut count = 0;
         loop {
             let message = self.port.receive().map_err(|e| BusError::Transfer {
@@ -65,7 +70,7 @@ impl<T: Latched> Subscriber<T> {
             })?;
             let Some(message) = message else { return Ok(count) };
             check_schema(T::TOPIC, message.user_header().schema)?;
-            take(message.payload());
+            take(message.payload(), message.user_header().sent_ns);
             if let Some(receipts) = &self.receipts {
                 receipts.give();
             }
@@ -84,7 +89,12 @@ pub(super) fn listener(bus: &Bus, topic: Topic) -> Result<Listener, BusError> {
 /// Waits on an event; a signal, SIGCONT included, is no failure but a reason to look around.
 pub(super) fn wait(listener: &ListenerPort<ipc::Service>, topic: Topic, timeout: Duration) -> Result<(), BusError> {
     use iceoryx2::port::listener::ListenerWaitError::InterruptSignal;
-    match listener.timed_wait(|_| {}, timeout) {
+    // A timeout of zero means for ever to the socket below.
+    let waited = match timeout.is_zero() {
+        true => listener.try_wait(|_| {}),
+        false => listener.timed_wait(|_| {}, timeout),
+    };
+    match waited {
         Ok(_) | Err(InterruptSignal) => Ok(()),
         Err(e) => Err(BusError::Transfer {
             topic,

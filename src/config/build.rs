@@ -40,6 +40,8 @@ pub(super) fn config(form: FileForm, layers: &Layers) -> Result<Config, Vec<Prob
     };
     let monitor = MonitorConfig {
         out_dir: form.monitor.out_dir.as_ref().map(PathBuf::from),
+        record_file_bytes: form.monitor.record_file_mib.saturating_mul(1 << 20),
+        record_files: form.monitor.record_files as usize,
     };
     match (plant, model, identifier, estimator) {
         (Some(plant), Some(model), Some(identifier), Some(estimator)) if check.problems.is_empty() => {

@@ -191,7 +191,11 @@ impl Default for FileForm {
                 input_unit: 1.0,
                 setpoint: Vec::new(),
             },
-            monitor: schema::Monitor { out_dir: None },
+            monitor: schema::Monitor {
+                out_dir: None,
+                record_file_mib: 1024,
+                record_files: 16,
+            },
         }
     }
 }

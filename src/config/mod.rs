@@ -196,6 +196,10 @@ pub struct EstimatorConfig {
 pub struct MonitorConfig {
     /// Directory for the results, where one is stated.
     pub out_dir: Option<PathBuf>,
+    /// A file of a recording that has this size is followed by another \[bytes\]; 0 for no limit.
+    pub record_file_bytes: u64,
+    /// Files of a recording that are kept; 0 for all.
+    pub record_files: usize,
 }
 
 /// Section `[log]`: what the columns of a log file mean.

@@ -410,5 +410,9 @@ sections! {
     monitor: Monitor = "monitor", "What is kept of a run" {
         out_dir: Option<String>, Kind::Path, "",
             "Directory for estimates.csv and summary.json, which must not hold files yet; not set: `run` takes thetabus-out/TIME, `monitor` writes none";
+        record_file_mib: u64, Kind::Whole(0, 1_048_576), "MiB",
+            "A recording goes on in a new file when one has this size; 0 for no limit";
+        record_files: u64, Kind::Whole(0, 1_000_000), "",
+            "Files of a recording that are kept, the oldest making room for a new one; 0 for all";
     }
 }

@@ -18,6 +18,8 @@ pub struct RunInfo {
     pub model_hash: u64,
     /// Hash of the configuration that determines estimates.
     pub config_hash: u64,
+    /// The configuration's plant is what was recorded, so its true values are known.
+    pub simulated: bool,
     /// The whole configuration, TOML.
     pub config_toml: String,
     /// Number of joints.
@@ -64,6 +66,7 @@ impl RunInfo {
             ("model_hash", format!("{:016x}", self.model_hash)),
             ("config_hash", format!("{:016x}", self.config_hash)),
             ("config_toml", self.config_toml.clone()),
+            ("simulated", self.simulated.to_string()),
             ("joints", self.joints.to_string()),
             ("position_unit", self.position_unit.clone()),
             ("input_unit", self.input_unit.clone()),
@@ -101,7 +104,12 @@ impl RunInfo {
             .ok()
             .filter(|n| (1..=MAX_JOINTS).contains(n))
             .ok_or_else(|| InfoError::invalid("joints", "1 to 8", joints))?;
+        let simulated = get("simulated")?;
+        let simulated = simulated
+            .parse()
+            .map_err(|_| InfoError::invalid("simulated", "true or false", simulated))?;
         let info = Self {
+            simulated,
             recording_id: text("recording_id")?,
             robot: text("robot")?,
             model: text("model")?,
@@ -184,6 +192,7 @@ pub(crate) mod tests {
             model: "manipulator".into(),
             model_hash: 0x1234,
             config_hash: u64::MAX,
+            simulated: true,
             config_toml: "[plant]\nduration_s = 170.0 # \"Δ\"\n".into(),
             joints: 2,
             position_unit: "rad".into(),

@@ -1,5 +1,44 @@
-//! Tables and figures from estimates.
+//! Tables and figures from estimates: the result table, SVG and PNG, one page that needs nothing else.
 
+mod data;
+mod figures;
+mod page;
+mod plot;
+mod raster;
 mod summary;
 
+pub use data::{RunData, Timing, Trace};
+pub use figures::figures;
+pub use page::page;
+pub use plot::Figure;
+pub use raster::{RasterError, png};
 pub use summary::{ChangeSummary, DerivedSummary, ParameterSummary, SampleCounts, Summary};
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Name of the page.
+pub const REPORT_HTML: &str = "report.html";
+/// Name of the directory with the figures.
+pub const FIGURES: &str = "figures";
+/// Pixels of a PNG per unit of its SVG.
+const PNG_SCALE: f32 = 2.0;
+
+/// Writes `report.html` and `figures/NAME.svg`, `figures/NAME.png` into a directory; gives the path of the page.
+///
+/// # Errors
+/// Where the directory cannot be written.
+pub fn write_report(dir: &Path, run: &RunData, summary: &Summary) -> io::Result<PathBuf> {
+    let figures = figures(run);
+    let figures_dir = dir.join(FIGURES);
+    std::fs::create_dir_all(&figures_dir)?;
+    for figure in &figures {
+        let svg = figure.svg();
+        std::fs::write(figures_dir.join(&figure.name).with_extension("svg"), &svg)?;
+        let png = png(&svg, PNG_SCALE).map_err(io::Error::other)?;
+        std::fs::write(figures_dir.join(&figure.name).with_extension("png"), png)?;
+    }
+    let path = dir.join(REPORT_HTML);
+    std::fs::write(&path, page(run, summary, &figures))?;
+    Ok(path)
+}

@@ -269,7 +269,7 @@ impl fmt::Display for Summary {
 }
 
 /// Seven significant digits, plain where that is short.
-fn significant(value: f64) -> String {
+pub(super) fn significant(value: f64) -> String {
     let magnitude = value.abs();
     if magnitude == 0.0 {
         "0".to_string()

@@ -16,9 +16,9 @@ mod plant;
 mod shutdown;
 
 pub use identifier::{IdentifierPorts, run_identifier};
-pub use monitor::{MonitorPorts, run_monitor};
+pub use monitor::{MonitorPorts, MonitorSink, run_monitor};
 pub use pace::{Pace, PaceReport};
-pub use plant::{PlantReport, run_plant};
+pub use plant::{PlantReport, SampleSource, run_plant};
 pub use shutdown::Shutdown;
 
 use crate::bus::BusError;

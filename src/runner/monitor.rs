@@ -1,9 +1,17 @@
 //! The monitor's loop.
 
 use super::{RunError, Shutdown, Stay, TICK};
-use crate::bus::Subscriber;
-use crate::messages::{Estimate, Status};
+use crate::bus::{SampleSubscriber, Subscriber};
+use crate::messages::{Estimate, Sample, Status};
 use crate::node::monitor::MonitorNode;
+use std::io;
+use std::time::{Duration, Instant};
+
+/// Samples taken in before the other topics are looked at again.
+const BATCH: usize = 4096;
+/// How long samples may lie in their queue of 8192: a recorder is awake often enough for a million samples a second, and seldom
+/// enough to cost nothing at a thousand.
+const SAMPLE_TICK: Duration = Duration::from_millis(4);
 
 /// What a monitor is connected to.
 #[derive(Debug)]
@@ -12,9 +20,35 @@ pub struct MonitorPorts {
     pub estimates: Subscriber<Estimate>,
     /// Heartbeat in.
     pub status: Subscriber<Status>,
+    /// Samples in, where they are wanted.
+    pub samples: Option<SampleSubscriber>,
 }
 
-/// Follows the identifier until asked to stop, or to the end of the first stream; `show` gets each new estimate.
+/// Where the messages go; `sent_ns` is CLOCK_MONOTONIC at sending.
+pub trait MonitorSink {
+    /// A sample.
+    ///
+    /// # Errors
+    /// Ends the loop.
+    fn sample(&mut self, sample: &Sample, sent_ns: u64) -> io::Result<()>;
+    /// An estimate that the node had not seen before.
+    ///
+    /// # Errors
+    /// Ends the loop.
+    fn estimate(&mut self, node: &MonitorNode, estimate: &Estimate, sent_ns: u64) -> io::Result<()>;
+    /// A status.
+    ///
+    /// # Errors
+    /// Ends the loop.
+    fn status(&mut self, status: &Status, sent_ns: u64) -> io::Result<()>;
+    /// Called once per round, some times a second at least.
+    ///
+    /// # Errors
+    /// Ends the loop.
+    fn round(&mut self) -> io::Result<()>;
+}
+
+/// Follows the identifier until asked to stop, or to the end of the first stream.
 ///
 /// # Errors
 /// The bus or the sink fails.
@@ -23,28 +57,64 @@ pub fn run_monitor(
     ports: &mut MonitorPorts,
     stay: Stay,
     shutdown: &Shutdown,
-    mut show: impl FnMut(&MonitorNode, &Estimate) -> std::io::Result<()>,
+    sink: &mut impl MonitorSink,
 ) -> Result<(), RunError> {
+    let mut busy = false;
+    let mut refreshed = Instant::now();
     loop {
-        ports.estimates.wait(TICK)?;
+        let pause = match (&ports.samples, busy) {
+            (None, _) => TICK,
+            (Some(_), false) => SAMPLE_TICK,
+            (Some(_), true) => Duration::ZERO,
+        };
+        ports.estimates.wait(pause)?;
         let stopping = shutdown.requested();
         // A status is read before the estimates and told after them: what it speaks of has arrived then.
-        let mut last_status = None;
-        ports.status.drain(|status| last_status = Some(*status))?;
         let mut failure = None;
-        ports.estimates.drain(|estimate| {
-            if node.on_estimate(estimate) && failure.is_none() {
-                failure = show(node, estimate).err();
+        let mut last_status = None;
+        ports.status.drain_timed(|status, sent_ns| {
+            keep_first(&mut failure, || sink.status(status, sent_ns));
+            last_status = Some(*status);
+        })?;
+        ports.estimates.drain_timed(|estimate, sent_ns| {
+            if node.on_estimate(estimate) {
+                keep_first(&mut failure, || sink.estimate(node, estimate, sent_ns));
             }
         })?;
-        if let Some(e) = failure {
-            return Err(e.into());
-        }
         if let Some(status) = last_status {
             node.on_status(&status);
         }
-        if stopping || (stay == Stay::UntilEnd && node.is_complete()) {
+        // The identifier tells the end after it has taken in the last sample, so that one has arrived here, too.
+        let ending = stopping || (stay == Stay::UntilEnd && node.is_complete());
+        if let Some(samples) = &mut ports.samples {
+            // The event is not what this waits for; it is emptied, so that it does not pile up.
+            samples.wait(Duration::ZERO)?;
+            if refreshed.elapsed() >= TICK {
+                refreshed = Instant::now();
+                samples.refresh()?;
+            }
+            loop {
+                let taken = samples.drain_timed(BATCH, |sample, sent_ns| {
+                    keep_first(&mut failure, || sink.sample(sample, sent_ns));
+                })?;
+                busy = taken == BATCH;
+                if !(ending && busy) {
+                    break;
+                }
+            }
+        }
+        keep_first(&mut failure, || sink.round());
+        if let Some(e) = failure {
+            return Err(e.into());
+        }
+        if ending {
             return Ok(());
         }
+    }
+}
+
+fn keep_first(failure: &mut Option<io::Error>, act: impl FnOnce() -> io::Result<()>) {
+    if failure.is_none() {
+        *failure = act().err();
     }
 }

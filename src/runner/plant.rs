@@ -2,6 +2,7 @@
 
 use super::{Pace, PaceReport, RunError, Shutdown, TICK};
 use crate::bus::{Attached, Loss, SamplePublisher};
+use crate::messages::Sample;
 use crate::model::JointSample;
 use crate::node::plant::PlantNode;
 use std::time::Instant;
@@ -20,12 +21,43 @@ pub struct PlantReport {
     pub pace: PaceReport,
 }
 
+/// Where a stream of samples comes from.
+pub trait SampleSource {
+    /// The next sample; `None` after the one flagged `END`.
+    fn next_sample(&mut self) -> Option<Sample>;
+    /// Makes the next sample the last one.
+    fn end_early(&mut self);
+    /// Samples given so far.
+    fn position(&self) -> u64;
+    /// Samples of the whole stream, as far as it is known.
+    fn len(&self) -> u64;
+    /// True where there is no sample at all.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+impl<S: Iterator<Item = JointSample>> SampleSource for PlantNode<S> {
+    fn next_sample(&mut self) -> Option<Sample> {
+        Self::next_sample(self)
+    }
+    fn end_early(&mut self) {
+        Self::end_early(self);
+    }
+    fn position(&self) -> u64 {
+        Self::position(self)
+    }
+    fn len(&self) -> u64 {
+        Self::len(self)
+    }
+}
+
 /// Publishes the stream of `node`, from its first sample to the one flagged `END`. A stop makes the next sample the last one.
 ///
 /// # Errors
 /// The bus fails, no consumer comes in lockstep, or the source ends before its time.
-pub fn run_plant<S: Iterator<Item = JointSample>>(
-    node: &mut PlantNode<S>,
+pub fn run_plant(
+    node: &mut impl SampleSource,
     publisher: &mut SamplePublisher,
     mut pace: Pace,
     shutdown: &Shutdown,
@@ -40,8 +72,8 @@ pub fn run_plant<S: Iterator<Item = JointSample>>(
     })
 }
 
-fn stream<S: Iterator<Item = JointSample>>(
-    node: &mut PlantNode<S>,
+fn stream(
+    node: &mut impl SampleSource,
     publisher: &mut SamplePublisher,
     pace: &mut Pace,
     shutdown: &Shutdown,

@@ -4,6 +4,7 @@ use super::Failure;
 use crate::bus::{Domain, ICEORYX2_VERSION};
 use crate::config::{Config, Source};
 use crate::messages::SCHEMA_VERSION;
+use crate::recording::Span;
 use crate::runner::Stay;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -67,6 +68,14 @@ pub(super) struct Launched {
 }
 
 impl CommonArgs {
+    /// Of a tool that takes no configuration.
+    pub fn with_logs(log_format: LogFormat) -> Self {
+        Self {
+            log_format,
+            ..Self::default()
+        }
+    }
+
     /// True in a process that `thetabus run` has started.
     pub(super) fn is_launched(&self) -> bool {
         self.launched.launched_by.is_some()
@@ -156,6 +165,9 @@ pub struct MonitorArgs {
     /// Directory for estimates.csv and summary.json, new or empty (key monitor.out_dir)
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Record samples, estimates and status as MCAP; the file must not exist
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
 }
 
 /// `thetabus run`.
@@ -170,6 +182,9 @@ pub struct RunArgs {
     /// Directory for the results, new or empty; thetabus-out/TIME without it (key monitor.out_dir)
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Make no recording, and so no report
+    #[arg(long)]
+    pub no_record: bool,
 }
 
 /// `thetabus compare`.
@@ -190,6 +205,105 @@ pub struct CompareArgs {
     /// JSON instead of Markdown
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+}
+
+/// Form of a result table on standard output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum TableFormat {
+    /// Columns for people.
+    #[default]
+    Text,
+    /// The same as summary.json.
+    Json,
+}
+
+/// A part of a recording.
+#[derive(Debug, Clone, Default, Args)]
+pub struct SpanArgs {
+    /// Leave out what came before this stream time
+    #[arg(long, value_name = "S")]
+    pub from: Option<f64>,
+    /// Leave out what came after this stream time
+    #[arg(long, value_name = "S")]
+    pub to: Option<f64>,
+}
+
+impl SpanArgs {
+    pub(super) fn span(&self) -> Result<Span, Failure> {
+        let all = Span::default();
+        let nanoseconds = |name: &str, time: Option<f64>, default: u64| match time {
+            None => Ok(default),
+            Some(t_s) if (0.0..1e10).contains(&t_s) => Ok((t_s * 1e9).round() as u64),
+            Some(t_s) => Err(Failure::Usage(format!(
+                "--{name}: expected seconds of stream time, 0 or more, got {t_s}"
+            ))),
+        };
+        let span = Span {
+            from_ns: nanoseconds("from", self.from, all.from_ns)?,
+            to_ns: nanoseconds("to", self.to, all.to_ns)?,
+        };
+        if span.from_ns > span.to_ns {
+            return Err(Failure::Usage("--from lies behind --to".to_owned()));
+        }
+        Ok(span)
+    }
+}
+
+/// `thetabus report`.
+#[derive(Debug, Clone, Args)]
+pub struct ReportArgs {
+    /// Directory of results, or recording
+    #[arg(value_name = "DIR|RECORDING")]
+    pub input: PathBuf,
+    /// Directory for the report, new or empty; without it, the directory itself, or RECORDING's name with .report
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub span: SpanArgs,
+    /// Form of the table on standard output
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub format: TableFormat,
+    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub log_format: LogFormat,
+}
+
+/// `thetabus identify`.
+#[derive(Debug, Clone, Args)]
+pub struct IdentifyArgs {
+    /// Recording, whose own configuration holds where --config and --set say nothing, or log with columns as [log] names them
+    #[arg(value_name = "INPUT.mcap|INPUT.csv")]
+    pub input: PathBuf,
+    /// Directory for estimates.csv, summary.json and the report, new or empty; none are written without it
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub span: SpanArgs,
+    /// Form of the table on standard output
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub format: TableFormat,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+}
+
+/// `thetabus replay`.
+#[derive(Debug, Clone, Args)]
+pub struct ReplayArgs {
+    /// Recording
+    #[arg(value_name = "RECORDING")]
+    pub input: PathBuf,
+    /// Recorded seconds per second, or max
+    #[arg(long, value_name = "X|max", default_value = "max", allow_negative_numbers = true)]
+    pub speed: String,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub span: SpanArgs,
     #[command(flatten)]
     #[allow(missing_docs, reason = "flattened")]
     pub common: CommonArgs,

@@ -1,24 +1,26 @@
 //! `thetabus identify LOG.csv`: the very same node off line, on the user's own data.
 
 use super::monitor::{ESTIMATES_CSV, create, unwritable, write_summary};
-use super::wiring::{identifier_node, model_name, monitor_node};
-use super::{CommonArgs, Exit, Failure, logging, out_dir};
+use super::record::run_info;
+use super::wiring::{identifier_node, monitor_node};
+use super::{Exit, Failure, IdentifyArgs, logging, out_dir, report};
 use crate::offline::{LogError, LogReader};
 use crate::recording::EstimatesCsv;
-use crate::report::Summary;
+use crate::report::RunData;
 use crate::runner::Shutdown;
 use std::fs::File;
 use std::io::BufReader;
-use std::path::Path;
 use std::time::Instant;
 
 /// Identifies from a log file with columns as `[log]` names them.
 ///
 /// # Errors
 /// A configuration or log that is wrong, results that cannot be written.
-pub fn run(input: &Path, common: &CommonArgs, out: Option<&Path>, shutdown: &Shutdown) -> Result<Exit, Failure> {
+pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let start = Instant::now();
-    let config = common.load(Vec::new(), &[])?;
+    let (input, out) = (&args.input, args.out.as_deref());
+    let span = args.span.span()?;
+    let config = args.common.load(Vec::new(), &[])?;
     if let Some(dir) = out {
         out_dir::check(dir)?;
     }
@@ -32,7 +34,7 @@ pub fn run(input: &Path, common: &CommonArgs, out: Option<&Path>, shutdown: &Shu
     };
     let mut log = LogReader::new(BufReader::new(file), &config.log, joints, period_s).map_err(refused)?;
     let mut node = identifier_node(&config)?;
-    let mut monitor = monitor_node(&config, None)?;
+    let monitor = monitor_node(&config, None)?;
     let mut csv = match out {
         None => None,
         Some(dir) => {
@@ -42,11 +44,17 @@ pub fn run(input: &Path, common: &CommonArgs, out: Option<&Path>, shutdown: &Shu
             Some(csv.map_err(|e| unwritable(ESTIMATES_CSV, &e))?)
         }
     };
+    let info = run_info(&config, &monitor, false);
+    let mut run = RunData::new(info, monitor);
     let mut failure = None;
     while let Some(sample) = log.next_sample().map_err(refused)? {
+        if !(span.from_ns..=span.to_ns).contains(&sample.t_ns) {
+            continue;
+        }
+        run.sample(&sample, 0);
         node.on_sample(&sample, &mut |estimate| {
-            tracing::info!("{}", monitor.line(estimate));
-            monitor.on_estimate(estimate);
+            tracing::info!("{}", run.monitor.line(estimate));
+            run.estimate(estimate, 0);
             if let Some(csv) = &mut csv
                 && let Err(e) = csv.write(estimate)
             {
@@ -57,18 +65,19 @@ pub fn run(input: &Path, common: &CommonArgs, out: Option<&Path>, shutdown: &Shu
             break;
         }
     }
-    monitor.on_status(&node.status());
+    run.status(&node.status());
     if let Some(e) = failure {
         return Err(unwritable(ESTIMATES_CSV, &e));
     }
-    let mut summary = Summary::new(&monitor, &config.bus.robot, model_name(&config));
+    let mut summary = run.summary();
     summary.wall_s = Some((start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
-    logging::result(summary.to_string().trim_end());
+    logging::table(&summary, args.format)?;
     let counts = log.counts();
-    logging::result(&format!("{}: {counts}", input.display()));
+    logging::note(args.format, &format!("{}: {counts}", input.display()));
     if let Some(dir) = out {
         write_summary(dir, &summary)?;
-        logging::result(&format!("results in {}", dir.display()));
+        report::write(dir, &run, &summary)?;
+        logging::note(args.format, &format!("results in {}", dir.display()));
     }
     let lost = counts.refused() > 0 || node.status().missing > 0;
     Ok(if lost { Exit::DataLoss } else { Exit::Done })

@@ -12,10 +12,12 @@
 use super::args::{domain, quoted};
 use super::monitor::{SUMMARY_JSON, write_summary};
 use super::progress::Progress;
-use super::{Exit, Failure, LogFormat, RunArgs, logging, out_dir};
+use super::record::RECORDING;
+use super::{Exit, Failure, LogFormat, RunArgs, logging, out_dir, report};
 use crate::bus::{Bus, Role, RoleLock, Subscriber};
 use crate::config::{Config, Source};
 use crate::messages::Status;
+use crate::recording::Span;
 use crate::report::Summary;
 use crate::runner::Shutdown;
 use nix::sys::signal::{Signal, kill};
@@ -78,6 +80,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         dir: dir.clone(),
         log_format: args.plant.common.log_format,
         lockstep,
+        record: !args.no_record,
     };
     let mut children = Children::start(&plan, &progress)?;
     let outcome = children.supervise(status, &progress, shutdown);
@@ -108,13 +111,17 @@ fn load(args: &RunArgs) -> Result<Config, Failure> {
             .ok_or_else(|| Failure::Failed(format!("the configuration {BUILT_IN} is not built in")))?,
     };
     let out = quoted(args.out.as_ref().map(|dir| dir.display().to_string()));
-    // Only the identifier takes samples.
     let own = [
-        ("bus.lockstep_consumers", Some("1".to_owned())),
+        ("bus.lockstep_consumers", Some(consumers(!args.no_record).to_string())),
         ("monitor.out_dir", out),
     ];
     let own: Vec<_> = args.plant.overrides().into_iter().chain(own).collect();
     args.plant.common.load(vec![source], &own)
+}
+
+/// Who takes samples: the identifier, and the monitor where it records.
+fn consumers(record: bool) -> usize {
+    if record { 2 } else { 1 }
 }
 
 /// Reads what the monitor has written, adds the wall time, prints the table and names the directory last.
@@ -127,10 +134,22 @@ fn show_result(dir: &Path, start: Instant) -> Result<Summary, Failure> {
             summary.wall_s = Some((start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
             write_summary(dir, &summary)?;
             logging::result(summary.to_string().trim_end());
+            make_report(dir, &summary)?;
             Ok(summary)
         });
     logging::result(&format!("results in {}", dir.display()));
     result
+}
+
+/// Figures and page, where there is a recording.
+fn make_report(dir: &Path, summary: &Summary) -> Result<(), Failure> {
+    let recording = dir.join(RECORDING);
+    if !recording.exists() {
+        return Ok(());
+    }
+    let run = report::read(&recording, Span::default())?;
+    report::write(dir, &run, summary)?;
+    Ok(())
 }
 
 /// What all children are told.
@@ -140,6 +159,7 @@ struct Plan {
     dir: PathBuf,
     log_format: LogFormat,
     lockstep: bool,
+    record: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -314,9 +334,15 @@ impl Process {
             command.arg("--receipts");
         }
         match part {
-            Part::Monitor => command.arg("--until-end").arg("--out").arg(&plan.dir),
+            Part::Monitor => {
+                command.arg("--until-end").arg("--out").arg(&plan.dir);
+                if plan.record {
+                    command.arg("--record").arg(plan.dir.join(RECORDING));
+                }
+                &mut command
+            }
             Part::Identifier => command.args(["--until-end", "--await-consumers", "1"]),
-            Part::Plant => command.args(["--await-consumers", "1"]),
+            Part::Plant => command.arg("--await-consumers").arg(consumers(plan.record).to_string()),
         };
         let mut child = command.spawn()?;
         let last_lines = Arc::new(Mutex::new(VecDeque::new()));

@@ -1,6 +1,7 @@
 //! Logs on standard error. A reader that has gone away is no reason to fail.
 
-use super::LogFormat;
+use super::{Failure, LogFormat, TableFormat};
+use crate::report::Summary;
 use std::io::{IsTerminal, Write};
 use tracing_subscriber::EnvFilter;
 
@@ -41,4 +42,27 @@ pub(super) fn failure(format: LogFormat, message: &str) {
 /// A line of results on standard output. A reader that has closed it, as `head` does, is no failure.
 pub(super) fn result(line: &str) {
     let _ = writeln!(std::io::stdout().lock(), "{line}");
+}
+
+/// A result table on standard output.
+///
+/// # Errors
+/// Never in practice: a summary is plain data.
+pub(super) fn table(summary: &Summary, format: TableFormat) -> Result<(), Failure> {
+    match format {
+        TableFormat::Text => result(summary.to_string().trim_end()),
+        TableFormat::Json => {
+            let text = serde_json::to_string_pretty(summary);
+            result(&text.map_err(|e| Failure::Failed(format!("the table cannot be written: {e}")))?);
+        }
+    }
+    Ok(())
+}
+
+/// A last line for people; in JSON, standard output holds the table alone.
+pub(super) fn note(format: TableFormat, text: &str) {
+    match format {
+        TableFormat::Text => result(text),
+        TableFormat::Json => tracing::info!("{text}"),
+    }
 }

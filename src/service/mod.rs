@@ -8,6 +8,7 @@ mod child;
 mod compare;
 mod exit;
 mod identifier;
+mod identify;
 mod identify_log;
 mod launcher;
 mod logging;
@@ -15,14 +16,22 @@ mod monitor;
 mod out_dir;
 mod plant;
 mod progress;
+mod record;
+mod replay;
+mod report;
 mod wiring;
 
-pub use args::{CommonArgs, CompareArgs, IdentifierArgs, LogFormat, MonitorArgs, PlantArgs, RunArgs, VERSION};
+pub use args::{
+    CommonArgs, CompareArgs, IdentifierArgs, IdentifyArgs, LogFormat, MonitorArgs, PlantArgs, ReplayArgs, ReportArgs,
+    RunArgs, SpanArgs, TableFormat, VERSION,
+};
 pub use check::config_check;
 pub use compare::run as compare;
 pub use exit::{EXIT_CODES, Exit, Failure, main_with};
 pub use identifier::run as identifier;
-pub use identify_log::run as identify_log;
+pub use identify::run as identify;
 pub use launcher::run as launch;
 pub use monitor::run as monitor;
 pub use plant::run as plant;
+pub use replay::run as replay;
+pub use report::run as report;

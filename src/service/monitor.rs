@@ -1,9 +1,10 @@
 //! The monitor as a process: a readable line per estimate, estimates.csv, summary.json.
 
 use super::args::{domain, quoted};
+use super::record::{Records, recorder};
 use super::wiring::{model_name, monitor_node};
 use super::{Exit, Failure, MonitorArgs, child, logging, out_dir};
-use crate::bus::{Bus, Subscriber};
+use crate::bus::{Bus, SampleSubscriber, Subscriber};
 use crate::recording::EstimatesCsv;
 use crate::report::Summary;
 use crate::runner::{MonitorPorts, Shutdown, run_monitor};
@@ -35,24 +36,32 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     // Beside a launched plant the truth is known; what publishes otherwise may be a real machine.
     let truth = args.common.is_launched().then_some(&config.plant.sim);
     let mut node = monitor_node(&config, truth)?;
-    let mut csv = dir
+    let csv = dir
         .map(|dir| EstimatesCsv::new(create(&dir.join(ESTIMATES_CSV))?, node.parameters(), node.derived()))
         .transpose()
         .map_err(|e| unwritable(ESTIMATES_CSV, &e))?;
 
+    let recorder = args
+        .record
+        .as_ref()
+        .map(|path| recorder(path, &config, &node, args.common.is_launched()))
+        .transpose()?;
+
     let bus = Bus::join(&domain, robot, "monitor")?;
+    // Last: in lockstep the plant starts when this one listens.
+    let samples = recorder.as_ref().map(|_| SampleSubscriber::new(&bus)).transpose()?;
     let mut ports = MonitorPorts {
         estimates: Subscriber::new(&bus)?,
         status: Subscriber::new(&bus)?,
+        samples,
     };
     if args.common.launched.receipts {
         ports.estimates.give_receipts(&bus)?;
     }
+    let mut records = Records::new(csv, recorder);
     tracing::info!(robot, domain = domain.name(), "monitor");
-    let outcome = run_monitor(&mut node, &mut ports, args.common.stay(), shutdown, |node, estimate| {
-        tracing::info!("{}", node.line(estimate));
-        csv.as_mut().map_or(Ok(()), |csv| csv.write(estimate))
-    });
+    let outcome = run_monitor(&mut node, &mut ports, args.common.stay(), shutdown, &mut records);
+    let recorded = records.finish();
 
     let summary = Summary::new(&node, robot, model_name(&config));
     if let Some(dir) = dir {
@@ -72,8 +81,13 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
             "some blocks have no estimate here: lost on the way, or never made because their samples were"
         );
     }
-    // Where nothing may be lost this makes a difference to the run's exit code.
-    Ok(if args.common.launched.receipts && lost > 0 {
+    let recording_lost = match recorded {
+        Some(Ok(written)) => written.samples_missing > 0,
+        Some(Err(())) => true,
+        None => false,
+    };
+    // Where nothing may be lost a lost estimate makes a difference to the run's exit code; a hole in a recording does anywhere.
+    Ok(if recording_lost || (args.common.launched.receipts && lost > 0) {
         Exit::DataLoss
     } else {
         Exit::Done

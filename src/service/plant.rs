@@ -72,7 +72,7 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     })
 }
 
-fn delivery(config: &Config) -> Delivery {
+pub(super) fn delivery(config: &Config) -> Delivery {
     if config.bus.lockstep(config.plant.speed) {
         Delivery::Lockstep {
             consumers: config.bus.lockstep_consumers,
@@ -83,11 +83,11 @@ fn delivery(config: &Config) -> Delivery {
     }
 }
 
-fn limit(config: &Config) -> Duration {
+pub(super) fn limit(config: &Config) -> Duration {
     Duration::from_secs_f64(config.bus.lockstep_limit_s)
 }
 
 /// A number that no earlier start of a plant had; 0 means "none yet" in status.
-fn boot_id() -> u64 {
+pub(super) fn boot_id() -> u64 {
     RandomState::new().build_hasher().finish().max(1)
 }

@@ -100,6 +100,32 @@ fn node<B: SampleBlock>(
     ))
 }
 
+/// What a recording says of a plant.
+pub(super) struct PlantDescription {
+    pub(super) model_hash: u64,
+    pub(super) joints: usize,
+    pub(super) position_unit: String,
+    pub(super) input_unit: String,
+    pub(super) equations: Vec<String>,
+}
+
+/// The configured plant in words and numbers.
+pub(super) fn plant_description(config: &Config) -> PlantDescription {
+    let servo_axis = matches!(
+        config.model,
+        ModelConfig::ServoAxis { .. } | ModelConfig::DelayedServoAxis { .. }
+    );
+    let linear = servo_axis && config.file_form().servo_axis.motion == "linear";
+    let position_unit = if linear { "m" } else { "rad" };
+    with_plant!(&config.model, plant => PlantDescription {
+        model_hash: model_hash(plant),
+        joints: plant.joints(),
+        position_unit: position_unit.to_owned(),
+        input_unit: plant.input_unit().to_owned(),
+        equations: plant.equations().iter().map(|e| e.name.to_owned()).collect(),
+    })
+}
+
 /// Name of the model.
 pub(super) fn model_name(config: &Config) -> &'static str {
     config.model.name()

@@ -9,6 +9,7 @@ mod late;
 mod lockstep;
 mod order;
 mod realtime;
+mod recording;
 mod run;
 mod signals;
 mod support;

@@ -1,0 +1,276 @@
+//! A run, reduced to what its figures need: every estimate, the samples thinned out.
+
+use super::summary::Summary;
+use crate::messages::{Estimate, Sample, Status, sample_flags};
+use crate::node::monitor::{MonitorNode, seconds};
+use crate::recording::{Entry, Loss, ReadError, RecordingReader, RunInfo};
+use std::collections::VecDeque;
+
+/// Buckets of a thinned trace; twice the pixels of a figure's width are enough for the eye.
+const BUCKETS: usize = 4096;
+/// Samples that are remembered until the estimate of their block arrives.
+const REMEMBERED: usize = 1 << 16;
+
+/// A signal over time, thinned out: of neighbouring samples first, last, smallest and largest value stay, so steps and peaks do.
+#[derive(Debug, Clone, Default)]
+pub struct Trace {
+    buckets: Vec<Bucket>,
+    per_bucket: usize,
+    /// Samples in the last bucket.
+    filled: usize,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Bucket {
+    t_s: f64,
+    first: f64,
+    min: f64,
+    max: f64,
+    last: f64,
+}
+
+impl Bucket {
+    fn add(&mut self, later: &Self) {
+        self.min = self.min.min(later.min);
+        self.max = self.max.max(later.max);
+        self.last = later.last;
+    }
+}
+
+impl Trace {
+    fn push(&mut self, t_s: f64, value: f64) {
+        if !value.is_finite() {
+            return;
+        }
+        let new = Bucket {
+            t_s,
+            first: value,
+            min: value,
+            max: value,
+            last: value,
+        };
+        self.per_bucket = self.per_bucket.max(1);
+        match self.buckets.last_mut() {
+            Some(bucket) if self.filled < self.per_bucket => {
+                bucket.add(&new);
+                self.filled += 1;
+                return;
+            }
+            _ => {}
+        }
+        if self.buckets.len() == BUCKETS {
+            self.buckets = self
+                .buckets
+                .chunks(2)
+                .map(|pair| {
+                    let mut merged = pair[0];
+                    pair[1..].iter().for_each(|later| merged.add(later));
+                    merged
+                })
+                .collect();
+            self.per_bucket *= 2;
+        }
+        self.buckets.push(new);
+        self.filled = 1;
+    }
+
+    /// Time \[s\] and value, to be joined by a line.
+    pub fn points(&self) -> Vec<(f64, f64)> {
+        let mut points = Vec::with_capacity(self.buckets.len());
+        for b in &self.buckets {
+            points.push((b.t_s, b.first));
+            for value in [b.min, b.max, b.last] {
+                if points.last().is_none_or(|p| p.1 != value) {
+                    points.push((b.t_s, value));
+                }
+            }
+        }
+        // A level that is held needs its ends only.
+        let mut kept: Vec<(f64, f64)> = Vec::with_capacity(points.len());
+        for (i, &point) in points.iter().enumerate() {
+            let held = kept.last().is_some_and(|p| p.1 == point.1) && points.get(i + 1).is_some_and(|p| p.1 == point.1);
+            if !held {
+                kept.push(point);
+            }
+        }
+        kept
+    }
+}
+
+/// How an estimate came about in time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Timing {
+    /// The block.
+    pub block: u64,
+    /// Stream time of the block's last sample \[s\].
+    pub t_s: f64,
+    /// Clock time of sending that sample \[ns\].
+    pub sample_sent_ns: u64,
+    /// From sending that sample to sending the estimate \[s\].
+    pub latency_s: f64,
+}
+
+/// Everything that a report shows of a run.
+pub struct RunData {
+    /// Names, units, configuration.
+    pub info: RunInfo,
+    /// Summary, changes, truth.
+    pub monitor: MonitorNode,
+    /// The estimates of the last stream.
+    pub estimates: Vec<Estimate>,
+    /// Commanded position of each joint.
+    pub setpoint: Vec<Trace>,
+    /// Position of each joint.
+    pub position: Vec<Trace>,
+    /// Of each block whose samples were seen.
+    pub timing: Vec<Timing>,
+    /// What the recording has lost.
+    pub loss: Loss,
+    /// Samples seen.
+    pub samples: u64,
+    ended: bool,
+    /// Stream time and clock time of the last samples.
+    sent: VecDeque<(u64, u64)>,
+    /// Estimates that came before the last sample of their block.
+    waiting: Vec<(u64, u64, u64)>,
+}
+
+impl RunData {
+    /// A run of which nothing is known yet.
+    pub fn new(info: RunInfo, monitor: MonitorNode) -> Self {
+        let joints = info.joints;
+        Self {
+            info,
+            monitor,
+            estimates: Vec::new(),
+            setpoint: vec![Trace::default(); joints],
+            position: vec![Trace::default(); joints],
+            timing: Vec::new(),
+            loss: Loss::default(),
+            samples: 0,
+            ended: false,
+            sent: VecDeque::new(),
+            waiting: Vec::new(),
+        }
+    }
+
+    /// A whole recording.
+    ///
+    /// # Errors
+    /// Where the file system fails.
+    pub fn read(mut reader: RecordingReader, monitor: MonitorNode) -> Result<Self, ReadError> {
+        let mut run = Self::new(reader.info().clone(), monitor);
+        while let Some(entry) = reader.next_entry()? {
+            match entry {
+                Entry::Sample { sample, sent_ns } => run.sample(sample, sent_ns),
+                Entry::Estimate { estimate, sent_ns } => run.estimate(estimate, sent_ns),
+                Entry::Status { status, .. } => run.status(status),
+                Entry::Recorder(_) => {}
+            }
+        }
+        run.loss = reader.loss();
+        Ok(run)
+    }
+
+    /// Takes a sample in; `sent_ns` is the clock at sending, 0 where it is not known.
+    pub fn sample(&mut self, sample: &Sample, sent_ns: u64) {
+        self.samples += 1;
+        self.ended |= sample.flags & sample_flags::END != 0;
+        let t_s = seconds(sample.t_ns);
+        for (trace, &value) in self.setpoint.iter_mut().zip(&sample.setpoint) {
+            trace.push(t_s, value);
+        }
+        for (trace, &value) in self.position.iter_mut().zip(&sample.q) {
+            trace.push(t_s, value);
+        }
+        if sent_ns == 0 {
+            return;
+        }
+        if let Some(index) = self.waiting.iter().position(|w| w.0 == sample.t_ns) {
+            let (t_ns, block, estimate_sent_ns) = self.waiting.swap_remove(index);
+            self.time(block, t_ns, sent_ns, estimate_sent_ns);
+        }
+        if self.sent.len() == REMEMBERED {
+            self.sent.pop_front();
+        }
+        self.sent.push_back((sample.t_ns, sent_ns));
+    }
+
+    /// Takes an estimate in; `sent_ns` is the clock at sending, 0 where it is not known.
+    pub fn estimate(&mut self, estimate: &Estimate, sent_ns: u64) {
+        let boot = self.estimates.last().map(|e| e.boot_id);
+        if boot.is_some_and(|boot| boot != estimate.boot_id) {
+            self.estimates.clear();
+            self.timing.clear();
+        }
+        if !self.monitor.on_estimate(estimate) {
+            return;
+        }
+        self.estimates.push(*estimate);
+        if sent_ns == 0 {
+            return;
+        }
+        let last = estimate.t_last_ns;
+        match self.sent.iter().rev().find(|sample| sample.0 == last) {
+            Some(&(_, sample_sent_ns)) => self.time(estimate.block, last, sample_sent_ns, sent_ns),
+            None => self.waiting.push((last, estimate.block, sent_ns)),
+        }
+    }
+
+    /// Takes a status in.
+    pub fn status(&mut self, status: &Status) {
+        self.monitor.on_status(status);
+    }
+
+    /// The summary of the run.
+    pub fn summary(&self) -> Summary {
+        Summary::new(&self.monitor, &self.info.robot, &self.info.model)
+    }
+
+    /// Length of a block in stream time \[s\]; `None` with fewer than two estimates.
+    pub fn block_s(&self) -> Option<f64> {
+        let (first, last) = (self.estimates.first()?, self.estimates.last()?);
+        let blocks = last.block.checked_sub(first.block).filter(|&n| n > 0)?;
+        let span = last.t_last_ns.checked_sub(first.t_last_ns)?;
+        Some(span as f64 * 1e-9 / blocks as f64)
+    }
+
+    fn time(&mut self, block: u64, t_ns: u64, sample_sent_ns: u64, estimate_sent_ns: u64) {
+        let latency_s = estimate_sent_ns.saturating_sub(sample_sent_ns) as f64 * 1e-9;
+        let at = self.timing.partition_point(|t| t.block < block);
+        let timing = Timing {
+            block,
+            t_s: seconds(t_ns),
+            sample_sent_ns,
+            latency_s,
+        };
+        self.timing.insert(at, timing);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_a_thinned_trace_keeps_its_extremes_and_its_steps() {
+        let mut trace = Trace::default();
+        for i in 0..1_000_000 {
+            let value = match i {
+                345_678 => 7.0,
+                999_999 => -7.0,
+                i if i < 500_000 => 0.0,
+                _ => 1.0,
+            };
+            trace.push(i as f64 * 1e-3, value);
+        }
+        let points = trace.points();
+        assert!(points.len() < 20, "{}", points.len());
+        assert!(trace.buckets.len() <= BUCKETS);
+        let largest = points.iter().map(|p| p.1).fold(f64::MIN, f64::max);
+        assert_eq!((largest, points.last().map(|p| p.1)), (7.0, Some(-7.0)));
+        // The step lies within a bucket of its time: 1000 s in at least 2048 buckets.
+        let step = points.iter().find(|p| p.0 > 400.0 && p.1 == 1.0).unwrap();
+        assert!((step.0 - 500.0).abs() < 0.5, "{step:?}");
+    }
+}

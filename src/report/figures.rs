@@ -1,0 +1,524 @@
+//! The figures of a run: setpoints (the paper's Fig. 3), each parameter over the block number (Figs. 4 to 12), residuals, excitation,
+//! accuracy and timing.
+
+use super::data::RunData;
+use super::plot::{BLUE, Figure, GREY, INK, Layer, ORANGE, Panel, Scale, Stroke};
+use crate::messages::Estimate;
+use crate::node::monitor::{Label, relative_error, seconds};
+
+/// 95 % of a normal distribution lie within so many standard deviations.
+const TWO_SIDED_95: f64 = 1.96;
+const PANEL: f64 = 250.0;
+const SMALL_PANEL: f64 = 170.0;
+
+const ESTIMATE: Stroke = Stroke::solid(BLUE, 1.6);
+const TRUTH: Stroke = Stroke::dashed(INK, 1.8, "6 4");
+const FIRST: Stroke = Stroke::solid(BLUE, 1.6);
+const SECOND: Stroke = Stroke::dashed(ORANGE, 1.8, "5 3");
+const THIN: Stroke = Stroke::solid(GREY, 1.0);
+
+/// All figures for which the run has data.
+pub fn figures(run: &RunData) -> Vec<Figure> {
+    let mut all = Vec::new();
+    all.extend(setpoints(run));
+    if run.estimates.is_empty() {
+        return all;
+    }
+    let parameters = run.monitor.parameters();
+    for (index, label) in parameters.iter().enumerate() {
+        all.push(value(run, label, index, Kind::Parameter));
+    }
+    for (index, label) in run.monitor.derived().iter().enumerate() {
+        all.push(value(run, label, index, Kind::Derived));
+    }
+    all.extend(accuracy(run));
+    all.push(residuals(run));
+    all.push(excitation(run));
+    all.extend(timing(run));
+    all
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Parameter,
+    Derived,
+}
+
+/// Name as in a text: `θ₁`, `viscous friction`.
+pub(super) fn symbol(name: &str) -> String {
+    let subscript = |digits: &str| -> Option<String> {
+        let digit = |c: char| c.to_digit(10).and_then(|d| char::from_u32(0x2080 + d));
+        digits.chars().map(digit).collect()
+    };
+    match name.rsplit_once('_') {
+        Some(("theta", digits)) if !digits.is_empty() => {
+            subscript(digits).map_or_else(|| name.to_string(), |digits| format!("θ{digits}"))
+        }
+        _ => name.replace('_', " "),
+    }
+}
+
+/// Unit as in a text: a real exponent and a middle dot.
+pub(super) fn pretty_unit(unit: &str) -> String {
+    unit.replace("^2", "²").replace("^3", "³").replace(' ', "\u{b7}")
+}
+
+fn block_axis(run: &RunData) -> (String, (f64, f64)) {
+    let label = match run.block_s() {
+        Some(length) => format!("number of the interval m, each {} s long", trim(length)),
+        None => "number of the interval m".to_string(),
+    };
+    let first = run.estimates.first().map_or(1, |e| e.block) as f64;
+    let last = run.estimates.last().map_or(1, |e| e.block) as f64;
+    // From the beginning where the run was seen from its beginning.
+    let from = if first <= 3.0 { 0.0 } else { first - 1.0 };
+    (label, (from, last + ((last - from) * 0.015).max(0.5)))
+}
+
+fn trim(value: f64) -> String {
+    let text = format!("{value:.4}");
+    text.trim_end_matches('0').trim_end_matches('.').to_string()
+}
+
+/// Where a stream time lies on the axis of blocks: the estimate of block m stands at m, the end of its interval.
+fn block_of(run: &RunData, t_s: f64) -> Option<f64> {
+    let last = run.estimates.last()?;
+    Some(last.block as f64 - (seconds(last.t_last_ns) - t_s) / run.block_s()?)
+}
+
+/// Vertical lines at the changes that were found.
+fn changes(run: &RunData, labelled: bool) -> Vec<Layer> {
+    let found = run.monitor.changes();
+    let mark = |c: &crate::node::monitor::Change| {
+        let label = match labelled {
+            true => format!("change found at {} s", trim(c.t_s)),
+            false => String::new(),
+        };
+        block_of(run, c.t_s).map(|x| Layer::Mark { x, label })
+    };
+    found.iter().filter_map(mark).collect()
+}
+
+fn setpoints(run: &RunData) -> Option<Figure> {
+    let mut panels = Vec::new();
+    let mut end = 0.0_f64;
+    for (joint, (setpoint, position)) in run.setpoint.iter().zip(&run.position).enumerate() {
+        let (setpoint, position) = (setpoint.points(), position.points());
+        let all: Vec<f64> = setpoint.iter().chain(&position).map(|p| p.1).collect();
+        end = setpoint.iter().chain(&position).map(|p| p.0).fold(end, f64::max);
+        if all.is_empty() {
+            continue;
+        }
+        let (from, to) = extent(&all);
+        let legend = |text: &str| (joint == 0).then(|| text.to_string());
+        panels.push(Panel {
+            y_label: format!("joint {}", joint + 1),
+            unit: pretty_unit(&run.info.position_unit),
+            scale: padded(from, to, 0.06),
+            height: SMALL_PANEL,
+            layers: vec![
+                Layer::Line {
+                    points: position,
+                    stroke: THIN,
+                    legend: legend("position"),
+                },
+                Layer::Line {
+                    points: setpoint,
+                    stroke: ESTIMATE,
+                    legend: legend("setpoint"),
+                },
+            ],
+        });
+    }
+    (!panels.is_empty() && end > 0.0).then(|| Figure {
+        name: "setpoint".into(),
+        title: "Setpoints and positions".into(),
+        caption: "What the joints were told and where they were: the excitation on which everything else rests (the paper's Fig. 3)."
+            .into(),
+        x_label: "time (s)".into(),
+        x_range: (0.0, end),
+        panels,
+    })
+}
+
+fn value(run: &RunData, label: &Label, index: usize, kind: Kind) -> Figure {
+    let of = |e: &Estimate| match kind {
+        Kind::Parameter => (e.theta[index], e.theta_std[index]),
+        Kind::Derived => (e.derived[index], e.derived_std[index]),
+    };
+    let blocks = || run.estimates.iter().map(|e| (e.block as f64, e));
+    let line: Vec<(f64, f64)> = blocks().map(|(m, e)| (m, of(e).0)).collect();
+    let band: Vec<(f64, f64, f64)> = blocks()
+        .map(|(m, e)| {
+            let (value, std) = of(e);
+            (m, value - TWO_SIDED_95 * std, value + TWO_SIDED_95 * std)
+        })
+        .collect();
+    // Filled where the estimate says that it may be used; all of them where it never says so.
+    let marks_usable = kind == Kind::Parameter && run.estimates.iter().any(|e| e.usable != 0);
+    let dots: Vec<(f64, f64, bool)> = blocks()
+        .map(|(m, e)| (m, of(e).0, !marks_usable || e.usable & (1 << index) != 0))
+        .collect();
+    let (x_label, x_range) = block_axis(run);
+    let truth = truth_line(run, x_range, |theta, derived| match kind {
+        Kind::Parameter => theta.get(index).copied(),
+        Kind::Derived => derived.get(index).copied(),
+    });
+
+    let estimates: Vec<f64> = line.iter().map(|p| p.1).filter(|v| v.is_finite()).collect();
+    let truths: Vec<f64> = truth.iter().map(|p| p.1).collect();
+    let mut layers = Vec::new();
+    if band.iter().any(|b| b.1.is_finite()) {
+        layers.push(Layer::Band {
+            points: band,
+            colour: BLUE,
+            legend: Some("95 % band".into()),
+        });
+    }
+    layers.extend(changes(run, true));
+    if !truth.is_empty() {
+        layers.push(Layer::Line {
+            points: truth,
+            stroke: TRUTH,
+            legend: Some("truth".into()),
+        });
+    }
+    layers.push(Layer::Line {
+        points: line,
+        stroke: ESTIMATE,
+        legend: (!marks_usable).then(|| "estimate".to_string()),
+    });
+    layers.push(Layer::Dots {
+        points: dots,
+        colour: BLUE,
+        legend: marks_usable.then(|| ("estimate, usable".to_string(), "not usable".to_string())),
+    });
+    let shown = symbol(&label.name);
+    Figure {
+        name: label.name.clone(),
+        title: match kind {
+            Kind::Parameter => format!("Identification of the parameter {shown}"),
+            Kind::Derived => format!("Derived value: {shown}"),
+        },
+        caption: caption(run, &shown, kind),
+        x_label,
+        x_range,
+        panels: vec![Panel {
+            y_label: shown,
+            unit: pretty_unit(&label.unit),
+            scale: value_scale(&estimates, &truths),
+            height: PANEL,
+            layers,
+        }],
+    }
+}
+
+fn caption(run: &RunData, shown: &str, kind: Kind) -> String {
+    let mut text = match kind {
+        Kind::Parameter => format!(
+            "{shown} over the number of the interval, with the band that holds the true value in 95 of 100 cases where the estimator's assumptions hold."
+        ),
+        Kind::Derived => {
+            format!("{shown}, computed from the parameters by the constants that the configuration knows.")
+        }
+    };
+    if run.monitor.truth().is_some() {
+        text.push_str(" The dashed line is what the simulator really had.");
+    }
+    text.push_str(" Arrows at the border point to estimates outside the axis.");
+    text
+}
+
+/// The truth at a fine grid over the axis of blocks; empty where nobody knows it.
+fn truth_line(run: &RunData, x: (f64, f64), pick: impl Fn(&[f64], &[f64]) -> Option<f64>) -> Vec<(f64, f64)> {
+    let (Some(truth), Some(block_s)) = (run.monitor.truth(), run.block_s()) else {
+        return Vec::new();
+    };
+    let Some(last) = run.estimates.last() else {
+        return Vec::new();
+    };
+    let end = seconds(last.t_last_ns);
+    let mut points: Vec<(f64, f64)> = Vec::new();
+    let steps = 2000;
+    for i in 0..=steps {
+        let m = x.0 + (x.1 - x.0) * f64::from(i) / f64::from(steps);
+        let t_s = end - (last.block as f64 - m) * block_s;
+        if t_s < 0.0 {
+            continue;
+        }
+        let Some(value) = pick(&truth.theta(t_s), &truth.derived(t_s)).filter(|v| v.is_finite()) else {
+            continue;
+        };
+        // The middle of a level says nothing that its ends do not.
+        let held = points.len() >= 2 && points[points.len() - 2].1 == value && points[points.len() - 1].1 == value;
+        if held {
+            points.pop();
+        }
+        points.push((m, value));
+    }
+    points
+}
+
+fn accuracy(run: &RunData) -> Option<Figure> {
+    let truth = run.monitor.truth()?;
+    let mut worst = Vec::new();
+    let mut median = Vec::new();
+    for e in &run.estimates {
+        let values = truth.theta(seconds(e.t_last_ns));
+        let errors = values
+            .iter()
+            .zip(&e.theta)
+            .map(|(&truth, &value)| relative_error(value, truth).abs());
+        let mut errors: Vec<f64> = errors.filter(|v| v.is_finite()).collect();
+        errors.sort_by(f64::total_cmp);
+        if let (Some(&largest), Some(&middle)) = (errors.last(), errors.get(errors.len() / 2)) {
+            // Zero has no place on a logarithmic axis; it is drawn at the rounding of a double.
+            worst.push((e.block as f64, largest.max(f64::EPSILON)));
+            median.push((e.block as f64, middle.max(f64::EPSILON)));
+        }
+    }
+    let all: Vec<f64> = worst.iter().chain(&median).map(|p| p.1).collect();
+    let (x_label, x_range) = block_axis(run);
+    let mut layers = vec![Layer::Line {
+        points: vec![(x_range.0, 0.01), (x_range.1, 0.01)],
+        stroke: Stroke::dashed(GREY, 1.2, "2 3"),
+        legend: Some("1 %".into()),
+    }];
+    layers.extend(changes(run, true));
+    layers.push(Layer::Line {
+        points: worst,
+        stroke: FIRST,
+        legend: Some("worst parameter".into()),
+    });
+    layers.push(Layer::Line {
+        points: median,
+        stroke: SECOND,
+        legend: Some("median parameter".into()),
+    });
+    Some(Figure {
+        name: "accuracy".into(),
+        title: "Relative error of the parameters".into(),
+        caption:
+            "Distance from the simulator's true values; a parameter on which the data do not inform keeps its error."
+                .into(),
+        x_label,
+        x_range,
+        panels: vec![Panel {
+            y_label: "relative error".into(),
+            unit: "1".into(),
+            scale: decades(&all),
+            height: PANEL,
+            layers,
+        }],
+    })
+}
+
+fn residuals(run: &RunData) -> Figure {
+    let equations = run.estimates.last().map_or(0, |e| e.equations as usize);
+    let mut panels = Vec::new();
+    for equation in 0..equations.min(crate::model::MAX_JOINTS) {
+        let series = |of: &dyn Fn(&Estimate) -> f64| -> Vec<(f64, f64)> {
+            run.estimates
+                .iter()
+                .map(|e| (e.block as f64, positive(of(e))))
+                .collect()
+        };
+        let before = series(&|e| e.innovation_rms[equation]);
+        let after = series(&|e| e.residual_rms[equation]);
+        let all: Vec<f64> = before.iter().chain(&after).map(|p| p.1).collect();
+        let legend = |text: &str| (equation == 0).then(|| text.to_string());
+        let mut layers = changes(run, equation == 0);
+        layers.push(Layer::Line {
+            points: before,
+            stroke: SECOND,
+            legend: legend("innovation, before the update"),
+        });
+        layers.push(Layer::Line {
+            points: after,
+            stroke: FIRST,
+            legend: legend("residual, after the update"),
+        });
+        let name = run
+            .info
+            .equations
+            .get(equation)
+            .map_or_else(|| format!("equation {}", equation + 1), |n| symbol(n));
+        panels.push(Panel {
+            y_label: format!("rms, {name}"),
+            unit: pretty_unit(&run.info.input_unit),
+            scale: decades(&all),
+            height: SMALL_PANEL,
+            layers,
+        });
+    }
+    let (x_label, x_range) = block_axis(run);
+    Figure {
+        name: "residuals".into(),
+        title: "What the model leaves unexplained".into(),
+        caption: "Root mean square of the equations' errors in each interval. Where the innovation rises above the residual, the data say something new: the start, or a change of the machine.".into(),
+        x_label,
+        x_range,
+        panels,
+    }
+}
+
+fn excitation(run: &RunData) -> Figure {
+    let parameters = run.monitor.parameters();
+    let mut cells = Vec::new();
+    for e in &run.estimates {
+        for row in 0..parameters.len() {
+            let bit = 1u64 << row;
+            let shade = match (e.fixed & bit != 0, e.excited & bit != 0) {
+                (true, _) => 0,
+                (_, false) => 1,
+                (_, true) => 2,
+            };
+            cells.push((e.block as f64, row, shade));
+        }
+    }
+    let names: Vec<String> = parameters.iter().map(|p| symbol(&p.name)).collect();
+    let condition: Vec<(f64, f64)> = run
+        .estimates
+        .iter()
+        .map(|e| (e.block as f64, positive(e.condition)))
+        .collect();
+    let values: Vec<f64> = condition.iter().map(|p| p.1).collect();
+    let (x_label, x_range) = block_axis(run);
+    let mut panels = vec![Panel {
+        y_label: String::new(),
+        unit: String::new(),
+        height: 22.0 * names.len() as f64,
+        layers: vec![Layer::Cells { cells }],
+        scale: Scale::Rows(names),
+    }];
+    if values.iter().any(|v| v.is_finite()) {
+        let mut layers = changes(run, false);
+        layers.push(Layer::Line {
+            points: condition,
+            stroke: ESTIMATE,
+            legend: Some("condition number of the information, columns scaled".into()),
+        });
+        panels.push(Panel {
+            y_label: "condition".into(),
+            unit: "1".into(),
+            scale: decades(&values),
+            height: 130.0,
+            layers,
+        });
+    }
+    Figure {
+        name: "excitation".into(),
+        title: "On which parameters the data inform".into(),
+        caption: "A dark cell: the interval's data told something about the parameter. A light one: they did not, and the parameter kept its value.".into(),
+        x_label,
+        x_range,
+        panels,
+    }
+}
+
+fn timing(run: &RunData) -> Option<Figure> {
+    if run.timing.len() < 2 {
+        return None;
+    }
+    let latency: Vec<(f64, f64)> = run.timing.iter().map(|t| (t.block as f64, t.latency_s * 1e3)).collect();
+    let speed: Vec<(f64, f64)> = run
+        .timing
+        .windows(2)
+        .map(|pair| {
+            let wall = pair[1].sample_sent_ns.saturating_sub(pair[0].sample_sent_ns) as f64 * 1e-9;
+            (pair[1].block as f64, (pair[1].t_s - pair[0].t_s) / wall)
+        })
+        .collect();
+    let panel = |y_label: &str, unit: &str, points: Vec<(f64, f64)>, legend: &str| {
+        let values: Vec<f64> = points.iter().map(|p| p.1).filter(|v| v.is_finite()).collect();
+        let to = values.iter().copied().fold(0.0, f64::max);
+        Panel {
+            y_label: y_label.into(),
+            unit: unit.into(),
+            scale: Scale::Linear {
+                from: 0.0,
+                to: if to > 0.0 { to * 1.08 } else { 1.0 },
+            },
+            height: 140.0,
+            layers: vec![Layer::Line {
+                points,
+                stroke: ESTIMATE,
+                legend: Some(legend.into()),
+            }],
+        }
+    };
+    let (x_label, x_range) = block_axis(run);
+    Some(Figure {
+        name: "timing".into(),
+        title: "Time from sample to estimate, and pace of the stream".into(),
+        caption: "Above, the wait for an estimate after its interval's last sample was sent; below, how much faster than real time the samples came.".into(),
+        x_label,
+        x_range,
+        panels: vec![
+            panel("latency", "ms", latency, "from the interval's last sample to its estimate"),
+            panel("pace", "s/s", speed, "stream time per clock time"),
+        ],
+    })
+}
+
+/// What a logarithmic axis can show; the rest breaks the line.
+fn positive(value: f64) -> f64 {
+    if value > 0.0 && value.is_finite() {
+        value
+    } else {
+        f64::NAN
+    }
+}
+
+fn extent(values: &[f64]) -> (f64, f64) {
+    let finite = || values.iter().copied().filter(|v| v.is_finite());
+    (
+        finite().fold(f64::INFINITY, f64::min),
+        finite().fold(f64::NEG_INFINITY, f64::max),
+    )
+}
+
+fn padded(from: f64, to: f64, part: f64) -> Scale {
+    // A line that hardly moves is shown as such and not as its last digits.
+    let least = 0.02 * from.abs().max(to.abs());
+    let least = if least > 0.0 { least } else { 1.0 };
+    let pad = ((to - from) * part).max((least - (to - from) / 2.0).max(0.0));
+    Scale::Linear {
+        from: from - pad,
+        to: to + pad,
+    }
+}
+
+/// An axis for a value over the blocks: the truth always within, and the estimates, except for a few that lie so far off that nothing
+/// else could be seen.
+fn value_scale(estimates: &[f64], truths: &[f64]) -> Scale {
+    let mut sorted = estimates.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let (mut from, mut to) = extent(&[&sorted[..], truths].concat());
+    if !(from.is_finite() && to.is_finite()) {
+        return Scale::Linear { from: 0.0, to: 1.0 };
+    }
+    if sorted.len() >= 20 {
+        let cut = (sorted.len() as f64 * 0.04).ceil() as usize;
+        let (low, high) = extent(&[&sorted[cut..sorted.len() - cut], truths].concat());
+        if to - from > 6.0 * (high - low) && high > low {
+            let room = high - low;
+            (from, to) = (from.max(low - room), to.min(high + room));
+        }
+    }
+    padded(from, to, 0.08)
+}
+
+/// Whole decades around the values.
+fn decades(values: &[f64]) -> Scale {
+    let (from, to) = extent(values);
+    if !(from.is_finite() && to.is_finite() && from > 0.0) {
+        return Scale::Log { from: 0.1, to: 1.0 };
+    }
+    let from = from.log10().floor();
+    let to = to.log10().ceil().max(from + 1.0);
+    Scale::Log {
+        from: 10f64.powf(from),
+        to: 10f64.powf(to),
+    }
+}

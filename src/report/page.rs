@@ -1,0 +1,276 @@
+//! One HTML page with the table, the figures and the configuration of a run; it loads nothing from anywhere.
+
+use super::data::RunData;
+use super::figures::{pretty_unit, symbol};
+use super::plot::{Figure, escape, power_of_ten};
+use super::raster::{MEDIUM, REGULAR};
+use super::summary::{Summary, significant};
+use std::fmt::Write as _;
+
+const STYLE: &str = "
+:root{--ink:#1b1b1b;--soft:#5c5c5c;--line:#dcdcdc;--blue:#0072B2;--warn:#C04A00}
+*{box-sizing:border-box}
+body{margin:0;background:#f6f6f4;color:var(--ink);font:15px/1.5 Roboto,'Helvetica Neue',Arial,sans-serif}
+main{max-width:960px;margin:0 auto;padding:36px 24px 60px}
+h1{font-size:28px;font-weight:500;line-height:1.2;margin:0 0 4px}
+h2{font-size:19px;font-weight:500;margin:40px 0 12px}
+p{margin:0 0 12px}
+.soft{color:var(--soft)}
+.facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(140px,1fr));gap:12px;margin:24px 0 0}
+.facts div{background:#fff;border:1px solid var(--line);border-radius:6px;padding:12px 14px}
+.facts b{display:block;font-size:21px;font-weight:500;line-height:1.25}
+.facts span{color:var(--soft);font-size:13px}
+.warn{border-left:4px solid var(--warn);background:#fff;padding:10px 14px;margin:16px 0 0}
+.scroll{overflow-x:auto;background:#fff;border:1px solid var(--line);border-radius:6px}
+table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums lining-nums}
+th,td{padding:7px 14px;text-align:right;white-space:nowrap;border-bottom:1px solid var(--line)}
+tr:last-child td{border-bottom:0}
+th{font-weight:500;color:var(--soft);font-size:13px;border-bottom:1px solid #b5b5b5}
+th:first-child,td:first-child,th:last-child,td:last-child,#result th:nth-child(6),#result td:nth-child(6){text-align:left}
+nav{display:flex;flex-wrap:wrap;gap:6px 14px;font-size:14px}
+a{color:var(--blue)}
+figure{margin:0 0 26px;background:#fff;border:1px solid var(--line);border-radius:6px;padding:14px 16px}
+figure svg{display:block;width:100%;height:auto}
+figcaption{color:var(--soft);font-size:14px;margin-top:8px}
+details{background:#fff;border:1px solid var(--line);border-radius:6px;padding:10px 14px}
+summary{cursor:pointer;font-weight:500}
+pre{overflow-x:auto;font:13px/1.45 ui-monospace,'DejaVu Sans Mono',monospace;margin:12px 0 0}
+@media print{body{background:#fff}figure,details,.facts div{break-inside:avoid}nav{display:none}}
+";
+
+/// The page of a run.
+pub fn page(run: &RunData, summary: &Summary, figures: &[Figure]) -> String {
+    let title = format!("{}, robot {}", escape(&symbol(&summary.model)), escape(&summary.robot));
+    let mut html = String::with_capacity(1 << 20);
+    let _ = write!(
+        html,
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
+         <title>{title} — thetabus</title><style>{}{STYLE}</style></head>\n<body><main data-figures=\"{}\">\n\
+         <h1>Identification of the {title}</h1>\n<p class=\"soft\">thetabus {}, model {:016x}, configuration {}</p>\n",
+        fonts(),
+        figures.len(),
+        env!("CARGO_PKG_VERSION"),
+        run.info.model_hash,
+        summary.config_hash.as_deref().unwrap_or("unknown"),
+    );
+    facts(&mut html, summary);
+    if !run.loss.is_none() {
+        let _ = writeln!(
+            html,
+            "<p class=\"warn\"><b>The recording is not complete:</b> {}.</p>",
+            escape(&run.loss.to_string())
+        );
+    }
+    results(&mut html, summary);
+    changes(&mut html, summary);
+    html.push_str("<h2>Figures</h2>\n<nav>");
+    for figure in figures {
+        let _ = write!(
+            html,
+            "<a href=\"#{0}\">{1}</a>",
+            escape(&figure.name),
+            escape(&symbol(&figure.name))
+        );
+    }
+    html.push_str("</nav>\n<p></p>\n");
+    for figure in figures {
+        let _ = writeln!(
+            html,
+            "<figure id=\"{}\">{}<figcaption>{}</figcaption></figure>",
+            escape(&figure.name),
+            figure.svg().trim_end(),
+            escape(&figure.caption)
+        );
+    }
+    let _ = write!(
+        html,
+        "<h2>Configuration</h2>\n<details><summary>The whole configuration of the run, as a file that can be run again</summary><pre>{}</pre></details>\n</main></body></html>\n",
+        escape(&run.info.config_toml)
+    );
+    html
+}
+
+/// The fonts inside the page, so that it looks the same everywhere.
+fn fonts() -> String {
+    [(REGULAR, 400), (MEDIUM, 500)]
+        .map(|(font, weight)| {
+            format!(
+                "@font-face{{font-family:Roboto;font-weight:{weight};src:url(data:font/ttf;base64,{}) format('truetype')}}",
+                base64(font)
+            )
+        })
+        .concat()
+}
+
+fn facts(html: &mut String, summary: &Summary) {
+    html.push_str("<div class=\"facts\">");
+    let mut fact = |value: &str, what: &str| {
+        let _ = write!(html, "<div><b>{}</b><span>{what}</span></div>", escape(value));
+    };
+    fact(&symbol(&summary.state), "state at the end");
+    fact(&grouped(summary.blocks), "estimates, one per interval");
+    fact(&grouped(summary.samples.accepted), "samples accepted");
+    fact(&grouped(summary.samples.missing), "missing");
+    fact(&grouped(summary.samples.rejected), "rejected");
+    if let Some(wall) = summary.wall_s {
+        fact(&format!("{wall:.1} s"), "wall time");
+    }
+    html.push_str("</div>\n");
+}
+
+fn results(html: &mut String, summary: &Summary) {
+    html.push_str(
+        "<h2>Result</h2>\n<div class=\"scroll\"><table id=\"result\"><thead><tr><th>value</th><th>estimate</th><th>standard deviation</th>\
+         <th>truth</th><th>error</th><th>unit</th><th>note</th></tr></thead><tbody>\n",
+    );
+    let number = |value: Option<f64>| value.map_or_else(|| "–".to_string(), |v| minus(&significant(v)));
+    let deviation = |value: Option<f64>| value.map_or_else(|| "–".to_string(), two_digits);
+    let percent =
+        |value: Option<f64>| value.map_or_else(|| "–".to_string(), |v| minus(&format!("{:+.3} %", v * 100.0)));
+    let mut row = |name: &str, values: [String; 4], unit: &str, note: &str| {
+        let cells = values.map(|value| format!("<td>{value}</td>")).concat();
+        let unit = if unit == "1" {
+            String::new()
+        } else {
+            escape(&pretty_unit(unit))
+        };
+        let _ = writeln!(
+            html,
+            "<tr><td>{}</td>{cells}<td>{unit}</td><td>{note}</td></tr>",
+            escape(&symbol(name))
+        );
+    };
+    for p in &summary.parameters {
+        let note = match (p.fixed, p.excited) {
+            (Some(true), _) => "held fixed",
+            (_, Some(false)) => "not excited in the last interval",
+            _ => "",
+        };
+        let values = [
+            number(p.estimate),
+            deviation(p.std),
+            number(p.truth),
+            percent(p.relative_error),
+        ];
+        row(&p.name, values, &p.unit, note);
+    }
+    for d in &summary.derived {
+        let error = d
+            .estimate
+            .zip(d.truth)
+            .map(|(value, truth)| crate::node::monitor::relative_error(value, truth));
+        let values = [number(d.estimate), deviation(d.std), number(d.truth), percent(error)];
+        row(&d.name, values, &d.unit, "derived");
+    }
+    html.push_str("</tbody></table></div>\n");
+}
+
+fn changes(html: &mut String, summary: &Summary) {
+    if summary.changes.is_empty() {
+        return;
+    }
+    html.push_str(
+        "<h2>Changes found</h2>\n<div class=\"scroll\"><table><thead><tr><th>located at</th><th>announced by interval</th><th>announced at</th>\
+         <th>intervals until within 1 %</th></tr></thead><tbody>\n",
+    );
+    for c in &summary.changes {
+        let settled = c.blocks_to_1_percent.map_or_else(|| "–".to_string(), |n| n.to_string());
+        let _ = writeln!(
+            html,
+            "<tr><td>{:.3} s</td><td>{}</td><td>{:.3} s</td><td>{settled}</td></tr>",
+            c.t_s, c.block, c.detected_t_s
+        );
+    }
+    html.push_str("</tbody></table></div>\n");
+}
+
+/// Two significant digits, with a power of ten where that is shorter.
+fn two_digits(value: f64) -> String {
+    let text = format!("{value:.1e}");
+    match text
+        .split_once('e')
+        .and_then(|(m, e)| Some((m, e.parse::<i32>().ok()?)))
+    {
+        Some((_, exponent @ -2..=2)) => {
+            let decimals = (1 - exponent).max(0) as usize;
+            format!("{value:.decimals$}")
+        }
+        Some((mantissa, exponent)) => format!("{mantissa}\u{b7}{}", power_of_ten(exponent)),
+        None => text,
+    }
+}
+
+fn minus(text: &str) -> String {
+    text.replace('-', "\u{2212}")
+}
+
+/// Digits in groups of three.
+fn grouped(value: u64) -> String {
+    let digits = value.to_string();
+    let mut out = String::new();
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index) % 3 == 0 {
+            out.push('\u{a0}');
+        }
+        out.push(digit);
+    }
+    out
+}
+
+/// RFC 4648, with padding.
+fn base64(bytes: &[u8]) -> String {
+    const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for group in bytes.chunks(3) {
+        let word = group.iter().fold(0u32, |word, &byte| word << 8 | u32::from(byte)) << (8 * (3 - group.len()));
+        for place in 0..4 {
+            let sextet = (word >> (18 - 6 * place)) as usize & 63;
+            out.push(if place <= group.len() {
+                char::from(ALPHABET[sextet])
+            } else {
+                '='
+            });
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_base64_vectors_of_the_rfc() {
+        for (bytes, text) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+        ] {
+            assert_eq!(base64(bytes.as_bytes()), text);
+        }
+    }
+
+    #[test]
+    fn regress_deviations_have_two_digits() {
+        for (value, text) in [
+            (3.04e-6, "3.0·10⁻⁶"),
+            (0.172, "0.17"),
+            (0.012, "0.012"),
+            (23.4, "23"),
+            (1e5, "1.0·10⁵"),
+        ] {
+            assert_eq!(two_digits(value), text);
+        }
+    }
+
+    #[test]
+    fn regress_large_counts_are_grouped() {
+        assert_eq!(grouped(170_000), "170\u{a0}000");
+        assert_eq!(
+            (grouped(0), grouped(1_234_567)),
+            ("0".into(), "1\u{a0}234\u{a0}567".into())
+        );
+    }
+}

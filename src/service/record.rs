@@ -1,0 +1,134 @@
+//! The monitor's sink: a line in the log and in estimates.csv per estimate, everything in the recording.
+
+use super::Failure;
+use super::wiring::{self, plant_description};
+use crate::config::Config;
+use crate::messages::{Estimate, Sample, Status};
+use crate::node::monitor::MonitorNode;
+use crate::recording::{EstimatesCsv, RecordError, Recorder, RecorderStatus, RecordingLimits, RunInfo};
+use crate::runner::MonitorSink;
+use std::fs::File;
+use std::io;
+use std::path::Path;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// Name of the recording in a directory of results.
+pub(super) const RECORDING: &str = "recording.mcap";
+/// What a killed recorder may lose.
+const FLUSH_PERIOD: Duration = Duration::from_secs(1);
+
+/// Writes what a monitor sees.
+pub(super) struct Records {
+    pub(super) csv: Option<EstimatesCsv<File>>,
+    recorder: Option<Recorder>,
+    flushed: Instant,
+    /// Samples that never came, as far as it has been told.
+    told_missing: u64,
+    /// The recording ended before its run.
+    broken: bool,
+}
+
+impl Records {
+    pub(super) fn new(csv: Option<EstimatesCsv<File>>, recorder: Option<Recorder>) -> Self {
+        Self {
+            csv,
+            recorder,
+            flushed: Instant::now(),
+            told_missing: 0,
+            broken: false,
+        }
+    }
+
+    /// Ends the recording; `None` where there was none, an error where it is not whole.
+    pub(super) fn finish(self) -> Option<Result<RecorderStatus, ()>> {
+        if self.broken {
+            return Some(Err(()));
+        }
+        let finished = self.recorder?.finish();
+        Some(finished.map_err(|e| tracing::error!("{e}")))
+    }
+
+    /// A disk that fails ends the recording and not the monitor: what it shows is needed all the more.
+    fn record(&mut self, write: impl FnOnce(&mut Recorder) -> Result<(), RecordError>) {
+        if let Some(recorder) = &mut self.recorder
+            && let Err(e) = write(recorder)
+        {
+            tracing::error!("{e}; the recording ends here");
+            self.recorder = None;
+            self.broken = true;
+        }
+    }
+}
+
+impl MonitorSink for Records {
+    fn sample(&mut self, sample: &Sample, sent_ns: u64) -> io::Result<()> {
+        self.record(|recorder| recorder.sample(sample, sent_ns));
+        Ok(())
+    }
+
+    fn estimate(&mut self, node: &MonitorNode, estimate: &Estimate, sent_ns: u64) -> io::Result<()> {
+        tracing::info!("{}", node.line(estimate));
+        self.record(|recorder| recorder.estimate(estimate, sent_ns));
+        self.csv.as_mut().map_or(Ok(()), |csv| csv.write(estimate))
+    }
+
+    fn status(&mut self, status: &Status, sent_ns: u64) -> io::Result<()> {
+        self.record(|recorder| recorder.status(status, sent_ns));
+        Ok(())
+    }
+
+    fn round(&mut self) -> io::Result<()> {
+        if self.flushed.elapsed() < FLUSH_PERIOD {
+            return Ok(());
+        }
+        self.flushed = Instant::now();
+        self.record(Recorder::flush);
+        let missing = self.recorder.as_ref().map_or(0, |r| r.written().samples_missing);
+        if missing > self.told_missing {
+            tracing::warn!(
+                missing,
+                "the recorder cannot keep up; samples are missing in the recording"
+            );
+            self.told_missing = missing;
+        }
+        Ok(())
+    }
+}
+
+/// Begins a recording of the configured plant.
+pub(super) fn recorder(path: &Path, config: &Config, node: &MonitorNode, simulated: bool) -> Result<Recorder, Failure> {
+    let limits = RecordingLimits {
+        file_bytes: config.monitor.record_file_bytes,
+        files: config.monitor.record_files,
+    };
+    Recorder::create(path, run_info(config, node, simulated), limits).map_err(|e| match e {
+        RecordError::Io { ref source, .. } if source.kind() == io::ErrorKind::AlreadyExists => Failure::Usage(format!(
+            "{} exists, and recordings are never written over; name another file or remove it",
+            path.display()
+        )),
+        e => Failure::Failed(e.to_string()),
+    })
+}
+
+/// What a recording says of its run.
+pub(super) fn run_info(config: &Config, node: &MonitorNode, simulated: bool) -> RunInfo {
+    let now = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.as_nanos());
+    let plant = plant_description(config);
+    RunInfo {
+        recording_id: format!("{now}-{}", std::process::id()),
+        robot: config.bus.robot.clone(),
+        model: wiring::model_name(config).to_owned(),
+        model_hash: plant.model_hash,
+        config_hash: config.config_hash(),
+        simulated,
+        config_toml: config.to_toml(),
+        joints: plant.joints,
+        position_unit: plant.position_unit,
+        input_unit: plant.input_unit,
+        equations: plant.equations,
+        parameters: node.parameters().to_vec(),
+        derived: node.derived().to_vec(),
+    }
+}

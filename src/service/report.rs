@@ -1,0 +1,93 @@
+//! `thetabus report`: figures, page and table of a run that was recorded.
+
+use super::monitor::{SUMMARY_JSON, write_summary};
+use super::record::RECORDING;
+use super::wiring::monitor_node;
+use super::{Exit, Failure, ReportArgs, logging, out_dir};
+use crate::config::{Config, Source};
+use crate::recording::{Loss, ReadError, RecordingReader, RunInfo, Span};
+use crate::report::{RunData, Summary, write_report};
+use std::path::{Path, PathBuf};
+
+/// Makes the report of a directory of results, or of a recording.
+///
+/// # Errors
+/// No recording there, one that cannot be read, a directory that cannot be written.
+pub fn run(args: &ReportArgs) -> Result<Exit, Failure> {
+    let path = &args.input;
+    let (recording, default_out) = if path.is_dir() {
+        (path.join(RECORDING), path.clone())
+    } else {
+        (path.clone(), path.with_extension("report"))
+    };
+    let out = args.out.clone().unwrap_or(default_out);
+    // The report of a directory belongs into it; anywhere else nothing is written over.
+    let in_place = path.is_dir() && args.out.is_none();
+    if !in_place {
+        out_dir::check(&out)?;
+    }
+    let run = read(&recording, args.span.span()?)?;
+    let known_wall_s = summary_of(path).and_then(|summary| summary.wall_s);
+    let mut summary = run.summary();
+    summary.wall_s = known_wall_s;
+    out_dir::create(&out)?;
+    let page = write(&out, &run, &summary)?;
+    if !in_place {
+        write_summary(&out, &summary)?;
+    }
+    logging::table(&summary, args.format)?;
+    logging::note(args.format, &format!("report in {}", page.display()));
+    Ok(tell_loss(&run.loss))
+}
+
+/// Reads a recording with everything that its configuration tells.
+pub(super) fn read(recording: &Path, span: Span) -> Result<RunData, Failure> {
+    let reader = open(recording, span)?;
+    let config = config_of(reader.info())?;
+    let truth = reader.info().simulated.then_some(&config.plant.sim);
+    let node = monitor_node(&config, truth)?;
+    RunData::read(reader, node).map_err(unreadable)
+}
+
+pub(super) fn open(recording: &Path, span: Span) -> Result<RecordingReader, Failure> {
+    RecordingReader::open(recording, span).map_err(unreadable)
+}
+
+/// The configuration that a recording was made with.
+pub(super) fn config_of(info: &RunInfo) -> Result<Config, Failure> {
+    let source = Source::Embedded {
+        name: "the recording's configuration".to_owned(),
+        text: info.config_toml.clone(),
+    };
+    Ok(Config::load(&[source], &[])?)
+}
+
+/// Writes figures and page.
+pub(super) fn write(dir: &Path, run: &RunData, summary: &Summary) -> Result<PathBuf, Failure> {
+    write_report(dir, run, summary)
+        .map_err(|e| Failure::Failed(format!("the report cannot be written into {}: {e}", dir.display())))
+}
+
+/// Exit code of a program that read this recording; warns where something was lost.
+pub(super) fn tell_loss(loss: &Loss) -> Exit {
+    if loss.is_none() {
+        return Exit::Done;
+    }
+    tracing::warn!("the recording is not complete: {loss}");
+    Exit::DataLoss
+}
+
+pub(super) fn unreadable(error: ReadError) -> Failure {
+    match error {
+        ReadError::NotARecording { .. } => Failure::Usage(error.to_string()),
+        ReadError::Io { ref source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
+            Failure::Usage(error.to_string())
+        }
+        ReadError::Io { .. } => Failure::Failed(error.to_string()),
+    }
+}
+
+fn summary_of(dir: &Path) -> Option<Summary> {
+    let text = std::fs::read_to_string(dir.join(SUMMARY_JSON)).ok()?;
+    serde_json::from_str(&text).ok()
+}

@@ -1,0 +1,255 @@
+//! Runs kept as files: recorded, identified again, replayed, reported.
+
+use crate::support::{Program, QUICK, Site, eventually};
+use nix::sys::signal::{Signal, kill};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use thetabus::messages::Sample;
+use thetabus::recording::{Entry, Loss, RecordingReader, Span};
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("UTF-8")
+}
+
+/// All samples of a recording as bits, without the `boot_id`.
+fn samples(recording: &Path) -> (Vec<Vec<u64>>, Loss) {
+    let bits = |s: &Sample| {
+        let arrays = [s.q, s.dq, s.ddq, s.dddq, s.setpoint, s.input];
+        let head = [
+            s.seq,
+            s.t_ns,
+            u64::from(s.flags),
+            u64::from(s.joints),
+            u64::from(s.signals),
+        ];
+        head.into_iter()
+            .chain(arrays.into_iter().flatten().map(f64::to_bits))
+            .collect()
+    };
+    let mut reader = RecordingReader::open(recording, Span::default()).expect("a recording");
+    let mut all = Vec::new();
+    while let Some(entry) = reader.next_entry().expect("readable") {
+        if let Entry::Sample { sample, .. } = entry {
+            all.push(bits(sample));
+        }
+    }
+    (all, reader.loss())
+}
+
+/// Identifies off line; the text of the estimates.csv that this gives.
+fn identify(site: &Site, recording: &Path, name: &str, code: i32) -> String {
+    let out = site.dir.path().join(name);
+    let mut identify = site.start(Program::Thetabus, &["identify", text(recording), "--out", text(&out)]);
+    identify.expect_code(code);
+    assert!(identify.stdout().contains("theta_9"), "{}", identify.said());
+    fs::read_to_string(out.join("estimates.csv")).expect("estimates.csv")
+}
+
+#[test]
+fn replay_live_off_line_and_replayed_estimates_of_the_papers_experiment_are_the_same_to_the_bit() {
+    let site = Site::new();
+    site.start_run(&[]).expect_code(0);
+    let recording = site.out().join("recording.mcap");
+    // Every number in the file is written with all its digits, so equal text is equal bits.
+    let live = fs::read_to_string(site.out().join("estimates.csv")).expect("estimates.csv");
+    assert_eq!(live.lines().count(), 90);
+    assert_eq!(identify(&site, &recording, "offline", 0), live);
+
+    let config = site.out().join("config.toml");
+    let out = site.dir.path().join("replayed");
+    let monitor = site.start(Program::Monitor, &["--config", text(&config), "--out", text(&out)]);
+    monitor.wait_for_log("monitor");
+    let _identifier = site.start(Program::Identifier, &["--config", text(&config)]);
+    let set = ["--set", "bus.lockstep_consumers=1"];
+    let mut replay = site.start(Program::Thetabus, &[&["replay", text(&recording)], &set[..]].concat());
+    replay.expect_code(0);
+    assert!(replay.stdout().contains("170000 samples replayed"), "{}", replay.said());
+    eventually("the replayed estimates are those of the run", || {
+        let replayed = fs::read_to_string(out.join("estimates.csv")).ok()?;
+        (replayed.lines().count() == 90).then(|| assert_eq!(replayed, live))
+    });
+}
+
+#[test]
+fn replay_a_part_of_a_recording_is_cut_into_the_same_blocks() {
+    let site = Site::new();
+    site.start_run(&[&["--duration", "5"], &QUICK[..]].concat())
+        .expect_code(0);
+    let recording = site.out().join("recording.mcap");
+    let out = site.dir.path().join("part");
+    let span = ["--from", "1.1", "--to", "2.999"];
+    let mut identify = site.start(
+        Program::Thetabus,
+        &[&["identify", text(&recording), "--out", text(&out)], &span[..]].concat(),
+    );
+    identify.expect_code(0);
+    // 1.1 s lie inside the sixth block of 200 samples, which is skipped; 2.999 s end the fifteenth.
+    let csv = fs::read_to_string(out.join("estimates.csv")).expect("estimates.csv");
+    let blocks: Vec<&str> = csv.lines().skip(1).filter_map(|line| line.split(',').next()).collect();
+    assert_eq!(blocks, ["7", "8", "9", "10", "11", "12", "13", "14", "15"]);
+}
+
+#[test]
+fn replay_two_runs_with_one_seed_record_the_same_samples_to_the_bit() {
+    let (one, two) = (Site::new(), Site::new());
+    let args = [&["--duration", "5", "--seed", "7"], &QUICK[..]].concat();
+    let recordings = [one, two].map(|site| {
+        site.start_run(&args).expect_code(0);
+        let (samples, loss) = samples(&site.out().join("recording.mcap"));
+        assert!(loss.is_none(), "{loss}");
+        samples
+    });
+    assert_eq!(recordings[0].len(), 5_000);
+    assert!(recordings[0] == recordings[1], "the samples differ");
+}
+
+#[test]
+fn fault_of_a_recorder_killed_with_9_what_was_flushed_is_identified_with_exit_code_3() {
+    let site = Site::new();
+    let recording = site.dir.path().join("killed.mcap");
+    let monitor = site.start(
+        Program::Monitor,
+        &[&["--record", text(&recording)], &QUICK[..]].concat(),
+    );
+    monitor.wait_for_log("monitor");
+    let _identifier = site.start(Program::Identifier, &QUICK);
+    let _plant = site.start(
+        Program::Plant,
+        &[&["--speed", "4", "--duration", "60"], &QUICK[..]].concat(),
+    );
+    // A flush a second writes near 4000 samples of 136 bytes.
+    let size = || fs::metadata(&recording).map_or(0, |file| file.len());
+    eventually("some seconds have been recorded", || (size() > 1_000_000).then_some(()));
+    kill(nix::unistd::Pid::from_raw(monitor.pid().cast_signed()), Signal::SIGKILL).expect("it lives");
+    drop(monitor);
+
+    let (recovered, loss) = samples(&recording);
+    assert!(recovered.len() > 4_000, "{} samples", recovered.len());
+    assert_eq!(loss.unfinished_files, 1, "{loss}");
+    let seqs: Vec<u64> = recovered.iter().map(|sample| sample[0]).collect();
+    assert!(seqs.windows(2).all(|pair| pair[1] == pair[0] + 1), "a hole");
+
+    let out = site.dir.path().join("out");
+    let args = ["identify", text(&recording), "--out", text(&out)];
+    let mut identify = site.start(Program::Thetabus, &args);
+    identify.expect_code(3);
+    identify.expect_stderr(&["the recording is not complete", "not finished by the recorder"]);
+    let csv = fs::read_to_string(out.join("estimates.csv")).expect("estimates.csv");
+    assert!(csv.lines().count() > 20, "{csv}");
+}
+
+#[test]
+fn fault_a_stopped_recorder_loses_samples_and_says_so() {
+    let site = Site::new();
+    let recording = site.dir.path().join("slow.mcap");
+    let args = [&["--record", text(&recording)], &QUICK[..]].concat();
+    let mut monitor = site.start(Program::Monitor, &args);
+    monitor.wait_for_log("monitor");
+    let mut plant = site.start(
+        Program::Plant,
+        &[&["--speed", "10", "--duration", "20"], &QUICK[..]].concat(),
+    );
+    let size = || fs::metadata(&recording).map_or(0, |file| file.len());
+    eventually("something has been recorded", || (size() > 200_000).then_some(()));
+    // More than its queue of 8192 holds; the plant must not notice.
+    monitor.signal(Signal::SIGSTOP);
+    plant.expect_code(0);
+    monitor.signal(Signal::SIGCONT);
+    monitor.wait_for_log("the recorder cannot keep up");
+    monitor.signal(Signal::SIGTERM);
+    monitor.expect_code(3);
+    let (recorded, loss) = samples(&recording);
+    assert!(loss.samples_not_recorded > 1_000, "{loss}");
+    let first = recorded[0][0];
+    assert_eq!(recorded.len() as u64 + loss.samples_not_recorded, 20_000 - first);
+}
+
+#[test]
+fn fault_what_is_no_recording_is_a_wrong_use() {
+    let site = Site::new();
+    let file = site.dir.path().join("no.mcap");
+    fs::write(&file, "seq,t_ns\n").expect("write");
+    for command in ["identify", "replay"] {
+        let mut program = site.start(Program::Thetabus, &[command, text(&file)]);
+        program.expect_code(2);
+        program.expect_stderr(&["no.mcap is not a recording of thetabus"]);
+    }
+    let missing = site.dir.path().join("missing.mcap");
+    site.start(Program::Thetabus, &["identify", text(&missing)])
+        .expect_code(2);
+}
+
+/// The report as a browser sees it, without any network; `None` where there is no browser and none is required.
+fn dom(page: &Path) -> Option<String> {
+    let arguments = [
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        // Whatever the page would load from elsewhere fails.
+        "--host-resolver-rules=MAP * ~NOTFOUND",
+        "--dump-dom",
+    ];
+    let found = ["chromium", "chromium-browser", "google-chrome"]
+        .into_iter()
+        .find_map(|browser| {
+            let url = format!("file://{}", page.display());
+            Command::new(browser).args(arguments).arg(url).output().ok()
+        });
+    if found.is_none() {
+        assert!(
+            std::env::var("THETABUS_REQUIRE_PEERS").as_deref() != Ok("1"),
+            "there is no chromium to open the report"
+        );
+        eprintln!("skipped: there is no chromium to open the report");
+    }
+    found.map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+#[test]
+fn e2e_the_report_of_a_run_opens_in_a_browser_with_every_figure_inside() {
+    let site = Site::new();
+    site.start_run(&[&["--duration", "20"], &QUICK[..]].concat())
+        .expect_code(0);
+    let page = site.out().join("report.html");
+    let html = fs::read_to_string(&page).expect("report.html");
+    for foreign in ["src=\"http", "href=\"http", "url(http", "@import", "<script", "<link"] {
+        assert!(!html.contains(foreign), "the page must load nothing: {foreign}");
+    }
+    // Setpoints, nine parameters, four derived values, accuracy, residuals, excitation, timing.
+    let expected: usize = 1 + 9 + 4 + 4;
+    assert_eq!(html.matches("<figure ").count(), expected);
+    let figures: Vec<PathBuf> = fs::read_dir(site.out().join("figures"))
+        .expect("figures")
+        .map(|entry| entry.expect("an entry").path())
+        .collect();
+    assert_eq!(figures.len(), 2 * expected);
+    for figure in figures {
+        let bytes = fs::read(&figure).expect("a figure");
+        let is_png = figure.extension().is_some_and(|e| e == "png");
+        let magic: &[u8] = if is_png { b"\x89PNG" } else { b"<svg" };
+        assert!(bytes.starts_with(magic) && bytes.len() > 2_000, "{}", figure.display());
+    }
+
+    if let Some(dom) = dom(&page) {
+        assert_eq!(dom.matches("<svg ").count(), expected, "{}", dom.len());
+        assert!(dom.contains("Identification of the parameter θ₉"));
+        assert!(dom.contains("samples accepted"));
+    }
+
+    // The same again from the recording alone, with the table as JSON.
+    let out = site.dir.path().join("again");
+    let recording = site.out().join("recording.mcap");
+    let args = ["report", text(&recording), "--out", text(&out), "--format", "json"];
+    let mut report = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+    let output = report.args(args).output().expect("it runs");
+    assert_eq!(
+        output.status.code(),
+        Some(0),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let table: thetabus::report::Summary = serde_json::from_slice(&output.stdout).expect("a summary");
+    assert_eq!(table.parameters, site.summary().parameters);
+    assert!(out.join("report.html").exists());
+}

@@ -166,6 +166,7 @@ impl ModelConfig {
 
 /// How samples become rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "one per process")]
 pub enum Rows {
     /// One row per sample and equation.
     Pointwise,

@@ -54,12 +54,12 @@ pub(super) fn identifier_node(config: &Config) -> Result<Box<dyn Identifier>, Fa
             Box::new(node(config, plant, needed(input), rows, derived)?)
         }
         (model, Rows::Pointwise) => with_plant!(model, plant => {
-            let rows = PointwiseBlock::new(AutoDiff(plant.clone()), input, block_len);
+            let rows = PointwiseBlock::new(AutoDiff(Clone::clone(plant)), input, block_len);
             Box::new(node(config, plant, needed(input), rows, derived)?)
         }),
         (model, Rows::Projected(options)) => with_plant!(model, plant => {
             let start = &config.estimator.options.theta_start;
-            let rows = ProjectedBlock::new(plant.clone(), *options, block_len)
+            let rows = ProjectedBlock::new(Clone::clone(plant), *options, block_len)
                 .and_then(|rows| rows.starting_at(start))
                 .map_err(|e| Failure::Usage(format!("identifier.projected: {e}")))?;
             Box::new(node(config, plant, signals::Q | signals::INPUT, rows, derived)?)

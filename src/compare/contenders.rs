@@ -31,10 +31,20 @@ pub struct BlockResult {
 pub struct RunRecord {
     /// One entry per complete block.
     pub blocks: Vec<BlockResult>,
+    /// Computing time of each.
+    pub times: Vec<Duration>,
+}
+
+impl RunRecord {
     /// Mean computing time of a block.
-    pub mean_time: Duration,
+    pub fn mean_time(&self) -> Duration {
+        self.times.iter().sum::<Duration>() / self.times.len().max(1) as u32
+    }
+
     /// Longest computing time of a block.
-    pub worst_time: Duration,
+    pub fn worst_time(&self) -> Duration {
+        self.times.iter().max().copied().unwrap_or_default()
+    }
 }
 
 struct Clock(Vec<Duration>);
@@ -48,11 +58,7 @@ impl Clock {
     }
 
     fn record(self, blocks: Vec<BlockResult>) -> RunRecord {
-        RunRecord {
-            blocks,
-            mean_time: self.0.iter().sum::<Duration>() / self.0.len().max(1) as u32,
-            worst_time: self.0.iter().max().copied().unwrap_or_default(),
-        }
+        RunRecord { blocks, times: self.0 }
     }
 }
 

@@ -14,7 +14,7 @@ const PAYLOAD: [usize; 3] = [5, 6, 8];
 /// Parameters that a user of a noisy run can expect to know: θ₂, θ₄…θ₉. θ₁ and θ₃ are of link 1 alone, a twentieth of the moving mass.
 const KNOWABLE: [usize; 7] = [1, 3, 4, 5, 6, 7, 8];
 
-fn noisy(sim: &SimOptions, noise_v: f64) -> SimOptions {
+pub(super) fn noisy(sim: &SimOptions, noise_v: f64) -> SimOptions {
     SimOptions {
         sensors: SensorOptions {
             input_noise_v: noise_v,
@@ -236,6 +236,7 @@ pub fn changes_section(
             let results = for_each_index(runs.len(), |index| {
                 let (kind, seed) = runs[index];
                 let base = SimOptions {
+                    duration_s: if jumps { 90.0 } else { 150.0 },
                     mass_2: mass_2.clone(),
                     ..noisy(sim, noise_v)
                 };
@@ -275,7 +276,7 @@ pub fn changes_section(
     Ok(Section {
         heading: "Changes of the payload".to_owned(),
         text: vec![format!(
-            "{seeds} seeds each of steps, sines and square. Announced is a change in the block that holds it or the one after it. Blocks are counted from \
+            "{seeds} seeds each of steps, sines and square, runs of 90 s, the drift's of 150 s. Announced is a change in the block that holds it or the one after it. Blocks are counted from \
              the one that holds the (last) jump until θ6, θ7 and θ9, which are the payload, stay within 1 % to the end of the run: median and worst of all runs, – where one never \
              does. Usable are parameters that the estimate marks as such while `use_ok` is set; their worst error over θ2 and θ4 to θ9 in any block from the \
              change on, and the share of blocks from the change on with `use_ok`."

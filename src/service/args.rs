@@ -275,7 +275,7 @@ pub struct ReportArgs {
 /// `thetabus identify`.
 #[derive(Debug, Clone, Args)]
 pub struct IdentifyArgs {
-    /// Recording, whose own configuration holds where --config and --set say nothing, or log with columns as [log] names them
+    /// Recording, whose own configuration holds where --config and --set say nothing, or log with columns as section log names them
     #[arg(value_name = "INPUT.mcap|INPUT.csv")]
     pub input: PathBuf,
     /// Directory for estimates.csv, summary.json and the report, new or empty; none are written without it

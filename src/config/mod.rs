@@ -137,6 +137,7 @@ macro_rules! with_plant {
         }
     };
 }
+#[cfg(feature = "service")]
 pub(crate) use with_plant;
 
 impl ModelConfig {

@@ -151,7 +151,7 @@ pub fn baselines_section(
     for random_walk in RANDOM_WALKS {
         let tuning = EkfTuning {
             random_walk,
-            voltage_std_v: noise_v.max(1e-3),
+            voltage_std_v: STUDY_NOISE_V,
         };
         contenders.push((
             format!("Kalman filter, walk {}", percent(random_walk)),
@@ -270,8 +270,8 @@ pub fn baselines_section(
                 if seeds > 1 { format!(", medians over {seeds} seeds of the noise") } else { String::new() }
             ),
             "The paper's variants and WRLS have λ = 0.9 a block. WRLS takes θ6θ9 and θ7θ9 as parameters of their own and gets θ9 from their quotient. The \
-             Kalman filter estimates 5 states and 9 parameters together at each sample, with three tunings of the random walk (relative, per block); it is told \
-             the voltage's true noise. Batch least squares is off line, over everything from the first sample to just before the jump, and to the end; it \
+             Kalman filter estimates 5 states and 9 parameters together at each sample, with three tunings of the random walk (relative, per block); it believes \
+             0.05 V of noise on the voltage. Batch least squares is off line, over everything from the first sample to just before the jump, and to the end; it \
              cannot follow a change and is given the better start values."
                 .to_owned(),
         ],

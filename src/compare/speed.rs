@@ -92,7 +92,7 @@ pub fn speed_section(
         heading: "Speed".to_owned(),
         text: vec![format!(
             "One core of a shared machine, so the worst includes other people's work; nine parameters, f64, N = {block_len}, {STUDY_NOISE_V} V of noise, steps, sines and \
-             square. The block's time is {block_s} s, all but these microseconds of which are left for other things."
+             square. The block's time is {block_s:.1} s, all but these microseconds of which are left for other things."
         )],
         table,
     })

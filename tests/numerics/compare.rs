@@ -207,7 +207,7 @@ fn ident_the_baselines_are_honest_competitors() {
         &start,
         EkfTuning {
             random_walk: 0.03,
-            voltage_std_v: 1e-3,
+            voltage_std_v: STUDY_NOISE_V,
         },
     );
     let of_joint_2 = worst_relative_error(&ekf.blocks[before].theta, &truth, &[5, 6, 7, 8]);

@@ -72,7 +72,7 @@ enum ConfigCommand {
 fn main() -> ExitCode {
     match Program::parse().command {
         Command::Run(args) => service::main_with(&args.plant.common, |shutdown| service::launch(&args, shutdown)),
-        Command::Compare(args) => service::main_with(&args.common, |_| service::compare(&args)),
+        Command::Compare(args) => service::main_with(&args.common, |shutdown| service::compare(&args, shutdown)),
         Command::Identify(args) => service::main_with(&args.common, |shutdown| service::identify(&args, shutdown)),
         Command::Replay(args) => service::main_with(&args.common, |shutdown| service::replay(&args, shutdown)),
         Command::Report(args) => {

@@ -197,7 +197,7 @@ pub struct CompareArgs {
     #[arg(long)]
     pub paper: bool,
     /// Runs with other seeds, for medians
-    #[arg(long, value_name = "COUNT", default_value_t = 20)]
+    #[arg(long, value_name = "COUNT", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub seeds: u64,
     /// File to write the tables to; standard output without it
     #[arg(long, value_name = "FILE")]

@@ -3,7 +3,9 @@
 use super::{CompareArgs, Exit, Failure, logging};
 use crate::compare::results::{Effort, results_document};
 use crate::compare::{CompareError, paper};
-use crate::config::Source;
+use crate::config::{ModelConfig, Source};
+use crate::runner::Shutdown;
+use std::time::Duration;
 
 impl From<CompareError> for Failure {
     fn from(error: CompareError) -> Self {
@@ -11,22 +13,40 @@ impl From<CompareError> for Failure {
     }
 }
 
-/// Puts estimators side by side on the configured run and writes the tables.
+/// Puts estimators side by side on the configured run and writes the tables; a signal ends it and nothing is written.
 ///
 /// # Errors
-/// The configuration is wrong or gives nothing to compare, or the file cannot be written.
-pub fn run(args: &CompareArgs) -> Result<Exit, Failure> {
+/// The configuration is wrong or gives nothing to compare, a signal came, or the file cannot be written.
+pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let config = args.common.load(vec![Source::File(args.file.clone())], &[])?;
-    let (sim, estimator) = (&config.plant.sim, &config.estimator);
-    let document = if args.paper {
-        paper::paper_document(sim, &estimator.options, args.seeds)?
-    } else {
+    if !matches!(config.model, ModelConfig::Manipulator { .. }) {
+        return Err(Failure::Usage(format!(
+            "compare runs the simulated arm: expected model.kind = \"manipulator\" without a delay, got {}",
+            config.model.name()
+        )));
+    }
+    let (paper, seeds) = (args.paper, args.seeds);
+    // The tables take minutes and know nothing of signals; the process ends and takes their thread along.
+    let work = std::thread::spawn(move || {
+        let (sim, estimator) = (&config.plant.sim, &config.estimator);
+        if paper {
+            return paper::paper_document(sim, &estimator.options, seeds);
+        }
         let effort = Effort {
-            seeds: args.seeds,
-            calibration_runs: 10 * args.seeds,
+            seeds,
+            calibration_runs: 10 * seeds,
         };
-        results_document(sim, estimator.block_len, &estimator.options, effort)?
-    };
+        results_document(sim, estimator.block_len, &estimator.options, effort)
+    });
+    while !work.is_finished() {
+        if shutdown.requested() {
+            return Err(Failure::Failed("interrupted, nothing was written".to_owned()));
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let document = work
+        .join()
+        .map_err(|_| Failure::Failed("the comparison broke off, see above".to_owned()))??;
     let text = if args.json {
         serde_json::to_string_pretty(&document).map_err(|error| Failure::Failed(error.to_string()))? + "\n"
     } else {

@@ -112,6 +112,8 @@ impl BlockEstimator {
     /// Changes looked for in one block, and repetitions until the place of one settles.
     const CUTS: usize = 3;
     const PASSES: usize = 6;
+    /// Share of its size by which a drifting parameter may always move per block.
+    const DRIFT_RATE: f64 = 0.01;
     /// Alarms at most this many blocks apart are a drift.
     const DRIFT_BLOCKS: u32 = 4;
 
@@ -229,8 +231,7 @@ impl BlockEstimator {
             .find(|g| g.parameters.contains(&i) && g.parameters.contains(&j))
             .map_or(0.0, |g| {
                 let (i, j) = (i - g.parameters.start, j - g.parameters.start);
-                // a drifting parameter moves on while its mean is taken
-                g.covariance[i * g.n + j] + g.drift[i] * g.drift[j]
+                g.covariance[i * g.n + j]
             })
     }
 
@@ -299,16 +300,12 @@ impl BlockEstimator {
             return &self.report;
         }
         let single = self.options.max_iterations == 1;
-        let mut lines = 0u64;
-        for (k, group) in self.groups.iter_mut().enumerate() {
+        for group in &mut self.groups {
             group.begin(rows, &self.theta, &self.options);
-            if group.drifting && group.follow_line(rows, &mut self.theta) {
-                lines |= 1 << k;
-                self.report.change = Some(Change {
-                    kind: ChangeKind::Drift,
-                    row: 0,
-                    time: rows.span(0).0,
-                });
+        }
+        let mut lines = self.follow(rows);
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            if lines >> k & 1 == 1 {
                 continue;
             }
             if single {
@@ -362,9 +359,6 @@ impl BlockEstimator {
         }
         self.report.change_probability = smallest;
         if !alarm {
-            for group in &mut self.groups {
-                group.follow_drift(&self.theta);
-            }
             return 0;
         }
         let whole = 0..rows.len();
@@ -392,14 +386,65 @@ impl BlockEstimator {
         }
         self.report.change = Some(change);
         let mut started = 0;
-        if change.kind == ChangeKind::Drift && !consistent {
-            for (k, group) in self.groups.iter_mut().enumerate() {
-                if joined >> k & 1 == 1 && group.start_line(rows, &mut self.theta) {
-                    started |= 1 << k;
-                }
-            }
+        if change.kind == ChangeKind::Drift {
+            started = self.start_lines(rows);
         }
         self.refit(rows, joined & !started, lines | started, change, detection.margin);
+        started
+    }
+
+    /// Goes on with the lines of a drift while they explain the block and any of them moves; returns the groups that do, all or none.
+    fn follow<R: Residuals>(&mut self, rows: &R) -> u64 {
+        let drifting = |groups: &[GroupState]| {
+            groups
+                .iter()
+                .enumerate()
+                .fold(0u64, |mask, (k, g)| mask | u64::from(g.drifting) << k)
+        };
+        let lines = drifting(&self.groups);
+        if lines == 0 {
+            return 0;
+        }
+        let theta = &self.theta;
+        // the speed of a drift may change by a third from block to block
+        let change = 0.3
+            * self
+                .groups
+                .iter()
+                .map(|g| g.slope_rate(theta))
+                .fold(Self::DRIFT_RATE, f64::max);
+        let (mut explained, mut moves) = (true, false);
+        for group in self.groups.iter_mut().filter(|g| g.drifting) {
+            explained &= group.follow_line(rows, theta, change);
+            moves |= group.line_moves();
+        }
+        for group in self.groups.iter_mut().filter(|g| g.drifting) {
+            group.drifting = explained && moves && group.end_line(&mut self.theta);
+        }
+        let lines = drifting(&self.groups);
+        if lines != 0 {
+            self.report.change = Some(Change {
+                kind: ChangeKind::Drift,
+                row: 0,
+                time: rows.span(0).0,
+            });
+        }
+        lines
+    }
+
+    /// Begins to follow a drift in every group, for one that shows no sign of it alone would turn it into errors of weak parameters. Returns the
+    /// groups that could.
+    fn start_lines<R: Residuals>(&mut self, rows: &R) -> u64 {
+        let (mut rate, mut off) = (Self::DRIFT_RATE, Self::DRIFT_RATE);
+        for group in &mut self.groups {
+            group.line_cost(rows, &self.theta);
+            let (own_rate, own_off) = group.line_rates(&self.theta);
+            (rate, off) = (rate.max(own_rate), off.max(own_off));
+        }
+        let mut started = 0;
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            started |= u64::from(group.start_line(rows, &mut self.theta, rate, off)) << k;
+        }
         started
     }
 
@@ -520,9 +565,6 @@ impl BlockEstimator {
                         self.later[i] = self.theta[own.start + i] - group.centre[i];
                     }
                     group.widen(&self.theta, Some(&self.later[..group.n]));
-                    if change.kind == ChangeKind::Drift {
-                        group.drift.copy_from_slice(&self.later[..group.n]);
-                    }
                 }
             }
             group.prior_from_covariance();

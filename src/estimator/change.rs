@@ -228,40 +228,61 @@ impl GroupState {
         freedom < 1.0 || f_tail(cost / freedom, freedom, known.max(1.0)) > CONSISTENT
     }
 
-    /// Begins to follow a drift: after [`line_cost`](Self::line_cost), fits the line again with what was known before the block as far as it agrees,
-    /// and takes its end. Slopes, and differences to what was known, count as real as far as they exceed their variance.
-    pub fn start_line<R: Residuals>(&mut self, rows: &R, theta: &mut [f64]) -> bool {
+    /// After [`line_cost`](Self::line_cost): the shares of their sizes by which the parameters surely move within the block, and by which
+    /// the line's start is surely off what was known; what does not exceed three deviations is not sure.
+    pub fn line_rates(&self, theta: &[f64]) -> (f64, f64) {
+        let (mut rate, mut off) = (0.0f64, 0.0f64);
+        let sure = |value: f64, variance: f64| {
+            if value * value > 9.0 * variance {
+                value.abs()
+            } else {
+                0.0
+            }
+        };
+        for i in (0..self.n).filter(|&i| !self.fixed[i]) {
+            let size = self.size(theta, i);
+            let start = self.line.middle[i] - 0.5 * self.line.slope[i] - self.centre[i];
+            rate = rate.max(sure(self.line.slope[i], self.line.slope_variance(i)) / size);
+            off = off.max(sure(start, self.line.start_variance(i)) / size);
+        }
+        (rate, off)
+    }
+
+    /// Begins to follow a drift: fits the line again with what was known before the block, where every parameter may be off by the share `off`
+    /// of its size and move by the share `rate`, and takes its end.
+    pub fn start_line<R: Residuals>(&mut self, rows: &R, theta: &mut [f64], rate: f64, off: f64) -> bool {
         for i in 0..self.n {
             let size = self.size(theta, i);
-            let (slope, variance) = (self.line.slope[i], self.line.slope_variance(i));
             self.slope[i] = 0.0;
-            self.slope_variance[i] = (slope * slope - variance).max(1e-18 * size * size);
+            self.slope_variance[i] = (rate * size).powi(2);
             if !self.fixed[i] {
-                let off = self.line.middle[i] - 0.5 * slope - self.centre[i];
-                self.change_covariance[i * self.n + i] += (off * off - self.line.start_variance(i)).max(0.0);
+                self.change_covariance[i * self.n + i] += (off.min(1.0) * size).powi(2);
             }
         }
         self.total_covariance();
-        self.drifting = true;
-        self.take_line(rows, theta)
+        self.drifting = self.fit_line(rows, theta) && self.end_line(theta);
+        self.drifting
     }
 
-    /// Goes on following a drift: true where a line explains the block and moves; else the drift has ended and nothing is changed.
-    pub fn follow_line<R: Residuals>(&mut self, rows: &R, theta: &mut [f64]) -> bool {
-        self.drifting = false;
+    /// Share of its size by which the fastest parameter moves per block.
+    pub fn slope_rate(&self, theta: &[f64]) -> f64 {
+        (0..self.n)
+            .map(|i| self.slope[i].abs() / self.size(theta, i))
+            .fold(0.0, f64::max)
+    }
+
+    /// Fits the line that goes on from the last; true where it leaves no more than noise. `change` is the share of their sizes by
+    /// which slopes may have changed.
+    pub fn follow_line<R: Residuals>(&mut self, rows: &R, theta: &[f64], change: f64) -> bool {
         for i in 0..self.n {
-            self.slope_variance[i] += (0.3 * self.slope[i]).powi(2);
+            self.slope_variance[i] += (change * self.size(theta, i)).powi(2);
         }
-        if !self.fit_line(rows, theta) || !self.line_is_consistent() {
-            return false;
-        }
-        let moves = (0..self.n).any(|i| self.line.slope[i].powi(2) > 9.0 * self.line.slope_variance(i));
-        self.drifting = moves;
-        moves && self.end_line(theta)
+        self.fit_line(rows, theta) && self.line_is_consistent()
     }
 
-    fn take_line<R: Residuals>(&mut self, rows: &R, theta: &mut [f64]) -> bool {
-        self.fit_line(rows, theta) && self.end_line(theta)
+    /// True where the line that was fitted moves by more than three deviations.
+    pub fn line_moves(&self) -> bool {
+        (0..self.n).any(|i| self.line.slope[i].powi(2) > 9.0 * self.line.slope_variance(i))
     }
 
     fn fit_line<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> bool {
@@ -283,7 +304,7 @@ impl GroupState {
     }
 
     /// The line's end is the estimate, with its covariance and the information that belongs to it.
-    fn end_line(&mut self, theta: &mut [f64]) -> bool {
+    pub fn end_line(&mut self, theta: &mut [f64]) -> bool {
         let n = self.n;
         let own = self.parameters.clone();
         let end = |line: &LineFit, i: usize| line.middle[i] + 0.5 * line.slope[i];
@@ -371,23 +392,6 @@ impl GroupState {
                 least -= dot(&room.offset[..count], &room.scale[..count]);
             }
             costs[k] += least / variance;
-        }
-    }
-
-    /// While the parameters drift: the movement of this block is what the next is expected to bring, in the mean with the past.
-    pub fn follow_drift(&mut self, theta: &[f64]) {
-        if self.drift.iter().all(|&d| d == 0.0) {
-            return;
-        }
-        let n = self.n;
-        let mut matters = false;
-        for i in 0..n {
-            let moved = theta[self.parameters.start + i] - self.centre[i];
-            self.drift[i] = 0.5 * (self.drift[i] + moved);
-            matters |= self.drift[i] * self.drift[i] > 0.01 * self.covariance[i * n + i];
-        }
-        if !matters {
-            self.drift.fill(0.0);
         }
     }
 

@@ -90,8 +90,6 @@ pub struct GroupState {
     pub change_covariance: Vec<f64>,
     /// Total, weighted with the noise variances, n × n.
     pub covariance: Vec<f64>,
-    /// Expected movement of the parameters per block, while they drift too slowly to be seen within one.
-    pub drift: Vec<f64>,
     /// True while the parameters move along a line, with its slope per block and the variance of that.
     pub drifting: bool,
     pub slope: Vec<f64>,
@@ -191,7 +189,6 @@ impl GroupState {
             guess_covariance: vec![0.0; n * n],
             change_covariance: vec![0.0; n * n],
             covariance: vec![0.0; n * n],
-            drift: vec![0.0; n],
             drifting: false,
             slope: vec![0.0; n],
             slope_variance: vec![0.0; n],
@@ -244,7 +241,6 @@ impl GroupState {
         for e in &mut self.equations {
             clear(&mut e.noise_covariance, 0.0);
         }
-        self.drift[i] = 0.0;
     }
 
     /// Looks at the block from the present estimate: innovation and sums at θ̄. False where the rows are not finite there.
@@ -385,25 +381,16 @@ impl GroupState {
     fn walk(&mut self, options: &EstimatorOptions) {
         let n = self.n;
         let walks = &options.random_walk[self.parameters.clone()];
-        let drifts = self.drift.iter().any(|&d| d != 0.0);
-        if !drifts && walks.iter().all(|&w| w == 0.0) {
+        if walks.iter().all(|&w| w == 0.0) {
             return;
         }
         let variance = self.variance().max(f64::MIN_POSITIVE);
         self.invert_free();
         let room = &mut self.room;
-        for i in 0..n {
-            for j in 0..n {
-                let mut q = self.drift[i] * self.drift[j];
-                if i == j {
-                    q += (walks[i] * self.centre[i]).powi(2);
-                }
-                if self.fixed[i] || self.fixed[j] {
-                    q = 0.0;
-                }
-                self.change_covariance[i * n + j] += q;
-                room.gain[i * n + j] += q / variance;
-            }
+        for i in (0..n).filter(|&i| !self.fixed[i]) {
+            let q = (walks[i] * self.centre[i]).powi(2);
+            self.change_covariance[i * n + i] += q;
+            room.gain[i * n + i] += q / variance;
         }
         invert(
             n,

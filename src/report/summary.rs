@@ -195,7 +195,7 @@ fn derived(monitor: &MonitorNode, last: Option<&Estimate>) -> Vec<DerivedSummary
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let number = |value: Option<f64>| value.map_or_else(|| "-".to_string(), significant);
-        let percent = |value: Option<f64>| value.map_or_else(|| "-".to_string(), |v| format!("{:+.3} %", v * 100.0));
+        let percent = |value: Option<f64>| value.map_or_else(|| "-".to_string(), percent);
         let name = |text: &str| format!("{text:<18}");
         writeln!(
             f,
@@ -268,6 +268,16 @@ impl fmt::Display for Summary {
     }
 }
 
+/// A share in percent; what three decimals would round to zero keeps its magnitude.
+fn percent(share: f64) -> String {
+    let value = share * 100.0;
+    if value != 0.0 && value.abs() < 5e-4 {
+        format!("{value:+.0e} %")
+    } else {
+        format!("{value:+.3} %")
+    }
+}
+
 /// Seven significant digits, plain where that is short.
 pub(super) fn significant(value: f64) -> String {
     let magnitude = value.abs();
@@ -324,6 +334,13 @@ mod tests {
             "1000 samples accepted",
         ] {
             assert!(table.contains(part), "{part:?} is not in\n{table}");
+        }
+    }
+
+    #[test]
+    fn prop_a_small_error_is_not_shown_as_none() {
+        for (share, text) in [(0.0, "+0.000 %"), (-0.05, "-5.000 %"), (4e-12, "+4e-10 %"), (-6e-6, "-0.001 %")] {
+            assert_eq!(percent(share), text);
         }
     }
 

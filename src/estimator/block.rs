@@ -96,9 +96,8 @@ pub struct BlockEstimator {
     /// θ̂ before the block, and of the last fit while the time of a change is sought.
     before: Vec<f64>,
     later: Vec<f64>,
-    /// Blocks since the last change that was no drift, and since the last alarm.
+    /// Blocks since the last change that was no drift.
     since_change: u32,
-    since_alarm: u32,
     report: Report,
 }
 
@@ -159,7 +158,6 @@ impl BlockEstimator {
             options,
             groups,
             since_change: u32::MAX,
-            since_alarm: u32::MAX,
             report,
         };
         estimator.describe();
@@ -192,7 +190,7 @@ impl BlockEstimator {
             *state = GroupState::new(&group, &self.structure, &self.options);
         }
         self.theta.copy_from_slice(&self.options.theta_start);
-        (self.since_change, self.since_alarm) = (u32::MAX, u32::MAX);
+        self.since_change = u32::MAX;
         self.report.blocks = 0;
         self.report.change = None;
         self.report.change_probability = 1.0;
@@ -279,7 +277,6 @@ impl BlockEstimator {
         (report.held, report.change, report.change_probability) = (None, None, 1.0);
         (report.iterations, report.converged, report.outliers) = (0, true, 0);
         self.since_change = self.since_change.saturating_add(1);
-        self.since_alarm = self.since_alarm.saturating_add(1);
         self.before.copy_from_slice(&self.theta);
         // all groups or none: half a block would be no estimate of the plant
         let held = if rows.is_empty() {
@@ -301,6 +298,7 @@ impl BlockEstimator {
         }
         let single = self.options.max_iterations == 1;
         for group in &mut self.groups {
+            group.since_alarm = group.since_alarm.saturating_add(1);
             group.begin(rows, &self.theta, &self.options);
         }
         let mut lines = self.follow(rows);
@@ -369,8 +367,14 @@ impl BlockEstimator {
                 consistent &= group.is_consistent(&self.options);
             }
         }
+        let mut again = false;
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            if joined >> k & 1 == 1 {
+                again |= group.since_alarm <= Self::DRIFT_BLOCKS;
+                group.since_alarm = 0;
+            }
+        }
         let change = if consistent {
-            let again = self.since_alarm <= Self::DRIFT_BLOCKS;
             let kind = if again { ChangeKind::Drift } else { ChangeKind::Between };
             Change {
                 kind,
@@ -380,7 +384,6 @@ impl BlockEstimator {
         } else {
             self.find(rows, joined)
         };
-        self.since_alarm = 0;
         if change.kind != ChangeKind::Drift {
             self.since_change = 0;
         }
@@ -415,6 +418,7 @@ impl BlockEstimator {
                 .fold(Self::DRIFT_RATE, f64::max);
         let (mut explained, mut moves) = (true, false);
         for group in self.groups.iter_mut().filter(|g| g.drifting) {
+            group.set_losses(true, &self.options);
             explained &= group.follow_line(rows, theta, change);
             moves |= group.line_moves();
         }
@@ -437,6 +441,7 @@ impl BlockEstimator {
     fn start_lines<R: Residuals>(&mut self, rows: &R) -> u64 {
         let (mut rate, mut off) = (Self::DRIFT_RATE, Self::DRIFT_RATE);
         for group in &mut self.groups {
+            group.set_losses(true, &self.options);
             group.line_cost(rows, &self.theta);
             let (own_rate, own_off) = group.line_rates(&self.theta);
             (rate, off) = (rate.max(own_rate), off.max(own_off));
@@ -456,6 +461,7 @@ impl BlockEstimator {
         for (k, group) in self.groups.iter_mut().enumerate() {
             if joined >> k & 1 == 1 {
                 // two more per parameter: Akaike's price of the slopes
+                group.set_losses(true, &self.options);
                 line += group.line_cost(rows, &self.theta) + 2.0 * group.n as f64;
                 straight &= group.line_is_consistent();
             }

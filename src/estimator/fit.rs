@@ -12,7 +12,7 @@
 
 use super::Residuals;
 use super::group::{GroupState, add_grams, add_scores};
-use super::linalg::mul_vec;
+use super::linalg::{dot, mul_vec};
 use super::options::{EstimatorOptions, Outliers};
 use super::pass::Sums;
 use std::ops::Range;
@@ -62,9 +62,11 @@ impl GroupState {
             iterations: 0,
             converged: false,
         };
+        // a gate has many optima: it closes only where Huber's function, which has one, has led
+        let mut closed = !matches!(options.outliers, Outliers::Gate(_));
         while (fit.iterations as usize) < options.max_iterations {
             if options.outliers != Outliers::Keep {
-                self.limit_outliers(rows, range.clone(), theta, options);
+                self.limit_outliers(rows, range.clone(), theta, closed, options);
                 cost = self.cost(&self.at, theta);
             }
             if self.blocks == 0 {
@@ -77,6 +79,11 @@ impl GroupState {
             self.set_box(options.step_factor);
             let room = &self.room;
             self.step.solve(&room.total, &room.gradient, &room.lower, &room.upper);
+            if !closed && (self.decrement() <= self.variance() || fit.iterations as usize + 3 >= options.max_iterations)
+            {
+                closed = true;
+                continue;
+            }
             if self.is_small(theta) {
                 fit.converged = true;
                 break;
@@ -104,6 +111,10 @@ impl GroupState {
             if !accepted {
                 // no descent to be had beyond rounding
                 theta[self.parameters.clone()].copy_from_slice(&self.room.scale);
+                if !closed {
+                    closed = true;
+                    continue;
+                }
                 fit.converged = true;
                 break;
             }
@@ -131,9 +142,12 @@ impl GroupState {
         let delta = self.step.delta();
         let own = &theta[self.parameters.clone()];
         let relative = delta.iter().zip(own).all(|(d, t)| d.abs() <= 1e-12 * t.abs());
-        // δᵀ(g − …) is the squared length of the step in standard deviations, times σ²
-        let decrement: f64 = delta.iter().zip(&self.room.gradient).map(|(d, g)| d * g).sum();
-        relative || decrement <= 1e-8 * self.variance()
+        relative || self.decrement() <= 1e-8 * self.variance()
+    }
+
+    // δᵀ(g − …) is the squared length of the step in standard deviations, times σ²
+    fn decrement(&self) -> f64 {
+        dot(self.step.delta(), &self.room.gradient)
     }
 
     // what the cost can change by rounding alone: some fifty units of it per residual

@@ -87,6 +87,13 @@ impl Excitation {
         self.shares[i]
     }
 
+    /// True where parameter i has a part of at least a tenth in an excited direction.
+    pub fn touches(&self, i: usize) -> bool {
+        self.directions[i * self.n..i * self.n + self.rank]
+            .iter()
+            .any(|d| d.abs() > 0.1)
+    }
+
     /// Direction k < rank in units of the parameters, entry i.
     pub fn direction(&self, i: usize, k: usize) -> f64 {
         self.directions[i * self.n + k] * self.scale[i]

@@ -95,8 +95,9 @@ pub struct GroupState {
     pub slope: Vec<f64>,
     pub slope_variance: Vec<f64>,
     pub line: LineFit,
-    /// Blocks that this group was updated with.
+    /// Blocks that this group was updated with, and how many since its last alarm.
     pub blocks: u64,
+    pub since_alarm: u32,
     pub fixed: Vec<bool>,
     pub lower: Vec<f64>,
     pub upper: Vec<f64>,
@@ -194,6 +195,7 @@ impl GroupState {
             slope_variance: vec![0.0; n],
             line: LineFit::new(n, structure.params, equations.len()),
             blocks: 0,
+            since_alarm: u32::MAX,
             fixed: options.fixed[parameters.clone()].to_vec(),
             lower: options.lower[parameters.clone()].to_vec(),
             upper: options.upper[parameters.clone()].to_vec(),
@@ -256,7 +258,7 @@ impl GroupState {
     /// After [`look`](Self::look): noise level, excitation, and the prior Λ, θ̄.
     pub fn begin<R: Residuals>(&mut self, rows: &R, theta: &[f64], options: &EstimatorOptions) {
         self.set_variances(options);
-        self.limit_outliers(rows, 0..rows.len(), theta, options);
+        self.limit_outliers(rows, 0..rows.len(), theta, true, options);
         self.centre.copy_from_slice(&theta[self.parameters.clone()]);
         self.walk(options);
         if options.forgetting == Forgetting::Directional {
@@ -276,12 +278,14 @@ impl GroupState {
         evaluate(rows, range, theta, &self.equations, &mut self.at)
     }
 
-    /// Sets the losses from the residuals at θ and renews the sums there. Does nothing where every row counts in full.
+    /// Sets the losses from the residuals at θ and renews the sums there; an open gate is Huber's function. Does nothing where every row
+    /// counts in full.
     pub fn limit_outliers<R: Residuals>(
         &mut self,
         rows: &R,
         range: Range<usize>,
         theta: &[f64],
+        closed: bool,
         options: &EstimatorOptions,
     ) {
         if options.outliers == Outliers::Keep {
@@ -292,7 +296,10 @@ impl GroupState {
             let median = self.magnitudes.median(rows, e.index, range.clone(), theta, regressor) / e.divisor;
             // the median of |f| of a normal distribution is 0.6745 σ
             e.scale = (median / 0.6745).max(floor_variance(e, sums, options).sqrt());
-            e.loss = options.outliers.loss(e.scale);
+            e.loss = match options.outliers {
+                Outliers::Gate(k) if !closed => Outliers::Huber(k).loss(e.scale),
+                outliers => outliers.loss(e.scale),
+            };
         }
         self.evaluate_at(rows, range, theta);
     }
@@ -347,6 +354,8 @@ impl GroupState {
         self.guess_covariance.fill(0.0);
         for (e, sums) in self.equations.iter_mut().zip(&self.at) {
             e.noise_covariance.fill(0.0);
+            let freedom = (sums.rows - sums.outliers) as f64 - 2.0 * n;
+            e.scale = (sums.cost / freedom.max(1.0)).sqrt();
             e.learn(sums, sums.cost, 2.0 * n, options);
         }
         self.total_covariance();

@@ -11,7 +11,6 @@
 use super::Residuals;
 use super::group::{EquationState, TINY};
 use super::linalg::{Cholesky, dot};
-use super::pass::Loss;
 use std::ops::Range;
 
 /// What is known of a line before the block.
@@ -37,8 +36,9 @@ pub struct LineFit {
     pub slope: Vec<f64>,
     /// Covariance of (c, v), 2n × 2n.
     pub covariance: Vec<f64>,
-    /// Σ f² per equation of the group.
+    /// Σ f² per equation of the group, and how many rows are not in it because they are outliers.
     pub costs: Vec<f64>,
+    pub outliers: Vec<usize>,
     matrix: Vec<f64>,
     vector: Vec<f64>,
     delta: Vec<f64>,
@@ -60,6 +60,7 @@ impl LineFit {
             slope: vec![0.0; n],
             covariance: vec![0.0; m * m],
             costs: vec![0.0; equations],
+            outliers: vec![0; equations],
             matrix: vec![0.0; m * m],
             vector: vec![0.0; m],
             delta: vec![0.0; m],
@@ -69,7 +70,7 @@ impl LineFit {
         }
     }
 
-    /// Fits a line to the rows, from θ and no slope. Returns Σ f²/σ², `None` where it cannot be fitted.
+    /// Fits a line to the rows, from θ and no slope. Returns Σ ρ(f)/σ², `None` where it cannot be fitted.
     pub fn fit<R: Residuals>(
         &mut self,
         rows: &R,
@@ -127,10 +128,11 @@ impl LineFit {
         self.matrix.fill(0.0);
         self.vector.fill(0.0);
         let mut total = 0.0;
-        for (e, cost) in equations.iter().zip(&mut self.costs) {
-            *cost = 0.0;
+        for ((e, cost), outliers) in equations.iter().zip(&mut self.costs).zip(&mut self.outliers) {
+            (*cost, *outliers) = (0.0, 0);
+            let variance = e.variance.max(TINY);
             let p = e.own.len();
-            let weight = 1.0 / (e.divisor * e.divisor * e.variance.max(TINY));
+            let weight = 1.0 / (e.divisor * e.divisor * variance);
             for index in 0..rows.len() {
                 let s = index as f64 / length - 0.5;
                 for i in 0..p {
@@ -139,12 +141,15 @@ impl LineFit {
                 }
                 let phi = &mut self.regressor[..p];
                 let f = rows.row(e.index, index, &self.theta, phi);
-                if matches!(e.loss, Loss::Gate(limit) | Loss::Huber(limit) if f.abs() > limit * e.divisor) {
+                let (rho, share, outlier) = e.loss.at(f / e.divisor);
+                total += rho / variance;
+                if outlier {
+                    *outliers += 1;
                     continue;
                 }
                 *cost += f * f / (e.divisor * e.divisor);
                 for i in 0..p {
-                    let x = weight * phi[i];
+                    let x = share * weight * phi[i];
                     let a = e.offset + i;
                     self.vector[a] += x * f;
                     self.vector[n + a] += s * x * f;
@@ -156,7 +161,6 @@ impl LineFit {
                     }
                 }
             }
-            total += *cost / e.variance.max(TINY);
         }
         for a in 0..n {
             // Σ s φφᵀ is symmetric, too

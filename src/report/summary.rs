@@ -339,7 +339,12 @@ mod tests {
 
     #[test]
     fn prop_a_small_error_is_not_shown_as_none() {
-        for (share, text) in [(0.0, "+0.000 %"), (-0.05, "-5.000 %"), (4e-12, "+4e-10 %"), (-6e-6, "-0.001 %")] {
+        for (share, text) in [
+            (0.0, "+0.000 %"),
+            (-0.05, "-5.000 %"),
+            (4e-12, "+4e-10 %"),
+            (-6e-6, "-0.001 %"),
+        ] {
             assert_eq!(percent(share), text);
         }
     }

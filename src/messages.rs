@@ -5,6 +5,14 @@
 //!
 //! Bit-identity of two runs covers every field except `boot_id`.
 
+mod status;
+mod text;
+
+pub use status::{
+    ERROR_TEXT, ErrorCode, LastError, ProcessStatus, RealtimeStatus, Status, StreamFaults, Timing, status_flags,
+};
+pub use text::{put_text, text_of};
+
 use crate::model::{JointSample, MAX_JOINTS, MAX_PARAMS};
 #[cfg(feature = "bus")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -55,6 +63,10 @@ pub mod estimate_flags {
     pub const HELD: u32 = 1 << 2;
     /// The estimator continued from a checkpoint.
     pub const WARM: u32 = 1 << 3;
+    /// The first estimate since a command took effect.
+    pub const COMMANDED: u32 = 1 << 4;
+    /// A signal of this block was saturated or frozen; it was left out, and θ̂ is the previous one.
+    pub const SENSOR: u32 = 1 << 5;
 }
 
 /// User header of every message.
@@ -253,35 +265,6 @@ pub struct Estimate {
     pub derived_std: [f64; MAX_DERIVED],
 }
 
-/// Topic `status`: the identifier's heartbeat.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusStatusV1"))]
-pub struct Status {
-    /// `boot_id` of the sample stream, 0 before the first sample.
-    pub boot_id: u64,
-    /// Samples used since the start of the stream.
-    pub accepted: u64,
-    /// Samples lost since the start of the stream.
-    pub missing: u64,
-    /// Samples refused since the start of the stream.
-    pub rejected: u64,
-    /// `seq` of the last sample received.
-    pub last_seq: u64,
-    /// Stream time of that sample \[ns\].
-    pub last_t_ns: u64,
-    /// Estimates published since the start of the stream.
-    pub estimates: u64,
-    /// Block of the last estimate published, 0 before the first.
-    pub last_block: u64,
-    /// Streams (values of `boot_id`) seen since this process started.
-    pub streams: u64,
-    /// [`State`].
-    pub state: u32,
-    /// Process id of the identifier.
-    pub pid: u32,
-}
-
 // The layout is a contract with readers in other languages: a change here is a new schema version.
 const _: () = {
     assert!(size_of::<Header>() == 16);
@@ -293,5 +276,4 @@ const _: () = {
     assert!(offset_of!(Estimate, state) == 104);
     assert!(offset_of!(Estimate, condition) == 136);
     assert!(offset_of!(Estimate, theta) == 144 + 2 * 8 * MAX_JOINTS);
-    assert!(size_of::<Status>() == 9 * 8 + 8);
 };

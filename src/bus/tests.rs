@@ -45,17 +45,9 @@ fn never() -> Arc<AtomicBool> {
 
 fn status(estimates: u64) -> Status {
     Status {
-        boot_id: 0,
-        accepted: 0,
-        missing: 0,
-        rejected: 0,
-        last_seq: 0,
-        last_t_ns: 0,
         estimates,
-        last_block: 0,
-        streams: 0,
         state: State::Collecting as u32,
-        pid: 0,
+        ..Status::default()
     }
 }
 

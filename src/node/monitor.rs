@@ -393,6 +393,7 @@ pub(crate) mod tests {
             streams: 1,
             state: State::Converging as u32,
             pid: 1,
+            ..Status::default()
         };
         monitor.on_estimate(&estimate(1, 10.0));
         status.state = State::Ended as u32;

@@ -1,6 +1,7 @@
 //! CDR, little-endian, as ROS 2 uses it: four bytes of encapsulation, then each scalar aligned to its size from there.
 
 use super::layout::Visit;
+use crate::messages::{put_text, text_of};
 
 /// Encapsulation: plain CDR, little-endian, no options.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
@@ -36,6 +37,14 @@ impl Visit for CdrWriter<'_> {
     fn f64(&mut self, _: &str, _: &str, value: &mut f64) -> Result<(), Self::Error> {
         self.align(8);
         self.0.extend_from_slice(&value.to_le_bytes());
+        Ok(())
+    }
+    fn text(&mut self, name: &str, comment: &str, value: &mut [u8]) -> Result<(), Self::Error> {
+        let text = text_of(value);
+        // The length counts the closing zero.
+        let Ok(()) = self.u32(name, comment, &mut (text.len() as u32 + 1));
+        self.0.extend_from_slice(text.as_bytes());
+        self.0.push(0);
         Ok(())
     }
 }
@@ -80,6 +89,14 @@ impl Visit for CdrReader<'_> {
         *value = f64::from_le_bytes(self.take()?);
         Ok(())
     }
+    fn text(&mut self, _: &str, _: &str, value: &mut [u8]) -> Result<(), NotThisMessage> {
+        let len = u32::from_le_bytes(self.take()?) as usize;
+        let end = self.position.checked_add(len).ok_or(NotThisMessage)?;
+        let bytes = self.body.get(self.position..end).ok_or(NotThisMessage)?;
+        put_text(value, text_of(bytes));
+        self.position = end;
+        Ok(())
+    }
 }
 
 #[cfg(test)]
@@ -95,8 +112,9 @@ mod tests {
         let Ok(()) = writer.f64("", "", &mut nan.clone());
         let Ok(()) = writer.u32("", "", &mut 8);
         let Ok(()) = writer.u64("", "", &mut u64::MAX.clone());
-        // 4 encapsulation, 4 + 4 padding, 8, 4 + 4 padding, 8
-        assert_eq!(buffer.len(), 4 + 8 + 8 + 8 + 8);
+        let Ok(()) = writer.text("", "", &mut b"gap\0\0".to_owned());
+        // 4 encapsulation, 4 + 4 padding, 8, 4 + 4 padding, 8, a length and a text of 4
+        assert_eq!(buffer.len(), 4 + 8 + 8 + 8 + 8 + 8);
 
         let mut reader = CdrReader::new(&buffer).unwrap();
         let (mut a, mut b, mut c, mut d) = (0, 0.0, 0, 0);
@@ -105,6 +123,9 @@ mod tests {
         reader.u32("", "", &mut c).unwrap();
         reader.u64("", "", &mut d).unwrap();
         assert_eq!((a, b.to_bits(), c, d), (7, nan.to_bits(), 8, u64::MAX));
+        let mut text = [9; 6];
+        reader.text("", "", &mut text).unwrap();
+        assert_eq!(&text, b"gap\0\0\0");
         assert_eq!(reader.u32("", "", &mut a), Err(NotThisMessage));
         assert!(CdrReader::new(&[0, 0, 0, 0]).is_err(), "big-endian is refused");
     }

@@ -65,6 +65,8 @@ pub(super) trait Visit {
     fn u32(&mut self, name: &str, comment: &str, value: &mut u32) -> Result<(), Self::Error>;
     fn u64(&mut self, name: &str, comment: &str, value: &mut u64) -> Result<(), Self::Error>;
     fn f64(&mut self, name: &str, comment: &str, value: &mut f64) -> Result<(), Self::Error>;
+    /// A text of fixed size.
+    fn text(&mut self, name: &str, comment: &str, value: &mut [u8]) -> Result<(), Self::Error>;
     /// One scalar per column; `values` is at least as long.
     fn f64s(&mut self, columns: &[Column], values: &mut [f64]) -> Result<(), Self::Error> {
         for (column, value) in columns.iter().zip(values) {
@@ -198,7 +200,80 @@ impl Layout {
         v.u64("last_block", "of the last estimate", &mut m.last_block)?;
         v.u64("streams", "seen since this process started", &mut m.streams)?;
         v.u32("state", "as in Estimate; 8 ended", &mut m.state)?;
-        v.u32("pid", "of the identifier", &mut m.pid)
+        v.u32("pid", "of the identifier", &mut m.pid)?;
+        v.u32(
+            "flags",
+            "bits: warm, paused, silent, commanded, checkpoints",
+            &mut m.flags,
+        )?;
+        let faults = &mut m.faults;
+        v.u64("gaps", "holes in seq", &mut faults.gaps)?;
+        v.u64("duplicates", "samples that came twice", &mut faults.duplicates)?;
+        v.u64(
+            "reordered",
+            "samples that came after their successor",
+            &mut faults.reordered,
+        )?;
+        v.u64(
+            "clock_jumps",
+            "samples whose time does not follow",
+            &mut faults.clock_jumps,
+        )?;
+        v.u64("wrong_joints", "samples", &mut faults.wrong_joints)?;
+        v.u64("wrong_signals", "samples", &mut faults.wrong_signals)?;
+        v.u64("not_finite", "samples", &mut faults.not_finite)?;
+        v.u64("saturated", "samples", &mut faults.saturated)?;
+        v.u64("frozen", "samples", &mut faults.frozen)?;
+        v.u64(
+            "blocks_held",
+            "left out for saturated or frozen signals",
+            &mut faults.blocks_held,
+        )?;
+        for (name, timing) in [("step", &mut m.step), ("block", &mut m.block)] {
+            v.u64(&format!("{name}_count"), "since the process began", &mut timing.count)?;
+            v.u64(&format!("{name}_mean_ns"), "computing time", &mut timing.mean_ns)?;
+            v.u64(&format!("{name}_p99_ns"), "", &mut timing.p99_ns)?;
+            v.u64(&format!("{name}_max_ns"), "", &mut timing.max_ns)?;
+        }
+        let process = &mut m.process;
+        v.u64("started_ns", "CLOCK_MONOTONIC", &mut process.started_ns)?;
+        v.u64(
+            "first_sample_ns",
+            "CLOCK_MONOTONIC, 0 before",
+            &mut process.first_sample_ns,
+        )?;
+        v.u64("resident_bytes", "memory in use", &mut process.resident_bytes)?;
+        v.u64(
+            "silent_ns",
+            "since the last sample of an open stream",
+            &mut process.silent_ns,
+        )?;
+        v.u64("pauses", "silences of a second or more", &mut process.pauses)?;
+        v.u64("commands", "that took effect", &mut process.commands)?;
+        v.u64("refused", "requests", &mut process.refused)?;
+        v.u64("checkpoints", "written", &mut process.checkpoints)?;
+        v.u64(
+            "checkpoints_failed",
+            "not written or not usable",
+            &mut process.checkpoints_failed,
+        )?;
+        v.u64(
+            "recorder_missing",
+            "samples that a recorder lost",
+            &mut process.recorder_missing,
+        )?;
+        let realtime = &mut m.realtime;
+        v.u32("rt_policy", "0 other, 1 fifo, 2 rr", &mut realtime.policy)?;
+        v.u32("rt_priority", "", &mut realtime.priority)?;
+        v.u64("rt_affinity", "bit i: CPU i; 0 for any", &mut realtime.affinity)?;
+        v.u32("rt_memory_locked", "1 where it is", &mut realtime.memory_locked)?;
+        v.u32("rt_refused", "bits: priority, affinity, memory", &mut realtime.refused)?;
+        v.f64("condition", "of the column-scaled information", &mut m.condition)?;
+        v.f64("information_ln", "sum of ln of its diagonal", &mut m.information_ln)?;
+        v.f64("asymmetry", "of the information", &mut m.asymmetry)?;
+        v.u32("error_code", "what went wrong last, 0 nothing", &mut m.error.code)?;
+        v.u64("error_seq", "", &mut m.error.seq)?;
+        v.text("error", "", &mut m.error.text)
     }
 
     pub(super) fn recorder<V: Visit>(v: &mut V, m: &mut RecorderStatus) -> Result<(), V::Error> {
@@ -315,6 +390,10 @@ impl Visit for SchemaText {
     }
     fn f64(&mut self, name: &str, comment: &str, _: &mut f64) -> Result<(), Self::Error> {
         self.line("float64", name, comment);
+        Ok(())
+    }
+    fn text(&mut self, name: &str, comment: &str, _: &mut [u8]) -> Result<(), Self::Error> {
+        self.line("string", name, comment);
         Ok(())
     }
 }

@@ -4,7 +4,7 @@ use super::info::tests::arm;
 use super::layout::{no_estimate, no_sample};
 use super::writer::{RUN_METADATA, numbered};
 use super::*;
-use crate::messages::{Estimate, Sample, Status};
+use crate::messages::{ErrorCode, Estimate, LastError, Sample, Status};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -102,6 +102,7 @@ fn write(path: &Path, samples: u64, flush: u64, limits: RecordingLimits, finish:
                     &Status {
                         last_seq: seq,
                         pid: 9,
+                        error: LastError::new(ErrorCode::Gap, seq),
                         ..Status::default()
                     },
                     7,
@@ -140,7 +141,7 @@ fn read(path: &Path, span: Span) -> (Vec<u64>, Vec<u64>, u64, Loss) {
                 blocks.push(e.block);
             }
             Entry::Status { status, .. } => {
-                assert_eq!(status.pid, 9);
+                assert_eq!((status.pid, status.error.words()), (9, "samples are missing"));
                 statuses += 1;
             }
             Entry::Recorder(_) => {}
@@ -419,6 +420,11 @@ fn val_the_python_packages_decode_every_message() {
     // Python adds in the same order, so the sums agree to the bit.
     let sum = (0..1_000).map(|seq| sample(seq).dddq[0]).fold(0.0, |sum, v| sum + v);
     assert_eq!(float(&found["sums"]["/thetabus/arm/sample"]["dddq_1"]), sum);
+    let last = &found["last"]["/thetabus/arm/status"];
+    assert_eq!(
+        (&last["error"], &last["error_seq"]),
+        (&"samples are missing".into(), &999.into())
+    );
     let last = &found["last"]["/thetabus/arm/estimate"];
     assert_eq!(float(&last["theta_9"]), estimate(10).theta[8]);
     assert!(float(&last["theta_9_std"]).is_nan());

@@ -33,7 +33,8 @@ with open(path, "rb") as file:
         result["last"][topic] = fields
         sums = result["sums"].setdefault(topic, dict.fromkeys(fields, 0))
         for name, value in fields.items():
-            sums[name] += value
+            if not isinstance(value, str):
+                sums[name] += value
 
 
 def exact(value):

@@ -80,7 +80,7 @@ impl Check<'_> {
         stated.or(keys.first().copied()).unwrap_or("")
     }
 
-    fn warn(&mut self, key: &str, message: impl Into<String>) {
+    pub(super) fn warn(&mut self, key: &str, message: impl Into<String>) {
         self.warnings.push(Problem::new(self.layers.origin(key), key, message));
     }
 

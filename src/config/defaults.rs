@@ -52,6 +52,7 @@ impl Default for FileForm {
                 sample_period_s: sim.sample_period_s,
                 substeps: sim.substeps as u64,
                 initial_q_rad: sim.initial_q_rad.to_vec(),
+                faults: Vec::new(),
             },
             arm: schema::Arm {
                 length_1_m: arm.length_1_m,

@@ -1,5 +1,6 @@
 //! What a key may hold: type, range, and how both are told to a reader.
 
+use super::schema::Key;
 use std::fmt;
 use toml::Value;
 use toml::de::DeValue;
@@ -165,6 +166,8 @@ pub enum Kind {
     Words,
     /// One list of finite numbers for each joint.
     RealsPerJoint(Len, Interval),
+    /// Any number of tables with these keys, `[[section.key]]`; keys without a default must stand in each.
+    Tables(&'static [Key]),
 }
 
 impl Kind {
@@ -197,6 +200,7 @@ impl Kind {
                     len.of(&format!("numbers {interval}{unit}"))
                 )
             }
+            Self::Tables(_) => "a list of tables".to_owned(),
         }
     }
 
@@ -224,6 +228,8 @@ impl Kind {
             Self::RealsPerJoint(len, interval) => {
                 list(value, Len::Joints, |inner| list(inner, *len, |v| number(v, interval)))
             }
+            // Checked key by key where they are read, so that a message can name the key.
+            Self::Tables(_) => None,
         }
     }
 }

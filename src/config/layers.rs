@@ -1,7 +1,7 @@
 //! Sources of settings laid over each other: built-in defaults, files in order, `--set` arguments.
 
 use super::error::{Origin, Problem};
-use super::kind::Kind;
+use super::kind::{Kind, quoted};
 use super::schema::{EXCLUSIVE, Key, key, keys};
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -171,7 +171,17 @@ impl Layers {
     }
 
     fn put(&mut self, key: &Key, path: &str, value: &DeValue<'_>, text: &str, origin: Origin, base: Option<&Path>) {
-        let Some(checked) = key.kind.check(value) else {
+        let checked = match (key.kind, value.as_array()) {
+            (Kind::Tables(inner), Some(items)) => {
+                let items: Vec<_> = items.iter().map(|item| item.get_ref()).collect();
+                match self.tables(inner, path, &items, &origin) {
+                    Some(tables) => Some(tables),
+                    None => return,
+                }
+            }
+            _ => key.kind.check(value),
+        };
+        let Some(checked) = checked else {
             let expected = key.kind.expected(key.unit);
             let got = describe(value, text);
             let got = match key.kind {
@@ -205,6 +215,59 @@ impl Layers {
             layer: self.layer,
         };
         self.entries.insert(path.to_owned(), entry);
+    }
+}
+
+impl Layers {
+    /// A list of tables; `None` after telling what is wrong with them.
+    fn tables(&mut self, keys: &[Key], path: &str, items: &[&DeValue<'_>], origin: &Origin) -> Option<Value> {
+        let before = self.problems.len();
+        let mut tables = Vec::new();
+        for (index, item) in items.iter().enumerate() {
+            let path = format!("{path}[{}]", index + 1);
+            let Some(table) = item.as_table() else {
+                let got = describe(item, "");
+                self.problems
+                    .push(Problem::expected(origin.clone(), &path, "a table", got));
+                continue;
+            };
+            let mut checked = toml::Table::new();
+            for (name, value) in table.iter() {
+                let name = name.get_ref();
+                let path = format!("{path}.{name}");
+                let Some(key) = keys.iter().find(|key| key.name == name) else {
+                    let known = quoted(&keys.iter().map(|key| key.name).collect::<Vec<_>>());
+                    let message = format!("unknown key; expected {known}");
+                    self.problems.push(Problem::new(origin.clone(), &path, message));
+                    continue;
+                };
+                match key.kind.check(value.get_ref()) {
+                    Some(value) => _ = checked.insert(name.to_string(), value),
+                    None => {
+                        let got = describe(value.get_ref(), &plain(value.get_ref()));
+                        let problem = Problem::expected(origin.clone(), &path, key.kind.expected(key.unit), got);
+                        self.problems.push(problem);
+                    }
+                }
+            }
+            for key in keys.iter().filter(|key| !key.optional && !table.contains_key(key.name)) {
+                let expected = format!("{} = {}", key.name, key.kind.expected(key.unit));
+                self.problems
+                    .push(Problem::expected(origin.clone(), &path, expected, "none"));
+            }
+            tables.push(Value::Table(checked));
+        }
+        (self.problems.len() == before).then_some(Value::Array(tables))
+    }
+}
+
+/// A number as it was written.
+fn plain(value: &DeValue<'_>) -> String {
+    match value {
+        DeValue::Integer(n) => n.as_str().to_owned(),
+        DeValue::Float(x) => x.as_str().to_owned(),
+        DeValue::Boolean(flag) => flag.to_string(),
+        _ => String::new(),
     }
 }
 

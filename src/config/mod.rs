@@ -407,6 +407,18 @@ fn render(form: &FileForm, comments: bool) -> String {
                 text.push('\n');
                 comment(&mut text, &format!("{}.", key.meaning));
                 comment(&mut text, &format!("Takes {}{default}.", key.kind.expected(key.unit)));
+                if let Kind::Tables(inner) = key.kind {
+                    for key in inner {
+                        let need = if key.optional { "" } else { "; needed" };
+                        let line = format!(
+                            "{}: {}. Takes {}{need}.",
+                            key.name,
+                            key.meaning,
+                            key.kind.expected(key.unit)
+                        );
+                        comment(&mut text, &line);
+                    }
+                }
             }
             match value {
                 Some(value) => _ = writeln!(text, "{} = {}", key.name, literal(value)),
@@ -425,6 +437,10 @@ fn render(form: &FileForm, comments: bool) -> String {
 fn literal(value: &Value) -> String {
     match value {
         Value::Float(x) => format!("{x:?}"),
+        Value::Table(table) => {
+            let entries = table.iter().map(|(name, value)| format!("{name} = {}", literal(value)));
+            format!("{{ {} }}", entries.collect::<Vec<_>>().join(", "))
+        }
         Value::Array(items) => format!("[{}]", items.iter().map(literal).collect::<Vec<_>>().join(", ")),
         other => other.to_string(),
     }

@@ -1,11 +1,11 @@
 //! Section `[plant]` and those below it: the simulation's options.
 
 use super::build::{Check, joints};
-use super::schema::{FileForm, RealOrWord};
+use super::schema::{FaultForm, FileForm, RealOrWord};
 use super::{PlantConfig, Speed, setpoint_csv};
 use crate::sim::{
-    ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, Interpolation, MassSchedule, PositionFeedback,
-    SensorOptions, Setpoint, SimError, SimOptions, Tone,
+    ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, Fault, FaultKind, FaultSignal, Interpolation,
+    MassSchedule, PositionFeedback, SensorOptions, Setpoint, SimError, SimOptions, Tone,
 };
 use std::path::Path;
 
@@ -81,13 +81,37 @@ pub(super) fn plant(form: &FileForm, check: &mut Check<'_>) -> Option<PlantConfi
             jitter_s: form.sensors.jitter_s,
             loss_probability: form.sensors.loss_probability,
         },
+        faults: form.plant.faults.iter().map(fault).collect(),
     };
     let period_ns = sim.sample_period_s * 1e9;
     if (period_ns - period_ns.round()).abs() > 1e-6 * period_ns {
         let message = format!("expected a whole number of nanoseconds, got {period_ns} ns");
         check.wrong("plant.sample_period_s", message);
     }
-    if let Err(error) = sim.validate() {
+    for (index, fault) in sim.faults.iter().enumerate() {
+        if let Err(error) = fault.validate() {
+            let name = error.field.strip_prefix("faults.").unwrap_or(error.field);
+            let message = format!(
+                "table {}, {name}: expected {}, got {}",
+                index + 1,
+                error.expected,
+                error.got
+            );
+            check.wrong("plant.faults", message);
+        }
+        if fault.signal.bit() != 0 && sim.sensors.signals() & fault.signal.bit() == 0 {
+            let message = format!(
+                "table {}: has no effect, because positions come from a sensor and the machine reports no derivatives",
+                index + 1
+            );
+            check.warn("plant.faults", message);
+        }
+    }
+    let without_faults = SimOptions {
+        faults: Vec::new(),
+        ..sim.clone()
+    };
+    if let Err(error) = without_faults.validate() {
         let key = sim_key(&error, &form.setpoint.kind);
         let joint = error
             .joint
@@ -100,6 +124,35 @@ pub(super) fn plant(form: &FileForm, check: &mut Check<'_>) -> Option<PlantConfi
         RealOrWord::Real(factor) => Speed::Factor(factor),
     };
     Some(PlantConfig { sim, speed })
+}
+
+/// The schema has let only known words through.
+fn fault(form: &FaultForm) -> Fault {
+    let kind = match form.kind.as_str() {
+        "stuck" => FaultKind::Stuck,
+        "garbage" => FaultKind::Garbage,
+        "wrong" => FaultKind::Wrong {
+            gain: form.gain,
+            offset: form.offset,
+        },
+        "slow" => FaultKind::Slow {
+            period_s: form.period_s,
+        },
+        "delayed" => FaultKind::Delayed { delay_s: form.delay_s },
+        "intermittent" => FaultKind::Intermittent {
+            share: form.share,
+            period_s: form.period_s,
+        },
+        _ => FaultKind::Off,
+    };
+    let signal = FaultSignal::NAMES.iter().find(|(_, name)| *name == form.signal);
+    Fault {
+        kind,
+        signal: signal.map_or(FaultSignal::Sample, |(signal, _)| *signal),
+        joint: (form.joint as usize).checked_sub(1),
+        from_s: form.from_s,
+        to_s: form.to_s,
+    }
 }
 
 /// The key behind a field of the simulation's options.

@@ -59,6 +59,7 @@ impl Field for u64 {}
 impl Field for f64 {}
 impl Field for String {}
 impl Field for RealOrWord {}
+impl Field for FaultForm {}
 impl<T: Field> Field for Vec<T> {}
 impl<T: Field> Field for Option<T> {
     const OPTIONAL: bool = true;
@@ -73,6 +74,93 @@ pub enum RealOrWord {
     /// A word.
     Word(String),
 }
+
+/// One `[[plant.faults]]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FaultForm {
+    /// What it does.
+    pub kind: String,
+    /// To what.
+    #[serde(default = "FaultForm::sample")]
+    pub signal: String,
+    /// To which joint, counted from 1; 0 for all.
+    #[serde(default)]
+    pub joint: u64,
+    /// First instant \[s\].
+    pub from_s: f64,
+    /// First instant that is right again \[s\].
+    #[serde(default = "FaultForm::never")]
+    pub to_s: f64,
+    /// Factor of `wrong`.
+    #[serde(default = "FaultForm::one")]
+    pub gain: f64,
+    /// Addend of `wrong`, in the signal's unit.
+    #[serde(default)]
+    pub offset: f64,
+    /// Period of `slow` and `intermittent` \[s\].
+    #[serde(default)]
+    pub period_s: f64,
+    /// Delay of `delayed` \[s\].
+    #[serde(default)]
+    pub delay_s: f64,
+    /// Share of `intermittent`.
+    #[serde(default = "FaultForm::half")]
+    pub share: f64,
+}
+
+impl FaultForm {
+    fn sample() -> String {
+        "sample".to_owned()
+    }
+    fn never() -> f64 {
+        f64::INFINITY
+    }
+    fn one() -> f64 {
+        1.0
+    }
+    fn half() -> f64 {
+        0.5
+    }
+}
+
+/// Name, whether it may be left out, kind, unit, meaning.
+macro_rules! table_keys {
+    ($section:literal: $( $name:ident $optional:literal, $kind:expr, $unit:literal, $meaning:literal; )*) => {
+        &[ $( Key {
+            section: $section,
+            name: stringify!($name),
+            kind: $kind,
+            unit: $unit,
+            meaning: $meaning,
+            optional: $optional,
+        }, )* ]
+    };
+}
+
+/// The keys of a `[[plant.faults]]`.
+static FAULT_KEYS: &[Key] = table_keys! { "plant.faults":
+    kind false, Kind::Choice(&["off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"]), "",
+        "off: nothing comes. stuck: the value at the beginning. garbage: NaN, infinities, any number. wrong: gain x + offset. slow: a new value once per period_s. delayed: the value of delay_s ago, samples come so much later. intermittent: off in a share of periods";
+    signal true, Kind::Choice(&["sample", "time", "q", "dq", "ddq", "dddq", "setpoint", "input"]), "",
+        "What it happens to: the whole sample (default; off then means that it is lost), its time stamp (stuck and wrong only), or one of its signals (off then clears its bit in the mask, or gives NaN for a single joint)";
+    joint true, Kind::Whole(0, 2), "",
+        "Joint of the signal; 0 for both (default)";
+    from_s false, Kind::Real(Interval::closed(0.0, LONGEST_S)), "s",
+        "Beginning in stream time";
+    to_s true, Kind::Real(Interval::above(0.0, f64::INFINITY).or_infinite()), "s",
+        "First instant that is right again; inf for never (default)";
+    gain true, Kind::Real(FINITE), "",
+        "Factor of wrong; 1 (default). Of time: how fast the clock runs from from_s on";
+    offset true, Kind::Real(FINITE), "unit of the signal, s for time",
+        "Addend of wrong; 0 (default)";
+    period_s true, Kind::Real(Interval::closed(0.0, LONGEST_S)), "s",
+        "Period of slow and intermittent; a sample period at least (default)";
+    delay_s true, Kind::Real(Interval::closed(0.0, 10.0)), "s",
+        "Delay of delayed, above 0. Late samples need a pace: at speed \"max\" there is no late";
+    share true, Kind::Real(Interval::closed(0.0, 1.0)), "",
+        "Share of periods that are off, drawn from plant.seed; 0.5 (default)";
+};
 
 macro_rules! sections {
     ($( $field:ident : $struct:ident = $section:literal, $about:literal {
@@ -159,6 +247,8 @@ sections! {
             "Runge-Kutta steps per sample";
         initial_q_rad: Vec<f64>, joints(Interval::closed(-100.0, 100.0)), "rad",
             "Joint positions at the start; the arm starts at rest, its weight held by the motors";
+        faults: Vec<FaultForm>, Kind::Tables(FAULT_KEYS), "",
+            "What goes wrong on the way from the machine to its listeners, a table [[plant.faults]] for each fault, in order; the machine and its controller are not concerned";
     }
     arm: Arm = "plant.arm", "The simulated arm: two uniform beams, a DC motor at each joint" {
         length_1_m: f64, Kind::Real(POSITIVE), "m",

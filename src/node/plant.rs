@@ -3,6 +3,22 @@
 use crate::messages::{Sample, sample_flags};
 use crate::model::JointSample;
 
+/// What becomes of a sample on its way to the topic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Passage {
+    /// It never arrives.
+    pub lost: bool,
+    /// It is sent so much later than its time \[ns\].
+    pub late_ns: u64,
+}
+
+impl Passage {
+    /// Lost or on time.
+    pub fn lost_if(lost: bool) -> Self {
+        Self { lost, late_ns: 0 }
+    }
+}
+
 /// Turns a simulated machine into the sample stream seq 0, 1, 2, …, t = seq·Δ, the last one flagged `END`.
 pub struct PlantNode<S> {
     source: S,
@@ -13,6 +29,9 @@ pub struct PlantNode<S> {
     seq: u64,
     samples: u64,
     lost: Option<Box<dyn FnMut() -> bool + Send>>,
+    faults: Option<Box<dyn FnMut(&mut Sample) -> Passage + Send>>,
+    /// When the last sample given is due \[ns of stream time\].
+    due_ns: u64,
 }
 
 impl<S: Iterator<Item = JointSample>> PlantNode<S> {
@@ -29,6 +48,8 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
             seq: 0,
             samples,
             lost: None,
+            faults: None,
+            due_ns: 0,
         }
     }
 
@@ -39,23 +60,42 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
         self
     }
 
+    /// Lets `faults` change, lose or hold up each sample. The last one is always sent.
+    #[must_use]
+    pub fn with_faults(mut self, faults: impl FnMut(&mut Sample) -> Passage + Send + 'static) -> Self {
+        self.faults = Some(Box::new(faults));
+        self
+    }
+
     /// The next sample; `None` after the one flagged `END`.
     pub fn next_sample(&mut self) -> Option<Sample> {
-        if self.seq >= self.samples {
-            return None;
-        }
-        let mut joints = self.source.next()?;
-        while self.seq + 1 < self.samples && self.lost.as_mut().is_some_and(|lost| lost()) {
-            joints = self.source.next()?;
+        while self.seq < self.samples {
+            let joints = self.source.next()?;
+            let t_ns = self.seq * self.period_ns;
+            let mut sample = Sample::new(self.boot_id, self.seq, t_ns, self.joints, self.signals, &joints);
             self.seq += 1;
+            let is_last = self.seq == self.samples;
+            // Both draw for every sample but the last, so that neither changes the other's.
+            let lost = !is_last && self.lost.as_mut().is_some_and(|lost| lost());
+            let passage = self
+                .faults
+                .as_mut()
+                .map_or_else(Passage::default, |faults| faults(&mut sample));
+            if is_last {
+                sample.flags |= sample_flags::END;
+            } else if lost || passage.lost {
+                continue;
+            }
+            // What comes late holds up what follows it.
+            self.due_ns = self.due_ns.max(t_ns.saturating_add(passage.late_ns));
+            return Some(sample);
         }
-        let t_ns = self.seq * self.period_ns;
-        let mut sample = Sample::new(self.boot_id, self.seq, t_ns, self.joints, self.signals, &joints);
-        self.seq += 1;
-        if self.seq == self.samples {
-            sample.flags |= sample_flags::END;
-        }
-        Some(sample)
+        None
+    }
+
+    /// When the last sample given is due \[ns of stream time\], whatever its time stamp says.
+    pub fn due_ns(&self) -> u64 {
+        self.due_ns
     }
 
     /// Makes the next sample the last one, so that every consumer learns of the end.
@@ -115,6 +155,23 @@ mod tests {
         });
         let seqs: Vec<u64> = std::iter::from_fn(|| plant.next_sample()).map(|s| s.seq).collect();
         assert_eq!(seqs, [1, 3, 5, 7, 9]);
+    }
+
+    #[test]
+    fn fault_a_sample_held_up_is_due_later_and_holds_up_what_follows_it() {
+        let mut plant = plant(6).with_faults(|sample| Passage {
+            lost: sample.seq == 1,
+            late_ns: if sample.seq == 2 { 2_500_000 } else { 0 },
+        });
+        let mut due = Vec::new();
+        while let Some(sample) = plant.next_sample() {
+            due.push((sample.seq, plant.due_ns()));
+        }
+        let ms = 1_000_000;
+        assert_eq!(
+            due,
+            [(0, 0), (2, 4_500_000), (3, 4_500_000), (4, 4_500_000), (5, 5 * ms)]
+        );
     }
 
     #[test]

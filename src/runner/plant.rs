@@ -27,6 +27,10 @@ pub trait SampleSource {
     fn next_sample(&mut self) -> Option<Sample>;
     /// Makes the next sample the last one.
     fn end_early(&mut self);
+    /// When the last sample given is due \[ns of stream time\], where that is not its time stamp.
+    fn due_ns(&self) -> Option<u64> {
+        None
+    }
     /// Samples given so far.
     fn position(&self) -> u64;
     /// Samples of the whole stream, as far as it is known.
@@ -43,6 +47,9 @@ impl<S: Iterator<Item = JointSample>> SampleSource for PlantNode<S> {
     }
     fn end_early(&mut self) {
         Self::end_early(self);
+    }
+    fn due_ns(&self) -> Option<u64> {
+        Some(Self::due_ns(self))
     }
     fn position(&self) -> u64 {
         Self::position(self)
@@ -89,7 +96,8 @@ fn stream(
                 samples: node.len(),
             });
         };
-        while let Some(pause) = pace.pause(sample.t_ns, Instant::now()) {
+        let due_ns = node.due_ns().unwrap_or(sample.t_ns);
+        while let Some(pause) = pace.pause(due_ns, Instant::now()) {
             std::thread::sleep(pause.min(TICK));
             if pause > TICK {
                 publisher.serve_late_joiners()?;

@@ -6,7 +6,7 @@ use crate::bus::{Bus, Delivery, Role, RoleLock, SamplePublisher};
 use crate::config::{Config, Speed};
 use crate::node::plant::PlantNode;
 use crate::runner::{Pace, Shutdown, run_plant};
-use crate::sim::{ARM_JOINTS, ArmSimulator, Losses};
+use crate::sim::{ARM_JOINTS, ArmSimulator, Faults, Losses};
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::Duration;
 
@@ -36,6 +36,11 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     if sim.sensors.loss_probability > 0.0 {
         let mut losses = Losses::new(&sim.sensors, sim.seed);
         node = node.with_losses(move || losses.next_is_lost());
+    }
+
+    if !sim.faults.is_empty() {
+        let mut faults = Faults::new(&sim.faults, sim.sample_period_s, sim.seed);
+        node = node.with_faults(move |sample| faults.apply(sample));
     }
 
     let bus = Bus::join(&domain, robot, "plant_simulator")?;

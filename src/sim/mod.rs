@@ -3,6 +3,7 @@
 //! [`SimOptions`] say what to simulate, [`ArmSimulator`] gives the samples. The parts are usable on their own: [`Motor`], [`ArmDynamics`], [`rk4_step`].
 
 mod arm;
+mod faults;
 mod integrator;
 mod motor;
 mod noise;
@@ -13,6 +14,7 @@ mod setpoint;
 mod simulator;
 
 pub use arm::ArmDynamics;
+pub use faults::{Fault, FaultKind, FaultSignal, Faults};
 pub use integrator::rk4_step;
 pub use motor::Motor;
 pub use options::{

@@ -22,6 +22,8 @@ impl Noise {
     pub const JITTER: u64 = 0x103;
     /// Stream of lost samples.
     pub const LOSSES: u64 = 0x104;
+    /// Stream of the first fault; each has its own.
+    pub const FAULTS: u64 = 0x1000;
 
     /// Stream of the setpoint of a joint.
     pub fn setpoint_stream(joint: usize) -> u64 {

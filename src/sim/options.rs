@@ -1,6 +1,6 @@
 //! What a simulation is told: plain data with units in the names, validated before use.
 
-use super::{MassSchedule, SensorOptions, Setpoint};
+use super::{Fault, MassSchedule, SensorOptions, Setpoint};
 use crate::model::{MANIPULATOR_PARAMS, PhysicalParameters};
 
 /// Joints of the simulated arm.
@@ -180,6 +180,8 @@ pub struct SimOptions {
     pub seed: u64,
     /// What stands between the exact signals and the samples.
     pub sensors: SensorOptions,
+    /// What goes wrong, and when; see [`Faults`](super::Faults).
+    pub faults: Vec<Fault>,
 }
 
 impl SimOptions {
@@ -218,6 +220,7 @@ impl SimOptions {
             initial_q_rad: [0.0; ARM_JOINTS],
             seed: 0,
             sensors: SensorOptions::exact(),
+            faults: Vec::new(),
         }
     }
 
@@ -265,7 +268,8 @@ impl SimOptions {
         for joint in 0..ARM_JOINTS {
             in_range("initial_q_rad", self.initial_q_rad[joint], -100.0, 100.0)?;
         }
-        self.sensors.validate()
+        self.sensors.validate()?;
+        self.faults.iter().try_for_each(Fault::validate)
     }
 }
 

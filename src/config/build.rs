@@ -10,20 +10,29 @@ use super::{
 use crate::estimator::{
     Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor,
 };
-use crate::model::{Delayed, DriveInput, KnownConstants, MAX_JOINTS, Manipulator, Motion, PdController, ServoAxis};
+use crate::model::{
+    Delayed, DriveInput, KnownConstants, MAX_JOINTS, Manipulator, Motion, PdController, PlantDefinition, ServoAxis,
+};
 use crate::rows::{InputSource, InputTiming, ProjectedError, ProjectedOptions, SensorNoise};
 use crate::sim::ARM_JOINTS;
 use std::path::PathBuf;
 
 /// Builds and checks; on failure everything that is wrong.
-pub(super) fn config(form: FileForm, layers: &Layers) -> Result<Config, Vec<Problem>> {
+pub(super) fn config(
+    form: FileForm,
+    own: Option<&PlantDefinition>,
+    layers: &Layers,
+) -> Result<Config, Vec<Problem>> {
     let mut check = Check {
         layers,
         problems: Vec::new(),
         warnings: Vec::new(),
     };
     let plant = plant::plant(&form, &mut check);
-    let model = model(&form, &mut check);
+    let model = match own {
+        Some(own) => own_model(own, &mut check),
+        None => model(&form, &mut check),
+    };
     let identifier = identifier(&form, &mut check);
     let log = log(&form);
     let estimator = model.as_ref().and_then(|model| estimator(&form, model, &mut check));
@@ -45,7 +54,7 @@ pub(super) fn config(form: FileForm, layers: &Layers) -> Result<Config, Vec<Prob
     };
     match (plant, model, identifier, estimator) {
         (Some(plant), Some(model), Some(identifier), Some(estimator)) if check.problems.is_empty() => {
-            check.suspicious(&form, &bus, &plant, &estimator);
+            check.suspicious(&form, own, &bus, &plant, &estimator);
             let warnings = check.warnings;
             Ok(Config {
                 bus,
@@ -88,7 +97,14 @@ impl Check<'_> {
         self.layers.entries().contains_key(key)
     }
 
-    fn suspicious(&mut self, form: &FileForm, bus: &BusConfig, plant: &PlantConfig, estimator: &EstimatorConfig) {
+    fn suspicious(
+        &mut self,
+        form: &FileForm,
+        own: Option<&PlantDefinition>,
+        bus: &BusConfig,
+        plant: &PlantConfig,
+        estimator: &EstimatorConfig,
+    ) {
         let sim = &plant.sim;
         if sim.sample_count() < estimator.block_len as u64 {
             let message = format!(
@@ -117,7 +133,7 @@ impl Check<'_> {
             self.warn(self.culprit(&["bus.delivery", "plant.speed"]), message);
         }
         let options = &estimator.options;
-        let arm = form.model.kind == "manipulator";
+        let arm = own.is_none() && form.model.kind == "manipulator";
         if arm && options.forgetting_factor == 1.0 && sim.mass_2.points.len() > 1 && options.change_detection.is_none()
         {
             let message =
@@ -137,11 +153,11 @@ impl Check<'_> {
                 "limits nothing, because it acts on parameters whose lower bound is not negative: see estimator.bounds";
             self.warn("estimator.step_factor", message);
         }
-        self.without_effect(form);
+        self.without_effect(form, own);
     }
 
     /// Keys that were set to something of their own but belong to a choice that was not made.
-    fn without_effect(&mut self, form: &FileForm) {
+    fn without_effect(&mut self, form: &FileForm, own: Option<&PlantDefinition>) {
         let default = toml::Table::try_from(FileForm::default()).unwrap_or_default();
         let unused: Vec<(String, String)> = self
             .layers
@@ -151,6 +167,10 @@ impl Check<'_> {
                 let (section, name) = path.rsplit_once('.')?;
                 if default.get(section)?.get(name) == Some(&entry.value) {
                     return None;
+                }
+                if let Some(own) = own.filter(|_| section.split('.').next() == Some("model")) {
+                    let message = format!("has no effect: this program has its own plant, {}", own.name);
+                    return Some((path.clone(), message));
                 }
                 let need = match (section, name) {
                     ("identifier", "proportional_gain_v_per_rad" | "derivative_gain_v_s_per_rad") => {
@@ -242,6 +262,15 @@ fn model(form: &FileForm, check: &mut Check<'_>) -> Option<ModelConfig> {
             known,
         },
     })
+}
+
+/// A plant that the caller brings along.
+fn own_model(own: &PlantDefinition, check: &mut Check<'_>) -> Option<ModelConfig> {
+    let valid = own.validate();
+    if let Err(message) = &valid {
+        check.wrong("model", format!("the plant {} of this program: {message}", own.name));
+    }
+    valid.ok().map(|()| ModelConfig::Own(own.clone()))
 }
 
 fn servo_axis(form: &FileForm, check: &mut Check<'_>) -> Option<ModelConfig> {

@@ -24,8 +24,8 @@ pub use layers::Source;
 pub use schema::{FileForm, Key, RealOrWord, keys};
 
 use crate::estimator::{EstimatorOptions, Structure};
-use crate::model::{Delayed, KnownConstants, Manipulator, Parameter, Plant as _, ServoAxis};
-use crate::rows::{InputSource, ProjectedOptions, structure};
+use crate::model::{Delayed, KnownConstants, Manipulator, Parameter, Plant as _, PlantDefinition, ServoAxis};
+use crate::rows::{InputSource, ProjectedOptions};
 use crate::sim::SimOptions;
 use layers::Layers;
 use serde::Deserialize;
@@ -40,6 +40,7 @@ const EMBEDDED: &[(&str, &str)] = &[
     ("encoder_only", include_str!("../../config/encoder_only.toml")),
     ("servo_axis", include_str!("../../config/servo_axis.toml")),
     ("cedro2022_best", include_str!("../../config/cedro2022_best.toml")),
+    ("own_plant", include_str!("../../config/own_plant.toml")),
 ];
 
 /// How samples are delivered.
@@ -124,16 +125,19 @@ pub enum ModelConfig {
         /// The equation.
         plant: Delayed<ServoAxis>,
     },
+    /// A plant of the caller's own, which is not in this library.
+    Own(PlantDefinition),
 }
 
-/// The same expression for the plant of every model.
+/// The same expression for the plant of every model, and another one for what is known of a caller's own.
 macro_rules! with_plant {
-    ($model:expr, $plant:ident => $body:expr) => {
+    ($model:expr, $plant:ident => $body:expr, $own:ident => $otherwise:expr) => {
         match $model {
             $crate::config::ModelConfig::Manipulator { plant: $plant, .. } => $body,
             $crate::config::ModelConfig::DelayedManipulator { plant: $plant, .. } => $body,
             $crate::config::ModelConfig::ServoAxis { plant: $plant } => $body,
             $crate::config::ModelConfig::DelayedServoAxis { plant: $plant } => $body,
+            $crate::config::ModelConfig::Own($own) => $otherwise,
         }
     };
 }
@@ -143,24 +147,33 @@ pub(crate) use with_plant;
 impl ModelConfig {
     /// The parameters to be identified.
     pub fn parameters(&self) -> &[Parameter] {
-        with_plant!(self, plant => plant.parameters())
+        with_plant!(self, plant => plant.parameters(), own => &own.parameters)
+    }
+
+    /// Everything about the plant but its terms.
+    pub fn definition(&self) -> PlantDefinition {
+        with_plant!(self, plant => PlantDefinition::of(plant), own => own.clone())
     }
 
     /// Which equation has which parameters.
     pub fn structure(&self) -> Structure {
-        with_plant!(self, plant => structure(plant))
+        let definition = self.definition();
+        Structure {
+            params: definition.parameters.len(),
+            equations: definition.equations.into_iter().map(|e| e.parameters).collect(),
+        }
     }
 
     /// Name of the model.
     pub fn name(&self) -> &'static str {
-        with_plant!(self, plant => plant.name())
+        with_plant!(self, plant => plant.name(), own => own.name)
     }
 
     /// Motor constants of an arm, where they are known.
     pub fn known(&self) -> Option<KnownConstants> {
         match self {
             Self::Manipulator { known, .. } | Self::DelayedManipulator { known, .. } => *known,
-            Self::ServoAxis { .. } | Self::DelayedServoAxis { .. } => None,
+            Self::ServoAxis { .. } | Self::DelayedServoAxis { .. } | Self::Own(_) => None,
         }
     }
 }
@@ -250,12 +263,24 @@ impl Config {
     /// # Errors
     /// Everything that is wrong with any of them.
     pub fn load(sources: &[Source], arguments: &[String]) -> Result<Self, ConfigError> {
+        Self::load_for(None, sources, arguments)
+    }
+
+    /// The same for a plant of the caller's own, which takes the place of what section `[model]` chooses.
+    ///
+    /// # Errors
+    /// Everything that is wrong with any of them, and with the definition.
+    pub fn load_for(
+        own: Option<&PlantDefinition>,
+        sources: &[Source],
+        arguments: &[String],
+    ) -> Result<Self, ConfigError> {
         let mut layers = Layers::default();
         sources.iter().for_each(|source| layers.source(source));
         layers.arguments(arguments);
         let mut problems = std::mem::take(&mut layers.problems);
         // What is right so far is checked on, so that one run of a program tells everything.
-        let config = resolve(&layers).and_then(|form| build::config(form, &layers));
+        let config = resolve(&layers).and_then(|form| build::config(form, own, &layers));
         match config {
             Ok(config) if problems.is_empty() => Ok(config),
             Ok(_) => Err(ConfigError { problems }),
@@ -338,7 +363,7 @@ impl Default for Config {
     /// The paper's experiment: the values of `config/default.toml`.
     fn default() -> Self {
         let layers = Layers::default();
-        build::config(FileForm::default(), &layers)
+        build::config(FileForm::default(), None, &layers)
             .unwrap_or_else(|problems| unreachable!("the built-in defaults are tested to be valid: {problems:?}"))
     }
 }

@@ -73,6 +73,28 @@ pub struct Parameter {
     pub upper: f64,
 }
 
+impl Parameter {
+    /// A parameter of either sign.
+    pub const fn new(name: &'static str, unit: &'static str, meaning: &'static str, start: f64) -> Self {
+        Self {
+            name,
+            unit,
+            meaning,
+            start,
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+        }
+    }
+
+    /// A parameter that physics keeps from being negative: a mass, an inertia, a friction.
+    pub const fn positive(name: &'static str, unit: &'static str, meaning: &'static str, start: f64) -> Self {
+        Self {
+            lower: 0.0,
+            ..Self::new(name, unit, meaning, start)
+        }
+    }
+}
+
 /// One scalar equation of a plant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Equation {
@@ -86,6 +108,120 @@ pub struct Equation {
     pub order: usize,
     /// Indices of the parameters that this equation depends on. Equations may share parameters.
     pub parameters: Range<usize>,
+}
+
+impl Equation {
+    /// An equation whose residual is `input_scale` times the input of joint `input`, minus its terms up to the derivative `order`.
+    pub const fn new(
+        name: &'static str,
+        input: usize,
+        input_scale: f64,
+        order: usize,
+        parameters: Range<usize>,
+    ) -> Self {
+        Self {
+            name,
+            input,
+            input_scale,
+            order,
+            parameters,
+        }
+    }
+}
+
+/// What is known of a plant besides its terms: everything that names, checks and describes it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlantDefinition {
+    /// See [`Plant::name`].
+    pub name: &'static str,
+    /// See [`Plant::joints`].
+    pub joints: usize,
+    /// See [`Plant::input_unit`].
+    pub input_unit: &'static str,
+    /// See [`Plant::parameters`].
+    pub parameters: Vec<Parameter>,
+    /// See [`Plant::equations`].
+    pub equations: Vec<Equation>,
+}
+
+impl PlantDefinition {
+    /// Of a plant.
+    pub fn of(plant: &impl Plant) -> Self {
+        Self {
+            name: plant.name(),
+            joints: plant.joints(),
+            input_unit: plant.input_unit(),
+            parameters: plant.parameters().to_vec(),
+            equations: plant.equations().to_vec(),
+        }
+    }
+
+    /// Checks what every plant must keep to.
+    ///
+    /// # Errors
+    /// The first rule that is broken, in words.
+    pub fn validate(&self) -> Result<(), String> {
+        let (joints, params) = (self.joints, self.parameters.len());
+        if !(1..=MAX_JOINTS).contains(&joints) {
+            return Err(format!("expected 1 to {MAX_JOINTS} joints, got {joints}"));
+        }
+        if !(1..=MAX_PARAMS).contains(&params) {
+            return Err(format!("expected 1 to {MAX_PARAMS} parameters, got {params}"));
+        }
+        if !(1..=MAX_JOINTS).contains(&self.equations.len()) {
+            return Err(format!(
+                "expected 1 to {MAX_JOINTS} equations, got {}",
+                self.equations.len()
+            ));
+        }
+        for (i, parameter) in self.parameters.iter().enumerate() {
+            let Parameter {
+                name,
+                start,
+                lower,
+                upper,
+                ..
+            } = parameter;
+            if self.parameters[..i].iter().any(|other| other.name == *name) {
+                return Err(format!("two parameters are called {name}"));
+            }
+            if !(start.is_finite() && start >= lower && start <= upper) {
+                return Err(format!(
+                    "expected a start of {name} from {lower} to {upper}, got {start}"
+                ));
+            }
+        }
+        for equation in &self.equations {
+            let Equation {
+                name,
+                input,
+                input_scale,
+                order,
+                parameters,
+            } = equation;
+            if *input >= joints {
+                return Err(format!(
+                    "equation {name}: expected an input below {joints}, got {input}"
+                ));
+            }
+            if !(input_scale.is_finite() && *input_scale != 0.0) {
+                return Err(format!(
+                    "equation {name}: expected an input scale that is finite and not 0, got {input_scale}"
+                ));
+            }
+            if *order > 2 {
+                return Err(format!(
+                    "equation {name}: expected terms up to order 2, got {order}"
+                ));
+            }
+            if parameters.is_empty() || parameters.end > params {
+                return Err(format!(
+                    "equation {name}: expected parameters within 0..{params}, got {parameters:?}"
+                ));
+            }
+        }
+        Ok(())
+    }
 }
 
 /// A plant, defined once: names, units, bounds, and the terms of its equations.

@@ -1,6 +1,7 @@
 //! Command lines. What overrides the configuration becomes an argument of its loader, so that one place checks everything.
 
 use super::Failure;
+use super::own::OwnPlant;
 use crate::bus::{Domain, ICEORYX2_VERSION};
 use crate::config::{Config, Source};
 use crate::messages::SCHEMA_VERSION;
@@ -48,6 +49,9 @@ pub struct CommonArgs {
     pub log_format: LogFormat,
     #[command(flatten)]
     pub(super) launched: Launched,
+    /// The plant of a program of the user's own.
+    #[arg(skip)]
+    pub(super) own_plant: Option<OwnPlant>,
 }
 
 /// What `thetabus run` tells the processes that it starts.
@@ -92,7 +96,9 @@ impl CommonArgs {
     /// The configuration: built-in defaults, `sources`, the files, `--set`, then what the command line says with words of its own.
     pub(super) fn load(&self, sources: Vec<Source>, own: &[(&str, Option<String>)]) -> Result<Config, Failure> {
         let files = self.config.iter().cloned().map(Source::File);
-        let sources: Vec<Source> = sources.into_iter().chain(files).collect();
+        let own_plant = self.own_plant.as_ref();
+        let basis = own_plant.and_then(|_| Config::embedded("own_plant"));
+        let sources: Vec<Source> = basis.into_iter().chain(sources).chain(files).collect();
         let names = [
             ("bus.robot", quoted(self.robot.as_ref())),
             ("bus.domain", quoted(self.domain.as_ref())),
@@ -102,7 +108,7 @@ impl CommonArgs {
             .chain(own)
             .filter_map(|(key, value)| value.as_ref().map(|value| format!("{key}={value}")));
         let arguments: Vec<String> = self.set.iter().cloned().chain(own).collect();
-        let config = Config::load(&sources, &arguments)?;
+        let config = Config::load_for(own_plant.map(OwnPlant::definition), &sources, &arguments)?;
         // A launcher has told them already, with the user's own file and line.
         if !self.is_launched() {
             config.warnings().iter().for_each(|warning| tracing::warn!("{warning}"));

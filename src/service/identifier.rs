@@ -19,7 +19,7 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
     let domain = domain(&config)?;
     let robot = &config.bus.robot;
     let _only_one = RoleLock::acquire(&domain, robot, Role::Identifier)?;
-    let mut node = identifier_node(&config)?;
+    let mut node = identifier_node(&config, common.own_plant.as_ref())?;
 
     let bus = Bus::join(&domain, robot, "identifier")?;
     let status = Publisher::new(&bus)?;

@@ -28,7 +28,7 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     if let Some(dir) = &args.out {
         out_dir::check(dir)?;
     }
-    let mut node = identifier_node(&config)?;
+    let mut node = identifier_node(&config, args.common.own_plant.as_ref())?;
     let truth = reader.info().simulated.then_some(&config.plant.sim);
     let monitor = monitor_node(&config, truth)?;
     let mut csv = match &args.out {

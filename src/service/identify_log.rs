@@ -26,14 +26,14 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
     }
     let place = |error: &dyn std::fmt::Display| format!("{}: {error}", input.display());
     let file = File::open(input).map_err(|e| Failure::Usage(place(&e)))?;
-    let joints = crate::config::with_plant!(&config.model, plant => crate::model::Plant::joints(plant));
+    let joints = config.model.definition().joints;
     let period_s = config.plant.sim.sample_period_s;
     let refused = |error: LogError| match error {
         LogError::Read { .. } => Failure::Failed(place(&error)),
         _ => Failure::Usage(place(&error)),
     };
     let mut log = LogReader::new(BufReader::new(file), &config.log, joints, period_s).map_err(refused)?;
-    let mut node = identifier_node(&config)?;
+    let mut node = identifier_node(&config, args.common.own_plant.as_ref())?;
     let monitor = monitor_node(&config, None)?;
     let mut csv = match out {
         None => None,

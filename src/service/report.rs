@@ -5,6 +5,7 @@ use super::record::RECORDING;
 use super::wiring::monitor_node;
 use super::{Exit, Failure, ReportArgs, logging, out_dir};
 use crate::config::{Config, Source};
+use crate::node::monitor::MonitorNode;
 use crate::recording::{Loss, ReadError, RecordingReader, RunInfo, Span};
 use crate::report::{RunData, Summary, write_report};
 use std::path::{Path, PathBuf};
@@ -40,12 +41,17 @@ pub fn run(args: &ReportArgs) -> Result<Exit, Failure> {
     Ok(tell_loss(&run.loss))
 }
 
-/// Reads a recording with everything that its configuration tells.
+/// Reads a recording; of a simulated run the configuration tells the truth as well.
 pub(super) fn read(recording: &Path, span: Span) -> Result<RunData, Failure> {
     let reader = open(recording, span)?;
-    let config = config_of(reader.info())?;
-    let truth = reader.info().simulated.then_some(&config.plant.sim);
-    let node = monitor_node(&config, truth)?;
+    let info = reader.info();
+    let node = if info.simulated {
+        let config = config_of(info)?;
+        monitor_node(&config, Some(&config.plant.sim))?
+    } else {
+        // The plant may be one that this program does not know.
+        MonitorNode::new(info.parameters.clone(), info.derived.clone(), None)
+    };
     RunData::read(reader, node).map_err(unreadable)
 }
 

@@ -1,10 +1,11 @@
 //! From a configuration to nodes: the one place that knows which core type a configured choice means.
 
 use super::Failure;
+use super::own::OwnPlant;
 use crate::config::{Config, ModelConfig, Rows, with_plant};
 use crate::estimator::BlockEstimator;
 use crate::messages::signals;
-use crate::model::{AutoDiff, DerivedValues, ManipulatorDerived, Plant};
+use crate::model::{AutoDiff, DerivedValues, ManipulatorDerived, Plant, PlantDefinition};
 use crate::node::identifier::{Identifier, IdentifierNode, IdentifierOptions};
 use crate::node::monitor::{Label, MonitorNode, Truth};
 use crate::rows::{InputSource, PointwiseBlock, ProjectedBlock, SampleBlock, structure};
@@ -42,28 +43,41 @@ pub(super) fn monitor_node(config: &Config, truth: Option<&SimOptions>) -> Resul
     Ok(MonitorNode::new(parameters, derived_labels, truth))
 }
 
-/// The identifier of the configured model.
-pub(super) fn identifier_node(config: &Config) -> Result<Box<dyn Identifier>, Failure> {
-    let derived = derived(config)?.map(|derived| Box::new(derived) as Box<dyn DerivedValues>);
-    let block_len = config.estimator.block_len;
+/// The identifier of the configured model, or of the program's own plant.
+pub(super) fn identifier_node(config: &Config, own: Option<&OwnPlant>) -> Result<Box<dyn Identifier>, Failure> {
+    if let Some(own) = own {
+        return own.identifier(config);
+    }
+    // its own fast path
+    if let (ModelConfig::Manipulator { plant, .. }, Rows::Pointwise) = (&config.model, &config.identifier.rows) {
+        let rows = PointwiseBlock::new(*plant, config.identifier.input, config.estimator.block_len);
+        return Ok(Box::new(node(config, plant, needed(config.identifier.input), rows)?));
+    }
+    with_plant!(&config.model, plant => identifier_of(config, plant), own => Err(Failure::Failed(format!(
+        "the equations of {} are those of another program",
+        own.name
+    ))))
+}
+
+/// The identifier of a plant.
+pub(super) fn identifier_of<P>(config: &Config, plant: &P) -> Result<Box<dyn Identifier>, Failure>
+where
+    P: Plant + Clone + 'static,
+{
     let input = config.identifier.input;
-    Ok(match (&config.model, &config.identifier.rows) {
-        // its own fast path
-        (ModelConfig::Manipulator { plant, .. }, Rows::Pointwise) => {
-            let rows = PointwiseBlock::new(*plant, input, block_len);
-            Box::new(node(config, plant, needed(input), rows, derived)?)
+    let block_len = config.estimator.block_len;
+    Ok(match &config.identifier.rows {
+        Rows::Pointwise => {
+            let rows = PointwiseBlock::new(AutoDiff(plant.clone()), input, block_len);
+            Box::new(node(config, plant, needed(input), rows)?)
         }
-        (model, Rows::Pointwise) => with_plant!(model, plant => {
-            let rows = PointwiseBlock::new(AutoDiff(Clone::clone(plant)), input, block_len);
-            Box::new(node(config, plant, needed(input), rows, derived)?)
-        }),
-        (model, Rows::Projected(options)) => with_plant!(model, plant => {
+        Rows::Projected(options) => {
             let start = &config.estimator.options.theta_start;
-            let rows = ProjectedBlock::new(Clone::clone(plant), *options, block_len)
+            let rows = ProjectedBlock::new(plant.clone(), *options, block_len)
                 .and_then(|rows| rows.starting_at(start))
                 .map_err(|e| Failure::Usage(format!("identifier.projected: {e}")))?;
-            Box::new(node(config, plant, signals::Q | signals::INPUT, rows, derived)?)
-        }),
+            Box::new(node(config, plant, signals::Q | signals::INPUT, rows)?)
+        }
     })
 }
 
@@ -80,15 +94,15 @@ fn node<B: SampleBlock>(
     plant: &impl Plant,
     signals: u32,
     rows: B,
-    derived: Option<Box<dyn DerivedValues>>,
 ) -> Result<IdentifierNode<B>, Failure> {
     let options = IdentifierOptions {
         block_len: config.estimator.block_len as u64,
         joints: plant.joints(),
         signals,
-        model_hash: model_hash(plant),
+        model_hash: model_hash(&PlantDefinition::of(plant)),
         config_hash: config.config_hash(),
     };
+    let derived = derived(config)?.map(|derived| Box::new(derived) as Box<dyn DerivedValues>);
     let estimator = BlockEstimator::new(structure(plant), config.estimator.options.clone())
         .map_err(|e| Failure::Usage(format!("estimator: {e}")))?;
     Ok(IdentifierNode::new(
@@ -116,14 +130,14 @@ pub(super) fn plant_description(config: &Config) -> PlantDescription {
         ModelConfig::ServoAxis { .. } | ModelConfig::DelayedServoAxis { .. }
     );
     let linear = servo_axis && config.file_form().servo_axis.motion == "linear";
-    let position_unit = if linear { "m" } else { "rad" };
-    with_plant!(&config.model, plant => PlantDescription {
-        model_hash: model_hash(plant),
-        joints: plant.joints(),
-        position_unit: position_unit.to_owned(),
-        input_unit: plant.input_unit().to_owned(),
-        equations: plant.equations().iter().map(|e| e.name.to_owned()).collect(),
-    })
+    let plant = config.model.definition();
+    PlantDescription {
+        model_hash: model_hash(&plant),
+        joints: plant.joints,
+        position_unit: if linear { "m" } else { "rad" }.to_owned(),
+        input_unit: plant.input_unit.to_owned(),
+        equations: plant.equations.iter().map(|e| e.name.to_owned()).collect(),
+    }
 }
 
 /// Name of the model.
@@ -141,15 +155,15 @@ fn derived(config: &Config) -> Result<Option<ManipulatorDerived>, Failure> {
 }
 
 /// Changes with whatever gives θ̂ its meaning: names, units, equations. 64-bit FNV-1a, the same on every machine.
-fn model_hash(plant: &impl Plant) -> u64 {
-    let parameters = plant.parameters().iter().map(|p| format!("{} [{}]", p.name, p.unit));
-    let equations = plant.equations().iter().map(|e| {
+fn model_hash(plant: &PlantDefinition) -> u64 {
+    let parameters = plant.parameters.iter().map(|p| format!("{} [{}]", p.name, p.unit));
+    let equations = plant.equations.iter().map(|e| {
         format!(
             "{} {} {} {} {:?}",
             e.name, e.input, e.input_scale, e.order, e.parameters
         )
     });
-    let text = std::iter::once(plant.name().to_owned())
+    let text = std::iter::once(plant.name.to_owned())
         .chain(parameters)
         .chain(equations);
     text.flat_map(|line| line.into_bytes().into_iter().chain([b'\n']))

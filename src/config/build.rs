@@ -18,11 +18,7 @@ use crate::sim::ARM_JOINTS;
 use std::path::PathBuf;
 
 /// Builds and checks; on failure everything that is wrong.
-pub(super) fn config(
-    form: FileForm,
-    own: Option<&PlantDefinition>,
-    layers: &Layers,
-) -> Result<Config, Vec<Problem>> {
+pub(super) fn config(form: FileForm, own: Option<&PlantDefinition>, layers: &Layers) -> Result<Config, Vec<Problem>> {
     let mut check = Check {
         layers,
         problems: Vec::new(),

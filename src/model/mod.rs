@@ -210,9 +210,7 @@ impl PlantDefinition {
                 ));
             }
             if *order > 2 {
-                return Err(format!(
-                    "equation {name}: expected terms up to order 2, got {order}"
-                ));
+                return Err(format!("equation {name}: expected terms up to order 2, got {order}"));
             }
             if parameters.is_empty() || parameters.end > params {
                 return Err(format!(

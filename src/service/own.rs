@@ -1,10 +1,7 @@
 //! Programs for a plant that is not in this library: the user writes its equations, everything else is here.
 
 use super::wiring::identifier_of;
-use super::{
-    EXIT_CODES, Failure, IdentifierArgs, IdentifyArgs, MonitorArgs, identifier, identify, main_with,
-    monitor,
-};
+use super::{EXIT_CODES, Failure, IdentifierArgs, IdentifyArgs, MonitorArgs, identifier, identify, main_with, monitor};
 use crate::config::Config;
 use crate::model::{Plant, PlantDefinition};
 use crate::node::identifier::Identifier;
@@ -92,4 +89,3 @@ where
         }
     }
 }
-

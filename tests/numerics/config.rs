@@ -564,3 +564,53 @@ fn fault_a_fault_that_is_wrong_itself_is_named_with_its_table_and_key() {
     );
     assert!(warned.unwrap().warnings()[0].message.contains("has no effect"));
 }
+
+#[test]
+fn prop_a_users_own_plant_takes_the_place_of_the_model() {
+    use thetabus::model::{Equation, Parameter, PlantDefinition};
+    let pendulum = PlantDefinition {
+        name: "pendulum",
+        joints: 1,
+        input_unit: "N m",
+        parameters: vec![
+            Parameter::positive("inertia", "kg m^2", "about the axis", 1.5),
+            Parameter::new("bias", "N m", "constant torque", -0.5),
+        ],
+        equations: vec![Equation::new("axis", 0, 1.0, 1, 0..2)],
+    };
+    let load = |own: &PlantDefinition, sets: &[&str]| {
+        let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
+        let basis = Config::embedded("own_plant").unwrap();
+        Config::load_for(Some(own), &[basis], &sets).map_err(|e| e.to_string())
+    };
+    let config = load(&pendulum, &[]).unwrap();
+    let options = &config.estimator.options;
+    assert_eq!(config.model.definition(), pendulum);
+    assert_eq!(options.theta_start, [1.5, -0.5]);
+    assert_eq!(options.lower, [0.0, f64::NEG_INFINITY]);
+    assert!(config.warnings().is_empty(), "{:?}", config.warnings());
+
+    let options = load(
+        &pendulum,
+        &["estimator.theta_start=[2.0,0.1]", "estimator.fixed=[\"bias\"]"],
+    )
+    .unwrap();
+    assert_eq!(options.estimator.options.theta_start, [2.0, 0.1]);
+    assert_eq!(options.estimator.options.fixed, [false, true]);
+    let ignored = load(&pendulum, &["model.kind=servo_axis"]).unwrap();
+    assert!(ignored.warnings()[0].message.contains("own plant, pendulum"));
+
+    let message = load(&pendulum, &["estimator.theta_start=[1.0]"]).unwrap_err();
+    assert!(message.contains("expected 2 numbers"), "{message}");
+    let mut broken = pendulum.clone();
+    broken.equations[0].parameters = 0..3;
+    let message = load(&broken, &[]).unwrap_err();
+    assert!(
+        message.contains("equation axis") && message.contains("0..2, got 0..3"),
+        "{message}"
+    );
+    let mut broken = pendulum;
+    broken.parameters[1].name = "inertia";
+    let message = load(&broken, &[]).unwrap_err();
+    assert!(message.contains("two parameters are called inertia"), "{message}");
+}

@@ -8,6 +8,7 @@ mod isolation;
 mod late;
 mod lockstep;
 mod order;
+mod own_plant;
 mod realtime;
 mod recording;
 mod run;

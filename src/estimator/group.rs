@@ -23,7 +23,7 @@
 
 use super::constrained::ConstrainedStep;
 use super::forgetting::{Excitation, Rule};
-use super::linalg::{Cholesky, Eigen, RANK_TOLERANCE, congruence, gather, mul, scatter};
+use super::linalg::{Cholesky, Congruence, Eigen, RANK_TOLERANCE, gather, mul, scatter};
 use super::line::LineFit;
 use super::options::{EstimatorOptions, Forgetting, Outliers};
 use super::pass::{Loss, Sums, accumulate};
@@ -116,6 +116,7 @@ pub struct GroupState {
     pub step: ConstrainedStep,
     pub cholesky: Cholesky,
     pub eigen: Eigen,
+    congruence: Congruence,
     pub magnitudes: Magnitudes,
     pub room: Room,
 }
@@ -210,6 +211,7 @@ impl GroupState {
             step: ConstrainedStep::new(n),
             cholesky: Cholesky::new(n),
             eigen: Eigen::new(n),
+            congruence: Congruence::new(n),
             magnitudes: Magnitudes::new(),
             room: Room::new(n),
             parameters,
@@ -320,23 +322,28 @@ impl GroupState {
         );
         self.invert_free();
         let room = &mut self.room;
-        // A = I − K S
-        room.total.fill(0.0);
-        add_grams(n, &self.equations, &self.at, &mut room.total);
-        mul(n, &room.gain, &room.total, &mut room.transition);
-        for (k, v) in room.transition.iter_mut().enumerate() {
-            *v = if k % (n + 1) == 0 { 1.0 - *v } else { -*v };
+        // A = I − K S, which is K Λ, and without cancellation, where Γ⁻¹ is Λ + S as it stands
+        if options.forgetting.is_bounded() || self.condition > LARGEST_CONDITION {
+            room.total.fill(0.0);
+            add_grams(n, &self.equations, &self.at, &mut room.total);
+            mul(n, &room.gain, &room.total, &mut room.transition);
+            for (k, v) in room.transition.iter_mut().enumerate() {
+                *v = if k % (n + 1) == 0 { 1.0 - *v } else { -*v };
+            }
+        } else {
+            mul(n, &room.gain, &self.prior, &mut room.transition);
         }
         for covariance in [&mut self.guess_covariance, &mut self.change_covariance] {
-            congruence(n, &room.transition, covariance, &mut room.b, &mut room.a);
+            self.congruence.apply(n, &room.transition, covariance, &mut room.b);
             covariance.copy_from_slice(&room.b);
         }
         for ((e, sums), after) in self.equations.iter_mut().zip(&self.at).zip(&self.trial) {
-            congruence(n, &room.transition, &e.noise_covariance, &mut room.b, &mut room.a);
+            self.congruence
+                .apply(n, &room.transition, &e.noise_covariance, &mut room.b);
             e.noise_covariance.copy_from_slice(&room.b);
             room.total.fill(0.0);
             add_gram(n, e, sums, &mut room.total);
-            congruence(n, &room.gain, &room.total, &mut room.b, &mut room.a);
+            self.congruence.apply(n, &room.gain, &room.total, &mut room.b);
             e.noise_covariance.iter_mut().zip(&room.b).for_each(|(p, v)| *p += v);
             // tr(K S_e): what the parameters take of the rows
             let taken: f64 = room.gain.iter().zip(&room.total).map(|(k, s)| k * s).sum();
@@ -500,6 +507,9 @@ impl GroupState {
     }
 }
 
+/// Condition of the column-scaled information that a matrix of doubles can still hold.
+const LARGEST_CONDITION: f64 = 0.01 / RANK_TOLERANCE;
+
 /// Noise variances are kept above this, so that they may divide.
 pub const TINY: f64 = 1e-200;
 
@@ -577,7 +587,7 @@ fn repair(n: usize, matrix: &mut [f64], eigen: &mut Eigen, work: &mut [f64], sca
     let values = &mut eigen.values[..n];
     let largest = values.iter().fold(0.0, |a: f64, &b| a.max(b));
     let smallest = values.iter().fold(f64::INFINITY, |a: f64, &b| a.min(b));
-    let least = 100.0 * RANK_TOLERANCE * largest;
+    let least = largest / LARGEST_CONDITION;
     if smallest < least {
         values.iter_mut().for_each(|v| *v = v.max(least));
         eigen.rebuild(n, matrix, |value| value);

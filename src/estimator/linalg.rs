@@ -28,14 +28,97 @@ pub fn mul(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
     }
 }
 
-/// out ← A S Aᵀ for a symmetric S, symmetric by construction; `work` has n² entries.
-pub fn congruence(n: usize, a: &[f64], s: &[f64], out: &mut [f64], work: &mut [f64]) {
-    mul(n, a, s, work);
-    for i in 0..n {
-        for j in 0..=i {
-            let v = dot(&work[i * n..(i + 1) * n], &a[j * n..(j + 1) * n]);
-            out[i * n + j] = v;
-            out[j * n + i] = v;
+/// A S Aᵀ for a positive semidefinite S, by way of S = G Gᵀ.
+///
+/// The product of the three matrices as they stand loses more than an answer can bear: where A maps a direction that S knows to 1e-11 of its size onto one that is
+/// wide open, as after a block in which a joint stood still, rounding leaves negative variances. (A G)(A G)ᵀ has none, and its error is that of G, which is small
+/// beside S in every direction.
+#[derive(Debug, Clone)]
+pub struct Congruence {
+    factor: Vec<f64>,
+    product: Vec<f64>,
+    scale: Vec<f64>,
+    order: Vec<usize>,
+}
+
+impl Congruence {
+    /// Room for n × n.
+    pub fn new(n: usize) -> Self {
+        Self {
+            factor: vec![0.0; n * n],
+            product: vec![0.0; n * n],
+            scale: vec![0.0; n],
+            order: vec![0; n],
+        }
+    }
+
+    /// out ← A S Aᵀ, symmetric by construction.
+    pub fn apply(&mut self, n: usize, a: &[f64], s: &[f64], out: &mut [f64]) {
+        let rank = self.split(n, s);
+        for i in 0..n {
+            for k in 0..rank {
+                self.product[i * n + k] = (0..n).map(|j| a[i * n + j] * self.factor[j * n + k]).sum();
+            }
+        }
+        for i in 0..n {
+            for j in 0..=i {
+                let v = dot(&self.product[i * n..i * n + rank], &self.product[j * n..j * n + rank]);
+                out[i * n + j] = v;
+                out[j * n + i] = v;
+            }
+        }
+    }
+
+    // G of S = G Gᵀ: Cholesky's method with column scaling and complete pivoting, which ends where only rounding is left
+    fn split(&mut self, n: usize, s: &[f64]) -> usize {
+        for i in 0..n {
+            self.scale[i] = s[i * n + i].max(0.0).sqrt();
+            self.order[i] = i;
+        }
+        self.factor[..n * n].fill(0.0);
+        for k in 0..n {
+            // what is left of the unit diagonal
+            let rest = |i: usize| -> f64 {
+                let row = &self.factor[i * n..i * n + k];
+                if self.scale[i] > 0.0 { 1.0 - dot(row, row) } else { 0.0 }
+            };
+            let mut best = k;
+            for at in k + 1..n {
+                if rest(self.order[at]) > rest(self.order[best]) {
+                    best = at;
+                }
+            }
+            self.order.swap(k, best);
+            let pivot = self.order[k];
+            let left = rest(pivot);
+            if !(left > n as f64 * f64::EPSILON) {
+                self.unscale(n);
+                return k;
+            }
+            let root = left.sqrt();
+            for at in k..n {
+                let i = self.order[at];
+                if self.scale[i] == 0.0 {
+                    continue;
+                }
+                let v = if at == k {
+                    root
+                } else {
+                    let done = dot(&self.factor[i * n..i * n + k], &self.factor[pivot * n..pivot * n + k]);
+                    (s[i * n + pivot] / (self.scale[i] * self.scale[pivot]) - done) / root
+                };
+                self.factor[i * n + k] = v;
+            }
+        }
+        self.unscale(n);
+        n
+    }
+
+    fn unscale(&mut self, n: usize) {
+        for i in 0..n {
+            self.factor[i * n..(i + 1) * n]
+                .iter_mut()
+                .for_each(|v| *v *= self.scale[i]);
         }
     }
 }

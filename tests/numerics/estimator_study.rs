@@ -1,6 +1,6 @@
 //! The estimator on simulated runs of the arm: simulate, identify, compare with the truth.
 
-use thetabus::estimator::{BlockEstimator, EstimatorOptions, Outliers, Report};
+use thetabus::estimator::{BlockEstimator, EstimatorOptions, Forgetting, Outliers, Report};
 use thetabus::model::Manipulator;
 use thetabus::rows::{InputSource, PointwiseBlock, SampleBlock, structure};
 use thetabus::sim::{ArmSimulator, Interpolation, MassSchedule, Setpoint, SimOptions, Tone};
@@ -413,4 +413,33 @@ fn val_intervals_of_a_few_noisy_runs_hold_the_truth() {
     let held: f64 = hits[0].iter().map(|percent| percent / 100.0 * 12.0).sum();
     assert!(held > 90.0, "{held} of 108");
     assert!(alarms <= 1, "{alarms} of {count}");
+}
+
+#[test]
+fn fault_windup_leaves_no_deviation_of_zero() {
+    // joint 1 alone moves: joint 2's information falls to the floor, the gain in what it leaves open reaches 1e11
+    let mut sim = reference("steps", 5);
+    (sim.duration_s, sim.mass_2) = (400.0, MassSchedule::constant(150.0));
+    sim.setpoint[1] = Setpoint::constant(0.0);
+    for rule in Forgetting::ALL {
+        let mut options = options();
+        options.forgetting = rule;
+        run(&sim, &options, 0.05, |block, report, truth| {
+            for i in 0..9 {
+                let (std, name) = (report.theta_std[i], rule.name());
+                assert!(
+                    std > 0.0 && std.is_finite(),
+                    "{name}, block {block}, theta_{}: {std}",
+                    i + 1
+                );
+                let off = (report.theta[i] / truth[i] - 1.0).abs();
+                let usable = report.usable >> i & 1 == 1;
+                assert!(
+                    !usable || off < 0.5,
+                    "{name}, block {block}, theta_{} usable and off by {off}",
+                    i + 1
+                );
+            }
+        });
+    }
 }

@@ -14,7 +14,7 @@ use crate::model::{
     Delayed, DriveInput, KnownConstants, MAX_JOINTS, Manipulator, Motion, PdController, PlantDefinition, ServoAxis,
 };
 use crate::rows::{InputSource, InputTiming, ProjectedError, ProjectedOptions, SensorNoise};
-use crate::sim::ARM_JOINTS;
+use crate::sim::{ARM_JOINTS, Machine};
 use std::path::PathBuf;
 
 /// Builds and checks; on failure everything that is wrong.
@@ -128,6 +128,17 @@ impl Check<'_> {
                 "realtime delivery at speed \"max\" loses samples as soon as a consumer is slower than the plant";
             self.warn(self.culprit(&["bus.delivery", "plant.speed"]), message);
         }
+        let machine = match sim.machine {
+            Machine::Arm => "manipulator",
+            Machine::ServoAxis(_) => "servo_axis",
+        };
+        if own.is_none() && form.model.kind != machine && self.stated("plant.machine") {
+            let message = format!(
+                "simulates a machine that the model {} does not describe",
+                form.model.kind
+            );
+            self.warn(self.culprit(&["plant.machine", "model.kind"]), message);
+        }
         let options = &estimator.options;
         let arm = own.is_none() && form.model.kind == "manipulator";
         if arm && options.forgetting_factor == 1.0 && sim.mass_2.points.len() > 1 && options.change_detection.is_none()
@@ -173,6 +184,8 @@ impl Check<'_> {
                         ("identifier.input", form.identifier.input.as_str(), "controller")
                     }
                     ("identifier.projected", _) => ("identifier.rows", form.identifier.rows.as_str(), "projected"),
+                    ("plant.servo_axis", _) => ("plant.machine", form.plant.machine.as_str(), "servo_axis"),
+                    ("plant.arm" | "plant.mass_2", _) => ("plant.machine", form.plant.machine.as_str(), "arm"),
                     ("model.servo_axis", _) => ("model.kind", form.model.kind.as_str(), "servo_axis"),
                     ("estimator", "lower" | "upper") => ("estimator.bounds", form.estimator.bounds.as_str(), "listed"),
                     ("estimator", "huber_limit") => ("estimator.outliers", form.estimator.outliers.as_str(), "huber"),

@@ -5,7 +5,7 @@ use crate::compare::{CEDRO2022_BLOCK_LEN, cedro2022_estimator};
 use crate::estimator::ChangeDetection;
 use crate::model::{DriveInput, Motion};
 use crate::rows::{InputTiming, ProjectedOptions};
-use crate::sim::{ARM_JOINTS, ControllerKind, Interpolation, PositionFeedback, Setpoint, SimOptions};
+use crate::sim::{ARM_JOINTS, ControllerKind, Interpolation, PositionFeedback, ServoAxisOptions, Setpoint, SimOptions};
 
 impl Default for FileForm {
     /// The paper's experiment, from the presets of the core types.
@@ -14,6 +14,7 @@ impl Default for FileForm {
         let estimator = cedro2022_estimator();
         let rows = ProjectedOptions::recommended();
         let arm = &sim.arm;
+        let axis = ServoAxisOptions::emps();
         let [kp, kd] = [
             &sim.controller.proportional_gain_v_per_rad,
             &sim.controller.derivative_gain_v_s_per_rad,
@@ -47,6 +48,7 @@ impl Default for FileForm {
             },
             plant: schema::Plant {
                 duration_s: sim.duration_s,
+                machine: "arm".to_owned(),
                 speed: RealOrWord::Word("max".to_owned()),
                 seed: sim.seed,
                 sample_period_s: sim.sample_period_s,
@@ -68,6 +70,18 @@ impl Default for FileForm {
                 t_s: sim.mass_2.points.iter().map(|point| point.0).collect(),
                 mass_kg: sim.mass_2.points.iter().map(|point| point.1).collect(),
                 between: word(&Interpolation::NAMES, sim.mass_2.interpolation),
+            },
+            servo_plant: schema::ServoAxisPlant {
+                t_s: axis.mass.points.iter().map(|point| point.0).collect(),
+                mass: axis.mass.points.iter().map(|point| point.1).collect(),
+                viscous_friction: axis.viscous_friction,
+                coulomb_friction: axis.coulomb_friction,
+                offset: axis.offset,
+                gain: axis.gain,
+                proportional_gain: axis.proportional_gain,
+                derivative_gain: axis.derivative_gain,
+                input_limit: axis.input_limit,
+                position_resolution: axis.position_resolution,
             },
             controller: schema::Controller {
                 kind: word(&ControllerKind::NAMES, sim.controller.kind),

@@ -5,7 +5,7 @@ use super::schema::{FaultForm, FileForm, RealOrWord};
 use super::{PlantConfig, Speed, setpoint_csv};
 use crate::sim::{
     ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, Fault, FaultKind, FaultSignal, Interpolation,
-    MassSchedule, PositionFeedback, SensorOptions, Setpoint, SimError, SimOptions, Tone,
+    Machine, MassSchedule, PositionFeedback, SensorOptions, ServoAxisOptions, Setpoint, SimError, SimOptions, Tone,
 };
 use std::path::Path;
 
@@ -17,28 +17,50 @@ fn interpolation(word: &str) -> Interpolation {
     }
 }
 
-pub(super) fn plant(form: &FileForm, check: &mut Check<'_>) -> Option<PlantConfig> {
-    let (t_s, mass_kg) = (&form.mass_2.t_s, &form.mass_2.mass_kg);
-    if t_s.len() != mass_kg.len() {
-        let key = if check.stated("plant.mass_2.mass_kg") {
-            "plant.mass_2.mass_kg"
-        } else {
-            "plant.mass_2.t_s"
-        };
-        let message = format!(
-            "expected as many times as masses, got {} times and {} masses",
-            t_s.len(),
-            mass_kg.len()
-        );
-        check.wrong(key, message);
-        return None;
+/// Points of a mass over time, from two lists.
+fn schedule(section: &str, masses: &str, t_s: &[f64], mass: &[f64], check: &mut Check<'_>) -> Option<Vec<(f64, f64)>> {
+    if t_s.len() == mass.len() {
+        return Some(t_s.iter().copied().zip(mass.iter().copied()).collect());
     }
+    let [masses, times] = [masses, "t_s"].map(|name| format!("{section}.{name}"));
+    let key = if check.stated(&masses) { masses } else { times };
+    let message = format!(
+        "expected as many times as masses, got {} times and {} masses",
+        t_s.len(),
+        mass.len()
+    );
+    check.wrong(&key, message);
+    None
+}
+
+pub(super) fn plant(form: &FileForm, check: &mut Check<'_>) -> Option<PlantConfig> {
+    let mass_2 = schedule("plant.mass_2", "mass_kg", &form.mass_2.t_s, &form.mass_2.mass_kg, check)?;
+    let axis = &form.servo_plant;
+    let machine = if form.plant.machine == "servo_axis" {
+        Machine::ServoAxis(ServoAxisOptions {
+            gain: axis.gain,
+            mass: MassSchedule {
+                points: schedule("plant.servo_axis", "mass", &axis.t_s, &axis.mass, check)?,
+                interpolation: Interpolation::Step,
+            },
+            viscous_friction: axis.viscous_friction,
+            coulomb_friction: axis.coulomb_friction,
+            offset: axis.offset,
+            proportional_gain: axis.proportional_gain,
+            derivative_gain: axis.derivative_gain,
+            input_limit: axis.input_limit,
+            position_resolution: axis.position_resolution,
+        })
+    } else {
+        Machine::Arm
+    };
     let setpoint = setpoint(form, check)?;
     let arm = &form.arm;
     let sim = SimOptions {
         sample_period_s: form.plant.sample_period_s,
         duration_s: form.plant.duration_s,
         substeps: form.plant.substeps as usize,
+        machine,
         arm: ArmParameters {
             length_1_m: arm.length_1_m,
             mass_1_kg: arm.mass_1_kg,
@@ -50,7 +72,7 @@ pub(super) fn plant(form: &FileForm, check: &mut Check<'_>) -> Option<PlantConfi
             back_emf_constant_v_s_per_rad: joints(&arm.back_emf_constant_v_s_per_rad),
         },
         mass_2: MassSchedule {
-            points: t_s.iter().copied().zip(mass_kg.iter().copied()).collect(),
+            points: mass_2,
             interpolation: interpolation(&form.mass_2.between),
         },
         controller: ControllerOptions {
@@ -163,6 +185,7 @@ fn sim_key(error: &SimError, setpoint_kind: &str) -> String {
             format!("plant.setpoint.{setpoint_kind}.{rest}")
         }
         Some(("mass_2", _)) => "plant.mass_2.t_s".to_owned(),
+        Some(("servo_axis", "mass")) => "plant.servo_axis.t_s".to_owned(),
         _ => format!("plant.{}", error.field),
     }
 }

@@ -237,6 +237,8 @@ sections! {
     plant: Plant = "plant", "The simulated machine" {
         duration_s: f64, Kind::Real(Interval::above(0.0, LONGEST_S)), "s",
             "Length of the run in simulated time";
+        machine: String, Kind::Choice(&["arm", "servo_axis"]), "",
+            "arm: two joints, sections plant.arm, plant.mass_2, plant.controller. servo_axis: one joint, section plant.servo_axis; the first joint's values of lists count, in m for a linear axis";
         speed: RealOrWord, Kind::RealOr(Interval::closed(1e-3, 1e3), "max"), "",
             "Simulated seconds per second; \"max\" is as fast as it can be computed and consumed";
         seed: u64, Kind::Whole(0, i64::MAX as u64), "",
@@ -275,6 +277,28 @@ sections! {
             "Masses from these times on, as many";
         between: String, Kind::Choice(&["step", "linear"]), "",
             "Between two points the mass keeps the value of the first (step) or follows the straight line (linear)";
+    }
+    servo_plant: ServoAxisPlant = "plant.servo_axis", "The simulated servo axis, in m and N or in rad and N m: M dv/dt = gain u − viscous_friction v − coulomb_friction sign v − offset" {
+        t_s: Vec<f64>, Kind::Reals(LIST, Interval::closed(0.0, LONGEST_S)), "s",
+            "Times from which on the masses hold, rising, the first one 0";
+        mass: Vec<f64>, Kind::Reals(LIST, POSITIVE), "kg or kg m²",
+            "Masses or moments of inertia from these times on, as many";
+        viscous_friction: f64, Kind::Real(NOT_NEGATIVE), "N s/m or N m s/rad",
+            "Friction that grows with speed";
+        coulomb_friction: f64, Kind::Real(NOT_NEGATIVE), "N or N m",
+            "Friction that does not; the axis sticks while it is not overcome";
+        offset: f64, Kind::Real(FINITE), "N or N m",
+            "Constant force or torque against positive motion";
+        gain: f64, Kind::Real(FINITE), "N or N m per unit of input",
+            "What the drive gives for one unit of input, not 0";
+        proportional_gain: f64, Kind::Real(NOT_NEGATIVE), "input per m or rad",
+            "Gain Kp of the controller u = Kp (setpoint − q) − Kd v, analog or sampled as plant.controller.kind says";
+        derivative_gain: f64, Kind::Real(NOT_NEGATIVE), "input per m/s or rad/s",
+            "Gain Kd of the controller";
+        input_limit: f64, Kind::Real(POSITIVE.or_infinite()), "unit of the input",
+            "Most that the drive gives, either sign; inf: no limit";
+        position_resolution: f64, Kind::Real(NOT_NEGATIVE), "m or rad",
+            "One count of the position sensor, and no measured derivatives; 0: as plant.sensors.encoder_bits says";
     }
     controller: Controller = "plant.controller", "The PD controllers (13): u = Kp (setpoint − q) − Kd dq" {
         kind: String, Kind::Choice(&["analog", "sampled"]), "",

@@ -13,6 +13,7 @@ use super::args::{domain, quoted};
 use super::monitor::{SUMMARY_JSON, write_summary};
 use super::progress::Progress;
 use super::record::RECORDING;
+use super::wiring::simulates;
 use super::{Exit, Failure, LogFormat, RunArgs, logging, out_dir, report};
 use crate::bus::{Bus, Role, RoleLock, Subscriber};
 use crate::config::{Config, Source};
@@ -53,6 +54,12 @@ const LAST_LINES: usize = 8;
 pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let start = Instant::now();
     let config = load(args)?;
+    if !simulates(&config, &config.plant.sim) {
+        return Err(Failure::Usage(format!(
+            "the simulated machine is not one that the model {} describes: set plant.machine = \"servo_axis\" for a servo axis, \"arm\" for the manipulator",
+            config.model.name()
+        )));
+    }
     let domain = domain(&config)?;
     let robot = config.bus.robot.clone();
     let dir = config.monitor.out_dir.clone().unwrap_or_else(out_dir::default_dir);

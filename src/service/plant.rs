@@ -6,7 +6,7 @@ use crate::bus::{Bus, Delivery, Role, RoleLock, SamplePublisher};
 use crate::config::{Config, Speed};
 use crate::node::plant::PlantNode;
 use crate::runner::{Pace, Shutdown, run_plant};
-use crate::sim::{ARM_JOINTS, ArmSimulator, Faults, Losses};
+use crate::sim::{Faults, Losses, MachineSimulator};
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::Duration;
 
@@ -22,17 +22,10 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let _only_one = RoleLock::acquire(&domain, robot, Role::Plant)?;
 
     let sim = &config.plant.sim;
-    let simulator = ArmSimulator::new(sim).map_err(|e| Failure::Usage(e.to_string()))?;
+    let simulator = MachineSimulator::new(sim).map_err(|e| Failure::Usage(e.to_string()))?;
     let period_ns = (sim.sample_period_s * 1e9).round() as u64;
     let samples = sim.sample_count();
-    let mut node = PlantNode::new(
-        simulator,
-        boot_id(),
-        ARM_JOINTS,
-        sim.sensors.signals(),
-        period_ns,
-        samples,
-    );
+    let mut node = PlantNode::new(simulator, boot_id(), sim.joints(), sim.signals(), period_ns, samples);
     if sim.sensors.loss_probability > 0.0 {
         let mut losses = Losses::new(&sim.sensors, sim.seed);
         node = node.with_losses(move || losses.next_is_lost());

@@ -9,7 +9,7 @@ use crate::model::{AutoDiff, DerivedValues, ManipulatorDerived, Plant, PlantDefi
 use crate::node::identifier::{Identifier, IdentifierNode, IdentifierOptions};
 use crate::node::monitor::{Label, MonitorNode, Truth};
 use crate::rows::{InputSource, PointwiseBlock, ProjectedBlock, SampleBlock, structure};
-use crate::sim::SimOptions;
+use crate::sim::{Machine, SimOptions};
 
 /// A monitor that knows the names, and what the values really are where `truth` is the simulated machine.
 pub(super) fn monitor_node(config: &Config, truth: Option<&SimOptions>) -> Result<MonitorNode, Failure> {
@@ -29,18 +29,32 @@ pub(super) fn monitor_node(config: &Config, truth: Option<&SimOptions>) -> Resul
         .flat_map(|derived| derived.quantities())
         .map(|quantity| label(quantity.name, quantity.unit))
         .collect();
-    let arm = matches!(
+    let delay = matches!(
         config.model,
-        ModelConfig::Manipulator { .. } | ModelConfig::DelayedManipulator { .. }
+        ModelConfig::DelayedManipulator { .. } | ModelConfig::DelayedServoAxis { .. }
     );
-    let truth = truth.filter(|_| arm).map(|sim| {
+    let truth = truth.filter(|sim| simulates(config, sim)).map(|sim| {
         Box::new(SimulatedTruth {
             sim: sim.clone(),
-            delay: matches!(config.model, ModelConfig::DelayedManipulator { .. }),
+            delay,
             derived,
         }) as Box<dyn Truth>
     });
     Ok(MonitorNode::new(parameters, derived_labels, truth))
+}
+
+/// Whether the simulated machine is one that the model describes.
+pub(super) fn simulates(config: &Config, sim: &SimOptions) -> bool {
+    matches!(
+        (&config.model, &sim.machine),
+        (
+            ModelConfig::Manipulator { .. } | ModelConfig::DelayedManipulator { .. },
+            Machine::Arm
+        ) | (
+            ModelConfig::ServoAxis { .. } | ModelConfig::DelayedServoAxis { .. },
+            Machine::ServoAxis(_)
+        )
+    )
 }
 
 /// The identifier of the configured model, or of the program's own plant.
@@ -51,7 +65,12 @@ pub(super) fn identifier_node(config: &Config, own: Option<&OwnPlant>) -> Result
     // its own fast path
     if let (ModelConfig::Manipulator { plant, .. }, Rows::Pointwise) = (&config.model, &config.identifier.rows) {
         let rows = PointwiseBlock::new(*plant, config.identifier.input, config.estimator.block_len);
-        return Ok(Box::new(node(config, plant, needed(config.identifier.input), rows)?));
+        return Ok(Box::new(node(
+            config,
+            plant,
+            needed(config.identifier.input, plant),
+            rows,
+        )?));
     }
     with_plant!(&config.model, plant => identifier_of(config, plant), own => Err(Failure::Failed(format!(
         "the equations of {} are those of another program",
@@ -69,7 +88,7 @@ where
     Ok(match &config.identifier.rows {
         Rows::Pointwise => {
             let rows = PointwiseBlock::new(AutoDiff(plant.clone()), input, block_len);
-            Box::new(node(config, plant, needed(input), rows)?)
+            Box::new(node(config, plant, needed(input, plant), rows)?)
         }
         Rows::Projected(options) => {
             let start = &config.estimator.options.theta_start;
@@ -81,12 +100,18 @@ where
     })
 }
 
-/// Signals that pointwise rows need.
-fn needed(input: InputSource) -> u32 {
-    match input {
-        InputSource::Measured => signals::ALL & !signals::SETPOINT,
-        InputSource::Controller(_) => signals::ALL & !signals::INPUT,
-    }
+/// Signals that pointwise rows need: derivatives up to one more than the equations' terms are differentiated, for these hold q̇.
+fn needed(input: InputSource, plant: &impl Plant) -> u32 {
+    let source = match input {
+        InputSource::Measured => signals::INPUT,
+        InputSource::Controller(_) => signals::SETPOINT,
+    };
+    let derivatives = [signals::DQ, signals::DDQ, signals::DDDQ];
+    let order = plant.equations().iter().map(|e| e.order).max().unwrap_or(0);
+    derivatives
+        .iter()
+        .take(order + 1)
+        .fold(signals::Q | source, |mask, signal| mask | signal)
 }
 
 fn node<B: SampleBlock>(
@@ -182,7 +207,7 @@ struct SimulatedTruth {
 
 impl Truth for SimulatedTruth {
     fn theta(&self, t_s: f64) -> Vec<f64> {
-        let mut theta = self.sim.true_theta(t_s).to_vec();
+        let mut theta = self.sim.true_parameters(t_s);
         if self.delay {
             theta.push(self.sim.sensors.input_delay_s);
         }

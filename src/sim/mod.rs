@@ -1,6 +1,6 @@
-//! A simulated two-joint arm with DC motors under PD control: equations (12) to (23) of the paper.
+//! Simulated machines: a two-joint arm with DC motors under PD control, equations (12) to (23) of the paper, and a servo axis with friction.
 //!
-//! [`SimOptions`] say what to simulate, [`ArmSimulator`] gives the samples. The parts are usable on their own: [`Motor`], [`ArmDynamics`], [`rk4_step`].
+//! [`SimOptions`] say what to simulate, [`MachineSimulator`] gives the samples. The parts are usable on their own: [`Motor`], [`ArmDynamics`], [`rk4_step`].
 
 mod arm;
 mod faults;
@@ -10,6 +10,7 @@ mod noise;
 mod options;
 mod schedule;
 mod sensors;
+mod servo_axis;
 mod setpoint;
 mod simulator;
 
@@ -18,9 +19,10 @@ pub use faults::{Fault, FaultKind, FaultSignal, Faults};
 pub use integrator::rk4_step;
 pub use motor::Motor;
 pub use options::{
-    ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, PositionFeedback, SimError, SimOptions,
+    ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, Machine, PositionFeedback, SimError, SimOptions,
 };
 pub use schedule::{Interpolation, MassSchedule};
 pub use sensors::{Losses, SensorOptions};
+pub use servo_axis::{ServoAxisOptions, ServoAxisSimulator};
 pub use setpoint::{Setpoint, Tone};
-pub use simulator::ArmSimulator;
+pub use simulator::{ArmSimulator, MachineSimulator};

@@ -1,6 +1,8 @@
 //! What a simulation is told: plain data with units in the names, validated before use.
 
+use super::servo_axis::ServoAxisOptions;
 use super::{Fault, MassSchedule, SensorOptions, Setpoint};
+use crate::messages::signals;
 use crate::model::{MANIPULATOR_PARAMS, PhysicalParameters};
 
 /// Joints of the simulated arm.
@@ -157,6 +159,16 @@ impl ControllerOptions {
     }
 }
 
+/// Which machine is simulated.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum Machine {
+    /// The paper's two-joint arm.
+    #[default]
+    Arm,
+    /// One servo axis; setpoint, initial position and sensors are those of joint 1, in the unit of its motion, and its controller has gains of its own.
+    ServoAxis(ServoAxisOptions),
+}
+
 /// A whole simulation. The same options give the same samples, bit by bit; a longer duration only adds samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimOptions {
@@ -166,6 +178,8 @@ pub struct SimOptions {
     pub duration_s: f64,
     /// Runge-Kutta steps per sample, 1 to 1000.
     pub substeps: usize,
+    /// The machine.
+    pub machine: Machine,
     /// The arm and its motors.
     pub arm: ArmParameters,
     /// m₂ over time.
@@ -198,6 +212,7 @@ impl SimOptions {
             sample_period_s: 0.001,
             duration_s: 170.0,
             substeps: 4,
+            machine: Machine::Arm,
             arm: ArmParameters::cedro2022(),
             mass_2: MassSchedule::cedro2022(),
             controller: ControllerOptions::cedro2022(),
@@ -224,7 +239,34 @@ impl SimOptions {
         }
     }
 
-    /// θ of (25) as it really is at time `t_s` \[s\]; `t_s` ≥ 0.
+    /// Number of the machine's joints.
+    pub fn joints(&self) -> usize {
+        match self.machine {
+            Machine::Arm => ARM_JOINTS,
+            Machine::ServoAxis(_) => 1,
+        }
+    }
+
+    /// The machine's parameters as they really are at time `t_s` \[s\], in the order of its model; `t_s` ≥ 0.
+    pub fn true_parameters(&self, t_s: f64) -> Vec<f64> {
+        match &self.machine {
+            Machine::Arm => self.true_theta(t_s).to_vec(),
+            Machine::ServoAxis(axis) => axis.true_theta(t_s).to_vec(),
+        }
+    }
+
+    /// Which of a sample's [`signals`] hold data.
+    pub fn signals(&self) -> u32 {
+        match &self.machine {
+            Machine::Arm => self.sensors.signals(),
+            Machine::ServoAxis(axis) if axis.position_resolution > 0.0 => {
+                signals::Q | signals::SETPOINT | signals::INPUT
+            }
+            Machine::ServoAxis(_) => self.sensors.signals() & !signals::DDDQ,
+        }
+    }
+
+    /// θ of (25), of the arm, as it really is at time `t_s` \[s\]; `t_s` ≥ 0.
     pub fn true_theta(&self, t_s: f64) -> [f64; MANIPULATOR_PARAMS] {
         self.arm.with_mass_2(self.mass_2.mass_kg(t_s)).theta()
     }
@@ -256,6 +298,9 @@ impl SimOptions {
         )?;
         if !(1..=1000).contains(&self.substeps) {
             return Err(SimError::new("substeps", "1 to 1000", self.substeps));
+        }
+        if let Machine::ServoAxis(axis) = &self.machine {
+            axis.validate()?;
         }
         self.arm.validate()?;
         self.mass_2.validate()?;

@@ -103,6 +103,8 @@ impl SensorOptions {
 #[derive(Debug, Clone)]
 pub(super) struct Sensors {
     options: SensorOptions,
+    /// One count of the positions, 0 where they are not rounded.
+    resolution: f64,
     noise: Noise,
     spikes: Noise,
     positions: Noise,
@@ -113,11 +115,25 @@ impl Sensors {
     pub fn new(options: SensorOptions, seed: u64) -> Self {
         Self {
             options,
+            resolution: options.resolution_rad(),
             noise: Noise::new(seed, Noise::INPUT),
             spikes: Noise::new(seed, Noise::SPIKES),
             positions: Noise::new(seed, Noise::POSITION),
             jitter: Noise::new(seed, Noise::JITTER),
         }
+    }
+
+    /// With counts of another size, where this is above 0.
+    pub fn with_resolution(mut self, resolution: f64) -> Self {
+        if resolution > 0.0 {
+            self.resolution = resolution;
+        }
+        self
+    }
+
+    /// True where the published positions are the exact ones.
+    fn exact_positions(&self) -> bool {
+        self.options.exact_positions() && self.resolution == 0.0
     }
 
     /// The positions as this sample's sensors show them, from positions, velocities and accelerations.
@@ -127,10 +143,10 @@ impl Sensors {
         dq: [f64; ARM_JOINTS],
         ddq: [f64; ARM_JOINTS],
     ) -> [f64; ARM_JOINTS] {
-        let options = &self.options;
-        if options.exact_positions() {
+        if self.exact_positions() {
             return q;
         }
+        let options = &self.options;
         let mut late_s = -options.input_delay_s;
         if options.jitter_s > 0.0 {
             late_s += options.jitter_s * self.jitter.normal();
@@ -140,7 +156,7 @@ impl Sensors {
             if options.position_noise_rad > 0.0 {
                 position += options.position_noise_rad * self.positions.normal();
             }
-            match options.resolution_rad() {
+            match self.resolution {
                 0.0 => position,
                 count => (position / count).round() * count,
             }
@@ -163,7 +179,7 @@ impl Sensors {
             }
             sample.input[joint] = sample.input[joint].clamp(-options.input_limit_v, options.input_limit_v);
         }
-        if !options.exact_positions() {
+        if !self.exact_positions() {
             (sample.dq, sample.ddq, sample.dddq) = Default::default();
         }
     }

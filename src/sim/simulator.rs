@@ -10,9 +10,10 @@ use super::arm::ArmDynamics;
 use super::integrator::rk4_step;
 use super::motor::Motor;
 use super::noise::Noise;
-use super::options::{ARM_JOINTS, ControllerKind, PositionFeedback, SimError, SimOptions};
+use super::options::{ARM_JOINTS, ControllerKind, Machine, PositionFeedback, SimError, SimOptions};
 use super::schedule::MassSchedule;
 use super::sensors::Sensors;
+use super::servo_axis::ServoAxisSimulator;
 use super::setpoint::SetpointSource;
 use crate::model::{JointSample, PdController};
 use std::array::from_fn;
@@ -176,5 +177,39 @@ impl Iterator for ArmSimulator {
         let mut sample = self.exact_sample()?;
         self.sensors.measure(&mut sample);
         Some(sample)
+    }
+}
+
+/// Whichever machine [`SimOptions`] name, as an endless iterator.
+#[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant, reason = "one per process")]
+pub enum MachineSimulator {
+    /// The arm.
+    Arm(ArmSimulator),
+    /// The servo axis.
+    ServoAxis(ServoAxisSimulator),
+}
+
+impl MachineSimulator {
+    /// A simulator at k = 0.
+    ///
+    /// # Errors
+    /// The options are not valid, see [`SimOptions::validate`].
+    pub fn new(options: &SimOptions) -> Result<Self, SimError> {
+        Ok(match &options.machine {
+            Machine::Arm => Self::Arm(ArmSimulator::new(options)?),
+            Machine::ServoAxis(axis) => Self::ServoAxis(ServoAxisSimulator::new(options, axis)?),
+        })
+    }
+}
+
+impl Iterator for MachineSimulator {
+    type Item = JointSample;
+
+    fn next(&mut self) -> Option<JointSample> {
+        match self {
+            Self::Arm(arm) => arm.next(),
+            Self::ServoAxis(axis) => axis.next(),
+        }
     }
 }

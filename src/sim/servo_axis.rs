@@ -1,0 +1,280 @@
+//! A simulated servo axis under a PD controller.
+//!
+//! ```text
+//! M dv/dt = k u − F_v v − F_c sign v − b        moving, v ≠ 0
+//! v = 0 while |k u − b| ≤ F_c                   stuck: friction holds whatever is not more than F_c
+//! u = K_p (setpoint − q) − K_d v, limited to ± u_max
+//! ```
+//!
+//! q, v position and velocity \[m, m/s or rad, rad/s\]; M, F_v, F_c, b, k as in [`ServoAxis`](crate::model::ServoAxis). Coulomb friction is a
+//! jump: a Runge-Kutta step that would carry v through zero is cut at the zero, where the axis sticks or sets off the other way.
+//! While it sticks, friction may be anything up to F_c, so such samples do not obey the model's F_c sign v, as on a real machine.
+
+use super::integrator::rk4_step;
+use super::noise::Noise;
+use super::options::{ControllerKind, PositionFeedback, SimError, SimOptions, finite, not_negative, positive};
+use super::schedule::MassSchedule;
+use super::sensors::Sensors;
+use super::setpoint::SetpointSource;
+use crate::model::{JointSample, SERVO_PARAMS};
+
+/// An axis to be simulated, in the units of its motion: m and N, or rad and N m.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ServoAxisOptions {
+    /// k: force per unit of input, finite and not 0.
+    pub gain: f64,
+    /// M over time, > 0.
+    pub mass: MassSchedule,
+    /// F_v, ≥ 0.
+    pub viscous_friction: f64,
+    /// F_c, ≥ 0.
+    pub coulomb_friction: f64,
+    /// b.
+    pub offset: f64,
+    /// K_p \[input per m or rad\], ≥ 0.
+    pub proportional_gain: f64,
+    /// K_d \[input per m/s or rad/s\], ≥ 0.
+    pub derivative_gain: f64,
+    /// u_max: most that the drive gives, > 0; `inf` for no limit.
+    pub input_limit: f64,
+    /// One count of the position sensor \[m or rad\], ≥ 0; 0 for positions without rounding.
+    pub position_resolution: f64,
+}
+
+impl ServoAxisOptions {
+    /// The parameters of the EMPS benchmark as its owners publish them, its resolution and drive, and a stiff PD controller.
+    ///
+    /// A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, Workshop on Nonlinear System Identification Benchmarks, 2019.
+    pub fn emps() -> Self {
+        Self {
+            gain: 35.150_651_88,
+            mass: MassSchedule::constant(95.1089),
+            viscous_friction: 203.5034,
+            coulomb_friction: 20.3935,
+            offset: -3.1648,
+            proportional_gain: 38_996.0,
+            derivative_gain: 243.45,
+            input_limit: 10.0,
+            position_resolution: 5e-8,
+        }
+    }
+
+    /// The parameters as they really are at time `t_s` \[s\], in the order of [`ServoAxis`](crate::model::ServoAxis).
+    pub fn true_theta(&self, t_s: f64) -> [f64; SERVO_PARAMS] {
+        [
+            self.mass.mass_kg(t_s),
+            self.viscous_friction,
+            self.coulomb_friction,
+            self.offset,
+        ]
+    }
+
+    /// Checks every value against its domain.
+    ///
+    /// # Errors
+    /// The first value outside, with its name.
+    pub fn validate(&self) -> Result<(), SimError> {
+        finite("servo_axis.gain", self.gain)?;
+        if self.gain == 0.0 {
+            return Err(SimError::new("servo_axis.gain", "a number that is not 0", self.gain));
+        }
+        self.mass.validate().map_err(|error| SimError {
+            field: "servo_axis.mass",
+            ..error
+        })?;
+        not_negative("servo_axis.viscous_friction", self.viscous_friction)?;
+        not_negative("servo_axis.coulomb_friction", self.coulomb_friction)?;
+        finite("servo_axis.offset", self.offset)?;
+        not_negative("servo_axis.proportional_gain", self.proportional_gain)?;
+        not_negative("servo_axis.derivative_gain", self.derivative_gain)?;
+        if self.input_limit != f64::INFINITY {
+            positive("servo_axis.input_limit", self.input_limit)?;
+        }
+        not_negative("servo_axis.position_resolution", self.position_resolution)
+    }
+
+    fn input(&self, setpoint: f64, q: f64, v: f64) -> f64 {
+        let u = self.proportional_gain * (setpoint - q) - self.derivative_gain * v;
+        u.clamp(-self.input_limit, self.input_limit)
+    }
+
+    /// Acceleration under an input.
+    fn acceleration(&self, mass: f64, motion: Motion, u: f64, v: f64) -> f64 {
+        match motion {
+            Motion::Stuck => 0.0,
+            Motion::Moving(sign) => {
+                (self.gain * u - self.viscous_friction * v - self.coulomb_friction * sign - self.offset) / mass
+            }
+        }
+    }
+
+    /// What the axis does from rest under an input.
+    fn set_off(&self, u: f64) -> Motion {
+        let force = self.gain * u - self.offset;
+        if force.abs() <= self.coulomb_friction {
+            Motion::Stuck
+        } else {
+            Motion::Moving(force.signum())
+        }
+    }
+}
+
+/// How the axis is at rest or moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Motion {
+    Stuck,
+    /// With this sign of the velocity.
+    Moving(f64),
+}
+
+/// The closed loop as an endless iterator: sample k = 0, 1, 2, … at t = k Δ.
+///
+/// Nothing is allocated per sample. It ends early only where the state is no longer finite (gains that make the loop unstable).
+#[derive(Debug, Clone)]
+pub struct ServoAxisSimulator {
+    axis: ServoAxisOptions,
+    sample_period_s: f64,
+    substeps: usize,
+    kind: ControllerKind,
+    feedback: PositionFeedback,
+    setpoint: SetpointSource,
+    sensors: Sensors,
+    /// q, v.
+    state: [f64; 2],
+    motion: Motion,
+    mass: f64,
+    k: u64,
+}
+
+impl ServoAxisSimulator {
+    /// A simulator at k = 0: the axis at rest at the first initial position, following the first setpoint.
+    ///
+    /// # Errors
+    /// The options are not valid, see [`SimOptions::validate`].
+    pub fn new(options: &SimOptions, axis: &ServoAxisOptions) -> Result<Self, SimError> {
+        options.validate()?;
+        axis.validate()?;
+        let noise = Noise::new(options.seed, Noise::setpoint_stream(0));
+        Ok(Self {
+            axis: axis.clone(),
+            sample_period_s: options.sample_period_s,
+            substeps: options.substeps,
+            kind: options.controller.kind,
+            feedback: options.controller.feedback,
+            setpoint: SetpointSource::new(&options.setpoint[0], options.sample_period_s, noise),
+            sensors: Sensors::new(options.sensors, options.seed).with_resolution(axis.position_resolution),
+            state: [options.initial_q_rad[0], 0.0],
+            motion: Motion::Stuck,
+            mass: axis.mass.mass_kg(0.0),
+            k: 0,
+        })
+    }
+
+    /// The next sample; `None` once the state is no longer finite.
+    fn exact_sample(&mut self) -> Option<JointSample> {
+        if self.state.iter().any(|x| !x.is_finite()) {
+            return None;
+        }
+        self.mass = self.axis.mass.mass_kg(self.k as f64 * self.sample_period_s);
+        self.setpoint.begin_sample(self.k);
+        let [q, v] = self.state;
+        let setpoint = self.setpoint.value(0.0);
+        // The reading instant's shift needs the acceleration, which needs the input, which may need the reading: the true position
+        // stands in for it, whose error here is below a count.
+        let ddq = self
+            .axis
+            .acceleration(self.mass, self.motion, self.axis.input(setpoint, q, v), v);
+        let [measured_q, _] = self.sensors.positions([q, 0.0], [v, 0.0], [ddq, 0.0]);
+        let seen_q = match self.feedback {
+            PositionFeedback::True => q,
+            PositionFeedback::Measured => measured_q,
+        };
+        let u = self.axis.input(setpoint, seen_q, v);
+        if v == 0.0 {
+            self.motion = self.axis.set_off(u);
+        }
+        let mut sample = JointSample::default();
+        sample.q[0] = measured_q;
+        sample.dq[0] = v;
+        sample.ddq[0] = self.axis.acceleration(self.mass, self.motion, u, v);
+        sample.setpoint[0] = setpoint;
+        sample.input[0] = u;
+        self.integrate(u);
+        self.k += 1;
+        Some(sample)
+    }
+
+    /// Carries the state on to the next sample instant; `held` is the input of this instant.
+    fn integrate(&mut self, held: f64) {
+        for substep in 0..self.substeps {
+            let (mut from, mut cuts) = (0.0, 0);
+            // Each pass is a stretch without a change of direction. A drive cannot turn the axis more often within a substep than this.
+            while from < 1.0 && cuts < 4 {
+                let at = |fraction: f64, substeps: usize| (substep as f64 + fraction) / substeps as f64;
+                if self.state[1] == 0.0 {
+                    let setpoint = self.setpoint.value(at(from, self.substeps));
+                    let u = match self.kind {
+                        ControllerKind::Sampled => held,
+                        ControllerKind::Analog => self.axis.input(setpoint, self.state[0], 0.0),
+                    };
+                    self.motion = self.axis.set_off(u);
+                }
+                let Motion::Moving(sign) = self.motion else { break };
+                let end = self.step(held, substep, from, 1.0 - from);
+                if end[1] * sign > 0.0 {
+                    self.state = end;
+                    break;
+                }
+                // The velocity passes zero: halve to where it does.
+                let (mut before, mut after) = (0.0, 1.0 - from);
+                for _ in 0..40 {
+                    let middle = 0.5 * (before + after);
+                    if self.step(held, substep, from, middle)[1] * sign > 0.0 {
+                        before = middle;
+                    } else {
+                        after = middle;
+                    }
+                }
+                let [q, _] = self.step(held, substep, from, after);
+                self.state = [q, 0.0];
+                from += after;
+                cuts += 1;
+            }
+        }
+    }
+
+    /// The state after a part of a substep, all as fractions of it.
+    fn step(&mut self, held: f64, substep: usize, from: f64, length: f64) -> [f64; 2] {
+        let substeps = self.substeps as f64;
+        let step_s = length * self.sample_period_s / substeps;
+        let Self {
+            axis,
+            kind,
+            setpoint,
+            state,
+            motion,
+            mass,
+            ..
+        } = self;
+        rk4_step(state, step_s, |fraction, &[q, v]| {
+            let u = match kind {
+                ControllerKind::Sampled => held,
+                ControllerKind::Analog => {
+                    let at = (substep as f64 + from + fraction * length) / substeps;
+                    axis.input(setpoint.value(at.min(1.0)), q, v)
+                }
+            };
+            [v, axis.acceleration(*mass, *motion, u, v)]
+        })
+    }
+}
+
+impl Iterator for ServoAxisSimulator {
+    type Item = JointSample;
+
+    fn next(&mut self) -> Option<JointSample> {
+        let mut sample = self.exact_sample()?;
+        self.sensors.measure(&mut sample);
+        Some(sample)
+    }
+}

@@ -80,7 +80,7 @@ fn e2e_a_servo_axis_is_simulated_and_identified_from_position_and_voltage() {
     assert_eq!((summary.blocks, summary.samples.rejected), (10, 0));
     for parameter in &summary.parameters {
         let truth = parameter.truth.expect("simulated");
-        let (theta, std) = (parameter.estimate, parameter.std.expect("known"));
+        let (theta, std) = (parameter.estimate.expect("known"), parameter.std.expect("known"));
         // Stiction, which the model leaves out, is there for a handful of samples only; seven deviations leave room for it.
         assert!((theta - truth).abs() < 7.0 * std, "{parameter:?}");
         assert!(std < 0.02 * truth.abs(), "{parameter:?}");

@@ -86,6 +86,18 @@ pub struct Report {
     pub held: Option<Held>,
 }
 
+/// A cut of a block, see [`BlockEstimator::cut`].
+#[derive(Debug, Clone, Copy)]
+struct Cut {
+    /// First row after it.
+    row: usize,
+    cost: f64,
+    /// What follows it leaves no more than noise …
+    consistent: bool,
+    /// … and this much of it, in units of the noise's variance.
+    excess: f64,
+}
+
 /// On-line identification block by block. The update neither allocates nor locks; equal input gives bit-identical output.
 #[derive(Debug, Clone)]
 pub struct BlockEstimator {
@@ -111,6 +123,8 @@ impl BlockEstimator {
     /// Changes looked for in one block, and repetitions until the place of one settles.
     const CUTS: usize = 3;
     const PASSES: usize = 6;
+    /// Share of the residuals' excess over the noise that a further cut may at most leave.
+    const EXPLAINS: f64 = 0.5;
     /// Share of its size by which a drifting parameter may always move per block.
     const DRIFT_RATE: f64 = 0.01;
     /// Alarms at most this many blocks apart are a drift.
@@ -382,7 +396,7 @@ impl BlockEstimator {
                 time: rows.span(0).0,
             }
         } else {
-            self.find(rows, joined)
+            self.find(rows, joined, detection.margin)
         };
         if change.kind != ChangeKind::Drift {
             self.since_change = 0;
@@ -454,7 +468,7 @@ impl BlockEstimator {
     }
 
     /// The cut of the block, the last one where there are several, or a drift where a line through the block explains it better.
-    fn find<R: Residuals>(&mut self, rows: &R, joined: u64) -> Change {
+    fn find<R: Residuals>(&mut self, rows: &R, joined: u64, margin: u64) -> Change {
         let end = rows.len();
         let mut line = 0.0;
         let mut straight = true;
@@ -467,28 +481,33 @@ impl BlockEstimator {
             }
         }
         let mut start = 0;
+        let mut excess = f64::INFINITY;
         self.later.copy_from_slice(&self.theta);
         for cut in 0..Self::CUTS {
             // after the first cut, what lies before the next is free of the past
-            let (row, cost, consistent) = self.cut(rows, joined, start..end, cut > 0);
-            if cut == 0 && straight && line < cost {
+            let found = self.cut(rows, joined, start..end, cut > 0, margin);
+            if cut == 0 && straight && line < found.cost {
                 return Change {
                     kind: ChangeKind::Drift,
                     row: 0,
                     time: rows.span(0).0,
                 };
             }
-            start = row;
-            if consistent || end - start < 4 {
+            if found.excess > Self::EXPLAINS * excess {
+                // noise that is larger here than it was learnt to be, and no second change
+                break;
+            }
+            (start, excess) = (found.row, found.excess);
+            for (k, group) in self.groups.iter().enumerate() {
+                if joined >> k & 1 == 1 {
+                    let own = group.parameters.clone();
+                    self.theta[own.clone()].copy_from_slice(&self.later[own]);
+                }
+            }
+            if found.consistent || end - start < 4 {
                 break;
             }
             self.before.copy_from_slice(&self.later);
-        }
-        for (k, group) in self.groups.iter().enumerate() {
-            if joined >> k & 1 == 1 {
-                let own = group.parameters.clone();
-                self.theta[own.clone()].copy_from_slice(&self.later[own]);
-            }
         }
         Change {
             kind: ChangeKind::Within,
@@ -497,10 +516,12 @@ impl BlockEstimator {
         }
     }
 
-    /// The best single cut of `whole`; `later` becomes the fit of what follows it. Returns also the cost and whether that fit leaves noise only.
-    fn cut<R: Residuals>(&mut self, rows: &R, joined: u64, whole: Range<usize>, free: bool) -> (usize, f64, bool) {
+    /// The best single cut of `whole`; `later` becomes the fit of what follows it.
+    ///
+    /// Rows within `margin` after the cut have no say in that fit: where rows overlap, the first of them may still touch what was before.
+    fn cut<R: Residuals>(&mut self, rows: &R, joined: u64, whole: Range<usize>, free: bool, margin: u64) -> Cut {
         let (mut row, mut cost) = (whole.start, f64::INFINITY);
-        let mut consistent = true;
+        let (mut consistent, mut excess) = (true, 0.0);
         for pass in 0..Self::PASSES {
             for group in &mut self.groups {
                 group.set_losses(pass > 0, &self.options);
@@ -519,14 +540,16 @@ impl BlockEstimator {
             if settled {
                 break;
             }
-            consistent = true;
+            (consistent, excess) = (true, 0.0);
+            let from = first_after(rows, row..whole.end, margin);
             for (k, group) in self.groups.iter_mut().enumerate() {
                 if joined >> k & 1 == 1 {
                     // from θ̄: a fit to both plants at once may have gone astray
                     let own = group.parameters.clone();
                     self.later[own.clone()].copy_from_slice(&group.centre);
-                    group.fit_alone(rows, row..whole.end, &mut self.later, &self.options);
+                    group.fit_alone(rows, from..whole.end, &mut self.later, &self.options);
                     consistent &= group.is_consistent(&self.options);
+                    excess = group.excess().max(excess);
                     if free && row > whole.start {
                         self.before[own.clone()].copy_from_slice(&group.centre);
                         // the sums that count are those of the later part
@@ -535,7 +558,12 @@ impl BlockEstimator {
                 }
             }
         }
-        (row, cost, consistent)
+        Cut {
+            row,
+            cost,
+            consistent,
+            excess,
+        }
     }
 
     /// Fits the rows that may still be believed with a prior that allows for the change.
@@ -633,6 +661,15 @@ impl BlockEstimator {
             }
         }
     }
+}
+
+/// The first row that begins `margin` after the first of `range` does, or the first where none is left then.
+fn first_after<R: Residuals>(rows: &R, range: Range<usize>, margin: u64) -> usize {
+    let usable = rows.span(range.start).0.saturating_add(margin);
+    range
+        .clone()
+        .find(|&row| rows.span(row).0 >= usable)
+        .unwrap_or(range.start)
 }
 
 fn note(report: &mut Report, fit: Fit) {

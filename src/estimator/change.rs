@@ -31,7 +31,7 @@
 //! block is used as a whole and its movement is expected of the next ones.
 
 use super::fit::Fit;
-use super::group::{GroupState, TINY};
+use super::group::{EquationState, GroupState, TINY};
 use super::linalg::{dot, gather, mul_vec};
 use super::line::{LineFit, LinePrior};
 use super::options::{EstimatorOptions, Outliers};
@@ -175,6 +175,15 @@ impl GroupState {
             let ratio = own / e.variance.max(TINY);
             f_tail(ratio, freedom, e.freedom.max(1.0)) > CONSISTENT
         }) && !self.is_another_plant(options)
+    }
+
+    /// Largest variance of the residuals in `at` of any equation, over that of the noise known so far.
+    pub fn excess(&self) -> f64 {
+        let of = |(e, sums): (&EquationState, &Sums)| {
+            let freedom = (sums.rows - sums.outliers) as f64 - sums.params as f64;
+            sums.cost / (freedom.max(1.0) * e.variance.max(TINY))
+        };
+        self.equations.iter().zip(&self.at).map(of).fold(0.0, f64::max)
     }
 
     /// Widens the covariance of the parameters that `at` informs on, alone or in combination: parameter i by `sizes`[i], or by its whole size.

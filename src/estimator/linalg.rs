@@ -30,9 +30,9 @@ pub fn mul(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
 
 /// A S Aᵀ for a positive semidefinite S, by way of S = G Gᵀ.
 ///
-/// The product of the three matrices as they stand loses more than an answer can bear: where A maps a direction that S knows to 1e-11 of its size onto one that is
-/// wide open, as after a block in which a joint stood still, rounding leaves negative variances. (A G)(A G)ᵀ has none, and its error is that of G, which is small
-/// beside S in every direction.
+/// The product of the three matrices as they stand loses more than an answer can bear: where A maps a direction that S knows to 1e-11 of its
+/// size onto one that is wide open, as after a block in which a joint stood still, rounding leaves negative variances. (A G)(A G)ᵀ has none, and
+/// its error is that of G, which is small beside S in every direction.
 #[derive(Debug, Clone)]
 pub struct Congruence {
     factor: Vec<f64>,

@@ -18,9 +18,9 @@
 //! R_ij = Σ_k c_i(k) c_j(k) σ_q² v_k + s² σ_u² Σ_k w_i(k) w_j(k) + jumps        σ_q² = σ² + LSB²/12 · v_k
 //! ```
 //!
-//! v_k = clip(0.06 LSB / |q̇ h|, 1, 8): the rounding of an encoder is white while the joint crosses counts, and hardly changes from sample to sample
-//! while it creeps. c follows from automatic differentiation at θ̂ before the block. The rows are whitened by R (`whitening.rs`), so that their
-//! residuals have variance 1 and the deviations of θ̂ follow without a factor.
+//! v_k = clip(0.2 LSB / |q̇ h|, 1, 30): the rounding of an encoder is white while the joint crosses counts, and hardly changes from sample to sample
+//! while it creeps; its errors then add up over many windows, which no weight of a single one can tell. c follows from automatic differentiation at θ̂
+//! before the block. The rows are whitened by R (`whitening.rs`), so that their residuals have variance 1 and the deviations of θ̂ follow without a factor.
 //!
 //! Before the first estimate θ is not known well enough for R: the first block is fitted once with R from the start values, then R is made anew.
 
@@ -35,9 +35,9 @@ use num_dual::Dual64;
 use std::cell::RefCell;
 
 /// Counts of LSB per sample below which the rounding of consecutive samples is taken to be correlated.
-const CREEP: f64 = 0.06;
+const CREEP: f64 = 0.2;
 /// Most that the variance of the rounding is raised by.
-const CREEP_LIMIT: f64 = 8.0;
+const CREEP_LIMIT: f64 = 30.0;
 /// Share of the input's size that counts as noise of signals that are exact.
 const EXACT: f64 = 1e-7;
 

@@ -77,6 +77,7 @@ fn estimator_options(plant: &impl Plant, theta_start: Vec<f64>) -> EstimatorOpti
     options.lower = plant.parameters().iter().map(|p| p.lower).collect();
     options.upper = plant.parameters().iter().map(|p| p.upper).collect();
     options.forgetting_factor = 0.98;
+    options.noise_floor.fill(1.0);
     if let Some(detection) = &mut options.change_detection {
         detection.margin = 40_000_000;
         // as in encoder_only.toml: R is right to some per cent only, so the tail of the test is thicker than stated

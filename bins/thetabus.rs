@@ -12,8 +12,8 @@ use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use thetabus::service::{
-    self, CommonArgs, CompareArgs, EXIT_CODES, IdentifierArgs, IdentifyArgs, MonitorArgs, PlantArgs, ReplayArgs,
-    ReportArgs, RunArgs, VERSION,
+    self, CommonArgs, CompareArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, MonitorArgs, PlantArgs,
+    ReplayArgs, ReportArgs, RunArgs, VERSION,
 };
 
 /// On-line identification of a running machine's physical parameters
@@ -41,6 +41,9 @@ enum Command {
     /// Make figures and a page of a run that was recorded
     #[command(after_help = EXIT_CODES)]
     Report(ReportArgs),
+    /// Write a recording's samples as CSV, units in the header; `identify` reads it back to the same bits
+    #[command(after_help = EXIT_CODES)]
+    Export(ExportArgs),
     /// Tools for configuration files
     #[command(subcommand)]
     Config(ConfigCommand),
@@ -77,6 +80,9 @@ fn main() -> ExitCode {
         Command::Replay(args) => service::main_with(&args.common, |shutdown| service::replay(&args, shutdown)),
         Command::Report(args) => {
             service::main_with(&CommonArgs::with_logs(args.log_format), |_| service::report(&args))
+        }
+        Command::Export(args) => {
+            service::main_with(&CommonArgs::with_logs(args.log_format), |_| service::export(&args))
         }
         Command::Config(ConfigCommand::Check { file, set }) => {
             service::main_with(&CommonArgs::default(), |_| service::config_check(&file, &set))

@@ -14,7 +14,7 @@ mod speed;
 pub mod studies;
 
 pub use contenders::{BlockResult, RunRecord, run_batch, run_blocks, run_ekf, run_wrls};
-pub use document::{Document, Section, Table};
+pub use document::{Document, Section, Table, two_digits};
 pub use parallel::for_each_index;
 pub use presets::{
     CEDRO2022_BLOCK_LEN, CEDRO2022_START, cedro2022_best_estimator, cedro2022_best_start, cedro2022_estimator,

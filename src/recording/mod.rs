@@ -18,5 +18,5 @@ pub use estimates_csv::EstimatesCsv;
 pub use info::{InfoError, RunInfo};
 pub use layout::{NameCollision, RecorderStatus};
 pub use reader::{Entry, Loss, ReadError, RecordingReader, Span};
-pub use samples_csv::{CsvSampleError, SamplesCsv, read_samples_csv};
+pub use samples_csv::{CsvSampleError, SamplesCsv, SamplesCsvReader, is_samples_csv};
 pub use writer::{RecordError, Recorder, RecordingLimits};

@@ -126,29 +126,49 @@ impl<W: Write> SamplesCsv<W> {
 }
 
 /// Reads what [`SamplesCsv`] wrote, sample by sample; `boot_id` is 0.
-///
-/// # Errors
-/// At a header of another plant, and at the first cell that is no number, with line and column.
-pub fn read_samples_csv(
-    source: impl Read,
-    info: &RunInfo,
-    mut each: impl FnMut(&Sample),
-) -> Result<(), CsvSampleError> {
-    let mut reader = csv::Reader::from_reader(source);
-    let expected = header(info);
-    let got: Vec<String> = reader.headers()?.iter().map(String::from).collect();
-    if got != expected {
-        return Err(CsvSampleError::Header {
-            expected: expected.join(","),
-            got: got.join(","),
-        });
+pub struct SamplesCsvReader<R> {
+    reader: csv::Reader<R>,
+    columns: Vec<String>,
+    joints: usize,
+    record: csv::StringRecord,
+}
+
+impl<R: Read> SamplesCsvReader<R> {
+    /// Reads the header.
+    ///
+    /// # Errors
+    /// The header is that of another plant.
+    pub fn new(source: R, info: &RunInfo) -> Result<Self, CsvSampleError> {
+        let mut reader = csv::Reader::from_reader(source);
+        let columns = header(info);
+        let got: Vec<String> = reader.headers()?.iter().map(String::from).collect();
+        if got != columns {
+            return Err(CsvSampleError::Header {
+                expected: columns.join(","),
+                got: got.join(","),
+            });
+        }
+        Ok(Self {
+            reader,
+            columns,
+            joints: info.joints,
+            record: csv::StringRecord::new(),
+        })
     }
-    for (index, record) in reader.records().enumerate() {
-        let record = record?;
+
+    /// The next sample; `None` at the end.
+    ///
+    /// # Errors
+    /// A row with another number of cells, or a cell that is no number, with line and column.
+    pub fn next_sample(&mut self) -> Result<Option<Sample>, CsvSampleError> {
+        if !self.reader.read_record(&mut self.record)? {
+            return Ok(None);
+        }
+        let record = &self.record;
         let cell = |column: usize| record.get(column).unwrap_or_default();
         let bad = |column: usize| CsvSampleError::Cell {
-            line: record.position().map_or(index as u64 + 2, csv::Position::line),
-            column: expected[column].clone(),
+            line: record.position().map_or(0, csv::Position::line),
+            column: self.columns[column].clone(),
             got: cell(column).to_string(),
         };
         let integer = |column: usize| cell(column).parse::<u64>().map_err(|_| bad(column));
@@ -156,26 +176,35 @@ pub fn read_samples_csv(
         let mut sample = no_sample();
         (sample.seq, sample.t_ns) = (integer(0)?, integer(1)?);
         (sample.flags, sample.signals) = (small(2)?, small(3)?);
-        sample.joints = info.joints as u32;
+        sample.joints = self.joints as u32;
         let mut column = 4;
         for (index, (_, valid)) in ARRAYS.iter().enumerate() {
             let known = sample.signals & valid != 0;
-            for value in &mut array_mut(&mut sample, index)[..info.joints] {
+            for value in &mut array_mut(&mut sample, index)[..self.joints] {
                 if known {
                     *value = cell(column).parse().map_err(|_| bad(column))?;
                 }
                 column += 1;
             }
         }
-        each(&sample);
+        Ok(Some(sample))
     }
-    Ok(())
+}
+
+/// Whether a file that begins so was written by [`SamplesCsv`].
+pub fn is_samples_csv(beginning: &[u8]) -> bool {
+    beginning.starts_with(b"seq,t_ns,flags,signals,")
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::info::tests::arm;
     use super::*;
+
+    fn read(text: &str) -> Result<Vec<Sample>, CsvSampleError> {
+        let mut reader = SamplesCsvReader::new(text.as_bytes(), &arm())?;
+        std::iter::from_fn(|| reader.next_sample().transpose()).collect()
+    }
 
     #[test]
     fn prop_samples_come_back_to_the_bit() {
@@ -202,8 +231,7 @@ mod tests {
             "{text}"
         );
 
-        let mut back = Vec::new();
-        read_samples_csv(text.as_bytes(), &arm(), |s| back.push(*s)).unwrap();
+        let back = read(&text).unwrap();
         assert_eq!(back.len(), 1);
         let bits = |s: &Sample| s.q.iter().chain(&s.input).map(|v| v.to_bits()).collect::<Vec<_>>();
         assert_eq!(bits(&back[0]), bits(&sample));
@@ -217,13 +245,9 @@ mod tests {
     fn fault_a_cell_that_is_no_number_is_named_by_line_and_column() {
         let head = header(&arm()).join(",");
         let text = format!("{head}\n0,0,0,1,0,0,,,,,,,,,,\n1,1000,0,1,0,x,,,,,,,,,,\n");
-        let error = read_samples_csv(text.as_bytes(), &arm(), |_| {})
-            .unwrap_err()
-            .to_string();
+        let error = read(&text).unwrap_err().to_string();
         assert_eq!(error, "line 3, column q_2_rad: expected a number, got \"x\"");
-        let error = read_samples_csv("a,b\n".as_bytes(), &arm(), |_| {})
-            .unwrap_err()
-            .to_string();
+        let error = read("a,b\n").unwrap_err().to_string();
         assert!(error.contains("expected the columns seq,t_ns"), "{error}");
     }
 }

@@ -208,9 +208,9 @@ pub struct CompareArgs {
     /// File to write the tables to; standard output without it
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// JSON instead of Markdown
-    #[arg(long)]
-    pub json: bool,
+    /// Form of the tables; text is Markdown
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub format: TableFormat,
     #[command(flatten)]
     #[allow(missing_docs, reason = "flattened")]
     pub common: CommonArgs,
@@ -273,6 +273,23 @@ pub struct ReportArgs {
     /// Form of the table on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,
+    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub log_format: LogFormat,
+}
+
+/// `thetabus export`.
+#[derive(Debug, Clone, Args)]
+pub struct ExportArgs {
+    /// Directory of results, or recording
+    #[arg(value_name = "DIR|RECORDING")]
+    pub input: PathBuf,
+    /// File for the samples, which must not exist; standard output without it
+    #[arg(long, value_name = "FILE.csv")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub span: SpanArgs,
     /// Form of the logs on standard error; RUST_LOG chooses what is logged
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,

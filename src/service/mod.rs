@@ -7,6 +7,7 @@ mod check;
 mod child;
 mod compare;
 mod exit;
+mod export;
 mod identifier;
 mod identify;
 mod identify_log;
@@ -23,12 +24,13 @@ mod report;
 mod wiring;
 
 pub use args::{
-    CommonArgs, CompareArgs, IdentifierArgs, IdentifyArgs, LogFormat, MonitorArgs, PlantArgs, ReplayArgs, ReportArgs,
-    RunArgs, SpanArgs, TableFormat, VERSION,
+    CommonArgs, CompareArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat, MonitorArgs, PlantArgs, ReplayArgs,
+    ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION,
 };
 pub use check::config_check;
 pub use compare::run as compare;
 pub use exit::{EXIT_CODES, Exit, Failure, main_with};
+pub use export::run as export;
 pub use identifier::run as identifier;
 pub use identify::run as identify;
 pub use launcher::run as launch;

@@ -7,6 +7,7 @@ mod config;
 mod isolation;
 mod late;
 mod lockstep;
+mod log;
 mod order;
 mod own_plant;
 mod realtime;

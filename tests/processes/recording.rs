@@ -72,6 +72,46 @@ fn replay_live_off_line_and_replayed_estimates_of_the_papers_experiment_are_the_
 }
 
 #[test]
+fn replay_encoder_only_off_line_and_from_its_export_gives_the_same_estimates_to_the_bit() {
+    let site = Site::new();
+    let config = concat!(env!("CARGO_MANIFEST_DIR"), "/config/encoder_only.toml");
+    // The payload jumps within the third block, so that the detector's work is compared, too.
+    let jump = ["--set", "plant.mass_2.t_s=[0.0, 5.0]", "--duration", "15"];
+    site.start_run(&[&[config], &jump[..]].concat()).expect_code(0);
+    let recording = site.out().join("recording.mcap");
+    let live = fs::read_to_string(site.out().join("estimates.csv")).expect("estimates.csv");
+    assert_eq!(live.lines().count(), 8);
+    assert!(live.lines().any(|line| line.split(',').nth(3) == Some("1")), "{live}");
+    assert_eq!(identify(&site, &recording, "offline", 0), live);
+
+    let samples = site.dir.path().join("samples.csv");
+    let export = ["export", text(&recording), "--out", text(&samples)];
+    let mut command = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+    assert!(command.args(export).status().expect("it runs").success());
+    let head = fs::read_to_string(&samples).expect("samples.csv");
+    assert!(head.starts_with("seq,t_ns,flags,signals,q_1_rad,"), "{}", &head[..200]);
+    let out = site.dir.path().join("exported");
+    let config = site.out().join("config.toml");
+    let exported = [
+        "identify",
+        text(&samples),
+        "--config",
+        text(&config),
+        "--out",
+        text(&out),
+    ];
+    site.start(Program::Thetabus, &exported).expect_code(0);
+    let exported = fs::read_to_string(out.join("estimates.csv")).expect("estimates.csv");
+    assert_eq!(exported, live);
+
+    // A file of somebody's work is not written over.
+    let mut again = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+    let output = again.args(export).output().expect("it runs");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("not written over"));
+}
+
+#[test]
 fn replay_a_part_of_a_recording_is_cut_into_the_same_blocks() {
     let site = Site::new();
     site.start_run(&[&["--duration", "5"], &QUICK[..]].concat())

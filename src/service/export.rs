@@ -1,0 +1,43 @@
+//! `thetabus export`: a recording's samples as a table.
+
+use super::record::RECORDING;
+use super::{Exit, ExportArgs, Failure, report};
+use crate::recording::{Entry, SamplesCsv};
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+
+/// Writes the samples of a recording as CSV.
+///
+/// # Errors
+/// No recording there, one that cannot be read, a file that exists or cannot be written.
+pub fn run(args: &ExportArgs) -> Result<Exit, Failure> {
+    let recording = match args.input.is_dir() {
+        true => args.input.join(RECORDING),
+        false => args.input.clone(),
+    };
+    let mut reader = report::open(&recording, args.span.span()?)?;
+    let name = args
+        .out
+        .as_ref()
+        .map_or("standard output".to_owned(), |out| out.display().to_string());
+    let unwritable = |e: io::Error| match e.kind() {
+        io::ErrorKind::AlreadyExists => Failure::Usage(format!("{name} exists and is not written over")),
+        _ => Failure::Failed(format!("{name} cannot be written: {e}")),
+    };
+    let sink: Box<dyn Write> = match &args.out {
+        Some(out) => Box::new(BufWriter::new(File::create_new(out).map_err(unwritable)?)),
+        None => Box::new(BufWriter::new(io::stdout().lock())),
+    };
+    let mut csv = SamplesCsv::new(sink, reader.info()).map_err(unwritable)?;
+    while let Some(entry) = reader.next_entry().map_err(report::unreadable)? {
+        if let Entry::Sample { sample, .. } = entry {
+            match csv.write(sample) {
+                // Whoever reads standard output has seen enough.
+                Err(e) if e.kind() == io::ErrorKind::BrokenPipe && args.out.is_none() => return Ok(Exit::Done),
+                written => written.map_err(unwritable)?,
+            }
+        }
+    }
+    csv.finish().map_err(unwritable)?;
+    Ok(report::tell_loss(&reader.loss()))
+}

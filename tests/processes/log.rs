@@ -1,0 +1,121 @@
+//! `thetabus identify LOG.csv`: the user's own data off line.
+
+use crate::support::{Program, Site, column};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::PathBuf;
+use thetabus::config::{Config, Source};
+use thetabus::sim::MachineSimulator;
+
+const SERVO_AXIS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/servo_axis.toml");
+const NAMES: [&str; 4] = ["mass", "viscous_friction", "coulomb_friction", "offset"];
+
+#[test]
+fn e2e_a_log_with_other_columns_units_and_bad_rows_is_identified_and_its_bad_rows_are_told() {
+    let site = Site::new();
+    let config = Config::load(&[Source::File(SERVO_AXIS.into())], &[]).expect("the file in config/");
+    let simulator = MachineSimulator::new(&config.plant.sim).expect("valid");
+    let mut log = "u [mV],note,time,x [mm]\n".to_owned();
+    for (k, sample) in simulator.take(20_000).enumerate() {
+        let (t_ms, x_mm, u_mv) = (k, sample.q[0] * 1e3, sample.input[0] * 1e3);
+        match k {
+            5_000 => log.push_str("a,row,of,words\n"),
+            6_000 => _ = writeln!(log, "NaN,ok,{t_ms},{x_mm}"),
+            7_000 => _ = writeln!(log, "{u_mv},ragged"),
+            8_000 => _ = writeln!(log, "{u_mv},late,{},{x_mm}", t_ms - 500),
+            _ => _ = writeln!(log, "{u_mv},ok,{t_ms},{x_mm}"),
+        }
+    }
+    // The file system was full.
+    log.truncate(log.len() - 7);
+    let path = site.dir.path().join("log.csv");
+    fs::write(&path, log).expect("written");
+    let out = site.out();
+    let args = [
+        "identify",
+        path.to_str().expect("UTF-8"),
+        "--config",
+        SERVO_AXIS,
+        "--out",
+        out.to_str().expect("UTF-8"),
+        "--set",
+        "log.time=time",
+        "--set",
+        "log.time_unit=ms",
+        "--set",
+        "log.q=[\"x [mm]\"]",
+        "--set",
+        "log.position_unit=mm",
+        "--set",
+        "log.input=[\"u [mV]\"]",
+        "--set",
+        "log.input_unit=0.001",
+        "--set",
+        "log.setpoint=[]",
+    ];
+    let mut identify = site.start(Program::Thetabus, &args);
+    // Finished, with rows refused.
+    identify.expect_code(3);
+    let said = identify.stdout();
+    for part in ["20000 rows", "not finite", "out of order", "(the first in line 5002)"] {
+        assert!(said.contains(part), "{part:?} is not in\n{said}");
+    }
+    let csv = out.join("estimates.csv");
+    let truth = config.plant.sim.true_parameters(0.0);
+    for (name, truth) in NAMES.iter().zip(truth) {
+        let (theta, std) = (column(&csv, name), column(&csv, &format!("{name}_std")));
+        let (theta, std) = (theta[theta.len() - 1], std[std.len() - 1]);
+        // As on the bus: seven deviations leave room for stiction, which the model leaves out.
+        assert!((theta - truth).abs() < 7.0 * std, "{name}: {theta} +- {std}");
+        assert!(std < 0.02 * truth.abs(), "{name}: {theta} +- {std}");
+    }
+}
+
+#[test]
+fn e2e_a_log_that_does_not_fit_its_configuration_is_refused_with_what_was_expected() {
+    let site = Site::new();
+    let path = site.dir.path().join("log.csv");
+    fs::write(&path, "t_s,position,voltage_v\n0,0,0\n").expect("written");
+    let mut identify = site.start(
+        Program::Thetabus,
+        &["identify", path.to_str().expect("UTF-8"), "--config", SERVO_AXIS],
+    );
+    identify.expect_code(2);
+    identify.expect_stderr(&["log.csv", "log.q", "\"q_m\"", "\"position\""]);
+}
+
+#[test]
+fn val_the_emps_recording_identified_on_the_command_line_gives_the_published_parameters() {
+    // Stands beside the project, since it came without a licence.
+    let beside = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let data = std::env::var_os("THETABUS_DATA_DIR").map_or(beside, PathBuf::from);
+    let path = data.join("emps.csv");
+    if !path.exists() {
+        let required = std::env::var_os("THETABUS_REQUIRE_PEERS").is_some();
+        assert!(!required, "{} is missing", path.display());
+        eprintln!("skipped: {} is missing", path.display());
+        return;
+    }
+    let site = Site::new();
+    let out = site.out();
+    let args = [
+        "identify",
+        path.to_str().expect("UTF-8"),
+        "--config",
+        SERVO_AXIS,
+        "--out",
+        out.to_str().expect("UTF-8"),
+    ];
+    site.start(Program::Thetabus, &args).expect_code(0);
+    // Janot, Gautier, Brunot 2019; what one on-line pass has to reach of it, in per cent.
+    let published = [(95.1089, 0.2), (203.5034, 0.5), (20.3935, 0.5), (-3.1648, 2.0)];
+    for (name, (value, percent)) in NAMES.iter().zip(published) {
+        let (theta, std) = (
+            column(&out.join("estimates.csv"), name),
+            column(&out.join("estimates.csv"), &format!("{name}_std")),
+        );
+        let (theta, std) = (theta[theta.len() - 1], std[std.len() - 1]);
+        assert!((theta / value - 1.0).abs() < percent / 100.0, "{name}: {theta}");
+        assert!((theta - value).abs() < 2.0 * std, "{name}: {theta} +- {std}");
+    }
+}

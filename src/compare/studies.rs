@@ -172,6 +172,8 @@ pub struct ChangeRun {
     pub usable_error: f64,
     /// Share of blocks with `use_ok`, from the change on.
     pub usable_share: f64,
+    /// Share of θ₂ and θ₄…θ₉ that are usable in a block with `use_ok`, of all blocks from the change on.
+    pub usable_parameters: f64,
 }
 
 /// One run through a change of the payload.
@@ -191,6 +193,7 @@ pub fn change_run(sim: &SimOptions, block_len: usize, ours: &EstimatorOptions) -
         to_1_percent: blocks_to_stay_within(&errors(&scenario, block_len, &record, &PAYLOAD), last_block, 0.01),
         usable_error: 0.0,
         usable_share: 0.0,
+        usable_parameters: 0.0,
     };
     for (b, result) in record
         .blocks
@@ -200,8 +203,10 @@ pub fn change_run(sim: &SimOptions, block_len: usize, ours: &EstimatorOptions) -
         .filter(|(_, result)| result.use_ok)
     {
         let truth = scenario.truth((b + 1) * block_len - 1);
-        run.usable_share += 1.0 / (record.blocks.len() - block) as f64;
+        let share = 1.0 / (record.blocks.len() - block) as f64;
+        run.usable_share += share;
         for p in KNOWABLE.into_iter().filter(|p| result.usable >> p & 1 == 1) {
+            run.usable_parameters += share / KNOWABLE.len() as f64;
             run.usable_error = run.usable_error.max(worst_relative_error(&result.theta, &truth, &[p]));
         }
     }
@@ -228,6 +233,7 @@ pub fn changes_section(
         "worst",
         "usable, worst error",
         "usable blocks",
+        "usable parameters",
     ]);
     for noise_v in [0.0, STUDY_NOISE_V] {
         for (name, mass_2) in changes() {
@@ -251,6 +257,9 @@ pub fn changes_section(
                 .collect();
             let (settled_worst, settled) = (worst(blocks.iter().copied()), median(&mut blocks));
             let dash = || "–".to_owned();
+            let mean = |share: fn(&ChangeRun) -> f64| {
+                format!("{:.0} %", 100.0 * results.iter().map(share).sum::<f64>() / results.len() as f64)
+            };
             let millis = |s: f64| format!("{} ms", two_digits(s * 1e3));
             let blocks = |value: f64| if value.is_finite() { two_digits(value) } else { dash() };
             table.push(vec![
@@ -266,10 +275,8 @@ pub fn changes_section(
                 if jumps { blocks(settled) } else { dash() },
                 if jumps { blocks(settled_worst) } else { dash() },
                 percent(worst(results.iter().map(|r| r.usable_error))),
-                format!(
-                    "{:.0} %",
-                    100.0 * results.iter().map(|r| r.usable_share).sum::<f64>() / results.len() as f64
-                ),
+                mean(|r| r.usable_share),
+                mean(|r| r.usable_parameters),
             ]);
         }
     }
@@ -279,7 +286,7 @@ pub fn changes_section(
             "{seeds} seeds each of steps, sines and square, runs of 90 s, the drift's of 150 s. Announced is a change in the block that holds it or the one after it. Blocks are counted from \
              the one that holds the (last) jump until θ6, θ7 and θ9, which are the payload, stay within 1 % to the end of the run: median and worst of all runs, – where one never \
              does. Usable are parameters that the estimate marks as such while `use_ok` is set; their worst error over θ2 and θ4 to θ9 in any block from the \
-             change on, and the share of blocks from the change on with `use_ok`."
+             change on, the share of blocks from the change on with `use_ok`, and the share of these parameters that are usable in them."
         )],
         table,
     })

@@ -110,12 +110,14 @@ pub struct BlockEstimator {
     later: Vec<f64>,
     /// Blocks since the last change that was no drift.
     since_change: u32,
+    /// Blocks in a row in which a line that is followed did not move for sure.
+    still: u32,
     report: Report,
 }
 
 impl BlockEstimator {
     /// Three relative standard deviations below which a parameter counts as usable.
-    const USABLE: f64 = 0.05;
+    const USABLE: f64 = 0.03;
     /// Share of variance removed from which a parameter counts as excited: the block alone knows it to within 32 %.
     const EXCITED: f64 = 0.9;
     /// A group that gave no alarm follows one that did where its own test is below this.
@@ -128,7 +130,9 @@ impl BlockEstimator {
     /// Share of its size by which a drifting parameter may always move per block.
     const DRIFT_RATE: f64 = 0.01;
     /// Alarms at most this many blocks apart are a drift.
-    const DRIFT_BLOCKS: u32 = 4;
+    const DRIFT_BLOCKS: u32 = 8;
+    /// Blocks in a row without movement after which a drift has ended.
+    const STILL_BLOCKS: u32 = 4;
 
     /// An estimator at its start values.
     ///
@@ -172,6 +176,7 @@ impl BlockEstimator {
             options,
             groups,
             since_change: u32::MAX,
+            still: 0,
             report,
         };
         estimator.describe();
@@ -315,7 +320,7 @@ impl BlockEstimator {
             group.since_alarm = group.since_alarm.saturating_add(1);
             group.begin(rows, &self.theta, &self.options);
         }
-        let mut lines = self.follow(rows);
+        let (mut lines, broken) = self.follow(rows);
         for (k, group) in self.groups.iter_mut().enumerate() {
             if lines >> k & 1 == 1 {
                 continue;
@@ -331,6 +336,14 @@ impl BlockEstimator {
         }
         if let Some(detection) = self.options.change_detection {
             lines |= self.watch(rows, lines, detection);
+            if broken {
+                // a bend, or worse: nothing is right that takes this block for a straight line or for none
+                self.report.change = self.report.change.map(|change| Change {
+                    kind: ChangeKind::Between,
+                    ..change
+                });
+                self.since_change = 0;
+            }
         }
         for (k, group) in self.groups.iter_mut().enumerate() {
             if lines >> k & 1 == 1 {
@@ -410,8 +423,9 @@ impl BlockEstimator {
         started
     }
 
-    /// Goes on with the lines of a drift while they explain the block and any of them moves; returns the groups that do, all or none.
-    fn follow<R: Residuals>(&mut self, rows: &R) -> u64 {
+    /// Goes on with the lines of a drift while they explain the block and any of them moves; returns the groups that do, all or none,
+    /// and whether a line ended because it does not explain the block.
+    fn follow<R: Residuals>(&mut self, rows: &R) -> (u64, bool) {
         let drifting = |groups: &[GroupState]| {
             groups
                 .iter()
@@ -420,7 +434,7 @@ impl BlockEstimator {
         };
         let lines = drifting(&self.groups);
         if lines == 0 {
-            return 0;
+            return (0, false);
         }
         let theta = &self.theta;
         // the speed of a drift may change by a third from block to block
@@ -430,14 +444,16 @@ impl BlockEstimator {
                 .iter()
                 .map(|g| g.slope_rate(theta))
                 .fold(Self::DRIFT_RATE, f64::max);
-        let (mut explained, mut moves) = (true, false);
+        let (mut explained, mut moves, mut bends) = (true, false, false);
         for group in self.groups.iter_mut().filter(|g| g.drifting) {
             group.set_losses(true, &self.options);
             explained &= group.follow_line(rows, theta, change);
             moves |= group.line_moves();
+            bends |= group.line_bends(theta);
         }
+        self.still = if moves { 0 } else { self.still.saturating_add(1) };
         for group in self.groups.iter_mut().filter(|g| g.drifting) {
-            group.drifting = explained && moves && group.end_line(&mut self.theta);
+            group.drifting = explained && self.still < Self::STILL_BLOCKS && group.end_line(&mut self.theta);
         }
         let lines = drifting(&self.groups);
         if lines != 0 {
@@ -447,7 +463,7 @@ impl BlockEstimator {
                 time: rows.span(0).0,
             });
         }
-        lines
+        (lines, !explained && bends)
     }
 
     /// Begins to follow a drift in every group, for one that shows no sign of it alone would turn it into errors of weak parameters. Returns the
@@ -460,6 +476,7 @@ impl BlockEstimator {
             let (own_rate, own_off) = group.line_rates(&self.theta);
             (rate, off) = (rate.max(own_rate), off.max(own_off));
         }
+        self.still = 0;
         let mut started = 0;
         for (k, group) in self.groups.iter_mut().enumerate() {
             started |= u64::from(group.start_line(rows, &mut self.theta, rate, off)) << k;

@@ -44,6 +44,10 @@ use std::ops::Range;
 const GUESS: f64 = 100.0;
 /// A block fit whose residuals are less probable than this holds more than noise.
 const CONSISTENT: f64 = 1e-4;
+/// Share of a parameter's size by which a line may always bend.
+const BEND: f64 = 1e-3;
+/// Degrees of freedom of a variance that is known.
+const MANY: f64 = 1e6;
 /// Share of gated rows beyond which they are no outliers but another plant.
 const GATED: f64 = 0.1;
 /// Boundaries per level of the search for τ.
@@ -125,7 +129,7 @@ impl GroupState {
         if directions == 0.0 {
             1.0
         } else {
-            f_tail(t / directions, directions, freedom.min(1e6))
+            f_tail(t / directions, directions, freedom.min(MANY))
         }
     }
 
@@ -279,13 +283,26 @@ impl GroupState {
             .fold(0.0, f64::max)
     }
 
-    /// Fits the line that goes on from the last; true where it leaves no more than noise. `change` is the share of their sizes by
-    /// which slopes may have changed.
+    /// Fits the line that goes on from the last; true where it leaves no more than noise and is near what was expected of it. `change` is the
+    /// share of their sizes by which slopes may have changed.
     pub fn follow_line<R: Residuals>(&mut self, rows: &R, theta: &[f64], change: f64) -> bool {
         for i in 0..self.n {
             self.slope_variance[i] += (change * self.size(theta, i)).powi(2);
         }
-        self.fit_line(rows, theta) && self.line_is_consistent()
+        let directions = 2.0 * self.n as f64;
+        if !(self.fit_line(rows, theta) && self.line_is_consistent()) {
+            return false;
+        }
+        !self.line_bends(theta) || f_tail(self.line.surprise / directions, directions, MANY) > CONSISTENT
+    }
+
+    /// True where the line that was fitted is off the one before by more than no user would notice, however exact the signals are.
+    pub fn line_bends(&self, theta: &[f64]) -> bool {
+        (0..self.n).any(|i| {
+            let start = self.line.middle[i] - 0.5 * self.line.slope[i] - self.centre[i];
+            let turned = self.line.slope[i] - self.slope[i];
+            start.abs().max(turned.abs()) > BEND * self.size(theta, i)
+        })
     }
 
     /// True where the line that was fitted moves by more than three deviations.

@@ -34,6 +34,8 @@ pub struct LineFit {
     pub middle: Vec<f64>,
     /// v.
     pub slope: Vec<f64>,
+    /// What the fit costs against its prior: χ² with at most 2n degrees of freedom where the line goes on as expected.
+    pub surprise: f64,
     /// Covariance of (c, v), 2n × 2n.
     pub covariance: Vec<f64>,
     /// Σ f² per equation of the group, and how many rows are not in it because they are outliers.
@@ -58,6 +60,7 @@ impl LineFit {
             n,
             middle: vec![0.0; n],
             slope: vec![0.0; n],
+            surprise: 0.0,
             covariance: vec![0.0; m * m],
             costs: vec![0.0; equations],
             outliers: vec![0; equations],
@@ -89,9 +92,7 @@ impl LineFit {
             if !cost.is_finite() {
                 return None;
             }
-            if let Some(prior) = prior {
-                self.add_prior(prior);
-            }
+            self.surprise = prior.map_or(0.0, |prior| self.add_prior(prior, fixed));
             for i in 0..m {
                 if fixed[i % n] {
                     for j in 0..m {
@@ -176,15 +177,17 @@ impl LineFit {
         total
     }
 
-    // the start of the line is c − v/2
-    fn add_prior(&mut self, prior: LinePrior<'_>) {
+    // the start of the line is c − v/2; returns what the prior costs
+    fn add_prior(&mut self, prior: LinePrior<'_>, fixed: &[bool]) -> f64 {
         let (n, m) = (self.n, 2 * self.n);
         for i in 0..n {
             self.delta[i] = self.middle[i] - 0.5 * self.slope[i] - prior.start[i];
         }
+        let mut cost = 0.0;
         for i in 0..n {
             let row = &prior.start_information[i * n..(i + 1) * n];
             let pull = dot(row, &self.delta[..n]);
+            cost += self.delta[i] * pull;
             self.vector[i] -= pull;
             self.vector[n + i] += 0.5 * pull;
             for j in 0..n {
@@ -194,9 +197,14 @@ impl LineFit {
                 self.matrix[(n + i) * m + n + j] += 0.25 * row[j];
             }
             let information = 1.0 / prior.slope_variance[i].max(TINY);
-            self.vector[n + i] -= information * (self.slope[i] - prior.slope[i]);
+            let turned = self.slope[i] - prior.slope[i];
+            if !fixed[i] {
+                cost += information * turned * turned;
+            }
+            self.vector[n + i] -= information * turned;
             self.matrix[(n + i) * m + n + i] += information;
         }
+        cost
     }
 
     /// Variance of the slope of parameter i.

@@ -435,7 +435,7 @@ pub fn calibration_section(
 }
 
 /// 20 blocks of steps, 300 blocks at rest or with joint 1 alone moving, 10 blocks of steps.
-fn resting(sim: &SimOptions, block_len: usize, joint_1_moves: bool) -> SimOptions {
+pub fn resting(sim: &SimOptions, block_len: usize, joint_1_moves: bool) -> SimOptions {
     let block_s = block_len as f64 * sim.sample_period_s;
     let (rest_s, wake_s, end_s) = (20.0 * block_s, 320.0 * block_s, 330.0 * block_s);
     let table = |golden: f64, reach: f64, moves_at_rest: bool| {

@@ -10,7 +10,7 @@ mod presets;
 mod references;
 pub mod results;
 mod scenario;
-mod speed;
+pub mod speed;
 pub mod studies;
 
 pub use contenders::{BlockResult, RunRecord, run_batch, run_blocks, run_ekf, run_wrls};

@@ -136,7 +136,7 @@ pub fn exact_section(
 }
 
 /// A change of the plant with its name.
-fn changes() -> Vec<(String, MassSchedule)> {
+pub(super) fn changes() -> Vec<(String, MassSchedule)> {
     let mut cases: Vec<(String, MassSchedule)> = [-0.02, 0.02, -0.133, 0.133, -0.5, 1.0]
         .map(|share| {
             (

@@ -28,6 +28,8 @@ pub struct Excitation {
     n: usize,
     /// Number of excited directions.
     pub rank: usize,
+    /// How many of them, the first ones, the block tells enough about to replace what was known.
+    pub strong: usize,
     directions: Vec<f64>,
     shares: Vec<f64>,
 }
@@ -35,6 +37,8 @@ pub struct Excitation {
 impl Excitation {
     /// Eigenvalues of the scaled information below this share of the largest are rounding.
     const ROUNDING: f64 = 1e-12;
+    /// Eigenvalue from which a direction is strongly excited: the block alone finds it to within 10 %.
+    const STRONG: f64 = 100.0;
 
     /// Room for n parameters.
     pub fn new(n: usize) -> Self {
@@ -44,6 +48,7 @@ impl Excitation {
             scale: vec![1.0; n],
             n,
             rank: 0,
+            strong: 0,
             directions: vec![0.0; n * n],
             shares: vec![0.0; n],
         }
@@ -73,11 +78,20 @@ impl Excitation {
             for i in 0..n {
                 self.shares[i] += self.eigen.vectors[i * n + k].powi(2) * value / (1.0 + value);
             }
-            if value > 1.0 {
-                for i in 0..n {
-                    self.directions[i * n + self.rank] = self.eigen.vectors[i * n + k];
+        }
+        // strong directions first
+        for (above, upto) in [(Self::STRONG, f64::INFINITY), (1.0, Self::STRONG)] {
+            for k in 0..n {
+                let value = self.eigen.values[k];
+                if value > above && value <= upto && value > threshold {
+                    for i in 0..n {
+                        self.directions[i * n + self.rank] = self.eigen.vectors[i * n + k];
+                    }
+                    self.rank += 1;
                 }
-                self.rank += 1;
+            }
+            if upto == f64::INFINITY {
+                self.strong = self.rank;
             }
         }
     }
@@ -138,9 +152,9 @@ impl Rule {
                 (0..n).for_each(|i| prior[i * n + i] += (1.0 - lambda) * floor);
             }
             Forgetting::Directional => {
-                if excitation.rank == n {
+                if excitation.strong == n {
                     prior.iter_mut().for_each(|v| *v *= lambda);
-                } else if excitation.rank > 0 {
+                } else if excitation.strong > 0 {
                     self.forget_directions(n, excitation, prior);
                 }
             }
@@ -159,7 +173,7 @@ impl Rule {
         }
         // rows of `basis`: an orthonormal basis of range(LᵀU) by Gram–Schmidt, twice for orthogonality to rounding
         let mut kept = 0;
-        for k in 0..excitation.rank {
+        for k in 0..excitation.strong {
             let (done, rest) = self.basis.split_at_mut(kept * n);
             let column = &mut rest[..n];
             for i in 0..n {

@@ -10,7 +10,8 @@ mod presets;
 mod references;
 pub mod results;
 mod scenario;
-pub mod speed;
+mod speed;
+pub mod stress;
 pub mod studies;
 
 pub use contenders::{BlockResult, RunRecord, run_batch, run_blocks, run_ekf, run_wrls};

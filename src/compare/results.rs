@@ -6,7 +6,7 @@ use super::ekf::EkfTuning;
 use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
 use super::paper::{ALL, CHANGING};
 use super::speed::speed_section;
-use super::{CompareError, Reference, Scenario, cedro2022_estimator, for_each_index, studies};
+use super::{CompareError, Reference, Scenario, cedro2022_estimator, for_each_index, stress, studies};
 use crate::estimator::{EstimatorOptions, Forgetting};
 use crate::sim::{SensorOptions, SimOptions};
 use std::time::Duration;
@@ -42,9 +42,9 @@ pub fn results_document(
             studies::changes_section(sim, block_len, ours, effort.seeds)?,
             studies::false_alarms_section(sim, block_len, ours, effort.seeds)?,
             studies::calibration_section(sim, block_len, ours, effort.calibration_runs)?,
-            studies::windup_section(sim, block_len, ours)?,
-            studies::outliers_section(sim, block_len, ours, effort.seeds)?,
-            speed_section(sim, block_len, ours, effort.seeds.min(5))?,
+            stress::windup_section(sim, block_len, ours, effort.seeds)?,
+            stress::outliers_section(sim, block_len, ours, effort.seeds)?,
+            speed_section(sim, block_len, ours, effort.seeds.min(2))?,
         ],
     })
 }

@@ -1,4 +1,4 @@
-//! What one estimator does on many runs: changes of every size, noise, no excitation, outliers.
+//! What one estimator does on many runs: changes of every size, false alarms, calibration.
 
 use super::contenders::{RunRecord, run_blocks};
 use super::document::{Section, Table, percent, two_digits};
@@ -6,13 +6,13 @@ use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
 use super::paper::ALL;
 use super::results::{STUDY_NOISE_V, covers, every_run};
 use super::{CompareError, Reference, Scenario, for_each_index};
-use crate::estimator::{ChangeKind, EstimatorOptions, Forgetting, Outliers};
-use crate::sim::{Interpolation, MassSchedule, SensorOptions, Setpoint, SimOptions};
+use crate::estimator::EstimatorOptions;
+use crate::sim::{Interpolation, MassSchedule, SensorOptions, SimOptions};
 
 /// Parameters that gravity shows: θ₆, θ₇, θ₉, and with them the mass of the payload.
 const PAYLOAD: [usize; 3] = [5, 6, 8];
 /// Parameters that a user of a noisy run can expect to know: θ₂, θ₄…θ₉. θ₁ and θ₃ are of link 1 alone, a twentieth of the moving mass.
-const KNOWABLE: [usize; 7] = [1, 3, 4, 5, 6, 7, 8];
+pub(super) const KNOWABLE: [usize; 7] = [1, 3, 4, 5, 6, 7, 8];
 
 pub(super) fn noisy(sim: &SimOptions, noise_v: f64) -> SimOptions {
     SimOptions {
@@ -24,12 +24,12 @@ pub(super) fn noisy(sim: &SimOptions, noise_v: f64) -> SimOptions {
     }
 }
 
-fn worst(values: impl IntoIterator<Item = f64>) -> f64 {
+pub(super) fn worst(values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().fold(0.0, f64::max)
 }
 
 /// Errors of a run per block, over the chosen parameters.
-fn errors(scenario: &Scenario, block_len: usize, record: &RunRecord, parameters: &[usize]) -> Vec<f64> {
+pub(super) fn errors(scenario: &Scenario, block_len: usize, record: &RunRecord, parameters: &[usize]) -> Vec<f64> {
     let blocks = record.blocks.iter().enumerate();
     blocks
         .map(|(b, block)| worst_relative_error(&block.theta, &scenario.truth((b + 1) * block_len - 1), parameters))
@@ -258,7 +258,10 @@ pub fn changes_section(
             let (settled_worst, settled) = (worst(blocks.iter().copied()), median(&mut blocks));
             let dash = || "–".to_owned();
             let mean = |share: fn(&ChangeRun) -> f64| {
-                format!("{:.0} %", 100.0 * results.iter().map(share).sum::<f64>() / results.len() as f64)
+                format!(
+                    "{:.0} %",
+                    100.0 * results.iter().map(share).sum::<f64>() / results.len() as f64
+                )
             };
             let millis = |s: f64| format!("{} ms", two_digits(s * 1e3));
             let blocks = |value: f64| if value.is_finite() { two_digits(value) } else { dash() };
@@ -429,185 +432,6 @@ pub fn calibration_section(
             "Share of {runs} runs, each with its own reference and {STUDY_NOISE_V} V of noise, whose 95 % interval (θ̂ ± 1.96 standard deviations) holds the \
              truth; λ = 0.95. One standard deviation of the counting itself is {:.1} points.",
             100.0 * (0.95 * 0.05 / runs as f64).sqrt()
-        )],
-        table,
-    })
-}
-
-/// 20 blocks of steps, 300 blocks at rest or with joint 1 alone moving, 10 blocks of steps.
-pub fn resting(sim: &SimOptions, block_len: usize, joint_1_moves: bool) -> SimOptions {
-    let block_s = block_len as f64 * sim.sample_period_s;
-    let (rest_s, wake_s, end_s) = (20.0 * block_s, 320.0 * block_s, 330.0 * block_s);
-    let table = |golden: f64, reach: f64, moves_at_rest: bool| {
-        let (mut t_s, mut values_rad) = (Vec::new(), Vec::new());
-        let mut t = 0.0;
-        while t < end_s {
-            // Low-discrepancy levels and dwell times.
-            let k = t_s.len() as f64;
-            let resting = t >= rest_s - 2.0 && t < wake_s && !moves_at_rest;
-            t_s.push(t);
-            values_rad.push(if resting {
-                0.0
-            } else {
-                reach * (2.0 * (k * golden).fract() - 1.0)
-            });
-            t += if resting {
-                wake_s - t
-            } else {
-                0.7 + 0.8 * (k * golden * golden).fract()
-            };
-        }
-        Setpoint::Table {
-            t_s,
-            values_rad,
-            interpolation: Interpolation::Step,
-        }
-    };
-    SimOptions {
-        duration_s: end_s,
-        mass_2: MassSchedule::constant(150.0),
-        setpoint: [table(0.618_034, 1.0, joint_1_moves), table(0.754_878, 0.8, false)],
-        ..noisy(sim, STUDY_NOISE_V)
-    }
-}
-
-/// 300 blocks without excitation, then excitation: every forgetting rule.
-///
-/// # Errors
-/// The options are not valid.
-pub fn windup_section(sim: &SimOptions, block_len: usize, ours: &EstimatorOptions) -> Result<Section, CompareError> {
-    let mut table = Table::new(&[
-        "motion",
-        "rule",
-        "error before",
-        "worst at rest",
-        "deviation grows by",
-        "alarms at rest",
-        "1st block after",
-        "2nd",
-        "3rd",
-    ]);
-    for joint_1_moves in [false, true] {
-        let scenario = Scenario::simulate(&resting(sim, block_len, joint_1_moves))?;
-        let rows = for_each_index(Forgetting::ALL.len(), |index| -> Result<_, CompareError> {
-            let rule = Forgetting::ALL[index];
-            let options = EstimatorOptions {
-                forgetting: rule,
-                ..ours.clone()
-            };
-            let record = run_blocks(&scenario, block_len, &options)?;
-            let errors = errors(&scenario, block_len, &record, &KNOWABLE);
-            let rest = 20..320;
-            let growth = ALL.map(|p| record.blocks[319].std[p] / record.blocks[19].std[p]);
-            Ok(vec![
-                if joint_1_moves { "joint 1 alone" } else { "at rest" }.to_owned(),
-                rule.name().to_owned(),
-                percent(errors[19]),
-                percent(worst(errors[rest.clone()].iter().copied())),
-                two_digits(worst(growth)),
-                record.blocks[rest]
-                    .iter()
-                    .filter(|block| block.change.is_some())
-                    .count()
-                    .to_string(),
-                percent(errors[320]),
-                percent(errors[321]),
-                percent(errors[322]),
-            ])
-        });
-        for row in rows {
-            table.push(row?);
-        }
-    }
-    Ok(Section {
-        heading: "Without excitation".to_owned(),
-        text: vec![format!(
-            "20 blocks of steps, 300 blocks at rest or with joint 1 alone moving, then steps again; {STUDY_NOISE_V} V of noise. Errors are the worst of θ2 and θ4 \
-             to θ9; the deviation is that of the parameter where it grows most, from the last block of steps to the last block of rest."
-        )],
-        table,
-    })
-}
-
-/// Largest change of any estimate, in its own standard deviations, by spikes on 1 % of the voltages, 100 times the noise; blocks from the second on.
-///
-/// # Errors
-/// The options are not valid.
-pub fn outlier_effect(
-    sim: &SimOptions,
-    block_len: usize,
-    options: &EstimatorOptions,
-    kind: Reference,
-    seed: u64,
-) -> Result<(f64, usize), CompareError> {
-    let clean = kind.apply(&noisy(sim, STUDY_NOISE_V), 3000 + seed);
-    let sensors = SensorOptions {
-        spike_probability: 0.01,
-        spike_v: 100.0 * STUDY_NOISE_V,
-        ..clean.sensors
-    };
-    let spiked = SimOptions {
-        sensors,
-        ..clean.clone()
-    };
-    let run = |sim: &SimOptions| run_blocks(&Scenario::simulate(sim)?, block_len, options);
-    let (clean, spiked) = (run(&clean)?, run(&spiked)?);
-    let pairs = clean.blocks.iter().zip(&spiked.blocks).skip(1);
-    let moved = pairs.flat_map(|(a, b)| ALL.map(|p| ((a.theta[p] - b.theta[p]) / a.std[p]).abs()));
-    let within = |record: &RunRecord| {
-        record
-            .blocks
-            .iter()
-            .filter(|b| b.change.is_some_and(|c| c.kind != ChangeKind::Drift))
-            .count()
-    };
-    Ok((worst(moved), within(&spiked).abs_diff(within(&clean))))
-}
-
-/// Spikes and the treatments of outliers.
-///
-/// # Errors
-/// The options are not valid.
-pub fn outliers_section(
-    sim: &SimOptions,
-    block_len: usize,
-    ours: &EstimatorOptions,
-    seeds: u64,
-) -> Result<Section, CompareError> {
-    let mut table = Table::new(&[
-        "outliers",
-        "reference",
-        "worst change of an estimate",
-        "alarms more or fewer",
-    ]);
-    for (name, outliers) in [
-        ("keep", Outliers::Keep),
-        ("huber 1.345", Outliers::Huber(1.345)),
-        ("gate 6", Outliers::Gate(6.0)),
-    ] {
-        let options = EstimatorOptions {
-            outliers,
-            ..ours.clone()
-        };
-        for kind in Reference::ALL {
-            let effects = for_each_index(seeds.min(5) as usize, |seed| {
-                outlier_effect(sim, block_len, &options, kind, seed as u64)
-            });
-            let effects = effects.into_iter().collect::<Result<Vec<_>, _>>()?;
-            table.push(vec![
-                name.to_owned(),
-                kind.name().to_owned(),
-                format!("{} std", two_digits(worst(effects.iter().map(|e| e.0)))),
-                effects.iter().map(|e| e.1).sum::<usize>().to_string(),
-            ]);
-        }
-    }
-    Ok(Section {
-        heading: "Outliers".to_owned(),
-        text: vec![format!(
-            "1 % of the voltages carry a spike of 100 times the noise. The same runs with and without spikes, {} seeds each; compared is every estimate from the second \
-             block on, in standard deviations of the run without.",
-            seeds.min(5)
         )],
         table,
     })

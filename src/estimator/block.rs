@@ -60,7 +60,7 @@ pub struct Report {
     pub excitation: Vec<f64>,
     /// Bit i: the block informed on parameter i, to a third of its size at least.
     pub excited: u64,
-    /// Bit i: three standard deviations of parameter i are below 5 %, and no change was seen in this block or the one before.
+    /// Bit i: three standard deviations of parameter i are below 3 %, and no change was seen in this block or the one before.
     pub usable: u64,
     /// Bit i: parameter i is fixed.
     pub fixed: u64,

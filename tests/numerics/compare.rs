@@ -4,13 +4,14 @@ use thetabus::compare::ekf::EkfTuning;
 use thetabus::compare::metrics::worst_relative_error;
 use thetabus::compare::paper::{jump_response, variants_section};
 use thetabus::compare::results::STUDY_NOISE_V;
+use thetabus::compare::stress::{outlier_effect, rest_run};
 use thetabus::compare::studies::{calibration, change_run, exact_run, false_alarms};
 use thetabus::compare::{
     CEDRO2022_BLOCK_LEN, CompareError, Reference, Scenario, cedro2022_best_estimator, cedro2022_best_start,
     cedro2022_estimator, run_batch, run_ekf, run_wrls,
 };
-use thetabus::estimator::{EstimatorOptions, Forgetting};
-use thetabus::sim::{MassSchedule, SensorOptions, SimOptions};
+use thetabus::estimator::{EstimatorOptions, Forgetting, Outliers};
+use thetabus::sim::{Interpolation, MassSchedule, SensorOptions, SimOptions};
 
 #[test]
 fn regress_the_papers_table_in_the_documents_is_the_one_that_the_code_makes() {
@@ -118,6 +119,73 @@ fn ident_a_jump_in_noise_is_located_and_the_payload_is_right_again_within_blocks
         assert!(run.off_s.is_some_and(|off| off < 0.05), "{kind:?} {run:?}");
         assert!(run.to_1_percent.is_some_and(|blocks| blocks <= 4), "{kind:?} {run:?}");
         assert!(run.usable_error < 0.05 && run.usable_share > 0.5, "{kind:?} {run:?}");
+    }
+}
+
+#[test]
+fn ident_a_slow_drift_in_noise_stays_usable_in_most_blocks_and_within_three_per_cent() {
+    let base = SimOptions {
+        duration_s: 150.0,
+        mass_2: MassSchedule {
+            points: vec![(0.0, 150.0), (30.0, 150.0), (130.0, 180.0)],
+            interpolation: Interpolation::Linear,
+        },
+        sensors: SensorOptions {
+            input_noise_v: STUDY_NOISE_V,
+            ..SensorOptions::exact()
+        },
+        ..SimOptions::cedro2022()
+    };
+    for kind in Reference::ALL {
+        // Seed 2 of square bends into another line where the drift ends, in the middle of a block.
+        let run = change_run(&kind.apply(&base, 2), CEDRO2022_BLOCK_LEN, &cedro2022_best_estimator()).unwrap();
+        assert!(run.usable_error < 0.03, "{kind:?} {run:?}");
+        assert!(
+            run.usable_share > 0.75 && run.usable_parameters > 0.5,
+            "{kind:?} {run:?}"
+        );
+    }
+}
+
+#[test]
+fn fault_a_long_rest_moves_nothing_and_is_over_within_two_blocks() {
+    let (sim, ours) = (SimOptions::cedro2022(), cedro2022_best_estimator());
+    for joint_1_moves in [false, true] {
+        let run = rest_run(&sim, CEDRO2022_BLOCK_LEN, &ours, joint_1_moves).unwrap();
+        // Nothing jumps: each estimate stays within what the deviation before and during the rest allows.
+        assert!(run.at_rest < 0.01 && run.deviations < 5.0, "{joint_1_moves} {run:?}");
+        assert!(run.growth < 50.0, "{joint_1_moves} {run:?}");
+        // 300 blocks at 2 in 10 000: two alarms come once in 500 runs.
+        assert!(run.alarms <= 1, "{joint_1_moves} {run:?}");
+        assert!(run.after[1] < 0.002 && run.after[2] < 0.002, "{joint_1_moves} {run:?}");
+    }
+    // What the rule is for: without it the first movement throws the estimate.
+    let exponential = EstimatorOptions {
+        forgetting: Forgetting::Exponential,
+        ..ours
+    };
+    let run = rest_run(&sim, CEDRO2022_BLOCK_LEN, &exponential, true).unwrap();
+    assert!(run.at_rest > 0.01, "{run:?}");
+}
+
+#[test]
+fn fault_spikes_over_a_whole_run_with_a_jump_move_no_estimate_by_a_deviation() {
+    let sim = SimOptions {
+        duration_s: 80.0,
+        ..SimOptions::cedro2022()
+    };
+    for outliers in [Outliers::Huber(1.345), Outliers::Gate(6.0)] {
+        let options = EstimatorOptions {
+            outliers,
+            ..cedro2022_best_estimator()
+        };
+        for kind in Reference::ALL {
+            let (moved, alarms) = outlier_effect(&sim, CEDRO2022_BLOCK_LEN, &options, kind, 0).unwrap();
+            assert!(
+                moved < 1.0 && alarms == 0,
+                "{kind:?} {outliers:?}: {moved} std, {alarms} alarms"
+            );
+        }
     }
 }
 

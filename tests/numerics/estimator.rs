@@ -278,6 +278,102 @@ fn fault_blocks_at_the_edge_are_defined() {
 }
 
 #[test]
+fn fault_blocks_of_one_sample_and_of_identical_samples_keep_the_arm_finite_and_find_it_later() {
+    let truth = [
+        0.004347826086956522,
+        0.02608695652173913,
+        0.043478260869565216,
+        0.2608695652173913,
+        23.0,
+    ];
+    let samples = golden_samples();
+    let error = |estimator: &BlockEstimator| {
+        let pairs = estimator.theta().iter().zip(&truth);
+        pairs.map(|(got, want)| (got / want - 1.0).abs()).fold(0.0, f64::max)
+    };
+    for forgetting in Forgetting::ALL {
+        let options = || EstimatorOptions {
+            forgetting,
+            lower: vec![0.0; 9],
+            ..EstimatorOptions::recommended(GOLDEN_START.to_vec(), 2)
+        };
+        // N = 1: two rows for nine parameters, 300 times
+        let mut estimator = BlockEstimator::new(structure(&Manipulator::default()), options()).unwrap();
+        for sample in &samples[400..700] {
+            let report = estimator.update(&arm_block(std::slice::from_ref(sample)));
+            assert!(report.rank <= 2, "{}: {}", forgetting.name(), report.rank);
+            let finite = report.theta.iter().chain(&report.theta_std).all(|v| v.is_finite());
+            assert!(finite && report.held.is_none(), "{}", forgetting.name());
+        }
+        // identical samples: the two directions of one sample, whatever their number; nothing is usable of what they leave open
+        let mut estimator = BlockEstimator::new(structure(&Manipulator::default()), options()).unwrap();
+        for _ in 0..20 {
+            let report = estimator.update(&arm_block(&vec![samples[500]; 400]));
+            assert!(
+                report.rank <= 2 && report.usable.count_ones() <= 2,
+                "{}",
+                forgetting.name()
+            );
+            let finite = report.theta.iter().chain(&report.theta_std).all(|v| v.is_finite());
+            assert!(finite && report.held.is_none(), "{}", forgetting.name());
+        }
+        // and motion afterwards finds the arm
+        for block in samples[400..2400].chunks_exact(400) {
+            estimator.update(&arm_block(block));
+        }
+        // within the deviation that exact signals and what the frozen blocks left in the information allow
+        assert!(
+            error(&estimator) < 1e-3,
+            "{}: {:e}",
+            forgetting.name(),
+            error(&estimator)
+        );
+    }
+}
+
+#[test]
+fn ident_the_structure_of_the_products_shows_as_what_it_is() {
+    let mut options = EstimatorOptions::recommended(GOLDEN_START.to_vec(), 2);
+    options.lower = vec![0.0; 9];
+    let mut estimator = BlockEstimator::new(structure(&Manipulator::default()), options).unwrap();
+    let mut rng = TestRng(9);
+    for block in golden_samples()[..2400].chunks_exact(400) {
+        let noisy: Vec<JointSample> = block
+            .iter()
+            .map(|sample| {
+                let mut sample = *sample;
+                sample.input[0] += rng.between(-0.05, 0.05);
+                sample.input[1] += rng.between(-0.05, 0.05);
+                sample
+            })
+            .collect();
+        estimator.update(&arm_block(&noisy));
+    }
+    // θ₁θ₄ = θ₂θ₃ holds for the arm and is not imposed: the data agree with it to within their deviation
+    let (ratio, std) = estimator.product_ratio([0, 3], [1, 2]);
+    assert!(std > 0.0 && ratio.abs() < 4.0 * std, "{ratio} ± {std}");
+    // a relation that does not hold stands out by many deviations
+    let (ratio, std) = estimator.product_ratio([5, 8], [6, 7]);
+    assert!(ratio.abs() > 4.0 * std, "{ratio} ± {std}");
+    // the correlation matrix: a unit diagonal, symmetric, within ±1, nothing across independent equations; θ₆ and θ₉ act as a product
+    let mut correlation = [0.0; 81];
+    estimator.correlation(&mut correlation);
+    for i in 0..9 {
+        assert_eq!(correlation[i * 9 + i], 1.0);
+        for j in 0..9 {
+            let value = correlation[i * 9 + j];
+            assert!(value == correlation[j * 9 + i] && value.abs() <= 1.0);
+            assert!((i < 5) == (j < 5) || value == 0.0);
+        }
+    }
+    assert!(correlation[6 * 9 + 8] < -0.5, "θ₇ and θ₉: {}", correlation[6 * 9 + 8]);
+    let report = estimator.report();
+    assert!(report.condition > 1.0 && report.condition.is_finite());
+    assert!(report.excitation.iter().all(|share| (0.0..=1.0).contains(share)));
+    assert_eq!((report.rank, report.excited.count_ones()), (9, 9));
+}
+
+#[test]
 fn fault_options_out_of_range_are_refused_with_name_and_number() {
     let check = |change: &dyn Fn(&mut EstimatorOptions), text: &str| {
         let mut options = EstimatorOptions::paper(vec![1.0, 2.0], 1);

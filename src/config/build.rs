@@ -335,6 +335,7 @@ fn projected(form: &FileForm, check: &mut Check<'_>) -> Option<ProjectedOptions>
             position_noise: per_joint(&section.position_noise),
             input_noise: per_joint(&section.input_noise),
         },
+        learn_noise: section.learn_noise,
     };
     if let Err(ProjectedError::Value { field, expected, got }) = options.validate() {
         let key = match field {

@@ -170,6 +170,7 @@ impl Default for FileForm {
                 position_resolution: vec![rows.noise.position_resolution[0]],
                 position_noise: vec![rows.noise.position_noise[0]],
                 input_noise: vec![rows.noise.input_noise[0]],
+                learn_noise: rows.learn_noise,
             },
             estimator: schema::Estimator {
                 block_len: CEDRO2022_BLOCK_LEN as u64,

@@ -453,6 +453,8 @@ sections! {
             "Standard deviation of white noise on the positions, one number or one per joint";
         input_noise: Vec<f64>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "V, A, N or N m",
             "Standard deviation of white noise on the inputs, one number or one per joint";
+        learn_noise: bool, Kind::Flag, "",
+            "Take the noise from the signals, block by block, instead of the three levels above";
     }
     estimator: Estimator = "estimator", "The recursion over blocks of samples" {
         block_len: u64, Kind::Whole(1, 10_000_000), "samples",

@@ -1,6 +1,7 @@
 //! From samples to the rows that an estimator sees.
 
 mod kernel;
+mod noise;
 mod pointwise;
 mod projected;
 mod separation;

@@ -25,6 +25,7 @@
 //! Before the first estimate θ is not known well enough for R: the first block is fitted once with R from the start values, then R is made anew.
 
 use super::kernel::{InputTiming, Kernels, dot};
+use super::noise::SignalNoise;
 use super::separation::{MAX_ORDER, Monomial, Polynomial, Separation, partials};
 use super::smoothing::savitzky_golay;
 use super::whitening::{Direction, Whitening};
@@ -88,6 +89,8 @@ pub struct ProjectedOptions {
     pub input_delay_s: f64,
     /// What the sensors do.
     pub noise: SensorNoise,
+    /// Learn the noise levels from the signals instead (`noise.rs`), block by block; `noise` is then not used.
+    pub learn_noise: bool,
 }
 
 impl ProjectedOptions {
@@ -101,6 +104,7 @@ impl ProjectedOptions {
             timing: InputTiming::Held,
             input_delay_s: 0.0,
             noise: SensorNoise::encoder(16, 0.05),
+            learn_noise: false,
         }
     }
 
@@ -265,6 +269,10 @@ struct Core<P> {
     white: [Vec<Columns>; 2],
     whitening: Vec<Whitening>,
     evaluated: RefCell<Evaluated>,
+    /// What the sensors do, as told or as learnt so far: of each position, of each input.
+    noise: SensorNoise,
+    position_noise: Vec<SignalNoise>,
+    input_noise: Vec<SignalNoise>,
     // scratch of `prepare`
     jumps: Vec<Vec<(usize, f64)>>,
     statistic: Vec<f64>,
@@ -333,6 +341,11 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
     /// The plant behind the rows.
     pub fn plant(&self) -> &P {
         &self.core.plant
+    }
+
+    /// What the sensors do, as told or as learnt up to the last block that was prepared.
+    pub fn noise(&self) -> &SensorNoise {
+        &self.core.noise
     }
 
     /// The options in force.
@@ -410,6 +423,9 @@ impl<P: Plant> Core<P> {
             raw,
             whitening: vec![Whitening::new(rows, bandwidth); plant.equations().len()],
             evaluated: RefCell::new(evaluated),
+            noise: options.noise,
+            position_noise: vec![SignalNoise::default(); joints],
+            input_noise: vec![SignalNoise::default(); joints],
             jumps: vec![Vec::with_capacity(capacity); joints],
             statistic: Vec::with_capacity(capacity),
             partials: vec![vec![[0.0; MAX_ORDER + 1]; capacity]; 2 * joints],
@@ -437,6 +453,8 @@ impl<P: Plant> Core<P> {
         self.len = 0;
         self.segment = 0;
         self.windows.clear();
+        self.position_noise.iter_mut().for_each(SignalNoise::reset);
+        self.input_noise.iter_mut().for_each(SignalNoise::reset);
     }
 
     fn push(&mut self, t_ns: u64, sample: &JointSample) -> bool {
@@ -483,10 +501,9 @@ impl<P: Plant> Core<P> {
         true
     }
 
-    /// Velocity, noise and features of a sample whose neighbours are known.
+    /// Velocity and features of a sample whose neighbours are known.
     fn differentiate(&mut self, at: usize) {
         let velocity_half = self.options.velocity_half_width;
-        let noise = &self.options.noise;
         let mut q = [0.0; MAX_JOINTS];
         let mut dq = [0.0; MAX_JOINTS];
         for joint in 0..self.q.len() {
@@ -494,16 +511,6 @@ impl<P: Plant> Core<P> {
             q[joint] = self.q[joint][at];
             dq[joint] = dot(&self.velocity_weights, neighbours);
             self.dq[joint][at] = dq[joint];
-            let resolution = noise.position_resolution[joint];
-            let creep = CREEP * resolution / (dq[joint].abs() * self.options.sample_period_s);
-            // 0/0 of a joint without quantisation counts for nothing
-            let inflation = if resolution > 0.0 {
-                creep.clamp(1.0, CREEP_LIMIT)
-            } else {
-                1.0
-            };
-            let variance = noise.position_noise[joint].powi(2) + resolution * resolution / 12.0 * inflation;
-            self.q_std[joint][at] = variance.sqrt();
         }
         let features = &mut self.features;
         self.separation
@@ -514,13 +521,7 @@ impl<P: Plant> Core<P> {
     fn clear(&mut self) {
         let kept = (self.len - self.segment).min(self.history);
         let from = self.len - kept;
-        for buffer in [
-            &mut self.q,
-            &mut self.dq,
-            &mut self.q_std,
-            &mut self.u,
-            &mut self.features,
-        ] {
+        for buffer in [&mut self.q, &mut self.dq, &mut self.u, &mut self.features] {
             for values in buffer {
                 values.copy_within(from..from + kept, 0);
             }
@@ -533,7 +534,40 @@ impl<P: Plant> Core<P> {
         self.evaluated.get_mut().valid = false;
     }
 
-    /// Projects the block and whitens its rows by the noise at θ.
+    /// Takes the noise levels from the signals where they are to be learnt, and says what each position is worth.
+    fn sense(&mut self) {
+        let span = self.segment..self.len;
+        for joint in 0..self.q.len() {
+            if self.options.learn_noise {
+                let (position, input) = (&mut self.position_noise[joint], &mut self.input_noise[joint]);
+                position.learn(&self.q[joint][span.clone()], &mut self.statistic);
+                let u = &self.u[joint][span.clone()];
+                input.learn(u, &mut self.statistic);
+                self.noise.position_resolution[joint] = position.resolution();
+                self.noise.position_noise[joint] = position.deviation();
+                let deviation = input.deviation().hypot(input.resolution() / 12f64.sqrt());
+                let size = (dot(u, u) / u.len().max(1) as f64).sqrt();
+                self.noise.input_noise[joint] = if deviation > EXACT * size { deviation } else { 0.0 };
+            }
+            let resolution = self.noise.position_resolution[joint];
+            let (white, rounding) = (self.noise.position_noise[joint].powi(2), resolution * resolution / 12.0);
+            for (deviation, velocity) in self.q_std[joint][span.clone()]
+                .iter_mut()
+                .zip(&self.dq[joint][span.clone()])
+            {
+                let creep = CREEP * resolution / (velocity.abs() * self.options.sample_period_s);
+                // 0/0 of a joint without quantisation counts for nothing
+                let inflation = if resolution > 0.0 {
+                    creep.clamp(1.0, CREEP_LIMIT)
+                } else {
+                    1.0
+                };
+                *deviation = (white + rounding * inflation).sqrt();
+            }
+        }
+    }
+
+    /// Projects the block.
     fn project(&mut self) {
         if self.options.timing == InputTiming::Continuous {
             for joint in 0..self.q.len() {
@@ -594,7 +628,7 @@ impl<P: Plant> Core<P> {
         self.statistic.extend(candidates.clone().map(|k| contrast(k).abs()));
         let middle = self.statistic.len() / 2;
         let (_, median, _) = self.statistic.select_nth_unstable_by(middle, f64::total_cmp);
-        let noise = self.options.noise.input_noise[joint];
+        let noise = self.noise.input_noise[joint];
         // the variance of j is 7 σ_u², and a median of 0.67 standard deviations
         let threshold = (8.0 * 7f64.sqrt() * noise).max(12.0 * *median).max(f64::MIN_POSITIVE);
         for k in candidates {
@@ -677,7 +711,7 @@ impl<P: Plant> Core<P> {
         let u = &self.u[input][..self.len];
         let mean_square = dot(u, u) / self.len.max(1) as f64;
         // exact signals are exact to rounding and quadrature only
-        let input_variance = self.options.noise.input_noise[input].powi(2) + EXACT * EXACT * mean_square.max(EXACT);
+        let input_variance = self.noise.input_noise[input].powi(2) + EXACT * EXACT * mean_square.max(EXACT);
         let whitening = &mut self.whitening[e];
         whitening.begin(self.windows.len());
         for (i, window) in self.windows.iter().enumerate() {
@@ -743,7 +777,7 @@ impl<P: Plant> Core<P> {
                         let Some(weight) = kernels.jump[0].get(at - earlier_from) else {
                             continue;
                         };
-                        let noise = self.options.noise.input_noise[input];
+                        let noise = self.noise.input_noise[input];
                         let relative = if noise > 0.0 { 1e-3 } else { 1e-5 };
                         let variance = 5.0 * noise * noise + (relative * size) * (relative * size);
                         sum += scale * scale * kernels.jump[0][at - from] * weight * variance;
@@ -914,6 +948,7 @@ impl<P: Plant> SampleBlock for ProjectedBlock<P> {
     }
 
     fn prepare(&mut self, theta: &[f64]) {
+        self.core.sense();
         self.core.project();
         self.core.weigh(theta);
         if self.first && !self.core.windows.is_empty() {

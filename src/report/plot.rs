@@ -287,7 +287,17 @@ impl Panel {
                 let _ = write!(svg, r#"<path d="M{LEFT} {y:.1}h-5" stroke="{INK}"/>"#);
             }
             let (x, y) = (LEFT - 9.0, y + 4.5);
-            let _ = write!(svg, r#"<text x="{x}" y="{y:.1}" text-anchor="end">{text}</text>"#);
+            // A long name is drawn narrower instead of being cut at the border; a letter is some 7 units wide.
+            let room = x - 4.0;
+            let narrow = if 7.0 * text.chars().count() as f64 > room && !text.contains('<') {
+                format!(r#" textLength="{room}" lengthAdjust="spacingAndGlyphs""#)
+            } else {
+                String::new()
+            };
+            let _ = write!(
+                svg,
+                r#"<text x="{x}" y="{y:.1}" text-anchor="end"{narrow}>{text}</text>"#
+            );
         };
         match *frame.scale {
             Scale::Linear { from, to } => {

@@ -12,7 +12,7 @@ use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use thetabus::service::{
-    self, CommonArgs, CompareArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, MonitorArgs, PlantArgs,
+    self, CommonArgs, CompareArgs, CtlArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, MonitorArgs, PlantArgs,
     ReplayArgs, ReportArgs, RunArgs, VERSION,
 };
 
@@ -44,6 +44,9 @@ enum Command {
     /// Write a recording's samples as CSV, units in the header; `identify` reads it back to the same bits
     #[command(after_help = EXIT_CODES)]
     Export(ExportArgs),
+    /// Pause, resume, reset, tune, fix, free, save or describe a running identifier
+    #[command(after_help = EXIT_CODES)]
+    Ctl(CtlArgs),
     /// Tools for configuration files
     #[command(subcommand)]
     Config(ConfigCommand),
@@ -84,6 +87,7 @@ fn main() -> ExitCode {
         Command::Export(args) => {
             service::main_with(&CommonArgs::with_logs(args.log_format), |_| service::export(&args))
         }
+        Command::Ctl(args) => service::main_with(&CommonArgs::with_logs(args.log_format), |_| service::ctl(&args)),
         Command::Config(ConfigCommand::Check { file, set }) => {
             service::main_with(&CommonArgs::default(), |_| service::config_check(&file, &set))
         }

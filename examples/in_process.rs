@@ -24,13 +24,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         structure(&plant),
         EstimatorOptions::recommended(start, plant.equations().len()),
     )?;
-    let options = IdentifierOptions {
-        block_len: BLOCK_LEN as u64,
-        joints: plant.joints(),
-        signals: signals::Q | signals::DQ | signals::DDQ | signals::DDDQ | signals::INPUT,
-        model_hash: 0,
-        config_hash: 0,
-    };
+    let options = IdentifierOptions::new(
+        BLOCK_LEN as u64,
+        plant.joints(),
+        signals::Q | signals::DQ | signals::DDQ | signals::DDDQ | signals::INPUT,
+    );
     let rows = PointwiseBlock::new(plant, InputSource::Measured, BLOCK_LEN);
     let mut identifier = IdentifierNode::new(options, rows, estimator, None, std::process::id());
 

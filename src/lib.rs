@@ -47,6 +47,7 @@
 //! | `config` | TOML files ⇄ validated core types | `config` |
 //! | `bus` | topics on shared memory, the only place that names iceoryx2 | `bus` |
 //! | `runner`, `service` | pace, wait, drain, publish, signals; the programs | `service` |
+//! | `checkpoint` | what an identifier knows, kept for its next start | `service` |
 //! | `recording`, `report` | files, tables and figures of a run | `service` |
 //! | [`notation`] | every symbol of the paper with its name in the code | |
 //!
@@ -55,6 +56,8 @@
 
 #[cfg(feature = "bus")]
 pub mod bus;
+#[cfg(feature = "service")]
+pub mod checkpoint;
 #[cfg(feature = "sim")]
 pub mod compare;
 #[cfg(feature = "config")]

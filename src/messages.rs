@@ -5,8 +5,14 @@
 //!
 //! Bit-identity of two runs covers every field except `boot_id`.
 
+mod control;
 mod status;
 mod text;
+
+pub use control::{
+    Command, DATA, Item, Journal, MAX_ITEMS, MAX_PARTS, NAME, Parts, RESPONSE_TEXT, Request, Response, UNIT, item_kind,
+    request_flags, response_code,
+};
 
 pub use status::{
     ERROR_TEXT, ErrorCode, LastError, ProcessStatus, RealtimeStatus, Status, StreamFaults, Timing, status_flags,

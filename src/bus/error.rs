@@ -146,6 +146,28 @@ pub enum BusError {
         /// Bytes available.
         available: u64,
     },
+    /// Nobody serves `control`.
+    #[error(
+        "no identifier of robot {robot:?} runs in domain {domain:?}; start one, or name another with --robot and --domain"
+    )]
+    NoIdentifier {
+        /// The robot.
+        robot: String,
+        /// The domain.
+        domain: String,
+    },
+    /// The identifier did not answer.
+    #[error(
+        "the identifier of robot {robot:?} in domain {domain:?} did not answer within {limit_s} s; it hangs, is stopped, or has just ended"
+    )]
+    NoAnswer {
+        /// The robot.
+        robot: String,
+        /// The domain.
+        domain: String,
+        /// How long was waited \[s\].
+        limit_s: f64,
+    },
     /// Nobody listened in time.
     #[error(
         "topic {topic} of robot {robot:?} in domain {domain:?}: {attached} of {expected} consumers attached within {limit_s} s; \

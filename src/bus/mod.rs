@@ -10,6 +10,8 @@
 //! | `sample` + event | one | by [`Delivery`]; 4 subscribers, 16 nodes |
 //! | `estimate` + event | one, and a spare for bridges | overflow on, buffer 64, history 1; 16 subscribers |
 //! | `status` | one, and a spare for bridges | overflow on, buffer 64, history 1; 16 subscribers |
+//! | `journal` | one, and a spare for bridges | overflow on, buffer 64, history 64; 16 subscribers |
+//! | `control` + event | request-response: one server, 8 clients | one request at a time per client |
 //!
 //! Service names are `thetabus/<robot>/<topic>`, isolated from other runs by a [`Domain`]. Every message has the user header
 //! [`Header`]. Ports belong to the thread that made them. What a killed process leaves behind is
@@ -32,6 +34,7 @@
 //! # }
 //! ```
 
+mod control;
 mod domain;
 mod error;
 mod lock;
@@ -46,6 +49,7 @@ mod subscriber;
 mod tests;
 mod topic;
 
+pub use control::{ControlClient, ControlServer};
 pub use domain::Domain;
 pub use error::{BusError, ICEORYX2_VERSION};
 pub use lock::{Role, RoleLock};
@@ -56,7 +60,7 @@ pub use sample_subscriber::SampleSubscriber;
 pub use subscriber::Subscriber;
 pub use topic::{Latched, Topic};
 
-use crate::messages::Header;
+use crate::messages::{Header, Request, Response};
 use iceoryx2::prelude::ipc;
 use std::time::Duration;
 
@@ -65,6 +69,8 @@ type EventService = iceoryx2::service::port_factory::event::PortFactory<ipc::Ser
 type Listener = iceoryx2::port::listener::Listener<ipc::Service>;
 type Notifier = iceoryx2::port::notifier::Notifier<ipc::Service>;
 type PubSubService<T> = iceoryx2::service::port_factory::publish_subscribe::PortFactory<ipc::Service, T, Header>;
+type ControlService =
+    iceoryx2::service::port_factory::request_response::PortFactory<ipc::Service, Request, (), Response, ()>;
 type PublisherPort<T> = iceoryx2::port::publisher::Publisher<ipc::Service, T, Header>;
 type SubscriberPort<T> = iceoryx2::port::subscriber::Subscriber<ipc::Service, T, Header>;
 

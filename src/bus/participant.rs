@@ -2,9 +2,9 @@
 
 use super::domain::check_name;
 use super::membership::Membership;
-use super::topic::{latched, sample};
-use super::{BusError, Domain, EventService, ICEORYX2_VERSION, Latched, PubSubService, Topic};
-use crate::messages::{Header, Sample};
+use super::topic::{control, latched, sample};
+use super::{BusError, ControlService, Domain, EventService, ICEORYX2_VERSION, Latched, PubSubService, Topic};
+use crate::messages::{Header, Request, Response, Sample};
 use iceoryx2::prelude::{
     Config, LogLevel, MessagingPattern, NodeBuilder, NodeName, Service, ServiceName, SignalHandlingMode, ipc,
     set_log_level_from_env_or,
@@ -13,6 +13,7 @@ use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventO
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
+use iceoryx2::service::builder::request_response::{RequestResponseOpenError, RequestResponseOpenOrCreateError};
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use std::fmt;
 use std::rc::Rc;
@@ -112,10 +113,10 @@ impl Bus {
     }
 
     fn event_named(&self, topic: Topic, name: &ServiceName) -> Result<EventService, BusError> {
-        let nodes = if topic == Topic::Sample {
-            sample::MAX_NODES
-        } else {
-            latched::MAX_NODES
+        let (nodes, notifiers) = match topic {
+            Topic::Sample => (sample::MAX_NODES, 2),
+            Topic::Control => (control::MAX_NODES, control::MAX_CLIENTS),
+            _ => (latched::MAX_NODES, 2),
         };
         persist(
             || {
@@ -124,7 +125,7 @@ impl Bus {
                     .node
                     .service_builder(name)
                     .event()
-                    .max_notifiers(2)
+                    .max_notifiers(notifiers)
                     .max_listeners(nodes)
                     .max_nodes(nodes)
                     .open_or_create()
@@ -166,7 +167,7 @@ impl Bus {
                     .enable_safe_overflow(true)
                     .subscriber_max_buffer_size(latched::BUFFER)
                     .subscriber_max_borrowed_samples(latched::MAX_BORROWED)
-                    .history_size(latched::HISTORY)
+                    .history_size(T::HISTORY)
                     .max_publishers(latched::MAX_PUBLISHERS)
                     .max_subscribers(latched::MAX_SUBSCRIBERS)
                     .max_nodes(latched::MAX_NODES)
@@ -236,6 +237,61 @@ impl Bus {
                 &PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(e),
             )),
         }
+    }
+
+    /// `control` as its server makes it; a leftover of one that was killed is taken over.
+    pub(super) fn create_control(&self) -> Result<ControlService, BusError> {
+        let name = self.service_name(Topic::Control)?;
+        persist(
+            || self.control_builder(&name).open_or_create(),
+            |e| {
+                matches!(
+                    e,
+                    RequestResponseOpenOrCreateError::SystemInFlux
+                        | RequestResponseOpenOrCreateError::RequestResponseOpenError(
+                            RequestResponseOpenError::Interrupt
+                                | RequestResponseOpenError::HangsInCreation
+                                | RequestResponseOpenError::IsMarkedForDestruction
+                        )
+                )
+            },
+        )
+        .map_err(|e| self.topic_error(Topic::Control, format!("cannot be opened: {e:?}; {}", advice())))
+    }
+
+    /// `control` as a client opens it: `None` as long as nobody serves it.
+    pub(super) fn open_control(&self) -> Result<Option<ControlService>, BusError> {
+        let name = self.service_name(Topic::Control)?;
+        let opened = persist(
+            || self.control_builder(&name).open(),
+            |e| {
+                matches!(
+                    e,
+                    RequestResponseOpenError::Interrupt | RequestResponseOpenError::HangsInCreation
+                )
+            },
+        );
+        match opened {
+            Ok(service) => Ok(Some(service)),
+            Err(RequestResponseOpenError::DoesNotExist | RequestResponseOpenError::IsMarkedForDestruction) => Ok(None),
+            Err(e) => Err(self.topic_error(Topic::Control, format!("cannot be opened: {e:?}; {}", advice()))),
+        }
+    }
+
+    fn control_builder(
+        &self,
+        name: &ServiceName,
+    ) -> iceoryx2::service::builder::request_response::Builder<Request, (), Response, (), ipc::Service> {
+        self.0
+            .membership
+            .node
+            .service_builder(name)
+            .request_response::<Request, Response>()
+            .max_servers(1)
+            .max_clients(control::MAX_CLIENTS)
+            .max_active_requests_per_client(1)
+            .max_response_buffer_size(1)
+            .max_nodes(control::MAX_NODES)
     }
 
     /// Makes a topic with messages that do not belong there.

@@ -1,7 +1,7 @@
 //! Publishing estimates and status.
 
 use super::receipts::ReceiptBook;
-use super::{Bus, BusError, Latched, Notifier, PubSubService, PublisherPort, Topic, monotonic_ns};
+use super::{Bus, BusError, Latched, Notifier, PubSubService, PublisherPort, monotonic_ns};
 use crate::messages::{Header, SCHEMA_VERSION};
 use iceoryx2::port::update_connections::UpdateConnections;
 use std::sync::Arc;
@@ -26,13 +26,13 @@ impl<T: Latched> Publisher<T> {
             .max_loaned_samples(2)
             .create()
             .map_err(|e| bus.topic_error(T::TOPIC, format!("cannot publish: {e:?}")))?;
-        let notifier = match T::TOPIC {
-            Topic::Status => None,
-            topic => Some(
-                bus.event(topic)?
+        let notifier = match T::WAKES {
+            false => None,
+            true => Some(
+                bus.event(T::TOPIC)?
                     .notifier_builder()
                     .create()
-                    .map_err(|e| bus.topic_error(topic, format!("cannot wake consumers: {e:?}")))?,
+                    .map_err(|e| bus.topic_error(T::TOPIC, format!("cannot wake consumers: {e:?}")))?,
             ),
         };
         Ok(Self {

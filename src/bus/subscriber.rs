@@ -18,9 +18,9 @@ pub struct Subscriber<T: Latched> {
 impl<T: Latched> Subscriber<T> {
     /// Subscribes, whether or not anybody publishes yet.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
-        let listener = match T::TOPIC {
-            Topic::Status => None,
-            topic => Some(listener(bus, topic)?),
+        let listener = match T::WAKES {
+            false => None,
+            true => Some(listener(bus, T::TOPIC)?),
         };
         let port = bus
             .latched::<T>()?

@@ -1,6 +1,6 @@
 //! Names and sizes of the topics: the contract with every other program on the bus.
 
-use crate::messages::{Estimate, Sample, Status};
+use crate::messages::{Estimate, Journal, Sample, Status};
 use iceoryx2::prelude::ZeroCopySend;
 use std::fmt;
 
@@ -13,6 +13,10 @@ pub enum Topic {
     Estimate,
     /// [`Status`] of the identifier.
     Status,
+    /// [`Journal`] of the commands that took effect.
+    Journal,
+    /// Requests to the identifier.
+    Control,
 }
 
 impl Topic {
@@ -22,6 +26,8 @@ impl Topic {
             Self::Sample => "sample",
             Self::Estimate => "estimate",
             Self::Status => "status",
+            Self::Journal => "journal",
+            Self::Control => "control",
         }
     }
 }
@@ -36,6 +42,10 @@ impl fmt::Display for Topic {
 pub trait Latched: ZeroCopySend + fmt::Debug + Copy + 'static {
     /// Its topic.
     const TOPIC: Topic;
+    /// How many of the last messages a late joiner gets.
+    const HISTORY: usize = latched::HISTORY;
+    /// Whether a message wakes its readers; they look once per tick where it does not.
+    const WAKES: bool = true;
 }
 
 impl Latched for Estimate {
@@ -44,6 +54,13 @@ impl Latched for Estimate {
 
 impl Latched for Status {
     const TOPIC: Topic = Topic::Status;
+    const WAKES: bool = false;
+}
+
+impl Latched for Journal {
+    const TOPIC: Topic = Topic::Journal;
+    const HISTORY: usize = latched::BUFFER;
+    const WAKES: bool = false;
 }
 
 /// Sizes of `sample`.
@@ -65,7 +82,13 @@ pub(super) mod sample {
     }
 }
 
-/// Sizes of `estimate` and `status`.
+/// Sizes of `control`.
+pub(super) mod control {
+    pub const MAX_CLIENTS: usize = 8;
+    pub const MAX_NODES: usize = 12;
+}
+
+/// Sizes of `estimate`, `status` and `journal`.
 pub(super) mod latched {
     pub const MAX_PUBLISHERS: usize = 2;
     pub const MAX_SUBSCRIBERS: usize = 16;

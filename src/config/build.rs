@@ -4,8 +4,8 @@ use super::error::{Origin, Problem};
 use super::layers::Layers;
 use super::schema::{self, FileForm};
 use super::{
-    BusConfig, Config, Delivery, EstimatorConfig, IdentifierConfig, LogColumns, ModelConfig, MonitorConfig,
-    PlantConfig, Rows, Speed, plant,
+    BusConfig, CheckpointConfig, Config, Delivery, EstimatorConfig, IdentifierConfig, LogColumns, ModelConfig,
+    MonitorConfig, PlantConfig, Rows, Speed, plant,
 };
 use crate::estimator::{
     Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor,
@@ -48,6 +48,10 @@ pub(super) fn config(form: FileForm, own: Option<&PlantDefinition>, layers: &Lay
         record_file_bytes: form.monitor.record_file_mib.saturating_mul(1 << 20),
         record_files: form.monitor.record_files as usize,
     };
+    let checkpoint = CheckpointConfig {
+        dir: form.checkpoint.dir.as_ref().map(PathBuf::from),
+        period_s: form.checkpoint.period_s,
+    };
     match (plant, model, identifier, estimator) {
         (Some(plant), Some(model), Some(identifier), Some(estimator)) if check.problems.is_empty() => {
             check.suspicious(&form, own, &bus, &plant, &estimator);
@@ -59,6 +63,7 @@ pub(super) fn config(form: FileForm, own: Option<&PlantDefinition>, layers: &Lay
                 identifier,
                 estimator,
                 monitor,
+                checkpoint,
                 log,
                 file: form,
                 warnings,
@@ -313,16 +318,18 @@ fn chosen<T: Copy + Default>(names: &[(T, &'static str)], name: &str) -> T {
         .map_or_else(T::default, |(value, _)| *value)
 }
 
+/// A list with one number per joint, or one for all.
+fn per_joint(list: &[f64], otherwise: f64) -> [f64; MAX_JOINTS] {
+    std::array::from_fn(|joint| match list {
+        [one] => *one,
+        list => list.get(joint).copied().unwrap_or(otherwise),
+    })
+}
+
 /// The projected rows' options; `None` with a problem where they do not go together.
 fn projected(form: &FileForm, check: &mut Check<'_>) -> Option<ProjectedOptions> {
     let section = &form.projected;
-    let per_joint = |list: &[f64]| -> [f64; MAX_JOINTS] {
-        // one number counts for all
-        std::array::from_fn(|joint| match list {
-            [one] => *one,
-            list => list.get(joint).copied().unwrap_or(0.0),
-        })
-    };
+    let per_joint = |list: &[f64]| per_joint(list, 0.0);
     let options = ProjectedOptions {
         sample_period_s: form.plant.sample_period_s,
         window_s: section.window_s,
@@ -406,7 +413,12 @@ fn identifier(form: &FileForm, check: &mut Check<'_>) -> Option<IdentifierConfig
         }
         _ => InputSource::Measured,
     };
-    Some(IdentifierConfig { rows, input })
+    Some(IdentifierConfig {
+        rows,
+        input,
+        input_limit: per_joint(&form.identifier.input_limit, f64::INFINITY),
+        frozen_after_s: form.identifier.frozen_after_s,
+    })
 }
 
 fn estimator(form: &FileForm, model: &ModelConfig, check: &mut Check<'_>) -> Option<EstimatorConfig> {

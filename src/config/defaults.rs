@@ -158,6 +158,8 @@ impl Default for FileForm {
                 input: "measured".to_owned(),
                 proportional_gain_v_per_rad: kp,
                 derivative_gain_v_s_per_rad: kd,
+                input_limit: vec![f64::INFINITY],
+                frozen_after_s: 0.2,
             },
             projected: schema::Projected {
                 window_s: rows.window_s,
@@ -211,6 +213,10 @@ impl Default for FileForm {
                 out_dir: None,
                 record_file_mib: 1024,
                 record_files: 16,
+            },
+            checkpoint: schema::Checkpoint {
+                dir: None,
+                period_s: 10.0,
             },
         }
     }

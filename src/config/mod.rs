@@ -24,7 +24,9 @@ pub use layers::Source;
 pub use schema::{FileForm, Key, RealOrWord, keys};
 
 use crate::estimator::{EstimatorOptions, Structure};
-use crate::model::{Delayed, KnownConstants, Manipulator, Parameter, Plant as _, PlantDefinition, ServoAxis};
+use crate::model::{
+    Delayed, KnownConstants, MAX_JOINTS, Manipulator, Parameter, Plant as _, PlantDefinition, ServoAxis,
+};
 use crate::rows::{InputSource, ProjectedOptions};
 use crate::sim::SimOptions;
 use layers::Layers;
@@ -195,6 +197,10 @@ pub struct IdentifierConfig {
     pub rows: Rows,
     /// Source of u.
     pub input: InputSource,
+    /// Magnitude from which on each joint's measured input is saturated; `inf` for none.
+    pub input_limit: [f64; MAX_JOINTS],
+    /// How long a signal may stand still that must move \[s\]; 0 for ever.
+    pub frozen_after_s: f64,
 }
 
 /// Section `[estimator]`.
@@ -215,6 +221,15 @@ pub struct MonitorConfig {
     pub record_file_bytes: u64,
     /// Files of a recording that are kept; 0 for all.
     pub record_files: usize,
+}
+
+/// Section `[checkpoint]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CheckpointConfig {
+    /// Directory of the checkpoints; none are written without it.
+    pub dir: Option<PathBuf>,
+    /// Time from one to the next \[s\].
+    pub period_s: f64,
 }
 
 /// Section `[log]`: what the columns of a log file mean.
@@ -251,6 +266,8 @@ pub struct Config {
     pub estimator: EstimatorConfig,
     /// What is kept.
     pub monitor: MonitorConfig,
+    /// What the identifier keeps for its next start.
+    pub checkpoint: CheckpointConfig,
     /// How a log file is read.
     pub log: LogColumns,
     file: FileForm,
@@ -312,6 +329,45 @@ impl Config {
             name: format!("built-in {name}.toml"),
             text: (*text).to_owned(),
         })
+    }
+
+    /// The same with one key set to a number, as while an identifier runs.
+    ///
+    /// # Errors
+    /// What is wrong with it, with the key; also where the key would have no effect.
+    pub fn with_number(&self, path: &str, value: f64) -> Result<Self, ConfigError> {
+        let whole = matches!(schema::key(path).map(|key| key.kind), Some(Kind::Whole(..)));
+        let value = if whole && value.fract() == 0.0 && value.abs() < 1e18 {
+            Value::Integer(value as i64)
+        } else {
+            Value::Float(value)
+        };
+        let mut table = toml::Table::try_from(&self.file).unwrap_or_default();
+        for (section, name) in schema::EXCLUSIVE
+            .iter()
+            .filter(|group| group.contains(&path))
+            .flat_map(|group| group.iter())
+            .filter_map(|key| key.rsplit_once('.'))
+        {
+            section_of(&mut table, section).map(|section| section.remove(name));
+        }
+        let base = FileForm::deserialize(Value::Table(table)).map(|form| render(&form, false));
+        let source = Source::Embedded {
+            name: "the configuration in force".to_owned(),
+            text: base.unwrap_or_default(),
+        };
+        let own = match &self.model {
+            ModelConfig::Own(definition) => Some(definition),
+            _ => None,
+        };
+        let config = Self::load_for(own, &[source], &[format!("{path}={}", literal(&value))])?;
+        let useless = |problem: &&Problem| problem.key == path && problem.to_string().contains("has no effect");
+        match config.warnings.iter().find(useless) {
+            Some(problem) => Err(ConfigError {
+                problems: vec![problem.clone()],
+            }),
+            None => Ok(config),
+        }
     }
 
     /// What is legal but suspicious.

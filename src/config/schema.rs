@@ -431,6 +431,10 @@ sections! {
             "Gain Kp of each joint for input = \"controller\"";
         derivative_gain_v_s_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V s/rad",
             "Gain Kd of each joint for input = \"controller\"";
+        input_limit: Vec<f64>, Kind::Reals(Len::From(1, 8), POSITIVE.or_infinite()), "V, A, N or N m",
+            "Magnitude at which the measurement of the inputs ends, one number or one per joint: samples there are refused and counted as saturated; inf: no limit";
+        frozen_after_s: f64, Kind::Real(Interval::closed(0.0, 3600.0)), "s",
+            "A position or input that stands still to the bit for so long although the other one says that it must move is frozen: its samples are refused, its block left out; 0: never";
     }
     projected: Projected = "identifier.projected", "Rows from positions and inputs; for rows = \"projected\"" {
         window_s: f64, Kind::Real(POSITIVE), "s",
@@ -530,5 +534,11 @@ sections! {
             "A recording goes on in a new file when one has this size; 0 for no limit";
         record_files: u64, Kind::Whole(0, 1_000_000), "",
             "Files of a recording that are kept, the oldest making room for a new one; 0 for all";
+    }
+    checkpoint: Checkpoint = "checkpoint", "What the identifier keeps, so that its next start can be warm" {
+        dir: Option<String>, Kind::Path, "",
+            "Directory of the checkpoints, which must exist; not set: none are written, and --warm is refused";
+        period_s: f64, Kind::Real(Interval::closed(0.1, 1e6)), "s",
+            "Time from one checkpoint to the next; another is written at the end, and on `thetabus ctl save`";
     }
 }

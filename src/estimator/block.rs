@@ -7,7 +7,8 @@ use super::change::locate;
 use super::fit::Fit;
 use super::group::GroupState;
 use super::options::{ChangeDetection, EstimatorError, EstimatorOptions};
-use super::{Residuals, Structure};
+use super::persist::{EstimatorState, Load, Save, StateError, Visit};
+use super::{Residuals, StateMachine, Structure};
 use std::ops::Range;
 
 /// Why a block gave no new estimate.
@@ -214,6 +215,97 @@ impl BlockEstimator {
         self.report.change = None;
         self.report.change_probability = 1.0;
         self.describe();
+    }
+
+    /// What goes from block to block; see `persist.rs`.
+    fn visit(&mut self, v: &mut impl Visit) {
+        v.reals(&mut self.theta);
+        v.small(&mut self.since_change);
+        v.count(&mut self.report.blocks);
+        self.options.fixed.iter_mut().for_each(|fixed| v.flag(fixed));
+        for group in &mut self.groups {
+            group.visit(v);
+        }
+    }
+
+    /// Copies out what the estimator and its judge need to go on exactly as they would have; allocates only where `into` has no room.
+    pub fn save(&mut self, judge: &mut StateMachine, into: &mut EstimatorState) {
+        into.reals.clear();
+        into.counts.clear();
+        let mut save = Save(into);
+        self.visit(&mut save);
+        judge.visit(&mut save);
+    }
+
+    /// Goes on from a state that was [saved](Self::save).
+    ///
+    /// # Errors
+    /// A state of another estimator, or one that no estimator can be in. Estimator and judge are as at their start then.
+    pub fn load(&mut self, judge: &mut StateMachine, state: &EstimatorState) -> Result<(), StateError> {
+        let loaded = self.try_load(judge, state);
+        if loaded.is_err() {
+            self.reset();
+            judge.reset(&self.options.theta_start);
+        }
+        loaded
+    }
+
+    fn try_load(&mut self, judge: &mut StateMachine, state: &EstimatorState) -> Result<(), StateError> {
+        if let Some(index) = state.reals.iter().position(|v| !v.is_finite()) {
+            return Err(StateError::NotFinite { index });
+        }
+        let fixed = self.options.fixed.clone();
+        let mut load = Load::new(state);
+        self.visit(&mut load);
+        judge.visit(&mut load);
+        let outcome = load.finish(state).and_then(|()| {
+            let within = |i: &usize| (self.options.lower[*i]..=self.options.upper[*i]).contains(&self.theta[*i]);
+            match (0..self.theta.len()).find(|i| !within(i)) {
+                Some(index) => Err(StateError::OutOfBounds { index }),
+                None if self.groups.iter_mut().all(GroupState::is_sound) => Ok(()),
+                None => Err(StateError::NotPositive),
+            }
+        });
+        match outcome {
+            Ok(()) => self.describe(),
+            Err(_) => self.options.fixed = fixed,
+        }
+        outcome
+    }
+
+    /// Takes over what may be chosen anew while it runs: λ, ε, iterations, step limit, limits of outliers, rate of false alarms and margin.
+    /// Everything else of `options` is left aside. Allocates nothing.
+    pub fn retune(&mut self, options: &EstimatorOptions) {
+        let own = &mut self.options;
+        own.forgetting_factor = options.forgetting_factor;
+        own.information_floor = options.information_floor;
+        own.max_iterations = options.max_iterations;
+        own.step_factor = options.step_factor;
+        own.outliers = options.outliers;
+        own.change_detection = options.change_detection;
+        for group in &mut self.groups {
+            group.retune(&self.options);
+        }
+    }
+
+    /// Σ ln Γ⁻¹ᵢᵢ over the free parameters, and the largest |Γ⁻¹ᵢⱼ − Γ⁻¹ⱼᵢ| relative to √(Γ⁻¹ᵢᵢ Γ⁻¹ⱼⱼ).
+    pub fn information_figures(&self) -> (f64, f64) {
+        let (mut sum, mut asymmetry) = (0.0, 0.0f64);
+        for group in &self.groups {
+            let (n, m) = (group.n, &group.information);
+            for i in 0..n {
+                if !group.fixed[i] {
+                    sum += m[i * n + i].max(f64::MIN_POSITIVE).ln();
+                }
+                for j in 0..i {
+                    let scale = (m[i * n + i] * m[j * n + j]).sqrt();
+                    if scale > 0.0 {
+                        asymmetry = asymmetry.max((m[i * n + j] - m[j * n + i]).abs() / scale);
+                    }
+                }
+            }
+        }
+        (sum, asymmetry)
     }
 
     /// Holds parameter `index` at `value`, clamped to its bounds, or sets it free with the deviation of the start; false where there is no such

@@ -140,6 +140,11 @@ impl Rule {
         }
     }
 
+    /// Takes over λ and ε.
+    pub fn retune(&mut self, options: &EstimatorOptions) {
+        (self.lambda, self.floor) = (options.forgetting_factor, options.information_floor);
+    }
+
     /// Λ from Γ⁻¹ in `information`, n × n.
     pub fn prior(&mut self, n: usize, information: &[f64], excitation: &Excitation, prior: &mut [f64]) {
         let (lambda, floor) = (self.lambda, self.floor);

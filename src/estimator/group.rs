@@ -27,6 +27,7 @@ use super::linalg::{Cholesky, Congruence, Eigen, RANK_TOLERANCE, gather, mul, sc
 use super::line::LineFit;
 use super::options::{EstimatorOptions, Forgetting, Outliers};
 use super::pass::{Loss, Sums, accumulate};
+use super::persist::Visit;
 use super::robust::Magnitudes;
 use super::{Group, Residuals, Structure};
 use std::ops::Range;
@@ -221,6 +222,53 @@ impl GroupState {
             state.forget_parameter(i, options.information_floor);
         }
         state
+    }
+
+    /// What goes from block to block; see `persist.rs`.
+    pub fn visit(&mut self, v: &mut impl Visit) {
+        for matrix in [
+            &mut self.information,
+            &mut self.guess_covariance,
+            &mut self.change_covariance,
+            &mut self.covariance,
+            &mut self.slope,
+            &mut self.slope_variance,
+        ] {
+            v.reals(matrix);
+        }
+        self.line.visit(v);
+        v.flag(&mut self.drifting);
+        v.count(&mut self.blocks);
+        v.small(&mut self.since_alarm);
+        self.fixed.iter_mut().for_each(|fixed| v.flag(fixed));
+        for e in &mut self.equations {
+            for number in [&mut e.spread, &mut e.freedom, &mut e.variance, &mut e.scale] {
+                v.real(number);
+            }
+            v.reals(&mut e.noise_covariance);
+        }
+    }
+
+    /// Takes over what may be chosen anew at run time: λ and ε of the rule.
+    pub fn retune(&mut self, options: &EstimatorOptions) {
+        self.rule.retune(options);
+    }
+
+    /// True for a state that this could be in: positive information, no negative variance.
+    pub fn is_sound(&mut self) -> bool {
+        let n = self.n;
+        let covariances = [&self.guess_covariance, &self.change_covariance, &self.covariance];
+        let own = self.equations.iter().map(|e| &e.noise_covariance);
+        let variances_hold = covariances
+            .into_iter()
+            .chain(own)
+            .all(|matrix| (0..n).all(|i| matrix[i * n + i] >= 0.0));
+        let numbers_hold = self
+            .equations
+            .iter()
+            .all(|e| e.spread >= 0.0 && e.freedom >= 0.0 && e.variance >= 0.0 && e.scale >= 0.0);
+        let symmetric = (0..n).all(|i| (0..i).all(|j| self.information[i * n + j] == self.information[j * n + i]));
+        variances_hold && numbers_hold && symmetric && self.cholesky.factor(n, &self.information)
     }
 
     /// Puts parameter i back to what is known at the start: information ε, no correlation.

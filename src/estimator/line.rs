@@ -11,6 +11,7 @@
 use super::Residuals;
 use super::group::{EquationState, TINY};
 use super::linalg::{Cholesky, dot};
+use super::persist::Visit;
 use std::ops::Range;
 
 /// What is known of a line before the block.
@@ -71,6 +72,13 @@ impl LineFit {
             regressor: vec![0.0; n],
             factor: Cholesky::new(m),
         }
+    }
+
+    /// The last line: a drift goes on from it.
+    pub fn visit(&mut self, v: &mut impl Visit) {
+        v.reals(&mut self.middle);
+        v.reals(&mut self.slope);
+        v.reals(&mut self.covariance);
     }
 
     /// Fits a line to the rows, from θ and no slope. Returns Σ ρ(f)/σ², `None` where it cannot be fitted.

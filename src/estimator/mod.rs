@@ -24,6 +24,7 @@ mod line;
 mod offline;
 mod options;
 mod pass;
+mod persist;
 mod robust;
 mod state;
 mod stats;
@@ -33,6 +34,7 @@ pub use block::{BlockEstimator, Change, ChangeKind, Held, Report};
 pub use bound::{CovarianceBound, Factor, Polynomial, Rational};
 pub use offline::{BatchReport, batch_least_squares};
 pub use options::{Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor};
+pub use persist::{EstimatorState, StateError};
 pub use state::{Phase, StateMachine, Verdict};
 pub use wrls::{Wrls, WrlsError};
 

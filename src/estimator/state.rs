@@ -17,6 +17,7 @@
 //! Controllers may use θ̂ (`use_ok`) in `Converged`, and in `PoorlyExcited` if it had converged before and no change was seen since.
 
 use super::block::{ChangeKind, Held, Report};
+use super::persist::Visit;
 
 /// State of the identification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -80,6 +81,29 @@ impl StateMachine {
             degraded: false,
             converged: false,
             seen: false,
+        }
+    }
+
+    /// Back to the start, for the estimator's start value.
+    pub fn reset(&mut self, theta_start: &[f64]) {
+        self.theta.copy_from_slice(theta_start);
+        (self.predicted, self.poor, self.clean) = (0, 0, 0);
+        (self.changing, self.degraded, self.converged, self.seen) = (false, false, false, false);
+    }
+
+    /// What goes from block to block; see `persist.rs`.
+    pub(super) fn visit(&mut self, v: &mut impl Visit) {
+        v.reals(&mut self.theta);
+        for count in [&mut self.predicted, &mut self.poor, &mut self.clean] {
+            v.small(count);
+        }
+        for flag in [
+            &mut self.changing,
+            &mut self.degraded,
+            &mut self.converged,
+            &mut self.seen,
+        ] {
+            v.flag(flag);
         }
     }
 

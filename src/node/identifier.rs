@@ -4,15 +4,37 @@
 //! borders. A block that was joined half-way is skipped, a partial last block gives no estimate, a block with lost or refused
 //! samples is estimated from the rest of it, a block that was lost as a whole gives none. After construction a step neither
 //! allocates nor locks, and the same input gives the same bits.
+//!
+//! # What is refused
+//! Each sample passes, in this order: its place in the stream (`stream.rs`), number of joints, signals, finite numbers, its time, the limit of the
+//! input's measurement, and the watch for frozen signals (`freeze.rs`). What fails is counted in [`StreamFaults`] and reaches no row.
+//! A block in which a signal was frozen is left out as a whole, because what came before the fault was noticed is spoilt, too.
+//!
+//! # Commands
+//! An [`Order`] takes effect at the next border between two blocks and as a whole; where no block is open, at once. Another N begins a
+//! new grid there: with s the first sample behind the border and b the number of the block that would have begun there, block = b + (seq − s) div N,
+//! so that numbers go on rising by one. A new stream begins with the plain grid again.
 
-use super::stream::{Place, StreamCursor};
-use crate::estimator::{BlockEstimator, ChangeKind, Phase, Report, StateMachine, Verdict};
-use crate::messages::{Estimate, MAX_DERIVED, Sample, State, Status, estimate_flags, signals};
+use super::command::{Border, Change, MAX_ORDERS, NodeState, Order};
+use super::freeze::FreezeWatch;
+use super::stream::{SampleCursor, SamplePlace, StreamClock, Tick};
+use crate::estimator::{BlockEstimator, ChangeKind, Held, Phase, Report, StateError, StateMachine, Verdict};
+use crate::messages::{
+    ErrorCode, Estimate, LastError, MAX_DERIVED, Sample, State, Status, StreamFaults, estimate_flags, signals,
+    status_flags,
+};
 use crate::model::{DerivedValues, MAX_JOINTS, MAX_PARAMS};
 use crate::rows::SampleBlock;
+use std::any::Any;
+use std::collections::VecDeque;
+
+/// Positions, velocities, setpoints and inputs beyond this are no machine's \[SI units\].
+const LARGEST: f64 = 1e9;
+/// The same for accelerations and jerks.
+const LARGEST_DERIVATIVE: f64 = 1e12;
 
 /// What the identifier node needs to know beside its rows and its estimator.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdentifierOptions {
     /// N, samples per block; at least 1.
     pub block_len: u64,
@@ -24,6 +46,28 @@ pub struct IdentifierOptions {
     pub model_hash: u64,
     /// Identifies the configuration in every estimate.
     pub config_hash: u64,
+    /// Time between two samples \[ns\]; 0 where it is not known, and then a clock that was set forward is not noticed.
+    pub sample_period_ns: u64,
+    /// Magnitude from which on a measured input is saturated, per joint; `inf` for none.
+    pub input_limit: [f64; MAX_JOINTS],
+    /// Patience of the watch for frozen signals \[samples\]; 0 for no watch.
+    pub frozen_after: u64,
+}
+
+impl IdentifierOptions {
+    /// For blocks of `block_len` samples of `joints` joints that carry `signals`; everything else unknown or off.
+    pub fn new(block_len: u64, joints: usize, signals: u32) -> Self {
+        Self {
+            block_len,
+            joints,
+            signals,
+            model_hash: 0,
+            config_hash: 0,
+            sample_period_ns: 0,
+            input_limit: [f64::INFINITY; MAX_JOINTS],
+            frozen_after: 0,
+        }
+    }
 }
 
 /// The block being filled.
@@ -33,23 +77,95 @@ struct OpenBlock {
     t_first_ns: u64,
     /// Samples taken in; rows may be fewer.
     samples: u64,
+    /// A signal was frozen.
+    spoilt: bool,
+}
+
+/// How `seq` is cut into blocks.
+#[derive(Debug, Clone, Copy)]
+struct Grid {
+    seq: u64,
+    block: u64,
+    len: u64,
+}
+
+impl Grid {
+    fn new(len: u64) -> Self {
+        Self { seq: 0, block: 1, len }
+    }
+
+    /// Block of a sample and its first sample; `None` before the grid begins.
+    fn block(&self, seq: u64) -> Option<(u64, u64)> {
+        let index = seq.checked_sub(self.seq)? / self.len;
+        Some((self.block + index, self.seq + index * self.len))
+    }
+
+    fn ends_with(&self, seq: u64) -> bool {
+        seq.checked_sub(self.seq)
+            .is_some_and(|behind| behind % self.len == self.len - 1)
+    }
+
+    /// First border at or behind `seq`, and the block that begins there.
+    fn border(&self, seq: u64) -> (u64, u64) {
+        match self.block(seq) {
+            None => (self.seq, self.block),
+            Some((block, first)) if first == seq => (seq, block),
+            Some((block, first)) => (first.saturating_add(self.len), block + 1),
+        }
+    }
 }
 
 /// An identifier node of whatever plant and rows.
-pub trait Identifier {
+pub trait Identifier: Send {
     /// See [`IdentifierNode::on_sample`].
     fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate));
     /// See [`IdentifierNode::status`].
     fn status(&self) -> Status;
+    /// See [`IdentifierNode::offer`].
+    ///
+    /// # Errors
+    /// The order, where there is no room for it or it is for other rows.
+    fn offer(&mut self, order: Order) -> Result<Border, Order>;
+    /// See [`IdentifierNode::take_done`].
+    fn take_done(&mut self) -> Option<Order>;
+    /// The rows of a node that has no other use, for a [`Change::Tune`] of another.
+    fn into_rows(self: Box<Self>) -> Box<dyn Any + Send>;
+    /// See [`IdentifierNode::save`].
+    fn save(&mut self, into: &mut NodeState);
+    /// See [`IdentifierNode::load`].
+    ///
+    /// # Errors
+    /// A state that does not belong here.
+    fn load(&mut self, state: &NodeState) -> Result<(), StateError>;
 }
 
-impl<B: SampleBlock> Identifier for IdentifierNode<B> {
+impl<B: SampleBlock + Send + 'static> Identifier for IdentifierNode<B> {
     fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate)) {
         IdentifierNode::on_sample(self, sample, emit);
     }
 
     fn status(&self) -> Status {
         IdentifierNode::status(self)
+    }
+
+    fn offer(&mut self, order: Order) -> Result<Border, Order> {
+        IdentifierNode::offer(self, order)
+    }
+
+    fn take_done(&mut self) -> Option<Order> {
+        IdentifierNode::take_done(self)
+    }
+
+    fn into_rows(self: Box<Self>) -> Box<dyn Any + Send> {
+        Box::new(self.rows)
+    }
+
+    fn save(&mut self, into: &mut NodeState) {
+        IdentifierNode::save(self, into);
+    }
+
+    fn load(&mut self, state: &NodeState) -> Result<(), StateError> {
+        IdentifierNode::load(self, state)
     }
 }
 
@@ -61,15 +177,23 @@ pub struct IdentifierNode<B> {
     machine: StateMachine,
     /// Time of the last change found \[ns of stream time\].
     t_change_ns: u64,
-    derived: Option<Box<dyn DerivedValues>>,
-    cursor: StreamCursor,
-    /// `seq` of the first sample of the stream that this process received.
+    derived: Option<Box<dyn DerivedValues + Send>>,
+    cursor: SampleCursor,
+    clock: StreamClock,
+    freeze: FreezeWatch,
+    grid: Grid,
+    /// `seq` of the first sample of the stream that this process received, or from which on time goes on after a clock was set back.
     first_seq: u64,
     open: Option<OpenBlock>,
+    paused: bool,
+    /// Flags of the next estimate.
+    news: u32,
+    orders: VecDeque<Order>,
+    done: VecDeque<Order>,
     status: Status,
 }
 
-impl<B: SampleBlock> IdentifierNode<B> {
+impl<B: SampleBlock + 'static> IdentifierNode<B> {
     /// A node that has seen nothing; `pid` goes into its status, `derived` into its estimates.
     ///
     /// # Panics
@@ -78,47 +202,77 @@ impl<B: SampleBlock> IdentifierNode<B> {
         options: IdentifierOptions,
         rows: B,
         estimator: BlockEstimator,
-        derived: Option<Box<dyn DerivedValues>>,
+        derived: Option<Box<dyn DerivedValues + Send>>,
         pid: u32,
     ) -> Self {
         assert!(options.block_len > 0, "a block needs at least one sample");
-        Self {
-            options,
+        let mut node = Self {
             rows,
             machine: StateMachine::new(estimator.theta()),
             estimator,
             t_change_ns: 0,
             derived,
-            cursor: StreamCursor::new(),
+            cursor: SampleCursor::new(),
+            clock: StreamClock::new(options.sample_period_ns),
+            freeze: FreezeWatch::new(options.frozen_after, options.sample_period_ns as f64 * 1e-9),
+            grid: Grid::new(options.block_len),
             first_seq: 0,
             open: None,
+            paused: false,
+            news: 0,
+            orders: VecDeque::with_capacity(MAX_ORDERS),
+            done: VecDeque::with_capacity(MAX_ORDERS),
             status: Status {
                 pid,
                 ..Status::default()
             },
-        }
+            options,
+        };
+        node.note_information();
+        node
     }
 
     /// Takes a sample in; calls `emit` for each estimate that this completes: none, one, or two where the end of the previous
     /// block was lost and this sample ends the next.
     pub fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate)) {
         match self.cursor.advance(sample.boot_id, sample.seq) {
-            Place::First => self.start_stream(sample),
-            Place::Next => {}
-            Place::Gap { missing } => self.status.missing += missing,
-            Place::Duplicate => {
-                self.status.rejected += 1;
+            SamplePlace::First => self.start_stream(sample),
+            SamplePlace::Next => {}
+            SamplePlace::Gap { missing } => {
+                self.status.missing += missing;
+                self.status.faults.gaps += 1;
+                self.status.error = LastError::new(ErrorCode::Gap, sample.seq);
+            }
+            SamplePlace::Duplicate => {
+                self.refuse(sample.seq, ErrorCode::Duplicate);
+                return;
+            }
+            SamplePlace::Late => {
+                // it was counted as missing, and rows are made in the order of time
+                self.status.missing = self.status.missing.saturating_sub(1);
+                self.refuse(sample.seq, ErrorCode::Reordered);
                 return;
             }
         }
         self.status.last_seq = sample.seq;
-        let block = sample.seq / self.options.block_len + 1;
-        if self.open.is_some_and(|open| open.block != block) {
+        let place = self.grid.block(sample.seq);
+        if self
+            .open
+            .is_some_and(|open| place.is_none_or(|(block, _)| block != open.block))
+        {
             self.close(emit);
         }
-        self.take(sample, block);
-        if sample.seq % self.options.block_len == self.options.block_len - 1 {
+        if self.open.is_none() && !self.orders.is_empty() {
+            let begin = place.map_or(sample.seq, |(_, first)| first.max(self.first_seq));
+            self.at_border(begin, sample.seq);
+        }
+        self.take(sample);
+        if self.grid.ends_with(sample.seq) {
             self.close(emit);
+            if !self.orders.is_empty() {
+                let next = sample.seq.saturating_add(1);
+                self.at_border(next, next);
+            }
         }
         if sample.is_end() {
             self.discard();
@@ -136,58 +290,224 @@ impl<B: SampleBlock> IdentifierNode<B> {
         &self.estimator
     }
 
+    /// Takes an order for the next border, and carries it out at once where no block is open. Returns the border as far as it is known now: lost
+    /// samples may move it by blocks.
+    ///
+    /// # Errors
+    /// The order, where [`MAX_ORDERS`] are waiting, or where it brings rows of another type than the node's.
+    pub fn offer(&mut self, mut order: Order) -> Result<Border, Order> {
+        let foreign = match &order.change {
+            Change::Tune { rows: Some(rows), .. } => !rows.is::<B>(),
+            Change::Tune {
+                block_len, rows: None, ..
+            } => *block_len != self.grid.len,
+            Change::Fix { index, .. } | Change::Free { index } => *index >= self.estimator.structure().params,
+            _ => false,
+        };
+        if foreign || self.orders.len() + self.done.len() >= MAX_ORDERS {
+            return Err(order);
+        }
+        let between = self.status.boot_id == 0 || self.status.state == State::Ended as u32;
+        order.stream = self.cursor.streams() + u64::from(between);
+        let from_seq = order.from_seq;
+        self.orders.push_back(order);
+        let next = match between {
+            true => 0,
+            false => self.status.last_seq.saturating_add(1),
+        };
+        if self.open.is_none() {
+            self.at_border(next, next);
+        }
+        let (seq, block) = if self.open.is_none() && from_seq <= next {
+            (next, self.grid.border(next).1)
+        } else {
+            self.grid.border(from_seq.max(next))
+        };
+        Ok(Border {
+            boot_id: if between { 0 } else { self.status.boot_id },
+            from_seq: seq,
+            block,
+        })
+    }
+
+    /// Gives an order back that took effect, with the place where it did and with what was exchanged.
+    pub fn take_done(&mut self) -> Option<Order> {
+        self.done.pop_front()
+    }
+
+    /// Copies out what another process needs to go on; allocates only where `into` has no room. Between two calls of
+    /// [`on_sample`](Self::on_sample) the state is always whole.
+    pub fn save(&mut self, into: &mut NodeState) {
+        self.estimator.save(&mut self.machine, &mut into.estimator);
+        into.boot_id = self.status.boot_id;
+        into.block = self.status.last_block;
+        into.t_ns = self.status.last_t_ns;
+    }
+
+    /// Goes on from a state that was [saved](Self::save); to be called before the first sample.
+    ///
+    /// # Errors
+    /// A state of another model, or one that no estimator can be in. The node is as if nothing had been tried then.
+    pub fn load(&mut self, state: &NodeState) -> Result<(), StateError> {
+        self.estimator.load(&mut self.machine, &state.estimator)?;
+        self.news |= estimate_flags::WARM;
+        self.status.flags |= status_flags::WARM;
+        self.note_information();
+        Ok(())
+    }
+
     /// A new stream: counters start over. θ̂ and its information stay, for the machine is the same; only its publisher was
     /// started again.
     fn start_stream(&mut self, sample: &Sample) {
         self.rows.reset();
+        self.clock.reset();
+        self.freeze.reset();
+        self.grid = Grid::new(self.grid.len);
         self.open = None;
         self.first_seq = sample.seq;
         self.t_change_ns = 0;
         self.status = Status {
             boot_id: sample.boot_id,
-            pid: self.status.pid,
             streams: self.cursor.streams(),
-            state: State::Collecting as u32,
-            ..Status::default()
+            state: if self.paused { State::Paused } else { State::Collecting } as u32,
+            accepted: 0,
+            missing: 0,
+            rejected: 0,
+            last_seq: 0,
+            last_t_ns: 0,
+            estimates: 0,
+            last_block: 0,
+            faults: StreamFaults::default(),
+            ..self.status
         };
     }
 
     /// Counts a sample and, where its block is wanted, makes rows of it.
-    fn take(&mut self, sample: &Sample, block: u64) {
+    fn take(&mut self, sample: &Sample) {
+        let verdict = self.judge(sample);
         // A block that was joined half-way stays closed.
-        let wanted = (block - 1) * self.options.block_len >= self.first_seq;
-        let valid = self.options.accepts(sample) && (self.status.accepted == 0 || sample.t_ns > self.status.last_t_ns);
-        if wanted && self.open.is_none() {
+        let wanted = self
+            .grid
+            .block(sample.seq)
+            .filter(|&(_, first)| first >= self.first_seq);
+        if let (Some((block, _)), None) = (wanted, self.open) {
             self.open = Some(OpenBlock {
                 block,
-                t_first_ns: if valid { sample.t_ns } else { self.status.last_t_ns },
+                t_first_ns: match verdict {
+                    Ok(()) => sample.t_ns,
+                    Err(_) => self.status.last_t_ns,
+                },
                 samples: 0,
+                spoilt: false,
             });
         }
-        let taken = valid && (!wanted || self.rows.push(sample.t_ns, &sample.joint_sample()));
-        if taken {
-            self.status.accepted += 1;
-            self.status.last_t_ns = sample.t_ns;
-            if let Some(open) = &mut self.open {
-                open.samples += 1;
+        match verdict {
+            Ok(()) => {
+                let used = wanted.is_some() && !self.paused;
+                if used && !self.rows.push(sample.t_ns, &sample.joint_sample()) {
+                    // rows have room for N samples, and a block has no more
+                    self.refuse(sample.seq, ErrorCode::NotEvaluable);
+                    return;
+                }
+                self.status.accepted += 1;
+                self.status.last_t_ns = sample.t_ns;
+                if let Some(open) = &mut self.open {
+                    open.samples += 1;
+                }
             }
-        } else {
-            self.status.rejected += 1;
+            Err(code) => {
+                self.refuse(sample.seq, code);
+                if let Some(open) = &mut self.open {
+                    open.spoilt |= code == ErrorCode::Frozen;
+                }
+            }
         }
+    }
+
+    fn refuse(&mut self, seq: u64, code: ErrorCode) {
+        self.status.rejected += 1;
+        let faults = &mut self.status.faults;
+        let count = match code {
+            ErrorCode::Duplicate => Some(&mut faults.duplicates),
+            ErrorCode::Reordered => Some(&mut faults.reordered),
+            ErrorCode::ClockJump => Some(&mut faults.clock_jumps),
+            ErrorCode::WrongJoints => Some(&mut faults.wrong_joints),
+            ErrorCode::WrongSignals => Some(&mut faults.wrong_signals),
+            ErrorCode::NotFinite => Some(&mut faults.not_finite),
+            ErrorCode::Saturated => Some(&mut faults.saturated),
+            ErrorCode::Frozen => Some(&mut faults.frozen),
+            _ => None,
+        };
+        count.into_iter().for_each(|count| *count += 1);
+        self.status.error = LastError::new(code, seq);
+    }
+
+    /// What a sample that is in its place is good for.
+    fn judge(&mut self, sample: &Sample) -> Result<(), ErrorCode> {
+        let options = self.options;
+        if sample.joints as usize != options.joints {
+            return Err(ErrorCode::WrongJoints);
+        }
+        if sample.signals & options.signals != options.signals {
+            return Err(ErrorCode::WrongSignals);
+        }
+        if !options.are_numbers(sample) {
+            return Err(ErrorCode::NotFinite);
+        }
+        match self.clock.check(sample.seq, sample.t_ns) {
+            Tick::Good | Tick::Set { back: false } => {}
+            Tick::Jump => return Err(ErrorCode::ClockJump),
+            // rows are ordered in time: what is there belongs to another time
+            Tick::Set { back: true } => {
+                self.discard();
+                self.rows.reset();
+                self.first_seq = sample.seq;
+            }
+        }
+        let joints = options.joints.min(MAX_JOINTS);
+        let driven = options.signals & signals::INPUT != 0;
+        let inputs = sample.input.iter().zip(&options.input_limit).take(joints);
+        if driven && inputs.into_iter().any(|(input, limit)| input.abs() >= *limit) {
+            return Err(ErrorCode::Saturated);
+        }
+        let measured = options.signals & signals::DQ != 0;
+        if self.freeze.look(&sample.joint_sample(), joints, measured, driven) {
+            return Err(ErrorCode::Frozen);
+        }
+        Ok(())
     }
 
     /// Ends the open block with an estimate.
     fn close(&mut self, emit: &mut dyn FnMut(&Estimate)) {
         let Some(open) = self.open else { return };
-        let incomplete = open.samples < self.options.block_len;
-        self.rows.prepare(self.estimator.theta());
-        let report = self.estimator.update(&self.rows);
-        let lost = 1.0 - open.samples as f64 / self.options.block_len as f64;
-        let mut estimate = message(report, self.machine.step(report, lost));
-        if let Some(change) = report.change.filter(|change| change.kind != ChangeKind::Drift) {
-            self.t_change_ns = change.time;
-            estimate.flags |= estimate_flags::CHANGED;
-        }
+        let incomplete = open.samples < self.grid.len;
+        let mut estimate = if self.paused {
+            let mut estimate = message(self.estimator.report(), Verdict::default());
+            estimate.state = State::Paused as u32;
+            estimate.flags |= estimate_flags::HELD;
+            (estimate.excited, estimate.iterations, estimate.outliers) = (0, 0, 0);
+            estimate
+        } else {
+            if open.spoilt {
+                self.rows.reset();
+                self.status.faults.blocks_held += 1;
+            }
+            self.rows.prepare(self.estimator.theta());
+            let report = self.estimator.update(&self.rows);
+            let lost = match open.spoilt {
+                true => 1.0,
+                false => 1.0 - open.samples as f64 / self.grid.len as f64,
+            };
+            let mut estimate = message(report, self.machine.step(report, lost));
+            if let Some(change) = report.change.filter(|change| change.kind != ChangeKind::Drift) {
+                self.t_change_ns = change.time;
+                estimate.flags |= estimate_flags::CHANGED;
+            }
+            if report.held == Some(Held::NotFinite) {
+                self.status.error = LastError::new(ErrorCode::NotEvaluable, self.status.last_seq);
+            }
+            estimate
+        };
         estimate.t_change_ns = self.t_change_ns;
         estimate.boot_id = self.status.boot_id;
         estimate.block = open.block;
@@ -198,8 +518,12 @@ impl<B: SampleBlock> IdentifierNode<B> {
         estimate.accepted = self.status.accepted;
         estimate.missing = self.status.missing;
         estimate.rejected = self.status.rejected;
+        estimate.flags |= std::mem::take(&mut self.news);
         if incomplete {
             estimate.flags |= estimate_flags::INCOMPLETE;
+        }
+        if open.spoilt {
+            estimate.flags |= estimate_flags::SENSOR;
         }
         if let Some(derived) = &self.derived {
             let covariance = |i: usize, j: usize| self.estimator.covariance(i, j);
@@ -213,6 +537,7 @@ impl<B: SampleBlock> IdentifierNode<B> {
         self.status.estimates += 1;
         self.status.last_block = open.block;
         self.status.state = estimate.state;
+        self.note_information();
         self.discard();
         emit(&estimate);
     }
@@ -222,23 +547,117 @@ impl<B: SampleBlock> IdentifierNode<B> {
         self.rows.clear();
         self.open = None;
     }
+
+    fn note_information(&mut self) {
+        self.status.condition = self.estimator.report().condition;
+        (self.status.information_ln, self.status.asymmetry) = self.estimator.information_figures();
+    }
+
+    /// Carries out what is due between two blocks; `begin` is the first sample behind the border, `next` the next one to be taken in.
+    fn at_border(&mut self, begin: u64, next: u64) {
+        let mut waiting = 0;
+        while let Some(order) = self.orders.get(waiting) {
+            let streams = self.cursor.streams() + u64::from(self.status.state == State::Ended as u32);
+            let due = order.from_seq == 0
+                || order.stream < streams
+                || order.stream == self.cursor.streams() && next >= order.from_seq;
+            if !due {
+                waiting += 1;
+                continue;
+            }
+            if let Some(mut order) = self.orders.remove(waiting) {
+                self.carry_out(&mut order.change, begin);
+                order.border = Border {
+                    boot_id: self.status.boot_id,
+                    from_seq: begin,
+                    block: self.grid.border(begin).1,
+                };
+                self.status.process.commands += 1;
+                self.news |= estimate_flags::COMMANDED;
+                self.done.push_back(order);
+            }
+        }
+    }
+
+    fn carry_out(&mut self, change: &mut Change, begin: u64) {
+        match change {
+            Change::Pause => {
+                self.paused = true;
+                self.status.flags |= status_flags::PAUSED;
+                if self.status.state != State::Ended as u32 {
+                    self.status.state = State::Paused as u32;
+                }
+            }
+            Change::Resume => {
+                if std::mem::take(&mut self.paused) && self.status.state != State::Ended as u32 {
+                    self.status.state = State::Collecting as u32;
+                }
+                self.status.flags &= !status_flags::PAUSED;
+                // windows must not reach back over the pause
+                self.rows.reset();
+            }
+            Change::Replace { estimator, judge, warm } => {
+                std::mem::swap(&mut self.estimator, estimator);
+                std::mem::swap(&mut self.machine, judge);
+                self.rows.reset();
+                self.t_change_ns = 0;
+                self.news &= !estimate_flags::WARM;
+                self.status.flags &= !status_flags::WARM;
+                if *warm {
+                    self.news |= estimate_flags::WARM;
+                    self.status.flags |= status_flags::WARM;
+                }
+                self.note_information();
+            }
+            Change::Tune {
+                options,
+                config_hash,
+                block_len,
+                rows,
+            } => {
+                self.status.flags |= status_flags::COMMANDED;
+                self.estimator.retune(options);
+                self.options.config_hash = *config_hash;
+                if let Some(rows) = rows.as_mut().and_then(|rows| rows.downcast_mut::<B>()) {
+                    std::mem::swap(&mut self.rows, rows);
+                    let (seq, block) = self.grid.border(begin);
+                    self.grid = Grid {
+                        seq,
+                        block,
+                        len: *block_len,
+                    };
+                }
+            }
+            Change::Fix { index, value } => {
+                self.status.flags |= status_flags::COMMANDED;
+                let value = value.unwrap_or(self.estimator.theta()[*index]);
+                self.estimator.fix(*index, Some(value));
+            }
+            Change::Free { index } => {
+                self.status.flags |= status_flags::COMMANDED;
+                // what is known of a parameter that is free already must not be forgotten
+                if self.estimator.options().fixed[*index] {
+                    self.estimator.fix(*index, None);
+                }
+            }
+        }
+    }
 }
 
 impl IdentifierOptions {
-    /// True for a sample that carries what the rows need, in finite numbers.
-    fn accepts(&self, sample: &Sample) -> bool {
+    /// True for a sample whose needed signals hold numbers that a machine can have.
+    fn are_numbers(&self, sample: &Sample) -> bool {
         let joints = self.joints.min(MAX_JOINTS);
-        let finite = |signal: u32, values: &[f64; MAX_JOINTS]| {
-            self.signals & signal == 0 || values[..joints].iter().all(|value| value.is_finite())
+        // false for NaN, too
+        let within = |signal: u32, values: &[f64; MAX_JOINTS], largest: f64| {
+            self.signals & signal == 0 || values[..joints].iter().all(|value| value.abs() <= largest)
         };
-        sample.joints as usize == self.joints
-            && sample.signals & self.signals == self.signals
-            && finite(signals::Q, &sample.q)
-            && finite(signals::DQ, &sample.dq)
-            && finite(signals::DDQ, &sample.ddq)
-            && finite(signals::DDDQ, &sample.dddq)
-            && finite(signals::SETPOINT, &sample.setpoint)
-            && finite(signals::INPUT, &sample.input)
+        within(signals::Q, &sample.q, LARGEST)
+            && within(signals::DQ, &sample.dq, LARGEST)
+            && within(signals::DDQ, &sample.ddq, LARGEST_DERIVATIVE)
+            && within(signals::DDDQ, &sample.dddq, LARGEST_DERIVATIVE)
+            && within(signals::SETPOINT, &sample.setpoint, LARGEST)
+            && within(signals::INPUT, &sample.input, LARGEST)
     }
 }
 
@@ -336,11 +755,8 @@ mod tests {
         };
         let estimator = BlockEstimator::new(structure, EstimatorOptions::paper(vec![1.0], 1)).unwrap();
         let options = IdentifierOptions {
-            block_len,
-            joints: 1,
-            signals: signals::Q | signals::INPUT,
-            model_hash: 3,
-            config_hash: 4,
+            sample_period_ns: 1_000_000,
+            ..IdentifierOptions::new(block_len, 1, signals::Q | signals::INPUT)
         };
         IdentifierNode::new(options, Spring::default(), estimator, None, 77)
     }

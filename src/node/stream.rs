@@ -56,6 +56,171 @@ impl StreamCursor {
     }
 }
 
+/// What `boot_id` and `seq` of a sample say about its place in the stream.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SamplePlace {
+    /// The first sample of a stream.
+    First,
+    /// The one after the previous one.
+    Next,
+    /// Samples between the previous one and this one are missing.
+    Gap {
+        /// How many.
+        missing: u64,
+    },
+    /// It was there before.
+    Duplicate,
+    /// One that was missing, behind its successor.
+    Late,
+}
+
+/// Follows the samples of a stream; tells a late sample from a new stream by the holes that were seen.
+///
+/// `seq` that goes back under the same `boot_id` is a late sample where that one was missing, a new stream where it is 0 or goes on and on,
+/// and otherwise a sample that came again.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct SampleCursor {
+    last: Option<(u64, u64)>,
+    streams: u64,
+    /// Holes seen last, from one `seq` up to another, which is not in it.
+    holes: [(u64, u64); Self::HOLES],
+    next_hole: usize,
+    /// What would follow the last sample that went back, and how many in a row have.
+    back: (u64, u32),
+}
+
+impl SampleCursor {
+    const HOLES: usize = 8;
+    /// So many samples in a row, each behind the last of the stream, are a stream of their own.
+    const RUN: u32 = 16;
+
+    /// A cursor that has seen nothing.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Places the next sample and moves on to it.
+    pub fn advance(&mut self, boot_id: u64, seq: u64) -> SamplePlace {
+        let Some((boot, last)) = self.last else {
+            return self.begin(boot_id, seq);
+        };
+        if boot != boot_id {
+            return self.begin(boot_id, seq);
+        }
+        if let Some(ahead) = seq.checked_sub(last) {
+            self.back = (0, 0);
+            self.last = Some((boot_id, seq));
+            return match ahead {
+                0 => SamplePlace::Duplicate,
+                1 => SamplePlace::Next,
+                ahead => {
+                    self.holes[self.next_hole % Self::HOLES] = (last + 1, seq);
+                    self.next_hole += 1;
+                    SamplePlace::Gap { missing: ahead - 1 }
+                }
+            };
+        }
+        self.back = (
+            seq.wrapping_add(1),
+            if seq == self.back.0 { self.back.1 + 1 } else { 1 },
+        );
+        let hole = self.holes.iter_mut().find(|hole| (hole.0..hole.1).contains(&seq));
+        match hole {
+            _ if self.back.1 > Self::RUN => self.begin(boot_id, seq),
+            Some(hole) => {
+                // of a hole with a sample in its middle the later part is kept
+                *hole = if seq + 1 == hole.1 {
+                    (hole.0, seq)
+                } else {
+                    (seq + 1, hole.1)
+                };
+                SamplePlace::Late
+            }
+            None if seq == 0 => self.begin(boot_id, seq),
+            None => SamplePlace::Duplicate,
+        }
+    }
+
+    fn begin(&mut self, boot_id: u64, seq: u64) -> SamplePlace {
+        *self = Self {
+            last: Some((boot_id, seq)),
+            streams: self.streams + 1,
+            ..Self::default()
+        };
+        SamplePlace::First
+    }
+
+    /// Number of streams seen so far.
+    pub fn streams(&self) -> u64 {
+        self.streams
+    }
+}
+
+/// What the time of a sample says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tick {
+    /// It follows from the one before.
+    Good,
+    /// It does not: refuse the sample, and see what comes next.
+    Jump,
+    /// The clock was set, or the machine stood still: time goes on from the sample before, which was refused.
+    Set {
+        /// It was set back.
+        back: bool,
+    },
+}
+
+/// Follows the time of a stream. A single wrong time is refused; time that goes on from it is believed.
+#[derive(Debug, Clone, Copy)]
+pub struct StreamClock {
+    period_ns: u64,
+    last: Option<(u64, u64)>,
+    candidate: Option<(u64, u64)>,
+}
+
+impl StreamClock {
+    /// How far time may be from what `seq` says \[ns\]: what a driver's scheduling may do to time stamps.
+    const JITTER_NS: u64 = 100_000_000;
+
+    /// For samples every `period_ns`; 0 where that is not known, and then time need only rise.
+    pub fn new(period_ns: u64) -> Self {
+        Self {
+            period_ns,
+            last: None,
+            candidate: None,
+        }
+    }
+
+    /// Forgets the stream.
+    pub fn reset(&mut self) {
+        (self.last, self.candidate) = (None, None);
+    }
+
+    /// Judges the time of the next sample.
+    pub fn check(&mut self, seq: u64, t_ns: u64) -> Tick {
+        let now = Some((seq, t_ns));
+        let tick = match (self.last, self.candidate) {
+            (None, _) => Tick::Good,
+            (Some(last), _) if self.follows(last, (seq, t_ns)) => Tick::Good,
+            (Some(last), Some(candidate)) if self.follows(candidate, (seq, t_ns)) => Tick::Set { back: t_ns <= last.1 },
+            _ => Tick::Jump,
+        };
+        match tick {
+            Tick::Jump => self.candidate = now,
+            Tick::Good | Tick::Set { .. } => (self.last, self.candidate) = (now, None),
+        }
+        tick
+    }
+
+    fn follows(&self, (seq_0, t_0): (u64, u64), (seq, t): (u64, u64)) -> bool {
+        let expected = u128::from(seq.saturating_sub(seq_0)) * u128::from(self.period_ns);
+        let passed = u128::from(t.saturating_sub(t_0));
+        // clocks of sensor and computer may differ by 2 %
+        let tolerance = u128::from(Self::JITTER_NS.max(20 * self.period_ns)) + expected / 50;
+        t > t_0 && (self.period_ns == 0 || passed.abs_diff(expected) <= tolerance)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -89,5 +254,71 @@ mod tests {
         cursor.advance(1, u64::MAX);
         assert_eq!(cursor.advance(1, u64::MAX), Place::Duplicate);
         assert_eq!(cursor.advance(1, 0), Place::First);
+    }
+
+    #[test]
+    fn fault_late_repeated_and_restarted_samples_are_told_apart() {
+        use SamplePlace::{Duplicate, First, Gap, Late, Next};
+        let mut cursor = SampleCursor::new();
+        let steps = [
+            (0, First),
+            (1, Next),
+            (5, Gap { missing: 3 }),
+            // two of the missing come late, one of them twice
+            (3, Late),
+            (3, Duplicate),
+            (6, Next),
+            (4, Late),
+            (7, Next),
+            (6, Duplicate),
+            (7, Duplicate),
+            (8, Next),
+            // a publisher that begins again under the same boot_id
+            (0, First),
+            (1, Next),
+        ];
+        for (seq, place) in steps {
+            assert_eq!(cursor.advance(1, seq), place, "seq {seq}");
+        }
+        for seq in 2..200 {
+            cursor.advance(1, seq);
+        }
+        // one that begins in the middle is believed after a while
+        let places: Vec<_> = (50..70).map(|seq| cursor.advance(1, seq)).collect();
+        assert_eq!(&places[..16], &[Duplicate; 16]);
+        assert_eq!(&places[16..18], &[First, Next]);
+    }
+
+    #[test]
+    fn fault_a_single_wrong_time_is_refused_and_a_clock_that_was_set_is_followed() {
+        let ms = 1_000_000;
+        let mut clock = StreamClock::new(ms);
+        let cases = [
+            (0, 0, Tick::Good),
+            (1, ms, Tick::Good),
+            // stands still, goes back, runs away: one sample each
+            (2, ms, Tick::Jump),
+            (3, 3 * ms, Tick::Good),
+            (4, 0, Tick::Jump),
+            (5, u64::MAX, Tick::Jump),
+            (6, 6 * ms + 400_000, Tick::Good),
+            // a minute of standstill
+            (7, 60_000 * ms, Tick::Jump),
+            (8, 60_001 * ms, Tick::Set { back: false }),
+            (9, 60_002 * ms, Tick::Good),
+            // an hour back
+            (10, 3 * ms, Tick::Jump),
+            (11, 4 * ms, Tick::Set { back: true }),
+            (12, 5 * ms, Tick::Good),
+            // lost samples take their time with them
+            (1012, 1005 * ms, Tick::Good),
+        ];
+        for (seq, t_ns, tick) in cases {
+            assert_eq!(clock.check(seq, t_ns), tick, "seq {seq}");
+        }
+        let mut clock = StreamClock::new(0);
+        for (seq, t_ns, tick) in [(0, 5, Tick::Good), (1, 50_000 * ms, Tick::Good), (2, 1, Tick::Jump)] {
+            assert_eq!(clock.check(seq, t_ns), tick, "seq {seq}");
+        }
     }
 }

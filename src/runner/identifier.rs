@@ -1,13 +1,17 @@
 //! The identifier's loop.
 
+use super::desk::LoopEnd;
+use super::stopwatch::Stopwatch;
 use super::{HEARTBEAT, RunError, Shutdown, Stay, TICK};
-use crate::bus::{BusError, Publisher, SampleSubscriber};
-use crate::messages::{Estimate, State, Status};
+use crate::bus::{BusError, Publisher, SampleSubscriber, monotonic_ns};
+use crate::messages::{ErrorCode, Estimate, LastError, RealtimeStatus, State, Status, status_flags};
 use crate::node::identifier::Identifier;
 use std::time::{Duration, Instant};
 
 /// Samples taken in before the clock is looked at again.
 const BATCH: usize = 1024;
+/// A stream without samples for this long is silent.
+const SILENCE: Duration = Duration::from_secs(1);
 /// How long the publishers stay for subscribers that have not read the end yet.
 const LINGER: Duration = Duration::from_secs(5);
 
@@ -20,6 +24,12 @@ pub struct IdentifierPorts {
     pub estimates: Publisher<Estimate>,
     /// Heartbeat out.
     pub status: Publisher<Status>,
+    /// Commands in, figures of the process.
+    pub desk: LoopEnd,
+    /// When the program began, by CLOCK_MONOTONIC \[ns\].
+    pub started_ns: u64,
+    /// What the system granted.
+    pub realtime: RealtimeStatus,
 }
 
 /// Turns samples into estimates until asked to stop, or to the end of the first stream. A last status follows the last estimate,
@@ -33,36 +43,34 @@ pub fn run_identifier(
     stay: Stay,
     shutdown: &Shutdown,
 ) -> Result<(), RunError> {
-    let IdentifierPorts {
-        samples,
-        estimates,
-        status,
-    } = ports;
     let mut clock = Clock::new();
     let mut end_told = false;
     let mut news = News::default();
+    let mut vitals = Vitals::new(ports.started_ns, ports.realtime);
     loop {
-        samples.refresh()?;
-        news.plant(samples.is_connected());
-        samples.wait(TICK)?;
+        ports.samples.refresh()?;
+        news.plant(ports.samples.is_connected());
+        ports.samples.wait(TICK)?;
         // Asked before the last look into the queue: what came before the request is processed.
         let stopping = shutdown.requested();
         loop {
-            let taken = take_in(node, samples, estimates)?;
+            let taken = take_in(node, &mut ports.samples, &mut ports.estimates, &mut vitals)?;
+            ports.desk.exchange(node);
             let ended = node.status().state == State::Ended as u32;
             if ended != end_told {
                 end_told = ended;
                 if ended {
-                    status.send(&node.status())?;
+                    ports.desk.settle(node);
+                    vitals.send(node, ports)?;
                 }
             }
             if clock.heartbeat_due() {
-                status.send(&node.status())?;
+                vitals.send(node, ports)?;
                 news.losses(&node.status());
             }
             if clock.tick_due() {
-                estimates.serve_late_joiners()?;
-                status.serve_late_joiners()?;
+                ports.estimates.serve_late_joiners()?;
+                ports.status.serve_late_joiners()?;
             }
             if taken < BATCH || stopping {
                 break;
@@ -72,8 +80,10 @@ pub fn run_identifier(
             break;
         }
     }
-    status.send(&node.status())?;
+    ports.desk.settle(node);
+    vitals.send(node, ports)?;
     news.losses(&node.status());
+    let IdentifierPorts { estimates, status, .. } = ports;
     linger(estimates, status, shutdown)
 }
 
@@ -82,16 +92,93 @@ fn take_in(
     node: &mut dyn Identifier,
     samples: &mut SampleSubscriber,
     estimates: &mut Publisher<Estimate>,
+    vitals: &mut Vitals,
 ) -> Result<usize, BusError> {
     let mut failure = None;
+    let mut begun = Instant::now();
     let taken = samples.drain(BATCH, |sample| {
+        // Publishing, and in lockstep waiting for who reads, are no part of it.
+        let mut computed = None;
         node.on_sample(sample, &mut |estimate| {
+            computed = Some(begun.elapsed());
             if let Err(e) = estimates.send(estimate) {
                 failure = Some(e);
             }
         });
+        let now = Instant::now();
+        match computed {
+            Some(duration) => vitals.block.add(duration),
+            None => vitals.step.add(now - begun),
+        }
+        begun = now;
     })?;
+    if taken > 0 {
+        vitals.heard(begun);
+    }
     failure.map_or(Ok(taken), Err)
+}
+
+/// What the loop knows of itself.
+#[derive(Debug)]
+struct Vitals {
+    step: Stopwatch,
+    block: Stopwatch,
+    started_ns: u64,
+    first_sample_ns: u64,
+    realtime: RealtimeStatus,
+    heard: Option<Instant>,
+    silent: bool,
+    pauses: u64,
+}
+
+impl Vitals {
+    fn new(started_ns: u64, realtime: RealtimeStatus) -> Self {
+        Self {
+            step: Stopwatch::new(),
+            block: Stopwatch::new(),
+            started_ns,
+            first_sample_ns: 0,
+            realtime,
+            heard: None,
+            silent: false,
+            pauses: 0,
+        }
+    }
+
+    /// Samples have come.
+    fn heard(&mut self, at: Instant) {
+        if self.first_sample_ns == 0 {
+            self.first_sample_ns = monotonic_ns();
+        }
+        (self.heard, self.silent) = (Some(at), false);
+    }
+
+    /// Completes the node's status and sends it.
+    fn send(&mut self, node: &dyn Identifier, ports: &mut IdentifierPorts) -> Result<(), BusError> {
+        let mut status = node.status();
+        (status.step, status.block) = (self.step.timing(), self.block.timing());
+        status.realtime = self.realtime;
+        status.process.started_ns = self.started_ns;
+        status.process.first_sample_ns = self.first_sample_ns;
+        ports.desk.complete(&mut status);
+        let open = status.boot_id != 0 && status.state != State::Ended as u32;
+        let silence = self
+            .heard
+            .filter(|_| open)
+            .map_or(Duration::ZERO, |heard| heard.elapsed());
+        status.process.silent_ns = silence.as_nanos() as u64;
+        if silence >= SILENCE {
+            if !self.silent {
+                self.silent = true;
+                self.pauses += 1;
+                tracing::warn!(last_seq = status.last_seq, "no sample has come for a second or more");
+            }
+            status.flags |= status_flags::SILENT;
+            status.error = LastError::new(ErrorCode::Silent, status.last_seq);
+        }
+        status.process.pauses = self.pauses;
+        ports.status.send(&status)
+    }
 }
 
 /// Keeps the last messages readable until a reader has had them: two ticks for anybody to connect, then until one leaves.

@@ -9,12 +9,15 @@
 //! Each loop ends when the process is asked to stop, or with the stream where it was told so. Between a sample's arrival and the
 //! sending of its estimate nothing here allocates, locks or logs.
 
+mod desk;
 mod identifier;
 mod monitor;
 mod pace;
 mod plant;
 mod shutdown;
+mod stopwatch;
 
+pub use desk::{Board, DeskEnd, FromLoop, LoopEnd, ToLoop, desk};
 pub use identifier::{IdentifierPorts, run_identifier};
 pub use monitor::{MonitorPorts, MonitorSink, run_monitor};
 pub use pace::{Pace, PaceReport};

@@ -160,6 +160,71 @@ pub struct IdentifierArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "flattened")]
     pub common: CommonArgs,
+    /// Go on from the checkpoint in checkpoint.dir where there is one that fits
+    #[arg(long)]
+    pub warm: bool,
+}
+
+/// `thetabus ctl`.
+#[derive(Debug, Clone, Args)]
+pub struct CtlArgs {
+    /// What the identifier shall do; it takes effect at the next border between two blocks
+    #[command(subcommand)]
+    pub command: CtlCommand,
+    /// How long to wait for an answer
+    #[arg(long, global = true, value_name = "S", default_value_t = 3.0)]
+    pub timeout: f64,
+    /// Form of the answer on standard output
+    #[arg(long, global = true, value_enum, value_name = "FORMAT", default_value_t)]
+    pub format: TableFormat,
+    /// Configuration file that names robot and domain; repeated, later files win key by key
+    #[arg(long, global = true, value_name = "FILE")]
+    pub config: Vec<PathBuf>,
+    /// Name of the machine (key bus.robot)
+    #[arg(long, global = true, value_name = "NAME")]
+    pub robot: Option<String>,
+    /// Domain that the identifier runs in (key bus.domain)
+    #[arg(long, global = true, value_name = "NAME")]
+    pub domain: Option<String>,
+    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    #[arg(long, global = true, value_enum, value_name = "FORMAT", default_value_t)]
+    pub log_format: LogFormat,
+}
+
+/// What an identifier can be told.
+#[derive(Debug, Clone, clap::Subcommand)]
+pub enum CtlCommand {
+    /// Take no more samples in; the estimate stays
+    Pause,
+    /// Go on after a pause
+    Resume,
+    /// Back to the start values; tunables stay
+    Reset,
+    /// Set a tunable, e.g. set forgetting_factor=0.98; `describe` lists them
+    Set {
+        /// Tunable and value
+        #[arg(value_name = "KEY=VALUE")]
+        assignment: String,
+    },
+    /// Hold a parameter, at a value or at its estimate
+    Fix {
+        /// Name of the parameter
+        #[arg(value_name = "PARAMETER")]
+        parameter: String,
+        /// Value, in the parameter's unit
+        #[arg(value_name = "VALUE", allow_negative_numbers = true)]
+        value: Option<f64>,
+    },
+    /// Estimate a parameter that was held
+    Free {
+        /// Name of the parameter
+        #[arg(value_name = "PARAMETER")]
+        parameter: String,
+    },
+    /// Write a checkpoint now
+    Save,
+    /// Tell parameters, tunables and signals with their units and bounds
+    Describe,
 }
 
 /// `monitor`.
@@ -191,6 +256,9 @@ pub struct RunArgs {
     /// Make no recording, and so no report
     #[arg(long)]
     pub no_record: bool,
+    /// The identifier goes on from the checkpoint in checkpoint.dir where there is one that fits
+    #[arg(long)]
+    pub warm: bool,
 }
 
 /// `thetabus compare`.
@@ -310,6 +378,9 @@ pub struct IdentifyArgs {
     /// Form of the table on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,
+    /// Go on from the checkpoint in checkpoint.dir where there is one that fits; a recording repeats its own warm start anyway
+    #[arg(long)]
+    pub warm: bool,
     #[command(flatten)]
     #[allow(missing_docs, reason = "flattened")]
     pub common: CommonArgs,

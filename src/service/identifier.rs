@@ -1,11 +1,13 @@
 //! The identifier as a process.
 
 use super::args::domain;
+use super::desk::{Desk, last_checkpoint};
 use super::wiring::identifier_node;
-use super::{Exit, Failure, IdentifierArgs, child, logging};
-use crate::bus::{Bus, Publisher, Role, RoleLock, SampleSubscriber};
-use crate::messages::Estimate;
-use crate::runner::{IdentifierPorts, Shutdown, TICK, run_identifier};
+use super::{Exit, Failure, IdentifierArgs, child, logging, warm};
+use crate::bus::{Bus, Publisher, Role, RoleLock, SampleSubscriber, monotonic_ns};
+use crate::messages::{Estimate, RealtimeStatus};
+use crate::node::command::NodeState;
+use crate::runner::{IdentifierPorts, Shutdown, TICK, desk, run_identifier};
 use std::time::{Duration, Instant};
 
 /// Identifies a robot's parameters from its samples until it is asked to stop.
@@ -13,6 +15,7 @@ use std::time::{Duration, Instant};
 /// # Errors
 /// A wrong configuration, a second identifier of this robot, a bus that fails.
 pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
+    let started_ns = monotonic_ns();
     let common = &args.common;
     child::follow_launcher(common)?;
     let config = common.load(Vec::new(), &[])?;
@@ -20,6 +23,11 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
     let robot = &config.bus.robot;
     let _only_one = RoleLock::acquire(&domain, robot, Role::Identifier)?;
     let mut node = identifier_node(&config, common.own_plant.as_ref())?;
+    let (loop_end, desk_end) = desk();
+    let warm = match args.warm {
+        true => warm::start(&config, &mut *node, Some(&desk_end.board))?,
+        false => None,
+    };
 
     let bus = Bus::join(&domain, robot, "identifier")?;
     let status = Publisher::new(&bus)?;
@@ -29,6 +37,7 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
         estimates.await_receipts(&bus, limit, shutdown.flag())?;
     }
     await_readers(&mut estimates, common.launched.await_consumers, limit, shutdown)?;
+    let desk = Desk::open(&domain, &config, common.own_plant.clone(), desk_end, warm)?;
     // Last: in lockstep the plant starts when this one listens.
     let samples = SampleSubscriber::new(&bus)?;
     tracing::info!(
@@ -44,8 +53,16 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
         samples,
         estimates,
         status,
+        desk: loop_end,
+        started_ns,
+        realtime: RealtimeStatus::default(),
     };
-    run_identifier(&mut *node, &mut ports, common.stay(), shutdown)?;
+    let outcome = run_identifier(&mut *node, &mut ports, common.stay(), shutdown);
+    desk.close();
+    let mut state = NodeState::default();
+    node.save(&mut state);
+    last_checkpoint(&config, &state);
+    outcome?;
     let status = node.status();
     if !common.is_launched() {
         logging::result(&format!(

@@ -88,6 +88,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         log_format: args.plant.common.log_format,
         lockstep,
         record: !args.no_record,
+        warm: args.warm,
     };
     let mut children = Children::start(&plan, &progress)?;
     let outcome = children.supervise(status, &progress, shutdown);
@@ -167,6 +168,7 @@ struct Plan {
     log_format: LogFormat,
     lockstep: bool,
     record: bool,
+    warm: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -348,7 +350,12 @@ impl Process {
                 }
                 &mut command
             }
-            Part::Identifier => command.args(["--until-end", "--await-consumers", "1"]),
+            Part::Identifier => {
+                if plan.warm {
+                    command.arg("--warm");
+                }
+                command.args(["--until-end", "--await-consumers", "1"])
+            }
             Part::Plant => command.arg("--await-consumers").arg(consumers(plan.record).to_string()),
         };
         let mut child = command.spawn()?;

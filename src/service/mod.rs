@@ -5,7 +5,10 @@
 mod args;
 mod check;
 mod child;
+mod commands;
 mod compare;
+mod ctl;
+mod desk;
 mod exit;
 mod export;
 mod identifier;
@@ -21,14 +24,16 @@ mod progress;
 mod record;
 mod replay;
 mod report;
+mod warm;
 mod wiring;
 
 pub use args::{
-    CommonArgs, CompareArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat, MonitorArgs, PlantArgs, ReplayArgs,
-    ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION,
+    CommonArgs, CompareArgs, CtlArgs, CtlCommand, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat, MonitorArgs,
+    PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION,
 };
 pub use check::config_check;
 pub use compare::run as compare;
+pub use ctl::run as ctl;
 pub use exit::{EXIT_CODES, Exit, Failure, main_with};
 pub use export::run as export;
 pub use identifier::run as identifier;

@@ -2,13 +2,14 @@
 
 use super::Failure;
 use super::own::OwnPlant;
+use crate::checkpoint::Identity;
 use crate::config::{Config, ModelConfig, Rows, with_plant};
 use crate::estimator::BlockEstimator;
 use crate::messages::signals;
 use crate::model::{AutoDiff, DerivedValues, ManipulatorDerived, Plant, PlantDefinition};
 use crate::node::identifier::{Identifier, IdentifierNode, IdentifierOptions};
 use crate::node::monitor::{Label, MonitorNode, Truth};
-use crate::rows::{InputSource, PointwiseBlock, ProjectedBlock, SampleBlock, structure};
+use crate::rows::{InputSource, PointwiseBlock, ProjectedBlock, SampleBlock};
 use crate::sim::{Machine, SimOptions};
 
 /// A monitor that knows the names, and what the values really are where `truth` is the simulated machine.
@@ -81,7 +82,7 @@ pub(super) fn identifier_node(config: &Config, own: Option<&OwnPlant>) -> Result
 /// The identifier of a plant.
 pub(super) fn identifier_of<P>(config: &Config, plant: &P) -> Result<Box<dyn Identifier>, Failure>
 where
-    P: Plant + Clone + 'static,
+    P: Plant + Clone + Send + 'static,
 {
     let input = config.identifier.input;
     let block_len = config.estimator.block_len;
@@ -100,6 +101,21 @@ where
     })
 }
 
+/// An estimator at its start values.
+pub(super) fn fresh_estimator(config: &Config) -> Result<BlockEstimator, Failure> {
+    BlockEstimator::new(config.model.structure(), config.estimator.options.clone())
+        .map_err(|e| Failure::Usage(format!("estimator: {e}")))
+}
+
+/// Whose checkpoints an identifier of this configuration reads and writes.
+pub(super) fn identity(config: &Config) -> Identity {
+    Identity {
+        robot: config.bus.robot.clone(),
+        model_hash: model_hash(&config.model.definition()),
+        config_hash: config.config_hash(),
+    }
+}
+
 /// Signals that pointwise rows need: derivatives up to one more than the equations' terms are differentiated, for these hold q̇.
 fn needed(input: InputSource, plant: &impl Plant) -> u32 {
     let source = match input {
@@ -114,22 +130,23 @@ fn needed(input: InputSource, plant: &impl Plant) -> u32 {
         .fold(signals::Q | source, |mask, signal| mask | signal)
 }
 
-fn node<B: SampleBlock>(
+fn node<B: SampleBlock + Send + 'static>(
     config: &Config,
     plant: &impl Plant,
     signals: u32,
     rows: B,
 ) -> Result<IdentifierNode<B>, Failure> {
+    let period_s = config.plant.sim.sample_period_s;
     let options = IdentifierOptions {
-        block_len: config.estimator.block_len as u64,
-        joints: plant.joints(),
-        signals,
         model_hash: model_hash(&PlantDefinition::of(plant)),
         config_hash: config.config_hash(),
+        sample_period_ns: (period_s * 1e9).round() as u64,
+        input_limit: config.identifier.input_limit,
+        frozen_after: (config.identifier.frozen_after_s / period_s).round() as u64,
+        ..IdentifierOptions::new(config.estimator.block_len as u64, plant.joints(), signals)
     };
-    let derived = derived(config)?.map(|derived| Box::new(derived) as Box<dyn DerivedValues>);
-    let estimator = BlockEstimator::new(structure(plant), config.estimator.options.clone())
-        .map_err(|e| Failure::Usage(format!("estimator: {e}")))?;
+    let derived = derived(config)?.map(|derived| Box::new(derived) as Box<dyn DerivedValues + Send>);
+    let estimator = fresh_estimator(config)?;
     Ok(IdentifierNode::new(
         options,
         rows,

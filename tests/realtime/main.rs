@@ -22,11 +22,9 @@ fn identifier(options: EstimatorOptions) -> IdentifierNode<PointwiseBlock<Manipu
         torque_constant_n_m_per_a: arm.torque_constant_n_m_per_a,
     };
     let node = IdentifierOptions {
-        block_len: BLOCK_LEN,
-        joints: plant.joints(),
-        signals: signals::ALL,
-        model_hash: 0,
-        config_hash: 0,
+        sample_period_ns: 1_000_000,
+        frozen_after: 200,
+        ..IdentifierOptions::new(BLOCK_LEN, plant.joints(), signals::ALL)
     };
     let rows = PointwiseBlock::new(plant, InputSource::Measured, BLOCK_LEN as usize);
     let estimator = BlockEstimator::new(structure(&plant), options).unwrap();

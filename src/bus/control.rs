@@ -1,0 +1,139 @@
+//! Requests to the identifier and its answers: one server, clients with a patience of their own.
+//!
+//! A request wakes the server by an event; a server that died or was stopped never answers, so a client waits no longer than it was told to.
+
+use super::subscriber::{listener, wait};
+use super::{Bus, BusError, ControlService, Listener, Notifier, Topic};
+use crate::messages::{Request, Response};
+use iceoryx2::port::{client::Client, server::Server};
+use iceoryx2::prelude::ipc;
+use iceoryx2::service::port_factory::PortFactory as _;
+use std::time::{Duration, Instant};
+
+/// How often a client looks for its answer.
+const POLL: Duration = Duration::from_millis(2);
+
+/// The identifier's end.
+#[derive(Debug)]
+pub struct ControlServer {
+    listener: Listener,
+    port: Server<ipc::Service, Request, (), Response, ()>,
+    _service: ControlService,
+}
+
+impl ControlServer {
+    /// Becomes the one server of a robot.
+    ///
+    /// # Errors
+    /// There is one already, or the bus fails.
+    pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        let service = bus.create_control()?;
+        let port = service.server_builder().create().map_err(|e| {
+            bus.topic_error(
+                Topic::Control,
+                format!("cannot serve it, there may be a server already: {e:?}"),
+            )
+        })?;
+        Ok(Self {
+            listener: listener(bus, Topic::Control)?,
+            port,
+            _service: service,
+        })
+    }
+
+    /// Waits until a request may be there; at most `timeout`. Signals end the wait early.
+    pub fn wait(&self, timeout: Duration) -> Result<(), BusError> {
+        wait(&self.listener, Topic::Control, timeout)
+    }
+
+    /// Answers every request that has arrived.
+    pub fn serve(&mut self, mut answer: impl FnMut(&Request) -> Response) -> Result<usize, BusError> {
+        let mut count = 0;
+        loop {
+            let request = self.port.receive().map_err(|e| transfer("receiving", &e))?;
+            let Some(request) = request else { return Ok(count) };
+            // A client that has left needs no answer.
+            let _ = request.send_copy(answer(request.payload()));
+            count += 1;
+        }
+    }
+}
+
+/// The end of whoever has something to say to the identifier.
+#[derive(Debug)]
+pub struct ControlClient {
+    bus: Bus,
+    notifier: Notifier,
+    port: Client<ipc::Service, Request, (), Response, ()>,
+    service: ControlService,
+}
+
+impl ControlClient {
+    /// Finds the identifier of the bus's robot.
+    ///
+    /// # Errors
+    /// [`BusError::NoIdentifier`] where none runs.
+    pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        let service = bus.open_control()?.ok_or_else(|| nobody(bus))?;
+        if service.dynamic_config().number_of_servers() == 0 {
+            return Err(nobody(bus));
+        }
+        let port = service
+            .client_builder()
+            .create()
+            .map_err(|e| bus.topic_error(Topic::Control, format!("cannot ask: {e:?}")))?;
+        let notifier = bus
+            .event(Topic::Control)?
+            .notifier_builder()
+            .create()
+            .map_err(|e| bus.topic_error(Topic::Control, format!("cannot wake the identifier: {e:?}")))?;
+        Ok(Self {
+            bus: bus.clone(),
+            notifier,
+            port,
+            service,
+        })
+    }
+
+    /// Sends a request and waits for its answer, at most for `limit`.
+    ///
+    /// # Errors
+    /// [`BusError::NoAnswer`] past the limit, [`BusError::NoIdentifier`] where the identifier has gone.
+    pub fn ask(&self, request: &Request, limit: Duration) -> Result<Response, BusError> {
+        let start = Instant::now();
+        let pending = self.port.send_copy(*request).map_err(|e| transfer("sending", &e))?;
+        // Without a wake-up the server looks after its requests once per tick.
+        let _ = self.notifier.notify();
+        loop {
+            if let Some(response) = pending.receive().map_err(|e| transfer("receiving", &e))? {
+                return Ok(*response.payload());
+            }
+            if self.service.dynamic_config().number_of_servers() == 0 {
+                return Err(nobody(&self.bus));
+            }
+            if start.elapsed() >= limit {
+                return Err(BusError::NoAnswer {
+                    robot: self.bus.robot().into(),
+                    domain: self.bus.domain().name().into(),
+                    limit_s: limit.as_secs_f64(),
+                });
+            }
+            std::thread::sleep(POLL);
+        }
+    }
+}
+
+fn nobody(bus: &Bus) -> BusError {
+    BusError::NoIdentifier {
+        robot: bus.robot().into(),
+        domain: bus.domain().name().into(),
+    }
+}
+
+fn transfer(action: &'static str, cause: &dyn std::fmt::Debug) -> BusError {
+    BusError::Transfer {
+        topic: Topic::Control,
+        action,
+        cause: format!("{cause:?}"),
+    }
+}

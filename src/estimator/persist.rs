@@ -1,0 +1,133 @@
+//! What an estimator must keep to go on as if it had never stopped, visited field by field in one order.
+//!
+//! One definition serves to count, to copy out and to copy in, so the three cannot disagree. What is not visited is workspace
+//! that each block fills anew. A test stops and continues estimators amid jumps and drifts and wants the same bits.
+
+/// Visits the numbers and counts of a state in their order.
+pub trait Visit {
+    /// Real numbers; the lengths follow from structure and options.
+    fn reals(&mut self, values: &mut [f64]);
+    /// A count, flag or index.
+    fn count(&mut self, value: &mut u64);
+
+    /// A flag.
+    fn flag(&mut self, value: &mut bool) {
+        let mut count = u64::from(*value);
+        self.count(&mut count);
+        *value = count != 0;
+    }
+
+    /// A smaller count.
+    fn small(&mut self, value: &mut u32) {
+        let mut count = u64::from(*value);
+        self.count(&mut count);
+        *value = u32::try_from(count).unwrap_or(u32::MAX);
+    }
+
+    /// A single number.
+    fn real(&mut self, value: &mut f64) {
+        self.reals(std::slice::from_mut(value));
+    }
+}
+
+/// The state of an estimator and of its judgement, as plain lists: what a checkpoint holds. The first numbers are θ̂.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct EstimatorState {
+    /// The real numbers.
+    pub reals: Vec<f64>,
+    /// Counts and flags.
+    pub counts: Vec<u64>,
+}
+
+/// A state that does not belong to this estimator, or is none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum StateError {
+    /// Another model, or another version of the estimator.
+    #[error("expected {expected} numbers and counts, got {got}")]
+    Length {
+        /// Of this estimator.
+        expected: usize,
+        /// Of the state.
+        got: usize,
+    },
+    /// A number is not finite.
+    #[error("number {index} is not finite")]
+    NotFinite {
+        /// Which one.
+        index: usize,
+    },
+    /// An estimate lies outside its bounds.
+    #[error("the estimate of parameter {index} lies outside its bounds")]
+    OutOfBounds {
+        /// Which one, counted from 0.
+        index: usize,
+    },
+    /// The information, or a variance, is not one.
+    #[error("the information is not positive definite, or a variance is negative")]
+    NotPositive,
+}
+
+/// Copies a state out; allocates only where the lists have no room yet.
+#[derive(Debug)]
+pub struct Save<'a>(pub &'a mut EstimatorState);
+
+impl Visit for Save<'_> {
+    fn reals(&mut self, values: &mut [f64]) {
+        self.0.reals.extend_from_slice(values);
+    }
+    fn count(&mut self, value: &mut u64) {
+        self.0.counts.push(*value);
+    }
+}
+
+/// Copies a state in; `fits` tells at the end whether it had the right length.
+#[derive(Debug)]
+pub struct Load<'a> {
+    reals: &'a [f64],
+    counts: &'a [u64],
+    wanted: usize,
+}
+
+impl<'a> Load<'a> {
+    /// From the beginning of a state.
+    pub fn new(state: &'a EstimatorState) -> Self {
+        Self {
+            reals: &state.reals,
+            counts: &state.counts,
+            wanted: 0,
+        }
+    }
+
+    /// Everything was there and nothing is left.
+    ///
+    /// # Errors
+    /// Otherwise.
+    pub fn finish(&self, state: &EstimatorState) -> Result<(), StateError> {
+        let got = state.reals.len() + state.counts.len();
+        if self.wanted == got && self.reals.is_empty() && self.counts.is_empty() {
+            Ok(())
+        } else {
+            Err(StateError::Length {
+                expected: self.wanted,
+                got,
+            })
+        }
+    }
+}
+
+impl Visit for Load<'_> {
+    fn reals(&mut self, values: &mut [f64]) {
+        self.wanted += values.len();
+        if let Some((here, rest)) = self.reals.split_at_checked(values.len()) {
+            values.copy_from_slice(here);
+            self.reals = rest;
+        }
+    }
+    fn count(&mut self, value: &mut u64) {
+        self.wanted += 1;
+        if let Some((here, rest)) = self.counts.split_first() {
+            *value = *here;
+            self.counts = rest;
+        }
+    }
+}

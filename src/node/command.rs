@@ -1,0 +1,117 @@
+//! Commands to an identifier: prepared elsewhere, in force from a border between two blocks on.
+//!
+//! Whatever needs memory is made before an order is offered: a new estimator, new rows, new options. At the border it is exchanged
+//! for the old, and the order goes back with the old inside, so that the node neither allocates nor frees.
+
+use crate::estimator::{BlockEstimator, EstimatorOptions, EstimatorState, StateMachine};
+use std::any::Any;
+use std::fmt;
+
+/// Orders that a node can hold at a time.
+pub const MAX_ORDERS: usize = 64;
+
+/// What a command changes.
+pub enum Change {
+    /// Take no more samples in; θ̂ stays.
+    Pause,
+    /// Go on with the next block.
+    Resume,
+    /// Another estimator with its judge in the place of the present one: as at the start, or out of a checkpoint.
+    Replace {
+        /// The estimator.
+        estimator: Box<BlockEstimator>,
+        /// Its judge.
+        judge: Box<StateMachine>,
+        /// It continues from a checkpoint.
+        warm: bool,
+    },
+    /// Other tunables; see [`BlockEstimator::retune`].
+    Tune {
+        /// With the new tunables.
+        options: Box<EstimatorOptions>,
+        /// Of the new configuration.
+        config_hash: u64,
+        /// N.
+        block_len: u64,
+        /// Rows for blocks of the new length, of the type of the present ones; needed where `block_len` is another.
+        rows: Option<Box<dyn Any + Send>>,
+    },
+    /// Hold a parameter, at this value or at its estimate.
+    Fix {
+        /// Index of the parameter.
+        index: usize,
+        /// The value; within the parameter's bounds.
+        value: Option<f64>,
+    },
+    /// Estimate a parameter that was held.
+    Free {
+        /// Index of the parameter.
+        index: usize,
+    },
+}
+
+impl fmt::Debug for Change {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Pause => "Pause",
+            Self::Resume => "Resume",
+            Self::Replace { .. } => "Replace",
+            Self::Tune { .. } => "Tune",
+            Self::Fix { .. } => "Fix",
+            Self::Free { .. } => "Free",
+        })
+    }
+}
+
+/// A change on its way to a border and back.
+#[derive(Debug)]
+pub struct Order {
+    /// Whoever offered it knows it by this.
+    pub id: u64,
+    /// Not before this sample of the stream; 0: at the next border.
+    pub from_seq: u64,
+    /// The change; what was exchanged, once it took effect.
+    pub change: Change,
+    /// Where it took effect.
+    pub border: Border,
+    /// The number of the stream that `from_seq` belongs to; set by the node.
+    pub(super) stream: u64,
+}
+
+impl Order {
+    /// A change for the next border, or where `from_seq` is not 0, for the first one from that sample on: of the stream that is
+    /// open, or of the next one where none is.
+    pub fn new(id: u64, from_seq: u64, change: Change) -> Self {
+        Self {
+            id,
+            from_seq,
+            change,
+            border: Border::default(),
+            stream: 0,
+        }
+    }
+}
+
+/// A place between two blocks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Border {
+    /// The stream; 0 before the first one.
+    pub boot_id: u64,
+    /// First sample behind the border.
+    pub from_seq: u64,
+    /// Number of the block that begins there; of the one after it where the border lies within a block that is skipped.
+    pub block: u64,
+}
+
+/// What an identifier must keep to be continued by another process.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct NodeState {
+    /// Estimator and judge.
+    pub estimator: EstimatorState,
+    /// The stream, 0 for none.
+    pub boot_id: u64,
+    /// The last block with an estimate, 0 for none.
+    pub block: u64,
+    /// Stream time of the last sample \[ns\].
+    pub t_ns: u64,
+}

@@ -1,0 +1,248 @@
+//! Signals that do not move although they must: a sensor that hangs gives perfect, perfectly consistent and perfectly wrong data.
+//!
+//! A value that repeats to the bit is nothing yet: an encoder at rest does that, and a commanded voltage may be constant for long. With M
+//! samples of patience a joint's signal counts as frozen while
+//!
+//! | rule | signal | frozen where |
+//! |---|---|---|
+//! | A | position | after M samples of standstill the input, smoothed over M/4, moved by a fifth of its largest magnitude, or the measured velocity has passed a thousandth of the range of motion, and M samples later it still stands |
+//! | B | input | it was constant for M samples, changed with every sample before, is not at its largest magnitude (a drive at its limit), and the position has moved by 5 % of its range |
+//! | C | both | both were constant for 5 M samples, and the input changed with every sample before |
+//!
+//! A joint held by friction against a growing input looks like rule A; M is a configuration key for that reason, and 0 turns all of it off.
+
+use crate::model::{JointSample, MAX_JOINTS};
+
+/// Watches the joints of a stream.
+#[derive(Debug, Clone)]
+pub(super) struct FreezeWatch {
+    patience: u64,
+    period_s: f64,
+    joints: [Joint; MAX_JOINTS],
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Joint {
+    seen: bool,
+    q: f64,
+    u: f64,
+    /// Samples that the value has been the same for.
+    q_run: u64,
+    u_run: u64,
+    /// The input without its noise and spikes, its largest magnitude, and its range in a standstill of M samples and more.
+    smooth: f64,
+    smooth_peak: f64,
+    u_least: f64,
+    u_most: f64,
+    /// Range of the position since the input is constant.
+    q_least: f64,
+    q_most: f64,
+    /// ∫|q̇| since the position stands still.
+    path: f64,
+    /// Samples since the position had reason to move.
+    driven: u64,
+    /// Over the stream.
+    peak: f64,
+    range: (f64, f64),
+    /// Share of the last thousand samples, or so, in which the input changed.
+    lively: f64,
+}
+
+impl Joint {
+    const NEW: Self = Self {
+        seen: false,
+        q: 0.0,
+        u: 0.0,
+        q_run: 0,
+        u_run: 0,
+        smooth: 0.0,
+        smooth_peak: 0.0,
+        u_least: 0.0,
+        u_most: 0.0,
+        q_least: 0.0,
+        q_most: 0.0,
+        path: 0.0,
+        driven: 0,
+        peak: 0.0,
+        range: (0.0, 0.0),
+        lively: 0.0,
+    };
+}
+
+impl FreezeWatch {
+    /// Rule A: share of the input's largest magnitude.
+    const DRIVE: f64 = 0.2;
+    /// Rule A: share of the range of motion.
+    const PATH: f64 = 1e-3;
+    /// Rule B: share of the range of motion.
+    const MOTION: f64 = 0.05;
+    /// Rules B and C: share of samples in which a lively input changes.
+    const LIVELY: f64 = 0.9;
+    /// Rule C: patience of M times this.
+    const STILL: u64 = 5;
+
+    /// With M = `patience` samples, 0 for none of this, every `period_s`.
+    pub(super) fn new(patience: u64, period_s: f64) -> Self {
+        Self {
+            patience,
+            period_s,
+            joints: [Joint::NEW; MAX_JOINTS],
+        }
+    }
+
+    /// Forgets the stream.
+    pub(super) fn reset(&mut self) {
+        self.joints = [Joint::NEW; MAX_JOINTS];
+    }
+
+    /// Looks at a sample of finite numbers; true where a signal of one of the first `joints` is frozen. `dq` is looked at where it is measured,
+    /// the input where it is.
+    pub(super) fn look(&mut self, sample: &JointSample, joints: usize, measured: bool, driven: bool) -> bool {
+        if self.patience == 0 {
+            return false;
+        }
+        let mut frozen = false;
+        for (index, joint) in self.joints[..joints].iter_mut().enumerate() {
+            let u = if driven { sample.input[index] } else { 0.0 };
+            let speed = if measured { sample.dq[index].abs() } else { 0.0 };
+            frozen |= joint.look(sample.q[index], u, speed * self.period_s, self.patience);
+        }
+        frozen
+    }
+}
+
+impl Joint {
+    #[inline]
+    fn look(&mut self, q: f64, u: f64, step: f64, patience: u64) -> bool {
+        if !self.seen {
+            *self = Self {
+                seen: true,
+                range: (q, q),
+                q,
+                u,
+                smooth: u,
+                ..Self::NEW
+            };
+        }
+        self.peak = self.peak.max(u.abs());
+        self.smooth += (u - self.smooth) * (4.0 / patience as f64).min(1.0);
+        self.smooth_peak = self.smooth_peak.max(self.smooth.abs());
+        self.range = (self.range.0.min(q), self.range.1.max(q));
+        let range = self.range.1 - self.range.0;
+        let q_same = q.to_bits() == self.q.to_bits();
+        let u_same = u.to_bits() == self.u.to_bits();
+        let was_lively = self.lively > FreezeWatch::LIVELY;
+        if u_same {
+            self.u_run += 1;
+            (self.q_least, self.q_most) = (self.q_least.min(q), self.q_most.max(q));
+        } else {
+            self.lively += 1e-3 * (1.0 - self.lively);
+            self.u_run = 0;
+            (self.q_least, self.q_most) = (q, q);
+        }
+        // an input that stops changing keeps its name until it has been seen to be constant by nature
+        if u_same && self.u_run > 20 * FreezeWatch::STILL * patience {
+            self.lively *= 0.999;
+        }
+        if q_same {
+            self.q_run += 1;
+            self.path += step;
+            // the input of a joint that comes to rest settles first
+            (self.u_least, self.u_most) = match self.q_run <= patience {
+                true => (self.smooth, self.smooth),
+                false => (self.u_least.min(self.smooth), self.u_most.max(self.smooth)),
+            };
+            let drive = self.u_most - self.u_least > FreezeWatch::DRIVE * self.smooth_peak;
+            let slides = range > 0.0 && self.path > FreezeWatch::PATH * range;
+            self.driven = if drive || slides { self.driven + 1 } else { 0 };
+        } else {
+            (self.q_run, self.path, self.driven) = (0, 0.0, 0);
+        }
+        (self.q, self.u) = (q, u);
+        let at_limit = u.abs() >= self.peak * (1.0 - 1e-9);
+        let moved = range > 0.0 && self.q_most - self.q_least > FreezeWatch::MOTION * range;
+        let rule_a = self.driven >= patience;
+        let rule_b = self.u_run >= patience && was_lively && !at_limit && moved;
+        let rule_c = was_lively && self.u_run.min(self.q_run) >= FreezeWatch::STILL * patience;
+        rule_a || rule_b || rule_c
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const M: u64 = 200;
+
+    /// A joint that swings and rests, its encoder and its noisy input; `spoil` comes between them and the watch.
+    fn frozen_samples(spoil: impl Fn(u64, &mut f64, &mut f64)) -> Vec<u64> {
+        let mut watch = FreezeWatch::new(M, 1e-3);
+        let mut frozen = Vec::new();
+        let mut noise = 1u64;
+        for k in 0..20_000u64 {
+            let t = k as f64 * 1e-3;
+            // swings for 2 s, rests for 2 s; 16 bit
+            let phase = if t % 4.0 < 2.0 { t % 4.0 } else { 2.0 };
+            let q = 0.5 * (std::f64::consts::PI * phase).cos();
+            let swinging = phase < 2.0;
+            let mut q = (q * 10_430.0).round() / 10_430.0;
+            noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            let force = if swinging {
+                -30.0 * (std::f64::consts::PI * phase).cos()
+            } else {
+                5.0
+            };
+            let mut u = force + 0.1 * ((noise >> 40) as f64 / (1u64 << 24) as f64 - 0.5);
+            spoil(k, &mut q, &mut u);
+            let mut sample = JointSample::default();
+            (sample.q[0], sample.input[0]) = (q, u);
+            if watch.look(&sample, 1, false, true) {
+                frozen.push(k);
+            }
+        }
+        frozen
+    }
+
+    #[test]
+    fn fault_a_joint_that_moves_and_rests_is_not_frozen_and_each_rule_sees_its_fault() {
+        assert_eq!(frozen_samples(|_, _, _| ()).first(), None, "a healthy joint");
+        // the encoder hangs in motion: the input goes on
+        let hung = frozen_samples(|k, q, _| {
+            if k >= 8_500 {
+                *q = 0.01;
+            }
+        });
+        assert!((8_900..9_500).contains(&hung[0]), "{:?}", hung.first());
+        assert_eq!(hung.len() as u64, 20_000 - hung[0], "until the end");
+        // the input hangs in motion, not at its limit
+        let hung = frozen_samples(|k, _, u| {
+            if k >= 8_400 {
+                *u = 7.0;
+            }
+        });
+        assert!((8_600..8_700).contains(&hung[0]), "{:?}", hung.first());
+        // the whole sample hangs, at rest
+        let hung = frozen_samples(|k, q, u| {
+            if k >= 7_000 {
+                (*q, *u) = (0.5, 5.01);
+            }
+        });
+        assert!((7_999..8_300).contains(&hung[0]), "{:?}", hung.first());
+        // and is back
+        let hung = frozen_samples(|k, q, _| {
+            if (8_500..9_900).contains(&k) {
+                *q = 0.01;
+            }
+        });
+        assert_eq!(hung.last(), Some(&9_899));
+    }
+
+    #[test]
+    fn prop_a_commanded_input_that_is_constant_by_nature_is_not_frozen() {
+        let stairs = frozen_samples(|k, q, u| {
+            *u = if (k / 3_000) % 2 == 0 { 12.0 } else { -6.0 };
+            *q = (k as f64 * 1e-3).sin();
+        });
+        assert_eq!(stairs.first(), None);
+    }
+}

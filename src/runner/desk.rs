@@ -1,0 +1,214 @@
+//! Between the identifier's loop and whoever prepares its commands: two queues of fixed size and a board of figures.
+//!
+//! ```text
+//! desk (a thread of its own) ── ToLoop ──▶ loop: looks once per batch, never within the step
+//!                            ◀─ FromLoop ─
+//!                            ── Board ───▶ memory in use, checkpoints, refusals: copied into each status
+//! ```
+//!
+//! What comes over was made by the desk, and goes back to it to be freed.
+
+use crate::messages::{LastError, Status, status_flags};
+use crate::node::command::{Border, NodeState, Order};
+use crate::node::identifier::Identifier;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// Messages either way that may be on their way.
+const QUEUE: usize = 2 * crate::node::command::MAX_ORDERS;
+/// How long the end of a stream waits for the journal.
+const SETTLE: Duration = Duration::from_millis(500);
+
+/// To the loop.
+#[derive(Debug)]
+pub enum ToLoop {
+    /// For the node.
+    Offer(Order),
+    /// Room for the node's state, to be filled.
+    Save(Box<NodeState>),
+}
+
+/// From the loop.
+#[derive(Debug)]
+pub enum FromLoop {
+    /// An order is on its way.
+    Offered {
+        /// Which one.
+        id: u64,
+        /// Where it will take effect.
+        border: Border,
+    },
+    /// The node has no room for an order, or it does not fit.
+    Declined(Order),
+    /// An order took effect.
+    Done(Order),
+    /// The node's state.
+    Saved(Box<NodeState>),
+}
+
+/// Figures that the desk keeps for the status.
+#[derive(Debug, Default)]
+pub struct Board {
+    /// Memory in use \[bytes\].
+    pub resident_bytes: AtomicU64,
+    /// Requests refused.
+    pub refused: AtomicU64,
+    /// Checkpoints written.
+    pub checkpoints: AtomicU64,
+    /// Checkpoints not written or not usable.
+    pub checkpoints_failed: AtomicU64,
+    /// Samples that a recorder lost.
+    pub recorder_missing: AtomicU64,
+    /// Orders that took effect and are in the journal.
+    pub journalled: AtomicU64,
+    /// Checkpoints are wanted: 1.
+    pub checkpointing: AtomicU64,
+    /// The last error, and how many there were.
+    error: Mutex<(LastError, u64)>,
+}
+
+impl Board {
+    /// Tells an error.
+    pub fn tell(&self, error: LastError) {
+        if let Ok(mut last) = self.error.lock() {
+            *last = (error, last.1 + 1);
+        }
+    }
+
+    /// Adds one.
+    pub fn count(counter: &AtomicU64) {
+        counter.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// The loop's end.
+#[derive(Debug)]
+pub struct LoopEnd {
+    from_desk: Receiver<ToLoop>,
+    to_desk: SyncSender<FromLoop>,
+    /// What found no room in the queue.
+    unsent: Option<FromLoop>,
+    board: Arc<Board>,
+    /// Orders handed over that took effect.
+    done: u64,
+    /// Errors of the desk that were shown, and the last one that the node had then.
+    errors_shown: u64,
+    node_error: LastError,
+    shown: LastError,
+}
+
+/// The desk's end.
+#[derive(Debug)]
+pub struct DeskEnd {
+    /// To the loop.
+    pub to_loop: SyncSender<ToLoop>,
+    /// From the loop.
+    pub from_loop: Receiver<FromLoop>,
+    /// Figures for the status.
+    pub board: Arc<Board>,
+}
+
+/// A desk and a loop that know each other.
+pub fn desk() -> (LoopEnd, DeskEnd) {
+    let (to_loop, from_desk) = sync_channel(QUEUE);
+    let (to_desk, from_loop) = sync_channel(QUEUE);
+    let board = Arc::new(Board::default());
+    let loop_end = LoopEnd {
+        from_desk,
+        to_desk,
+        unsent: None,
+        board: board.clone(),
+        done: 0,
+        errors_shown: 0,
+        node_error: LastError::default(),
+        shown: LastError::default(),
+    };
+    let desk_end = DeskEnd {
+        to_loop,
+        from_loop,
+        board,
+    };
+    (loop_end, desk_end)
+}
+
+impl LoopEnd {
+    /// Hands everything over that is on its way, either way.
+    pub(super) fn exchange(&mut self, node: &mut dyn Identifier) {
+        loop {
+            self.return_done(node);
+            if self.unsent.is_some() {
+                return;
+            }
+            let answer = match self.from_desk.try_recv() {
+                Ok(ToLoop::Offer(order)) => {
+                    let id = order.id;
+                    match node.offer(order) {
+                        Ok(border) => FromLoop::Offered { id, border },
+                        Err(order) => FromLoop::Declined(order),
+                    }
+                }
+                Ok(ToLoop::Save(mut state)) => {
+                    node.save(&mut state);
+                    FromLoop::Saved(state)
+                }
+                Err(TryRecvError::Empty | TryRecvError::Disconnected) => return,
+            };
+            self.send(answer);
+        }
+    }
+
+    fn return_done(&mut self, node: &mut dyn Identifier) {
+        if let Some(unsent) = self.unsent.take() {
+            self.send(unsent);
+        }
+        while self.unsent.is_none() {
+            let Some(order) = node.take_done() else { return };
+            self.done += 1;
+            self.send(FromLoop::Done(order));
+        }
+    }
+
+    fn send(&mut self, message: FromLoop) {
+        match self.to_desk.try_send(message) {
+            Ok(()) | Err(TrySendError::Disconnected(_)) => {}
+            Err(TrySendError::Full(message)) => self.unsent = Some(message),
+        }
+    }
+
+    /// Waits until the journal has everything that took effect, so that who reads of the end of a stream can have read that, too.
+    pub(super) fn settle(&mut self, node: &mut dyn Identifier) {
+        let start = Instant::now();
+        self.exchange(node);
+        while self.board.journalled.load(Ordering::Acquire) < self.done && start.elapsed() < SETTLE {
+            std::thread::sleep(Duration::from_millis(1));
+            self.exchange(node);
+        }
+    }
+
+    /// Puts the desk's figures into a status.
+    pub(super) fn complete(&mut self, status: &mut Status) {
+        let board = &self.board;
+        let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        let process = &mut status.process;
+        process.resident_bytes = read(&board.resident_bytes);
+        process.refused = read(&board.refused);
+        process.checkpoints = read(&board.checkpoints);
+        process.checkpoints_failed = read(&board.checkpoints_failed);
+        process.recorder_missing = read(&board.recorder_missing);
+        if read(&board.checkpointing) != 0 {
+            status.flags |= status_flags::CHECKPOINTS;
+        }
+        // of the node's errors and the desk's, the later one
+        if status.error != self.node_error {
+            (self.node_error, self.shown) = (status.error, status.error);
+        }
+        if let Ok(error) = self.board.error.try_lock()
+            && error.1 != self.errors_shown
+        {
+            (self.errors_shown, self.shown) = (error.1, error.0);
+        }
+        status.error = self.shown;
+    }
+}

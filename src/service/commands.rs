@@ -1,0 +1,254 @@
+//! From a request to a change of the node: the one place that knows what a command means, for a running identifier and for a recording alike.
+
+use super::Failure;
+use super::own::OwnPlant;
+use super::wiring::{fresh_estimator, identifier_node, identity, plant_description};
+use crate::checkpoint::{self, Identity};
+use crate::config::{Config, Kind, keys};
+use crate::estimator::StateMachine;
+use crate::messages::{Command, Item, MAX_ITEMS, Parts, Request, Response, item_kind, response_code};
+use crate::node::command::{Change, NodeState};
+
+/// Tunables: what of section `[estimator]` may be set while it runs.
+pub(super) const TUNABLES: [&str; 11] = [
+    "block_len",
+    "forgetting_factor",
+    "time_constant_s",
+    "information_floor",
+    "max_iterations",
+    "step_factor",
+    "huber_limit",
+    "gate_limit",
+    "false_alarm_rate",
+    "change_margin_s",
+    "noise_floor_relative",
+];
+
+/// Makes changes out of requests; follows the configuration as tunables are set.
+pub(super) struct Commands {
+    config: Config,
+    own: Option<OwnPlant>,
+    /// The one before the last tunable was set.
+    before: Option<Config>,
+    identity: Identity,
+    parts: Parts,
+}
+
+/// What a request asks for.
+pub(super) enum Wanted {
+    /// An order for the node, and what it is called.
+    Order(Change, String),
+    /// A checkpoint.
+    Save,
+    /// An answer at once.
+    Answer(Box<Response>),
+    /// A recorder lost so many samples.
+    RecorderMissing(u64),
+    /// The next part of a state.
+    More,
+}
+
+impl Commands {
+    /// For the configuration that the identifier starts with.
+    pub(super) fn new(config: &Config, own: Option<OwnPlant>) -> Self {
+        Self {
+            own,
+            identity: identity(config),
+            config: config.clone(),
+            before: None,
+            parts: Parts::default(),
+        }
+    }
+
+    /// Whose checkpoints these are: tunables set later make no other identifier.
+    pub(super) fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    /// Takes the tunable back that was set last: its order never reached the node.
+    pub(super) fn undo(&mut self) {
+        if let Some(before) = self.before.take() {
+            self.config = before;
+        }
+    }
+
+    /// What a request means, or why it is refused.
+    pub(super) fn prepare(&mut self, request: &Request) -> Result<Wanted, String> {
+        self.before = None;
+        let Some(command) = Command::from_wire(request.command) else {
+            return Err(format!("command {} is not known", request.command));
+        };
+        let name = request.name();
+        let order = |change, what: String| Ok(Wanted::Order(change, what));
+        match command {
+            Command::Pause => order(Change::Pause, "paused".to_owned()),
+            Command::Resume => order(Change::Resume, "goes on".to_owned()),
+            Command::Reset => {
+                let estimator = fresh_estimator(&self.config).map_err(|e| e.to_string())?;
+                let judge = Box::new(StateMachine::new(estimator.theta()));
+                let change = Change::Replace {
+                    estimator: Box::new(estimator),
+                    judge,
+                    warm: false,
+                };
+                order(change, "back to the start values".to_owned())
+            }
+            Command::Set => self.set(name, request.value()),
+            Command::Fix => {
+                let index = self.parameter(name)?;
+                let options = &self.config.estimator.options;
+                let (lower, upper) = (options.lower[index], options.upper[index]);
+                let what = match request.value() {
+                    None => format!("{name} is held at its estimate"),
+                    Some(value) if value.is_finite() && (lower..=upper).contains(&value) => {
+                        format!("{name} is held at {value}")
+                    }
+                    Some(value) => {
+                        return Err(format!(
+                            "{name}: expected a number from {lower} to {upper}, got {value}"
+                        ));
+                    }
+                };
+                let change = Change::Fix {
+                    index,
+                    value: request.value(),
+                };
+                order(change, what)
+            }
+            Command::Free => {
+                let index = self.parameter(name)?;
+                order(Change::Free { index }, format!("{name} is estimated"))
+            }
+            Command::Save => match self.config.checkpoint.dir {
+                Some(_) => Ok(Wanted::Save),
+                None => Err("checkpoint.dir is not set, so there is no place for a checkpoint".to_owned()),
+            },
+            Command::Describe => Ok(Wanted::Answer(Box::new(self.describe()))),
+            Command::Restore => match self.parts.take(request)? {
+                None => Ok(Wanted::More),
+                Some(bytes) => {
+                    let state = checkpoint::decode(&bytes, &self.identity).map_err(|e| format!("the state: {e}"))?;
+                    order(self.restore(&state)?, "goes on from a state".to_owned())
+                }
+            },
+            Command::Recorder => match request.value() {
+                Some(missing) if missing >= 0.0 && missing < 1e18 => Ok(Wanted::RecorderMissing(missing as u64)),
+                other => Err(format!("expected a count of samples, got {other:?}")),
+            },
+        }
+    }
+
+    /// An estimator that goes on from a state.
+    fn restore(&self, state: &NodeState) -> Result<Change, String> {
+        let mut estimator = fresh_estimator(&self.config).map_err(|e| e.to_string())?;
+        let mut judge = StateMachine::new(estimator.theta());
+        estimator
+            .load(&mut judge, &state.estimator)
+            .map_err(|e| format!("the state: {e}"))?;
+        Ok(Change::Replace {
+            estimator: Box::new(estimator),
+            judge: Box::new(judge),
+            warm: true,
+        })
+    }
+
+    fn set(&mut self, name: &str, value: Option<f64>) -> Result<Wanted, String> {
+        let own = name.strip_prefix("estimator.").unwrap_or(name);
+        if !TUNABLES.contains(&own) {
+            return Err(format!(
+                "expected a tunable out of {}, got {name:?}",
+                TUNABLES.join(", ")
+            ));
+        }
+        let Some(value) = value else {
+            return Err(format!("{own}: expected a value"));
+        };
+        let config = self
+            .config
+            .with_number(&format!("estimator.{own}"), value)
+            .map_err(|e| e.to_string())?;
+        let block_len = config.estimator.block_len;
+        let rows = match block_len == self.config.estimator.block_len {
+            true => None,
+            false => {
+                let node = identifier_node(&config, self.own.as_ref()).map_err(|e: Failure| e.to_string())?;
+                Some(node.into_rows())
+            }
+        };
+        let change = Change::Tune {
+            options: Box::new(config.estimator.options.clone()),
+            config_hash: config.config_hash(),
+            block_len: block_len as u64,
+            rows,
+        };
+        self.before = Some(std::mem::replace(&mut self.config, config));
+        Ok(Wanted::Order(change, format!("{own} is {value}")))
+    }
+
+    fn parameter(&self, name: &str) -> Result<usize, String> {
+        let parameters = self.config.model.parameters();
+        parameters.iter().position(|p| p.name == name).ok_or_else(|| {
+            let names: Vec<&str> = parameters.iter().map(|p| p.name).collect();
+            format!("expected a parameter out of {}, got {name:?}", names.join(", "))
+        })
+    }
+
+    fn describe(&self) -> Response {
+        let plant = plant_description(&self.config);
+        let options = &self.config.estimator.options;
+        let none = (f64::NEG_INFINITY, f64::INFINITY);
+        let parameters = self.config.model.parameters().iter().enumerate().map(|(i, p)| {
+            let bounds = (options.lower[i], options.upper[i]);
+            Item::new(item_kind::PARAMETER, p.name, p.unit, options.theta_start[i], bounds)
+        });
+        let form = &self.config.file_form().estimator;
+        let tunables = keys()
+            .filter(|key| key.section == "estimator" && TUNABLES.contains(&key.name))
+            .filter_map(|key| {
+                let value = match key.name {
+                    "block_len" => form.block_len as f64,
+                    "forgetting_factor" => options.forgetting_factor,
+                    "time_constant_s" => form.time_constant_s?,
+                    "information_floor" => form.information_floor,
+                    "max_iterations" => form.max_iterations as f64,
+                    "step_factor" => form.step_factor,
+                    "huber_limit" => form.huber_limit,
+                    "gate_limit" => form.gate_limit,
+                    "false_alarm_rate" => form.false_alarm_rate,
+                    "change_margin_s" => form.change_margin_s,
+                    _ => form.noise_floor_relative,
+                };
+                let bounds = match key.kind {
+                    Kind::Whole(low, high) => (low as f64, high as f64),
+                    Kind::Real(interval) => (interval.low, interval.high),
+                    _ => none,
+                };
+                Some(Item::new(item_kind::TUNABLE, key.name, key.unit, value, bounds))
+            });
+        let signals = (1..=plant.joints).flat_map(|joint| {
+            [
+                Item::new(
+                    item_kind::POSITION,
+                    &format!("q_{joint}"),
+                    &plant.position_unit,
+                    0.0,
+                    none,
+                ),
+                Item::new(
+                    item_kind::INPUT,
+                    &format!("input_{joint}"),
+                    &plant.input_unit,
+                    0.0,
+                    none,
+                ),
+            ]
+        });
+        let mut response = Response::new(response_code::DONE, self.config.model.name());
+        let items = parameters.chain(tunables).chain(signals).take(MAX_ITEMS);
+        for (slot, item) in response.items.iter_mut().zip(items) {
+            *slot = item;
+            response.items_len += 1;
+        }
+        response
+    }
+}

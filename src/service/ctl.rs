@@ -1,0 +1,117 @@
+//! `thetabus ctl`: one request to a running identifier, one answer.
+
+use super::args::{CommonArgs, TableFormat};
+use super::{CtlArgs, CtlCommand, Exit, Failure, logging};
+use crate::bus::{Bus, ControlClient};
+use crate::messages::{Command, Item, Request, Response, item_kind, response_code, text_of};
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::time::Duration;
+
+/// Tells the identifier what the command line says and shows what it answers.
+///
+/// # Errors
+/// A request that is refused, no identifier, no answer in time, a bus that fails.
+pub fn run(args: &CtlArgs) -> Result<Exit, Failure> {
+    let request = request(&args.command)?;
+    let limit = Duration::try_from_secs_f64(args.timeout)
+        .ok()
+        .filter(|limit| !limit.is_zero())
+        .ok_or_else(|| Failure::Usage(format!("--timeout: expected seconds above 0, got {}", args.timeout)))?;
+    let common = CommonArgs {
+        config: args.config.clone(),
+        robot: args.robot.clone(),
+        domain: args.domain.clone(),
+        ..CommonArgs::default()
+    };
+    let config = common.load(Vec::new(), &[])?;
+    let bus = Bus::join(&super::args::domain(&config)?, &config.bus.robot, "ctl")?;
+    let response = ControlClient::new(&bus)?.ask(&request, limit)?;
+    let described = matches!(args.command, CtlCommand::Describe);
+    match response.code {
+        response_code::DONE => {}
+        response_code::REFUSED => return Err(Failure::Usage(format!("refused: {}", response.text()))),
+        _ => return Err(Failure::Failed(response.text().to_owned())),
+    }
+    let text = match (args.format, described) {
+        (TableFormat::Json, _) => format!("{:#}", as_json(&response, described)),
+        (TableFormat::Text, true) => table(&response),
+        (TableFormat::Text, false) if matches!(args.command, CtlCommand::Save) => format!("saved {}", response.text()),
+        (TableFormat::Text, false) => format!(
+            "{}, from block {} on (sample {})",
+            response.text(),
+            response.block,
+            response.from_seq
+        ),
+    };
+    logging::result(text.trim_end());
+    Ok(Exit::Done)
+}
+
+fn request(command: &CtlCommand) -> Result<Request, Failure> {
+    let with = |request: Request, value: Option<f64>| value.map_or(request, |value| request.with_value(value));
+    Ok(match command {
+        CtlCommand::Pause => Request::new(Command::Pause),
+        CtlCommand::Resume => Request::new(Command::Resume),
+        CtlCommand::Reset => Request::new(Command::Reset),
+        CtlCommand::Save => Request::new(Command::Save),
+        CtlCommand::Describe => Request::new(Command::Describe),
+        CtlCommand::Free { parameter } => Request::new(Command::Free).named(parameter),
+        CtlCommand::Fix { parameter, value } => with(Request::new(Command::Fix).named(parameter), *value),
+        CtlCommand::Set { assignment } => {
+            let wrong = || Failure::Usage(format!("expected KEY=NUMBER, got {assignment:?}"));
+            let (key, value) = assignment.split_once('=').ok_or_else(wrong)?;
+            let value = value.trim().parse().map_err(|_| wrong())?;
+            Request::new(Command::Set).named(key.trim()).with_value(value)
+        }
+    })
+}
+
+const KINDS: [(u32, &str); 4] = [
+    (item_kind::PARAMETER, "parameters"),
+    (item_kind::TUNABLE, "tunables"),
+    (item_kind::POSITION, "positions"),
+    (item_kind::INPUT, "inputs"),
+];
+
+fn table(response: &Response) -> String {
+    let mut text = format!("model {}\n", response.text());
+    for (kind, title) in KINDS {
+        let _ = writeln!(text, "{title}");
+        for item in response.items().iter().filter(|item| item.kind == kind) {
+            let (name, unit) = (text_of(&item.name), text_of(&item.unit));
+            let _ = match kind {
+                item_kind::POSITION | item_kind::INPUT => writeln!(text, "  {name:<20} [{unit}]"),
+                _ => writeln!(
+                    text,
+                    "  {name:<20} {:<12} [{unit}]  {} to {}",
+                    item.value, item.lower, item.upper
+                ),
+            };
+        }
+    }
+    text
+}
+
+fn as_json(response: &Response, described: bool) -> Value {
+    if !described {
+        return json!({ "done": response.text(), "block": response.block, "from_seq": response.from_seq });
+    }
+    // JSON has no infinity: no bound is null
+    let number = |value: f64| if value.is_finite() { json!(value) } else { Value::Null };
+    let item = |item: &Item| {
+        let (name, unit) = (text_of(&item.name), text_of(&item.unit));
+        match item.kind {
+            item_kind::POSITION | item_kind::INPUT => json!({ "name": name, "unit": unit }),
+            _ => json!({
+                "name": name, "unit": unit, "value": number(item.value),
+                "lower": number(item.lower), "upper": number(item.upper),
+            }),
+        }
+    };
+    let mut all = json!({ "model": response.text() });
+    for (kind, title) in KINDS {
+        all[title] = response.items().iter().filter(|i| i.kind == kind).map(item).collect();
+    }
+    all
+}

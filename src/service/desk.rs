@@ -1,0 +1,401 @@
+//! The identifier's desk: a thread that answers requests, prepares commands, keeps the journal, writes checkpoints and looks at the clock, so that
+//! the loop need not.
+
+use super::Failure;
+use super::commands::{Commands, Wanted};
+use super::own::OwnPlant;
+use crate::bus::{Bus, BusError, ControlServer, Domain, Publisher};
+use crate::checkpoint;
+use crate::config::Config;
+use crate::messages::{Command, ErrorCode, Journal, LastError, Request, Response, response_code};
+use crate::node::command::{Border, Change, NodeState, Order};
+use crate::runner::{Board, DeskEnd, FromLoop, ToLoop};
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How often the desk looks around when nobody asks for anything.
+const LOOK: Duration = Duration::from_millis(20);
+/// How long the loop may take for an answer: it looks once per idle tick, and once per batch when it is busy.
+const LOOP_ANSWERS: Duration = Duration::from_secs(2);
+/// Period of the look at the memory in use.
+const MEMORY_PERIOD: Duration = Duration::from_millis(500);
+
+/// A desk at work.
+pub(super) struct Desk {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Desk {
+    /// Opens the desk; `warm` is the state that the node began with, as it stood in the checkpoint.
+    ///
+    /// # Errors
+    /// A control service that is taken, or a bus that fails.
+    pub(super) fn open(
+        domain: &Domain,
+        config: &Config,
+        own: Option<OwnPlant>,
+        end: DeskEnd,
+        warm: Option<Vec<u8>>,
+    ) -> Result<Self, Failure> {
+        let stop = Arc::new(AtomicBool::new(false));
+        let (told, ready) = sync_channel::<Result<(), BusError>>(1);
+        let (domain, config, stopped) = (domain.clone(), config.clone(), stop.clone());
+        let thread = std::thread::Builder::new()
+            .name("desk".to_owned())
+            .spawn(move || {
+                // Ports belong to the thread that makes them.
+                match Clerk::new(&domain, &config, own, end, stopped) {
+                    Ok(mut clerk) => {
+                        clerk.begin(warm.as_deref());
+                        let _ = told.send(Ok(()));
+                        clerk.work();
+                    }
+                    Err(e) => _ = told.send(Err(e)),
+                }
+            })
+            .map_err(|e| Failure::Failed(format!("cannot start a thread: {e}")))?;
+        let desk = Self {
+            stop,
+            thread: Some(thread),
+        };
+        match ready.recv() {
+            Ok(Ok(())) => Ok(desk),
+            Ok(Err(e)) => Err(e.into()),
+            Err(_) => Err(Failure::Failed("the thread for commands ended at once".to_owned())),
+        }
+    }
+
+    /// Ends the desk.
+    pub(super) fn close(mut self) {
+        self.end();
+    }
+
+    fn end(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Desk {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+struct Clerk {
+    server: ControlServer,
+    desk: Work,
+    stop: Arc<AtomicBool>,
+}
+
+/// Everything but the server, which lends out each request while it is answered.
+struct Work {
+    journal: Publisher<Journal>,
+    commands: Commands,
+    end: DeskEnd,
+    /// Requests of the orders that have not taken effect.
+    waiting: HashMap<u64, Vec<Request>>,
+    next_id: u64,
+    /// Parts of a state that is being restored.
+    parts: Vec<Request>,
+    checkpoint: Option<PathBuf>,
+    period: Duration,
+    checkpoint_due: Instant,
+    memory_due: Instant,
+    /// Room for a state, when it is not with the loop.
+    room: Option<Box<NodeState>>,
+    failing: bool,
+}
+
+impl Clerk {
+    fn new(
+        domain: &Domain,
+        config: &Config,
+        own: Option<OwnPlant>,
+        end: DeskEnd,
+        stop: Arc<AtomicBool>,
+    ) -> Result<Self, BusError> {
+        let robot = &config.bus.robot;
+        let bus = Bus::join(domain, robot, "identifier_desk")?;
+        let checkpoint = config.checkpoint.dir.as_ref().map(|dir| checkpoint::path(dir, robot));
+        let period = Duration::from_secs_f64(config.checkpoint.period_s);
+        let now = Instant::now();
+        end.board
+            .checkpointing
+            .store(u64::from(checkpoint.is_some()), Ordering::Relaxed);
+        Ok(Self {
+            server: ControlServer::new(&bus)?,
+            desk: Work {
+                journal: Publisher::new(&bus)?,
+                commands: Commands::new(config, own),
+                end,
+                waiting: HashMap::new(),
+                next_id: 1,
+                parts: Vec::new(),
+                checkpoint,
+                period,
+                checkpoint_due: now + period,
+                memory_due: now,
+                room: Some(Box::default()),
+                failing: false,
+            },
+            stop,
+        })
+    }
+
+    /// A warm start stands in the journal like a command, at the very beginning.
+    fn begin(&mut self, warm: Option<&[u8]>) {
+        let parts = warm.and_then(Request::restore).unwrap_or_default();
+        self.desk.journalise(&parts, Border::default());
+    }
+
+    fn work(&mut self) {
+        loop {
+            let stopping = self.stop.load(Ordering::Relaxed);
+            if self.server.wait(if stopping { Duration::ZERO } else { LOOK }).is_err() {
+                // A wait that fails must not spin.
+                std::thread::sleep(LOOK);
+            }
+            self.desk.hear();
+            let desk = &mut self.desk;
+            if let Err(e) = self.server.serve(|request| desk.answer(request)) {
+                tracing::error!("{e}");
+            }
+            self.desk.keep();
+            if stopping {
+                return;
+            }
+        }
+    }
+}
+
+impl Work {
+    fn answer(&mut self, request: &Request) -> Response {
+        let response = match self.commands.prepare(request) {
+            Err(why) => Response::new(response_code::REFUSED, &why),
+            Ok(Wanted::Answer(response)) => *response,
+            Ok(Wanted::More) => {
+                self.parts.push(*request);
+                Response::new(response_code::DONE, "")
+            }
+            Ok(Wanted::RecorderMissing(missing)) => {
+                self.end.board.recorder_missing.store(missing, Ordering::Relaxed);
+                let error = LastError::with_text(
+                    ErrorCode::Recorder,
+                    0,
+                    &format!("a recorder has lost {missing} samples"),
+                );
+                self.end.board.tell(error);
+                Response::new(response_code::DONE, "")
+            }
+            Ok(Wanted::Save) => self.save_now(),
+            Ok(Wanted::Order(change, what)) => self.order(request, change, &what),
+        };
+        if response.code != response_code::DONE {
+            Board::count(&self.end.board.refused);
+            let command = Command::from_wire(request.command).map_or("request", Command::name);
+            let words = format!("{command}: {}", response.text());
+            tracing::warn!("refused: {words}");
+            self.end.board.tell(LastError::with_text(ErrorCode::Refused, 0, &words));
+        }
+        response
+    }
+
+    /// Hands an order to the loop and waits until it knows where it takes effect.
+    fn order(&mut self, request: &Request, change: Change, what: &str) -> Response {
+        let id = self.next_id;
+        self.next_id += 1;
+        let mut requests = match request.parts {
+            0 => Vec::new(),
+            _ => std::mem::take(&mut self.parts),
+        };
+        requests.push(*request);
+        self.waiting.insert(id, requests);
+        let start = Instant::now();
+        let failed = |words: &str| Response::new(response_code::FAILED, words);
+        if self
+            .end
+            .to_loop
+            .try_send(ToLoop::Offer(Order::new(id, request.from_seq, change)))
+            .is_err()
+        {
+            self.waiting.remove(&id);
+            self.commands.undo();
+            return failed("the identifier is too busy for another command");
+        }
+        while start.elapsed() < LOOP_ANSWERS {
+            match self.end.from_loop.recv_timeout(LOOK) {
+                Ok(FromLoop::Offered { id: offered, border }) if offered == id => {
+                    let mut response = Response::new(response_code::DONE, what);
+                    (response.from_seq, response.block) = (border.from_seq, border.block);
+                    tracing::info!(from_seq = border.from_seq, block = border.block, "command: {what}");
+                    return response;
+                }
+                Ok(FromLoop::Declined(order)) if order.id == id => {
+                    self.waiting.remove(&id);
+                    self.commands.undo();
+                    return failed("too many commands are waiting for the next block");
+                }
+                Ok(message) => self.take(message),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+        }
+        failed("the identifier's loop does not answer; the command may still take effect")
+    }
+
+    fn hear(&mut self) {
+        while let Ok(message) = self.end.from_loop.try_recv() {
+            self.take(message);
+        }
+    }
+
+    fn take(&mut self, message: FromLoop) {
+        match message {
+            FromLoop::Done(order) => {
+                let requests = self.waiting.remove(&order.id).unwrap_or_default();
+                self.journalise(&requests, order.border);
+                self.end.board.journalled.fetch_add(1, Ordering::Release);
+                // What was exchanged is freed here.
+                drop(order);
+            }
+            FromLoop::Declined(order) => _ = self.waiting.remove(&order.id),
+            FromLoop::Saved(state) => {
+                let _ = self.write(&state);
+                self.room = Some(state);
+            }
+            FromLoop::Offered { .. } => {}
+        }
+    }
+
+    fn journalise(&mut self, requests: &[Request], border: Border) {
+        for request in requests {
+            let mut entry = Journal {
+                boot_id: border.boot_id,
+                block: border.block,
+                request: *request,
+            };
+            entry.request.from_seq = border.from_seq;
+            if let Err(e) = self.journal.send(&entry) {
+                tracing::error!("{e}");
+            }
+        }
+    }
+
+    /// What is due by the clock.
+    fn keep(&mut self) {
+        let now = Instant::now();
+        if now >= self.memory_due {
+            self.memory_due = now + MEMORY_PERIOD;
+            let bytes = resident_bytes().unwrap_or(0);
+            self.end.board.resident_bytes.store(bytes, Ordering::Relaxed);
+            if let Err(e) = self.journal.serve_late_joiners() {
+                tracing::error!("{e}");
+            }
+        }
+        if self.checkpoint.is_some() && now >= self.checkpoint_due {
+            self.checkpoint_due = now + self.period;
+            self.ask_for_state();
+        }
+    }
+
+    fn ask_for_state(&mut self) -> bool {
+        let Some(room) = self.room.take() else { return false };
+        match self.end.to_loop.try_send(ToLoop::Save(room)) {
+            Ok(()) => true,
+            Err(e) => {
+                if let std::sync::mpsc::TrySendError::Full(ToLoop::Save(room))
+                | std::sync::mpsc::TrySendError::Disconnected(ToLoop::Save(room)) = e
+                {
+                    self.room = Some(room);
+                }
+                false
+            }
+        }
+    }
+
+    fn save_now(&mut self) -> Response {
+        let start = Instant::now();
+        self.ask_for_state();
+        while start.elapsed() < LOOP_ANSWERS {
+            match self.end.from_loop.recv_timeout(LOOK) {
+                Ok(FromLoop::Saved(state)) => {
+                    let outcome = self.write(&state);
+                    let mut response = match outcome {
+                        Ok(words) => Response::new(response_code::DONE, &words),
+                        Err(words) => Response::new(response_code::FAILED, &words),
+                    };
+                    response.block = state.block;
+                    self.room = Some(state);
+                    return response;
+                }
+                Ok(message) => self.take(message),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+        }
+        Response::new(response_code::FAILED, "the identifier's loop does not answer")
+    }
+
+    fn write(&mut self, state: &NodeState) -> Result<String, String> {
+        let Some(path) = &self.checkpoint else {
+            return Err("checkpoint.dir is not set".to_owned());
+        };
+        let written = checkpoint::encode(self.commands.identity(), state)
+            .and_then(|bytes| checkpoint::write(path, &bytes).map(|()| bytes.len()));
+        match written {
+            Ok(len) => {
+                Board::count(&self.end.board.checkpoints);
+                if std::mem::take(&mut self.failing) {
+                    tracing::info!("checkpoints can be written again");
+                }
+                Ok(format!("{} ({len} bytes, block {})", path.display(), state.block))
+            }
+            Err(e) => {
+                Board::count(&self.end.board.checkpoints_failed);
+                self.end
+                    .board
+                    .tell(LastError::with_text(ErrorCode::CheckpointFailed, 0, &e.to_string()));
+                // Once is loud enough for a disk that stays full.
+                if !std::mem::replace(&mut self.failing, true) {
+                    tracing::error!("{e}; the previous checkpoint stays");
+                }
+                Err(e.to_string())
+            }
+        }
+    }
+}
+
+/// Memory in use by this process.
+fn resident_bytes() -> Option<u64> {
+    let pages: u64 = std::fs::read_to_string("/proc/self/statm")
+        .ok()?
+        .split_whitespace()
+        .nth(1)?
+        .parse()
+        .ok()?;
+    let size = nix::unistd::sysconf(nix::unistd::SysconfVar::PAGE_SIZE)
+        .ok()
+        .flatten()?;
+    Some(pages * u64::try_from(size).ok()?)
+}
+
+/// Writes a last checkpoint of a node that has ended.
+pub(super) fn last_checkpoint(config: &Config, state: &NodeState) {
+    let Some(dir) = &config.checkpoint.dir else { return };
+    let path = checkpoint::path(dir, &config.bus.robot);
+    let identity = super::wiring::identity(config);
+    let written = checkpoint::encode(&identity, state).and_then(|bytes| checkpoint::write(&path, &bytes));
+    match written {
+        Ok(()) => tracing::info!(block = state.block, "checkpoint {}", path.display()),
+        Err(e) => tracing::error!("{e}; the previous checkpoint stays"),
+    }
+}

@@ -1,0 +1,51 @@
+//! Warm starts: going on from a checkpoint where there is one that fits, cold and loudly where there is none.
+
+use super::Failure;
+use super::wiring::identity;
+use crate::checkpoint;
+use crate::config::Config;
+use crate::messages::{ErrorCode, LastError};
+use crate::node::identifier::Identifier;
+use crate::runner::Board;
+
+/// Loads the checkpoint of the configured robot into a node; gives its bytes, or `None` where the start is cold.
+///
+/// # Errors
+/// Where `checkpoint.dir` is not set, for then nobody can have meant a warm start.
+pub(super) fn start(
+    config: &Config,
+    node: &mut dyn Identifier,
+    board: Option<&Board>,
+) -> Result<Option<Vec<u8>>, Failure> {
+    let Some(dir) = &config.checkpoint.dir else {
+        return Err(Failure::Usage(
+            "--warm needs checkpoint.dir, the directory of the checkpoints".to_owned(),
+        ));
+    };
+    let path = checkpoint::path(dir, &config.bus.robot);
+    let used = match checkpoint::read(&path) {
+        Ok(None) => {
+            tracing::warn!("no checkpoint {} yet; starting cold", path.display());
+            return Ok(None);
+        }
+        Ok(Some(bytes)) => checkpoint::decode(&bytes, &identity(config))
+            .map_err(|e| e.to_string())
+            .and_then(|state| node.load(&state).map(|()| state.block).map_err(|e| e.to_string()))
+            .map(|block| (bytes, block)),
+        Err(e) => Err(e.to_string()),
+    };
+    match used {
+        Ok((bytes, block)) => {
+            tracing::info!(block, "warm start from {}", path.display());
+            Ok(Some(bytes))
+        }
+        Err(why) => {
+            tracing::error!("checkpoint {} is not used: {why}; starting cold", path.display());
+            if let Some(board) = board {
+                Board::count(&board.checkpoints_failed);
+                board.tell(LastError::with_text(ErrorCode::CheckpointUnused, 0, &why));
+            }
+            Ok(None)
+        }
+    }
+}

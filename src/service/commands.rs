@@ -132,7 +132,7 @@ impl Commands {
                 }
             },
             Command::Recorder => match request.value() {
-                Some(missing) if missing >= 0.0 && missing < 1e18 => Ok(Wanted::RecorderMissing(missing as u64)),
+                Some(missing) if (0.0..1e18).contains(&missing) => Ok(Wanted::RecorderMissing(missing as u64)),
                 other => Err(format!("expected a count of samples, got {other:?}")),
             },
         }

@@ -8,6 +8,8 @@ mod emps;
 mod estimator;
 #[cfg(feature = "sim")]
 mod estimator_study;
+#[cfg(feature = "sim")]
+mod faults;
 mod model;
 #[cfg(feature = "sim")]
 mod projected;

@@ -4,9 +4,10 @@
 
 #![cfg(feature = "sim")]
 
-use thetabus::estimator::{BlockEstimator, EstimatorOptions};
+use thetabus::estimator::{BlockEstimator, EstimatorOptions, StateMachine};
 use thetabus::messages::{Estimate, Sample, signals};
 use thetabus::model::{KnownConstants, Manipulator, ManipulatorDerived, Plant};
+use thetabus::node::command::{Change, NodeState, Order};
 use thetabus::node::identifier::{IdentifierNode, IdentifierOptions};
 use thetabus::rows::{InputSource, PointwiseBlock, structure};
 use thetabus::sim::{ArmParameters, ArmSimulator, SimOptions};
@@ -52,6 +53,30 @@ fn eventful_stream() -> Vec<Sample> {
     samples
 }
 
+/// One of each kind.
+fn orders(options: &EstimatorOptions) -> Vec<Order> {
+    let plant = Manipulator::default();
+    let estimator = BlockEstimator::new(structure(&plant), options.clone()).unwrap();
+    let rows = PointwiseBlock::new(plant, InputSource::Measured, 200);
+    let changes = [
+        Change::Replace {
+            judge: Box::new(StateMachine::new(estimator.theta())),
+            estimator: Box::new(estimator),
+            warm: false,
+        },
+        Change::Tune {
+            options: Box::new(options.clone()),
+            config_hash: 1,
+            block_len: 200,
+            rows: Some(Box::new(rows)),
+        },
+        Change::Free { index: 4 },
+        Change::Fix { index: 4, value: None },
+        Change::Resume,
+    ];
+    changes.into_iter().map(|change| Order::new(0, 0, change)).collect()
+}
+
 #[test]
 fn rt_the_step_from_sample_to_estimate_allocates_nothing() {
     let stream = eventful_stream();
@@ -60,13 +85,28 @@ fn rt_the_step_from_sample_to_estimate_allocates_nothing() {
         EstimatorOptions::paper(start.clone(), 2),
         EstimatorOptions::recommended(start.clone(), 2),
     ] {
-        let mut node = identifier(options);
+        let mut node = identifier(options.clone());
         let mut estimates = 0;
+        // prepared beforehand, as the service does it
+        let mut orders = orders(&options);
+        let mut done = Vec::with_capacity(orders.len());
+        let mut state = NodeState::default();
+        node.save(&mut state);
         let counted = allocation_counter::measure(|| {
-            for sample in &stream {
+            for (index, sample) in stream.iter().enumerate() {
+                if index % 500 == 250
+                    && let Some(order) = orders.pop()
+                {
+                    assert!(node.offer(order).is_ok());
+                }
+                while let Some(order) = node.take_done() {
+                    done.push(order);
+                }
+                node.save(&mut state);
                 node.on_sample(sample, &mut |_: &Estimate| estimates += 1);
             }
         });
+        assert_eq!(done.len(), 5, "every order took effect");
         assert!(estimates >= 8, "the stream gave only {estimates} estimates");
         assert_eq!(
             counted.count_total, 0,

@@ -221,6 +221,7 @@ impl BlockEstimator {
     fn visit(&mut self, v: &mut impl Visit) {
         v.reals(&mut self.theta);
         v.small(&mut self.since_change);
+        v.small(&mut self.still);
         v.count(&mut self.report.blocks);
         self.options.fixed.iter_mut().for_each(|fixed| v.flag(fixed));
         for group in &mut self.groups {

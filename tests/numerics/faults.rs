@@ -7,7 +7,7 @@ use thetabus::model::{Manipulator, Plant};
 use thetabus::node::command::{Change, NodeState, Order};
 use thetabus::node::identifier::{IdentifierNode, IdentifierOptions};
 use thetabus::rows::{InputSource, PointwiseBlock, structure};
-use thetabus::sim::{ArmSimulator, MassSchedule, SimOptions};
+use thetabus::sim::{ArmSimulator, Interpolation, MassSchedule, SimOptions};
 
 const N: u64 = 400;
 const PAPER_START: [f64; 9] = [0.01, 0.01, 0.1, 0.1, 10.0, 0.01, 0.1, 10.0, 0.5];
@@ -370,8 +370,11 @@ fn bits(estimates: &[Estimate]) -> Vec<u64> {
 #[test]
 fn replay_an_identifier_stopped_at_any_block_and_continued_from_its_state_gives_the_same_bits() {
     let mut arm = arm();
-    // a jump, then a drift
-    arm.mass_2 = MassSchedule::jump(150.0, 3.1, 170.0);
+    // a jump, then a drift that comes to rest
+    arm.mass_2 = MassSchedule {
+        points: vec![(0.0, 150.0), (1.499, 150.0), (1.5, 170.0), (2.4, 170.0), (5.4, 178.0)],
+        interpolation: Interpolation::Linear,
+    };
     let samples: Vec<Sample> = ArmSimulator::new(&arm)
         .unwrap()
         .take(20 * N as usize)

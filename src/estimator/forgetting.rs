@@ -8,8 +8,9 @@
 //! directional         Λ = Γ⁻¹ − (1 − λ) Γ⁻¹U (UᵀΓ⁻¹U)⁻¹ UᵀΓ⁻¹          Γ_m⁻¹ = Λ + S                 arXiv 2404.10844
 //! ```
 //!
-//! U spans the directions that the block excites, in units of the parameters themselves. With all directions excited
-//! `directional` is `exponential`; with none it forgets nothing.
+//! U spans the directions that the block excites strongly, in units of the parameters themselves. With all directions excited
+//! `directional` is `exponential`; with none it forgets nothing. To replace what was known to a thousandth by what a block finds to within its
+//! own size is no gain, so that it takes more to be forgotten than to be informed on.
 
 use super::bound::{CovarianceBound, Factor, Polynomial, Rational};
 use super::linalg::{Eigen, dot};

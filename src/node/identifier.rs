@@ -843,6 +843,17 @@ mod tests {
     }
 
     #[test]
+    fn fault_with_n_larger_than_the_run_there_is_no_estimate() {
+        let mut node = node(100);
+        let theta = node.estimator().theta()[0];
+        assert_eq!(run(&mut node, &stream(1, 0..99)), []);
+        assert_eq!(
+            (node.estimator().theta()[0], node.estimator().report().blocks),
+            (theta, 0)
+        );
+    }
+
+    #[test]
     fn fault_refused_samples_are_counted_and_never_reach_an_estimate() {
         let spoil: [(&str, fn(&mut Sample)); 6] = [
             ("NaN position", |s| s.q[0] = f64::NAN),

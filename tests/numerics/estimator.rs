@@ -439,6 +439,10 @@ fn ident_a_fixed_parameter_and_an_active_bound_leave_the_others_optimal() {
     assert!(theta[1].abs() < 1e-12, "{theta:?}");
     assert!((theta[2] - b / s).abs() < 1e-9, "{theta:?} {}", b / s);
     assert_eq!(estimator.report().theta_std[0], 0.0);
+    // data that pull it inwards take it off its bound again
+    let inside = random_linear(&mut TestRng(4), &[1.0, 0.5, 0.3], 40_000, 0.0);
+    estimator.update(&inside);
+    assert!(estimator.theta()[1] > 0.1, "{:?}", estimator.theta());
 }
 
 proptest! {

@@ -270,7 +270,8 @@ mod tests {
 
     #[test]
     fn val_directional_is_the_published_formula() {
-        let x = [1.0, -2.0, 0.5];
+        // the rule does not depend on the length of x, as long as the direction is strongly excited
+        let x = [10.0, -20.0, 5.0];
         let gram: Vec<f64> = (0..9).map(|k| x[k / 3] * x[k % 3]).collect();
         let mut excitation = Excitation::new(3);
         excitation.analyse(&gram, &[1.0; 3], &[true; 3]);
@@ -294,7 +295,13 @@ mod tests {
     fn val_directional_with_full_excitation_is_exponential_and_with_none_forgets_nothing() {
         let mut excitation = Excitation::new(3);
         let mut prior = [0.0; 9];
+        // the least eigenvalue is above 1, so that all directions are informed on, and a hundredfold strongly so
         excitation.analyse(&INFORMATION, &[1.0; 3], &[true; 3]);
+        assert_eq!((excitation.rank, excitation.strong), (3, 0));
+        rule(Forgetting::Directional, 0.8, 1e-6).prior(3, &INFORMATION, &excitation, &mut prior);
+        assert_eq!(prior, INFORMATION);
+        excitation.analyse(&INFORMATION.map(|v| 100.0 * v), &[1.0; 3], &[true; 3]);
+        assert_eq!((excitation.rank, excitation.strong), (3, 3));
         rule(Forgetting::Directional, 0.8, 1e-6).prior(3, &INFORMATION, &excitation, &mut prior);
         assert_eq!(prior.to_vec(), INFORMATION.iter().map(|v| v * 0.8).collect::<Vec<_>>());
         excitation.analyse(&[0.0; 9], &[1.0; 3], &[true; 3]);

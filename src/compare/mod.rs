@@ -3,6 +3,8 @@
 mod contenders;
 mod document;
 pub mod ekf;
+pub mod emps;
+pub mod encoder;
 pub mod metrics;
 pub mod paper;
 mod parallel;
@@ -24,6 +26,7 @@ pub use references::Reference;
 pub use scenario::{ArmSample, Scenario, ScenarioRows};
 
 use crate::estimator::{EstimatorError, WrlsError};
+use crate::rows::ProjectedError;
 use crate::sim::SimError;
 
 /// Why there is no comparison.
@@ -35,6 +38,9 @@ pub enum CompareError {
     /// The estimator's options.
     #[error(transparent)]
     Estimator(#[from] EstimatorError),
+    /// The options of the rows.
+    #[error(transparent)]
+    Rows(#[from] ProjectedError),
     /// The options of the sample-by-sample baseline.
     #[error(transparent)]
     Wrls(#[from] WrlsError),

@@ -5,13 +5,15 @@ mod noise;
 mod pointwise;
 mod projected;
 mod separation;
+mod smoothed;
 mod smoothing;
 mod whitening;
 
 pub use kernel::InputTiming;
 pub use pointwise::{InputSource, PointwiseBlock, structure};
 pub use projected::{ProjectedBlock, ProjectedError, ProjectedOptions, SensorNoise};
-pub use smoothing::savitzky_golay;
+pub use smoothed::{SmoothedBlock, SmoothedOptions, Smoothing};
+pub use smoothing::{one_sided, savitzky_golay};
 
 use crate::estimator::Residuals;
 use crate::model::JointSample;

@@ -9,13 +9,24 @@ use nalgebra::DMatrix;
 ///
 /// `None` unless `derivative` ≤ `order` < 2 `half` + 1.
 pub fn savitzky_golay(half: usize, order: usize, derivative: usize) -> Option<Vec<f64>> {
-    let count = 2 * half + 1;
+    weights(2 * half + 1, half, half, order, derivative)
+}
+
+/// Weights of samples −`past`..=0 that give the `derivative`-th derivative at 0, the newest: what a filter without a view of the future can have.
+///
+/// `None` unless `derivative` ≤ `order` < `past` + 1.
+pub fn one_sided(past: usize, order: usize, derivative: usize) -> Option<Vec<f64>> {
+    weights(past + 1, past, past, order, derivative)
+}
+
+/// Least squares polynomial through `count` samples, differentiated at sample `at`, with the abscissa in units of `half` samples.
+fn weights(count: usize, at: usize, half: usize, order: usize, derivative: usize) -> Option<Vec<f64>> {
     if half == 0 || derivative > order || order >= count {
         return None;
     }
     // abscissa scaled to ±1, so that the columns stay comparable
     let vandermonde = DMatrix::from_fn(count, order + 1, |row, column| {
-        (row as f64 / half as f64 - 1.0).powi(column as i32)
+        ((row as f64 - at as f64) / half as f64).powi(column as i32)
     });
     let qr = vandermonde.qr();
     // coefficients = R⁻¹ Qᵀ x; the wanted one is row `derivative`

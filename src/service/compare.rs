@@ -3,15 +3,17 @@
 use super::record::recorder;
 use super::wiring::{identifier_node, monitor_node};
 use super::{CompareArgs, Exit, Failure, TableFormat, logging, report};
+use crate::compare::encoder::{EncoderSetup, encoder_document};
 use crate::compare::results::{Effort, results_document};
 use crate::compare::{CompareError, paper};
 use crate::compare::{Section, Table, two_digits};
-use crate::config::{Config, ModelConfig, Source};
+use crate::config::{Config, ModelConfig, Rows, Source};
 use crate::messages::Sample;
 use crate::node::plant::PlantNode;
 use crate::recording::{Entry, Span};
 use crate::runner::Shutdown;
 use crate::sim::{MachineSimulator, SensorOptions, SimOptions};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 impl From<CompareError> for Failure {
@@ -33,6 +35,7 @@ pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         )));
     }
     let (paper, seeds) = (args.paper, args.seeds);
+    let recording = args.recording.as_deref().map(positions_and_voltages).transpose()?;
     // The tables take minutes and know nothing of signals; the process ends and takes their thread along.
     let work = std::thread::spawn(move || {
         let (sim, estimator) = (&config.plant.sim, &config.estimator);
@@ -43,6 +46,15 @@ pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
             seeds,
             calibration_runs: 10 * seeds,
         };
+        if let Rows::Projected(rows) = config.identifier.rows {
+            let setup = EncoderSetup {
+                sim: sim.clone(),
+                rows,
+                options: estimator.options.clone(),
+                block_len: estimator.block_len,
+            };
+            return encoder_document(&setup, effort, recording.as_deref());
+        }
         let mut document = results_document(sim, estimator.block_len, &estimator.options, effort)?;
         match recording_section(&config) {
             Ok(section) => document.sections.push(section),
@@ -130,6 +142,34 @@ fn recording_section(config: &Config) -> Result<Section, Failure> {
     })
 }
 
+/// The columns `q_m` and `voltage_v` of a CSV file.
+fn positions_and_voltages(file: &Path) -> Result<Vec<(f64, f64)>, Failure> {
+    let wrong = |what: String| Failure::Usage(format!("{}: {what}", file.display()));
+    let text = std::fs::read_to_string(file).map_err(|error| wrong(error.to_string()))?;
+    let mut lines = text.lines();
+    let head: Vec<&str> = lines.next().unwrap_or_default().split(',').map(str::trim).collect();
+    let column = |name: &str| {
+        let found = head.iter().position(|&h| h == name);
+        found.ok_or_else(|| {
+            wrong(format!(
+                "expected the columns q_m and voltage_v, got {}",
+                head.join(", ")
+            ))
+        })
+    };
+    let (q, voltage) = (column("q_m")?, column("voltage_v")?);
+    lines
+        .enumerate()
+        .map(|(row, line)| {
+            let fields: Vec<&str> = line.split(',').collect();
+            let number = |at: usize| fields.get(at).and_then(|field| field.trim().parse::<f64>().ok());
+            let pair = number(q).zip(number(voltage));
+            pair.filter(|(q, voltage)| q.is_finite() && voltage.is_finite())
+                .ok_or_else(|| wrong(format!("line {}: expected numbers, got {line}", row + 2)))
+        })
+        .collect()
+}
+
 /// The command that makes the document again.
 fn command(args: &CompareArgs) -> String {
     let mut words = vec![
@@ -141,6 +181,11 @@ fn command(args: &CompareArgs) -> String {
     }
     if args.seeds != 20 {
         words.push(format!("--seeds {}", args.seeds));
+    }
+    if let Some(file) = &args.recording {
+        // the recording lies where its user keeps it
+        let name = file.file_name().unwrap_or(file.as_os_str());
+        words.push(format!("--recording {}", name.to_string_lossy()));
     }
     words.extend(args.common.set.iter().map(|set| format!("--set {set}")));
     words.extend(args.out.iter().map(|file| format!("--out {}", file.display())));

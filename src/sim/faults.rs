@@ -253,7 +253,7 @@ impl Active {
         if t_ns < self.from_ns || t_ns >= self.to_ns {
             return Passage::default();
         }
-        let first_of_period = self.count % self.period == 0;
+        let first_of_period = self.count.is_multiple_of(self.period);
         self.count += 1;
         let whole = self.fault.signal == FaultSignal::Sample;
         match self.fault.kind {
@@ -323,13 +323,11 @@ impl Active {
     fn copy_part(&self, part: FaultSignal, from: &Sample, to: &mut Sample) {
         let mut from = *from;
         let Some(values) = part.of(&mut from) else { return };
-        let mut joint = 0;
         let wanted = self.fault.joint;
-        for x in part.of(to).into_iter().flatten() {
+        for (joint, x) in part.of(to).into_iter().flatten().enumerate() {
             if wanted.is_none_or(|wanted| wanted == joint) {
                 *x = values[joint];
             }
-            joint += 1;
         }
     }
 

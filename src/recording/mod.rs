@@ -2,11 +2,12 @@
 //!
 //! A recording is an MCAP file with `cdr` messages and `ros2msg` schemas: PlotJuggler, Foxglove, rerun and the Python packages `mcap`
 //! and `mcap-ros2-support` open it with the plant's own parameter names. It holds what is needed to identify again to the same bits:
-//! every sample, and the configuration.
+//! every sample, the configuration, and what the identifier was told meanwhile.
 
 mod cdr;
 mod estimates_csv;
 mod info;
+mod journal;
 mod layout;
 mod reader;
 mod samples_csv;
@@ -17,6 +18,6 @@ mod writer;
 pub use estimates_csv::EstimatesCsv;
 pub use info::{InfoError, RunInfo};
 pub use layout::{NameCollision, RecorderStatus};
-pub use reader::{Entry, Loss, ReadError, RecordingReader, Span};
+pub use reader::{Entry, Loss, ReadError, RecordingReader, Span, read_journal};
 pub use samples_csv::{CsvSampleError, SamplesCsv, SamplesCsvReader, is_samples_csv};
 pub use writer::{RecordError, Recorder, RecordingLimits};

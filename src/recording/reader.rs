@@ -6,9 +6,10 @@
 
 use super::cdr::CdrReader;
 use super::info::{InfoError, RunInfo};
+use super::journal::journal_from_map;
 use super::layout::{Layout, NameCollision, RecorderStatus, no_estimate, no_sample};
-use super::writer::{END_METADATA, RUN_METADATA, channel, numbered};
-use crate::messages::{Estimate, Sample, Status};
+use super::writer::{END_METADATA, JOURNAL_METADATA, RUN_METADATA, channel, numbered};
+use crate::messages::{Estimate, Journal, Sample, Status};
 use mcap::records::{ChunkHeader, MessageHeader, Record, op};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -347,6 +348,46 @@ impl RecordingReader {
         self.next_number += 1;
         Ok(true)
     }
+}
+
+/// What the identifier was told while a recording was made, in the order in which it took effect; of a rotated one from this file on.
+///
+/// # Errors
+/// Where a file cannot be read.
+pub fn read_journal(path: &Path) -> Result<Vec<Journal>, ReadError> {
+    let mut file = RecordFile::open(path)?;
+    let id = file.find_info()?.recording_id;
+    let (first, number) = series(path);
+    let mut entries = Vec::new();
+    // What is damaged is counted where the messages are read.
+    let mut ignored = Loss::default();
+    for next in number + 1.. {
+        loop {
+            match file.next_record(&mut ignored)? {
+                Next::Record(op::METADATA) => {
+                    if let Ok(Record::Metadata(metadata)) = mcap::parse_record(op::METADATA, &file.body)
+                        && metadata.name == JOURNAL_METADATA
+                    {
+                        match journal_from_map(&metadata.metadata) {
+                            Some(entry) => entries.push(entry),
+                            None => ignored.messages += 1,
+                        }
+                    }
+                }
+                Next::Record(_) => {}
+                Next::CutChunk | Next::End => break,
+            }
+        }
+        let path = numbered(&first, next);
+        if !path.exists() {
+            break;
+        }
+        file = RecordFile::open(&path)?;
+        if file.find_info()?.recording_id != id {
+            break;
+        }
+    }
+    Ok(entries)
 }
 
 /// `run_0003.mcap` is number 3 of `run.mcap`.

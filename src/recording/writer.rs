@@ -5,8 +5,9 @@
 
 use super::cdr::CdrWriter;
 use super::info::{InfoError, RunInfo};
+use super::journal::journal_to_map;
 use super::layout::{Layout, NameCollision, RecorderStatus};
-use crate::messages::{Estimate, Sample, Status};
+use crate::messages::{Estimate, Journal, Sample, Status};
 use crate::node::stream::{Place, StreamCursor};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, McapError, WriteOptions};
@@ -27,6 +28,8 @@ pub(super) mod channel {
 
 /// Name of the metadata record with [`RunInfo`].
 pub(super) const RUN_METADATA: &str = "thetabus_run";
+/// Name of the metadata records with what the identifier was told.
+pub(super) const JOURNAL_METADATA: &str = "thetabus_journal";
 /// Name of the metadata record that a finished file ends with.
 pub(super) const END_METADATA: &str = "thetabus_end";
 
@@ -149,6 +152,19 @@ impl Recorder {
         self.put(channel::STATUS, status.last_t_ns, sent_ns)?;
         self.written.statuses += 1;
         Ok(())
+    }
+
+    /// Writes what the identifier was told, and where it took effect.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn journal(&mut self, entry: &Journal) -> Result<(), RecordError> {
+        // A record of its own between the chunks: found without decompressing a recording.
+        let put = self.file.writer.write_metadata(&Metadata {
+            name: JOURNAL_METADATA.into(),
+            metadata: journal_to_map(entry),
+        });
+        self.file.check(put)
     }
 
     /// Hands everything written so far to the operating system, with a word on what was written and what never arrived; to be called

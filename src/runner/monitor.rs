@@ -2,7 +2,7 @@
 
 use super::{RunError, Shutdown, Stay, TICK};
 use crate::bus::{SampleSubscriber, Subscriber};
-use crate::messages::{Estimate, Sample, Status};
+use crate::messages::{Estimate, Journal, Sample, Status};
 use crate::node::monitor::MonitorNode;
 use std::io;
 use std::time::{Duration, Instant};
@@ -20,6 +20,8 @@ pub struct MonitorPorts {
     pub estimates: Subscriber<Estimate>,
     /// Heartbeat in.
     pub status: Subscriber<Status>,
+    /// What the identifier was told, in.
+    pub journal: Subscriber<Journal>,
     /// Samples in, where they are wanted.
     pub samples: Option<SampleSubscriber>,
 }
@@ -41,6 +43,11 @@ pub trait MonitorSink {
     /// # Errors
     /// Ends the loop.
     fn status(&mut self, status: &Status, sent_ns: u64) -> io::Result<()>;
+    /// Something that the identifier was told.
+    ///
+    /// # Errors
+    /// Ends the loop.
+    fn journal(&mut self, entry: &Journal) -> io::Result<()>;
     /// Called once per round, some times a second at least.
     ///
     /// # Errors
@@ -76,6 +83,10 @@ pub fn run_monitor(
             keep_first(&mut failure, || sink.status(status, sent_ns));
             last_status = Some(*status);
         })?;
+        // The identifier tells the end after the journal has what took effect.
+        ports
+            .journal
+            .drain(|entry| keep_first(&mut failure, || sink.journal(entry)))?;
         ports.estimates.drain_timed(|estimate, sent_ns| {
             if node.on_estimate(estimate) {
                 keep_first(&mut failure, || sink.estimate(node, estimate, sent_ns));

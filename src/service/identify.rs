@@ -1,8 +1,10 @@
 //! `thetabus identify`: the very same node off line, from a recording or a log.
 
+use super::commands::Commands;
 use super::monitor::{ESTIMATES_CSV, create, unwritable, write_summary};
+use super::script::Script;
 use super::wiring::{identifier_node, monitor_node};
-use super::{Exit, Failure, IdentifyArgs, identify_log, logging, out_dir, report};
+use super::{Exit, Failure, IdentifyArgs, identify_log, logging, out_dir, report, warm};
 use crate::config::{Config, Source};
 use crate::recording::{Entry, EstimatesCsv, Loss};
 use crate::report::RunData;
@@ -29,6 +31,10 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         out_dir::check(dir)?;
     }
     let mut node = identifier_node(&config, args.common.own_plant.as_ref())?;
+    if args.warm {
+        warm::start(&config, &mut *node, None)?;
+    }
+    let mut script = Script::read(&args.input, Commands::new(&config, args.common.own_plant.clone()))?;
     let truth = reader.info().simulated.then_some(&config.plant.sim);
     let monitor = monitor_node(&config, truth)?;
     let mut csv = match &args.out {
@@ -48,6 +54,7 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     while let Some(entry) = reader.next_entry().map_err(report::unreadable)? {
         let Entry::Sample { sample, .. } = entry else { continue };
         run.sample(sample, 0);
+        script.before(sample, &mut *node);
         node.on_sample(sample, &mut |estimate| {
             run.estimate(estimate, 0);
             if let Some(csv) = &mut csv

@@ -3,7 +3,7 @@
 use super::monitor::{ESTIMATES_CSV, create, unwritable, write_summary};
 use super::record::run_info;
 use super::wiring::{identifier_node, monitor_node};
-use super::{Exit, Failure, IdentifyArgs, logging, out_dir, report};
+use super::{Exit, Failure, IdentifyArgs, logging, out_dir, report, warm};
 use crate::messages::Sample;
 use crate::offline::{LogError, LogReader};
 use crate::recording::{EstimatesCsv, SamplesCsvReader, is_samples_csv};
@@ -59,6 +59,9 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
         }
     };
     let mut node = identifier_node(&config, args.common.own_plant.as_ref())?;
+    if args.warm {
+        warm::start(&config, &mut *node, None)?;
+    }
     let mut csv = match out {
         None => None,
         Some(dir) => {

@@ -24,6 +24,7 @@ mod progress;
 mod record;
 mod replay;
 mod report;
+mod script;
 mod warm;
 mod wiring;
 

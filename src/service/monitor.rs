@@ -51,6 +51,8 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     // Last: in lockstep the plant starts when this one listens.
     let samples = recorder.as_ref().map(|_| SampleSubscriber::new(&bus)).transpose()?;
     let mut ports = MonitorPorts {
+        // First: an identifier that waits for a reader of its estimates speaks here before.
+        journal: Subscriber::new(&bus)?,
         estimates: Subscriber::new(&bus)?,
         status: Subscriber::new(&bus)?,
         samples,

@@ -3,7 +3,7 @@
 use super::Failure;
 use super::wiring::{self, plant_description};
 use crate::config::Config;
-use crate::messages::{Estimate, Sample, Status};
+use crate::messages::{Command, Estimate, Journal, Sample, Status};
 use crate::node::monitor::MonitorNode;
 use crate::recording::{EstimatesCsv, RecordError, Recorder, RecorderStatus, RecordingLimits, RunInfo};
 use crate::runner::MonitorSink;
@@ -74,6 +74,23 @@ impl MonitorSink for Records {
 
     fn status(&mut self, status: &Status, sent_ns: u64) -> io::Result<()> {
         self.record(|recorder| recorder.status(status, sent_ns));
+        Ok(())
+    }
+
+    fn journal(&mut self, entry: &Journal) -> io::Result<()> {
+        // A state comes in parts; one line tells of it.
+        if entry.request.part == 0 {
+            let command = Command::from_wire(entry.request.command).map_or("unknown", Command::name);
+            let (name, value) = (entry.request.name(), entry.request.value());
+            tracing::info!(
+                block = entry.block,
+                from_seq = entry.request.from_seq,
+                name,
+                value,
+                "command: {command}"
+            );
+        }
+        self.record(|recorder| recorder.journal(entry));
         Ok(())
     }
 

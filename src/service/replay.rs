@@ -3,11 +3,12 @@
 use super::args::domain;
 use super::plant::{boot_id, delivery, limit};
 use super::{Exit, Failure, ReplayArgs, logging, report};
-use crate::bus::{Bus, Delivery, Role, RoleLock, SamplePublisher};
+use crate::bus::{Bus, BusError, ControlClient, Delivery, Role, RoleLock, SamplePublisher};
 use crate::config::{Source, Speed};
-use crate::messages::{Sample, sample_flags};
-use crate::recording::{Entry, ReadError, RecordingReader};
-use crate::runner::{Pace, SampleSource, Shutdown, run_plant};
+use crate::messages::{Sample, response_code, sample_flags};
+use crate::recording::{Entry, ReadError, RecordingReader, read_journal};
+use crate::runner::{Pace, SampleSource, Shutdown, TICK, run_plant};
+use std::time::{Duration, Instant};
 
 /// Publishes the samples of a recording, from the first to one flagged END.
 ///
@@ -37,6 +38,7 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     if delivery == Delivery::Realtime {
         publisher.hold_for(args.common.launched.await_consumers, limit(&config));
     }
+    repeat_commands(args, &bus, source.boot_id_recorded(), limit(&config), shutdown)?;
     let pace = Pace::new(match config.plant.speed {
         Speed::Max => None,
         Speed::Factor(factor) => Some(factor),
@@ -50,10 +52,56 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     Ok(if sent.loss.is_none() { exit } else { Exit::DataLoss })
 }
 
+/// Tells the identifier in advance what it was told during the recording, with the samples from which on it held.
+fn repeat_commands(
+    args: &ReplayArgs,
+    bus: &Bus,
+    stream: Option<u64>,
+    limit: Duration,
+    shutdown: &Shutdown,
+) -> Result<(), Failure> {
+    let journal = read_journal(&args.input).map_err(report::unreadable)?;
+    // A replay ends with the first stream.
+    let requests: Vec<_> = journal
+        .iter()
+        .filter(|entry| entry.boot_id == 0 || Some(entry.boot_id) == stream)
+        .map(|entry| entry.request)
+        .collect();
+    if requests.is_empty() {
+        return Ok(());
+    }
+    let start = Instant::now();
+    let client = loop {
+        match ControlClient::new(bus) {
+            Err(BusError::NoIdentifier { .. }) if start.elapsed() < limit && !shutdown.requested() => {
+                std::thread::sleep(TICK);
+            }
+            Err(BusError::NoIdentifier { .. }) => {
+                tracing::warn!("no identifier to repeat the recording's commands to; its estimates would differ");
+                return Ok(());
+            }
+            client => break client?,
+        }
+    };
+    for request in &requests {
+        let response = client.ask(request, limit)?;
+        if response.code != response_code::DONE {
+            return Err(Failure::Failed(format!(
+                "the identifier does not repeat a recorded command: {}; start it with the recording's configuration",
+                response.text()
+            )));
+        }
+    }
+    tracing::info!(commands = requests.len(), "the recording's commands are repeated");
+    Ok(())
+}
+
 /// The samples of a recording as a new stream: seq, times and gaps as they were, the last one flagged END.
 struct Replay {
     reader: RecordingReader,
     boot_id: u64,
+    /// That of the recorded stream.
+    recorded: Option<u64>,
     /// Read ahead, for the last one must be known as such.
     next: Option<Sample>,
     given: u64,
@@ -65,6 +113,7 @@ impl Replay {
         let mut replay = Self {
             reader,
             boot_id,
+            recorded: None,
             next: None,
             given: 0,
             failure: None,
@@ -73,10 +122,15 @@ impl Replay {
         Ok(replay)
     }
 
+    fn boot_id_recorded(&self) -> Option<u64> {
+        self.recorded
+    }
+
     fn read(&mut self) -> Result<Option<Sample>, ReadError> {
         while let Some(entry) = self.reader.next_entry()? {
             if let Entry::Sample { sample, .. } = entry {
                 let mut sample = *sample;
+                self.recorded.get_or_insert(sample.boot_id);
                 sample.boot_id = self.boot_id;
                 return Ok(Some(sample));
             }

@@ -4,6 +4,7 @@
 #![cfg(feature = "service")]
 
 mod config;
+mod control;
 mod isolation;
 mod late;
 mod lockstep;

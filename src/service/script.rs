@@ -1,0 +1,85 @@
+//! What an identifier was told during a recording, told again at the same places.
+
+use super::commands::{Commands, Wanted};
+use super::{Failure, report};
+use crate::messages::{Command, Journal, Sample};
+use crate::node::command::Order;
+use crate::node::identifier::Identifier;
+use crate::recording::read_journal;
+use std::collections::{HashSet, VecDeque};
+use std::path::Path;
+
+/// The journal of a recording on its way to a node.
+pub(super) struct Script {
+    commands: Commands,
+    entries: VecDeque<Journal>,
+    /// Streams that have begun.
+    seen: HashSet<u64>,
+    now: u64,
+    skipped: u64,
+}
+
+impl Script {
+    /// The journal of a recording, for a node that `commands` fit.
+    ///
+    /// # Errors
+    /// A recording that cannot be read.
+    pub(super) fn read(recording: &Path, commands: Commands) -> Result<Self, Failure> {
+        let entries: VecDeque<Journal> = read_journal(recording).map_err(report::unreadable)?.into();
+        if !entries.is_empty() {
+            tracing::info!(entries = entries.len(), "the recording's commands are repeated");
+        }
+        Ok(Self {
+            commands,
+            entries,
+            seen: HashSet::new(),
+            now: 0,
+            skipped: 0,
+        })
+    }
+
+    /// Gives the node what took effect before this sample; to be called before the node gets the sample.
+    pub(super) fn before(&mut self, sample: &Sample, node: &mut dyn Identifier) {
+        if self.entries.is_empty() {
+            return;
+        }
+        let new_stream = self.now != sample.boot_id;
+        while let Some(entry) = self.entries.front() {
+            let due = match entry.boot_id {
+                0 => true,
+                boot if boot == sample.boot_id => sample.seq >= entry.request.from_seq,
+                // of a stream that is over; one that has not begun is waited for
+                boot => self.seen.contains(&boot),
+            };
+            if !due {
+                break;
+            }
+            self.give(node);
+        }
+        if new_stream {
+            self.now = sample.boot_id;
+            self.seen.insert(sample.boot_id);
+        }
+        while node.take_done().is_some() {}
+    }
+
+    fn give(&mut self, node: &mut dyn Identifier) {
+        let Some(entry) = self.entries.pop_front() else { return };
+        let given = match self.commands.prepare(&entry.request) {
+            Ok(Wanted::Order(change, _)) => node
+                .offer(Order::new(0, 0, change))
+                .map(|_| ())
+                .map_err(|_| "the node has no room for it".to_owned()),
+            Ok(_) => Ok(()),
+            Err(why) => Err(why),
+        };
+        if let Err(why) = given {
+            self.skipped += 1;
+            let command = Command::from_wire(entry.request.command).map_or("command", Command::name);
+            tracing::error!(
+                block = entry.block,
+                "a recorded {command} is not repeated, so estimates differ from the recorded ones: {why}"
+            );
+        }
+    }
+}

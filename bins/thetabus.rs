@@ -12,7 +12,7 @@ use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use thetabus::service::{
-    self, CommonArgs, CompareArgs, CtlArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, MonitorArgs,
+    self, CommonArgs, CompareArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, MonitorArgs,
     PlantArgs, ReplayArgs, ReportArgs, RunArgs, VERSION,
 };
 
@@ -47,6 +47,9 @@ enum Command {
     /// Pause, resume, reset, tune, fix, free, save or describe a running identifier
     #[command(after_help = EXIT_CODES)]
     Ctl(CtlArgs),
+    /// Show what is on the bus: domains, programs, services, locks, memory
+    #[command(after_help = EXIT_CODES)]
+    Doctor(DoctorArgs),
     /// Tools for configuration files
     #[command(subcommand)]
     Config(ConfigCommand),
@@ -88,6 +91,9 @@ fn main() -> ExitCode {
             service::main_with(&CommonArgs::with_logs(args.log_format), |_| service::export(&args))
         }
         Command::Ctl(args) => service::main_with(&CommonArgs::with_logs(args.log_format), |_| service::ctl(&args)),
+        Command::Doctor(args) => {
+            service::main_with(&CommonArgs::with_logs(args.log_format), |_| service::doctor(&args))
+        }
         Command::Config(ConfigCommand::Check { file, set }) => {
             service::main_with(&CommonArgs::default(), |_| service::config_check(&file, &set))
         }

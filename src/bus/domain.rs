@@ -71,6 +71,36 @@ impl Domain {
         })
     }
 
+    /// The domains of this user that have a directory, below $XDG_RUNTIME_DIR or /tmp.
+    pub(super) fn roots() -> Vec<Self> {
+        let runtime_dir = std::env::var_os("XDG_RUNTIME_DIR").filter(|dir| !dir.is_empty());
+        let own = format!("thetabus-{}-", nix::unistd::geteuid());
+        let places = [
+            runtime_dir
+                .as_deref()
+                .map(|dir| (Path::new(dir), "thetabus-", Some(Path::new(dir)))),
+            Some((Path::new("/tmp"), own.as_str(), None)),
+        ];
+        let mut domains = Vec::new();
+        for (place, beginning, runtime_dir) in places.into_iter().flatten() {
+            for entry in std::fs::read_dir(place).into_iter().flatten().flatten() {
+                let name = entry.file_name();
+                let name = name.to_str().and_then(|name| name.strip_prefix(beginning));
+                if let Some(domain) = name.and_then(|name| Self::below(name, runtime_dir).ok())
+                    && domain.is_own_directory()
+                {
+                    domains.push(domain);
+                }
+            }
+        }
+        domains
+    }
+
+    fn is_own_directory(&self) -> bool {
+        let uid = nix::unistd::geteuid().as_raw();
+        std::fs::symlink_metadata(&self.root).is_ok_and(|found| found.is_dir() && found.uid() == uid)
+    }
+
     /// Its name.
     pub fn name(&self) -> &str {
         &self.name

@@ -1,10 +1,14 @@
 //! One plant, one identifier, one run per robot and domain.
 
+use super::membership::open_lock;
 use super::{BusError, Domain, domain::check_name};
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, Write};
-use std::os::unix::fs::OpenOptionsExt;
 use std::time::Duration;
+
+/// Looks at a lock that is taken before it is believed.
+const LOOKS: usize = 5;
+const PAUSE: Duration = Duration::from_millis(5);
 
 /// What there can be only one of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,35 +51,34 @@ impl RoleLock {
     /// Takes the role, or tells whose it is.
     pub fn acquire(domain: &Domain, robot: &str, role: Role) -> Result<Self, BusError> {
         check_name("robot", robot)?;
-        domain.create_root()?;
-        let path = domain.root().join(format!("{robot}.{}.lock", role.file_stem()));
-        let fail = |source| BusError::Lock {
-            path: path.clone(),
-            source,
-        };
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .mode(0o600)
-            .open(&path)
-            .map_err(fail)?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                return Err(BusError::AlreadyRunning {
-                    role: role.with_article(),
-                    robot: robot.into(),
-                    domain: domain.name().into(),
-                    pid: holder(&mut file).unwrap_or_else(|| "?".into()),
-                });
+        let name = format!("{robot}.{}.lock", role.file_stem());
+        let (mut file, taken) = open_lock(domain, &name, |file| {
+            // Who looks at the domain holds the lock for an instant, so a refusal gets a second look.
+            for _ in 0..LOOKS {
+                match file.try_lock() {
+                    Ok(()) => return Ok((file.try_clone()?, false)),
+                    Err(TryLockError::WouldBlock) => std::thread::sleep(PAUSE),
+                    Err(TryLockError::Error(source)) => return Err(source),
+                }
             }
-            Err(TryLockError::Error(source)) => return Err(fail(source)),
+            Ok((file.try_clone()?, true))
+        })?;
+        if taken {
+            return Err(BusError::AlreadyRunning {
+                role: role.with_article(),
+                robot: robot.into(),
+                domain: domain.name().into(),
+                pid: holder(&mut file).unwrap_or_else(|| "?".into()),
+            });
         }
-        file.set_len(0).map_err(fail)?;
-        file.write_all(format!("{}\n", std::process::id()).as_bytes())
-            .map_err(fail)?;
+        let write = |file: &mut File| {
+            file.set_len(0)?;
+            file.write_all(format!("{}\n", std::process::id()).as_bytes())
+        };
+        write(&mut file).map_err(|source| BusError::Lock {
+            path: domain.root().join(&name),
+            source,
+        })?;
         Ok(Self { _file: file })
     }
 }

@@ -37,8 +37,10 @@
 mod control;
 mod domain;
 mod error;
+mod inspect;
 mod lock;
 mod membership;
+mod memory;
 mod participant;
 mod publisher;
 mod receipts;
@@ -52,7 +54,11 @@ mod topic;
 pub use control::{ControlClient, ControlServer};
 pub use domain::Domain;
 pub use error::{BusError, ICEORYX2_VERSION};
+pub use inspect::{
+    Cleaned, DomainReport, LockReport, MemoryReport, NodeReport, ServiceReport, clean, domains, inspect,
+};
 pub use lock::{Role, RoleLock};
+pub use memory::shared_memory;
 pub use participant::Bus;
 pub use publisher::Publisher;
 pub use sample_publisher::{Attached, Delivery, Loss, SamplePublisher};

@@ -1,6 +1,8 @@
 //! Publishing estimates and status.
 
+use super::memory;
 use super::receipts::ReceiptBook;
+use super::topic::latched;
 use super::{Bus, BusError, Latched, Notifier, PubSubService, PublisherPort, monotonic_ns};
 use crate::messages::{Header, SCHEMA_VERSION};
 use iceoryx2::port::update_connections::UpdateConnections;
@@ -20,6 +22,7 @@ pub struct Publisher<T: Latched> {
 impl<T: Latched> Publisher<T> {
     /// Becomes a publisher of the topic.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        memory::check(bus, T::TOPIC, latched::segment_bytes(size_of::<T>()))?;
         let service = bus.latched::<T>()?;
         let port = service
             .publisher_builder()
@@ -35,6 +38,7 @@ impl<T: Latched> Publisher<T> {
                     .map_err(|e| bus.topic_error(T::TOPIC, format!("cannot wake consumers: {e:?}")))?,
             ),
         };
+        memory::reserve(bus, T::TOPIC)?;
         Ok(Self {
             notifier,
             port,

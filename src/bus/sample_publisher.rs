@@ -8,6 +8,7 @@
 //!
 //! A sample that did not reach everybody is sent again with the header flag `RESENT`; who had it already drops it.
 
+use super::memory;
 use super::topic::sample;
 use super::{Bus, BusError, IDLE_TICK, Notifier, PubSubService, PublisherPort, Topic, monotonic_ns};
 use crate::messages::{Header, SCHEMA_VERSION, Sample, header_flags};
@@ -109,7 +110,7 @@ impl SamplePublisher {
             Delivery::Realtime => (true, sample::REALTIME_BUFFER, 0),
             Delivery::Lockstep { consumers, .. } => (false, sample::LOCKSTEP_BUFFER, consumers),
         };
-        check_shared_memory(bus, sample::segment_bytes(buffer))?;
+        memory::check(bus, Topic::Sample, sample::segment_bytes(buffer))?;
         let service = bus.create_sample(overflow, buffer)?;
         // Consumers of a publisher that has gone let go within an idle tick and come back to this one, connected from the start.
         let start = Instant::now();
@@ -145,6 +146,7 @@ impl SamplePublisher {
             .notifier_builder()
             .create()
             .map_err(|e| bus.topic_error(Topic::Sample, format!("cannot wake consumers: {e:?}")))?;
+        memory::reserve(bus, Topic::Sample)?;
         // Whoever waits for the topic looks at once.
         let _ = notifier.notify();
         Ok(Self {
@@ -364,28 +366,6 @@ impl SamplePublisher {
         });
         pid
     }
-}
-
-/// Refuses to start where the topic could outgrow /dev/shm: there the kernel kills at the first page that does not fit.
-pub(super) fn check_shared_memory(bus: &Bus, needed: u64) -> Result<(), BusError> {
-    // Where it cannot be asked, creating the topic will tell.
-    let Ok(shm) = nix::sys::statvfs::statvfs("/dev/shm") else {
-        return Ok(());
-    };
-    #[allow(
-        clippy::useless_conversion,
-        reason = "the width of these types depends on the platform"
-    )]
-    let available = u64::from(shm.blocks_available()) * u64::from(shm.fragment_size());
-    if available < needed {
-        return Err(BusError::SharedMemory {
-            topic: Topic::Sample,
-            robot: bus.robot().into(),
-            needed,
-            available,
-        });
-    }
-    Ok(())
 }
 
 fn transfer(action: &'static str, cause: &dyn std::fmt::Debug) -> BusError {

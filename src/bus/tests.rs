@@ -328,12 +328,12 @@ fn a_reader_that_gives_no_receipts_is_waited_for_once() {
 fn too_little_shared_memory_is_refused_with_the_numbers() {
     let domain = TestDomain::new();
     let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
-    let error = super::sample_publisher::check_shared_memory(&bus, u64::MAX)
+    let error = super::memory::check(&bus, Topic::Sample, u64::MAX)
         .expect_err("nobody has that much")
         .to_string();
     assert!(
         error.contains("/dev/shm") && error.contains(&u64::MAX.to_string()),
         "{error}"
     );
-    super::sample_publisher::check_shared_memory(&bus, 0).expect("nothing is needed");
+    super::memory::check(&bus, Topic::Sample, 0).expect("nothing is needed");
 }

@@ -96,4 +96,8 @@ pub(super) mod latched {
     pub const BUFFER: usize = 64;
     pub const HISTORY: usize = 1;
     pub const MAX_BORROWED: usize = 2;
+    /// Bytes of a publisher's data segment at worst, for messages of this size.
+    pub const fn segment_bytes(message: usize) -> u64 {
+        ((MAX_SUBSCRIBERS * (BUFFER + MAX_BORROWED) + HISTORY + 2) * (message + 128)) as u64
+    }
 }

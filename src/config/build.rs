@@ -5,7 +5,7 @@ use super::layers::Layers;
 use super::schema::{self, FileForm};
 use super::{
     BusConfig, CheckpointConfig, Config, Delivery, EstimatorConfig, IdentifierConfig, LogColumns, ModelConfig,
-    MonitorConfig, PlantConfig, Rows, Speed, plant,
+    MonitorConfig, PlantConfig, RealtimeConfig, RealtimeSettings, Rows, Speed, SupervisionConfig, plant,
 };
 use crate::estimator::{
     Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor,
@@ -52,6 +52,12 @@ pub(super) fn config(form: FileForm, own: Option<&PlantDefinition>, layers: &Lay
         dir: form.checkpoint.dir.as_ref().map(PathBuf::from),
         period_s: form.checkpoint.period_s,
     };
+    let supervision = SupervisionConfig {
+        restarts: form.supervision.restarts,
+        backoff_s: form.supervision.backoff_s,
+        backoff_limit_s: form.supervision.backoff_limit_s,
+        healthy_s: form.supervision.healthy_s,
+    };
     match (plant, model, identifier, estimator) {
         (Some(plant), Some(model), Some(identifier), Some(estimator)) if check.problems.is_empty() => {
             check.suspicious(&form, own, &bus, &plant, &estimator);
@@ -64,6 +70,8 @@ pub(super) fn config(form: FileForm, own: Option<&PlantDefinition>, layers: &Lay
                 estimator,
                 monitor,
                 checkpoint,
+                supervision,
+                realtime: realtime(&form),
                 log,
                 file: form,
                 warnings,
@@ -359,6 +367,31 @@ fn projected(form: &FileForm, check: &mut Check<'_>) -> Option<ProjectedOptions>
         return None;
     }
     Some(options)
+}
+
+fn realtime(form: &FileForm) -> RealtimeConfig {
+    let settings = |priority: u64, cpus: &[u64], lock_memory| RealtimeSettings {
+        scheduler_priority: u8::try_from(priority).ok().filter(|priority| *priority > 0),
+        cpu_affinity: cpus.iter().map(|&cpu| cpu as usize).collect(),
+        lock_memory,
+    };
+    RealtimeConfig {
+        plant: settings(
+            form.realtime_plant.scheduler_priority,
+            &form.realtime_plant.cpu_affinity,
+            form.realtime_plant.lock_memory,
+        ),
+        identifier: settings(
+            form.realtime_identifier.scheduler_priority,
+            &form.realtime_identifier.cpu_affinity,
+            form.realtime_identifier.lock_memory,
+        ),
+        monitor: settings(
+            form.realtime_monitor.scheduler_priority,
+            &form.realtime_monitor.cpu_affinity,
+            form.realtime_monitor.lock_memory,
+        ),
+    }
 }
 
 fn log(form: &FileForm) -> LogColumns {

@@ -200,6 +200,27 @@ impl Default for FileForm {
                 false_alarm_rate: ChangeDetection::default().false_alarm_rate,
                 change_margin_s: 0.0,
             },
+            supervision: schema::Supervision {
+                restarts: 0,
+                backoff_s: 0.1,
+                backoff_limit_s: 5.0,
+                healthy_s: 60.0,
+            },
+            realtime_plant: schema::RealtimePlant {
+                scheduler_priority: 0,
+                cpu_affinity: Vec::new(),
+                lock_memory: false,
+            },
+            realtime_identifier: schema::RealtimeIdentifier {
+                scheduler_priority: 0,
+                cpu_affinity: Vec::new(),
+                lock_memory: false,
+            },
+            realtime_monitor: schema::RealtimeMonitor {
+                scheduler_priority: 0,
+                cpu_affinity: Vec::new(),
+                lock_memory: false,
+            },
             log: schema::Log {
                 time: None,
                 time_unit: "s".to_owned(),

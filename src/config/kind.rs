@@ -162,6 +162,8 @@ pub enum Kind {
     RealOr(Interval, &'static str),
     /// A list of finite numbers.
     Reals(Len, Interval),
+    /// A list of whole numbers within these limits.
+    Wholes(Len, u64, u64),
     /// A list of short names.
     Words,
     /// One list of finite numbers for each joint.
@@ -192,6 +194,7 @@ impl Kind {
             Self::Real(interval) => format!("a number {interval}{unit}"),
             Self::RealOr(interval, word) => format!("\"{word}\" or a number {interval}{unit}"),
             Self::Reals(len, interval) => len.of(&format!("numbers {interval}{unit}")),
+            Self::Wholes(len, low, high) => len.of(&format!("whole numbers from {low} to {high}{unit}")),
             Self::Words => "a list of names as strings".to_owned(),
             Self::RealsPerJoint(len, interval) => {
                 format!(
@@ -214,10 +217,8 @@ impl Kind {
                 .filter(|s| !s.is_empty() && !s.contains('\0'))
                 .map(Value::from),
             Self::Choice(words) => value.as_str().filter(|s| words.contains(s)).map(Value::from),
-            Self::Whole(low, high) => {
-                let n = whole(value)?;
-                (u64::try_from(n).is_ok_and(|n| (*low..=*high).contains(&n))).then_some(Value::Integer(n))
-            }
+            Self::Whole(low, high) => whole_within(value, *low, *high),
+            Self::Wholes(len, low, high) => list(value, *len, |v| whole_within(v, *low, *high)),
             Self::Real(interval) => number(value, interval),
             Self::RealOr(interval, word) => match value.as_str() {
                 Some(s) => (s == *word).then(|| Value::from(s)),
@@ -258,6 +259,11 @@ pub(super) fn quoted(words: &[&str]) -> String {
 fn whole(value: &DeValue<'_>) -> Option<i64> {
     let n = value.as_integer()?;
     i64::from_str_radix(n.as_str(), n.radix()).ok()
+}
+
+fn whole_within(value: &DeValue<'_>, low: u64, high: u64) -> Option<Value> {
+    let n = whole(value)?;
+    (u64::try_from(n).is_ok_and(|n| (low..=high).contains(&n))).then_some(Value::Integer(n))
 }
 
 /// Whole numbers are numbers, too: `duration_s = 170` is what people write.

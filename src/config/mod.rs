@@ -232,6 +232,41 @@ pub struct CheckpointConfig {
     pub period_s: f64,
 }
 
+/// Section `[supervision]`: what a launcher does about a process that fails.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SupervisionConfig {
+    /// Restarts of each process before the launcher gives up; 0 for none.
+    pub restarts: u64,
+    /// Pause before the first restart \[s\], doubled with each.
+    pub backoff_s: f64,
+    /// Longest pause \[s\].
+    pub backoff_limit_s: f64,
+    /// Restarts are forgiven after so long without a failure \[s\].
+    pub healthy_s: f64,
+}
+
+/// What a role asks of the system's scheduler and memory.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RealtimeSettings {
+    /// Priority of SCHED_FIFO, 1 to 99; `None` for the system's default policy.
+    pub scheduler_priority: Option<u8>,
+    /// CPUs to run on; none for all.
+    pub cpu_affinity: Vec<usize>,
+    /// Keep all memory from being swapped out.
+    pub lock_memory: bool,
+}
+
+/// Sections `[realtime.*]`.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RealtimeConfig {
+    /// Of the plant simulator.
+    pub plant: RealtimeSettings,
+    /// Of the identifier.
+    pub identifier: RealtimeSettings,
+    /// Of the monitor.
+    pub monitor: RealtimeSettings,
+}
+
 /// Section `[log]`: what the columns of a log file mean.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogColumns {
@@ -268,6 +303,10 @@ pub struct Config {
     pub monitor: MonitorConfig,
     /// What the identifier keeps for its next start.
     pub checkpoint: CheckpointConfig,
+    /// What is done about processes that fail.
+    pub supervision: SupervisionConfig,
+    /// What each role asks of the system.
+    pub realtime: RealtimeConfig,
     /// How a log file is read.
     pub log: LogColumns,
     file: FileForm,

@@ -121,7 +121,7 @@ pub(super) fn plant(form: &FileForm, check: &mut Check<'_>) -> Option<PlantConfi
             );
             check.wrong("plant.faults", message);
         }
-        if fault.signal.bit() != 0 && sim.sensors.signals() & fault.signal.bit() == 0 {
+        if fault.signal.bit() != 0 && sim.signals() & fault.signal.bit() == 0 {
             let message = format!(
                 "table {}: has no effect, because positions come from a sensor and the machine reports no derivatives",
                 index + 1

@@ -511,6 +511,40 @@ sections! {
         change_margin_s: f64, Kind::Real(Interval::closed(0.0, 60.0)), "s",
             "After a located change so much more is left out, for rows that the change itself has smeared; 0 for exact signals";
     }
+    supervision: Supervision = "supervision", "What `thetabus run` does about a process that fails or is killed" {
+        restarts: u64, Kind::Whole(0, 1_000_000), "",
+            "Times that each process is started again before the run gives up; 0: the run fails with the first one. A run with restarts ends with exit code 3, because something was lost with each";
+        backoff_s: f64, Kind::Real(Interval::closed(0.0, 3600.0)), "s",
+            "Pause before the first restart; twice as long before each further one";
+        backoff_limit_s: f64, Kind::Real(Interval::closed(0.0, 3600.0)), "s",
+            "Longest pause";
+        healthy_s: f64, Kind::Real(Interval::above(0.0, LONGEST_S)), "s",
+            "A process that has run this long has its restarts forgiven, and the pause begins anew";
+    }
+    realtime_plant: RealtimePlant = "realtime.plant", "Real-time settings of the plant simulator" {
+        scheduler_priority: u64, Kind::Whole(0, 99), "",
+            "Priority of the real-time policy SCHED_FIFO, 1 to 99; 0: the system's default policy. What the system refuses is told, and the program goes on";
+        cpu_affinity: Vec<u64>, Kind::Wholes(Len::From(0, 64), 0, 1023), "",
+            "Numbers of the CPUs to run on; none: all that the system gives";
+        lock_memory: bool, Kind::Flag, "",
+            "Keep all memory from being swapped out";
+    }
+    realtime_identifier: RealtimeIdentifier = "realtime.identifier", "Real-time settings of the identifier" {
+        scheduler_priority: u64, Kind::Whole(0, 99), "",
+            "Priority of the real-time policy SCHED_FIFO, 1 to 99; 0: the system's default policy. What the system refuses is told, and the program goes on";
+        cpu_affinity: Vec<u64>, Kind::Wholes(Len::From(0, 64), 0, 1023), "",
+            "Numbers of the CPUs to run on; none: all that the system gives";
+        lock_memory: bool, Kind::Flag, "",
+            "Keep all memory from being swapped out";
+    }
+    realtime_monitor: RealtimeMonitor = "realtime.monitor", "Real-time settings of the monitor" {
+        scheduler_priority: u64, Kind::Whole(0, 99), "",
+            "Priority of the real-time policy SCHED_FIFO, 1 to 99; 0: the system's default policy. What the system refuses is told, and the program goes on";
+        cpu_affinity: Vec<u64>, Kind::Wholes(Len::From(0, 64), 0, 1023), "",
+            "Numbers of the CPUs to run on; none: all that the system gives";
+        lock_memory: bool, Kind::Flag, "",
+            "Keep all memory from being swapped out";
+    }
     log: Log = "log", "Columns of a log file for `thetabus identify`" {
         time: Option<String>, Kind::Path, "",
             "Column of the time; without it rows follow each other at plant.sample_period_s";

@@ -50,13 +50,20 @@ pub struct Change {
     pub blocks_to_1_percent: Option<u64>,
 }
 
+/// Blocks remembered at least; the memory of a monitor that follows a machine for months stays within twice that.
+const REMEMBERED: usize = 8192;
+
 /// Collects estimates and status of one robot.
 pub struct MonitorNode {
     parameters: Vec<Label>,
     derived: Vec<Label>,
     truth: Option<Box<dyn Truth>>,
     cursor: StreamCursor,
+    /// The last blocks of the stream.
     records: Vec<BlockRecord>,
+    /// Changes announced by blocks before these.
+    settled: Vec<Change>,
+    blocks: u64,
     last: Option<Estimate>,
     status: Option<Status>,
     lost_estimates: u64,
@@ -71,6 +78,8 @@ impl MonitorNode {
             truth,
             cursor: StreamCursor::new(),
             records: Vec::new(),
+            settled: Vec::new(),
+            blocks: 0,
             last: None,
             status: None,
             lost_estimates: 0,
@@ -84,6 +93,8 @@ impl MonitorNode {
             // A new stream: what the record says of the previous one no longer belongs to this run.
             Place::First => {
                 self.records.clear();
+                self.settled.clear();
+                self.blocks = 0;
                 self.lost_estimates = 0;
             }
             // Estimates are numbered by block, so a block without an estimate looks like a lost one; both deserve a count.
@@ -100,8 +111,21 @@ impl MonitorNode {
                 .as_ref()
                 .map(|truth| worst_relative_error(estimate, &truth.theta(t_s))),
         });
+        self.blocks += 1;
+        if self.records.len() == 2 * REMEMBERED {
+            self.forget();
+        }
         self.last = Some(*estimate);
         true
+    }
+
+    /// Drops the older half of the records, after settling what they announced.
+    fn forget(&mut self) {
+        let border = self.records[REMEMBERED].block;
+        let changes = self.recent_changes();
+        self.settled
+            .extend(changes.into_iter().filter(|change| change.block < border));
+        self.records.drain(..REMEMBERED);
     }
 
     /// Takes a status in.
@@ -161,7 +185,12 @@ impl MonitorNode {
         self.truth.as_deref()
     }
 
-    /// The blocks of the current stream.
+    /// Blocks of the current stream that had an estimate.
+    pub fn blocks(&self) -> u64 {
+        self.blocks
+    }
+
+    /// The last blocks of the current stream, some thousands at most.
     pub fn records(&self) -> &[BlockRecord] {
         &self.records
     }
@@ -183,6 +212,12 @@ impl MonitorNode {
 
     /// The changes announced so far.
     pub fn changes(&self) -> Vec<Change> {
+        let mut changes = self.settled.clone();
+        changes.extend(self.recent_changes());
+        changes
+    }
+
+    fn recent_changes(&self) -> Vec<Change> {
         let announced: Vec<(usize, f64)> = self
             .records
             .iter()
@@ -324,6 +359,27 @@ pub(crate) mod tests {
                 blocks_to_1_percent: Some(2)
             }]
         );
+    }
+
+    #[test]
+    fn prop_a_monitor_of_a_million_blocks_counts_them_all_and_remembers_the_last() {
+        let mut monitor = monitor();
+        for block in 1..=1_000_000 {
+            let mut message = estimate(block, if block < 3 { 10.0 } else { 20.0 });
+            if block == 3 || block == 900_000 {
+                message.flags |= estimate_flags::CHANGED;
+                message.t_change_ns = block * 1_000_000_000 - 500_000_000;
+            }
+            monitor.on_estimate(&message);
+        }
+        assert_eq!((monitor.blocks(), monitor.lost_estimates()), (1_000_000, 0));
+        assert!(monitor.records().len() <= 2 * REMEMBERED);
+        let changes: Vec<_> = monitor
+            .changes()
+            .iter()
+            .map(|c| (c.block, c.blocks_to_1_percent))
+            .collect();
+        assert_eq!(changes, [(3, Some(0)), (900_000, Some(0))]);
     }
 
     #[test]

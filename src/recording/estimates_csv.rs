@@ -13,6 +13,8 @@ pub struct EstimatesCsv<W: Write> {
     writer: csv::Writer<W>,
     parameters: usize,
     derived: usize,
+    /// The last line of a file that is gone on with.
+    before: Option<String>,
 }
 
 impl<W: Write> EstimatesCsv<W> {
@@ -36,7 +38,19 @@ impl<W: Write> EstimatesCsv<W> {
             writer,
             parameters: parameters.len(),
             derived: derived.len(),
+            before: None,
         })
+    }
+
+    /// Goes on with a file that has its header already and ends with the line `before`. The bus gives a late joiner the last estimate
+    /// again; where that is this line, it is not written twice.
+    pub fn resume(sink: W, parameters: &[Label], derived: &[Label], before: &str) -> Self {
+        Self {
+            writer: csv::Writer::from_writer(sink),
+            parameters: parameters.len(),
+            derived: derived.len(),
+            before: Some(before.to_owned()),
+        }
     }
 
     /// Appends one estimate and hands it to the operating system, so that a killed process leaves whole lines.
@@ -67,6 +81,9 @@ impl<W: Write> EstimatesCsv<W> {
         record.extend(estimate.theta_std[..self.parameters].iter().map(known));
         record.extend(estimate.derived[..self.derived].iter().map(known));
         record.extend(estimate.derived_std[..self.derived].iter().map(known));
+        if self.before.take().is_some_and(|line| line == record.join(",")) {
+            return Ok(());
+        }
         self.writer.write_record(&record)?;
         self.writer.flush()
     }
@@ -76,6 +93,26 @@ impl<W: Write> EstimatesCsv<W> {
 mod tests {
     use super::*;
     use crate::node::monitor::tests::{estimate, monitor};
+
+    #[test]
+    fn prop_a_table_gone_on_with_repeats_neither_header_nor_last_line() {
+        let monitor = monitor();
+        let mut sink = Vec::new();
+        let mut csv = EstimatesCsv::new(&mut sink, monitor.parameters(), monitor.derived()).unwrap();
+        csv.write(&estimate(7, 1.0)).unwrap();
+        drop(csv);
+        let before = String::from_utf8(sink.clone()).unwrap();
+        let last = before.lines().last().unwrap();
+        let mut csv = EstimatesCsv::resume(&mut sink, monitor.parameters(), monitor.derived(), last);
+        for block in [7, 8, 8] {
+            csv.write(&estimate(block, 1.0)).unwrap();
+        }
+        drop(csv);
+        let text = String::from_utf8(sink).unwrap();
+        let blocks: Vec<&str> = text.lines().filter_map(|line| line.split(',').next()).collect();
+        // Only what the earlier writer ended with is a repetition.
+        assert_eq!(blocks, ["block", "7", "8", "8"]);
+    }
 
     #[test]
     fn regress_the_columns_are_the_contract_and_numbers_come_back_to_the_bit() {

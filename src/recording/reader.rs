@@ -391,7 +391,7 @@ pub fn read_journal(path: &Path) -> Result<Vec<Journal>, ReadError> {
 }
 
 /// `run_0003.mcap` is number 3 of `run.mcap`.
-fn series(path: &Path) -> (PathBuf, u32) {
+pub(super) fn series(path: &Path) -> (PathBuf, u32) {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let numbered = stem
         .rsplit_once('_')

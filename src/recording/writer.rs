@@ -8,6 +8,7 @@ use super::info::{InfoError, RunInfo};
 use super::journal::journal_to_map;
 use super::layout::{Layout, NameCollision, RecorderStatus};
 use crate::messages::{Estimate, Journal, Sample, Status};
+use super::reader::series;
 use crate::node::stream::{Place, StreamCursor};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, McapError, WriteOptions};
@@ -108,6 +109,26 @@ impl Recorder {
             last_t_ns: 0,
             buffer: Vec::with_capacity(4096),
         })
+    }
+
+    /// Goes on with the recording at `path` in a file of its own, after the recorder that wrote it has died: readers join the two where
+    /// `info` has the `recording_id` of the first. As [`create`](Self::create) where there is none yet.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create).
+    pub fn resume(path: &Path, info: RunInfo, limits: RecordingLimits) -> Result<Self, RecordError> {
+        let existing = existing_files(path);
+        let Some(last) = existing.last().map(|(number, _)| *number) else {
+            return Self::create(path, info, limits);
+        };
+        let number = last + 1;
+        let next = numbered(path, number);
+        let mut recorder = Self::create(&next, info, limits)?;
+        recorder.first = path.to_path_buf();
+        recorder.rotations = number;
+        recorder.kept = existing.into_iter().map(|(_, path)| path).collect();
+        recorder.kept.push_back(next);
+        Ok(recorder)
     }
 
     /// Writes a sample; `sent_ns` is the clock at sending.
@@ -244,6 +265,25 @@ pub(super) fn numbered(first: &Path, number: u32) -> PathBuf {
         name.push_str(&extension.to_string_lossy());
     }
     first.with_file_name(name)
+}
+
+/// The files of a recording that are there, with their numbers.
+fn existing_files(first: &Path) -> Vec<(u32, PathBuf)> {
+    let directory = match first.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    let mut found: Vec<(u32, PathBuf)> = fs::read_dir(directory)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter_map(|entry| {
+            let (of, number) = series(&entry.path());
+            (of.file_name() == first.file_name()).then(|| (number, entry.path()))
+        })
+        .collect();
+    found.sort();
+    found
 }
 
 impl OpenFile {

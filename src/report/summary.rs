@@ -3,6 +3,7 @@
 use crate::messages::{Estimate, State};
 use crate::node::monitor::{MonitorNode, relative_error, seconds};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fmt;
 
 /// How many samples a run used, lost and refused.
@@ -90,6 +91,9 @@ pub struct Summary {
     pub changes: Vec<ChangeSummary>,
     /// Wall time of the run \[s\], where somebody measured it.
     pub wall_s: Option<f64>,
+    /// How often a launcher started a process again, by process; null where nobody launched them.
+    #[serde(default)]
+    pub restarts: Option<BTreeMap<String, u64>>,
 }
 
 impl Summary {
@@ -123,7 +127,7 @@ impl Summary {
                 .unwrap_or_default()
                 .name()
                 .to_string(),
-            blocks: monitor.records().len() as u64,
+            blocks: monitor.blocks(),
             samples,
             parameters: parameters(monitor, last),
             derived: derived(monitor, last),
@@ -138,6 +142,7 @@ impl Summary {
                 })
                 .collect(),
             wall_s: None,
+            restarts: None,
         }
     }
 }
@@ -262,9 +267,15 @@ impl fmt::Display for Summary {
             self.blocks, self.state
         )?;
         match self.wall_s {
-            Some(wall) => writeln!(f, "; wall time {wall:.1} s"),
-            None => writeln!(f),
+            Some(wall) => writeln!(f, "; wall time {wall:.1} s")?,
+            None => writeln!(f)?,
         }
+        let restarted = self.restarts.iter().flatten().filter(|(_, count)| **count > 0);
+        let restarted: Vec<String> = restarted.map(|(name, count)| format!("{name} {count}")).collect();
+        if !restarted.is_empty() {
+            writeln!(f, "started again: {}", restarted.join(", "))?;
+        }
+        Ok(())
     }
 }
 

@@ -14,6 +14,7 @@ mod identifier;
 mod monitor;
 mod pace;
 mod plant;
+mod realtime;
 mod shutdown;
 mod stopwatch;
 
@@ -22,6 +23,7 @@ pub use identifier::{IdentifierPorts, run_identifier};
 pub use monitor::{MonitorPorts, MonitorSink, run_monitor};
 pub use pace::{Pace, PaceReport};
 pub use plant::{PlantReport, SampleSource, run_plant};
+pub use realtime::apply_realtime;
 pub use shutdown::Shutdown;
 
 use crate::bus::BusError;

@@ -66,6 +66,9 @@ pub(super) struct Launched {
     /// Nothing may be lost: the monitor gives receipts for estimates, the identifier waits for them
     #[arg(long, hide = true)]
     pub receipts: bool,
+    /// Take over from one that died: append to its files
+    #[arg(long, hide = true)]
+    pub resume: bool,
     /// End with the stream
     #[arg(long, hide = true)]
     pub until_end: bool,
@@ -293,7 +296,7 @@ pub enum TableFormat {
     /// Columns for people.
     #[default]
     Text,
-    /// The same as summary.json.
+    /// One JSON object.
     Json,
 }
 
@@ -327,6 +330,23 @@ impl SpanArgs {
         }
         Ok(span)
     }
+}
+
+/// `thetabus doctor`.
+#[derive(Debug, Clone, Args)]
+pub struct DoctorArgs {
+    /// Look at this domain only, instead of all of this user
+    #[arg(long, value_name = "NAME")]
+    pub domain: Option<String>,
+    /// Remove what is dead and only that
+    #[arg(long)]
+    pub clean: bool,
+    /// Form of the report on standard output
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub format: TableFormat,
+    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub log_format: LogFormat,
 }
 
 /// `thetabus report`.

@@ -106,7 +106,7 @@ fn recording_section(config: &Config) -> Result<Section, Failure> {
         let mut plant = PlantNode::new(simulator, 1, sim.joints(), sim.signals(), period_ns, count);
         let samples: Vec<Sample> = std::iter::from_fn(|| plant.next_sample()).collect();
         let start = Instant::now();
-        let mut recorder = recorder(&path, config, &monitor_node(config, None)?, true)?;
+        let mut recorder = recorder(&path, config, &monitor_node(config, None)?, true, false)?;
         for sample in &samples {
             recorder.sample(sample, 0).map_err(|e| failed(&e))?;
         }

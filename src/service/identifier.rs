@@ -5,9 +5,9 @@ use super::desk::{Desk, last_checkpoint};
 use super::wiring::identifier_node;
 use super::{Exit, Failure, IdentifierArgs, child, logging, warm};
 use crate::bus::{Bus, Publisher, Role, RoleLock, SampleSubscriber, monotonic_ns};
-use crate::messages::{Estimate, RealtimeStatus};
+use crate::messages::Estimate;
 use crate::node::command::NodeState;
-use crate::runner::{IdentifierPorts, Shutdown, TICK, desk, run_identifier};
+use crate::runner::{IdentifierPorts, Shutdown, TICK, apply_realtime, desk, run_identifier};
 use std::time::{Duration, Instant};
 
 /// Identifies a robot's parameters from its samples until it is asked to stop.
@@ -55,7 +55,7 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
         status,
         desk: loop_end,
         started_ns,
-        realtime: RealtimeStatus::default(),
+        realtime: apply_realtime(&config.realtime.identifier),
     };
     let outcome = run_identifier(&mut *node, &mut ports, common.stay(), shutdown);
     desk.close();

@@ -8,22 +8,26 @@
 //!
 //! A signal is passed on to the plant alone, once: it flags its next sample END, and the others end as ever. Who does not within
 //! the grace time gets a signal of its own, and SIGKILL after that. The children follow a launcher that dies.
+//!
+//! A process that fails is started again where `supervision.restarts` allows it. The plant then begins a new stream, the identifier goes
+//! on with the next whole block, the monitor appends to its files. Something is lost with each, so the run ends with exit code 3.
 
 use super::args::{domain, quoted};
 use super::monitor::{SUMMARY_JSON, write_summary};
 use super::progress::Progress;
 use super::record::RECORDING;
+use super::supervision::Restarts;
 use super::wiring::simulates;
 use super::{Exit, Failure, LogFormat, RunArgs, logging, out_dir, report};
 use crate::bus::{Bus, Role, RoleLock, Subscriber};
-use crate::config::{Config, Source};
+use crate::config::{Config, Source, SupervisionConfig};
 use crate::messages::Status;
 use crate::recording::Span;
 use crate::report::Summary;
 use crate::runner::Shutdown;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
@@ -89,17 +93,26 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         lockstep,
         record: !args.no_record,
         warm: args.warm,
+        checkpoints: config.checkpoint.dir.is_some(),
+        supervision: config.supervision,
     };
     let mut children = Children::start(&plan, &progress)?;
-    let outcome = children.supervise(status, &progress, shutdown);
+    let outcome = children.supervise(&plan, &bus, status, &progress, shutdown);
     progress.clear();
     if children.killed {
         bus.clean_up_dead();
     }
 
-    let result = show_result(&dir, start);
+    let restarts = children.restarts();
+    let restarted = restarts.values().any(|&count| count > 0);
+    let result = show_result(&dir, start, restarts);
     let lost = outcome?;
     let summary = result?;
+    if restarted {
+        // Whatever the delivery: what a process that died had in its hands has gone with it.
+        tracing::error!("processes had to be started again; what they had in their hands is lost");
+        return Ok(Exit::DataLoss);
+    }
     let incomplete = lost || summary.samples.missing > 0;
     if lockstep && incomplete {
         tracing::error!("data were lost in a run in which nothing may be lost; the warnings above tell where");
@@ -133,13 +146,14 @@ fn consumers(record: bool) -> usize {
 }
 
 /// Reads what the monitor has written, adds the wall time, prints the table and names the directory last.
-fn show_result(dir: &Path, start: Instant) -> Result<Summary, Failure> {
+fn show_result(dir: &Path, start: Instant, restarts: BTreeMap<String, u64>) -> Result<Summary, Failure> {
     let path = dir.join(SUMMARY_JSON);
     let read = || -> std::io::Result<Summary> { Ok(serde_json::from_str(&std::fs::read_to_string(&path)?)?) };
     let result = read()
         .map_err(|e| Failure::Failed(format!("no result: {} cannot be read: {e}", path.display())))
         .and_then(|mut summary| {
             summary.wall_s = Some((start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
+            summary.restarts = Some(restarts);
             write_summary(dir, &summary)?;
             logging::result(summary.to_string().trim_end());
             make_report(dir, &summary)?;
@@ -169,6 +183,9 @@ struct Plan {
     lockstep: bool,
     record: bool,
     warm: bool,
+    /// There may be one to start from.
+    checkpoints: bool,
+    supervision: SupervisionConfig,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -196,8 +213,12 @@ struct Process {
     child: Child,
     last_lines: Arc<Mutex<VecDeque<String>>>,
     reader: Option<JoinHandle<()>>,
+    started: Instant,
     ended: Option<(ExitStatus, Instant)>,
     signalled: Option<Instant>,
+    restarts: Restarts,
+    /// When it is started again, after it failed.
+    due: Option<Instant>,
 }
 
 struct Children {
@@ -212,7 +233,7 @@ impl Children {
             killed: false,
         };
         for part in Part::ALL {
-            match Process::start(part, plan, progress) {
+            match Process::start(part, plan, progress, false) {
                 Ok(process) => children.processes.push(process),
                 Err(e) => {
                     children.end_all(Duration::ZERO);
@@ -226,8 +247,10 @@ impl Children {
     /// Waits for the end; true where a child says that data were lost.
     fn supervise(
         &mut self,
+        plan: &Plan,
+        bus: &Bus,
         mut status: Subscriber<Status>,
-        progress: &Progress,
+        progress: &Arc<Progress>,
         shutdown: &Shutdown,
     ) -> Result<bool, Failure> {
         let mut streaming = false;
@@ -239,13 +262,25 @@ impl Children {
             for process in &mut self.processes {
                 process.poll();
             }
+            let may_restart = !shutdown.requested() && self.plant_gone().is_none();
+            for process in &mut self.processes {
+                process.plan_restart(may_restart);
+                self.killed |= process.due.is_some();
+                if process.is_due() {
+                    // What the dead one held is free before its successor asks for it.
+                    bus.clean_up_dead();
+                    process
+                        .restart(plan, progress)
+                        .map_err(|e| Failure::Failed(format!("cannot start the {} again: {e}", process.part.name())))?;
+                }
+            }
             if let Some(failure) = self.processes.iter().find_map(Process::failure) {
                 // The plant's END lets the survivors write what they have.
                 self.signal(Part::Plant);
                 self.end_all(FAILURE_GRACE);
                 return Err(Failure::Failed(failure));
             }
-            if self.processes.iter().all(|process| process.ended.is_some()) {
+            if self.processes.iter().all(Process::has_ended) {
                 self.join_readers();
                 return Ok(self.processes.iter().any(Process::lost_data));
             }
@@ -267,7 +302,9 @@ impl Children {
 
     fn plant_gone(&self) -> Option<Instant> {
         let plant = self.processes.iter().find(|process| process.part == Part::Plant)?;
-        plant.ended.map(|(_, at)| at)
+        // A failed one may come back.
+        let gone = plant.has_ended() && plant.failure().is_none();
+        plant.ended.filter(|_| gone).map(|(_, at)| at)
     }
 
     fn signalled_since(&self, part: Part) -> Duration {
@@ -309,6 +346,12 @@ impl Children {
         self.join_readers();
     }
 
+    /// Restarts by process.
+    fn restarts(&self) -> BTreeMap<String, u64> {
+        let count = |process: &Process| (process.part.name().to_owned(), process.restarts.total());
+        self.processes.iter().map(count).collect()
+    }
+
     fn any_left(&mut self) -> bool {
         self.processes.iter_mut().for_each(Process::poll);
         self.processes.iter().any(|process| process.ended.is_none())
@@ -324,7 +367,7 @@ impl Children {
 }
 
 impl Process {
-    fn start(part: Part, plan: &Plan, progress: &Arc<Progress>) -> std::io::Result<Self> {
+    fn start(part: Part, plan: &Plan, progress: &Arc<Progress>, resume: bool) -> std::io::Result<Self> {
         let mut command = Command::new(&plan.program);
         command
             .arg(part.name())
@@ -348,10 +391,14 @@ impl Process {
                 if plan.record {
                     command.arg("--record").arg(plan.dir.join(RECORDING));
                 }
+                if resume {
+                    command.arg("--resume");
+                }
                 &mut command
             }
             Part::Identifier => {
-                if plan.warm {
+                // One that died goes on where its last checkpoint stands.
+                if plan.warm || (resume && plan.checkpoints) {
                     command.arg("--warm");
                 }
                 command.args(["--until-end", "--await-consumers", "1"])
@@ -378,9 +425,54 @@ impl Process {
             child,
             last_lines,
             reader,
+            started: Instant::now(),
             ended: None,
             signalled: None,
+            restarts: Restarts::new(plan.supervision),
+            due: None,
         })
+    }
+
+    /// Decides once about a process that failed; `allowed` is false where the run is ending anyway.
+    fn plan_restart(&mut self, allowed: bool) {
+        if !allowed {
+            self.due = None;
+            return;
+        }
+        let Some((status, at)) = self.ended.filter(|_| self.due.is_none() && self.signalled.is_none()) else {
+            return;
+        };
+        // Wrong usage or configuration does not mend itself.
+        let Some(failure) = self.failure().filter(|_| status.code() != Some(2)) else {
+            return;
+        };
+        if let Some(pause) = self.restarts.failed(at - self.started) {
+            self.due = Some(at + pause);
+            tracing::warn!(
+                restart = self.restarts.in_a_row(),
+                pause_s = pause.as_secs_f64(),
+                "{failure}; it is started again"
+            );
+        }
+    }
+
+    fn is_due(&self) -> bool {
+        self.due.is_some_and(|due| Instant::now() >= due)
+    }
+
+    fn restart(&mut self, plan: &Plan, progress: &Arc<Progress>) -> std::io::Result<()> {
+        if let Some(reader) = self.reader.take() {
+            let _ = reader.join();
+        }
+        let restarts = self.restarts;
+        *self = Self::start(self.part, plan, progress, true)?;
+        self.restarts = restarts;
+        Ok(())
+    }
+
+    /// Ended for good.
+    fn has_ended(&self) -> bool {
+        self.ended.is_some() && self.due.is_none()
     }
 
     fn poll(&mut self) {
@@ -405,7 +497,7 @@ impl Process {
 
     /// What the user must know of a child that ended badly.
     fn failure(&self) -> Option<String> {
-        let (status, _) = self.ended?;
+        let (status, _) = self.ended.filter(|_| self.due.is_none())?;
         let how = match (status.code(), status.signal()) {
             (Some(0 | 3), _) => return None,
             (Some(code), _) => format!("failed with exit code {code}"),

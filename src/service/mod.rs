@@ -9,6 +9,7 @@ mod commands;
 mod compare;
 mod ctl;
 mod desk;
+mod doctor;
 mod exit;
 mod export;
 mod identifier;
@@ -25,16 +26,18 @@ mod record;
 mod replay;
 mod report;
 mod script;
+mod supervision;
 mod warm;
 mod wiring;
 
 pub use args::{
-    CommonArgs, CompareArgs, CtlArgs, CtlCommand, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat, MonitorArgs,
+    CommonArgs, CompareArgs, CtlArgs, CtlCommand, DoctorArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat, MonitorArgs,
     PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION,
 };
 pub use check::config_check;
 pub use compare::run as compare;
 pub use ctl::run as ctl;
+pub use doctor::run as doctor;
 pub use exit::{EXIT_CODES, Exit, Failure, main_with};
 pub use export::run as export;
 pub use identifier::run as identifier;

@@ -5,9 +5,10 @@ use super::record::{Records, recorder};
 use super::wiring::{model_name, monitor_node};
 use super::{Exit, Failure, MonitorArgs, child, logging, out_dir};
 use crate::bus::{Bus, SampleSubscriber, Subscriber};
-use crate::recording::EstimatesCsv;
+use crate::node::monitor::MonitorNode;
+use crate::recording::{Entry, EstimatesCsv, RecordingReader, Span};
 use crate::report::Summary;
-use crate::runner::{MonitorPorts, Shutdown, run_monitor};
+use crate::runner::{MonitorPorts, Shutdown, apply_realtime, run_monitor};
 use std::fs::File;
 use std::io;
 use std::path::Path;
@@ -36,15 +37,19 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     // Beside a launched plant the truth is known; what publishes otherwise may be a real machine.
     let truth = args.common.is_launched().then_some(&config.plant.sim);
     let mut node = monitor_node(&config, truth)?;
+    let resume = args.common.launched.resume;
+    if let Some(path) = args.record.as_deref().filter(|_| resume) {
+        remember(&mut node, path);
+    }
     let csv = dir
-        .map(|dir| EstimatesCsv::new(create(&dir.join(ESTIMATES_CSV))?, node.parameters(), node.derived()))
+        .map(|dir| estimates_csv(&dir.join(ESTIMATES_CSV), &node, resume))
         .transpose()
         .map_err(|e| unwritable(ESTIMATES_CSV, &e))?;
 
     let recorder = args
         .record
         .as_ref()
-        .map(|path| recorder(path, &config, &node, args.common.is_launched()))
+        .map(|path| recorder(path, &config, &node, args.common.is_launched(), resume))
         .transpose()?;
 
     let bus = Bus::join(&domain, robot, "monitor")?;
@@ -62,6 +67,7 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     }
     let mut records = Records::new(csv, recorder);
     tracing::info!(robot, domain = domain.name(), "monitor");
+    apply_realtime(&config.realtime.monitor);
     let outcome = run_monitor(&mut node, &mut ports, args.common.stay(), shutdown, &mut records);
     let recorded = records.finish();
 
@@ -94,6 +100,36 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     } else {
         Exit::Done
     })
+}
+
+/// A new file with its header, or the one of a monitor that died.
+fn estimates_csv(path: &Path, node: &MonitorNode, resume: bool) -> io::Result<EstimatesCsv<File>> {
+    if !resume || !path.exists() {
+        return EstimatesCsv::new(create(path)?, node.parameters(), node.derived());
+    }
+    let file = File::options().append(true).open(path)?;
+    let text = std::fs::read_to_string(path)?;
+    // A line that the other one died at is cut off.
+    let whole = text.rfind('\n').map_or(0, |at| at + 1);
+    file.set_len(whole as u64)?;
+    match text[..whole].lines().last() {
+        None => EstimatesCsv::new(file, node.parameters(), node.derived()),
+        Some(last) => Ok(EstimatesCsv::resume(file, node.parameters(), node.derived(), last)),
+    }
+}
+
+/// What the monitor that died had seen, as far as its recording tells.
+fn remember(node: &mut MonitorNode, recording: &Path) {
+    let Ok(mut reader) = RecordingReader::open(recording, Span::default()) else {
+        return;
+    };
+    while let Ok(Some(entry)) = reader.next_entry() {
+        match entry {
+            Entry::Estimate { estimate, .. } => _ = node.on_estimate(estimate),
+            Entry::Status { status, .. } => node.on_status(status),
+            _ => {}
+        }
+    }
 }
 
 pub(super) fn write_summary(dir: &Path, summary: &Summary) -> Result<(), Failure> {

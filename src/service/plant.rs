@@ -5,7 +5,7 @@ use super::{Exit, Failure, PlantArgs, child, logging};
 use crate::bus::{Bus, Delivery, Role, RoleLock, SamplePublisher};
 use crate::config::{Config, Speed};
 use crate::node::plant::PlantNode;
-use crate::runner::{Pace, Shutdown, run_plant};
+use crate::runner::{Pace, Shutdown, apply_realtime, run_plant};
 use crate::sim::{Faults, Losses, MachineSimulator};
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::Duration;
@@ -53,6 +53,7 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         Speed::Max => None,
         Speed::Factor(factor) => Some(factor),
     });
+    apply_realtime(&config.realtime.plant);
     let report = run_plant(&mut node, &mut publisher, pace, shutdown)?;
     if report.pace.restarts > 0 {
         tracing::warn!(

@@ -5,7 +5,9 @@ use super::wiring::{self, plant_description};
 use crate::config::Config;
 use crate::messages::{Command, Estimate, Journal, Sample, Status};
 use crate::node::monitor::MonitorNode;
-use crate::recording::{EstimatesCsv, RecordError, Recorder, RecorderStatus, RecordingLimits, RunInfo};
+use crate::recording::{
+    EstimatesCsv, RecordError, Recorder, RecorderStatus, RecordingLimits, RecordingReader, RunInfo, Span,
+};
 use crate::runner::MonitorSink;
 use std::fs::File;
 use std::io;
@@ -113,12 +115,29 @@ impl MonitorSink for Records {
 }
 
 /// Begins a recording of the configured plant.
-pub(super) fn recorder(path: &Path, config: &Config, node: &MonitorNode, simulated: bool) -> Result<Recorder, Failure> {
+///
+/// `resume` goes on with the recording of a monitor that died, in a file of its own that readers join to the first.
+pub(super) fn recorder(
+    path: &Path,
+    config: &Config,
+    node: &MonitorNode,
+    simulated: bool,
+    resume: bool,
+) -> Result<Recorder, Failure> {
     let limits = RecordingLimits {
         file_bytes: config.monitor.record_file_bytes,
         files: config.monitor.record_files,
     };
-    Recorder::create(path, run_info(config, node, simulated), limits).map_err(|e| match e {
+    let mut info = run_info(config, node, simulated);
+    let begun = if resume {
+        if let Ok(reader) = RecordingReader::open(path, Span::default()) {
+            info.recording_id.clone_from(&reader.info().recording_id);
+        }
+        Recorder::resume(path, info, limits)
+    } else {
+        Recorder::create(path, info, limits)
+    };
+    begun.map_err(|e| match e {
         RecordError::Io { ref source, .. } if source.kind() == io::ErrorKind::AlreadyExists => Failure::Usage(format!(
             "{} exists, and recordings are never written over; name another file or remove it",
             path.display()

@@ -5,8 +5,10 @@
 
 mod config;
 mod control;
+mod doctor;
 mod isolation;
 mod late;
+mod limits;
 mod lockstep;
 mod log;
 mod order;
@@ -15,4 +17,7 @@ mod realtime;
 mod recording;
 mod run;
 mod signals;
+mod soak;
+mod supervision;
 mod support;
+mod table;

@@ -1,0 +1,381 @@
+//! What is there in a domain, who lives in it, and how to remove what is dead and only that.
+//!
+//! Dead is what belongs to no living process: nodes whose lock the kernel has released, and files and shared memory that nobody holds
+//! open. Looking changes nothing and disturbs nobody.
+
+use super::domain::check_name;
+use super::membership::{
+    Lock, RoleFile, entries, exists, is_service_memory, lock_members, mapped_memory, others_live, remove_domain,
+};
+use super::memory::SHM;
+use super::{BusError, Domain};
+use iceoryx2::node::{Node, NodeState, NodeView};
+use iceoryx2::prelude::{CallbackProgression, LogLevel, Service, ipc, set_log_level_from_env_or};
+use iceoryx2::service::static_config::messaging_pattern::MessagingPattern;
+use std::collections::{BTreeMap, HashSet};
+use std::fs::DirEntry;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+use std::time::Duration;
+
+/// Younger things may still be in the making.
+const SETTLED: Duration = Duration::from_secs(10);
+
+/// A program in a domain.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NodeReport {
+    /// What it calls itself; empty where that cannot be read.
+    pub name: String,
+    /// Its process.
+    pub pid: Option<i32>,
+    /// Its file.
+    pub executable: String,
+    /// Whether it lives; `None` where that cannot be told.
+    pub alive: Option<bool>,
+}
+
+/// A service in a domain.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ServiceReport {
+    /// `thetabus/arm/sample`.
+    pub name: String,
+    /// `publish-subscribe`, `event`, `request-response`, `blackboard`.
+    pub pattern: &'static str,
+    /// Type and size of its messages, where it has messages of one type.
+    pub message: Option<(String, usize)>,
+    /// Programs that have opened it.
+    pub nodes: usize,
+}
+
+/// A role's lock.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LockReport {
+    /// The robot.
+    pub robot: String,
+    /// `plant`, `identifier`, `run`, ….
+    pub role: String,
+    /// Who holds it; `None` for a file that was left behind.
+    pub holder: Option<String>,
+}
+
+/// Objects in /dev/shm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct MemoryReport {
+    /// How many.
+    pub objects: usize,
+    /// Their size \[bytes\].
+    pub bytes: u64,
+    /// Of that, memory in use \[bytes\].
+    pub resident_bytes: u64,
+    /// Objects that no process has open, as far as this user can see.
+    pub unused: usize,
+}
+
+/// Everything that is known of a domain.
+#[derive(Debug, Clone)]
+pub struct DomainReport {
+    /// The domain.
+    pub domain: Domain,
+    /// Its programs.
+    pub nodes: Vec<NodeReport>,
+    /// Its services.
+    pub services: Vec<ServiceReport>,
+    /// Services whose files cannot be read: of another iceoryx2 version, or damaged.
+    pub unreadable_services: usize,
+    /// Its locks.
+    pub locks: Vec<LockReport>,
+    /// Its shared memory.
+    pub memory: MemoryReport,
+    /// Nobody lives in it.
+    pub abandoned: bool,
+}
+
+impl DomainReport {
+    /// True where [`clean`] would find something to remove.
+    pub fn has_dead(&self) -> bool {
+        self.abandoned || self.nodes.iter().any(|node| node.alive == Some(false)) || self.unreadable_services > 0
+    }
+}
+
+/// What [`clean`] has removed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Cleaned {
+    /// Dead programs whose resources were freed.
+    pub nodes: usize,
+    /// Files and shared-memory objects beside these.
+    pub files: usize,
+    /// The whole domain has gone.
+    pub domain: bool,
+}
+
+/// All domains of this user, those included of which only shared memory is left.
+pub fn domains() -> Vec<Domain> {
+    set_log_level_from_env_or(LogLevel::Error);
+    let mut found: BTreeMap<_, Domain> = BTreeMap::new();
+    for root in Domain::roots() {
+        found.insert((root.name().to_owned(), root.root().to_owned()), root);
+    }
+    let named: HashSet<String> = found.keys().map(|(name, _)| name.clone()).collect();
+    let uid = nix::unistd::geteuid().as_raw();
+    for entry in entries(Path::new(SHM)).filter(|entry| entry.metadata().is_ok_and(|found| found.uid() == uid)) {
+        let name = entry.file_name();
+        let Some(name) = name.to_str().and_then(domain_of_memory) else {
+            continue;
+        };
+        if !named.contains(name)
+            && let Ok(domain) = Domain::new(name)
+        {
+            found.insert((name.to_owned(), domain.root().to_owned()), domain);
+        }
+    }
+    found.into_values().collect()
+}
+
+/// `thetabus_left-arm_<40 hexadecimal digits>_…` is of `left-arm`.
+fn domain_of_memory(object: &str) -> Option<&str> {
+    let rest = object.strip_prefix("thetabus_")?;
+    let name = rest.match_indices('_').map(|(at, _)| &rest[..at]).find(|name| {
+        let hash = rest[name.len() + 1..].split('_').next().unwrap_or("");
+        hash.len() == 40 && hash.bytes().all(|b| b.is_ascii_hexdigit())
+    })?;
+    check_name("domain", name).is_ok().then_some(name)
+}
+
+/// Looks at a domain.
+///
+/// # Errors
+/// The domain's directory belongs to somebody else or cannot be named to iceoryx2.
+pub fn inspect(domain: &Domain) -> Result<DomainReport, BusError> {
+    set_log_level_from_env_or(LogLevel::Error);
+    let config = domain.config()?;
+    let mut nodes = Vec::new();
+    // A domain without a directory has no nodes.
+    let _ = Node::<ipc::Service>::list(&config, |state| {
+        nodes.push(node(&state));
+        CallbackProgression::Continue
+    });
+    nodes.sort_by(|a, b| (&a.name, a.pid).cmp(&(&b.name, b.pid)));
+    let mut services = Vec::new();
+    let _ = ipc::Service::list(&config, |details| {
+        let fixed = &details.static_details;
+        let (pattern, message) = match fixed.messaging_pattern() {
+            MessagingPattern::PublishSubscribe(config) => {
+                let payload = &config.message_type_details().payload;
+                (
+                    "publish-subscribe",
+                    Some((payload.type_name().to_string(), payload.size())),
+                )
+            }
+            MessagingPattern::Event(_) => ("event", None),
+            MessagingPattern::RequestResponse(_) => ("request-response", None),
+            MessagingPattern::Blackboard(_) => ("blackboard", None),
+            _ => ("of another kind", None),
+        };
+        services.push(ServiceReport {
+            name: fixed.name().to_string(),
+            pattern,
+            message,
+            nodes: details.dynamic_details.map_or(0, |details| details.nodes.len()),
+        });
+        CallbackProgression::Continue
+    });
+    services.sort_by(|a, b| (&a.name, a.pattern).cmp(&(&b.name, b.pattern)));
+    let files = entries(&domain.root().join("services")).count();
+    let unreadable_services = files.saturating_sub(services.len());
+    let locks = locks(domain);
+    let lives = nodes.iter().any(|node| node.alive != Some(false));
+    let abandoned = !lives && locks.iter().all(|lock| lock.holder.is_none()) && !is_member_held(domain);
+    Ok(DomainReport {
+        nodes,
+        services,
+        unreadable_services,
+        locks,
+        memory: memory(domain),
+        abandoned,
+        domain: domain.clone(),
+    })
+}
+
+/// Removes what is dead in a domain, all of it where nobody lives there.
+///
+/// # Errors
+/// The domain's directory belongs to somebody else or cannot be used.
+pub fn clean(domain: &Domain) -> Result<Cleaned, BusError> {
+    set_log_level_from_env_or(LogLevel::Error);
+    let config = domain.config()?;
+    if domain.root().exists() {
+        domain.create_root()?;
+    }
+    // While it is held nobody joins; who waits for it finds the file gone and makes another.
+    if domain.root().exists() {
+        let lock = lock_members(domain)?;
+        let held = locks(domain).iter().any(|lock| lock.holder.is_some());
+        if matches!(lock, Lock::Alone(_)) && !held && !others_live(&config, None) {
+            return Ok(Cleaned {
+                files: remove_domain(domain),
+                domain: true,
+                ..Cleaned::default()
+            });
+        }
+        drop(lock);
+    } else {
+        return Ok(Cleaned {
+            files: remove_domain(domain),
+            domain: true,
+            ..Cleaned::default()
+        });
+    }
+    let mut cleaned = Cleaned::default();
+    let (mut dead, mut living) = (Vec::new(), Vec::new());
+    let _ = Node::<ipc::Service>::list(&config, |state| {
+        match state {
+            NodeState::Dead(view) => dead.push(view),
+            NodeState::Alive(view) => living.push(view.id().pid::<ipc::Service>().ok().map(|pid| pid.value())),
+            // Of an unknown kind: dead where its process is.
+            NodeState::Inaccessible(id) | NodeState::Undefined(id) => {
+                match id.pid::<ipc::Service>().ok().map(|pid| pid.value()) {
+                    Some(pid) if !exists(pid) => cleaned.files += remove_node(domain, &id.value().to_string()),
+                    pid => living.push(pid),
+                }
+            }
+        }
+        CallbackProgression::Continue
+    });
+    for view in dead {
+        let id = view.id().value().to_string();
+        if view.try_remove_stale_resources().is_ok() {
+            cleaned.nodes += 1;
+        }
+        // Of another version, or damaged, iceoryx2 leaves it.
+        cleaned.files += remove_node(domain, &id);
+    }
+    // Only who can see what each living process has open can tell what nobody has.
+    let Some(mapped) = living
+        .iter()
+        .copied()
+        .collect::<Option<Vec<i32>>>()
+        .and_then(|pids| mapped_memory(domain, &pids))
+    else {
+        return Ok(cleaned);
+    };
+    for entry in entries(Path::new(SHM)).filter(|entry| is_ours(entry) && is_settled(entry)) {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if is_service_memory(&name, domain.prefix()) && !mapped.contains(&format!("{SHM}/{name}")) {
+            cleaned.files += usize::from(std::fs::remove_file(entry.path()).is_ok());
+        }
+    }
+    let readable: HashSet<String> = service_files(&config, domain);
+    for entry in entries(&domain.root().join("services")).filter(is_settled) {
+        if !readable.contains(&*entry.file_name().to_string_lossy()) {
+            cleaned.files += usize::from(std::fs::remove_file(entry.path()).is_ok());
+        }
+    }
+    Ok(cleaned)
+}
+
+/// Names of the service files that iceoryx2 can read.
+fn service_files(config: &iceoryx2::prelude::Config, domain: &Domain) -> HashSet<String> {
+    let mut names = HashSet::new();
+    let _ = ipc::Service::list(config, |details| {
+        let hash = details.static_details.service_hash().as_str();
+        names.insert(format!("{}{hash}.service", domain.prefix()));
+        CallbackProgression::Continue
+    });
+    names
+}
+
+/// Files of a node that iceoryx2 does not remove; returns how many there were.
+fn remove_node(domain: &Domain, id: &str) -> usize {
+    let nodes = domain.root().join("nodes");
+    let mut count = 0;
+    let mut remove = |path: &Path| count += usize::from(std::fs::remove_file(path).is_ok());
+    let directory = nodes.join(id);
+    entries(&directory).for_each(|entry| remove(&entry.path()));
+    let _ = std::fs::remove_dir(&directory);
+    let monitor = format!("{}{id}.node_monitor", domain.prefix());
+    entries(&nodes)
+        .filter(|entry| entry.file_name().to_string_lossy().starts_with(&monitor))
+        .for_each(|entry| remove(&entry.path()));
+    count
+}
+
+fn node(state: &NodeState<ipc::Service>) -> NodeReport {
+    let (details, alive) = match state {
+        NodeState::Alive(view) => (view.details().as_ref(), Some(true)),
+        NodeState::Dead(view) => (view.details().as_ref(), Some(false)),
+        NodeState::Inaccessible(_) | NodeState::Undefined(_) => (None, None),
+    };
+    let pid = state.node_id().pid::<ipc::Service>().ok().map(|pid| pid.value());
+    NodeReport {
+        name: details.map_or_else(String::new, |details| details.name().to_string()),
+        executable: details.map_or_else(String::new, |details| details.executable().to_string()),
+        // A node in an unknown state is dead where its process is.
+        alive: alive.or_else(|| pid.filter(|pid| !exists(*pid)).map(|_| false)),
+        pid,
+    }
+}
+
+fn locks(domain: &Domain) -> Vec<LockReport> {
+    let mut locks: Vec<LockReport> = entries(domain.root())
+        .filter_map(|entry| {
+            let name = entry.file_name().into_string().ok()?;
+            let (robot, role) = name.strip_suffix(".lock")?.rsplit_once('.')?;
+            Some(LockReport {
+                robot: robot.to_owned(),
+                role: role.to_owned(),
+                holder: RoleFile(&entry.path()).holder(),
+            })
+        })
+        .collect();
+    locks.sort_by(|a, b| (&a.robot, &a.role).cmp(&(&b.robot, &b.role)));
+    locks
+}
+
+/// A program of ours has joined, or is just about to.
+fn is_member_held(domain: &Domain) -> bool {
+    RoleFile(&domain.root().join(super::membership::MEMBERS)).is_held()
+}
+
+fn memory(domain: &Domain) -> MemoryReport {
+    let mapped = mapped_memory(domain, &[]).unwrap_or_default();
+    let mut report = MemoryReport::default();
+    for entry in entries(Path::new(SHM)).filter(is_ours) {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if !is_service_memory(&name, domain.prefix()) {
+            continue;
+        }
+        let Ok(found) = entry.metadata() else { continue };
+        report.objects += 1;
+        report.bytes += found.len();
+        report.resident_bytes += found.blocks() * 512;
+        report.unused += usize::from(!mapped.contains(&format!("{SHM}/{name}")));
+    }
+    report
+}
+
+fn is_ours(entry: &DirEntry) -> bool {
+    let uid = nix::unistd::geteuid().as_raw();
+    entry.metadata().is_ok_and(|found| found.uid() == uid)
+}
+
+fn is_settled(entry: &DirEntry) -> bool {
+    let modified = entry.metadata().and_then(|found| found.modified());
+    modified.is_ok_and(|time| time.elapsed().is_ok_and(|age| age > SETTLED))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_a_shared_memory_object_tells_its_domain_whatever_is_in_the_name() {
+        let hash = "0354a209029e7d094a819e2d4030ea331e6caaf0";
+        for name in ["a", "a_b", "left-arm", "t1_2-3"] {
+            assert_eq!(domain_of_memory(&format!("thetabus_{name}_{hash}_12.data")), Some(name));
+        }
+        for object in ["thetabus_a_12.data", "other_a", "thetabus_", "thetabus_A_"] {
+            assert_eq!(domain_of_memory(object), None, "{object}");
+        }
+        assert_eq!(domain_of_memory(&format!("thetabus__{hash}_1.data")), None);
+    }
+}

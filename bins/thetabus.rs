@@ -12,8 +12,8 @@ use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use thetabus::service::{
-    self, CommonArgs, CompareArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, MonitorArgs,
-    PlantArgs, ReplayArgs, ReportArgs, RunArgs, VERSION,
+    self, CommonArgs, CompareArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs,
+    MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, VERSION,
 };
 
 /// On-line identification of a running machine's physical parameters

@@ -3,7 +3,7 @@
 use crate::support::{Observer, QUICK, Site, column, eventually};
 use nix::sys::signal::{Signal, kill};
 use std::time::Duration;
-use thetabus::messages::Estimate;
+use thetabus::messages::{Estimate, estimate_flags};
 use thetabus::model::MANIPULATOR_PARAMS;
 use thetabus::sim::SimOptions;
 
@@ -159,6 +159,44 @@ fn fault_a_process_that_keeps_dying_ends_the_run_at_the_limit() {
         ),
     ]);
     assert_eq!(site.processes(), Vec::<u32>::new());
+}
+
+#[test]
+fn fault_an_identifier_started_again_goes_on_warm_where_checkpoints_are_written() {
+    let site = Site::new();
+    let mut observer = site.observer();
+    let checkpoints = site.dir.path().join("checkpoints");
+    std::fs::create_dir(&checkpoints).expect("create");
+    let dir = format!("checkpoint.dir={}", checkpoints.display());
+    let keep = ["--set", &dir, "--set", "checkpoint.period_s=0.2"];
+    let args = [
+        &["--speed", "2", "--duration", "900"],
+        &QUICK[..],
+        &SUPERVISED,
+        &CONSTANT,
+        &keep,
+    ]
+    .concat();
+    let truth = SimOptions::cedro2022().true_theta(0.0);
+    let mut run = site.start_run(&args);
+    let before = observer.estimate("a tenth block that may be used", |estimate| {
+        check(estimate, &truth);
+        estimate.block >= 10 && estimate.use_ok != 0
+    });
+    eventually("a checkpoint", || {
+        let files = std::fs::read_dir(&checkpoints).expect("there").count();
+        (files > 0).then_some(())
+    });
+    assert_eq!(before.flags & estimate_flags::WARM, 0);
+    kill(site.child(&run, "identifier"), Signal::SIGKILL).expect("it lives");
+    let after = observer.estimate("the successor's first estimate", |estimate| {
+        check(estimate, &truth);
+        estimate.block > before.block && estimate.flags & estimate_flags::WARM != 0
+    });
+    // It knows at once what the first one knew.
+    assert_eq!(after.use_ok, 1, "block {} state {}", after.block, after.state);
+    run.signal(Signal::SIGTERM);
+    run.expect_code(3);
 }
 
 #[test]

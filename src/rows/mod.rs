@@ -1,5 +1,6 @@
 //! From samples to the rows that an estimator sees.
 
+mod advice;
 mod kernel;
 mod noise;
 mod pointwise;
@@ -9,6 +10,7 @@ mod smoothed;
 mod smoothing;
 mod whitening;
 
+pub use advice::{WindowAdvice, window_advice};
 pub use kernel::InputTiming;
 pub use pointwise::{InputSource, PointwiseBlock, structure};
 pub use projected::{ProjectedBlock, ProjectedError, ProjectedOptions, SensorNoise};

@@ -1,5 +1,6 @@
 //! `thetabus identify`: the very same node off line, from a recording or a log.
 
+use super::advice::Advisor;
 use super::commands::Commands;
 use super::monitor::{ESTIMATES_CSV, create, unwritable, write_summary};
 use super::script::Script;
@@ -51,9 +52,11 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     info.config_hash = config.config_hash();
     let mut run = RunData::new(info, monitor);
     let mut failure = None;
+    let mut advisor = Advisor::new(&config);
     while let Some(entry) = reader.next_entry().map_err(report::unreadable)? {
         let Entry::Sample { sample, .. } = entry else { continue };
         run.sample(sample, 0);
+        advisor.take(sample);
         script.before(sample, &mut *node);
         node.on_sample(sample, &mut |estimate| {
             run.estimate(estimate, 0);
@@ -75,6 +78,9 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let mut summary = run.summary();
     summary.wall_s = Some((start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
     logging::table(&summary, args.format)?;
+    if let Some(line) = advisor.line() {
+        logging::note(args.format, &line);
+    }
     if let Some(dir) = &args.out {
         write_summary(dir, &summary)?;
         report::write(dir, &run, &summary)?;

@@ -1,5 +1,6 @@
 //! `thetabus identify LOG.csv`: the very same node off line, on the user's own data or on what `thetabus export` wrote.
 
+use super::advice::Advisor;
 use super::monitor::{ESTIMATES_CSV, create, unwritable, write_summary};
 use super::record::run_info;
 use super::wiring::{identifier_node, monitor_node};
@@ -73,11 +74,13 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
     };
     let mut run = RunData::new(info, monitor);
     let mut failure = None;
+    let mut advisor = Advisor::new(&config);
     while let Some(sample) = next_sample()? {
         if !(span.from_ns..=span.to_ns).contains(&sample.t_ns) {
             continue;
         }
         run.sample(&sample, 0);
+        advisor.take(&sample);
         node.on_sample(&sample, &mut |estimate| {
             tracing::info!("{}", run.monitor.line(estimate));
             run.estimate(estimate, 0);
@@ -98,6 +101,9 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
     let mut summary = run.summary();
     summary.wall_s = Some((start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
     logging::table(&summary, args.format)?;
+    if let Some(line) = advisor.line() {
+        logging::note(args.format, &line);
+    }
     let refused_rows = match &rows {
         Rows::Log(log) => {
             let counts = log.counts();

@@ -2,6 +2,7 @@
 //!
 //! The files in `bins/` call these and nothing else, and `thetabus` offers the same three roles to `thetabus run`.
 
+mod advice;
 mod args;
 mod check;
 mod child;

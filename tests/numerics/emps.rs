@@ -1,13 +1,9 @@
 //! A real machine: the Electro-Mechanical Positioning System, 24.8 s of a carriage on a ball screw at 1 kHz.
 
 use std::path::PathBuf;
-use thetabus::estimator::{BlockEstimator, EstimatorOptions, Report};
-use thetabus::model::{DriveInput, JointSample, Motion, Plant, ServoAxis};
-use thetabus::rows::{InputTiming, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, structure};
-
-/// Force per volt \[N/V\], and what the rig's owners published for M, F_v, F_c and the offset.
-const GAIN: f64 = 35.150_651_88;
-const PUBLISHED: [f64; 4] = [95.1089, 203.5034, 20.3935, -3.1648];
+use thetabus::compare::emps::{self, PUBLISHED, rows};
+use thetabus::estimator::Report;
+use thetabus::rows::{InputTiming, ProjectedOptions};
 
 /// The recording, or why there is none. It stands beside the project, since it came without a licence.
 fn recording() -> Result<Vec<(f64, f64)>, String> {
@@ -23,42 +19,10 @@ fn recording() -> Result<Vec<(f64, f64)>, String> {
     Ok(rows.collect())
 }
 
-fn rows(window_s: f64, timing: InputTiming) -> ProjectedOptions {
-    let mut noise = SensorNoise::NONE;
-    noise.position_resolution[0] = 50e-9;
-    noise.input_noise[0] = 0.05;
-    ProjectedOptions {
-        window_s,
-        stride_s: window_s / 5.0,
-        timing,
-        noise,
-        ..ProjectedOptions::recommended()
-    }
-}
-
-/// One on-line pass; the last report and how many blocks informed on every parameter.
 fn pass(record: &[(f64, f64)], rows: ProjectedOptions, lambda: f64) -> (Report, usize) {
-    let axis = ServoAxis::new(Motion::Linear, DriveInput::Voltage, GAIN).unwrap();
-    let mut options = EstimatorOptions::recommended(axis.parameters().iter().map(|p| p.start).collect(), 1);
-    options.lower = axis.parameters().iter().map(|p| p.lower).collect();
-    options.forgetting_factor = lambda;
-    options.change_detection = None;
-    let mut block = ProjectedBlock::new(axis.clone(), rows, 1900).unwrap();
-    let mut estimator = BlockEstimator::new(structure(&axis), options).unwrap();
-    let mut excited = 0;
-    for (k, &(q, voltage)) in record.iter().enumerate() {
-        let mut sample = JointSample::default();
-        (sample.q[0], sample.input[0]) = (q, voltage);
-        assert!(block.push(k as u64 * 1_000_000, &sample));
-        if k % 1900 == 1899 {
-            block.prepare(estimator.theta());
-            let report = estimator.update(&block);
-            excited += usize::from(report.excited == 0b1111);
-            assert!(report.theta.iter().chain(&report.theta_std).all(|v| v.is_finite()));
-            block.clear();
-        }
-    }
-    (estimator.report().clone(), excited)
+    let (report, excited) = emps::pass(record, rows, lambda).unwrap();
+    assert!(report.theta.iter().chain(&report.theta_std).all(|v| v.is_finite()));
+    (report, excited)
 }
 
 /// The recording, or `None` with a message; a gate that requires it fails instead.
@@ -74,7 +38,7 @@ fn recording_or_skip() -> Option<Vec<(f64, f64)>> {
 }
 
 fn errors_percent(report: &Report) -> [f64; 4] {
-    std::array::from_fn(|i| 100.0 * (report.theta[i] / PUBLISHED[i] - 1.0))
+    emps::errors(report).map(|error| 100.0 * error)
 }
 
 #[test]

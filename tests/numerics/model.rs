@@ -4,8 +4,9 @@ use crate::support::{TestRng, golden_samples, random_sample};
 use num_dual::{Dual2, Dual64, DualNum};
 use thetabus::estimator::Residuals;
 use thetabus::model::{
-    AutoDiff, DerivedValues, JointSample, KnownConstants, MANIPULATOR_PARAMS, MAX_JOINTS, Manipulator,
-    ManipulatorDerived, PdController, PhysicalParameters, Plant, PointwiseModel, RawManipulator, RecoveryError,
+    AutoDiff, Delayed, DerivedValues, DriveInput, JointSample, KnownConstants, MANIPULATOR_PARAMS, MAX_JOINTS,
+    Manipulator, ManipulatorDerived, Motion, PdController, PhysicalParameters, Plant, PointwiseModel, RawManipulator,
+    RecoveryError, ServoAxis,
 };
 use thetabus::rows::{InputSource, PointwiseBlock, SampleBlock, structure};
 
@@ -440,4 +441,50 @@ fn val_dual_numbers_of_this_version_carry_derivatives_and_not_taylor_coefficient
     // The order-2 part is the second derivative itself; the rows rely on it.
     let t = Dual2::new(Dual64::from(0.0), Dual64::from(1.0), Dual64::from(0.0));
     assert_eq!((t * t).v2.re, 2.0);
+}
+
+#[test]
+fn val_the_servo_axis_equals_its_hand_derivation_and_finite_differences() {
+    let gain = 35.15;
+    let axis = ServoAxis::new(Motion::Linear, DriveInput::Voltage, gain).unwrap();
+    let mut rng = TestRng(11);
+    for sample in states() {
+        let theta = [
+            rng.between(0.1, 200.0),
+            rng.between(0.0, 300.0),
+            rng.between(0.0, 50.0),
+            rng.between(-5.0, 5.0),
+        ];
+        let mut regressor = [0.0; 4];
+        let f = AutoDiff(axis.clone()).row(0, &sample, &theta, &mut regressor);
+        // M q̈ + F_v q̇ + F_c sign q̇ + offset = gain u, and its derivatives in the parameters; sign 0 is that of the number, +1
+        let (dq, ddq) = (sample.dq[0], sample.ddq[0]);
+        let by_hand = [ddq, dq, dq.signum(), 1.0];
+        let terms: Vec<f64> = theta.iter().zip(by_hand).map(|(t, r)| t * r).collect();
+        let scale: f64 = terms.iter().map(|t| t.abs()).sum::<f64>() + (gain * sample.input[0]).abs();
+        let expected = gain * sample.input[0] - terms.iter().sum::<f64>();
+        // five products of numbers of that size
+        assert!((f - expected).abs() <= 1e-14 * scale, "{f} {expected}");
+        assert_eq!(regressor, by_hand);
+        assert_regressors_match_differences(&AutoDiff(axis.clone()), &axis, &theta, &sample);
+    }
+}
+
+#[test]
+fn val_the_arm_with_a_delay_to_be_found_has_the_regressors_of_the_arm() {
+    let arm = Manipulator::default();
+    let delayed = Delayed::new(arm, 0.0, 5e-3);
+    let mut rng = TestRng(12);
+    for sample in states() {
+        let mut theta = random_theta(&mut rng);
+        let mut alone = [0.0; 5];
+        let f = AutoDiff(arm).row(0, &sample, &theta, &mut alone);
+        theta.push(1e-3);
+        let count = delayed.equations()[0].parameters.len();
+        let mut with = vec![0.0; count];
+        let f_delayed = AutoDiff(delayed.clone()).row(0, &sample, &theta, &mut with);
+        // pointwise, the delay has no part: its terms are the plant's own
+        assert_eq!((f_delayed, &with[..5]), (f, &alone[..]));
+        assert!(with[5..].iter().all(|&v| v == 0.0));
+    }
 }

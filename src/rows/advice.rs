@@ -1,0 +1,108 @@
+//! How long windows should be, from the motion itself.
+//!
+//! ```text
+//! a_k = (q_{k+1} − 2 q_k + q_{k−1})/h²        A(f) its power at frequency f, less what the positions' noise gives, (2 − 2 cos 2πfh)² σ²/h⁴
+//! bandwidth f_b: 99 % of ∫ A df lie below     T = 1.3/f_b
+//! ```
+//!
+//! The bump of length T passes what is slower than 1.3/T and averages the rest. Much longer windows lose the fastest motion, which is what tells a small inertia or an
+//! inductance; much shorter ones average less noise than they could. Within a factor of two either way the estimates hardly change, see docs/encoder-results.md.
+
+use super::noise::SignalNoise;
+use std::f64::consts::TAU;
+
+/// Share of the acceleration's power that counts as motion.
+const SHARE: f64 = 0.99;
+/// Power that may be noise, as a multiple of its expected value.
+const DOUBT: f64 = 4.0;
+/// Frequencies per factor of e.
+const PER_E: f64 = 20.0;
+
+/// A window's length with its reason.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WindowAdvice {
+    /// 99 % of the acceleration's power lie below this frequency \[Hz\].
+    pub bandwidth_hz: f64,
+    /// T \[s\], a whole even number of sample periods.
+    pub window_s: f64,
+}
+
+/// Advice from the positions of one joint \[rad or m\], `sample_period_s` \[s\] apart, without holes; `None` where there are fewer than 500 or nothing moves.
+pub fn window_advice(q: &[f64], sample_period_s: f64) -> Option<WindowAdvice> {
+    let h = sample_period_s;
+    if q.len() < 500 || !(h > 0.0) {
+        return None;
+    }
+    let mut noise = SignalNoise::default();
+    noise.learn(q, &mut Vec::with_capacity(q.len()));
+    let variance = noise.deviation().powi(2) + noise.resolution().powi(2) / 12.0;
+    // Hann's taper keeps slow motion out of the fast bins
+    let n = q.len() - 2;
+    let taper = |k: usize| 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / n as f64).cos();
+    let a: Vec<f64> = (0..n)
+        .map(|k| taper(k) * (q[k + 2] - 2.0 * q[k + 1] + q[k]) / (h * h))
+        .collect();
+    let gain: f64 = (0..n).map(|k| taper(k).powi(2)).sum();
+    let lowest = 2.0 / (n as f64 * h);
+    let count = (PER_E * (0.4 / (h * lowest)).ln()).max(1.0) as usize;
+    let mut parts = Vec::with_capacity(count);
+    for i in 0..count {
+        let frequency = lowest * (i as f64 / PER_E).exp();
+        let angle = TAU * frequency * h;
+        // Goertzel's recursion
+        let (coefficient, mut s1, mut s2) = (2.0 * angle.cos(), 0.0, 0.0);
+        for &x in &a {
+            (s1, s2) = (x + coefficient * s1 - s2, s1);
+        }
+        let power = (s1 * s1 + s2 * s2 - coefficient * s1 * s2) / gain;
+        let expected = (2.0 - 2.0 * angle.cos()).powi(2) * variance / h.powi(4);
+        let motion = if power > DOUBT * expected {
+            power - expected
+        } else {
+            0.0
+        };
+        // equal steps of the logarithm: df is proportional to f
+        parts.push((frequency, motion * frequency));
+    }
+    let total: f64 = parts.iter().map(|part| part.1).sum();
+    let mut sum = 0.0;
+    let bandwidth_hz = parts.iter().find_map(|&(frequency, part)| {
+        sum += part;
+        (total > 0.0 && sum >= SHARE * total).then_some(frequency)
+    })?;
+    let half = (0.65 / (bandwidth_hz * h)).round().clamp(4.0, 1000.0);
+    Some(WindowAdvice {
+        bandwidth_hz,
+        window_s: 2.0 * half * h,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_the_advice_follows_the_fastest_motion_and_ignores_rounding() {
+        for (frequency, count) in [(13.0, 1e-4), (13.0, 1e-6), (2.0, 1e-5)] {
+            let q: Vec<f64> = (0..8000)
+                .map(|k| {
+                    let t = k as f64 * 1e-3;
+                    let x = 0.5 * (3.0 * t).sin() + 0.01 * (TAU * frequency * t).sin();
+                    (x / count).round() * count
+                })
+                .collect();
+            let advice = window_advice(&q, 1e-3).unwrap();
+            // a twentieth of e to a step, and the width of the taper's main lobe
+            assert!(
+                (advice.bandwidth_hz / frequency - 1.0).abs() < 0.2,
+                "{frequency} {count}: {advice:?}"
+            );
+            assert!(
+                (advice.window_s * advice.bandwidth_hz / 1.3 - 1.0).abs() < 0.05,
+                "{advice:?}"
+            );
+        }
+        assert_eq!(window_advice(&[1.0; 1000], 1e-3), None);
+        assert_eq!(window_advice(&[0.0, 1.0], 1e-3), None);
+    }
+}

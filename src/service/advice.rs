@@ -1,0 +1,53 @@
+//! What the motion of an off-line run says about the configured windows.
+
+use crate::config::{Config, Rows};
+use crate::messages::Sample;
+use crate::rows::window_advice;
+
+/// Samples that the advice is taken from.
+const ENOUGH: usize = 20_000;
+
+/// Keeps the positions of the first samples.
+pub(super) struct Advisor {
+    period_s: f64,
+    window_s: Option<f64>,
+    positions: Vec<Vec<f64>>,
+}
+
+impl Advisor {
+    pub(super) fn new(config: &Config) -> Self {
+        let window_s = match &config.identifier.rows {
+            Rows::Projected(rows) => Some(rows.window_s),
+            Rows::Pointwise => None,
+        };
+        Self {
+            period_s: config.plant.sim.sample_period_s,
+            window_s,
+            positions: Vec::new(),
+        }
+    }
+
+    pub(super) fn take(&mut self, sample: &Sample) {
+        if self.window_s.is_none() {
+            return;
+        }
+        self.positions.resize(sample.joints as usize, Vec::new());
+        for (kept, &q) in self.positions.iter_mut().zip(&sample.q) {
+            if kept.len() < ENOUGH && q.is_finite() {
+                kept.push(q);
+            }
+        }
+    }
+
+    /// One line, where windows are used and something moved.
+    pub(super) fn line(&self) -> Option<String> {
+        let window_s = self.window_s?;
+        let advices = self.positions.iter().filter_map(|q| window_advice(q, self.period_s));
+        let fastest = advices.max_by(|a, b| a.bandwidth_hz.total_cmp(&b.bandwidth_hz))?;
+        let (advised_ms, window_ms) = (1e3 * fastest.window_s, 1e3 * window_s);
+        Some(format!(
+            "the motion reaches {:.3} Hz, which windows of {advised_ms:.4} ms resolve; identifier.projected.window_s is {window_ms:.4} ms",
+            fastest.bandwidth_hz
+        ))
+    }
+}

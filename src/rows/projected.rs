@@ -22,7 +22,8 @@
 //! while it creeps; its errors then add up over many windows, which no weight of a single one can tell. c follows from automatic differentiation at θ̂
 //! before the block. The rows are whitened by R (`whitening.rs`), so that their residuals have variance 1 and the deviations of θ̂ follow without a factor.
 //!
-//! Before the first estimate θ is not known well enough for R: the first block is fitted once with R from the start values, then R is made anew.
+//! Before the first estimate θ is not known well enough for R: the first blocks are fitted once with the R known so far, then R is made anew, until every
+//! parameter is known to a half. What is not yet keeps its start value in R: a joint that has not moved may have any inertia, but not any noise.
 
 use super::kernel::{InputTiming, Kernels, dot};
 use super::noise::SignalNoise;
@@ -39,6 +40,9 @@ use std::cell::RefCell;
 const CREEP: f64 = 0.2;
 /// Most that the variance of the rounding is raised by.
 const CREEP_LIMIT: f64 = 30.0;
+/// Blocks that are fitted for their weights at most, and the relative deviation from which on a parameter serves for them.
+const FIRST_BLOCKS: u32 = 10;
+const KNOWN: f64 = 0.5;
 /// Share of the input's size that counts as noise of signals that are exact.
 const EXACT: f64 = 1e-7;
 
@@ -287,9 +291,11 @@ struct Core<P> {
 #[derive(Debug, Clone)]
 pub struct ProjectedBlock<P: Plant> {
     core: Core<P>,
-    /// Fits the first block of a stream for its weights.
+    /// Fits the first blocks of a stream for their weights, and how many may still be.
     first_fit: BlockEstimator,
-    first: bool,
+    first: u32,
+    /// What is known of θ by then: the start value where that is nothing.
+    settled: Vec<f64>,
 }
 
 impl<P: Plant + Clone> ProjectedBlock<P> {
@@ -318,8 +324,9 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
         let first_fit = BlockEstimator::new(structure, start).map_err(|_| ProjectedError::Plant)?;
         Ok(Self {
             core: Core::new(plant, options, order, block_len)?,
+            settled: first_fit.theta().to_vec(),
             first_fit,
-            first: true,
+            first: FIRST_BLOCKS,
         })
     }
 
@@ -335,6 +342,7 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
         };
         self.first_fit =
             BlockEstimator::new(structure(&self.core.plant), options).map_err(|_| ProjectedError::Plant)?;
+        self.settled.copy_from_slice(theta);
         Ok(self)
     }
 
@@ -351,6 +359,21 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
     /// The options in force.
     pub fn options(&self) -> &ProjectedOptions {
         &self.core.options
+    }
+}
+
+impl<P: Plant> ProjectedBlock<P> {
+    /// Takes over what the fit of the first blocks knows to a half; true where that is everything. A parameter that the motion so far says nothing about
+    /// may have gone anywhere, to zero for one, and would take its share of the noise along.
+    fn settle(&mut self) -> bool {
+        let (report, start) = (self.first_fit.report(), &self.first_fit.options().theta_start);
+        let mut all = true;
+        for (i, settled) in self.settled.iter_mut().enumerate() {
+            let known = report.theta_std[i] < KNOWN * report.theta[i].abs();
+            *settled = if known { report.theta[i] } else { start[i] };
+            all &= known;
+        }
+        all
     }
 }
 
@@ -950,11 +973,14 @@ impl<P: Plant> SampleBlock for ProjectedBlock<P> {
     fn prepare(&mut self, theta: &[f64]) {
         self.core.sense();
         self.core.project();
-        self.core.weigh(theta);
-        if self.first && !self.core.windows.is_empty() {
-            self.first = false;
+        self.core.weigh(if self.first > 0 { &self.settled } else { theta });
+        if self.first > 0 && !self.core.windows.is_empty() {
+            self.first -= 1;
             self.first_fit.update(&self.core);
-            self.core.weigh(self.first_fit.theta());
+            if self.settle() {
+                self.first = 0;
+            }
+            self.core.weigh(&self.settled);
         }
     }
 

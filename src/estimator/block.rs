@@ -462,7 +462,7 @@ impl BlockEstimator {
         let single = self.options.max_iterations == 1;
         let at = if single { &self.before } else { &self.theta };
         let (mut joined, mut smallest) = (0u64, 1.0f64);
-        let mut alarm = false;
+        let (mut alarm, mut known) = (false, false);
         for (k, group) in self.groups.iter_mut().enumerate() {
             if lines >> k & 1 == 1 {
                 continue;
@@ -470,13 +470,19 @@ impl BlockEstimator {
             let probability = group.change_probability(at);
             smallest = smallest.min(probability);
             let another = group.is_another_plant(&self.options);
-            alarm |= probability < level || another;
+            let raised = probability < level || another;
+            alarm |= raised;
+            known |= raised && !group.is_open(&self.before);
             if probability < Self::JOINS || another {
                 joined |= 1 << k;
             }
         }
         self.report.change_probability = smallest;
         if !alarm {
+            return 0;
+        }
+        if !known {
+            self.doubt(rows, joined, lines);
             return 0;
         }
         let whole = 0..rows.len();
@@ -514,6 +520,22 @@ impl BlockEstimator {
         }
         self.refit(rows, joined & !started, lines | started, change, detection.margin);
         started
+    }
+
+    /// Believes what was known less where it had left something wide open: there it was linearised far from the truth, and to find that out is no change of the
+    /// plant. The same as after a change between two blocks, but for the announcement.
+    fn doubt<R: Residuals>(&mut self, rows: &R, joined: u64, lines: u64) {
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            if joined >> k & 1 == 1 {
+                group.fit_alone(rows, 0..rows.len(), &mut self.theta, &self.options);
+            }
+        }
+        let between = Change {
+            kind: ChangeKind::Between,
+            row: 0,
+            time: rows.span(0).0,
+        };
+        self.refit(rows, joined, lines, between, 0);
     }
 
     /// Goes on with the lines of a drift while they explain the block and any of them moves; returns the groups that do, all or none,

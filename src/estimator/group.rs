@@ -501,6 +501,12 @@ impl GroupState {
         if size > 0.0 { size } else { 1.0 }
     }
 
+    /// True where a free parameter is known to no better than half its size, which `theta` is close to.
+    pub fn is_open(&self, theta: &[f64]) -> bool {
+        let wide = |i: usize| self.covariance[i * self.n + i] > (0.5 * self.size(theta, i)).powi(2);
+        (0..self.n).any(|i| !self.fixed[i] && wide(i))
+    }
+
     /// Directions that the sums in `at` inform on.
     pub fn excite(&mut self, theta: &[f64]) {
         let n = self.n;

@@ -6,7 +6,9 @@ use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
 use thetabus::estimator::{BlockEstimator, EstimatorOptions};
 use thetabus::model::{JointSample, Manipulator};
-use thetabus::rows::{InputSource, PointwiseBlock, SampleBlock, structure};
+use thetabus::rows::{
+    InputSource, InputTiming, PointwiseBlock, ProjectedBlock, ProjectedOptions, SampleBlock, structure,
+};
 use thetabus::sim::{ArmSimulator, Interpolation, MassSchedule, SensorOptions, SimOptions};
 
 const BLOCK: usize = 1900;
@@ -141,5 +143,73 @@ fn identifier(c: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, identifier);
+/// Projected rows with automatic differentiation: taking samples in, making the rows of a block with their weights, and the update.
+fn projected(c: &mut Criterion) {
+    let sim = SimOptions {
+        sensors: SensorOptions::encoder(16, 0.05),
+        ..SimOptions::cedro2022()
+    };
+    let samples: Vec<JointSample> = ArmSimulator::new(&sim)
+        .expect("valid options")
+        .take(4 * BLOCK)
+        .collect();
+    let options = EstimatorOptions {
+        noise_floor: vec![1.0; 2],
+        ..options()
+    };
+    let rows = ProjectedOptions {
+        timing: InputTiming::Continuous,
+        ..ProjectedOptions::recommended()
+    };
+    let mut block = ProjectedBlock::new(Manipulator::default(), rows, BLOCK)
+        .and_then(|block| block.starting_at(&options.theta_start))
+        .expect("valid options");
+    let mut settled = estimator(options.clone());
+    for (k, sample) in samples[..3 * BLOCK].iter().enumerate() {
+        assert!(block.push(k as u64 * 1_000_000, sample));
+        if (k + 1) % BLOCK == 0 {
+            block.prepare(settled.theta());
+            settled.update(&block);
+            block.clear();
+        }
+    }
+    let empty = block.clone();
+    let last: Vec<(u64, &JointSample)> = (3 * BLOCK as u64..).zip(&samples[3 * BLOCK..]).collect();
+    c.bench_function("identifier/projected/samples/p9", |b| {
+        b.iter_batched_ref(
+            || empty.clone(),
+            |block| {
+                for &(k, sample) in &last {
+                    assert!(block.push(k * 1_000_000, black_box(sample)));
+                }
+            },
+            BatchSize::LargeInput,
+        );
+    });
+    for &(k, sample) in &last {
+        assert!(block.push(k * 1_000_000, sample));
+    }
+    c.bench_function("identifier/projected/whitening/p9", |b| {
+        b.iter_batched_ref(
+            || block.clone(),
+            |block| block.prepare(black_box(settled.theta())),
+            BatchSize::LargeInput,
+        );
+    });
+    block.prepare(settled.theta());
+    let three = estimator(EstimatorOptions {
+        max_iterations: 3,
+        ..options
+    });
+    assert_eq!(three.clone().update(&block).iterations, 3);
+    c.bench_function("identifier/projected/update/p9", |b| {
+        b.iter_batched_ref(
+            || three.clone(),
+            |e| e.update(black_box(&block)).iterations,
+            BatchSize::SmallInput,
+        );
+    });
+}
+
+criterion_group!(benches, identifier, projected);
 criterion_main!(benches);

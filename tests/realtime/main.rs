@@ -6,10 +6,13 @@
 
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, StateMachine};
 use thetabus::messages::{Estimate, Sample, signals};
-use thetabus::model::{KnownConstants, Manipulator, ManipulatorDerived, Plant};
+use thetabus::model::{AutoDiff, Delayed, KnownConstants, Manipulator, ManipulatorDerived, Plant};
 use thetabus::node::command::{Change, NodeState, Order};
 use thetabus::node::identifier::{IdentifierNode, IdentifierOptions};
-use thetabus::rows::{InputSource, PointwiseBlock, structure};
+use thetabus::rows::{
+    InputSource, PointwiseBlock, ProjectedBlock, ProjectedOptions, SampleBlock, SmoothedBlock, SmoothedOptions,
+    structure,
+};
 use thetabus::sim::{ArmParameters, ArmSimulator, SimOptions};
 
 const BLOCK_LEN: u64 = 400;
@@ -136,4 +139,49 @@ fn rt_the_same_samples_give_the_same_bits() {
         bits
     };
     assert_eq!(run(), run());
+}
+
+/// A node with rows from positions and inputs.
+fn from_positions<B: SampleBlock>(plant: &impl Plant, rows: B) -> IdentifierNode<B> {
+    let start = plant.parameters().iter().map(|p| p.start).collect();
+    let mut options = EstimatorOptions::recommended(start, plant.equations().len());
+    options.lower = plant.parameters().iter().map(|p| p.lower).collect();
+    let node = IdentifierOptions::new(BLOCK_LEN, plant.joints(), signals::Q | signals::INPUT);
+    let estimator = BlockEstimator::new(structure(plant), options).unwrap();
+    IdentifierNode::new(node, rows, estimator, None, 1)
+}
+
+fn allocations<B: SampleBlock>(mut node: IdentifierNode<B>) -> u64 {
+    let stream = eventful_stream();
+    let mut estimates = 0;
+    let counted = allocation_counter::measure(|| {
+        for sample in &stream {
+            node.on_sample(sample, &mut |_: &Estimate| estimates += 1);
+        }
+    });
+    assert!(estimates >= 8, "the stream gave only {estimates} estimates");
+    counted.count_total
+}
+
+#[test]
+fn rt_projected_and_smoothed_rows_allocate_nothing_either() {
+    let plant = Manipulator::default();
+    let len = BLOCK_LEN as usize;
+    for learn_noise in [false, true] {
+        let options = ProjectedOptions {
+            learn_noise,
+            ..ProjectedOptions::recommended()
+        };
+        let rows = ProjectedBlock::new(plant, options, len).unwrap();
+        assert_eq!(allocations(from_positions(&plant, rows)), 0, "projected");
+        let delayed = Delayed::new(plant, 0.0, 5e-3);
+        let rows = ProjectedBlock::new(delayed.clone(), options, len).unwrap();
+        assert_eq!(
+            allocations(from_positions(&delayed, rows)),
+            0,
+            "with a delay to be found"
+        );
+    }
+    let rows = SmoothedBlock::new(AutoDiff(plant), 2, SmoothedOptions::recommended(), len).unwrap();
+    assert_eq!(allocations(from_positions(&plant, rows)), 0, "smoothed");
 }

@@ -65,7 +65,7 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     if args.common.launched.receipts {
         ports.estimates.give_receipts(&bus)?;
     }
-    let mut records = Records::new(csv, recorder);
+    let mut records = Records::new(csv, recorder, Some(bus.clone()));
     tracing::info!(robot, domain = domain.name(), "monitor");
     apply_realtime(&config.realtime.monitor);
     let outcome = run_monitor(&mut node, &mut ports, args.common.stay(), shutdown, &mut records);

@@ -2,8 +2,9 @@
 
 use super::Failure;
 use super::wiring::{self, plant_description};
+use crate::bus::{Bus, ControlClient};
 use crate::config::Config;
-use crate::messages::{Command, Estimate, Journal, Sample, Status};
+use crate::messages::{Command, Estimate, Journal, Request, Sample, Status};
 use crate::node::monitor::MonitorNode;
 use crate::recording::{
     EstimatesCsv, RecordError, Recorder, RecorderStatus, RecordingLimits, RecordingReader, RunInfo, Span,
@@ -16,6 +17,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Name of the recording in a directory of results.
 pub(super) const RECORDING: &str = "recording.mcap";
+/// How long a recorder that is late anyway may wait for the identifier's answer.
+const TELL_LIMIT: Duration = Duration::from_millis(100);
 /// What a killed recorder may lose.
 const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 
@@ -28,16 +31,19 @@ pub(super) struct Records {
     told_missing: u64,
     /// The recording ended before its run.
     broken: bool,
+    /// Where the identifier is told of losses.
+    bus: Option<Bus>,
 }
 
 impl Records {
-    pub(super) fn new(csv: Option<EstimatesCsv<File>>, recorder: Option<Recorder>) -> Self {
+    pub(super) fn new(csv: Option<EstimatesCsv<File>>, recorder: Option<Recorder>, bus: Option<Bus>) -> Self {
         Self {
             csv,
             recorder,
             flushed: Instant::now(),
             told_missing: 0,
             broken: false,
+            bus,
         }
     }
 
@@ -48,6 +54,16 @@ impl Records {
         }
         let finished = self.recorder?.finish();
         Some(finished.map_err(|e| tracing::error!("{e}")))
+    }
+
+    /// Has the identifier say in its status what the recorder lost. Where it cannot, the file and the log tell it all the same.
+    fn tell_identifier(&self, missing: u64) {
+        let Some(bus) = &self.bus else { return };
+        let request = Request::new(Command::Recorder).with_value(missing as f64);
+        let told = ControlClient::new(bus).and_then(|client| client.ask(&request, TELL_LIMIT));
+        if let Err(e) = told {
+            tracing::debug!("the identifier was not told of the loss: {e}");
+        }
     }
 
     /// A disk that fails ends the recording and not the monitor: what it shows is needed all the more.
@@ -109,6 +125,7 @@ impl MonitorSink for Records {
                 "the recorder cannot keep up; samples are missing in the recording"
             );
             self.told_missing = missing;
+            self.tell_identifier(missing);
         }
         Ok(())
     }

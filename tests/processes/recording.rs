@@ -186,6 +186,7 @@ fn fault_a_stopped_recorder_loses_samples_and_says_so() {
     let args = [&["--record", text(&recording)], &QUICK[..]].concat();
     let mut monitor = site.start(Program::Monitor, &args);
     monitor.wait_for_log("monitor");
+    let _identifier = site.start(Program::Identifier, &QUICK);
     let mut plant = site.start(
         Program::Plant,
         &[&["--speed", "10", "--duration", "20"], &QUICK[..]].concat(),
@@ -197,6 +198,8 @@ fn fault_a_stopped_recorder_loses_samples_and_says_so() {
     plant.expect_code(0);
     monitor.signal(Signal::SIGCONT);
     monitor.wait_for_log("the recorder cannot keep up");
+    site.observer()
+        .status("the identifier says so, too", |s| s.process.recorder_missing > 1_000);
     monitor.signal(Signal::SIGTERM);
     monitor.expect_code(3);
     let (recorded, loss) = samples(&recording);

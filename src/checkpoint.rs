@@ -42,6 +42,7 @@ struct Body {
     boot_id: u64,
     block: u64,
     t_ns: u64,
+    blocks: u64,
     reals: Vec<f64>,
     counts: Vec<u64>,
 }
@@ -104,6 +105,7 @@ pub fn encode(identity: &Identity, state: &NodeState) -> Result<Vec<u8>, Checkpo
         boot_id: state.boot_id,
         block: state.block,
         t_ns: state.t_ns,
+        blocks: state.blocks,
         reals: state.estimator.reals.clone(),
         counts: state.estimator.counts.clone(),
     };
@@ -184,6 +186,7 @@ pub fn decode(bytes: &[u8], identity: &Identity) -> Result<NodeState, Checkpoint
         boot_id: body.boot_id,
         block: body.block,
         t_ns: body.t_ns,
+        blocks: body.blocks,
     })
 }
 
@@ -259,6 +262,7 @@ mod tests {
             boot_id: 3,
             block: 4,
             t_ns: 5,
+            blocks: 6,
         }
     }
 

@@ -114,4 +114,6 @@ pub struct NodeState {
     pub block: u64,
     /// Stream time of the last sample \[ns\].
     pub t_ns: u64,
+    /// Blocks that the estimator has taken in all, over its warm starts; 0 for one that knows nothing yet. Part of the estimator's own state.
+    pub blocks: u64,
 }

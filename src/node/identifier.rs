@@ -342,6 +342,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
         into.boot_id = self.status.boot_id;
         into.block = self.status.last_block;
         into.t_ns = self.status.last_t_ns;
+        into.blocks = self.estimator.report().blocks;
     }
 
     /// Goes on from a state that was [saved](Self::save); to be called before the first sample.

@@ -269,7 +269,10 @@ impl Work {
             }
             FromLoop::Declined(order) => _ = self.waiting.remove(&order.id),
             FromLoop::Saved(state) => {
-                let _ = self.write(&state);
+                // An identifier that knows nothing must not replace one that did.
+                if state.blocks > 0 {
+                    let _ = self.write(&state);
+                }
                 self.room = Some(state);
             }
             FromLoop::Offered { .. } => {}
@@ -327,6 +330,11 @@ impl Work {
         self.ask_for_state();
         while start.elapsed() < LOOP_ANSWERS {
             match self.end.from_loop.recv_timeout(LOOK) {
+                Ok(FromLoop::Saved(state)) if state.blocks == 0 => {
+                    self.room = Some(state);
+                    let words = "no block has been estimated yet, so there is nothing to save";
+                    return Response::new(response_code::REFUSED, words);
+                }
                 Ok(FromLoop::Saved(state)) => {
                     let outcome = self.write(&state);
                     let mut response = match outcome {
@@ -390,7 +398,9 @@ fn resident_bytes() -> Option<u64> {
 
 /// Writes a last checkpoint of a node that has ended.
 pub(super) fn last_checkpoint(config: &Config, state: &NodeState) {
-    let Some(dir) = &config.checkpoint.dir else { return };
+    let Some(dir) = config.checkpoint.dir.as_ref().filter(|_| state.blocks > 0) else {
+        return;
+    };
     let path = checkpoint::path(dir, &config.bus.robot);
     let identity = super::wiring::identity(config);
     let written = checkpoint::encode(&identity, state).and_then(|bytes| checkpoint::write(&path, &bytes));

@@ -142,7 +142,7 @@ fn rt_the_same_samples_give_the_same_bits() {
 }
 
 /// A node with rows from positions and inputs.
-fn from_positions<B: SampleBlock>(plant: &impl Plant, rows: B) -> IdentifierNode<B> {
+fn from_positions<B: SampleBlock + 'static>(plant: &impl Plant, rows: B) -> IdentifierNode<B> {
     let start = plant.parameters().iter().map(|p| p.start).collect();
     let mut options = EstimatorOptions::recommended(start, plant.equations().len());
     options.lower = plant.parameters().iter().map(|p| p.lower).collect();
@@ -151,7 +151,7 @@ fn from_positions<B: SampleBlock>(plant: &impl Plant, rows: B) -> IdentifierNode
     IdentifierNode::new(node, rows, estimator, None, 1)
 }
 
-fn allocations<B: SampleBlock>(mut node: IdentifierNode<B>) -> u64 {
+fn allocations<B: SampleBlock + 'static>(mut node: IdentifierNode<B>) -> u64 {
     let stream = eventful_stream();
     let mut estimates = 0;
     let counted = allocation_counter::measure(|| {

@@ -91,9 +91,10 @@ pub struct DomainReport {
 }
 
 impl DomainReport {
-    /// True where [`clean`] would find something to remove.
+    /// True where something dead is in it; the files of a domain that was left in good order are none.
     pub fn has_dead(&self) -> bool {
-        self.abandoned || self.nodes.iter().any(|node| node.alive == Some(false)) || self.unreadable_services > 0
+        let left_behind = self.abandoned && (self.memory.objects > 0 || !self.services.is_empty());
+        left_behind || self.nodes.iter().any(|node| node.alive == Some(false)) || self.unreadable_services > 0
     }
 }
 

@@ -74,7 +74,8 @@ fn text(reports: &[DomainReport], removed: &[(Domain, Cleaned)], args: &DoctorAr
 
 fn one(text: &mut String, report: &DomainReport) {
     let state = match (report.abandoned, report.has_dead()) {
-        (true, _) => "nobody lives in it",
+        (true, true) => "nobody lives in it, and something dead is left",
+        (true, false) => "nobody lives in it",
         (false, true) => "in use, with something dead in it",
         (false, false) => "in use",
     };

@@ -135,9 +135,14 @@ fn fault_doctor_clean_removes_an_abandoned_domain_altogether_and_no_other() {
     let after = watched.estimate("later blocks", |estimate| estimate.block > before.block + 3);
     assert_eq!((after.boot_id, after.missing), (before.boot_id, 0));
     assert!(living.iter_mut().all(Process::is_running));
-    // And the next run finds clean ground.
+    // And the next run finds clean ground, and leaves its own in good order.
     site.start_run(&[&["--duration", "2"], &QUICK[..]].concat())
         .expect_code(0);
+    let report = doctor(&site, &[]);
+    assert_eq!(
+        (&domain(&report)["abandoned"], &domain(&report)["has_dead"]),
+        (&Value::Bool(true), &Value::Bool(false))
+    );
 }
 
 #[test]

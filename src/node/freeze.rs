@@ -5,7 +5,7 @@
 //!
 //! | rule | signal | frozen where |
 //! |---|---|---|
-//! | A | position | after M samples of standstill the input, smoothed over M/4, moved by a fifth of its largest magnitude, or the measured velocity has passed a thousandth of the range of motion, and M samples later it still stands |
+//! | A | position | after M samples of standstill the input, smoothed over M/4, moved by a fifth of its largest magnitude and by more than its noise does, or the measured velocity has passed a thousandth of the range of motion, and M samples later it still stands |
 //! | B | input | it was constant for M samples, changed with every sample before, is not at its largest magnitude (a drive at its limit), and the position has moved by 5 % of its range |
 //! | C | both | both were constant for 5 M samples, and the input changed with every sample before |
 //!
@@ -34,6 +34,9 @@ struct Joint {
     smooth_peak: f64,
     u_least: f64,
     u_most: f64,
+    /// Mean |u_k − u_{k−1}|: what the input's noise is taken from.
+    jitter: f64,
+    samples: f64,
     /// Range of the position since the input is constant.
     q_least: f64,
     q_most: f64,
@@ -57,6 +60,8 @@ impl Joint {
         u_run: 0,
         smooth: 0.0,
         smooth_peak: 0.0,
+        jitter: 0.0,
+        samples: 0.0,
         u_least: 0.0,
         u_most: 0.0,
         q_least: 0.0,
@@ -72,6 +77,8 @@ impl Joint {
 impl FreezeWatch {
     /// Rule A: share of the input's largest magnitude.
     const DRIVE: f64 = 0.2;
+    /// Rule A: standard deviations of the smoothed input's noise.
+    const NOISE: f64 = 20.0;
     /// Rule A: share of the range of motion.
     const PATH: f64 = 1e-3;
     /// Rule B: share of the range of motion.
@@ -125,6 +132,8 @@ impl Joint {
             };
         }
         self.peak = self.peak.max(u.abs());
+        self.samples = (self.samples + 1.0).min(1e3);
+        self.jitter += ((u - self.u).abs() - self.jitter) / self.samples;
         self.smooth += (u - self.smooth) * (4.0 / patience as f64).min(1.0);
         self.smooth_peak = self.smooth_peak.max(self.smooth.abs());
         self.range = (self.range.0.min(q), self.range.1.max(q));
@@ -152,7 +161,9 @@ impl Joint {
                 true => (self.smooth, self.smooth),
                 false => (self.u_least.min(self.smooth), self.u_most.max(self.smooth)),
             };
-            let drive = self.u_most - self.u_least > FreezeWatch::DRIVE * self.smooth_peak;
+            // noise alone is no drive: √(2/M) of white noise passes the filter
+            let noise = FreezeWatch::NOISE * self.jitter * (2.0 / patience as f64).sqrt();
+            let drive = self.u_most - self.u_least > noise.max(FreezeWatch::DRIVE * self.smooth_peak);
             let slides = range > 0.0 && self.path > FreezeWatch::PATH * range;
             self.driven = if drive || slides { self.driven + 1 } else { 0 };
         } else {
@@ -235,6 +246,19 @@ mod tests {
             }
         });
         assert_eq!(hung.last(), Some(&9_899));
+    }
+
+    #[test]
+    fn fault_a_joint_that_rests_from_the_beginning_under_a_noisy_input_is_not_frozen() {
+        let resting = frozen_samples(|k, q, u| {
+            // while it rests nothing but noise of ±0.05 is on the input
+            if k < 15_000 {
+                let mixed = k.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+                let mixed = (mixed ^ mixed >> 29).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+                (*q, *u) = (0.1, mixed as f64 / u64::MAX as f64 * 0.1 - 0.05);
+            }
+        });
+        assert_eq!(resting.first(), None);
     }
 
     #[test]

@@ -372,14 +372,18 @@ fn replay_an_identifier_stopped_at_any_block_and_continued_from_its_state_gives_
     let mut arm = arm();
     // a jump, then a drift that comes to rest
     arm.mass_2 = MassSchedule {
-        points: vec![(0.0, 150.0), (1.499, 150.0), (1.5, 170.0), (2.4, 170.0), (5.4, 178.0)],
+        points: vec![(0.0, 150.0), (1.299, 150.0), (1.3, 170.0), (2.8, 170.0), (5.4, 172.0)],
         interpolation: Interpolation::Linear,
     };
+    let mut noise = TestRng(3);
     let samples: Vec<Sample> = ArmSimulator::new(&arm)
         .unwrap()
         .take(20 * N as usize)
         .enumerate()
-        .map(|(seq, joints)| Sample::new(1, seq as u64, seq as u64 * 1_000_000, 2, signals::ALL, &joints))
+        .map(|(seq, mut joints)| {
+            joints.input.iter_mut().for_each(|u| *u += noise.between(-1.0, 1.0));
+            Sample::new(1, seq as u64, seq as u64 * 1_000_000, 2, signals::ALL, &joints)
+        })
         .collect();
     let paper = EstimatorOptions::paper(PAPER_START.to_vec(), 2);
     for options in [EstimatorOptions::recommended(PAPER_START.to_vec(), 2), paper] {

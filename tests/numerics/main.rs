@@ -4,6 +4,7 @@
 mod compare;
 #[cfg(feature = "config")]
 mod config;
+#[cfg(feature = "sim")]
 mod emps;
 mod estimator;
 #[cfg(feature = "sim")]

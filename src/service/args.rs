@@ -247,7 +247,7 @@ pub struct MonitorArgs {
 /// `thetabus run`.
 #[derive(Debug, Clone, Default, Args)]
 pub struct RunArgs {
-    /// Configuration file; without one, the paper's experiment that is built in
+    /// Configuration file; without one config/encoder_only.toml, which is built in
     #[arg(value_name = "CONFIG")]
     pub file: Option<PathBuf>,
     #[command(flatten)]

@@ -37,7 +37,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// The configuration that is run when none is named.
-const BUILT_IN: &str = "cedro2022";
+const BUILT_IN: &str = "encoder_only";
 /// Name of the file with the whole configuration of the run.
 const CONFIG_TOML: &str = "config.toml";
 /// How often children and status are looked at.

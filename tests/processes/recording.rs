@@ -1,6 +1,6 @@
 //! Runs kept as files: recorded, identified again, replayed, reported.
 
-use crate::support::{Program, QUICK, Site, eventually};
+use crate::support::{ENCODERS, Program, QUICK, Site, eventually};
 use nix::sys::signal::{Signal, kill};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -74,10 +74,9 @@ fn replay_live_off_line_and_replayed_estimates_of_the_papers_experiment_are_the_
 #[test]
 fn replay_encoder_only_off_line_and_from_its_export_gives_the_same_estimates_to_the_bit() {
     let site = Site::new();
-    let config = concat!(env!("CARGO_MANIFEST_DIR"), "/config/encoder_only.toml");
     // The payload jumps within the third block, so that the detector's work is compared, too.
     let jump = ["--set", "plant.mass_2.t_s=[0.0, 5.0]", "--duration", "15"];
-    site.start_run(&[&[config], &jump[..]].concat()).expect_code(0);
+    site.start_run(&[&[ENCODERS], &jump[..]].concat()).expect_code(0);
     let recording = site.out().join("recording.mcap");
     let live = fs::read_to_string(site.out().join("estimates.csv")).expect("estimates.csv");
     assert_eq!(live.lines().count(), 8);

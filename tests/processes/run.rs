@@ -1,6 +1,6 @@
 //! `thetabus run`: the three processes, one result.
 
-use crate::support::{QUICK, Site, column, cpu_time, eventually};
+use crate::support::{Program, QUICK, Site, column, cpu_time, eventually};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use std::thread;
@@ -49,6 +49,32 @@ fn e2e_the_papers_experiment_loses_nothing_and_leaves_table_and_files() {
     assert_eq!(blocks, (1..=89).map(f64::from).collect::<Vec<_>>());
     assert_eq!(site.processes(), Vec::<u32>::new());
     assert_eq!(site.shared_memory(), Vec::<String>::new());
+}
+
+#[test]
+fn e2e_without_a_configuration_encoders_and_voltages_are_enough() {
+    let site = Site::new();
+    let out = site.out();
+    let mut run = site.start(Program::Thetabus, &["run", "--out", out.to_str().expect("UTF-8")]);
+    run.expect_code(0);
+    let summary = site.summary();
+    assert_eq!((summary.blocks, summary.samples.accepted), (89, 170_000));
+    for parameter in &summary.parameters {
+        let truth = parameter.truth.expect("simulated");
+        let (theta, std) = (parameter.estimate.expect("known"), parameter.std.expect("known"));
+        // One run and nine parameters: a deviation of 4.5 comes once in some 16 000 such runs.
+        assert!((theta - truth).abs() < 4.5 * std, "{parameter:?}");
+    }
+    for parameter in &summary.parameters[4..] {
+        // The worst of 20 seeds is 0.031 %, docs/encoder-results.md; twice that leaves room for another reference.
+        let error = parameter.relative_error.expect("simulated");
+        assert!(error.abs() < 6e-4, "{parameter:?}");
+    }
+    let jump = &summary.changes[0];
+    // The window of 100 ms and the noise, docs/encoder-results.md: within 30 ms in 20 of 20 runs.
+    assert!((jump.t_s - 45.0).abs() < 0.05, "{jump:?}");
+    let named = std::fs::read_to_string(out.join("config.toml")).expect("config.toml");
+    assert!(named.contains("rows = \"projected\""), "{named}");
 }
 
 #[test]
@@ -204,10 +230,7 @@ fn fault_results_are_never_written_over() {
 #[test]
 fn e2e_without_a_directory_the_results_go_to_one_named_by_the_time() {
     let site = Site::new();
-    let mut run = site.start(
-        crate::support::Program::Thetabus,
-        &[&["run", "--duration", "1"], &QUICK[..]].concat(),
-    );
+    let mut run = site.start(Program::Thetabus, &[&["run", "--duration", "1"], &QUICK[..]].concat());
     run.expect_code(0);
     let stdout = run.stdout();
     let named = stdout

@@ -18,6 +18,12 @@ use thetabus::report::Summary;
 /// Nothing here takes this long unless it hangs.
 pub const WATCHDOG: Duration = Duration::from_secs(60);
 
+/// The paper's experiment: exact signals, so that every estimate has one right value.
+pub const PAPER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/cedro2022.toml");
+
+/// Positions and voltages alone: what `run` runs where no configuration is named.
+pub const ENCODERS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/encoder_only.toml");
+
 /// Short blocks and iterations enough to converge at once: what these tests need of the estimator.
 pub const QUICK: [&str; 4] = [
     "--set",
@@ -76,11 +82,13 @@ impl Site {
         Process::start(command)
     }
 
-    /// `thetabus run`, results in `out()`.
+    /// `thetabus run`, results in `out()`: the paper's experiment unless the first argument is a configuration.
     pub fn start_run(&self, args: &[&str]) -> Process {
         let out = self.out();
         let out = out.to_str().expect("UTF-8");
-        self.start(Program::Thetabus, &[&["run", "--out", out], args].concat())
+        let named = args.first().is_some_and(|arg| arg.ends_with(".toml"));
+        let paper = if named { &[][..] } else { &[PAPER] };
+        self.start(Program::Thetabus, &[&["run", "--out", out], paper, args].concat())
     }
 
     /// What an observer in this domain sees.

@@ -242,6 +242,9 @@ pub struct MonitorArgs {
     /// Record samples, estimates and status as MCAP; the file must not exist
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
+    /// Form of the result table on standard output
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub format: TableFormat,
 }
 
 /// `thetabus run`.
@@ -262,6 +265,9 @@ pub struct RunArgs {
     /// The identifier goes on from the checkpoint in checkpoint.dir where there is one that fits
     #[arg(long)]
     pub warm: bool,
+    /// Form of the result table on standard output
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub format: TableFormat,
 }
 
 /// `thetabus compare`.

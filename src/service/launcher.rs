@@ -18,7 +18,7 @@ use super::progress::Progress;
 use super::record::RECORDING;
 use super::supervision::Restarts;
 use super::wiring::simulates;
-use super::{Exit, Failure, LogFormat, RunArgs, logging, out_dir, report};
+use super::{Exit, Failure, LogFormat, RunArgs, TableFormat, logging, out_dir, report};
 use crate::bus::{Bus, Role, RoleLock, Subscriber};
 use crate::config::{Config, Source, SupervisionConfig};
 use crate::messages::Status;
@@ -105,7 +105,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 
     let restarts = children.restarts();
     let restarted = restarts.values().any(|&count| count > 0);
-    let result = show_result(&dir, start, restarts);
+    let result = show_result(&dir, start, restarts, args.format);
     let lost = outcome?;
     let summary = result?;
     if restarted {
@@ -146,7 +146,12 @@ fn consumers(record: bool) -> usize {
 }
 
 /// Reads what the monitor has written, adds the wall time, prints the table and names the directory last.
-fn show_result(dir: &Path, start: Instant, restarts: BTreeMap<String, u64>) -> Result<Summary, Failure> {
+fn show_result(
+    dir: &Path,
+    start: Instant,
+    restarts: BTreeMap<String, u64>,
+    format: TableFormat,
+) -> Result<Summary, Failure> {
     let path = dir.join(SUMMARY_JSON);
     let read = || -> std::io::Result<Summary> { Ok(serde_json::from_str(&std::fs::read_to_string(&path)?)?) };
     let result = read()
@@ -155,11 +160,11 @@ fn show_result(dir: &Path, start: Instant, restarts: BTreeMap<String, u64>) -> R
             summary.wall_s = Some((start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
             summary.restarts = Some(restarts);
             write_summary(dir, &summary)?;
-            logging::result(summary.to_string().trim_end());
+            logging::table(&summary, format)?;
             make_report(dir, &summary)?;
             Ok(summary)
         });
-    logging::result(&format!("results in {}", dir.display()));
+    logging::note(format, &format!("results in {}", dir.display()));
     result
 }
 

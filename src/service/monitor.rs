@@ -77,9 +77,9 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     }
     outcome?;
     if !args.common.is_launched() {
-        logging::result(summary.to_string().trim_end());
+        logging::table(&summary, args.format)?;
         if let Some(dir) = dir {
-            logging::result(&format!("results in {}", dir.display()));
+            logging::note(args.format, &format!("results in {}", dir.display()));
         }
     }
     let lost = node.lost_estimates();

@@ -243,6 +243,21 @@ fn e2e_without_a_directory_the_results_go_to_one_named_by_the_time() {
 }
 
 #[test]
+fn e2e_the_table_as_json_is_the_summary_and_nothing_else() {
+    let site = Site::new();
+    let args = ["--duration", "1", "--no-record", "--format", "json"];
+    let mut run = site.start_run(&[&args[..], &QUICK].concat());
+    run.expect_code(0);
+    let printed: serde_json::Value = serde_json::from_str(&run.stdout()).expect("JSON");
+    let written = std::fs::read_to_string(site.out().join("summary.json")).expect("summary.json");
+    assert_eq!(
+        printed,
+        serde_json::from_str::<serde_json::Value>(&written).expect("JSON")
+    );
+    run.expect_stderr(&["results in"]);
+}
+
+#[test]
 fn rt_speed_1_holds_1_khz_and_the_processes_need_a_fraction_of_a_core() {
     let site = Site::new();
     let run = site.start_run(&[&["--speed", "1", "--duration", "8"], &QUICK[..]].concat());

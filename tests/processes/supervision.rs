@@ -70,8 +70,9 @@ fn next_good(observer: &mut Observer, truth: &[f64; MANIPULATOR_PARAMS], what: &
     })
 }
 
-/// Kills each role so many times in a random order while a supervised run goes on.
-fn storm(kills_of_each: usize) {
+#[test]
+fn fault_twenty_kills_of_each_process_in_random_order_and_no_estimate_is_wrong() {
+    const KILLS: usize = 20;
     let site = Site::new();
     let mut observer = site.observer();
     let truth = SimOptions::cedro2022().true_theta(0.0);
@@ -84,7 +85,7 @@ fn storm(kills_of_each: usize) {
     .concat();
     let run = site.start_run(&args);
     next_good(&mut observer, &truth, "the first estimate that may be used");
-    let mut left: Vec<&str> = ["plant", "identifier", "monitor"].repeat(kills_of_each);
+    let mut left: Vec<&str> = ["plant", "identifier", "monitor"].repeat(KILLS);
     let mut order = Order(2_026);
     while !left.is_empty() {
         let role = left.swap_remove(order.next(left.len()));
@@ -108,30 +109,17 @@ fn storm(kills_of_each: usize) {
     run.expect_code(3);
     let restarts = site.summary().restarts.expect("a launcher counts");
     for role in ["plant", "identifier", "monitor"] {
-        assert_eq!(restarts[role], kills_of_each as u64, "{role}: {restarts:?}");
+        assert_eq!(restarts[role], KILLS as u64, "{role}: {restarts:?}");
     }
     assert!(
-        run.stdout().contains(&format!(
-            "started again: identifier {kills_of_each}, monitor {kills_of_each}"
-        )),
+        run.stdout()
+            .contains(&format!("started again: identifier {KILLS}, monitor {KILLS}")),
         "{}",
         run.said()
     );
     drop(observer);
     assert_eq!(site.processes(), Vec::<u32>::new());
     assert_eq!(site.shared_memory(), Vec::<String>::new());
-}
-
-#[test]
-fn fault_each_process_killed_in_random_order_comes_back_and_no_estimate_is_wrong() {
-    storm(2);
-}
-
-/// `cargo test --release --test processes -- --ignored fault_twenty --nocapture`
-#[test]
-#[ignore = "a minute or two: each process killed twenty times"]
-fn fault_twenty_kills_of_each_process_in_random_order() {
-    storm(20);
 }
 
 #[test]

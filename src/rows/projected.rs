@@ -83,7 +83,7 @@ pub struct ProjectedOptions {
     /// T \[s\], 8 to 2000 sample periods; rounded to an even number of them. Long windows average more noise, short ones resolve faster motion:
     /// about 1.3 periods of the fastest mode that matters are a good length.
     pub window_s: f64,
-    /// Time from a window to the next \[s\], one sample period to T; rounded to whole periods. T/5 loses nothing worth having.
+    /// Time from a window to the next \[s\], one sample period to T; rounded to whole periods. T/5 loses little, see docs/method.md.
     pub stride_s: f64,
     /// Samples on either side that the velocity filter (order 5) uses, 3 to 100. 10 for encoders of 16 bits, 5 from 20 bits on.
     pub velocity_half_width: usize,

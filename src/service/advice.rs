@@ -44,10 +44,15 @@ impl Advisor {
         let window_s = self.window_s?;
         let advices = self.positions.iter().filter_map(|q| window_advice(q, self.period_s));
         let fastest = advices.max_by(|a, b| a.bandwidth_hz.total_cmp(&b.bandwidth_hz))?;
-        let (advised_ms, window_ms) = (1e3 * fastest.window_s, 1e3 * window_s);
+        let verdict = match (0.5..=2.0).contains(&(window_s / fastest.window_s)) {
+            true => "within a factor of two, which is near enough",
+            false => "a length nearer to that tells more",
+        };
         Some(format!(
-            "the motion reaches {:.3} Hz, which windows of {advised_ms:.4} ms resolve; identifier.projected.window_s is {window_ms:.4} ms",
-            fastest.bandwidth_hz
+            "the motion reaches {:.1} Hz, which windows of {:.0} ms resolve; identifier.projected.window_s is {:.0} ms: {verdict}",
+            fastest.bandwidth_hz,
+            1e3 * fastest.window_s,
+            1e3 * window_s
         ))
     }
 }

@@ -10,6 +10,7 @@ mod info;
 mod journal;
 mod layout;
 mod reader;
+mod record_file;
 mod samples_csv;
 #[cfg(test)]
 mod tests;

@@ -77,9 +77,9 @@ impl Board {
         }
     }
 
-    /// Adds one.
+    /// Adds one; the words on it are told before, so that a status that counts it has them.
     pub fn count(counter: &AtomicU64) {
-        counter.fetch_add(1, Ordering::Relaxed);
+        counter.fetch_add(1, Ordering::Release);
     }
 }
 
@@ -190,7 +190,7 @@ impl LoopEnd {
     /// Puts the desk's figures into a status.
     pub(super) fn complete(&mut self, status: &mut Status) {
         let board = &self.board;
-        let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        let read = |counter: &AtomicU64| counter.load(Ordering::Acquire);
         let process = &mut status.process;
         process.resident_bytes = read(&board.resident_bytes);
         process.refused = read(&board.refused);

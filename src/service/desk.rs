@@ -200,11 +200,11 @@ impl Work {
             Ok(Wanted::Order(change, what)) => self.order(request, change, &what),
         };
         if response.code != response_code::DONE {
-            Board::count(&self.end.board.refused);
             let command = Command::from_wire(request.command).map_or("request", Command::name);
             let words = format!("{command}: {}", response.text());
             tracing::warn!("refused: {words}");
             self.end.board.tell(LastError::with_text(ErrorCode::Refused, 0, &words));
+            Board::count(&self.end.board.refused);
         }
         response
     }
@@ -368,10 +368,10 @@ impl Work {
                 Ok(format!("{} ({len} bytes, block {})", path.display(), state.block))
             }
             Err(e) => {
-                Board::count(&self.end.board.checkpoints_failed);
                 self.end
                     .board
                     .tell(LastError::with_text(ErrorCode::CheckpointFailed, 0, &e.to_string()));
+                Board::count(&self.end.board.checkpoints_failed);
                 // Once is loud enough for a disk that stays full.
                 if !std::mem::replace(&mut self.failing, true) {
                     tracing::error!("{e}; the previous checkpoint stays");

@@ -38,17 +38,20 @@
 //!
 //! | module | what | feature |
 //! |---|---|---|
-//! | [`model`] | what a plant's equations are; the manipulator (24)–(27) | |
+//! | [`model`] | what a plant's equations are; the manipulator (24)–(27), the servo axis, one of your own | |
 //! | [`rows`] | samples → rows | |
 //! | [`estimator`] | WRLS (2)–(4), the block recursion (6)–(11) and what lies beyond it | |
 //! | [`messages`] | the bus payloads | |
 //! | [`node`] | plant, identifier and monitor as values: messages in, messages out, no I/O, no clock | |
-//! | `sim` | the simulated arm (12)–(23) | `sim` |
+//! | `sim` | the simulated arm (12)–(23) and servo axis, their sensors and faults | `sim` |
+//! | `compare` | estimators side by side | `sim` |
 //! | `config` | TOML files ⇄ validated core types | `config` |
+//! | `offline` | log files with columns of your own | `config` |
 //! | `bus` | topics on shared memory, the only place that names iceoryx2 | `bus` |
+//! | `recording` | MCAP and CSV files of a run | `recording` |
+//! | `report` | summary, figures and page of a run | `report` |
 //! | `runner`, `service` | pace, wait, drain, publish, signals; the programs | `service` |
 //! | `checkpoint` | what an identifier knows, kept for its next start | `service` |
-//! | `recording`, `report` | files, tables and figures of a run | `service` |
 //! | [`notation`] | every symbol of the paper with its name in the code | |
 //!
 //! `estimator` and `model` import nothing of ours: the estimator sees rows, never a model or the simulator, so it serves any plant

@@ -22,8 +22,12 @@ pub enum BusError {
     /// The domain's paths are too long for sockets.
     #[error(
         "domain {domain:?}: the paths of its sockets below {} would take {len} bytes, but the system allows {max}; \
-         use a domain name of at most {longest} characters, or a shorter $XDG_RUNTIME_DIR",
-        root.display()
+         use {}a shorter $XDG_RUNTIME_DIR",
+        root.display(),
+        match longest {
+            0 => String::new(),
+            longest => format!("a domain name of at most {longest} characters, or "),
+        }
     )]
     SocketPath {
         /// The domain.

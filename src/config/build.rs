@@ -30,7 +30,7 @@ pub(super) fn config(form: FileForm, own: Option<&PlantDefinition>, layers: &Lay
         None => model(&form, &mut check),
     };
     let identifier = identifier(&form, &mut check);
-    let log = log(&form);
+    let log = log(&form, own, &mut check);
     let estimator = model.as_ref().and_then(|model| estimator(&form, model, &mut check));
     let bus = BusConfig {
         robot: form.bus.robot.clone(),
@@ -394,8 +394,24 @@ fn realtime(form: &FileForm) -> RealtimeConfig {
     }
 }
 
-fn log(form: &FileForm) -> LogColumns {
+fn log(form: &FileForm, own: Option<&PlantDefinition>, check: &mut Check<'_>) -> LogColumns {
     let section = &form.log;
+    // Metres taken for radians would be used as they are, and nothing in the result would show it.
+    if own.is_none() && !section.q.is_empty() {
+        let linear = form.model.kind == "servo_axis" && form.servo_axis.motion == "linear";
+        let is_length = matches!(section.position_unit.as_str(), "m" | "mm" | "um");
+        if linear != is_length {
+            let (axis, units) = match linear {
+                true => ("moves along a line", "\"m\", \"mm\" or \"um\""),
+                false => ("turns", "\"rad\", \"deg\" or \"turn\""),
+            };
+            let message = format!(
+                "expected {units}, since the model {axis}, got \"{}\"",
+                section.position_unit
+            );
+            check.wrong(check.culprit(&["log.position_unit", "log.q"]), message);
+        }
+    }
     LogColumns {
         time: section.time.clone(),
         time_unit_s: match section.time_unit.as_str() {

@@ -322,6 +322,13 @@ fn is_section(path: &str) -> bool {
 
 fn unknown(path: &str) -> String {
     let known: Vec<String> = keys().map(Key::path).collect();
+    if is_section(path) {
+        let inside = keys().find(|key| key.section == path).map(Key::path);
+        return match inside {
+            Some(key) => format!("a section, not a key; its keys are {key} and others in config/default.toml"),
+            None => "a section, not a key; config/default.toml lists its keys".to_owned(),
+        };
+    }
     let name = path.rsplit('.').next().unwrap_or(path);
     // The right key in the wrong section is the commonest slip.
     let moved = known

@@ -510,7 +510,8 @@ fn render(form: &FileForm, comments: bool) -> String {
     let mut text = String::new();
     if comments {
         text.push_str(
-            "# Every key with its default. A configuration states only what differs; see config/cedro2022.toml.\n\
+            "# Every key with its default. A configuration states only what differs: config/encoder_only.toml, which\n\
+             # `thetabus run` takes where no file is named, or config/cedro2022.toml.\n\
              # The same can be said on the command line: --set estimator.block_len=950\n",
         );
     }

@@ -553,7 +553,7 @@ sections! {
         q: Vec<String>, Kind::Words, "",
             "Columns of the positions, one per joint";
         position_unit: String, Kind::Choice(&["rad", "deg", "turn", "m", "mm", "um"]), "",
-            "Unit of the position columns";
+            "Unit of the position columns: of length where the model moves along a line, else of angle";
         input: Vec<String>, Kind::Words, "",
             "Columns of the inputs, one per joint";
         input_unit: f64, Kind::Real(POSITIVE), "",

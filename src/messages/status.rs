@@ -3,6 +3,7 @@
 use super::text::{put_text, text_of};
 #[cfg(feature = "bus")]
 use iceoryx2::prelude::ZeroCopySend;
+use std::fmt;
 use std::mem::{offset_of, size_of};
 
 /// Bytes of [`LastError::text`].
@@ -49,6 +50,28 @@ pub struct StreamFaults {
     pub frozen: u64,
     /// Blocks that were left out because of `saturated` or `frozen`.
     pub blocks_held: u64,
+}
+
+/// Why samples were refused, in words.
+impl fmt::Display for StreamFaults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kinds = [
+            (self.duplicates, "came twice"),
+            (self.reordered, "came after their successors"),
+            (self.clock_jumps, "have a time that does not follow from the one before"),
+            (self.wrong_joints, "have another number of joints"),
+            (self.wrong_signals, "lack a signal that is needed"),
+            (self.not_finite, "hold NaN, infinity, or a number that no machine has"),
+            (self.saturated, "have an input at the limit of its measurement"),
+            (self.frozen, "have a signal that does not move although it must"),
+        ];
+        let mut between = "";
+        for (count, what) in kinds.into_iter().filter(|(count, _)| *count > 0) {
+            write!(f, "{between}{count} {what}")?;
+            between = ", ";
+        }
+        Ok(())
+    }
 }
 
 /// How long something took, since the process began.

@@ -86,7 +86,9 @@ pub enum LogError {
         columns: String,
     },
     /// The configuration does not name one column per joint.
-    #[error("{key}: expected {expected} column names, one per joint, got {got}")]
+    #[error(
+        "{key}: expected {expected} column name(s), one per joint, got {got}; section [log] of the configuration names them"
+    )]
     Columns {
         /// Key of the configuration.
         key: &'static str,
@@ -95,6 +97,9 @@ pub enum LogError {
         /// Names given.
         got: usize,
     },
+    /// Not even a header.
+    #[error("expected a header with the names of the columns, got an empty file")]
+    Empty,
     /// The rows are another period apart.
     #[error("rows are {got_s} s apart by the column \"{column}\", but plant.sample_period_s is {expected_s} s")]
     Period {
@@ -169,6 +174,9 @@ impl<R: Read> LogReader<R> {
             .headers()
             .map_err(|source| LogError::Read { line: 1, source })?
             .clone();
+        if header.is_empty() {
+            return Err(LogError::Empty);
+        }
         let find = |key: &'static str, name: &String| {
             header
                 .iter()
@@ -480,6 +488,8 @@ mod tests {
         let error = LogReader::new("t,x,u\n".as_bytes(), &two, 1, 1e-3).err().unwrap();
         assert!(error.to_string().contains("log.q: expected 1"), "{error}");
         assert_eq!(read("t,x,u\n", true).unwrap().0.len(), 0, "an empty log has no samples");
+        let error = read("", true).err().unwrap().to_string();
+        assert!(error.contains("got an empty file"), "{error}");
     }
 
     #[test]

@@ -251,8 +251,8 @@ impl fmt::Display for Summary {
                 change.t_s, change.block, change.detected_t_s
             )?;
             match change.blocks_to_1_percent {
-                Some(0) => writeln!(f, ", within 1 % of the truth in the same block")?,
-                Some(blocks) => writeln!(f, ", within 1 % of the truth {blocks} block(s) later")?,
+                Some(0) => writeln!(f, ", all within 1 % of the truth in the same block")?,
+                Some(blocks) => writeln!(f, ", all within 1 % of the truth {blocks} block(s) later")?,
                 None => writeln!(f)?,
             }
         }
@@ -263,8 +263,10 @@ impl fmt::Display for Summary {
         } = self.samples;
         write!(
             f,
-            "{} blocks, {accepted} samples accepted, {missing} missing, {rejected} rejected; state {}",
-            self.blocks, self.state
+            "{} {}, {accepted} samples accepted, {missing} missing, {rejected} rejected; state {}",
+            self.blocks,
+            if self.blocks == 1 { "block" } else { "blocks" },
+            self.state
         )?;
         match self.wall_s {
             Some(wall) => writeln!(f, "; wall time {wall:.1} s")?,
@@ -341,7 +343,7 @@ mod tests {
             "10.00000",
             "+5.000 %",
             "kg",
-            "1 blocks",
+            "1 block,",
             "1000 samples accepted",
         ] {
             assert!(table.contains(part), "{part:?} is not in\n{table}");

@@ -8,7 +8,7 @@ use crate::messages::SCHEMA_VERSION;
 use crate::recording::Span;
 use crate::runner::Stay;
 use clap::{Args, ValueEnum};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 /// What `--version` says: crate, schema, iceoryx2.
@@ -175,7 +175,13 @@ pub struct CtlArgs {
     #[command(subcommand)]
     pub command: CtlCommand,
     /// How long to wait for an answer
-    #[arg(long, global = true, value_name = "S", default_value_t = 3.0)]
+    #[arg(
+        long,
+        global = true,
+        value_name = "S",
+        default_value_t = 3.0,
+        allow_negative_numbers = true
+    )]
     pub timeout: f64,
     /// Form of the answer on standard output
     #[arg(long, global = true, value_enum, value_name = "FORMAT", default_value_t)]
@@ -310,10 +316,10 @@ pub enum TableFormat {
 #[derive(Debug, Clone, Default, Args)]
 pub struct SpanArgs {
     /// Leave out what came before this stream time
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub from: Option<f64>,
     /// Leave out what came after this stream time
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub to: Option<f64>,
 }
 
@@ -335,6 +341,22 @@ impl SpanArgs {
             return Err(Failure::Usage("--from lies behind --to".to_owned()));
         }
         Ok(span)
+    }
+
+    /// True where only a part is asked for.
+    pub(super) fn is_cut(&self) -> bool {
+        self.from.is_some() || self.to.is_some()
+    }
+
+    /// What to say where a file holds no samples, or none in this part.
+    pub(super) fn nothing(&self, input: &Path) -> Failure {
+        let what = match (self.from, self.to) {
+            (None, None) => "holds no samples".to_owned(),
+            (Some(from), None) => format!("holds no samples from {from} s on (--from)"),
+            (None, Some(to)) => format!("holds no samples up to {to} s (--to)"),
+            (Some(from), Some(to)) => format!("holds no samples from {from} s to {to} s (--from, --to)"),
+        };
+        Failure::Usage(format!("{} {what}", input.display()))
     }
 }
 
@@ -395,8 +417,8 @@ pub struct ExportArgs {
 /// `thetabus identify`.
 #[derive(Debug, Clone, Args)]
 pub struct IdentifyArgs {
-    /// Recording, whose own configuration holds where --config and --set say nothing, or log with columns as section log names them
-    #[arg(value_name = "INPUT.mcap|INPUT.csv")]
+    /// Directory of results or recording, whose own configuration holds where --config and --set say nothing, or log with columns as section log names them
+    #[arg(value_name = "DIR|RECORDING|LOG.csv")]
     pub input: PathBuf,
     /// Directory for estimates.csv, summary.json and the report, new or empty; none are written without it
     #[arg(long, value_name = "DIR")]
@@ -418,8 +440,8 @@ pub struct IdentifyArgs {
 /// `thetabus replay`.
 #[derive(Debug, Clone, Args)]
 pub struct ReplayArgs {
-    /// Recording
-    #[arg(value_name = "RECORDING")]
+    /// Directory of results, or recording
+    #[arg(value_name = "DIR|RECORDING")]
     pub input: PathBuf,
     /// Recorded seconds per second, or max
     #[arg(long, value_name = "X|max", default_value = "max", allow_negative_numbers = true)]

@@ -4,7 +4,7 @@ use super::Failure;
 use super::own::OwnPlant;
 use super::wiring::{fresh_estimator, identifier_node, identity, plant_description};
 use crate::checkpoint::{self, Identity};
-use crate::config::{Config, Kind, keys};
+use crate::config::{Config, ConfigError, Kind, keys};
 use crate::estimator::StateMachine;
 use crate::messages::{Command, Item, MAX_ITEMS, Parts, Request, Response, item_kind, response_code};
 use crate::node::command::{Change, NodeState};
@@ -163,10 +163,18 @@ impl Commands {
         let Some(value) = value else {
             return Err(format!("{own}: expected a value"));
         };
+        if !value.is_finite() {
+            return Err(format!("estimator.{own}: expected a finite number, got {value}"));
+        }
+        // Where it was written is of no use to whoever asked: there is no file.
+        let in_words = |e: ConfigError| -> String {
+            let problems = e.problems.iter().map(|p| format!("{}: {}", p.key, p.message));
+            problems.collect::<Vec<_>>().join("; ")
+        };
         let config = self
             .config
             .with_number(&format!("estimator.{own}"), value)
-            .map_err(|e| e.to_string())?;
+            .map_err(in_words)?;
         let block_len = config.estimator.block_len;
         let rows = match block_len == self.config.estimator.block_len {
             true => None,

@@ -77,20 +77,40 @@ const KINDS: [(u32, &str); 4] = [
 fn table(response: &Response) -> String {
     let mut text = format!("model {}\n", response.text());
     for (kind, title) in KINDS {
-        let _ = writeln!(text, "{title}");
+        let _ = writeln!(text, "{}", heading(kind, title));
         for item in response.items().iter().filter(|item| item.kind == kind) {
             let (name, unit) = (text_of(&item.name), text_of(&item.unit));
             let _ = match kind {
                 item_kind::POSITION | item_kind::INPUT => writeln!(text, "  {name:<20} [{unit}]"),
                 _ => writeln!(
                     text,
-                    "  {name:<20} {:<12} [{unit}]  {} to {}",
-                    item.value, item.lower, item.upper
+                    "  {name:<20} {:<12} [{}]  {} to {}",
+                    short(item.value),
+                    if unit.is_empty() { "1" } else { unit },
+                    short(item.lower),
+                    short(item.upper)
                 ),
             };
         }
     }
     text
+}
+
+/// What the numbers behind the names are.
+fn heading(kind: u32, title: &str) -> String {
+    match kind {
+        item_kind::PARAMETER => format!("{title}: start value, unit, bounds"),
+        item_kind::TUNABLE => format!("{title}: value in force, unit, range"),
+        _ => title.to_owned(),
+    }
+}
+
+/// With an exponent where zeros would have to be counted.
+fn short(value: f64) -> String {
+    match value.abs() {
+        size if size != 0.0 && size.is_finite() && !(1e-4..1e9).contains(&size) => format!("{value:e}"),
+        _ => value.to_string(),
+    }
 }
 
 fn as_json(response: &Response, described: bool) -> Value {

@@ -51,7 +51,7 @@ fn text(reports: &[DomainReport], removed: &[(Domain, Cleaned)], args: &DoctorAr
             ),
             false => writeln!(
                 text,
-                "cleaned domain {}: {} dead programs, {} files",
+                "cleaned domain {}: {} dead program(s), {} file(s)",
                 domain.name(),
                 cleaned.nodes,
                 cleaned.files
@@ -117,7 +117,7 @@ fn one(text: &mut String, report: &DomainReport) {
             .map_or_else(String::new, |(name, size)| format!(", {name} of {size} bytes"));
         let _ = writeln!(
             text,
-            "  service  {:<32} {}{message}, {} programs",
+            "  service  {:<32} {}{message}, {} program(s)",
             service.name, service.pattern, service.nodes
         );
     }

@@ -1,8 +1,9 @@
 //! `thetabus export`: a recording's samples as a table.
 
-use super::record::RECORDING;
+use super::record::recording_at;
 use super::{Exit, ExportArgs, Failure, report};
-use crate::recording::{Entry, SamplesCsv};
+use crate::messages::Sample;
+use crate::recording::{Entry, RecordingReader, SamplesCsv};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 
@@ -11,11 +12,11 @@ use std::io::{self, BufWriter, Write};
 /// # Errors
 /// No recording there, one that cannot be read, a file that exists or cannot be written.
 pub fn run(args: &ExportArgs) -> Result<Exit, Failure> {
-    let recording = match args.input.is_dir() {
-        true => args.input.join(RECORDING),
-        false => args.input.clone(),
-    };
-    let mut reader = report::open(&recording, args.span.span()?)?;
+    let mut reader = report::open(&recording_at(&args.input), args.span.span()?)?;
+    let mut next_sample = next_of(&mut reader)?;
+    if next_sample.is_none() && reader.loss().is_none() {
+        return Err(args.span.nothing(&args.input));
+    }
     let name = args
         .out
         .as_ref()
@@ -29,15 +30,23 @@ pub fn run(args: &ExportArgs) -> Result<Exit, Failure> {
         None => Box::new(BufWriter::new(io::stdout().lock())),
     };
     let mut csv = SamplesCsv::new(sink, reader.info()).map_err(unwritable)?;
-    while let Some(entry) = reader.next_entry().map_err(report::unreadable)? {
-        if let Entry::Sample { sample, .. } = entry {
-            match csv.write(sample) {
-                // Whoever reads standard output has seen enough.
-                Err(e) if e.kind() == io::ErrorKind::BrokenPipe && args.out.is_none() => return Ok(Exit::Done),
-                written => written.map_err(unwritable)?,
-            }
+    while let Some(sample) = &next_sample {
+        match csv.write(sample) {
+            // Whoever reads standard output has seen enough.
+            Err(e) if e.kind() == io::ErrorKind::BrokenPipe && args.out.is_none() => return Ok(Exit::Done),
+            written => written.map_err(unwritable)?,
         }
+        next_sample = next_of(&mut reader)?;
     }
     csv.finish().map_err(unwritable)?;
     Ok(report::tell_loss(&reader.loss()))
+}
+
+fn next_of(reader: &mut RecordingReader) -> Result<Option<Sample>, Failure> {
+    while let Some(entry) = reader.next_entry().map_err(report::unreadable)? {
+        if let Entry::Sample { sample, .. } = entry {
+            return Ok(Some(*sample));
+        }
+    }
+    Ok(None)
 }

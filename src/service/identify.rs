@@ -3,13 +3,18 @@
 use super::advice::Advisor;
 use super::commands::Commands;
 use super::monitor::{ESTIMATES_CSV, create, unwritable, write_summary};
+use super::record::recording_at;
 use super::script::Script;
 use super::wiring::{identifier_node, monitor_node};
 use super::{Exit, Failure, IdentifyArgs, identify_log, logging, out_dir, report, warm};
-use crate::config::{Config, Source};
-use crate::recording::{Entry, EstimatesCsv, Loss};
+use crate::config::Config;
+use crate::messages::Sample;
+use crate::node::identifier::Identifier;
+use crate::node::monitor::MonitorNode;
+use crate::recording::{Entry, EstimatesCsv, Loss, RunInfo};
 use crate::report::RunData;
 use crate::runner::Shutdown;
+use std::fs::File;
 use std::time::Instant;
 
 /// Identifies from the samples of a recording, with its own configuration or with what the command line lays over it.
@@ -18,80 +23,133 @@ use std::time::Instant;
 /// A recording that cannot be read, a configuration that is wrong, results that cannot be written.
 pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     // A log of the user's own has no configuration inside.
-    if args.input.extension().is_some_and(|extension| extension == "csv") {
+    let is_log = args
+        .input
+        .extension()
+        .is_some_and(|name| name.eq_ignore_ascii_case("csv"));
+    if is_log && !args.input.is_dir() {
         return identify_log::run(args, shutdown);
     }
     let start = Instant::now();
-    let mut reader = report::open(&args.input, args.span.span()?)?;
-    let recorded = Source::Embedded {
-        name: "the recording's configuration".to_owned(),
-        text: reader.info().config_toml.clone(),
-    };
-    let config: Config = args.common.load(vec![recorded], &[])?;
-    if let Some(dir) = &args.out {
-        out_dir::check(dir)?;
-    }
-    let mut node = identifier_node(&config, args.common.own_plant.as_ref())?;
-    if args.warm {
-        warm::start(&config, &mut *node, None)?;
-    }
-    let mut script = Script::read(&args.input, Commands::new(&config, args.common.own_plant.clone()))?;
+    let recording = recording_at(&args.input);
+    let mut reader = report::open(&recording, args.span.span()?)?;
+    let config = args.common.load(vec![report::source_of(reader.info())], &[])?;
+    let mut script = Script::read(&recording, Commands::new(&config, args.common.own_plant.clone()))?;
     let truth = reader.info().simulated.then_some(&config.plant.sim);
     let monitor = monitor_node(&config, truth)?;
-    let mut csv = match &args.out {
-        None => None,
-        Some(dir) => {
-            out_dir::create(dir)?;
-            let csv = create(&dir.join(ESTIMATES_CSV))
-                .and_then(|file| EstimatesCsv::new(file, monitor.parameters(), monitor.derived()));
-            Some(csv.map_err(|e| unwritable(ESTIMATES_CSV, &e))?)
-        }
-    };
     let mut info = reader.info().clone();
     info.config_toml = config.to_toml();
     info.config_hash = config.config_hash();
-    let mut run = RunData::new(info, monitor);
-    let mut failure = None;
-    let mut advisor = Advisor::new(&config);
+    let mut line = OffLine::new(args, &config, info, monitor, start)?;
     while let Some(entry) = reader.next_entry().map_err(report::unreadable)? {
         let Entry::Sample { sample, .. } = entry else { continue };
-        run.sample(sample, 0);
-        advisor.take(sample);
-        script.before(sample, &mut *node);
-        node.on_sample(sample, &mut |estimate| {
-            run.estimate(estimate, 0);
-            if let Some(csv) = &mut csv
-                && let Err(e) = csv.write(estimate)
-            {
-                failure.get_or_insert(e);
-            }
-        });
+        script.before(sample, &mut *line.node);
+        line.take(sample)?;
         if shutdown.requested() {
             break;
         }
     }
-    run.status(&node.status());
-    run.loss = reader.loss();
-    if let Some(e) = failure {
-        return Err(unwritable(ESTIMATES_CSV, &e));
-    }
-    let mut summary = run.summary();
-    summary.wall_s = Some((start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
-    logging::table(&summary, args.format)?;
-    if let Some(line) = advisor.line() {
-        logging::note(args.format, &line);
-    }
-    if let Some(dir) = &args.out {
-        write_summary(dir, &summary)?;
-        report::write(dir, &run, &summary)?;
-        logging::note(args.format, &format!("results in {}", dir.display()));
-    }
+    let loss = reader.loss();
+    let exit = line.finish(loss, None)?;
+    report::tell_loss(&loss);
     let missing = Loss {
         samples_not_recorded: 0,
-        ..run.loss
+        ..loss
     };
-    // A gap is lost data whoever counts it: the recorder, or the node.
-    let lost = !missing.is_none() || node.status().missing > 0;
-    report::tell_loss(&run.loss);
-    Ok(if lost { Exit::DataLoss } else { Exit::Done })
+    Ok(if missing.is_none() { exit } else { Exit::DataLoss })
+}
+
+/// A node, and what becomes of its estimates where no bus carries them away.
+pub(super) struct OffLine<'a> {
+    args: &'a IdentifyArgs,
+    pub(super) node: Box<dyn Identifier>,
+    run: RunData,
+    advisor: Advisor,
+    csv: Option<EstimatesCsv<File>>,
+    start: Instant,
+}
+
+impl<'a> OffLine<'a> {
+    /// A node that is cold, or warm where the command line says so.
+    ///
+    /// # Errors
+    /// Results that would be written over, a configuration without a node, a checkpoint that cannot be read.
+    pub(super) fn new(
+        args: &'a IdentifyArgs,
+        config: &Config,
+        info: RunInfo,
+        monitor: MonitorNode,
+        start: Instant,
+    ) -> Result<Self, Failure> {
+        if let Some(dir) = &args.out {
+            out_dir::check(dir)?;
+        }
+        let mut node = identifier_node(config, args.common.own_plant.as_ref())?;
+        if args.warm {
+            warm::start(config, &mut *node, None)?;
+        }
+        Ok(Self {
+            args,
+            node,
+            run: RunData::new(info, monitor),
+            advisor: Advisor::new(config),
+            csv: None,
+            start,
+        })
+    }
+
+    /// Gives the node a sample and keeps what it answers.
+    pub(super) fn take(&mut self, sample: &Sample) -> Result<(), Failure> {
+        // Where no sample comes, no file is left behind.
+        if let (0, Some(dir)) = (self.run.samples, &self.args.out) {
+            out_dir::create(dir)?;
+            let monitor = &self.run.monitor;
+            let csv = create(&dir.join(ESTIMATES_CSV))
+                .and_then(|file| EstimatesCsv::new(file, monitor.parameters(), monitor.derived()));
+            self.csv = Some(csv.map_err(|e| unwritable(ESTIMATES_CSV, &e))?);
+        }
+        self.run.sample(sample, 0);
+        self.advisor.take(sample);
+        let (run, csv) = (&mut self.run, &mut self.csv);
+        let mut written = Ok(());
+        self.node.on_sample(sample, &mut |estimate| {
+            tracing::debug!("{}", run.monitor.line(estimate));
+            run.estimate(estimate, 0);
+            if let (Some(csv), Ok(())) = (csv.as_mut(), &written) {
+                written = csv.write(estimate);
+            }
+        });
+        written.map_err(|e| unwritable(ESTIMATES_CSV, &e))
+    }
+
+    /// Table, advice and files; `about_input` is one more line on what was read.
+    pub(super) fn finish(mut self, loss: Loss, about_input: Option<&str>) -> Result<Exit, Failure> {
+        let (args, format) = (self.args, self.args.format);
+        if self.run.samples == 0 && loss.is_none() {
+            return Err(args.span.nothing(&args.input));
+        }
+        let status = self.node.status();
+        self.run.status(&status);
+        self.run.loss = loss;
+        let mut summary = self.run.summary();
+        summary.wall_s = Some((self.start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
+        logging::table(&summary, format)?;
+        if let Some(line) = self.advisor.line() {
+            logging::note(format, &line);
+        }
+        if let Some(line) = about_input {
+            logging::note(format, line);
+        }
+        if status.rejected > 0 {
+            tracing::warn!("samples were rejected: {}", status.faults);
+        }
+        if let Some(dir) = &args.out {
+            out_dir::create(dir)?;
+            write_summary(dir, &summary)?;
+            report::write(dir, &self.run, &summary)?;
+            logging::note(format, &format!("results in {}", dir.display()));
+        }
+        // A gap is lost data whoever counts it: the recorder, or the node.
+        Ok(if status.missing > 0 { Exit::DataLoss } else { Exit::Done })
+    }
 }

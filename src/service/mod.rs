@@ -6,6 +6,7 @@ mod advice;
 mod args;
 mod check;
 mod child;
+mod children;
 mod commands;
 mod compare;
 mod ctl;

@@ -12,11 +12,20 @@ use crate::recording::{
 use crate::runner::MonitorSink;
 use std::fs::File;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Name of the recording in a directory of results.
 pub(super) const RECORDING: &str = "recording.mcap";
+
+/// The recording that is meant by a path to it, or to the directory of results that holds it.
+pub(super) fn recording_at(path: &Path) -> PathBuf {
+    match path.is_dir() {
+        true => path.join(RECORDING),
+        false => path.to_owned(),
+    }
+}
+
 /// How long a recorder that is late anyway may wait for the identifier's answer.
 const TELL_LIMIT: Duration = Duration::from_millis(100);
 /// What a killed recorder may lose.

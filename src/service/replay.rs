@@ -2,12 +2,14 @@
 
 use super::args::domain;
 use super::plant::{boot_id, delivery, limit};
+use super::record::recording_at;
 use super::{Exit, Failure, ReplayArgs, logging, report};
 use crate::bus::{Bus, BusError, ControlClient, Delivery, Role, RoleLock, SamplePublisher};
-use crate::config::{Source, Speed};
+use crate::config::Speed;
 use crate::messages::{Sample, response_code, sample_flags};
 use crate::recording::{Entry, ReadError, RecordingReader, read_journal};
 use crate::runner::{Pace, SampleSource, Shutdown, TICK, run_plant};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Publishes the samples of a recording, from the first to one flagged END.
@@ -15,21 +17,21 @@ use std::time::{Duration, Instant};
 /// # Errors
 /// A recording that cannot be read, a plant that runs already, no consumer in lockstep, a bus that fails.
 pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
-    let reader = report::open(&args.input, args.span.span()?)?;
-    let recorded = Source::Embedded {
-        name: "the recording's configuration".to_owned(),
-        text: reader.info().config_toml.clone(),
-    };
+    let recording = recording_at(&args.input);
+    let reader = report::open(&recording, args.span.span()?)?;
     // A replay loses nothing unless somebody asks for a live machine's manners.
     let mut own = vec![("plant.speed", Some(args.speed.clone()))];
     if !args.common.set.iter().any(|set| set.starts_with("bus.delivery=")) {
         own.push(("bus.delivery", Some("lockstep".to_owned())));
     }
-    let config = args.common.load(vec![recorded], &own)?;
+    let config = args.common.load(vec![report::source_of(reader.info())], &own)?;
     let domain = domain(&config)?;
     let robot = &config.bus.robot;
     let _only_one = RoleLock::acquire(&domain, robot, Role::Plant)?;
     let mut source = Replay::new(reader, boot_id()).map_err(report::unreadable)?;
+    if source.next.is_none() && source.reader.loss().is_none() {
+        return Err(args.span.nothing(&args.input));
+    }
 
     let bus = Bus::join(&domain, robot, "replay")?;
     let delivery = delivery(&config);
@@ -38,7 +40,7 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     if delivery == Delivery::Realtime {
         publisher.hold_for(args.common.launched.await_consumers, limit(&config));
     }
-    repeat_commands(args, &bus, source.boot_id_recorded(), limit(&config), shutdown)?;
+    repeat_commands(&recording, &bus, source.boot_id_recorded(), limit(&config), shutdown)?;
     let pace = Pace::new(match config.plant.speed {
         Speed::Max => None,
         Speed::Factor(factor) => Some(factor),
@@ -54,13 +56,13 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 
 /// Tells the identifier in advance what it was told during the recording, with the samples from which on it held.
 fn repeat_commands(
-    args: &ReplayArgs,
+    recording: &Path,
     bus: &Bus,
     stream: Option<u64>,
     limit: Duration,
     shutdown: &Shutdown,
 ) -> Result<(), Failure> {
-    let journal = read_journal(&args.input).map_err(report::unreadable)?;
+    let journal = read_journal(recording).map_err(report::unreadable)?;
     // A replay ends with the first stream.
     let requests: Vec<_> = journal
         .iter()

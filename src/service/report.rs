@@ -1,7 +1,7 @@
 //! `thetabus report`: figures, page and table of a run that was recorded.
 
 use super::monitor::{SUMMARY_JSON, write_summary};
-use super::record::RECORDING;
+use super::record::recording_at;
 use super::wiring::monitor_node;
 use super::{Exit, Failure, ReportArgs, logging, out_dir};
 use crate::config::{Config, Source};
@@ -16,18 +16,21 @@ use std::path::{Path, PathBuf};
 /// No recording there, one that cannot be read, a directory that cannot be written.
 pub fn run(args: &ReportArgs) -> Result<Exit, Failure> {
     let path = &args.input;
-    let (recording, default_out) = if path.is_dir() {
-        (path.join(RECORDING), path.clone())
-    } else {
-        (path.clone(), path.with_extension("report"))
+    let default_out = || match path.is_dir() {
+        true => path.clone(),
+        false => path.with_extension("report"),
     };
-    let out = args.out.clone().unwrap_or(default_out);
+    let out = args.out.clone().unwrap_or_else(default_out);
     // The report of a directory belongs into it; anywhere else nothing is written over.
     let in_place = path.is_dir() && args.out.is_none();
     if !in_place {
         out_dir::check(&out)?;
     }
-    let run = read(&recording, args.span.span()?)?;
+    let run = read(&recording_at(path), args.span.span()?)?;
+    // A run that ended before its first sample has a report; a part that was asked for and is not there has none.
+    if args.span.is_cut() && run.samples == 0 && run.estimates.is_empty() && run.loss.is_none() {
+        return Err(args.span.nothing(path));
+    }
     let known_wall_s = summary_of(path).and_then(|summary| summary.wall_s);
     let mut summary = run.summary();
     summary.wall_s = known_wall_s;
@@ -61,11 +64,15 @@ pub(super) fn open(recording: &Path, span: Span) -> Result<RecordingReader, Fail
 
 /// The configuration that a recording was made with.
 pub(super) fn config_of(info: &RunInfo) -> Result<Config, Failure> {
-    let source = Source::Embedded {
+    Ok(Config::load(&[source_of(info)], &[])?)
+}
+
+/// The same before anything is laid over it.
+pub(super) fn source_of(info: &RunInfo) -> Source {
+    Source::Embedded {
         name: "the recording's configuration".to_owned(),
         text: info.config_toml.clone(),
-    };
-    Ok(Config::load(&[source], &[])?)
+    }
 }
 
 /// Writes figures and page.

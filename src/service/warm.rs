@@ -7,22 +7,27 @@ use crate::config::Config;
 use crate::messages::{ErrorCode, LastError};
 use crate::node::identifier::Identifier;
 use crate::runner::Board;
+use std::path::Path;
+
+/// Where checkpoints are.
+///
+/// # Errors
+/// Where `checkpoint.dir` is not set, for then nobody can have meant a warm start.
+pub(super) fn dir(config: &Config) -> Result<&Path, Failure> {
+    let dir = config.checkpoint.dir.as_deref();
+    dir.ok_or_else(|| Failure::Usage("--warm needs checkpoint.dir, the directory of the checkpoints".to_owned()))
+}
 
 /// Loads the checkpoint of the configured robot into a node; gives its bytes, or `None` where the start is cold.
 ///
 /// # Errors
-/// Where `checkpoint.dir` is not set, for then nobody can have meant a warm start.
+/// Where `checkpoint.dir` is not set.
 pub(super) fn start(
     config: &Config,
     node: &mut dyn Identifier,
     board: Option<&Board>,
 ) -> Result<Option<Vec<u8>>, Failure> {
-    let Some(dir) = &config.checkpoint.dir else {
-        return Err(Failure::Usage(
-            "--warm needs checkpoint.dir, the directory of the checkpoints".to_owned(),
-        ));
-    };
-    let path = checkpoint::path(dir, &config.bus.robot);
+    let path = checkpoint::path(dir(config)?, &config.bus.robot);
     let used = match checkpoint::read(&path) {
         Ok(None) => {
             tracing::warn!("no checkpoint {} yet; starting cold", path.display());
@@ -42,8 +47,8 @@ pub(super) fn start(
         Err(why) => {
             tracing::error!("checkpoint {} is not used: {why}; starting cold", path.display());
             if let Some(board) = board {
-                Board::count(&board.checkpoints_failed);
                 board.tell(LastError::with_text(ErrorCode::CheckpointUnused, 0, &why));
+                Board::count(&board.checkpoints_failed);
             }
             Ok(None)
         }

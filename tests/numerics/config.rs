@@ -296,6 +296,14 @@ const WRONG: &[(&str, &[&str])] = &[
         &["model.known", "not set", "winding_resistance_ohm"],
     ),
     (
+        "[model]\nkind = \"servo_axis\"\n[log]\nq = [\"q_m\"]\nposition_unit = \"rad\"",
+        &["test.toml:5", "log.position_unit", "\"mm\"", "moves along a line"],
+    ),
+    (
+        "[log]\nq = [\"a\", \"b\"]\nposition_unit = \"m\"",
+        &["test.toml:3", "log.position_unit", "\"deg\"", "turns"],
+    ),
+    (
         "[estimator]\nblock_len = 5\nblock_len = 6",
         &["test.toml:3", "duplicate key"],
     ),
@@ -324,7 +332,10 @@ fn fault_a_wrong_argument_is_quoted() {
         ("estimator.block_len", &["section.key=value", "no \"=\""]),
         ("estimator.blok_len=5", &["did you mean estimator.block_len?"]),
         ("block_len=5", &["did you mean estimator.block_len?"]),
-        ("estimator=5", &["unknown key"]),
+        (
+            "estimator=5",
+            &["a section, not a key; its keys are estimator.block_len"],
+        ),
         ("plant.initial_q_rad=[0, ", &["not a TOML value"]),
         ("=", &["unknown key"]),
         ("estimator.block_len=", &["block_len"]),

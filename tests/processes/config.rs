@@ -44,6 +44,15 @@ fn e2e_config_check_accepts_what_run_has_written() {
 }
 
 #[test]
+fn fault_a_warm_run_without_checkpoints_is_refused_before_anything_starts() {
+    let site = Site::new();
+    let mut run = site.start_run(&["--warm"]);
+    run.expect_code(2);
+    run.expect_stderr(&["--warm needs checkpoint.dir"]);
+    assert!(!site.out().exists());
+}
+
+#[test]
 fn fault_wrong_usage_gives_2_and_names_the_argument() {
     let site = Site::new();
     for (program, args, part) in [

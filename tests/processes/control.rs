@@ -103,6 +103,10 @@ fn fault_requests_that_cannot_be_met_are_refused_with_the_reason_and_exit_code()
     ] {
         let said = ask(&site, args, 2);
         assert!(said.contains(words), "{args:?}:\n{said}");
+        assert!(
+            !said.contains("--set"),
+            "an argument that nobody wrote, {args:?}:\n{said}"
+        );
     }
     let mut observer = site.observer();
     let status = observer.status("the refusals are counted", |s| s.process.refused == 9);

@@ -130,6 +130,51 @@ fn replay_a_part_of_a_recording_is_cut_into_the_same_blocks() {
 }
 
 #[test]
+fn fault_a_part_without_samples_is_refused_and_leaves_nothing_behind() {
+    let site = Site::new();
+    site.start_run(&[&["--duration", "2"], &QUICK[..]].concat())
+        .expect_code(0);
+    let results = site.out();
+    let out = site.dir.path().join("nothing");
+    // Each tool takes the directory for the recording inside.
+    for (command, own) in [
+        ("identify", &["--out", text(&out)][..]),
+        ("report", &["--out", text(&out)]),
+        ("export", &["--out", text(&out)]),
+        ("replay", &[]),
+    ] {
+        for (span, part) in [
+            (["--from", "100"], "holds no samples from 100 s on"),
+            (
+                ["--from", "-1"],
+                "--from: expected seconds of stream time, 0 or more, got -1",
+            ),
+        ] {
+            let mut program = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+            let output = program.args([command, text(&results)]).args(span).args(own).output();
+            let output = output.expect("it runs");
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(2), "{command}: {said}");
+            assert!(said.contains(part), "{command}: {said}");
+            assert!(!out.exists(), "{command}");
+        }
+    }
+}
+
+#[test]
+fn fault_samples_without_the_signals_that_rows_need_are_told_as_the_reason() {
+    let site = Site::new();
+    site.start_run(&[ENCODERS, "--duration", "3"]).expect_code(0);
+    // Rows from single samples need derivatives, and encoders give none.
+    let mut identify = site.start(
+        Program::Thetabus,
+        &["identify", text(&site.out()), "--set", "identifier.rows=pointwise"],
+    );
+    identify.expect_code(0);
+    identify.expect_stderr(&["samples were rejected", "3000 lack a signal that is needed"]);
+}
+
+#[test]
 fn replay_two_runs_with_one_seed_record_the_same_samples_to_the_bit() {
     let (one, two) = (Site::new(), Site::new());
     let args = [&["--duration", "5", "--seed", "7"], &QUICK[..]].concat();

@@ -1,0 +1,395 @@
+//! The processes of a run: started in order, watched, started again, ended.
+//!
+//! A signal is passed on to the plant alone, once: it flags its next sample END, and the others end as ever. Who does not within
+//! the grace time gets a signal of its own, and SIGKILL after that. The children follow a launcher that dies.
+//!
+//! A process that fails is started again where `supervision.restarts` allows it. The plant then begins a new stream, the identifier goes
+//! on with the next whole block, the monitor appends to its files. Something is lost with each, so the run ends with exit code 3.
+
+use super::progress::Progress;
+use super::record::RECORDING;
+use super::supervision::Restarts;
+use super::{Failure, LogFormat, logging};
+use crate::bus::{Bus, Subscriber};
+use crate::config::SupervisionConfig;
+use crate::messages::Status;
+use crate::runner::Shutdown;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use std::collections::{BTreeMap, VecDeque};
+use std::io::{BufRead, BufReader};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::PathBuf;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How often children and status are looked at.
+const POLL: Duration = Duration::from_millis(20);
+/// How long identifier and monitor may take for what is in their queues once the plant has gone.
+const GRACE: Duration = Duration::from_secs(10);
+/// How long a process may take to end after its signal.
+const SIGNAL_GRACE: Duration = Duration::from_secs(5);
+/// How long the others may take to end by themselves once one has failed.
+const FAILURE_GRACE: Duration = Duration::from_secs(2);
+/// Last lines of a failed child that are shown again.
+const LAST_LINES: usize = 8;
+
+/// What all children are told.
+pub(super) struct Plan {
+    pub(super) program: PathBuf,
+    pub(super) config: PathBuf,
+    pub(super) dir: PathBuf,
+    pub(super) log_format: LogFormat,
+    pub(super) lockstep: bool,
+    pub(super) record: bool,
+    /// Who takes samples.
+    pub(super) consumers: usize,
+    pub(super) warm: bool,
+    /// There may be one to start from.
+    pub(super) checkpoints: bool,
+    pub(super) supervision: SupervisionConfig,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Monitor,
+    Identifier,
+    Plant,
+}
+
+impl Part {
+    /// In the order of starting: each waits for the one before it.
+    const ALL: [Self; 3] = [Self::Monitor, Self::Identifier, Self::Plant];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Monitor => "monitor",
+            Self::Identifier => "identifier",
+            Self::Plant => "plant",
+        }
+    }
+}
+
+/// One of them.
+struct Process {
+    part: Part,
+    child: Child,
+    last_lines: Arc<Mutex<VecDeque<String>>>,
+    reader: Option<JoinHandle<()>>,
+    started: Instant,
+    ended: Option<(ExitStatus, Instant)>,
+    signalled: Option<Instant>,
+    restarts: Restarts,
+    /// When it is started again, after it failed.
+    due: Option<Instant>,
+}
+
+/// The three, from their start to the end of the last.
+pub(super) struct Children {
+    processes: Vec<Process>,
+    killed: bool,
+}
+
+impl Children {
+    /// Starts all three, or none.
+    pub(super) fn start(plan: &Plan, progress: &Arc<Progress>) -> Result<Self, Failure> {
+        let mut children = Self {
+            processes: Vec::new(),
+            killed: false,
+        };
+        for part in Part::ALL {
+            match Process::start(part, plan, progress, false) {
+                Ok(process) => children.processes.push(process),
+                Err(e) => {
+                    children.end_all(Duration::ZERO);
+                    return Err(Failure::Failed(format!("cannot start the {}: {e}", part.name())));
+                }
+            }
+        }
+        Ok(children)
+    }
+
+    /// Waits for the end; true where a child says that data were lost.
+    pub(super) fn supervise(
+        &mut self,
+        plan: &Plan,
+        bus: &Bus,
+        mut status: Subscriber<Status>,
+        progress: &Arc<Progress>,
+        shutdown: &Shutdown,
+    ) -> Result<bool, Failure> {
+        let mut streaming = false;
+        loop {
+            status.drain(|status| {
+                streaming |= status.boot_id != 0;
+                progress.show(status);
+            })?;
+            for process in &mut self.processes {
+                process.poll();
+            }
+            let may_restart = !shutdown.requested() && self.plant_gone().is_none();
+            for process in &mut self.processes {
+                process.plan_restart(may_restart);
+                self.killed |= process.due.is_some();
+                if process.is_due() {
+                    // What the dead one held is free before its successor asks for it.
+                    bus.clean_up_dead();
+                    process
+                        .restart(plan, progress)
+                        .map_err(|e| Failure::Failed(format!("cannot start the {} again: {e}", process.part.name())))?;
+                }
+            }
+            if let Some(failure) = self.processes.iter().find_map(Process::failure) {
+                // The plant's END lets the survivors write what they have.
+                self.signal(Part::Plant);
+                self.end_all(FAILURE_GRACE);
+                return Err(Failure::Failed(failure));
+            }
+            if self.processes.iter().all(Process::has_ended) {
+                self.join_readers();
+                return Ok(self.processes.iter().any(Process::lost_data));
+            }
+            if shutdown.requested() {
+                self.signal(Part::Plant);
+            }
+            if let Some(gone) = self.plant_gone() {
+                // Without a first sample there is no END to wait for.
+                let grace = if streaming { GRACE } else { SIGNAL_GRACE.min(GRACE) / 5 };
+                if gone.elapsed() > grace {
+                    self.end_all(SIGNAL_GRACE);
+                }
+            } else if shutdown.requested() && self.signalled_since(Part::Plant) > SIGNAL_GRACE {
+                self.end_all(SIGNAL_GRACE);
+            }
+            std::thread::sleep(POLL);
+        }
+    }
+
+    fn plant_gone(&self) -> Option<Instant> {
+        let plant = self.processes.iter().find(|process| process.part == Part::Plant)?;
+        // A failed one may come back.
+        let gone = plant.has_ended() && plant.failure().is_none();
+        plant.ended.filter(|_| gone).map(|(_, at)| at)
+    }
+
+    fn signalled_since(&self, part: Part) -> Duration {
+        let process = self.processes.iter().find(|process| process.part == part);
+        process
+            .and_then(|p| p.signalled)
+            .map_or(Duration::ZERO, |at| at.elapsed())
+    }
+
+    /// One SIGTERM, however often this is called.
+    fn signal(&mut self, part: Part) {
+        for process in self.processes.iter_mut().filter(|process| process.part == part) {
+            process.terminate();
+        }
+    }
+
+    /// Ends whoever is left: by their own, after `grace` by SIGTERM, in the end by SIGKILL.
+    fn end_all(&mut self, grace: Duration) {
+        let start = Instant::now();
+        while self.any_left() && start.elapsed() < 2 * grace + SIGNAL_GRACE {
+            // The identifier drains the plant's END, the monitor the identifier's last status.
+            if start.elapsed() >= grace {
+                self.processes.iter_mut().for_each(Process::terminate);
+            }
+            std::thread::sleep(POLL);
+        }
+        for process in &mut self.processes {
+            if process.ended.is_none() {
+                self.killed = true;
+                let _ = process.child.kill();
+                let _ = process.child.wait();
+                process.poll();
+            }
+        }
+        self.killed |= self
+            .processes
+            .iter()
+            .any(|p| p.ended.is_some_and(|(status, _)| status.signal().is_some()));
+        self.join_readers();
+    }
+
+    /// Whether one ended without tidying up.
+    pub(super) fn has_killed(&self) -> bool {
+        self.killed
+    }
+
+    /// Restarts by process.
+    pub(super) fn restarts(&self) -> BTreeMap<String, u64> {
+        let count = |process: &Process| (process.part.name().to_owned(), process.restarts.total());
+        self.processes.iter().map(count).collect()
+    }
+
+    fn any_left(&mut self) -> bool {
+        self.processes.iter_mut().for_each(Process::poll);
+        self.processes.iter().any(|process| process.ended.is_none())
+    }
+
+    fn join_readers(&mut self) {
+        for process in &mut self.processes {
+            if let Some(reader) = process.reader.take() {
+                let _ = reader.join();
+            }
+        }
+    }
+}
+
+impl Process {
+    fn start(part: Part, plan: &Plan, progress: &Arc<Progress>, resume: bool) -> std::io::Result<Self> {
+        let mut command = Command::new(&plan.program);
+        command
+            .arg(part.name())
+            .arg("--config")
+            .arg(&plan.config)
+            .arg("--launched-by")
+            .arg(std::process::id().to_string())
+            .arg("--log-format")
+            .arg(logging::format_name(plan.log_format))
+            // A group of its own: Ctrl-C on the terminal reaches the launcher alone, which passes it on once.
+            .process_group(0)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped());
+        if plan.lockstep && part != Part::Plant {
+            command.arg("--receipts");
+        }
+        match part {
+            Part::Monitor => {
+                command.arg("--until-end").arg("--out").arg(&plan.dir);
+                if plan.record {
+                    command.arg("--record").arg(plan.dir.join(RECORDING));
+                }
+                if resume {
+                    command.arg("--resume");
+                }
+                &mut command
+            }
+            Part::Identifier => {
+                // One that died goes on where its last checkpoint stands.
+                if plan.warm || (resume && plan.checkpoints) {
+                    command.arg("--warm");
+                }
+                command.args(["--until-end", "--await-consumers", "1"])
+            }
+            Part::Plant => command.arg("--await-consumers").arg(plan.consumers.to_string()),
+        };
+        let mut child = command.spawn()?;
+        let last_lines = Arc::new(Mutex::new(VecDeque::new()));
+        let reader = child.stderr.take().map(|stderr| {
+            let (lines, progress) = (last_lines.clone(), progress.clone());
+            std::thread::spawn(move || {
+                for line in BufReader::new(stderr).lines().map_while(Result::ok) {
+                    progress.pass_on(&line);
+                    let mut lines = lines.lock().unwrap_or_else(PoisonError::into_inner);
+                    if lines.len() == LAST_LINES {
+                        lines.pop_front();
+                    }
+                    lines.push_back(line);
+                }
+            })
+        });
+        Ok(Self {
+            part,
+            child,
+            last_lines,
+            reader,
+            started: Instant::now(),
+            ended: None,
+            signalled: None,
+            restarts: Restarts::new(plan.supervision),
+            due: None,
+        })
+    }
+
+    /// Decides once about a process that failed; `allowed` is false where the run is ending anyway.
+    fn plan_restart(&mut self, allowed: bool) {
+        if !allowed {
+            self.due = None;
+            return;
+        }
+        let Some((status, at)) = self.ended.filter(|_| self.due.is_none() && self.signalled.is_none()) else {
+            return;
+        };
+        // Wrong usage or configuration does not mend itself.
+        let Some(failure) = self.failure().filter(|_| status.code() != Some(2)) else {
+            return;
+        };
+        if let Some(pause) = self.restarts.failed(at - self.started) {
+            self.due = Some(at + pause);
+            tracing::warn!(
+                restart = self.restarts.in_a_row(),
+                pause_s = pause.as_secs_f64(),
+                "{failure}; it is started again"
+            );
+        }
+    }
+
+    fn is_due(&self) -> bool {
+        self.due.is_some_and(|due| Instant::now() >= due)
+    }
+
+    fn restart(&mut self, plan: &Plan, progress: &Arc<Progress>) -> std::io::Result<()> {
+        if let Some(reader) = self.reader.take() {
+            let _ = reader.join();
+        }
+        let restarts = self.restarts;
+        *self = Self::start(self.part, plan, progress, true)?;
+        self.restarts = restarts;
+        Ok(())
+    }
+
+    /// Ended for good.
+    fn has_ended(&self) -> bool {
+        self.ended.is_some() && self.due.is_none()
+    }
+
+    fn poll(&mut self) {
+        if self.ended.is_none()
+            && let Ok(Some(status)) = self.child.try_wait()
+        {
+            self.ended = Some((status, Instant::now()));
+        }
+    }
+
+    fn terminate(&mut self) {
+        if self.ended.is_none() && self.signalled.is_none() {
+            self.signalled = Some(Instant::now());
+            // Not waited for yet, so the number still is this child's.
+            let _ = kill(Pid::from_raw(self.child.id().cast_signed()), Signal::SIGTERM);
+        }
+    }
+
+    fn lost_data(&self) -> bool {
+        self.ended.is_some_and(|(status, _)| status.code() == Some(3))
+    }
+
+    /// What the user must know of a child that ended badly.
+    fn failure(&self) -> Option<String> {
+        let (status, _) = self.ended.filter(|_| self.due.is_none())?;
+        let how = match (status.code(), status.signal()) {
+            (Some(0 | 3), _) => return None,
+            (Some(code), _) => format!("failed with exit code {code}"),
+            (None, Some(number)) => {
+                let name = Signal::try_from(number).map_or("unknown signal", Signal::as_str);
+                format!("was killed by signal {number} ({name})")
+            }
+            (None, None) => format!("ended in an unknown way ({status})"),
+        };
+        let lines = self.last_lines.lock().unwrap_or_else(PoisonError::into_inner);
+        let last: Vec<&str> = lines.iter().map(String::as_str).collect();
+        let said = if last.is_empty() {
+            "it said nothing".to_owned()
+        } else {
+            format!("its last lines:\n  {}", last.join("\n  "))
+        };
+        Some(format!(
+            "the {}, process {}, {how}; {said}",
+            self.part.name(),
+            self.child.id()
+        ))
+    }
+}

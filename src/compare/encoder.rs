@@ -373,7 +373,7 @@ fn accuracy_sections(setup: &EncoderSetup, seeds: u64) -> Result<[Section; 2], C
             text: vec![
                 about,
                 "Errors after the last block in per cent, median / worst of all runs. θ1 and θ3 belong to link 1, a twentieth of the inertia that moves with \
-                 joint 1: through 16 bits they stay open to a few per cent, and say so by their deviations. Sines of equal speed hardly contain what tells an \
+                 joint 1: through 16 bits sines leave them open to some per cent, and their deviations say so. Sines of equal speed hardly contain what tells an \
                  inductance; there θ6, θ9 and θ4 are as good as their deviations say (θ6: 0.06 %), and no better."
                     .to_owned(),
             ],

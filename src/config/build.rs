@@ -547,6 +547,10 @@ fn estimator(form: &FileForm, model: &ModelConfig, check: &mut Check<'_>) -> Opt
         start_std,
         lower,
         upper,
+        relations: match section.relations.as_str() {
+            "model" => model.definition().relations,
+            _ => Vec::new(),
+        },
         fixed,
         // The schema lets only known names through.
         forgetting: section.forgetting.parse().unwrap_or(Forgetting::Exponential),
@@ -625,6 +629,7 @@ fn estimator_problem(error: &EstimatorError, names: &[&str], section: &schema::E
                 name(*index)
             ),
         ),
+        EstimatorError::Relation { .. } => ("relations", error.to_string()),
         other => ("forgetting", other.to_string()),
     };
     (format!("estimator.{option}"), message)

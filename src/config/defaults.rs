@@ -188,6 +188,7 @@ impl Default for FileForm {
                 bounds: "none".to_owned(),
                 lower: Vec::new(),
                 upper: Vec::new(),
+                relations: "none".to_owned(),
                 fixed: Vec::new(),
                 noise_std: Vec::new(),
                 noise_floor: Vec::new(),

@@ -488,6 +488,8 @@ sections! {
             "Lower bounds for bounds = \"listed\"; -inf for none";
         upper: Vec<f64>, parameters(FINITE.or_infinite()), "",
             "Upper bounds for bounds = \"listed\"; inf for none";
+        relations: String, Kind::Choice(&["none", "model"]), "",
+            "Whether published estimates satisfy what the model knows of its parameters, the arm's theta_1/theta_3 = theta_2/theta_4 for one";
         fixed: Vec<String>, Kind::Words, "",
             "Names of parameters that keep their start value";
         noise_std: Vec<f64>, equations(POSITIVE), "",

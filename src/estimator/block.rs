@@ -8,6 +8,7 @@ use super::fit::Fit;
 use super::group::GroupState;
 use super::options::{ChangeDetection, EstimatorError, EstimatorOptions};
 use super::persist::{EstimatorState, Load, Save, StateError, Visit};
+use super::relation::Published;
 use super::{Residuals, StateMachine, Structure};
 use std::ops::Range;
 
@@ -45,7 +46,7 @@ pub struct Change {
 /// The answer to a block with its evidence. Parameters in the plant's units and order, equations in the structure's order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
-    /// θ̂.
+    /// θ̂, with [`EstimatorOptions::relations`] imposed.
     pub theta: Vec<f64>,
     /// Standard deviation of θ̂; 0 for a fixed parameter.
     pub theta_std: Vec<f64>,
@@ -113,6 +114,7 @@ pub struct BlockEstimator {
     since_change: u32,
     /// Blocks in a row in which a line that is followed did not move for sure.
     still: u32,
+    published: Published,
     report: Report,
 }
 
@@ -170,6 +172,7 @@ impl BlockEstimator {
             held: None,
         };
         let mut estimator = Self {
+            published: Published::new(&options.theta_start, &groups),
             theta: options.theta_start.clone(),
             before: options.theta_start.clone(),
             later: options.theta_start.clone(),
@@ -194,7 +197,7 @@ impl BlockEstimator {
         &self.options
     }
 
-    /// θ̂.
+    /// θ̂ as the recursion carries it, before relations are imposed: what the next block begins with. What is published is [`Report::theta`].
     pub fn theta(&self) -> &[f64] {
         &self.theta
     }
@@ -334,15 +337,19 @@ impl BlockEstimator {
         Some((group.parameters.clone(), &group.information))
     }
 
-    /// Covariance of two parameters' errors; 0 between independent groups.
+    /// Covariance of the errors of two parameters as they are published, see [`Report::theta`]; 0 between independent groups.
     pub fn covariance(&self, i: usize, j: usize) -> f64 {
-        self.groups
-            .iter()
-            .find(|g| g.parameters.contains(&i) && g.parameters.contains(&j))
-            .map_or(0.0, |g| {
-                let (i, j) = (i - g.parameters.start, j - g.parameters.start);
-                g.covariance[i * g.n + j]
-            })
+        self.entry(i, j, |k| &self.published.covariance[k])
+    }
+
+    /// Entry of the matrix that `of` gives for a group, of two parameters of all.
+    fn entry<'a>(&'a self, i: usize, j: usize, of: impl Fn(usize) -> &'a Vec<f64>) -> f64 {
+        let holds = |g: &GroupState| g.parameters.contains(&i) && g.parameters.contains(&j);
+        self.groups.iter().position(holds).map_or(0.0, |k| {
+            let group = &self.groups[k];
+            let (i, j) = (i - group.parameters.start, j - group.parameters.start);
+            of(k)[i * group.n + j]
+        })
     }
 
     /// Writes the correlation matrix, P × P and row-major; 1 on the diagonal, 0 for what has no deviation.
@@ -363,8 +370,8 @@ impl BlockEstimator {
 
     /// How well θ_a θ_b = θ_c θ_d holds: θ_a θ_b/(θ_c θ_d) − 1 and its standard deviation to first order.
     ///
-    /// The arm has θ₁θ₄ = θ₂θ₃, for both are products with the same winding: nine parameters, eight degrees of freedom. The estimator does
-    /// not impose it, so that it can tell whether the data agree. `NaN` where the right side is 0.
+    /// The arm has θ₁θ₄ = θ₂θ₃, for both are products with the same winding: nine parameters, eight degrees of freedom. This is of θ̂ before
+    /// [`EstimatorOptions::relations`] are imposed, so that it tells whether the data agree. `NaN` where the right side is 0.
     pub fn product_ratio(&self, [a, b]: [usize; 2], [c, d]: [usize; 2]) -> (f64, f64) {
         let theta = &self.theta;
         let ratio = theta[a] * theta[b] / (theta[c] * theta[d]);
@@ -373,7 +380,8 @@ impl BlockEstimator {
         let mut variance = 0.0;
         for (i, s) in terms {
             for (j, t) in terms {
-                variance += s * t * self.covariance(i, j) / (theta[i] * theta[j]);
+                let covariance = self.entry(i, j, |k| &self.groups[k].covariance);
+                variance += s * t * covariance / (theta[i] * theta[j]);
             }
         }
         (ratio - 1.0, ratio.abs() * variance.max(0.0).sqrt())
@@ -740,6 +748,7 @@ impl BlockEstimator {
     }
 
     fn describe(&mut self) {
+        self.published.take(&self.theta, &self.groups, &self.options.relations);
         let quiet = self.since_change > 1;
         let mut usable = 0;
         for i in 0..self.structure.params {
@@ -752,11 +761,11 @@ impl BlockEstimator {
                 self.options.start_std[i]
             };
             self.report.theta_std[i] = std;
-            let small = 3.0 * std < Self::USABLE * self.theta[i].abs();
+            let small = 3.0 * std < Self::USABLE * self.published.theta[i].abs();
             usable |= u64::from(small && quiet) << i;
         }
         let report = &mut self.report;
-        report.theta.copy_from_slice(&self.theta);
+        report.theta.copy_from_slice(&self.published.theta);
         report.usable = usable;
         (
             report.excited,

@@ -25,6 +25,7 @@ mod offline;
 mod options;
 mod pass;
 mod persist;
+mod relation;
 mod robust;
 mod state;
 mod stats;

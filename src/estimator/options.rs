@@ -144,6 +144,9 @@ pub struct EstimatorOptions {
     pub lower: Vec<f64>,
     /// Upper bound, `+inf` for none.
     pub upper: Vec<f64>,
+    /// What the published estimate satisfies whatever the data say: \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l. All four belong to one group of
+    /// equations and differ.
+    pub relations: Vec<[usize; 4]>,
     /// Parameters that keep their start value.
     pub fixed: Vec<bool>,
     /// The forgetting rule.
@@ -183,6 +186,7 @@ impl EstimatorOptions {
             theta_start,
             lower: vec![f64::NEG_INFINITY; params],
             upper: vec![f64::INFINITY; params],
+            relations: Vec::new(),
             fixed: vec![false; params],
             forgetting: Forgetting::Exponential,
             bound: Bound::Polynomial,
@@ -262,6 +266,16 @@ impl EstimatorOptions {
                     lower,
                     upper,
                 });
+            }
+        }
+        let groups = structure.groups();
+        for (index, relation) in self.relations.iter().enumerate() {
+            let linked = groups
+                .iter()
+                .any(|group| relation.iter().all(|i| group.parameters.contains(i)));
+            let differ = (0..4).all(|p| !relation[..p].contains(&relation[p]));
+            if !(linked && differ) {
+                return Err(EstimatorError::Relation { index, got: *relation });
             }
         }
         let lambda = self.forgetting_factor;
@@ -437,6 +451,14 @@ pub enum EstimatorError {
         lower: f64,
         /// Upper bound.
         upper: f64,
+    },
+    /// A relation between parameters that no equation links, or that it names twice.
+    #[error("relations, entry {index}: expected four different parameters of one group of equations, got {got:?}")]
+    Relation {
+        /// Index of the relation, counted from 0.
+        index: usize,
+        /// The parameters given, counted from 0.
+        got: [usize; 4],
     },
     /// A name that is not in the list of choices.
     #[error("{what}: expected {expected}, got \"{got}\"")]

@@ -63,6 +63,10 @@ impl<P: Plant> Plant for Delayed<P> {
         &self.equations
     }
 
+    fn relations(&self) -> &[[usize; 4]] {
+        self.plant.relations()
+    }
+
     fn input_delay(&self) -> Option<usize> {
         Some(self.parameters.len() - 1)
     }

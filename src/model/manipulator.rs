@@ -94,6 +94,9 @@ static EQUATIONS: [Equation; 2] = [
     },
 ];
 
+/// θ₁/θ₃ = θ₂/θ₄ = L₁/R₁.
+static RELATIONS: [[usize; 4]; 1] = [[0, 2, 1, 3]];
+
 /// The paper's two-joint arm; the only thing it takes as known is gravity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Manipulator {
@@ -138,6 +141,10 @@ impl Plant for Manipulator {
 
     fn equations(&self) -> &[Equation] {
         &EQUATIONS
+    }
+
+    fn relations(&self) -> &[[usize; 4]] {
+        &RELATIONS
     }
 
     fn terms<D: Scalar>(&self, equation: usize, q: &[D], dq: &[D], theta: &[D], g: &mut [D]) {

@@ -142,6 +142,8 @@ pub struct PlantDefinition {
     pub parameters: Vec<Parameter>,
     /// See [`Plant::equations`].
     pub equations: Vec<Equation>,
+    /// See [`Plant::relations`].
+    pub relations: Vec<[usize; 4]>,
 }
 
 impl PlantDefinition {
@@ -153,6 +155,7 @@ impl PlantDefinition {
             input_unit: plant.input_unit(),
             parameters: plant.parameters().to_vec(),
             equations: plant.equations().to_vec(),
+            relations: plant.relations().to_vec(),
         }
     }
 
@@ -188,6 +191,13 @@ impl PlantDefinition {
             if !(start.is_finite() && start >= lower && start <= upper) {
                 return Err(format!(
                     "expected a start of {name} from {lower} to {upper}, got {start}"
+                ));
+            }
+        }
+        for relation in &self.relations {
+            if let Some(index) = relation.iter().find(|index| **index >= params) {
+                return Err(format!(
+                    "a relation names parameter {index} of {params}, counted from 0"
                 ));
             }
         }
@@ -234,6 +244,10 @@ pub trait Plant {
     fn parameters(&self) -> &[Parameter];
     /// The equations.
     fn equations(&self) -> &[Equation];
+    /// What θ satisfies by its meaning: \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l, indices from 0. None by default.
+    fn relations(&self) -> &[[usize; 4]] {
+        &[]
+    }
     /// Index of the parameter that is the delay \[s\] with which the recorded input acts; every equation must then have it among its
     /// parameters. `None`, the default, where the delay is not estimated.
     fn input_delay(&self) -> Option<usize> {

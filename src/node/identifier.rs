@@ -532,7 +532,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             estimate.derived_len = count as u32;
             for index in 0..count {
                 (estimate.derived[index], estimate.derived_std[index]) =
-                    derived.value_and_std(index, self.estimator.theta(), &covariance);
+                    derived.value_and_std(index, &self.estimator.report().theta, &covariance);
             }
         }
         self.status.estimates += 1;
@@ -631,7 +631,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             }
             Change::Fix { index, value } => {
                 self.status.flags |= status_flags::COMMANDED;
-                let value = value.unwrap_or(self.estimator.theta()[*index]);
+                let value = value.unwrap_or(self.estimator.report().theta[*index]);
                 self.estimator.fix(*index, Some(value));
             }
             Change::Free { index } => {

@@ -588,6 +588,7 @@ fn prop_a_users_own_plant_takes_the_place_of_the_model() {
             Parameter::new("bias", "N m", "constant torque", -0.5),
         ],
         equations: vec![Equation::new("axis", 0, 1.0, 1, 0..2)],
+        relations: Vec::new(),
     };
     let load = |own: &PlantDefinition, sets: &[&str]| {
         let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();

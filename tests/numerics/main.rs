@@ -14,6 +14,7 @@ mod faults;
 mod model;
 #[cfg(feature = "sim")]
 mod projected;
+mod relations;
 #[cfg(feature = "sim")]
 mod sim;
 mod support;

@@ -1,0 +1,115 @@
+//! What parameters must satisfy whatever the data say: equal ratios, imposed on the estimate that is published.
+//!
+//! ```text
+//! ρ(θ) = θ_i θ_l − θ_j θ_k = 0                     θ_i/θ_j = θ_k/θ_l
+//! θ*   = argmin (θ − θ̂)ᵀ P⁻¹ (θ − θ̂) with ρ(θ) = 0
+//!      : θ ← θ̂ − P a (ρ(θ) + aᵀ(θ̂ − θ)) / (aᵀ P a), a = ∂ρ/∂θ, until it rests
+//! P*   = P − P a aᵀ P / (aᵀ P a)
+//! ```
+//!
+//! The arm's θ₁/θ₃ and θ₂/θ₄ are both L/R of one winding, so nine parameters have eight degrees of freedom. θ̂ and P hold all that the data
+//! said, so the constrained estimate follows from them alone, and the recursion, its test for changes and its weights never hear of it: whether the
+//! data agree with the relation stays to be seen ([`product_ratio`](super::BlockEstimator::product_ratio)).
+//!
+//! Nothing is imposed where ρ is not known to half the size of its products, where it is more than [`CONTRADICTION`] deviations from 0, so that the data
+//! speak against it, or where the answer would leave the bounds.
+
+use super::group::GroupState;
+use super::linalg::dot;
+
+/// Deviations of ρ from which on the data contradict the relation: once in 16 000 blocks by chance.
+const CONTRADICTION: f64 = 4.0;
+/// Deviation of ρ, relative to its products, from which on nothing is imposed.
+const OPEN: f64 = 0.5;
+const ITERATIONS: usize = 20;
+
+/// The estimate as it is published: θ̂ and P of each group, with the relations imposed.
+#[derive(Debug, Clone)]
+pub struct Published {
+    pub theta: Vec<f64>,
+    /// P of each group, in the order of the groups.
+    pub covariance: Vec<Vec<f64>>,
+    gradient: Vec<f64>,
+    image: Vec<f64>,
+    candidate: Vec<f64>,
+}
+
+impl Published {
+    /// Room for groups of these sizes.
+    pub fn new(theta: &[f64], groups: &[GroupState]) -> Self {
+        let largest = groups.iter().map(|g| g.n).max().unwrap_or(0);
+        Self {
+            theta: theta.to_vec(),
+            covariance: groups.iter().map(|g| g.covariance.clone()).collect(),
+            gradient: vec![0.0; largest],
+            image: vec![0.0; largest],
+            candidate: vec![0.0; largest],
+        }
+    }
+
+    /// Takes over θ̂ and P and imposes the relations, each \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l, one after the other.
+    pub fn take(&mut self, theta: &[f64], groups: &[GroupState], relations: &[[usize; 4]]) {
+        self.theta.copy_from_slice(theta);
+        for (own, group) in self.covariance.iter_mut().zip(groups) {
+            own.copy_from_slice(&group.covariance);
+        }
+        for relation in relations {
+            let holder = groups.iter().position(|g| g.parameters.contains(&relation[0]));
+            if let Some(k) = holder {
+                self.impose(k, &groups[k], relation.map(|index| index - groups[k].parameters.start));
+            }
+        }
+    }
+
+    fn impose(&mut self, k: usize, group: &GroupState, [i, j, k1, l]: [usize; 4]) {
+        let n = group.n;
+        let (own, covariance) = (&mut self.theta[group.parameters.clone()], &mut self.covariance[k]);
+        let (a, v, candidate) = (&mut self.gradient[..n], &mut self.image[..n], &mut self.candidate[..n]);
+        let rho = |theta: &[f64]| theta[i] * theta[l] - theta[j] * theta[k1];
+        let size = (own[i] * own[l]).abs() + (own[j] * own[k1]).abs();
+        let mut variance = 0.0;
+        let mut differentiate = |theta: &[f64], v: &mut [f64]| {
+            a.fill(0.0);
+            (a[i], a[j], a[k1], a[l]) = (theta[l], -theta[k1], -theta[j], theta[i]);
+            for (row, value) in v.iter_mut().enumerate() {
+                *value = dot(&covariance[row * n..(row + 1) * n], a);
+            }
+            let along: f64 = (0..n).map(|p| a[p] * theta[p]).sum();
+            (dot(a, v), along, dot(a, own))
+        };
+        candidate.copy_from_slice(own);
+        for iteration in 0..ITERATIONS {
+            let (spread, along, along_own) = differentiate(candidate, v);
+            if iteration == 0 {
+                let std = spread.max(0.0).sqrt();
+                if !(std > 0.0 && std < OPEN * size && rho(candidate).abs() < CONTRADICTION * std) {
+                    return;
+                }
+            }
+            variance = spread;
+            let excess = (rho(candidate) + along_own - along) / spread;
+            let mut moved = 0.0f64;
+            for p in 0..n {
+                let next = own[p] - v[p] * excess;
+                moved = moved.max((next - candidate[p]).abs() / next.abs().max(f64::MIN_POSITIVE));
+                candidate[p] = next;
+            }
+            if moved < 1e-14 {
+                break;
+            }
+        }
+        let inside = (0..n).all(|p| {
+            let value = candidate[p];
+            value.is_finite() && (group.lower[p]..=group.upper[p]).contains(&value)
+        });
+        if !inside || !(variance > 0.0) || rho(candidate).abs() > 1e-9 * size {
+            return;
+        }
+        own.copy_from_slice(candidate);
+        for p in 0..n {
+            for q in 0..n {
+                covariance[p * n + q] -= v[p] * v[q] / variance;
+            }
+        }
+    }
+}

@@ -145,6 +145,7 @@ fn rt_the_same_samples_give_the_same_bits() {
 fn from_positions<B: SampleBlock + 'static>(plant: &impl Plant, rows: B) -> IdentifierNode<B> {
     let start = plant.parameters().iter().map(|p| p.start).collect();
     let mut options = EstimatorOptions::recommended(start, plant.equations().len());
+    options.relations = plant.relations().to_vec();
     options.lower = plant.parameters().iter().map(|p| p.lower).collect();
     let node = IdentifierOptions::new(BLOCK_LEN, plant.joints(), signals::Q | signals::INPUT);
     let estimator = BlockEstimator::new(structure(plant), options).unwrap();

@@ -152,6 +152,16 @@ impl Check<'_> {
             );
             self.warn(self.culprit(&["plant.machine", "model.kind"]), message);
         }
+        let blind = sim.machine == Machine::Arm && !sim.sensors.exact_positions();
+        if own.is_none() && form.identifier.rows == "pointwise" && blind {
+            let message = "sensors give no derivatives, so rows = \"pointwise\" refuses each sample of the simulator; \"projected\" needs none";
+            let keys = [
+                "identifier.rows",
+                "plant.sensors.encoder_bits",
+                "plant.sensors.position_noise_rad",
+            ];
+            self.warn(self.culprit(&keys), message);
+        }
         let options = &estimator.options;
         let arm = own.is_none() && form.model.kind == "manipulator";
         if arm && options.forgetting_factor == 1.0 && sim.mass_2.points.len() > 1 && options.change_detection.is_none()
@@ -356,6 +366,14 @@ fn projected(form: &FileForm, check: &mut Check<'_>) -> Option<ProjectedOptions>
         let key = match field {
             "sample_period_s" => "plant.sample_period_s".to_owned(),
             field => format!("identifier.projected.{field}"),
+        };
+        let got = match field.ends_with("_s") {
+            true if expected.contains("sample period") => {
+                let periods = (got / form.plant.sample_period_s).round();
+                format!("{got} s, which are {periods}")
+            }
+            true => format!("{got} s"),
+            false => got.to_string(),
         };
         check.wrong(&key, format!("expected {expected}, got {got}"));
         return None;

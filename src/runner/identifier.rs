@@ -237,6 +237,7 @@ impl News {
                 missing,
                 rejected,
                 last_seq = status.last_seq,
+                so_far = %status.faults,
                 "samples were lost or refused"
             );
             (self.missing, self.rejected) = (status.missing, status.rejected);

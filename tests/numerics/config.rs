@@ -296,6 +296,10 @@ const WRONG: &[(&str, &[&str])] = &[
         &["model.known", "not set", "winding_resistance_ohm"],
     ),
     (
+        "[identifier]\nrows = \"projected\"\n[identifier.projected]\nwindow_s = 10.0",
+        &["test.toml:4", "8 to 2000 sample periods", "got 10 s, which are 10000"],
+    ),
+    (
         "[model]\nkind = \"servo_axis\"\n[log]\nq = [\"q_m\"]\nposition_unit = \"rad\"",
         &["test.toml:5", "log.position_unit", "\"mm\"", "moves along a line"],
     ),
@@ -436,6 +440,7 @@ fn regress_legal_but_suspicious_settings_warn() {
             &["estimator.step_factor=3", "estimator.max_iterations=9"],
             "limits nothing",
         ),
+        (&["plant.sensors.encoder_bits=16"], "sensors give no derivatives"),
         (&["estimator.huber_limit=2"], "no effect unless estimator.outliers"),
         (
             &["identifier.derivative_gain_v_s_per_rad=[1,1]"],

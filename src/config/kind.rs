@@ -91,7 +91,7 @@ impl fmt::Display for Interval {
 }
 
 /// A number as people write it: 1e9, not 1000000000.
-struct Short(f64);
+pub(crate) struct Short(pub f64);
 
 impl fmt::Display for Short {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -152,6 +152,8 @@ pub enum Kind {
     Name,
     /// Text, for a path.
     Path,
+    /// Text, for a name in a file of the user's.
+    Label,
     /// One of these words.
     Choice(&'static [&'static str]),
     /// A whole number within these limits.
@@ -175,7 +177,7 @@ pub enum Kind {
 impl Kind {
     /// True for keys whose value is text, so that an unquoted `--set` argument is meant literally.
     pub(super) fn is_text(&self) -> bool {
-        matches!(self, Self::Name | Self::Path | Self::Choice(_))
+        matches!(self, Self::Name | Self::Path | Self::Label | Self::Choice(_))
     }
 
     /// "a whole number from 1 to 10 \[samples\]".
@@ -188,6 +190,7 @@ impl Kind {
             Self::Flag => "true or false".to_owned(),
             Self::Name => "a name of 1 to 32 characters a-z 0-9 _ -".to_owned(),
             Self::Path => "a path as a string".to_owned(),
+            Self::Label => "a name as a string".to_owned(),
             Self::Choice(words) => format!("one of {}", quoted(words)),
             Self::Whole(low, high) if *high == i64::MAX as u64 => format!("a whole number of at least {low}{unit}"),
             Self::Whole(low, high) => format!("a whole number from {low} to {high}{unit}"),
@@ -212,7 +215,7 @@ impl Kind {
         match self {
             Self::Flag => value.as_bool().map(Value::Boolean),
             Self::Name => value.as_str().filter(|s| is_name(s)).map(Value::from),
-            Self::Path => value
+            Self::Path | Self::Label => value
                 .as_str()
                 .filter(|s| !s.is_empty() && !s.contains('\0'))
                 .map(Value::from),

@@ -19,6 +19,8 @@ mod schema;
 mod setpoint_csv;
 
 pub use error::{ConfigError, Origin, Problem};
+#[cfg(feature = "service")]
+pub(crate) use kind::Short;
 pub use kind::{Interval, Kind, Len};
 pub use layers::Source;
 pub use schema::{FileForm, Key, RealOrWord, keys};

@@ -548,7 +548,7 @@ sections! {
             "Keep all memory from being swapped out";
     }
     log: Log = "log", "Columns of a log file for `thetabus identify`" {
-        time: Option<String>, Kind::Path, "",
+        time: Option<String>, Kind::Label, "",
             "Column of the time; without it rows follow each other at plant.sample_period_s";
         time_unit: String, Kind::Choice(&["s", "ms", "us", "ns"]), "",
             "Unit of the time column";

@@ -3,6 +3,7 @@
 use super::args::{CommonArgs, TableFormat};
 use super::{CtlArgs, CtlCommand, Exit, Failure, logging};
 use crate::bus::{Bus, ControlClient};
+use crate::config::Short;
 use crate::messages::{Command, Item, Request, Response, item_kind, response_code, text_of};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -85,10 +86,10 @@ fn table(response: &Response) -> String {
                 _ => writeln!(
                     text,
                     "  {name:<20} {:<12} [{}]  {} to {}",
-                    short(item.value),
+                    Short(item.value).to_string(),
                     if unit.is_empty() { "1" } else { unit },
-                    short(item.lower),
-                    short(item.upper)
+                    Short(item.lower),
+                    Short(item.upper)
                 ),
             };
         }
@@ -102,14 +103,6 @@ fn heading(kind: u32, title: &str) -> String {
         item_kind::PARAMETER => format!("{title}: start value, unit, bounds"),
         item_kind::TUNABLE => format!("{title}: value in force, unit, range"),
         _ => title.to_owned(),
-    }
-}
-
-/// With an exponent where zeros would have to be counted.
-fn short(value: f64) -> String {
-    match value.abs() {
-        size if size != 0.0 && size.is_finite() && !(1e-4..1e9).contains(&size) => format!("{value:e}"),
-        _ => value.to_string(),
     }
 }
 

@@ -45,7 +45,7 @@ fn text(reports: &[DomainReport], removed: &[(Domain, Cleaned)], args: &DoctorAr
         let _ = match cleaned.domain {
             true => writeln!(
                 text,
-                "removed domain {}: nobody lived in it, {} files",
+                "removed domain {}: nobody lived in it, {} file(s)",
                 domain.name(),
                 cleaned.files
             ),

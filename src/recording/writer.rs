@@ -287,13 +287,22 @@ fn existing_files(first: &Path) -> Vec<(u32, PathBuf)> {
 }
 
 impl OpenFile {
+    /// The file gets its name once its definitions are in it, so that a recorder killed at any time leaves files that can be read, or none.
     fn create(path: &Path, info: &RunInfo, layout: &Layout) -> Result<Self, RecordError> {
         let bytes = Arc::new(AtomicU64::new(0));
         let failed = |source| RecordError::Io {
             path: path.to_path_buf(),
             source,
         };
-        let file = File::create_new(path).map_err(failed)?;
+        let vacant = || match path.try_exists() {
+            Ok(false) => Ok(()),
+            Ok(true) => Err(failed(io::ErrorKind::AlreadyExists.into())),
+            Err(error) => Err(failed(error)),
+        };
+        vacant()?;
+        let mut begun = path.as_os_str().to_owned();
+        begun.push(".begun");
+        let file = File::create(&begun).map_err(failed)?;
         let sink = CountingFile {
             file: BufWriter::with_capacity(1 << 16, file),
             bytes: bytes.clone(),
@@ -311,8 +320,10 @@ impl OpenFile {
             bytes,
             sequence: [0; 5],
         };
-        let begun = open.begin(info, layout);
-        open.check(begun)?;
+        let defined = open.begin(info, layout);
+        open.check(defined)?;
+        vacant()?;
+        fs::rename(&begun, path).map_err(failed)?;
         Ok(open)
     }
 

@@ -7,7 +7,7 @@ use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
 use super::paper::ALL;
 use super::results::Effort;
 use super::speed::projected_speed_section;
-use super::{CompareError, Reference, emps, for_each_index};
+use super::{CompareError, Reference, for_each_index};
 use crate::estimator::{BlockEstimator, Change, EstimatorOptions};
 use crate::model::{AutoDiff, Delayed, Manipulator, Plant};
 use crate::rows::{
@@ -288,15 +288,11 @@ fn level(bits: u32, noise_v: f64) -> String {
     }
 }
 
-/// All tables. `emps` is the recording of a real machine: position \[m\] and voltage \[V\] at 1 kHz, where it is at hand.
+/// All tables.
 ///
 /// # Errors
 /// The options are not valid.
-pub fn encoder_document(
-    setup: &EncoderSetup,
-    effort: Effort,
-    recording: Option<&[(f64, f64)]>,
-) -> Result<Document, CompareError> {
+pub fn encoder_document(setup: &EncoderSetup, effort: Effort) -> Result<Document, CompareError> {
     let [end, course] = accuracy_sections(setup, effort.seeds)?;
     Ok(Document {
         title: "Results from positions and voltages".to_owned(),
@@ -308,7 +304,6 @@ pub fn encoder_document(
             skew_section(setup, effort.seeds)?,
             alternatives_section(setup, effort.seeds)?,
             projected_speed_section(setup, effort.seeds.min(2))?,
-            emps::section(recording)?,
         ],
     })
 }

@@ -6,7 +6,7 @@ use super::ekf::EkfTuning;
 use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
 use super::paper::{ALL, CHANGING};
 use super::speed::speed_section;
-use super::{CompareError, Reference, Scenario, cedro2022_estimator, for_each_index, stress, studies};
+use super::{CompareError, Reference, Scenario, cedro2022_estimator, emps, for_each_index, stress, studies};
 use crate::estimator::{EstimatorOptions, Forgetting};
 use crate::sim::{SensorOptions, SimOptions};
 use std::time::Duration;
@@ -23,7 +23,8 @@ pub struct Effort {
     pub calibration_runs: u64,
 }
 
-/// All tables for a configured run; `ours` is the configured estimator.
+/// All tables for a configured run; `ours` is the configured estimator, `recording` that of a real machine, position \[m\] and voltage \[V\] at
+/// 1 kHz, where it is at hand.
 ///
 /// # Errors
 /// The options are not valid, or the run has no jump after the first block.
@@ -32,6 +33,7 @@ pub fn results_document(
     block_len: usize,
     ours: &EstimatorOptions,
     effort: Effort,
+    recording: Option<&[(f64, f64)]>,
 ) -> Result<Document, CompareError> {
     Ok(Document {
         title: "Results".to_owned(),
@@ -44,6 +46,7 @@ pub fn results_document(
             studies::calibration_section(sim, block_len, ours, effort.calibration_runs)?,
             stress::windup_section(sim, block_len, ours, effort.seeds)?,
             stress::outliers_section(sim, block_len, ours, effort.seeds)?,
+            emps::section(recording)?,
             speed_section(sim, block_len, ours, effort.seeds.min(2))?,
         ],
     })

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! The bump of length T passes what is slower than 1.3/T and averages the rest. Much longer windows lose the fastest motion, which is what tells a small inertia or an
-//! inductance; much shorter ones average less noise than they could. Within a factor of two either way the estimates hardly change, see docs/encoder-results.md.
+//! inductance; much shorter ones average less noise than they could. Within a factor of two either way the estimates hardly change, see docs/results.md.
 
 use super::noise::SignalNoise;
 use std::f64::consts::TAU;

@@ -53,9 +53,15 @@ pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
                 options: estimator.options.clone(),
                 block_len: estimator.block_len,
             };
-            return encoder_document(&setup, effort, recording.as_deref());
+            return encoder_document(&setup, effort);
         }
-        let mut document = results_document(sim, estimator.block_len, &estimator.options, effort)?;
+        let mut document = results_document(
+            sim,
+            estimator.block_len,
+            &estimator.options,
+            effort,
+            recording.as_deref(),
+        )?;
         match recording_section(&config) {
             Ok(section) => document.sections.push(section),
             Err(error) => tracing::warn!("what a recording costs is left out: {error}"),

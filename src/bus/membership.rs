@@ -2,7 +2,8 @@
 //!
 //! iceoryx2 frees what dead processes of its own version leave behind, but stumbles over files that were cut off, damaged or made
 //! by another version, and would have a person remove them. Members of a domain therefore share a lock. Who finds nobody holding
-//! it, no living node and yet services knows them for rubbish, and sweeps before it begins.
+//! it, no living node and yet services knows them for rubbish, and sweeps before it begins. Who leaves last sweeps, too, where anything is left: of a process
+//! that is killed while it connects, iceoryx2 may miss the connection.
 
 use super::memory::SHM;
 use super::{BusError, Domain, Node};
@@ -19,7 +20,33 @@ use std::path::Path;
 /// A node, and the lock that tells others of its life. The lock goes last.
 pub(super) struct Membership {
     pub node: Node,
-    _lock: File,
+    _leaving: Leaving,
+}
+
+/// The members' lock, with what is to be done before it is released.
+struct Leaving {
+    lock: File,
+    domain: Domain,
+    config: Config,
+}
+
+impl Drop for Leaving {
+    fn drop(&mut self) {
+        let left = entries(Path::new(SHM)).any(|entry| {
+            let name = entry.file_name();
+            name.to_str()
+                .is_some_and(|name| is_service_memory(name, self.domain.prefix()))
+        });
+        // whoever comes meanwhile waits for the lock
+        if left && self.lock.try_lock().is_ok() && living(&self.config, None) == Some(false) {
+            let count = sweep(&self.domain);
+            tracing::debug!(
+                domain = self.domain.name(),
+                files = count,
+                "removed what a killed process had left behind"
+            );
+        }
+    }
 }
 
 impl Membership {
@@ -61,7 +88,15 @@ impl Membership {
                 super::ICEORYX2_VERSION
             ),
         })?;
-        Ok(Self { node, _lock: lock })
+        let leaving = Leaving {
+            lock,
+            domain: domain.clone(),
+            config: config.clone(),
+        };
+        Ok(Self {
+            node,
+            _leaving: leaving,
+        })
     }
 }
 
@@ -149,8 +184,13 @@ fn lock_shared(file: &File) -> io::Result<()> {
     }
 }
 
-/// Is any node but our own alive, in whatever language it is written? In doubt, yes.
+/// Is any node but our own alive, in whatever language it is written? In doubt, yes, where we have one of our own.
 pub(super) fn others_live(config: &Config, own: Option<&Node>) -> bool {
+    living(config, own).unwrap_or(own.is_some())
+}
+
+/// Is any node but our own alive? `None` where they cannot be listed and none was seen.
+fn living(config: &Config, own: Option<&Node>) -> Option<bool> {
     let mut alive = false;
     let listed = Node::list(config, |state| {
         alive |= own.is_none_or(|own| own.id() != state.node_id())
@@ -163,7 +203,7 @@ pub(super) fn others_live(config: &Config, own: Option<&Node>) -> bool {
             };
         CallbackProgression::Continue
     });
-    alive || (listed.is_err() && own.is_some())
+    (alive || listed.is_ok()).then_some(alive)
 }
 
 pub(super) fn exists(pid: i32) -> bool {

@@ -9,15 +9,16 @@
 //! 2 is no longer maintained, and no other module names it.
 
 use crate::estimator::EstimatorState;
+use crate::files;
 use crate::node::command::NodeState;
 use bincode::{Decode, Encode};
-use std::fs::{self, File};
-use std::io::{self, Read, Write};
+use std::fs::File;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"THETABUS";
 /// Version of the file; a change of the state's layout is a new one.
-pub const CHECKPOINT_VERSION: u32 = 1;
+pub const CHECKPOINT_VERSION: u32 = 2;
 /// Magic, version, CRC, length.
 const HEAD: usize = 24;
 /// No state of 64 parameters comes near this \[bytes\].
@@ -67,7 +68,9 @@ pub enum CheckpointError {
         got: String,
     },
     /// Of another version of this program.
-    #[error("it has version {got}, expected {CHECKPOINT_VERSION}")]
+    #[error(
+        "it has version {got}, expected {CHECKPOINT_VERSION}: start cold once, or use the version of the program that wrote it"
+    )]
     Version {
         /// Its version.
         got: u32,
@@ -200,21 +203,9 @@ pub fn path(dir: &Path, robot: &str) -> PathBuf {
 /// # Errors
 /// A directory that cannot be written to, a full disk; the previous checkpoint stays.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), CheckpointError> {
-    let temporary = path.with_extension(format!("checkpoint.{}.tmp", std::process::id()));
-    let attempt = || -> io::Result<()> {
-        let mut file = File::create(&temporary)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&temporary, path)?;
-        let dir = path.parent().filter(|dir| !dir.as_os_str().is_empty());
-        File::open(dir.unwrap_or(Path::new(".")))?.sync_all()
-    };
-    attempt().map_err(|source| {
-        let _ = fs::remove_file(&temporary);
-        CheckpointError::Io {
-            path: path.to_path_buf(),
-            source,
-        }
+    files::write_synced(path, bytes).map_err(|source| CheckpointError::Io {
+        path: path.to_path_buf(),
+        source,
     })
 }
 
@@ -244,6 +235,7 @@ mod tests {
     use super::*;
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::{Rng, SeedableRng};
+    use std::fs;
 
     fn identity() -> Identity {
         Identity {
@@ -325,7 +317,7 @@ mod tests {
         let mut older = bytes;
         older[8] = 0;
         let error = decode(&older, &identity()).expect_err("version").to_string();
-        assert!(error.contains("version 0, expected 1"), "{error}");
+        assert!(error.contains("version 0, expected 2"), "{error}");
     }
 
     #[test]

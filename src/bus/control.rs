@@ -2,7 +2,9 @@
 //!
 //! A request wakes the server by an event; a server that died or was stopped never answers, so a client waits no longer than it was told to.
 
+use super::memory;
 use super::subscriber::{listener, wait};
+use super::topic::control as sizes;
 use super::{Bus, BusError, ControlService, Listener, Notifier, Topic};
 use crate::messages::{Request, Response};
 use iceoryx2::port::{client::Client, server::Server};
@@ -27,6 +29,7 @@ impl ControlServer {
     /// # Errors
     /// There is one already, or the bus fails.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        let claim = memory::claim(bus, Topic::Control, sizes::server_bytes())?;
         let service = bus.create_control()?;
         let port = service.server_builder().create().map_err(|e| {
             bus.topic_error(
@@ -34,8 +37,10 @@ impl ControlServer {
                 format!("cannot serve it, there may be a server already: {e:?}"),
             )
         })?;
+        let listener = listener(bus, Topic::Control)?;
+        claim.take()?;
         Ok(Self {
-            listener: listener(bus, Topic::Control)?,
+            listener,
             port,
             _service: service,
         })
@@ -46,16 +51,18 @@ impl ControlServer {
         wait(&self.listener, Topic::Control, timeout)
     }
 
-    /// Answers every request that has arrived.
-    pub fn serve(&mut self, mut answer: impl FnMut(&Request) -> Response) -> Result<usize, BusError> {
-        let mut count = 0;
-        loop {
+    /// Answers what has arrived, at most `limit` requests; returns how many.
+    ///
+    /// # Errors
+    /// The bus fails.
+    pub fn serve(&mut self, limit: usize, mut answer: impl FnMut(&Request) -> Response) -> Result<usize, BusError> {
+        for count in 0..limit {
             let request = self.port.receive().map_err(|e| transfer("receiving", &e))?;
             let Some(request) = request else { return Ok(count) };
             // A client that has left needs no answer.
             let _ = request.send_copy(answer(request.payload()));
-            count += 1;
         }
+        Ok(limit)
     }
 }
 
@@ -78,6 +85,7 @@ impl ControlClient {
         if service.dynamic_config().number_of_servers() == 0 {
             return Err(nobody(bus));
         }
+        let claim = memory::claim(bus, Topic::Control, sizes::client_bytes())?;
         let port = service
             .client_builder()
             .create()
@@ -87,6 +95,7 @@ impl ControlClient {
             .notifier_builder()
             .create()
             .map_err(|e| bus.topic_error(Topic::Control, format!("cannot wake the identifier: {e:?}")))?;
+        claim.take()?;
         Ok(Self {
             bus: bus.clone(),
             notifier,

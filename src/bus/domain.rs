@@ -2,6 +2,7 @@
 
 use super::BusError;
 use iceoryx2::prelude::{Config, FileName, Path as IoxPath, SemanticString};
+use std::fs::Metadata;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
@@ -27,8 +28,8 @@ pub(super) fn check_name(what: &'static str, name: &str) -> Result<(), BusError>
 /// A set of shared-memory topics separate from all others on this machine.
 ///
 /// Its files, locks and sockets live in [`root`](Self::root), its shared memory under [`prefix`](Self::prefix) in /dev/shm. Both
-/// follow from the name and the user alone, so programs in any language find each other. No configuration file of iceoryx2
-/// takes part.
+/// follow from the name and the user alone, so programs in any language find each other, and users do not meet. No configuration
+/// file of iceoryx2 takes part.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Domain {
     name: String,
@@ -51,7 +52,7 @@ impl Domain {
             Some(dir) => dir.join(format!("thetabus-{name}")),
             None => PathBuf::from(format!("/tmp/thetabus-{}-{name}", nix::unistd::geteuid())),
         };
-        let prefix = format!("thetabus_{name}_");
+        let prefix = format!("thetabus_{}_{name}_", nix::unistd::geteuid());
         let len = root.as_os_str().len() + 1 + prefix.len() + SOCKET_NAME_LEN;
         if len > SOCKET_PATH_MAX {
             // The name stands in both.
@@ -111,35 +112,56 @@ impl Domain {
         &self.root
     }
 
-    /// What the names of its shared-memory objects begin with.
+    /// What the names of its shared-memory objects begin with: `thetabus_<user number>_<name>_`.
     pub fn prefix(&self) -> &str {
         &self.prefix
     }
 
-    /// Creates the root directory, readable by this user alone; fails where it belongs to somebody else.
+    /// Creates the root directory, for this user alone; refuses one that others own or may enter.
     pub(super) fn create_root(&self) -> Result<(), BusError> {
-        let fail = |source| BusError::Root {
-            domain: self.name.clone(),
-            root: self.root.clone(),
-            source,
-        };
-        std::fs::DirBuilder::new()
+        let created = std::fs::DirBuilder::new()
             .recursive(true)
             .mode(0o700)
-            .create(&self.root)
-            .map_err(fail)?;
-        // In /tmp anybody could have put a directory or a link here first.
-        let found = std::fs::symlink_metadata(&self.root).map_err(fail)?;
+            .create(&self.root);
+        // In /tmp anybody could have put a directory or a link here first, which says more than the failure to create it.
+        match (std::fs::symlink_metadata(&self.root), created) {
+            (Ok(found), _) => self.check_root(&found),
+            (Err(source), Ok(())) | (Err(_), Err(source)) => Err(BusError::Root {
+                domain: self.name.clone(),
+                root: self.root.clone(),
+                source,
+            }),
+        }
+    }
+
+    /// Refuses a root directory as [`create_root`](Self::create_root) does, but does not miss one.
+    pub(super) fn check_existing_root(&self) -> Result<(), BusError> {
+        match std::fs::symlink_metadata(&self.root) {
+            Ok(found) => self.check_root(&found),
+            Err(_) => Ok(()),
+        }
+    }
+
+    fn check_root(&self, found: &Metadata) -> Result<(), BusError> {
+        let (domain, root) = (self.name.clone(), self.root.clone());
         let uid = nix::unistd::geteuid().as_raw();
         if !found.is_dir() || found.uid() != uid {
             return Err(BusError::RootOwner {
-                domain: self.name.clone(),
-                root: self.root.clone(),
+                domain,
+                root,
                 uid,
                 found: found.uid(),
+                kind: match found.file_type() {
+                    kind if kind.is_dir() => "a directory",
+                    kind if kind.is_symlink() => "a symbolic link",
+                    _ => "a file",
+                },
             });
         }
-        Ok(())
+        match found.mode() & 0o777 {
+            mode if mode & 0o077 == 0 => Ok(()),
+            mode => Err(BusError::RootMode { domain, root, mode }),
+        }
     }
 
     /// iceoryx2's configuration: its defaults, with this domain's root path and prefix.
@@ -180,9 +202,50 @@ mod tests {
     }
 
     #[test]
-    fn root_and_prefix_follow_from_the_name() {
+    fn root_and_prefix_follow_from_the_name_and_the_user() {
         let domain = Domain::below("left-arm", Some(Path::new("/run/user/1000"))).expect("valid");
         assert_eq!(domain.root(), Path::new("/run/user/1000/thetabus-left-arm"));
-        assert_eq!(domain.prefix(), "thetabus_left-arm_");
+        let uid = nix::unistd::geteuid();
+        assert_eq!(domain.prefix(), format!("thetabus_{uid}_left-arm_"));
+    }
+
+    #[test]
+    fn fault_a_root_that_is_a_link_or_a_file_or_open_to_others_is_refused_and_left_as_it_is() {
+        use std::fs::Permissions;
+        use std::os::unix::fs::{PermissionsExt, symlink};
+        let place = tempfile::tempdir().expect("a directory");
+        let target = place.path().join("target");
+        std::fs::create_dir(&target).expect("create");
+        std::fs::set_permissions(&target, Permissions::from_mode(0o700)).expect("its mode");
+        let domain = |name: &str| Domain::below(name, Some(place.path())).expect("valid");
+        let refused = |domain: &Domain| domain.create_root().expect_err("must be refused").to_string();
+        for (name, leads_to) in [("link", "target"), ("broken", "nowhere")] {
+            let domain = domain(name);
+            symlink(place.path().join(leads_to), domain.root()).expect("link");
+            let error = refused(&domain);
+            assert!(
+                error.contains("a symbolic link") && error.contains("--domain"),
+                "{error}"
+            );
+        }
+        assert!(!place.path().join("nowhere").exists());
+        let file = domain("file");
+        std::fs::write(file.root(), "").expect("write");
+        assert!(refused(&file).contains("a file"));
+        for mode in [0o777, 0o750, 0o701, 0o720] {
+            let open = domain(&format!("open-{mode:o}"));
+            std::fs::create_dir(open.root()).expect("create");
+            std::fs::set_permissions(open.root(), Permissions::from_mode(mode)).expect("its mode");
+            let error = refused(&open);
+            assert!(
+                error.contains(&format!("{mode:04o}")) && error.contains("0700"),
+                "{error}"
+            );
+        }
+        let good = domain("good");
+        good.create_root().expect("created");
+        good.create_root().expect("there already");
+        let mode = std::fs::metadata(good.root()).expect("there").mode() & 0o777;
+        assert_eq!(mode, 0o700);
     }
 }

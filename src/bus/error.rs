@@ -53,7 +53,7 @@ pub enum BusError {
     },
     /// The domain's directory belongs to somebody else.
     #[error(
-        "domain {domain:?}: {} must be a directory of user {uid}, but it is owned by user {found} or is not a directory; \
+        "domain {domain:?}: {} must be a directory of user {uid}, but it is {kind} of user {found}; \
          remove it or use another --domain",
         root.display()
     )]
@@ -66,6 +66,51 @@ pub enum BusError {
         uid: u32,
         /// Its owner.
         found: u32,
+        /// `a directory`, `a symbolic link`, `a file`.
+        kind: &'static str,
+    },
+    /// The domain's directory is open to others.
+    #[error(
+        "domain {domain:?}: directory {} has mode {mode:04o}, expected 0700: other users could have put something into it; \
+         remove it or use another --domain",
+        root.display()
+    )]
+    RootMode {
+        /// The domain.
+        domain: String,
+        /// Its directory.
+        root: PathBuf,
+        /// Its permissions.
+        mode: u32,
+    },
+    /// Somebody else has an object under a name of this domain.
+    #[error(
+        "domain {domain:?}: {} must be a file of user {uid}, but it is of user {found} or is not a file; have it removed, \
+         or use another --domain",
+        path.display()
+    )]
+    ForeignObject {
+        /// The domain.
+        domain: String,
+        /// The object.
+        path: PathBuf,
+        /// Our user.
+        uid: u32,
+        /// Its owner.
+        found: u32,
+    },
+    /// Something took longer than it ever should.
+    #[error(
+        "domain {domain:?}: {action} has not ended within {limit_s} s; another program in this domain may be stopped: \
+         `thetabus doctor --domain {domain}` shows the programs; continue or end that one, or use another --domain"
+    )]
+    TimeLimit {
+        /// The domain.
+        domain: String,
+        /// `joining`, `cleaning up`.
+        action: &'static str,
+        /// How long was waited \[s\].
+        limit_s: f64,
     },
     /// A lock file cannot be used.
     #[error("lock file {}: {source}", path.display())]

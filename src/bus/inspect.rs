@@ -4,13 +4,15 @@
 //! open. Looking changes nothing and disturbs nobody.
 
 use super::domain::check_name;
-use super::membership::{
-    Lock, RoleFile, entries, exists, is_service_memory, lock_members, mapped_memory, others_live, remove_domain,
-};
-use super::memory::SHM;
+use super::half_made;
+use super::membership::{Lock, RoleFile, exists, lock_members, others_live, remove_domain, time_limit};
+use super::objects::{SHM, entries, is_ours, is_service_memory, mapped_memory, refuse_foreign};
+use super::orphans;
+use super::time_limit::within;
+use super::watch::Watch;
 use super::{BusError, Domain};
 use iceoryx2::node::{Node, NodeState, NodeView};
-use iceoryx2::prelude::{CallbackProgression, LogLevel, Service, ipc, set_log_level_from_env_or};
+use iceoryx2::prelude::{CallbackProgression, Config, LogLevel, Service, ipc, set_log_level_from_env_or};
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern;
 use std::collections::{BTreeMap, HashSet};
 use std::fs::DirEntry;
@@ -20,6 +22,10 @@ use std::time::Duration;
 
 /// Younger things may still be in the making.
 const SETTLED: Duration = Duration::from_secs(10);
+/// Looking at a domain takes milliseconds, unless something half-made is in the way.
+const LOOK_LIMIT: Duration = Duration::from_secs(2);
+/// Cleaning up takes tens of milliseconds per dead program.
+const CLEAN_LIMIT: Duration = Duration::from_secs(20);
 
 /// A program in a domain.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -82,6 +88,10 @@ pub struct DomainReport {
     pub services: Vec<ServiceReport>,
     /// Services whose files cannot be read: of another iceoryx2 version, or damaged.
     pub unreadable_services: usize,
+    /// Objects that somebody began to make and has not finished for longer than that takes.
+    pub half_made: Vec<String>,
+    /// Programs and services could not be listed, because something half-made is in the way.
+    pub is_blocked: bool,
     /// Its locks.
     pub locks: Vec<LockReport>,
     /// Its shared memory.
@@ -94,7 +104,11 @@ impl DomainReport {
     /// True where something dead is in it; the files of a domain that was left in good order are none.
     pub fn has_dead(&self) -> bool {
         let left_behind = self.abandoned && (self.memory.objects > 0 || !self.services.is_empty());
-        left_behind || self.nodes.iter().any(|node| node.alive == Some(false)) || self.unreadable_services > 0
+        let half_made = self.is_blocked || !self.half_made.is_empty();
+        left_behind
+            || half_made
+            || self.nodes.iter().any(|node| node.alive == Some(false))
+            || self.unreadable_services > 0
     }
 }
 
@@ -117,10 +131,10 @@ pub fn domains() -> Vec<Domain> {
         found.insert((root.name().to_owned(), root.root().to_owned()), root);
     }
     let named: HashSet<String> = found.keys().map(|(name, _)| name.clone()).collect();
-    let uid = nix::unistd::geteuid().as_raw();
-    for entry in entries(Path::new(SHM)).filter(|entry| entry.metadata().is_ok_and(|found| found.uid() == uid)) {
+    let ours = format!("thetabus_{}_", nix::unistd::geteuid());
+    for entry in entries(Path::new(SHM)).filter(is_ours) {
         let name = entry.file_name();
-        let Some(name) = name.to_str().and_then(domain_of_memory) else {
+        let Some(name) = name.to_str().and_then(|name| domain_of_memory(name, &ours)) else {
             continue;
         };
         if !named.contains(name)
@@ -132,9 +146,9 @@ pub fn domains() -> Vec<Domain> {
     found.into_values().collect()
 }
 
-/// `thetabus_left-arm_<40 hexadecimal digits>_…` is of `left-arm`.
-fn domain_of_memory(object: &str) -> Option<&str> {
-    let rest = object.strip_prefix("thetabus_")?;
+/// `thetabus_1000_left-arm_<40 hexadecimal digits>_…` is of `left-arm` of user 1000, whose objects begin with `ours`.
+fn domain_of_memory<'a>(object: &'a str, ours: &str) -> Option<&'a str> {
+    let rest = object.strip_prefix(ours)?;
     let name = rest.match_indices('_').map(|(at, _)| &rest[..at]).find(|name| {
         let hash = rest[name.len() + 1..].split('_').next().unwrap_or("");
         hash.len() == 40 && hash.bytes().all(|b| b.is_ascii_hexdigit())
@@ -145,23 +159,57 @@ fn domain_of_memory(object: &str) -> Option<&str> {
 /// Looks at a domain.
 ///
 /// # Errors
-/// The domain's directory belongs to somebody else or cannot be named to iceoryx2.
+/// The domain's directory belongs to somebody else or cannot be named to iceoryx2, or somebody else has put an object among
+/// its names.
 pub fn inspect(domain: &Domain) -> Result<DomainReport, BusError> {
     set_log_level_from_env_or(LogLevel::Error);
     let config = domain.config()?;
+    domain.check_existing_root()?;
+    refuse_foreign(domain)?;
+    let half_made = settled_half_made(domain);
+    let listed = within(LOOK_LIMIT, move || (nodes(&config), services(&config)));
+    let is_blocked = listed.is_none();
+    let (nodes, services) = listed.unwrap_or_default();
+    let files = entries(&domain.root().join("services")).count();
+    let unreadable_services = if is_blocked {
+        0
+    } else {
+        files.saturating_sub(services.len())
+    };
+    let locks = locks(domain);
+    let lives = nodes.iter().any(|node| node.alive != Some(false));
+    let abandoned = !lives && locks.iter().all(|lock| lock.holder.is_none()) && !is_member_held(domain);
+    Ok(DomainReport {
+        nodes,
+        services,
+        unreadable_services,
+        half_made,
+        is_blocked,
+        locks,
+        memory: memory(domain),
+        abandoned,
+        domain: domain.clone(),
+    })
+}
+
+fn nodes(config: &Config) -> Vec<NodeReport> {
     let mut nodes = Vec::new();
     // A domain without a directory has no nodes.
-    let _ = Node::<ipc::Service>::list(&config, |state| {
+    let _ = Node::<ipc::Service>::list(config, |state| {
         nodes.push(node(&state));
         CallbackProgression::Continue
     });
     nodes.sort_by(|a, b| (&a.name, a.pid).cmp(&(&b.name, b.pid)));
+    nodes
+}
+
+fn services(config: &Config) -> Vec<ServiceReport> {
     let mut services = Vec::new();
-    let _ = ipc::Service::list(&config, |details| {
+    let _ = ipc::Service::list(config, |details| {
         let fixed = &details.static_details;
         let (pattern, message) = match fixed.messaging_pattern() {
             MessagingPattern::PublishSubscribe(config) => {
-                let payload = &config.message_type_details().payload;
+                let payload = config.message_type_details().payload;
                 (
                     "publish-subscribe",
                     Some((payload.type_name().to_string(), payload.size())),
@@ -181,32 +229,46 @@ pub fn inspect(domain: &Domain) -> Result<DomainReport, BusError> {
         CallbackProgression::Continue
     });
     services.sort_by(|a, b| (&a.name, a.pattern).cmp(&(&b.name, b.pattern)));
-    let files = entries(&domain.root().join("services")).count();
-    let unreadable_services = files.saturating_sub(services.len());
-    let locks = locks(domain);
-    let lives = nodes.iter().any(|node| node.alive != Some(false));
-    let abandoned = !lives && locks.iter().all(|lock| lock.holder.is_none()) && !is_member_held(domain);
-    Ok(DomainReport {
-        nodes,
-        services,
-        unreadable_services,
-        locks,
-        memory: memory(domain),
-        abandoned,
-        domain: domain.clone(),
-    })
+    services
+}
+
+/// What is half-made and still was after the time that making takes.
+fn settled_half_made(domain: &Domain) -> Vec<String> {
+    let names = || -> Vec<String> {
+        let found = half_made::half_made(domain).into_iter();
+        found.map(|(path, _)| path.display().to_string()).collect()
+    };
+    let first = names();
+    if first.is_empty() {
+        return first;
+    }
+    std::thread::sleep(half_made::GRACE);
+    let second = names();
+    first.into_iter().filter(|name| second.contains(name)).collect()
 }
 
 /// Removes what is dead in a domain, all of it where nobody lives there.
 ///
 /// # Errors
-/// The domain's directory belongs to somebody else or cannot be used.
+/// The domain's directory belongs to somebody else or cannot be used, or an object of its names does; a time limit has passed.
 pub fn clean(domain: &Domain) -> Result<Cleaned, BusError> {
     set_log_level_from_env_or(LogLevel::Error);
+    domain.check_existing_root()?;
+    refuse_foreign(domain)?;
+    // Frees the clean-up where another process is killed meanwhile.
+    let _watch = Watch::start(domain);
+    let half_made = settled_half_made(domain).len();
+    half_made::sweep(domain);
+    orphans::sweep(domain);
+    let own = domain.clone();
+    let mut cleaned =
+        within(CLEAN_LIMIT, move || clean_up(&own)).ok_or_else(|| time_limit(domain, "cleaning up", CLEAN_LIMIT))??;
+    cleaned.files += half_made.saturating_sub(half_made::half_made(domain).len());
+    Ok(cleaned)
+}
+
+fn clean_up(domain: &Domain) -> Result<Cleaned, BusError> {
     let config = domain.config()?;
-    if domain.root().exists() {
-        domain.create_root()?;
-    }
     // While it is held nobody joins; who waits for it finds the file gone and makes another.
     if domain.root().exists() {
         let lock = lock_members(domain)?;
@@ -275,7 +337,7 @@ pub fn clean(domain: &Domain) -> Result<Cleaned, BusError> {
 }
 
 /// Names of the service files that iceoryx2 can read.
-fn service_files(config: &iceoryx2::prelude::Config, domain: &Domain) -> HashSet<String> {
+fn service_files(config: &Config, domain: &Domain) -> HashSet<String> {
     let mut names = HashSet::new();
     let _ = ipc::Service::list(config, |details| {
         let hash = details.static_details.service_hash().as_str();
@@ -354,11 +416,6 @@ fn memory(domain: &Domain) -> MemoryReport {
     report
 }
 
-fn is_ours(entry: &DirEntry) -> bool {
-    let uid = nix::unistd::geteuid().as_raw();
-    entry.metadata().is_ok_and(|found| found.uid() == uid)
-}
-
 fn is_settled(entry: &DirEntry) -> bool {
     let modified = entry.metadata().and_then(|found| found.modified());
     modified.is_ok_and(|time| time.elapsed().is_ok_and(|age| age > SETTLED))
@@ -371,12 +428,18 @@ mod tests {
     #[test]
     fn prop_a_shared_memory_object_tells_its_domain_whatever_is_in_the_name() {
         let hash = "0354a209029e7d094a819e2d4030ea331e6caaf0";
+        let ours = "thetabus_1000_";
         for name in ["a", "a_b", "left-arm", "t1_2-3"] {
-            assert_eq!(domain_of_memory(&format!("thetabus_{name}_{hash}_12.data")), Some(name));
+            let object = format!("{ours}{name}_{hash}_12.data");
+            assert_eq!(domain_of_memory(&object, ours), Some(name));
         }
-        for object in ["thetabus_a_12.data", "other_a", "thetabus_", "thetabus_A_"] {
-            assert_eq!(domain_of_memory(object), None, "{object}");
+        for object in ["1000_a_12.data", "other_a", "1000_", "1000_A_"] {
+            let object = format!("thetabus_{object}");
+            assert_eq!(domain_of_memory(&object, ours), None, "{object}");
         }
-        assert_eq!(domain_of_memory(&format!("thetabus__{hash}_1.data")), None);
+        for user in ["1000_", "0_a", "100_a"] {
+            let object = format!("thetabus_{user}_{hash}_1.data");
+            assert_eq!(domain_of_memory(&object, ours), None, "{object}");
+        }
     }
 }

@@ -83,6 +83,12 @@ impl RoleLock {
     }
 }
 
+/// The process that holds a role, or held it last; `None` where nobody ever did.
+pub(super) fn role_holder(domain: &Domain, robot: &str, role: Role) -> Option<i32> {
+    let path = domain.root().join(format!("{robot}.{}.lock", role.file_stem()));
+    std::fs::read_to_string(path).ok()?.strip_suffix('\n')?.parse().ok()
+}
+
 /// The process id in a lock file. Its holder writes it just after it has locked, so an empty file is worth a second look.
 fn holder(file: &mut File) -> Option<String> {
     for _ in 0..20 {

@@ -2,25 +2,43 @@
 //!
 //! iceoryx2 frees what dead processes of its own version leave behind, but stumbles over files that were cut off, damaged or made
 //! by another version, and would have a person remove them. Members of a domain therefore share a lock. Who finds nobody holding
-//! it, no living node and yet services knows them for rubbish, and sweeps before it begins. Who leaves last sweeps, too, where anything is left: of a process
-//! that is killed while it connects, iceoryx2 may miss the connection.
+//! it, no living node and yet services knows them for rubbish, and sweeps before it begins. Who leaves last sweeps, too, where
+//! anything is left: of a process that is killed while it connects, iceoryx2 may miss the connection. What a process was killed
+//! over while it made it is removed at any time, by every member.
+//!
+//! Nothing here waits without a limit: neither for the lock, nor for iceoryx2.
 
-use super::memory::SHM;
+use super::half_made;
+use super::management;
+use super::objects::{SHM, entries, is_management, is_ours, is_service_memory, mapped_memory, refuse_foreign};
+use super::orphans;
+use super::time_limit::within;
+use super::watch::Watch;
 use super::{BusError, Domain, Node};
 use iceoryx2::node::{NodeCreationFailure, NodeState};
 use iceoryx2::prelude::{CallbackProgression, Config, ipc};
+use nix::fcntl::OFlag;
 use nix::sys::signal::kill;
 use nix::unistd::Pid;
-use std::collections::HashSet;
 use std::fs::{DirEntry, File, OpenOptions, TryLockError};
 use std::io;
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How long a join may take at each step that depends on others. On clean ground all of it takes milliseconds.
+const JOIN_LIMIT: Duration = Duration::from_secs(5);
+/// How often iceoryx2's refusal is believed only after another look, while others live in the domain.
+const SECOND_LOOKS: usize = 20;
+const PAUSE: Duration = Duration::from_millis(50);
 
 /// A node, and the lock that tells others of its life. The lock goes last.
 pub(super) struct Membership {
     pub node: Node,
     _leaving: Leaving,
+    /// Last, because leaving may meet what is half-made, too.
+    _watch: Watch,
 }
 
 /// The members' lock, with what is to be done before it is released.
@@ -54,37 +72,65 @@ impl Membership {
     pub(super) fn new(
         domain: &Domain,
         config: &Config,
-        create: impl Fn() -> Result<Node, NodeCreationFailure>,
+        create: impl Fn() -> Result<Node, NodeCreationFailure> + Send + Sync + 'static,
     ) -> Result<Self, BusError> {
         let (lock, alone) = match lock_members(domain)? {
             Lock::Alone(file) => (file, true),
             Lock::Shared(file) => (file, false),
         };
-        let mut node = create();
+        refuse_foreign(domain)?;
+        let half_made = half_made::sweep(domain);
+        if !alone {
+            // A process that is alone in the domain sweeps more, see below.
+            orphans::sweep(domain);
+        }
+        // From here on iceoryx2 is called, which may wait for what is half-made.
+        let watch = Watch::start(domain);
+        management::make(domain);
+        let create = Arc::new(create);
+        let create = || {
+            let create = create.clone();
+            within(JOIN_LIMIT, move || create()).ok_or_else(|| time_limit(domain, "joining", JOIN_LIMIT))
+        };
+        let mut node = create()?;
         if alone {
-            let in_the_way = node.is_err() || leaves_services(domain);
+            let in_the_way = node.is_err() || half_made > 0 || leaves_services(domain);
             if in_the_way && !others_live(config, node.as_ref().ok()) {
+                let is_err = node.is_err();
                 drop(node);
-                let count = sweep(domain);
+                let mut count = sweep(domain);
+                if is_err {
+                    count += remove_management(domain);
+                    management::make(domain);
+                }
                 tracing::warn!(
                     domain = domain.name(),
                     files = count,
                     "removed what a crash or another version of iceoryx2 had left behind"
                 );
-                node = create();
+                node = create()?;
             }
             lock_shared(&lock).map_err(|source| BusError::Lock {
                 path: domain.root().join(MEMBERS),
                 source,
             })?;
+        } else {
+            // Others are just making what it needs, or were killed over it.
+            for _ in 0..SECOND_LOOKS {
+                if node.is_ok() {
+                    break;
+                }
+                std::thread::sleep(PAUSE);
+                node = create()?;
+            }
         }
-        close_to_others(domain);
+        management::close_to_others(domain);
         let node = node.map_err(|e| BusError::Join {
             domain: domain.name().into(),
             root: domain.root().into(),
             cause: format!(
-                "{e:?}; a program of another user or with another iceoryx2 version than {} may be using it, then stop that \
-                 program or use another --domain",
+                "{e:?}; a program with another iceoryx2 version than {} may be using it, then stop that program or use another \
+                 --domain",
                 super::ICEORYX2_VERSION
             ),
         })?;
@@ -96,7 +142,16 @@ impl Membership {
         Ok(Self {
             node,
             _leaving: leaving,
+            _watch: watch,
         })
+    }
+}
+
+pub(super) fn time_limit(domain: &Domain, action: &'static str, limit: Duration) -> BusError {
+    BusError::TimeLimit {
+        domain: domain.name().into(),
+        action,
+        limit_s: limit.as_secs_f64(),
     }
 }
 
@@ -113,7 +168,7 @@ pub(super) enum Lock {
     Shared(File),
 }
 
-/// Takes the members' lock; waits for somebody who is sweeping.
+/// Takes the members' lock; waits for somebody who is sweeping, but not for ever.
 pub(super) fn lock_members(domain: &Domain) -> Result<Lock, BusError> {
     open_lock(domain, MEMBERS, |file| {
         if file.try_lock().is_ok() {
@@ -143,6 +198,7 @@ pub(super) fn open_lock<T>(
             .create(true)
             .truncate(false)
             .mode(0o600)
+            .custom_flags(OFlag::O_NOFOLLOW.bits())
             .open(&path);
         let file = match opened {
             Err(e) if e.kind() == io::ErrorKind::NotFound => continue,
@@ -157,31 +213,38 @@ pub(super) fn open_lock<T>(
     Err(fail(io::Error::other("somebody keeps removing it")))
 }
 
-/// iceoryx2 lets everybody read and write what it keeps once per domain; all else is the user's alone, and so becomes this.
-fn close_to_others(domain: &Domain) {
-    let uid = nix::unistd::geteuid().as_raw();
-    for entry in entries(Path::new(SHM)) {
-        let ours = entry
-            .metadata()
-            .is_ok_and(|found| found.uid() == uid && found.mode() & 0o077 != 0);
-        if ours
-            && entry
-                .file_name()
-                .to_str()
-                .is_some_and(|name| is_management(name, domain.prefix()))
-        {
-            let _ = std::fs::set_permissions(entry.path(), std::fs::Permissions::from_mode(0o600));
+/// Shares a lock file; fails with its holder where that takes too long.
+fn lock_shared(file: &File) -> io::Result<()> {
+    let start = Instant::now();
+    loop {
+        match file.try_lock_shared() {
+            Ok(()) => return Ok(()),
+            Err(TryLockError::Error(e)) if e.kind() != io::ErrorKind::Interrupted => return Err(e),
+            Err(_) if start.elapsed() < JOIN_LIMIT => std::thread::sleep(Duration::from_millis(2)),
+            Err(_) => return Err(io::Error::new(io::ErrorKind::TimedOut, held_too_long(file))),
         }
     }
 }
 
-fn lock_shared(file: &File) -> io::Result<()> {
-    loop {
-        match file.lock_shared() {
-            Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-            done => return done,
-        }
+fn held_too_long(file: &File) -> String {
+    let seconds = JOIN_LIMIT.as_secs();
+    match lock_holder(file) {
+        Some(pid) => format!(
+            "process {pid} has held it for {seconds} s, it hangs or is stopped; continue it (kill -CONT {pid}) or end it"
+        ),
+        None => format!("somebody has held it for {seconds} s"),
     }
+}
+
+/// The process that holds a lock on this file alone, by proc_locks(5).
+fn lock_holder(file: &File) -> Option<u32> {
+    let inode = format!(":{}", file.metadata().ok()?.ino());
+    let locks = std::fs::read_to_string("/proc/locks").ok()?;
+    locks.lines().find_map(|line| {
+        let fields: Vec<&str> = line.split_whitespace().collect();
+        let is_it = matches!(fields[..], [_, "FLOCK", _, "WRITE", _, at, ..] if at.ends_with(&inode));
+        is_it.then(|| fields[4].parse().ok())?
+    })
 }
 
 /// Is any node but our own alive, in whatever language it is written? In doubt, yes, where we have one of our own.
@@ -234,22 +297,16 @@ fn sweep(domain: &Domain) -> usize {
     count
 }
 
-pub(super) fn entries(directory: &Path) -> impl Iterator<Item = DirEntry> + use<> {
-    std::fs::read_dir(directory).into_iter().flatten().flatten()
-}
-
 /// Shared-memory objects of the domain's services that are ours and that no process has mapped.
 ///
 /// The names depend on the domain alone. The same user may have another domain of this name below another root directory, in a
 /// session with $XDG_RUNTIME_DIR and in one without; what lives there is mapped.
 fn unused_memory(domain: &Domain) -> Vec<DirEntry> {
     let mapped = mapped_memory(domain, &[]).unwrap_or_default();
-    let uid = nix::unistd::geteuid().as_raw();
     entries(Path::new(SHM))
         .filter(|entry| {
             let name = entry.file_name();
-            let is_ours = entry.metadata().is_ok_and(|found| found.uid() == uid);
-            is_ours
+            is_ours(entry)
                 && name.to_str().is_some_and(|name| {
                     is_service_memory(name, domain.prefix()) && !mapped.contains(&format!("{SHM}/{name}"))
                 })
@@ -257,39 +314,24 @@ fn unused_memory(domain: &Domain) -> Vec<DirEntry> {
         .collect()
 }
 
-/// The domain's shared-memory objects that processes have mapped, by path; `None` where one of `living` does not show what it has.
-pub(super) fn mapped_memory(domain: &Domain, living: &[i32]) -> Option<HashSet<String>> {
-    let path = format!("{SHM}/{}", domain.prefix());
-    let mut mapped = HashSet::new();
-    let mut seen = HashSet::new();
-    for process in entries(Path::new("/proc")) {
-        let Ok(maps) = std::fs::read_to_string(process.path().join("maps")) else {
-            continue;
-        };
-        if let Some(pid) = process.file_name().to_str().and_then(|name| name.parse::<i32>().ok()) {
-            seen.insert(pid);
-        }
-        let names = maps
-            .lines()
-            .filter_map(|line| line.find(&path).map(|at| line[at..].to_owned()));
-        mapped.extend(names);
-    }
-    living.iter().all(|pid| seen.contains(pid)).then_some(mapped)
+/// Removes what iceoryx2 keeps once per domain; to be called where nobody lives there.
+fn remove_management(domain: &Domain) -> usize {
+    let mapped = mapped_memory(domain, &[]).unwrap_or_default();
+    let is_unused = |entry: &DirEntry| {
+        let name = entry.file_name();
+        name.to_str()
+            .is_some_and(|name| is_management(name, domain.prefix()) && !mapped.contains(&format!("{SHM}/{name}")))
+    };
+    entries(Path::new(SHM))
+        .filter(|entry| is_ours(entry) && is_unused(entry))
+        .filter(|entry| std::fs::remove_file(entry.path()).is_ok())
+        .count()
 }
 
 /// Removes a domain in which nobody lives; returns how many files there were. To be called with the members' lock held alone.
 pub(super) fn remove_domain(domain: &Domain) -> usize {
-    let mut count = sweep(domain);
+    let mut count = sweep(domain) + remove_management(domain);
     let mut remove = |path: &Path| count += usize::from(std::fs::remove_file(path).is_ok());
-    let mapped = mapped_memory(domain, &[]).unwrap_or_default();
-    let uid = nix::unistd::geteuid().as_raw();
-    for entry in entries(Path::new(SHM)).filter(|entry| entry.metadata().is_ok_and(|found| found.uid() == uid)) {
-        let name = entry.file_name();
-        let Some(name) = name.to_str() else { continue };
-        if is_management(name, domain.prefix()) && !mapped.contains(&format!("{SHM}/{name}")) {
-            remove(&entry.path());
-        }
-    }
     for entry in entries(domain.root()).filter(|entry| entry.file_name().to_string_lossy().ends_with(".lock")) {
         remove(&entry.path());
     }
@@ -313,41 +355,5 @@ impl RoleFile<'_> {
     pub fn holder(&self) -> Option<String> {
         let text = std::fs::read_to_string(self.0).unwrap_or_default();
         self.is_held().then(|| text.trim().to_owned())
-    }
-}
-
-/// The prefix, 40 hexadecimal digits, an underscore. The digits keep domain `a` from domain `a_b`, whose prefix begins with its own.
-pub(super) fn is_service_memory(name: &str, prefix: &str) -> bool {
-    is_of_domain(name, prefix) && !name.ends_with(".global_mgmt")
-}
-
-/// What iceoryx2 keeps once per domain, and never removes.
-fn is_management(name: &str, prefix: &str) -> bool {
-    is_of_domain(name, prefix) && name.ends_with(".global_mgmt")
-}
-
-fn is_of_domain(name: &str, prefix: &str) -> bool {
-    name.strip_prefix(prefix)
-        .and_then(|rest| rest.split_once('_'))
-        .is_some_and(|(hash, _)| hash.len() == 40 && hash.bytes().all(|b| b.is_ascii_hexdigit()))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn prop_shared_memory_of_a_domain_whose_name_begins_alike_is_left_alone() {
-        let hash = "0354a209029e7d094a819e2d4030ea331e6caaf0";
-        assert!(is_service_memory(&format!("thetabus_a_{hash}_123.data"), "thetabus_a_"));
-        assert!(!is_service_memory(
-            &format!("thetabus_a_b_{hash}_123.data"),
-            "thetabus_a_"
-        ));
-        assert!(!is_service_memory("thetabus_a_b", "thetabus_a_"));
-        assert!(!is_service_memory(
-            &format!("thetabus_a_{hash}_node.0_10_0.global_mgmt"),
-            "thetabus_a_"
-        ));
     }
 }

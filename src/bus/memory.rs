@@ -1,19 +1,27 @@
-//! Room in /dev/shm: asked for before a topic is made, taken before it is used.
+//! Room in /dev/shm: asked for before a port is made, taken before it is used.
 //!
 //! Shared memory is sparse: making a segment of any size succeeds, and the kernel kills (SIGBUS) at the first page that does not fit.
 //! So a port refuses to start where it could outgrow what is left, and then takes all its pages at once, so that nothing which
-//! fills /dev/shm later can take them away.
+//! fills /dev/shm later can take them away. Between asking and taking, programs of one domain let each other pass one by one;
+//! others who write to /dev/shm in these milliseconds are the risk that remains, and [`SPARE`] is what they may take.
 
-use super::membership::{entries, is_service_memory};
+use super::membership::open_lock;
+use super::objects::{SHM, entries, is_ours, is_service_memory};
 use super::{Bus, BusError, Domain, Topic};
 use nix::errno::Errno;
-use nix::fcntl::posix_fallocate;
-use std::fs::OpenOptions;
-use std::os::unix::fs::MetadataExt;
+use nix::fcntl::{OFlag, posix_fallocate};
+use std::fs::{File, OpenOptions};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
+use std::time::{Duration, Instant};
 
-/// Where shared memory lives.
-pub(super) const SHM: &str = "/dev/shm";
+/// Room that a port needs for its small objects (service, event, connections: a page each, 25 of them in all programs
+/// together), and that others may take meanwhile \[bytes\].
+pub(super) const SPARE: u64 = 512 << 10;
+/// The lock that is held between asking and taking.
+const QUEUE: &str = "memory.lock";
+/// How long a program waits for others to take their memory; who takes longer is stopped, and not waited for.
+const QUEUE_LIMIT: Duration = Duration::from_secs(1);
 
 /// Size and free room of /dev/shm \[bytes\]; `None` where it cannot be asked.
 pub fn shared_memory() -> Option<(u64, u64)> {
@@ -26,6 +34,41 @@ pub fn shared_memory() -> Option<(u64, u64)> {
     Some((bytes(found.blocks()), bytes(found.blocks_available())))
 }
 
+/// The right to make a port's objects, until they are [taken](Claim::take).
+#[derive(Debug)]
+pub(super) struct Claim<'a> {
+    bus: &'a Bus,
+    topic: Topic,
+    _queue: Option<File>,
+}
+
+/// Waits for others who are making ports, and refuses where a port that takes `needed` bytes does not fit.
+pub(super) fn claim(bus: &Bus, topic: Topic, needed: u64) -> Result<Claim<'_>, BusError> {
+    let start = Instant::now();
+    let queue = open_lock(bus.domain(), QUEUE, |file| {
+        while file.try_lock().is_err() {
+            if start.elapsed() > QUEUE_LIMIT {
+                return Ok(None);
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        file.try_clone().map(Some)
+    })?;
+    check(bus, topic, needed.saturating_add(SPARE))?;
+    Ok(Claim {
+        bus,
+        topic,
+        _queue: queue,
+    })
+}
+
+impl Claim<'_> {
+    /// Takes the pages of everything that has been made.
+    pub(super) fn take(self) -> Result<(), BusError> {
+        reserve(self.bus, self.topic)
+    }
+}
+
 /// Refuses where `needed` bytes are more than there are.
 pub(super) fn check(bus: &Bus, topic: Topic, needed: u64) -> Result<(), BusError> {
     // Where it cannot be asked, taking the pages will tell.
@@ -36,10 +79,14 @@ pub(super) fn check(bus: &Bus, topic: Topic, needed: u64) -> Result<(), BusError
 }
 
 /// Takes the pages of every segment that this user has in the domain so far.
-pub(super) fn reserve(bus: &Bus, topic: Topic) -> Result<(), BusError> {
+fn reserve(bus: &Bus, topic: Topic) -> Result<(), BusError> {
     for path in segments(bus.domain()) {
         // What has gone meanwhile needs no memory.
-        let Ok(file) = OpenOptions::new().write(true).open(&path) else {
+        let Ok(file) = OpenOptions::new()
+            .write(true)
+            .custom_flags(OFlag::O_NOFOLLOW.bits())
+            .open(&path)
+        else {
             continue;
         };
         let Ok(found) = file.metadata() else { continue };
@@ -63,15 +110,13 @@ pub(super) fn reserve(bus: &Bus, topic: Topic) -> Result<(), BusError> {
 }
 
 fn segments(domain: &Domain) -> Vec<std::path::PathBuf> {
-    let uid = nix::unistd::geteuid().as_raw();
+    let is_of_service = |entry: &std::fs::DirEntry| {
+        let name = entry.file_name();
+        name.to_str()
+            .is_some_and(|name| is_service_memory(name, domain.prefix()))
+    };
     entries(Path::new(SHM))
-        .filter(|entry| {
-            entry
-                .file_name()
-                .to_str()
-                .is_some_and(|name| is_service_memory(name, domain.prefix()))
-                && entry.metadata().is_ok_and(|found| found.uid() == uid)
-        })
+        .filter(|entry| is_of_service(entry) && is_ours(entry))
         .map(|entry| entry.path())
         .collect()
 }

@@ -37,19 +37,26 @@
 mod control;
 mod domain;
 mod error;
+mod half_made;
 mod inspect;
 mod lock;
+mod management;
 mod membership;
 mod memory;
+mod objects;
+mod orphans;
 mod participant;
 mod publisher;
 mod receipts;
 mod sample_publisher;
 mod sample_subscriber;
+mod strangers;
 mod subscriber;
 #[cfg(test)]
 mod tests;
+mod time_limit;
 mod topic;
+mod watch;
 
 pub use control::{ControlClient, ControlServer};
 pub use domain::Domain;

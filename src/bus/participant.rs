@@ -2,6 +2,7 @@
 
 use super::domain::check_name;
 use super::membership::Membership;
+use super::orphans;
 use super::topic::{control, latched, sample};
 use super::{BusError, ControlService, Domain, EventService, ICEORYX2_VERSION, Latched, PubSubService, Topic};
 use crate::messages::{Header, Request, Response, Sample};
@@ -17,10 +18,10 @@ use iceoryx2::service::builder::request_response::{RequestResponseOpenError, Req
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use std::fmt;
 use std::rc::Rc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-/// Attempts at something that another process is doing at the same moment, and the pause between them.
-const ATTEMPTS: usize = 40;
+/// Patience with something that another process is doing at the same moment, and the pause between attempts.
+const PATIENCE: Duration = Duration::from_secs(4);
 const PAUSE: Duration = Duration::from_millis(50);
 
 /// This process in a domain, as seen by one robot. Cheap to clone; belongs to one thread.
@@ -56,10 +57,11 @@ impl Bus {
             root: domain.root().into(),
             cause: e.to_string(),
         })?;
-        let membership = Membership::new(domain, &config, || {
+        let node_config = config.clone();
+        let membership = Membership::new(domain, &config, move || {
             NodeBuilder::new()
                 .name(&node_name)
-                .config(&config)
+                .config(&node_config)
                 .signal_handling_mode(SignalHandlingMode::Disabled)
                 .create::<ipc::Service>()
         })?;
@@ -118,7 +120,7 @@ impl Bus {
             Topic::Control => (control::MAX_NODES, control::MAX_CLIENTS),
             _ => (latched::MAX_NODES, 2),
         };
-        persist(
+        self.persist(
             || {
                 self.0
                     .membership
@@ -156,7 +158,7 @@ impl Bus {
     /// `estimate` or `status`; made by whoever comes first.
     pub(super) fn latched<T: Latched>(&self) -> Result<PubSubService<T>, BusError> {
         let name = self.service_name(T::TOPIC)?;
-        persist(
+        self.persist(
             || {
                 self.0
                     .membership
@@ -182,7 +184,7 @@ impl Bus {
     /// once they notice that it is gone, so a mismatch gets a second look.
     pub(super) fn create_sample(&self, overflow: bool, buffer: usize) -> Result<PubSubService<Sample>, BusError> {
         let name = self.service_name(Topic::Sample)?;
-        persist(
+        self.persist(
             || {
                 self.0
                     .membership
@@ -226,12 +228,11 @@ impl Bus {
             .open();
         match opened {
             Ok(service) => Ok(Some(service)),
-            Err(
-                PublishSubscribeOpenError::DoesNotExist
-                | PublishSubscribeOpenError::Interrupt
-                | PublishSubscribeOpenError::HangsInCreation
-                | PublishSubscribeOpenError::IsMarkedForDestruction,
-            ) => Ok(None),
+            Err(PublishSubscribeOpenError::DoesNotExist | PublishSubscribeOpenError::Interrupt) => Ok(None),
+            Err(PublishSubscribeOpenError::HangsInCreation | PublishSubscribeOpenError::IsMarkedForDestruction) => {
+                orphans::sweep(self.domain());
+                Ok(None)
+            }
             Err(e) => Err(self.pub_sub_error::<Sample>(
                 Topic::Sample,
                 &PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(e),
@@ -242,7 +243,7 @@ impl Bus {
     /// `control` as its server makes it; a leftover of one that was killed is taken over.
     pub(super) fn create_control(&self) -> Result<ControlService, BusError> {
         let name = self.service_name(Topic::Control)?;
-        persist(
+        self.persist(
             || self.control_builder(&name).open_or_create(),
             |e| {
                 matches!(
@@ -262,7 +263,7 @@ impl Bus {
     /// `control` as a client opens it: `None` as long as nobody serves it.
     pub(super) fn open_control(&self) -> Result<Option<ControlService>, BusError> {
         let name = self.service_name(Topic::Control)?;
-        let opened = persist(
+        let opened = self.persist(
             || self.control_builder(&name).open(),
             |e| {
                 matches!(
@@ -294,6 +295,20 @@ impl Bus {
             .max_nodes(control::MAX_NODES)
     }
 
+    /// Tries again as long as the failure says that somebody else is just at it, or was killed over it.
+    fn persist<T, E>(&self, mut attempt: impl FnMut() -> Result<T, E>, passing: impl Fn(&E) -> bool) -> Result<T, E> {
+        let start = Instant::now();
+        loop {
+            match attempt() {
+                Err(e) if passing(&e) && start.elapsed() < PATIENCE => {
+                    orphans::sweep(self.domain());
+                    std::thread::sleep(PAUSE);
+                }
+                done => return done,
+            }
+        }
+    }
+
     /// Makes a topic with messages that do not belong there.
     #[cfg(test)]
     pub(super) fn occupy(&self, topic: Topic) -> Result<PubSubService<crate::messages::Status>, BusError> {
@@ -321,7 +336,7 @@ impl Bus {
                 Open::IncompatibleTypes => {
                     let expected = TypeDetail::new::<T>(TypeVariant::FixedSize);
                     format!(
-                        "expected messages {} of {} bytes with ThetabusHeaderV1, found {}; build both programs from the same version of \
+                        "expected messages {} of {} bytes with ThetabusHeaderV2, found {}; build both programs from the same version of \
                          thetabus",
                         expected.type_name(),
                         expected.size(),
@@ -408,15 +423,4 @@ fn in_flux(error: &PublishSubscribeOpenOrCreateError) -> bool {
                     | PublishSubscribeCreateError::HangsInCreation
             )
     )
-}
-
-/// Tries again as long as the failure says that somebody else is just at it.
-fn persist<T, E>(mut attempt: impl FnMut() -> Result<T, E>, passing: impl Fn(&E) -> bool) -> Result<T, E> {
-    for _ in 1..ATTEMPTS {
-        match attempt() {
-            Err(e) if passing(&e) => std::thread::sleep(PAUSE),
-            done => return done,
-        }
-    }
-    attempt()
 }

@@ -22,7 +22,7 @@ pub struct Publisher<T: Latched> {
 impl<T: Latched> Publisher<T> {
     /// Becomes a publisher of the topic.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
-        memory::check(bus, T::TOPIC, latched::segment_bytes(size_of::<T>()))?;
+        let claim = memory::claim(bus, T::TOPIC, latched::segment_bytes(size_of::<T>(), T::HISTORY))?;
         let service = bus.latched::<T>()?;
         let port = service
             .publisher_builder()
@@ -38,7 +38,7 @@ impl<T: Latched> Publisher<T> {
                     .map_err(|e| bus.topic_error(T::TOPIC, format!("cannot wake consumers: {e:?}")))?,
             ),
         };
-        memory::reserve(bus, T::TOPIC)?;
+        claim.take()?;
         Ok(Self {
             notifier,
             port,

@@ -110,13 +110,15 @@ impl SamplePublisher {
             Delivery::Realtime => (true, sample::REALTIME_BUFFER, 0),
             Delivery::Lockstep { consumers, .. } => (false, sample::LOCKSTEP_BUFFER, consumers),
         };
-        memory::check(bus, Topic::Sample, sample::segment_bytes(buffer))?;
+        let needed = sample::segment_bytes(buffer) + sample::MAX_SUBSCRIBERS as u64 * sample::connection_bytes(buffer);
+        memory::check(bus, Topic::Sample, needed + memory::SPARE)?;
         let service = bus.create_sample(overflow, buffer)?;
         // Consumers of a publisher that has gone let go within an idle tick and come back to this one, connected from the start.
         let start = Instant::now();
         while service.dynamic_config().number_of_subscribers() > 0 && start.elapsed() < 3 * IDLE_TICK {
             std::thread::sleep(PAUSE);
         }
+        let claim = memory::claim(bus, Topic::Sample, needed)?;
         let pressure = Arc::new(Mutex::new(Pressure::default()));
         let handler = pressure.clone();
         let port = service
@@ -146,7 +148,7 @@ impl SamplePublisher {
             .notifier_builder()
             .create()
             .map_err(|e| bus.topic_error(Topic::Sample, format!("cannot wake consumers: {e:?}")))?;
-        memory::reserve(bus, Topic::Sample)?;
+        claim.take()?;
         // Whoever waits for the topic looks at once.
         let _ = notifier.notify();
         Ok(Self {

@@ -1,6 +1,9 @@
 //! Receiving samples, from whichever publisher there is.
 
-use super::subscriber::{check_schema, listener, wait};
+use super::memory;
+use super::strangers::ForeignSchemas;
+use super::subscriber::{listener, wait};
+use super::topic::sample;
 use super::{Bus, BusError, Listener, PubSubService, SubscriberPort, Topic};
 use crate::messages::{Sample, header_flags};
 use iceoryx2::service::port_factory::PortFactory as _;
@@ -15,8 +18,11 @@ pub struct SampleSubscriber {
     bus: Bus,
     listener: Listener,
     connection: Option<Connection>,
+    /// That there is too little shared memory to connect has been said.
+    is_told: bool,
     /// boot_id and seq of the last sample handed over.
     last: Option<(u64, u64)>,
+    schemas: ForeignSchemas,
 }
 
 #[derive(Debug)]
@@ -28,14 +34,18 @@ struct Connection {
 impl SampleSubscriber {
     /// Gets ready to receive; connects now if there is a publisher, else later.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        let claim = memory::claim(bus, Topic::Sample, 0)?;
         let listener = listener(bus, Topic::Sample)?;
+        claim.take()?;
         let mut this = Self {
             bus: bus.clone(),
             listener,
             connection: None,
+            is_told: false,
             last: None,
+            schemas: ForeignSchemas::default(),
         };
-        this.refresh()?;
+        this.connect()?;
         Ok(this)
     }
 
@@ -56,27 +66,51 @@ impl SampleSubscriber {
                 }
             }
             Some(_) => {}
-            None => {
-                let Some(service) = self.bus.open_sample()? else {
-                    return Ok(());
-                };
-                // Subscribing after the publisher connects both ends at once; before it, samples could fall between.
-                if service.dynamic_config().number_of_publishers() == 0 {
-                    return Ok(());
+            None => match self.connect() {
+                // Who runs already goes on, and connects when there is room.
+                Err(e @ BusError::SharedMemory { .. }) => {
+                    if !self.is_told {
+                        tracing::error!("not connected to the samples: {e}");
+                    }
+                    self.is_told = true;
                 }
-                let port = service
-                    .subscriber_builder()
-                    .create()
-                    .map_err(|e| self.bus.topic_error(Topic::Sample, format!("cannot subscribe: {e:?}")))?;
-                self.connection = Some(Connection { port, service });
-            }
+                connected => {
+                    connected?;
+                    self.is_told = false;
+                }
+            },
         }
+        Ok(())
+    }
+
+    /// Connects if there is a publisher.
+    fn connect(&mut self) -> Result<(), BusError> {
+        let Some(service) = self.bus.open_sample()? else {
+            return Ok(());
+        };
+        // Subscribing after the publisher connects both ends at once; before it, samples could fall between.
+        if service.dynamic_config().number_of_publishers() == 0 {
+            return Ok(());
+        }
+        let buffer = service.static_config().subscriber_max_buffer_size();
+        let claim = memory::claim(&self.bus, Topic::Sample, sample::connection_bytes(buffer))?;
+        let port = service
+            .subscriber_builder()
+            .create()
+            .map_err(|e| self.bus.topic_error(Topic::Sample, format!("cannot subscribe: {e:?}")))?;
+        claim.take()?;
+        self.connection = Some(Connection { port, service });
         Ok(())
     }
 
     /// Waits until a sample may be there; at most `timeout`. Signals end the wait early.
     pub fn wait(&self, timeout: Duration) -> Result<(), BusError> {
         wait(&self.listener, Topic::Sample, timeout)
+    }
+
+    /// Messages of another schema, which were left out.
+    pub fn left_out(&self) -> u64 {
+        self.schemas.count()
     }
 
     /// Hands over what has arrived, at most `limit` samples; returns how many.
@@ -95,7 +129,9 @@ impl SampleSubscriber {
             let Some(message) = connection.port.receive().map_err(|e| receiving(&e))? else {
                 return Ok(count);
             };
-            check_schema(Topic::Sample, message.user_header().schema)?;
+            if !self.schemas.admits(Topic::Sample, message.user_header().schema) {
+                continue;
+            }
             let sample = message.payload();
             let place = Some((sample.boot_id, sample.seq));
             if message.user_header().flags & header_flags::RESENT != 0 && place == self.last {

@@ -1,8 +1,9 @@
 //! Subscribing to estimates and status.
 
+use super::memory;
 use super::receipts::Receipts;
-use super::{Bus, BusError, Latched, Listener, SubscriberPort, Topic};
-use crate::messages::SCHEMA_VERSION;
+use super::strangers::{ForeignSchemas, Speaker};
+use super::{Bus, BusError, Latched, Listener, PubSubService, SubscriberPort, Topic};
 use iceoryx2::port::listener::Listener as ListenerPort;
 use iceoryx2::prelude::ipc;
 use std::time::Duration;
@@ -12,25 +13,35 @@ use std::time::Duration;
 pub struct Subscriber<T: Latched> {
     listener: Option<Listener>,
     port: SubscriberPort<T>,
+    service: PubSubService<T>,
+    bus: Bus,
     receipts: Option<Receipts>,
+    schemas: ForeignSchemas,
+    speaker: Speaker,
 }
 
 impl<T: Latched> Subscriber<T> {
     /// Subscribes, whether or not anybody publishes yet.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        let claim = memory::claim(bus, T::TOPIC, 0)?;
         let listener = match T::WAKES {
             false => None,
             true => Some(listener(bus, T::TOPIC)?),
         };
-        let port = bus
-            .latched::<T>()?
+        let service = bus.latched::<T>()?;
+        let port = service
             .subscriber_builder()
             .create()
             .map_err(|e| bus.topic_error(T::TOPIC, format!("cannot subscribe: {e:?}")))?;
+        claim.take()?;
         Ok(Self {
             listener,
             port,
+            service,
+            bus: bus.clone(),
             receipts: None,
+            schemas: ForeignSchemas::default(),
+            speaker: Speaker::default(),
         })
     }
 
@@ -54,7 +65,15 @@ impl<T: Latched> Subscriber<T> {
         }
     }
 
+    /// Messages left out: of another schema, or of a second publisher beside the identifier.
+    pub fn left_out(&self) -> u64 {
+        self.schemas.count().saturating_add(self.speaker.count())
+    }
+
     /// Hands over everything that has arrived; returns how many.
+    ///
+    /// # Errors
+    /// The bus fails.
     pub fn drain(&mut self, mut take: impl FnMut(&T)) -> Result<usize, BusError> {
         self.drain_timed(|message, _| take(message))
     }
@@ -69,7 +88,12 @@ impl<T: Latched> Subscriber<T> {
                 cause: format!("{e:?}"),
             })?;
             let Some(message) = message else { return Ok(count) };
-            check_schema(T::TOPIC, message.user_header().schema)?;
+            let publisher = message.header().publisher_id().value();
+            if !self.schemas.admits(T::TOPIC, message.user_header().schema)
+                || !self.speaker.admits(&self.bus, &self.service, publisher)
+            {
+                continue;
+            }
             take(message.payload(), message.user_header().sent_ns);
             if let Some(receipts) = &self.receipts {
                 receipts.give();
@@ -101,17 +125,5 @@ pub(super) fn wait(listener: &ListenerPort<ipc::Service>, topic: Topic, timeout:
             action: "waiting",
             cause: format!("{e:?}"),
         }),
-    }
-}
-
-pub(super) fn check_schema(topic: Topic, found: u32) -> Result<(), BusError> {
-    if found == SCHEMA_VERSION {
-        Ok(())
-    } else {
-        Err(BusError::Schema {
-            topic,
-            expected: SCHEMA_VERSION,
-            found,
-        })
     }
 }

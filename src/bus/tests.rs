@@ -1,5 +1,5 @@
 use super::*;
-use crate::messages::{Sample, State, Status};
+use crate::messages::{Estimate, Journal, Sample, State, Status};
 use crate::model::JointSample;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -254,13 +254,13 @@ fn a_topic_with_other_messages_is_refused_with_expected_and_found() {
         "topic sample",
         "\"arm\"",
         bus.domain().name(),
-        "ThetabusSampleV1",
-        "ThetabusStatusV1",
+        "ThetabusSampleV2",
+        "ThetabusStatusV2",
     ] {
         assert!(refused.contains(part), "{part}: {refused}");
     }
     let error = SampleSubscriber::new(&bus).expect_err("another type").to_string();
-    assert!(error.contains("expected messages ThetabusSampleV1"), "{error}");
+    assert!(error.contains("expected messages ThetabusSampleV2"), "{error}");
 }
 
 #[test]
@@ -336,4 +336,99 @@ fn too_little_shared_memory_is_refused_with_the_numbers() {
         "{error}"
     );
     super::memory::check(&bus, Topic::Sample, 0).expect("nothing is needed");
+}
+
+/// Messages with a schema in their headers that is not ours, between others.
+#[test]
+fn fault_messages_of_another_schema_are_left_out_and_counted() {
+    let domain = TestDomain::new();
+    let bus = Bus::join(&domain.0, "arm", "both").expect("join");
+    let mut subscriber = SampleSubscriber::new(&bus).expect("subscribe");
+    let mut statuses = Subscriber::<Status>::new(&bus).expect("subscribe");
+    let header = |schema| crate::messages::Header {
+        schema,
+        flags: 0,
+        sent_ns: 0,
+    };
+    let schemas = [
+        7,
+        crate::messages::SCHEMA_VERSION,
+        0,
+        u32::MAX,
+        crate::messages::SCHEMA_VERSION,
+    ];
+
+    let service = bus.create_sample(true, 64).expect("the topic");
+    let port = service.publisher_builder().create().expect("publish");
+    subscriber.refresh().expect("refresh");
+    let service = bus.latched::<Status>().expect("the topic");
+    let own = service.publisher_builder().create().expect("publish");
+    for (seq, schema) in schemas.into_iter().enumerate() {
+        let mut loan = port.loan_uninit().expect("a loan");
+        *loan.user_header_mut() = header(schema);
+        loan.write_payload(sample(seq as u64)).send().expect("sent");
+        let mut loan = own.loan_uninit().expect("a loan");
+        *loan.user_header_mut() = header(schema);
+        let status = Status {
+            last_seq: seq as u64,
+            ..Status::default()
+        };
+        loan.write_payload(status).send().expect("sent");
+    }
+    let (mut seqs, mut last) = (Vec::new(), Vec::new());
+    subscriber.drain(100, |s| seqs.push(s.seq)).expect("no error");
+    statuses.drain(|s| last.push(s.last_seq)).expect("no error");
+    assert_eq!((seqs, last), (vec![1, 4], vec![1, 4]));
+    assert_eq!((subscriber.left_out(), statuses.left_out()), (3, 3));
+}
+
+/// Bytes of the domain's objects whose names end so.
+fn bytes(domain: &Domain, ending: &str) -> u64 {
+    super::objects::of_domain(domain)
+        .filter(|entry| entry.file_name().to_string_lossy().ends_with(ending))
+        .map(|entry| entry.metadata().expect("there").len())
+        .sum()
+}
+
+#[test]
+fn prop_what_a_port_asks_for_is_what_it_takes_at_most_and_not_much_more() {
+    use super::topic::{control, latched, sample};
+    let domain = TestDomain::new();
+    let bus = Bus::join(&domain.0, "arm", "all").expect("join");
+    let mut before = 0;
+    let mut took = |asked: u64| {
+        let now = bytes(&domain.0, ".data");
+        let taken = std::mem::replace(&mut before, now).abs_diff(now);
+        // Per chunk 128 bytes are asked for its header and alignment; for the smallest message that is a third of it.
+        assert!(taken <= asked && asked < 2 * taken, "{taken} of {asked}");
+    };
+    let _sample = SamplePublisher::new(&bus, Delivery::Realtime, never()).expect("publish");
+    took(sample::segment_bytes(sample::REALTIME_BUFFER));
+    let _estimate = Publisher::<Estimate>::new(&bus).expect("publish");
+    took(latched::segment_bytes(size_of::<Estimate>(), Estimate::HISTORY));
+    let _status = Publisher::<Status>::new(&bus).expect("publish");
+    took(latched::segment_bytes(size_of::<Status>(), Status::HISTORY));
+    let _journal = Publisher::<Journal>::new(&bus).expect("publish");
+    took(latched::segment_bytes(size_of::<Journal>(), Journal::HISTORY));
+    let _server = ControlServer::new(&bus).expect("serve");
+    took(control::server_bytes());
+    let _client = ControlClient::new(&bus).expect("ask");
+    took(control::client_bytes());
+    let connections = bytes(&domain.0, ".connection");
+    let _subscriber = SampleSubscriber::new(&bus).expect("subscribe");
+    let connection = bytes(&domain.0, ".connection") - connections;
+    let asked = sample::connection_bytes(sample::REALTIME_BUFFER);
+    assert!(connection <= asked && asked < 2 * connection, "{connection} of {asked}");
+    // What is left is small beside what every port asks for in addition.
+    let small: u64 = [".dynamic", ".event_mgmt"]
+        .map(|ending| bytes(&domain.0, ending))
+        .iter()
+        .sum();
+    assert!(4 * small < super::memory::SPARE, "{small}");
+    // And nothing is left to be taken later.
+    for entry in super::objects::of_domain(&domain.0) {
+        use std::os::unix::fs::MetadataExt as _;
+        let found = entry.metadata().expect("there");
+        assert!(found.blocks() * 512 >= found.len(), "{}", entry.path().display());
+    }
 }

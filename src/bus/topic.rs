@@ -78,14 +78,34 @@ pub(super) mod sample {
     /// Bytes of a publisher's data segment at worst.
     pub const fn segment_bytes(buffer: usize) -> u64 {
         // Headers and alignment take less than 128 bytes.
-        ((MAX_SUBSCRIBERS * (buffer + MAX_BORROWED) + 2) * (size_of::<Sample>() + 128)) as u64
+        (chunks(buffer) * (size_of::<Sample>() + 128)) as u64
+    }
+    /// Bytes of the connection of a publisher and a subscriber at worst: a word per place in the queues to and fro, a byte per
+    /// sample that may be on loan, and a page for what describes it.
+    pub const fn connection_bytes(buffer: usize) -> u64 {
+        (2 * 8 * (buffer + MAX_BORROWED + 2) + chunks(buffer) + 4096) as u64
+    }
+    const fn chunks(buffer: usize) -> usize {
+        MAX_SUBSCRIBERS * (buffer + MAX_BORROWED) + 2
     }
 }
 
 /// Sizes of `control`.
 pub(super) mod control {
+    use crate::messages::{Request, Response};
+
     pub const MAX_CLIENTS: usize = 8;
     pub const MAX_NODES: usize = 12;
+    /// iceoryx2's own limits: responses that a client holds, messages that a port fills at a time.
+    const BORROWED_AND_LOANED: usize = 4;
+    /// Bytes of the server's data segment at worst: each client has a request under way, and one that it has dropped.
+    pub const fn server_bytes() -> u64 {
+        (2 * MAX_CLIENTS * (1 + BORROWED_AND_LOANED) * (size_of::<Response>() + 128)) as u64
+    }
+    /// Bytes of a client's data segment at worst.
+    pub const fn client_bytes() -> u64 {
+        ((2 + BORROWED_AND_LOANED) * (size_of::<Request>() + 128)) as u64
+    }
 }
 
 /// Sizes of `estimate`, `status` and `journal`.
@@ -96,8 +116,8 @@ pub(super) mod latched {
     pub const BUFFER: usize = 64;
     pub const HISTORY: usize = 1;
     pub const MAX_BORROWED: usize = 2;
-    /// Bytes of a publisher's data segment at worst, for messages of this size.
-    pub const fn segment_bytes(message: usize) -> u64 {
-        ((MAX_SUBSCRIBERS * (BUFFER + MAX_BORROWED) + HISTORY + 2) * (message + 128)) as u64
+    /// Bytes of a publisher's data segment at worst, for messages of this size and so many of them for late joiners.
+    pub const fn segment_bytes(message: usize, history: usize) -> u64 {
+        ((MAX_SUBSCRIBERS * (BUFFER + MAX_BORROWED) + history + 2) * (message + 128)) as u64
     }
 }

@@ -13,17 +13,22 @@ use crate::estimator::{
 use crate::model::{
     Delayed, DriveInput, KnownConstants, MAX_JOINTS, Manipulator, Motion, PdController, PlantDefinition, ServoAxis,
 };
-use crate::rows::{InputSource, InputTiming, ProjectedError, ProjectedOptions, SensorNoise};
+use crate::rows::{Considered, InputSource, InputTiming, ProjectedError, ProjectedOptions, SensorNoise};
 use crate::sim::{ARM_JOINTS, Machine};
 use std::path::PathBuf;
 
 /// Builds and checks; on failure everything that is wrong.
-pub(super) fn config(form: FileForm, own: Option<&PlantDefinition>, layers: &Layers) -> Result<Config, Vec<Problem>> {
+pub(super) fn config(
+    mut form: FileForm,
+    own: Option<&PlantDefinition>,
+    layers: &Layers,
+) -> Result<Config, Vec<Problem>> {
     let mut check = Check {
         layers,
         problems: Vec::new(),
         warnings: Vec::new(),
     };
+    plant::inline_setpoints(&mut form, &mut check);
     let plant = plant::plant(&form, &mut check);
     let model = match own {
         Some(own) => own_model(own, &mut check),
@@ -104,6 +109,11 @@ impl Check<'_> {
 
     pub(super) fn stated(&self, key: &str) -> bool {
         self.layers.entries().contains_key(key)
+    }
+
+    /// Whether the value in force was stated by a recording.
+    pub(super) fn recorded(&self, key: &str) -> bool {
+        self.layers.entries().get(key).is_some_and(|entry| entry.recorded)
     }
 
     fn suspicious(
@@ -206,7 +216,9 @@ impl Check<'_> {
                     ("identifier", "proportional_gain_v_per_rad" | "derivative_gain_v_s_per_rad") => {
                         ("identifier.input", form.identifier.input.as_str(), "controller")
                     }
-                    ("identifier.projected", _) => ("identifier.rows", form.identifier.rows.as_str(), "projected"),
+                    ("identifier.projected" | "identifier.considered", _) => {
+                        ("identifier.rows", form.identifier.rows.as_str(), "projected")
+                    }
                     ("plant.servo_axis", _) => ("plant.machine", form.plant.machine.as_str(), "servo_axis"),
                     ("plant.arm" | "plant.mass_2", _) => ("plant.machine", form.plant.machine.as_str(), "arm"),
                     ("model.servo_axis", _) => ("model.kind", form.model.kind.as_str(), "servo_axis"),
@@ -344,6 +356,18 @@ fn per_joint(list: &[f64], otherwise: f64) -> [f64; MAX_JOINTS] {
     })
 }
 
+/// What the model does not say. Positions along a line have no period of one turn.
+fn considered(form: &FileForm) -> Considered {
+    let section = &form.considered;
+    let linear = form.model.kind == "servo_axis" && form.servo_axis.motion == "linear";
+    Considered {
+        input_delay_s: section.input_delay_s,
+        gain: section.gain,
+        coulomb: section.coulomb,
+        eccentricity_rad: (!linear).then_some(section.eccentricity_rad),
+    }
+}
+
 /// The projected rows' options; `None` with a problem where they do not go together.
 fn projected(form: &FileForm, check: &mut Check<'_>) -> Option<ProjectedOptions> {
     let section = &form.projected;
@@ -359,12 +383,15 @@ fn projected(form: &FileForm, check: &mut Check<'_>) -> Option<ProjectedOptions>
             position_resolution: per_joint(&section.position_resolution),
             position_noise: per_joint(&section.position_noise),
             input_noise: per_joint(&section.input_noise),
+            input_resolution: per_joint(&section.input_resolution),
         },
         learn_noise: section.learn_noise,
+        considered: considered(form),
     };
     if let Err(ProjectedError::Value { field, expected, got }) = options.validate() {
         let key = match field {
             "sample_period_s" => "plant.sample_period_s".to_owned(),
+            field if field.starts_with("considered.") => format!("identifier.{field}"),
             field => format!("identifier.projected.{field}"),
         };
         let got = match field.ends_with("_s") {
@@ -429,6 +456,9 @@ fn log(form: &FileForm, own: Option<&PlantDefinition>, check: &mut Check<'_>) ->
             );
             check.wrong(check.culprit(&["log.position_unit", "log.q"]), message);
         }
+    }
+    if section.input_unit == 0.0 {
+        check.wrong("log.input_unit", "expected a number that is not 0, got 0");
     }
     LogColumns {
         time: section.time.clone(),

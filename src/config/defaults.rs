@@ -5,7 +5,9 @@ use crate::compare::{CEDRO2022_BLOCK_LEN, cedro2022_estimator};
 use crate::estimator::ChangeDetection;
 use crate::model::{DriveInput, Motion};
 use crate::rows::{InputTiming, ProjectedOptions};
-use crate::sim::{ARM_JOINTS, ControllerKind, Interpolation, PositionFeedback, ServoAxisOptions, Setpoint, SimOptions};
+use crate::sim::{
+    ARM_JOINTS, ControllerKind, Interpolation, MoveProfile, PositionFeedback, ServoAxisOptions, Setpoint, SimOptions,
+};
 
 impl Default for FileForm {
     /// The paper's experiment, from the presets of the core types.
@@ -94,11 +96,27 @@ impl Default for FileForm {
                 spike_probability: sim.sensors.spike_probability,
                 spike_v: sim.sensors.spike_v,
                 input_limit_v: sim.sensors.input_limit_v,
+                input_resolution_v: sim.sensors.input_resolution_v,
                 encoder_bits: u64::from(sim.sensors.encoder_bits),
                 position_noise_rad: sim.sensors.position_noise_rad,
+                position_spike_probability: sim.sensors.position_spike_probability,
+                position_spike_rad: sim.sensors.position_spike_rad,
+                eccentricity_rad: sim.sensors.eccentricity_rad,
+                eccentricity_phase_rad: sim.sensors.eccentricity_phase_rad,
+                resonance_hz: sim.sensors.resonance_hz,
+                resonance_damping: sim.sensors.resonance_damping,
                 input_delay_s: sim.sensors.input_delay_s,
                 jitter_s: sim.sensors.jitter_s,
+                stamp_jitter_s: sim.sensors.stamp_jitter_s,
                 loss_probability: sim.sensors.loss_probability,
+                loss_burst: sim.sensors.loss_burst,
+            },
+            unmodelled: schema::Unmodelled {
+                coulomb_friction_n_m: sim.unmodelled.coulomb_friction_n_m.to_vec(),
+                friction_speed_rad_per_s: sim.unmodelled.friction_speed_rad_per_s,
+                base_tilt_rad: sim.unmodelled.base_tilt_rad,
+                heating_share: sim.unmodelled.heating_share,
+                heating_s: sim.unmodelled.heating_s,
             },
             setpoint: schema::Setpoint {
                 kind: "steps".to_owned(),
@@ -128,6 +146,15 @@ impl Default for FileForm {
                 min_dwell_s: both(1.0),
                 max_dwell_s: both(3.0),
             },
+            moves: schema::Moves {
+                profile: word(&MoveProfile::NAMES, MoveProfile::default()),
+                min_rad: vec![-1.0, -0.8],
+                max_rad: vec![1.0, 0.8],
+                min_move_s: both(0.6),
+                max_move_s: both(1.6),
+                min_rest_s: both(0.0),
+                max_rest_s: both(0.5),
+            },
             chirp: schema::Chirp {
                 amplitude_rad: both(0.3),
                 offset_rad: both(0.0),
@@ -137,6 +164,7 @@ impl Default for FileForm {
             },
             csv: schema::Csv {
                 path: None,
+                rows: None,
                 between: "step".to_owned(),
             },
             model: schema::Model {
@@ -172,7 +200,14 @@ impl Default for FileForm {
                 position_resolution: vec![rows.noise.position_resolution[0]],
                 position_noise: vec![rows.noise.position_noise[0]],
                 input_noise: vec![rows.noise.input_noise[0]],
+                input_resolution: vec![rows.noise.input_resolution[0]],
                 learn_noise: rows.learn_noise,
+            },
+            considered: schema::ConsideredErrors {
+                input_delay_s: rows.considered.input_delay_s,
+                gain: rows.considered.gain,
+                coulomb: rows.considered.coulomb,
+                eccentricity_rad: rows.considered.eccentricity_rad.unwrap_or(0.0),
             },
             estimator: schema::Estimator {
                 block_len: CEDRO2022_BLOCK_LEN as u64,

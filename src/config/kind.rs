@@ -152,6 +152,8 @@ pub enum Kind {
     Name,
     /// Text, for a path.
     Path,
+    /// Text, for the rows of a table of setpoints.
+    Rows,
     /// Text, for a name in a file of the user's.
     Label,
     /// One of these words.
@@ -177,7 +179,10 @@ pub enum Kind {
 impl Kind {
     /// True for keys whose value is text, so that an unquoted `--set` argument is meant literally.
     pub(super) fn is_text(&self) -> bool {
-        matches!(self, Self::Name | Self::Path | Self::Label | Self::Choice(_))
+        matches!(
+            self,
+            Self::Name | Self::Path | Self::Rows | Self::Label | Self::Choice(_)
+        )
     }
 
     /// "a whole number from 1 to 10 \[samples\]".
@@ -190,7 +195,10 @@ impl Kind {
             Self::Flag => "true or false".to_owned(),
             Self::Name => "a name of 1 to 32 characters a-z 0-9 _ -".to_owned(),
             Self::Path => "a path as a string".to_owned(),
-            Self::Label => "a name as a string".to_owned(),
+            Self::Rows => format!(
+                "lines of t_s q1_rad q2_rad, separated by spaces, as a string of at most {MAX_ROWS_BYTES} bytes"
+            ),
+            Self::Label => format!("a name as a string of at most {MAX_LABEL_BYTES} bytes"),
             Self::Choice(words) => format!("one of {}", quoted(words)),
             Self::Whole(low, high) if *high == i64::MAX as u64 => format!("a whole number of at least {low}{unit}"),
             Self::Whole(low, high) => format!("a whole number from {low} to {high}{unit}"),
@@ -198,7 +206,7 @@ impl Kind {
             Self::RealOr(interval, word) => format!("\"{word}\" or a number {interval}{unit}"),
             Self::Reals(len, interval) => len.of(&format!("numbers {interval}{unit}")),
             Self::Wholes(len, low, high) => len.of(&format!("whole numbers from {low} to {high}{unit}")),
-            Self::Words => "a list of names as strings".to_owned(),
+            Self::Words => format!("a list of names as strings of at most {MAX_LABEL_BYTES} bytes"),
             Self::RealsPerJoint(len, interval) => {
                 format!(
                     "for each of the {} joints {}",
@@ -215,10 +223,9 @@ impl Kind {
         match self {
             Self::Flag => value.as_bool().map(Value::Boolean),
             Self::Name => value.as_str().filter(|s| is_name(s)).map(Value::from),
-            Self::Path | Self::Label => value
-                .as_str()
-                .filter(|s| !s.is_empty() && !s.contains('\0'))
-                .map(Value::from),
+            Self::Path => value.as_str().filter(|s| is_text(s, MAX_PATH_BYTES)).map(Value::from),
+            Self::Rows => value.as_str().filter(|s| is_text(s, MAX_ROWS_BYTES)).map(Value::from),
+            Self::Label => value.as_str().filter(|s| is_text(s, MAX_LABEL_BYTES)).map(Value::from),
             Self::Choice(words) => value.as_str().filter(|s| words.contains(s)).map(Value::from),
             Self::Whole(low, high) => whole_within(value, *low, *high),
             Self::Wholes(len, low, high) => list(value, *len, |v| whole_within(v, *low, *high)),
@@ -228,7 +235,9 @@ impl Kind {
                 None => number(value, interval),
             },
             Self::Reals(len, interval) => list(value, *len, |v| number(v, interval)),
-            Self::Words => list(value, Len::Parameters, |v| v.as_str().map(Value::from)),
+            Self::Words => list(value, Len::Parameters, |v| {
+                v.as_str().filter(|s| is_text(s, MAX_LABEL_BYTES)).map(Value::from)
+            }),
             Self::RealsPerJoint(len, interval) => {
                 list(value, Len::Joints, |inner| list(inner, *len, |v| number(v, interval)))
             }
@@ -236,6 +245,17 @@ impl Kind {
             Self::Tables(_) => None,
         }
     }
+}
+
+/// Longest name of a column or a parameter.
+const MAX_LABEL_BYTES: usize = 256;
+/// Longest path: PATH_MAX of Linux.
+const MAX_PATH_BYTES: usize = 4096;
+/// Longest table of setpoints; with it a configuration stays below the size up to which it is read.
+pub(super) const MAX_ROWS_BYTES: usize = 3 << 20;
+
+fn is_text(s: &str, longest: usize) -> bool {
+    !s.is_empty() && s.len() <= longest && !s.contains('\0')
 }
 
 /// A name that can stand in file names, service names and socket paths.

@@ -9,8 +9,17 @@ use std::path::{Path, PathBuf};
 use toml::Value;
 use toml::de::{DeTable, DeValue};
 
-/// Larger files are refused: a mistyped path to a recording must not be read whole.
-const MAX_BYTES: u64 = 1 << 20;
+/// Larger files are refused: a mistyped path to a recording must not be read whole, and a parser takes up to a hundred bytes for each byte of garbage.
+pub(super) const MAX_BYTES: u64 = 4 << 20;
+
+/// More problems than this are counted, not told: a file of garbage has one in each line.
+const MAX_PROBLEMS: usize = 100;
+
+/// Longest part of a key that a message repeats \[characters\].
+const MAX_KEY: usize = 100;
+
+/// Of a larger text that is no TOML the first error alone is told.
+const MAX_BYTES_RECOVERED: usize = 1 << 18;
 
 /// A file that is no TOML at all has a syntax error in each line; a few tell enough.
 const MAX_SYNTAX_ERRORS: usize = 5;
@@ -27,6 +36,14 @@ pub enum Source {
         /// TOML.
         text: String,
     },
+    /// The configuration in a recording, which may come from anywhere: it makes the program open no file. Paths for results and checkpoints are those
+    /// of another machine and do not count, and setpoints stand in it as rows.
+    Recorded {
+        /// Shown in messages.
+        name: String,
+        /// TOML.
+        text: String,
+    },
 }
 
 /// A checked value and where it was written.
@@ -36,6 +53,8 @@ pub(super) struct Entry {
     pub origin: Origin,
     /// Directory that a relative path starts from.
     pub base: Option<PathBuf>,
+    /// It comes from a recording.
+    pub recorded: bool,
     layer: usize,
 }
 
@@ -44,7 +63,11 @@ pub(super) struct Entry {
 pub(super) struct Layers {
     entries: BTreeMap<String, Entry>,
     layer: usize,
+    /// The source being read is a recording.
+    recorded: bool,
     pub problems: Vec<Problem>,
+    /// Problems beyond [`MAX_PROBLEMS`].
+    untold: usize,
 }
 
 impl Layers {
@@ -64,6 +87,11 @@ impl Layers {
     pub fn source(&mut self, source: &Source) {
         match source {
             Source::Embedded { name, text } => self.text(name, text, None),
+            Source::Recorded { name, text } => {
+                self.recorded = true;
+                self.text(name, text, None);
+                self.recorded = false;
+            }
             Source::File(path) => {
                 let name = path.display().to_string();
                 match read(path) {
@@ -87,7 +115,7 @@ impl Layers {
     }
 
     fn argument(&mut self, argument: &str) -> Result<(), Problem> {
-        let origin = Origin::Argument(argument.to_owned());
+        let origin = Origin::Argument(cut(argument, 2 * MAX_KEY));
         let Some((path, text)) = argument.split_once('=') else {
             return Err(Problem::expected(
                 origin,
@@ -98,7 +126,7 @@ impl Layers {
         };
         let (path, text) = (path.trim(), text.trim());
         let Some(key) = key(path) else {
-            return Err(Problem::new(origin, path, unknown(path)));
+            return Err(Problem::new(origin, &cut(path, MAX_KEY), unknown(path)));
         };
         // A bare word is a string, so that nobody has to quote quotes in a shell.
         let bare = DeValue::String(text.into());
@@ -119,8 +147,21 @@ impl Layers {
 
     fn text(&mut self, name: &str, text: &str, base: Option<&Path>) {
         self.layer += 1;
-        let (table, errors) = DeTable::parse_recoverable(text);
         let file = File { name, text, base };
+        if text.len() as u64 > MAX_BYTES {
+            let message = too_large();
+            self.problems.push(Problem::new(file.whole(), "", message));
+            return;
+        }
+        if text.len() > MAX_BYTES_RECOVERED
+            && let Err(error) = DeTable::parse(text)
+        {
+            let at = error.span().unwrap_or(0..0);
+            let message = format!("not valid TOML: {}; is this a TOML file?", error.message());
+            self.problems.push(Problem::new(file.origin(at.start), "", message));
+            return;
+        }
+        let (table, errors) = DeTable::parse_recoverable(text);
         for error in errors.iter().take(MAX_SYNTAX_ERRORS) {
             let at = error.span().unwrap_or(0..0);
             let near = match file.slice(&at) {
@@ -141,6 +182,18 @@ impl Layers {
         if errors.is_empty() {
             self.table(&file, "", table.get_ref());
         }
+        if self.untold > 0 {
+            let message = format!("and {} more problems", self.untold);
+            self.problems.push(Problem::new(file.whole(), "", message));
+            self.untold = 0;
+        }
+    }
+
+    /// Whether one more problem is only counted.
+    fn enough(&mut self) -> bool {
+        let enough = self.problems.len() >= MAX_PROBLEMS;
+        self.untold += usize::from(enough);
+        enough
     }
 
     fn table(&mut self, file: &File<'_>, prefix: &str, table: &DeTable<'_>) {
@@ -150,22 +203,21 @@ impl Layers {
             } else {
                 format!("{prefix}.{}", name.get_ref())
             };
-            let origin = file.origin(name.span().start);
             let got = file.slice(&value.span());
+            let origin = || file.origin(name.span().start);
             if let Some(key) = key(&path) {
-                self.put(key, &path, value.get_ref(), got, origin, file.base);
+                self.put(key, &path, value.get_ref(), got, origin(), file.base);
             } else if !is_section(&path) {
-                self.problems.push(Problem::new(origin, &path, unknown(&path)));
+                if !self.enough() {
+                    let told = cut(&path, MAX_KEY);
+                    self.problems.push(Problem::new(origin(), &told, unknown(&path)));
+                }
             } else if let Some(inner) = value.get_ref().as_table() {
                 self.table(file, &path, inner);
             } else {
                 let expected = format!("a section [{path}]");
-                self.problems.push(Problem::expected(
-                    origin,
-                    &path,
-                    expected,
-                    describe(value.get_ref(), got),
-                ));
+                let got = describe(value.get_ref(), got);
+                self.problems.push(Problem::expected(origin(), &path, expected, got));
             }
         }
     }
@@ -208,7 +260,12 @@ impl Layers {
                 }
             }
         }
+        // Where results and checkpoints go is for whoever reads a recording to say.
+        if self.recorded && key.kind == Kind::Path && path != "plant.setpoint.csv.path" {
+            return;
+        }
         let entry = Entry {
+            recorded: self.recorded,
             value: checked,
             origin,
             base: base.map(Path::to_path_buf),
@@ -224,6 +281,9 @@ impl Layers {
         let before = self.problems.len();
         let mut tables = Vec::new();
         for (index, item) in items.iter().enumerate() {
+            if self.problems.len() > before && self.enough() {
+                continue;
+            }
             let path = format!("{path}[{}]", index + 1);
             let Some(table) = item.as_table() else {
                 let got = describe(item, "");
@@ -237,8 +297,11 @@ impl Layers {
                 let path = format!("{path}.{name}");
                 let Some(key) = keys.iter().find(|key| key.name == name) else {
                     let known = quoted(&keys.iter().map(|key| key.name).collect::<Vec<_>>());
-                    let message = format!("unknown key; expected {known}");
-                    self.problems.push(Problem::new(origin.clone(), &path, message));
+                    if !self.enough() {
+                        let message = format!("unknown key; expected {known}");
+                        self.problems
+                            .push(Problem::new(origin.clone(), &cut(&path, MAX_KEY), message));
+                    }
                     continue;
                 };
                 match key.kind.check(value.get_ref()) {
@@ -305,15 +368,17 @@ fn read(path: &Path) -> Result<String, String> {
         .read_to_end(&mut bytes)
         .map_err(|e| format!("cannot be read: {e}"))?;
     if bytes.len() as u64 > MAX_BYTES {
-        return Err(format!(
-            "expected a configuration of at most {MAX_BYTES} bytes, got a larger file"
-        ));
+        return Err(too_large());
     }
     String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
         let line = 1 + e.as_bytes()[..at].iter().filter(|b| **b == b'\n').count();
         format!("expected UTF-8 text, got other bytes in line {line}")
     })
+}
+
+fn too_large() -> String {
+    format!("expected a configuration of at most {MAX_BYTES} bytes, got a larger one")
 }
 
 fn is_section(path: &str) -> bool {
@@ -372,7 +437,11 @@ fn edit_distance(a: &str, b: &str) -> usize {
 
 fn describe(value: &DeValue<'_>, text: &str) -> String {
     let what = match value {
-        DeValue::String(s) => return format!("{} (a string)", shorten(&format!("{s:?}"))),
+        DeValue::String(s) => {
+            // Enough for what is shown; a string may be as long as a file.
+            let beginning: String = s.chars().take(100).collect();
+            return format!("{} (a string)", shorten(&format!("{beginning:?}")));
+        }
         DeValue::Integer(_) => "a whole number".to_owned(),
         DeValue::Float(x) if matches!(x.as_str().trim_start_matches(['+', '-']), "inf" | "nan") => {
             "not a finite number".to_owned()
@@ -388,9 +457,15 @@ fn describe(value: &DeValue<'_>, text: &str) -> String {
 
 fn shorten(text: &str) -> String {
     const LIMIT: usize = 60;
-    let line: String = text.split_whitespace().collect::<Vec<_>>().join(" ");
-    match line.char_indices().nth(LIMIT) {
-        Some((end, _)) => format!("{}…", &line[..end]),
-        None => line,
+    // Words up to the limit are all that can be shown, however long the text is.
+    let words = text.split_whitespace().take(LIMIT).map(|word| cut(word, LIMIT + 1));
+    cut(&words.collect::<Vec<_>>().join(" "), LIMIT)
+}
+
+/// The first characters, and an ellipsis where there are more.
+pub(super) fn cut(text: &str, limit: usize) -> String {
+    match text.char_indices().nth(limit) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.to_owned(),
     }
 }

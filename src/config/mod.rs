@@ -426,6 +426,7 @@ impl Config {
             "model.servo_axis",
             "identifier",
             "identifier.projected",
+            "identifier.considered",
             "estimator",
         ];
         let lines = settings(&self.file).filter(|(section, name, _)| {

@@ -1,11 +1,13 @@
 //! Section `[plant]` and those below it: the simulation's options.
 
 use super::build::{Check, joints};
+use super::layers::cut;
 use super::schema::{FaultForm, FileForm, RealOrWord};
 use super::{PlantConfig, Speed, setpoint_csv};
 use crate::sim::{
     ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, Fault, FaultKind, FaultSignal, Interpolation,
-    Machine, MassSchedule, PositionFeedback, SensorOptions, ServoAxisOptions, Setpoint, SimError, SimOptions, Tone,
+    Machine, MassSchedule, MoveProfile, Moves, PositionFeedback, SensorOptions, ServoAxisOptions, Setpoint, SimError,
+    SimOptions, Tone, Unmodelled,
 };
 use std::path::Path;
 
@@ -97,11 +99,27 @@ pub(super) fn plant(form: &FileForm, check: &mut Check<'_>) -> Option<PlantConfi
             spike_probability: form.sensors.spike_probability,
             spike_v: form.sensors.spike_v,
             input_limit_v: form.sensors.input_limit_v,
+            input_resolution_v: form.sensors.input_resolution_v,
             encoder_bits: form.sensors.encoder_bits as u32,
             position_noise_rad: form.sensors.position_noise_rad,
+            position_spike_probability: form.sensors.position_spike_probability,
+            position_spike_rad: form.sensors.position_spike_rad,
+            eccentricity_rad: form.sensors.eccentricity_rad,
+            eccentricity_phase_rad: form.sensors.eccentricity_phase_rad,
+            resonance_hz: form.sensors.resonance_hz,
+            resonance_damping: form.sensors.resonance_damping,
             input_delay_s: form.sensors.input_delay_s,
             jitter_s: form.sensors.jitter_s,
+            stamp_jitter_s: form.sensors.stamp_jitter_s,
             loss_probability: form.sensors.loss_probability,
+            loss_burst: form.sensors.loss_burst,
+        },
+        unmodelled: Unmodelled {
+            coulomb_friction_n_m: joints(&form.unmodelled.coulomb_friction_n_m),
+            friction_speed_rad_per_s: form.unmodelled.friction_speed_rad_per_s,
+            base_tilt_rad: form.unmodelled.base_tilt_rad,
+            heating_share: form.unmodelled.heating_share,
+            heating_s: form.unmodelled.heating_s,
         },
         faults: form.plant.faults.iter().map(fault).collect(),
     };
@@ -247,6 +265,18 @@ fn setpoint(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint; ARM_JOI
             min_dwell_s: form.random.min_dwell_s[j],
             max_dwell_s: form.random.max_dwell_s[j],
         },
+        "moves" => Setpoint::Moves(Moves {
+            profile: MoveProfile::NAMES
+                .iter()
+                .find(|(_, name)| *name == form.moves.profile)
+                .map_or(MoveProfile::default(), |(profile, _)| *profile),
+            min_rad: form.moves.min_rad[j],
+            max_rad: form.moves.max_rad[j],
+            min_move_s: form.moves.min_move_s[j],
+            max_move_s: form.moves.max_move_s[j],
+            min_rest_s: form.moves.min_rest_s[j],
+            max_rest_s: form.moves.max_rest_s[j],
+        }),
         "chirp" => Setpoint::Chirp {
             amplitude_rad: form.chirp.amplitude_rad[j],
             offset_rad: form.chirp.offset_rad[j],
@@ -262,15 +292,40 @@ fn setpoint(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint; ARM_JOI
     }))
 }
 
-fn setpoint_from_csv(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint; ARM_JOINTS]> {
-    let Some(path) = &form.csv.path else {
-        check.wrong(
-            "plant.setpoint.kind",
-            "\"csv\" needs plant.setpoint.csv.path, which is not set",
+/// Puts the rows of a file of setpoints in the place of its path, so that a configuration that is written out, into a recording or for the processes of a run,
+/// needs no other file.
+pub(super) fn inline_setpoints(form: &mut FileForm, check: &mut Check<'_>) {
+    const KEY: &str = "plant.setpoint.csv.path";
+    let Some(path) = form.csv.path.take_if(|_| form.setpoint.kind == "csv") else {
+        return;
+    };
+    if check.recorded(KEY) {
+        let message = format!(
+            "a recording's configuration opens no file, and it names \"{}\"; name the file on the command line, --set {KEY}=FILE",
+            cut(&path, 60)
         );
+        check.wrong(KEY, message);
+        return;
+    }
+    match setpoint_csv::read(Path::new(&path)) {
+        Ok(columns) => form.csv.rows = Some(columns.to_rows()),
+        Err(message) => check.wrong(KEY, message),
+    }
+}
+
+fn setpoint_from_csv(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint; ARM_JOINTS]> {
+    const KEY: &str = "plant.setpoint.csv.rows";
+    let Some(rows) = &form.csv.rows else {
+        // A path that could not be read has been told.
+        if !check.stated("plant.setpoint.csv.path") {
+            check.wrong(
+                "plant.setpoint.kind",
+                "\"csv\" needs plant.setpoint.csv.path, which is not set",
+            );
+        }
         return None;
     };
-    match setpoint_csv::read(Path::new(path)) {
+    match setpoint_csv::Columns::from_rows(rows) {
         Ok(columns) => {
             let interpolation = interpolation(&form.csv.between);
             Some(columns.q_rad.map(|values_rad| Setpoint::Table {
@@ -280,7 +335,7 @@ fn setpoint_from_csv(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint
             }))
         }
         Err(message) => {
-            check.wrong("plant.setpoint.csv.path", message);
+            check.wrong(KEY, message);
             None
         }
     }

@@ -30,7 +30,10 @@ impl Key {
 }
 
 /// Keys of which one excludes the others.
-pub(super) const EXCLUSIVE: &[&[&str]] = &[&["estimator.forgetting_factor", "estimator.time_constant_s"]];
+pub(super) const EXCLUSIVE: &[&[&str]] = &[
+    &["estimator.forgetting_factor", "estimator.time_constant_s"],
+    &["plant.setpoint.csv.path", "plant.setpoint.csv.rows"],
+];
 
 /// All keys, in the order of `config/default.toml`.
 pub fn keys() -> impl Iterator<Item = &'static Key> {
@@ -319,19 +322,49 @@ sections! {
             "Standard deviation of the spikes";
         input_limit_v: f64, Kind::Real(POSITIVE.or_infinite()), "V",
             "Most that the voltage measurement shows, either sign; inf: no limit";
+        input_resolution_v: f64, Kind::Real(NOT_NEGATIVE), "V",
+            "One count of the voltage measurement, the range by 2^bits; 0: voltages without rounding";
         encoder_bits: u64, Kind::Whole(0, 40), "bits",
             "2^bits counts per turn on each joint, and no measured derivatives; 0: positions without rounding";
         position_noise_rad: f64, Kind::Real(NOT_NEGATIVE), "rad",
             "Standard deviation of white noise on the measured positions, before they are rounded";
+        position_spike_probability: f64, Kind::Real(Interval::closed(0.0, 1.0)), "",
+            "Share of samples whose measured position carries a spike, per joint";
+        position_spike_rad: f64, Kind::Real(NOT_NEGATIVE), "rad",
+            "Standard deviation of the spikes on positions";
+        eccentricity_rad: f64, Kind::Real(Interval::closed(-0.1, 0.1)), "rad",
+            "Size a of the error of encoders mounted off their axes, which show q + a sin(q + eccentricity_phase_rad); 100 arc seconds are 4.8e-4";
+        eccentricity_phase_rad: f64, Kind::Real(FINITE), "rad",
+            "Where on the turn this error is 0 and rises, with the opposite sign";
+        resonance_hz: f64, Kind::Real(Interval::closed(0.0, 1000.0)), "Hz",
+            "Frequency of a resonance between each joint and its encoder, as of a soft coupling; 0: none";
+        resonance_damping: f64, Kind::Real(Interval::closed(0.0, 10.0)), "",
+            "Damping ratio of this resonance";
         input_delay_s: f64, Kind::Real(Interval::closed(-0.01, 0.01)), "s",
             "The recorded voltage acts this much later than the positions of its sample say";
         jitter_s: f64, Kind::Real(Interval::closed(0.0, 1e-3)), "s",
             "Standard deviation of the instant at which the positions are read";
+        stamp_jitter_s: f64, Kind::Real(Interval::closed(0.0, 0.01)), "s",
+            "Standard deviation of the samples' instants around their grid, at most 0.4 periods off; controller and time stamps keep to the true instants";
         loss_probability: f64, Kind::Real(Interval::closed(0.0, 0.999)), "",
             "Share of samples that are lost on their way to everybody";
+        loss_burst: u64, Kind::Whole(1, 10_000), "samples",
+            "Samples that are lost in one go";
+    }
+    unmodelled: Unmodelled = "plant.unmodelled", "What the arm does beyond the equations that are identified; all off by default" {
+        coulomb_friction_n_m: Vec<f64>, joints(NOT_NEGATIVE), "N m",
+            "Friction of each joint that does not depend on speed";
+        friction_speed_rad_per_s: f64, Kind::Real(POSITIVE), "rad/s",
+            "Speed over which this friction changes its sign, as tanh(dq/speed); the smaller, the more plant.substeps it takes";
+        base_tilt_rad: f64, Kind::Real(Interval::closed(-0.5, 0.5)), "rad",
+            "How far the axis of joint 1 is off the vertical";
+        heating_share: f64, Kind::Real(Interval::closed(-0.9, 10.0)), "",
+            "Share by which both winding resistances grow from the start on, at a constant rate";
+        heating_s: f64, Kind::Real(POSITIVE), "s",
+            "Time that this takes; they stay then";
     }
     setpoint: Setpoint = "plant.setpoint", "Commanded positions; only the section of the chosen kind is used" {
-        kind: String, Kind::Choice(&["steps", "square", "sines", "random_sines", "random", "chirp", "csv"]), "",
+        kind: String, Kind::Choice(&["steps", "square", "sines", "random_sines", "random", "moves", "chirp", "csv"]), "",
             "Kind of commanded motion, for both joints";
     }
     steps: Steps = "plant.setpoint.steps", "A cycle of levels" {
@@ -382,6 +415,22 @@ sections! {
         max_dwell_s: Vec<f64>, joints(Interval::above(0.0, LONGEST_S)), "s",
             "Longest time on a level";
     }
+    moves: Moves = "plant.setpoint.moves", "Moves from point to point, each followed by a rest; levels and times drawn uniformly from the seed" {
+        profile: String, Kind::Choice(&["minimum_jerk", "trapezoidal"]), "",
+            "minimum_jerk: a polynomial of degree 5. trapezoidal: a third of the time each to speed up, cruise and slow down";
+        min_rad: Vec<f64>, joints(FINITE), "rad",
+            "Lowest level of each joint";
+        max_rad: Vec<f64>, joints(FINITE), "rad",
+            "Highest level of each joint";
+        min_move_s: Vec<f64>, joints(Interval::above(0.0, LONGEST_S)), "s",
+            "Shortest duration of a move, at least one sample period; whole samples";
+        max_move_s: Vec<f64>, joints(Interval::above(0.0, LONGEST_S)), "s",
+            "Longest duration of a move";
+        min_rest_s: Vec<f64>, joints(Interval::closed(0.0, LONGEST_S)), "s",
+            "Shortest rest after a move; whole samples";
+        max_rest_s: Vec<f64>, joints(Interval::closed(0.0, LONGEST_S)), "s",
+            "Longest rest after a move";
+    }
     chirp: Chirp = "plant.setpoint.chirp", "A sine whose frequency moves exponentially, again and again" {
         amplitude_rad: Vec<f64>, joints(FINITE), "rad",
             "Amplitude of each joint";
@@ -397,6 +446,8 @@ sections! {
     csv: Csv = "plant.setpoint.csv", "Values at given times, read from a file" {
         path: Option<String>, Kind::Path, "",
             "File with the columns t_s, q1_rad, q2_rad and rising times; relative to the configuration file's directory";
+        rows: Option<String>, Kind::Rows, "",
+            "The rows of such a file themselves: what a configuration that a program writes, into a recording for instance, has in the place of path";
         between: String, Kind::Choice(&["step", "linear"]), "",
             "Between two rows the setpoint keeps the value of the first (step) or follows the straight line (linear)";
     }
@@ -457,8 +508,20 @@ sections! {
             "Standard deviation of white noise on the positions, one number or one per joint";
         input_noise: Vec<f64>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "V, A, N or N m",
             "Standard deviation of white noise on the inputs, one number or one per joint";
+        input_resolution: Vec<f64>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "V, A, N or N m",
+            "One count of the measured inputs, one number or one per joint; 0 where they are not rounded";
         learn_noise: bool, Kind::Flag, "",
-            "Take the noise from the signals, block by block, instead of the three levels above";
+            "Take the noise from the signals, block by block, instead of the four levels above";
+    }
+    considered: ConsideredErrors = "identifier.considered", "Standard deviations of what the machine may do and the model does not say: not estimated, but sigma is widened by what it could do; for rows = \"projected\"" {
+        input_delay_s: f64, Kind::Real(NOT_NEGATIVE), "s",
+            "Delay of the recorded input beyond input_delay_s; 1e-4 where nobody has measured it";
+        gain: f64, Kind::Real(NOT_NEGATIVE), "",
+            "Relative error of each drive's gain; 0 where parameters are meant in units of the drive as it reports itself";
+        coulomb: f64, Kind::Real(NOT_NEGATIVE), "",
+            "Coulomb friction at each joint whose model has none, as a share of the largest root mean square of its input so far; 0.02 for gears";
+        eccentricity_rad: f64, Kind::Real(NOT_NEGATIVE), "rad",
+            "Amplitude of an encoder error of one period per turn; 1e-4 is 20 arc seconds; without effect on an axis that moves along a line";
     }
     estimator: Estimator = "estimator", "The recursion over blocks of samples" {
         block_len: u64, Kind::Whole(1, 10_000_000), "samples",
@@ -495,7 +558,7 @@ sections! {
         noise_std: Vec<f64>, equations(POSITIVE), "",
             "Standard deviation of each equation's rows, in the equation's unit: weighs equations that share parameters; none: 1";
         noise_floor: Vec<f64>, equations(NOT_NEGATIVE), "",
-            "Smallest standard deviation of the weighed rows that is believed; none: 0";
+            "Smallest standard deviation of the weighed rows that is believed, and the noise that residuals are judged by: 1 for projected rows whose sensors are configured; none: 0, and residuals are judged by what was learnt";
         noise_floor_relative: f64, Kind::Real(Interval::closed(0.0, 0.1)), "",
             "The same as a share of the rows' size; keeps tests from firing on rounding where data are free of noise";
         random_walk: Vec<f64>, parameters(NOT_NEGATIVE), "",
@@ -558,8 +621,8 @@ sections! {
             "Unit of the position columns: of length where the model moves along a line, else of angle";
         input: Vec<String>, Kind::Words, "",
             "Columns of the inputs, one per joint";
-        input_unit: f64, Kind::Real(POSITIVE), "",
-            "One unit of the input columns in the model's unit, 0.001 for millivolts";
+        input_unit: f64, Kind::Real(FINITE), "",
+            "One unit of the input columns in the model's unit, 0.001 for millivolts; negative where a positive input drives the machine backwards, not 0";
         setpoint: Vec<String>, Kind::Words, "",
             "Columns of the setpoints, one per joint in the unit of the positions, or none";
     }

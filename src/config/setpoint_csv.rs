@@ -1,9 +1,13 @@
 //! Setpoints from a CSV file: columns `t_s`, `q1_rad`, `q2_rad`, times rising.
 
-use super::kind::Len;
+use super::kind::{Len, MAX_ROWS_BYTES};
+use super::layers::cut;
+use std::fmt::Write as _;
+use std::io::Read;
 use std::path::Path;
 
 /// Times \[s\] and for each joint the commanded positions \[rad\].
+#[derive(Default)]
 pub(super) struct Columns {
     pub t_s: Vec<f64>,
     pub q_rad: [Vec<f64>; Len::ARM_JOINTS],
@@ -11,58 +15,125 @@ pub(super) struct Columns {
 
 const HEADER: [&str; 1 + Len::ARM_JOINTS] = ["t_s", "q1_rad", "q2_rad"];
 
+/// Larger files are refused: a path to a device has no end.
+const MAX_FILE_BYTES: u64 = 64 << 20;
+
+/// What a message shows of a file.
+const SHOWN: usize = 60;
+
+impl Columns {
+    /// As lines of numbers with all their digits.
+    pub(super) fn to_rows(&self) -> String {
+        let mut text = String::new();
+        for (row, t_s) in self.t_s.iter().enumerate() {
+            let _ = write!(text, "{t_s:?}");
+            for column in &self.q_rad {
+                let _ = write!(text, " {:?}", column[row]);
+            }
+            text.push('\n');
+        }
+        text
+    }
+
+    /// From what [`to_rows`](Self::to_rows) gives.
+    ///
+    /// The error is a sentence that names the row.
+    pub(super) fn from_rows(text: &str) -> Result<Self, String> {
+        let mut columns = Self::default();
+        let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+        for (index, line) in lines {
+            let numbers: Vec<f64> = line
+                .split_whitespace()
+                .take(HEADER.len() + 1)
+                .filter_map(|word| word.parse().ok().filter(|x: &f64| x.is_finite()))
+                .collect();
+            let row = <[f64; HEADER.len()]>::try_from(numbers).map_err(|_| {
+                format!(
+                    "row {}: expected the finite numbers {}, got \"{}\"",
+                    index + 1,
+                    HEADER.join(" "),
+                    cut(line.trim(), SHOWN)
+                )
+            })?;
+            columns.push(row).map_err(|e| format!("row {}: {e}", index + 1))?;
+        }
+        match columns.t_s.is_empty() {
+            true => Err("expected at least one row, got none".to_owned()),
+            false => Ok(columns),
+        }
+    }
+
+    fn push(&mut self, row: [f64; HEADER.len()]) -> Result<(), String> {
+        if let Some(last) = self.t_s.last().filter(|last| row[0] <= **last) {
+            return Err(format!("t_s: expected a time after {last}, got {}", row[0]));
+        }
+        self.t_s.push(row[0]);
+        self.q_rad
+            .iter_mut()
+            .zip(&row[1..])
+            .for_each(|(column, value)| column.push(*value));
+        Ok(())
+    }
+}
+
 /// Reads the file; further columns are ignored, `#` begins a comment line.
 ///
 /// The error is a sentence that names the line.
 pub(super) fn read(path: &Path) -> Result<Columns, String> {
     let name = path.display();
+    let unreadable = |e: &dyn std::fmt::Display| format!("{name} cannot be read: {e}");
+    let file = std::fs::File::open(path).map_err(|e| unreadable(&e))?;
+    // A pipe would wait for somebody to write, a device never ends.
+    if !file.metadata().map_err(|e| unreadable(&e))?.is_file() {
+        return Err(format!("{name}: expected a file, got a directory, pipe or device"));
+    }
+    let mut text = Vec::new();
+    file.take(MAX_FILE_BYTES + 1)
+        .read_to_end(&mut text)
+        .map_err(|e| unreadable(&e))?;
+    if text.len() as u64 > MAX_FILE_BYTES {
+        return Err(format!(
+            "{name}: expected a file of at most {MAX_FILE_BYTES} bytes, got a larger one"
+        ));
+    }
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .comment(Some(b'#'))
-        .from_path(path)
-        .map_err(|e| format!("{name} cannot be read: {e}"))?;
+        .from_reader(text.as_slice());
     let headers = reader.headers().map_err(|e| format!("{name}: {e}"))?.clone();
     let mut index = [0; HEADER.len()];
     for (index, wanted) in index.iter_mut().zip(HEADER) {
         *index = headers.iter().position(|h| h == wanted).ok_or_else(|| {
+            let got: Vec<&str> = headers.iter().take(SHOWN).collect();
             format!(
                 "{name}:1: expected the columns {}, got {}",
                 HEADER.join(", "),
-                headers.iter().collect::<Vec<_>>().join(", ")
+                cut(&got.join(", "), SHOWN)
             )
         })?;
     }
-    let mut columns = Columns {
-        t_s: Vec::new(),
-        q_rad: Default::default(),
-    };
+    let mut columns = Columns::default();
     for record in reader.records() {
         let record = record.map_err(|e| format!("{name}: {e}"))?;
         let line = record.position().map_or(0, csv::Position::line);
         let mut row = [0.0; HEADER.len()];
         for ((value, index), column) in row.iter_mut().zip(index).zip(HEADER) {
             let text = record.get(index).unwrap_or("");
-            *value = text
-                .parse()
-                .ok()
-                .filter(|x: &f64| x.is_finite())
-                .ok_or_else(|| format!("{name}:{line}: {column}: expected a finite number, got \"{text}\""))?;
+            *value = text.parse().ok().filter(|x: &f64| x.is_finite()).ok_or_else(|| {
+                let text = cut(text, SHOWN);
+                format!("{name}:{line}: {column}: expected a finite number, got \"{text}\"")
+            })?;
         }
-        if let Some(last) = columns.t_s.last().filter(|last| row[0] <= **last) {
-            return Err(format!(
-                "{name}:{line}: t_s: expected a time after {last}, got {}",
-                row[0]
-            ));
-        }
-        columns.t_s.push(row[0]);
-        columns
-            .q_rad
-            .iter_mut()
-            .zip(&row[1..])
-            .for_each(|(column, value)| column.push(*value));
+        columns.push(row).map_err(|e| format!("{name}:{line}: {e}"))?;
     }
     if columns.t_s.is_empty() {
         return Err(format!("{name}: expected at least one row, got none"));
+    }
+    let bytes = columns.to_rows().len();
+    if bytes > MAX_ROWS_BYTES {
+        return Err(format!(
+            "{name}: expected numbers of at most {MAX_ROWS_BYTES} bytes in all, since a recording keeps them, got {bytes}; thin the rows out or round their numbers"
+        ));
     }
     Ok(columns)
 }

@@ -84,10 +84,15 @@ pub mod request_flags {
     pub const VALUE: u32 = 1 << 0;
 }
 
+/// What a [`Request`] knows a stream by; never 0. Two of some 10⁵ streams would have to meet for two tags to agree by chance.
+pub fn stream_tag(boot_id: u64) -> u32 {
+    ((boot_id ^ (boot_id >> 32)) as u32).max(1)
+}
+
 /// A request of service `control`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusRequestV1"))]
+#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusRequestV2"))]
 pub struct Request {
     /// [`Command`].
     pub command: u32,
@@ -105,8 +110,9 @@ pub struct Request {
     pub parts: u32,
     /// Bytes of the state in this part.
     pub data_len: u32,
-    /// Zero.
-    pub pad: u32,
+    /// [`stream_tag`] of the only stream that this is for: it waits for that stream, and what it did is undone when another one
+    /// begins. 0: for whichever is open, and to stay.
+    pub stream: u32,
     /// The part.
     pub data: [u8; DATA],
 }
@@ -123,7 +129,7 @@ impl Request {
             part: 0,
             parts: 0,
             data_len: 0,
-            pad: 0,
+            stream: 0,
             data: [0; DATA],
         }
     }
@@ -209,7 +215,7 @@ pub mod item_kind {
 /// What `describe` tells of a parameter, a tunable or a signal.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusItemV1"))]
+#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusItemV2"))]
 pub struct Item {
     /// [`item_kind`].
     pub kind: u32,
@@ -258,7 +264,7 @@ pub mod response_code {
 /// The answer to a [`Request`].
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusResponseV1"))]
+#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusResponseV2"))]
 pub struct Response {
     /// [`response_code`].
     pub code: u32,
@@ -303,7 +309,7 @@ impl Response {
 /// Topic `journal`: a command that took effect, with the place where it did. A recording keeps them, so that a replay repeats them.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusJournalV1"))]
+#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusJournalV2"))]
 pub struct Journal {
     /// The sample stream; 0 before the first one.
     pub boot_id: u64,

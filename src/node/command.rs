@@ -9,6 +9,9 @@ use std::fmt;
 
 /// Orders that a node can hold at a time.
 pub const MAX_ORDERS: usize = 64;
+/// Places among them for orders that wait for nothing but the next border: those that wait for a far sample must not keep an operator
+/// from pausing.
+pub const RESERVED_ORDERS: usize = 16;
 
 /// What a command changes.
 pub enum Change {
@@ -48,6 +51,8 @@ pub enum Change {
         /// Index of the parameter.
         index: usize,
     },
+    /// What is left of a change whose contents the node keeps, to undo it.
+    Kept,
 }
 
 impl fmt::Debug for Change {
@@ -59,8 +64,23 @@ impl fmt::Debug for Change {
             Self::Tune { .. } => "Tune",
             Self::Fix { .. } => "Fix",
             Self::Free { .. } => "Free",
+            Self::Kept => "Kept",
         })
     }
+}
+
+/// What became of an order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Fate {
+    /// It waits for its border.
+    #[default]
+    Waits,
+    /// It took effect.
+    Done,
+    /// Its stream is over, or another one came in its place; it never took effect.
+    Dropped,
+    /// It took effect earlier, and its stream is over: what it had exchanged was exchanged back.
+    Undone,
 }
 
 /// A change on its way to a border and back.
@@ -68,12 +88,16 @@ impl fmt::Debug for Change {
 pub struct Order {
     /// Whoever offered it knows it by this.
     pub id: u64,
-    /// Not before this sample of the stream; 0: at the next border.
+    /// Not before this sample of the stream, and not after its end; 0: at the next border.
     pub from_seq: u64,
+    /// [`stream_tag`](crate::messages::stream_tag) of the only stream that the order is for; 0 for whichever is open.
+    pub tag: u32,
     /// The change; what was exchanged, once it took effect.
     pub change: Change,
     /// Where it took effect.
     pub border: Border,
+    /// What became of it.
+    pub fate: Fate,
     /// The number of the stream that `from_seq` belongs to; set by the node.
     pub(super) stream: u64,
 }
@@ -85,10 +109,19 @@ impl Order {
         Self {
             id,
             from_seq,
+            tag: 0,
             change,
             border: Border::default(),
+            fate: Fate::Waits,
             stream: 0,
         }
+    }
+
+    /// The same for one stream alone: the order waits for it, goes with it, and what it did is undone at the stream's end.
+    #[must_use]
+    pub fn for_stream(mut self, tag: u32) -> Self {
+        self.tag = tag;
+        self
     }
 }
 

@@ -1,7 +1,8 @@
 //! The monitor as a value: estimates in, readable lines and a record of the run out.
 
 use super::stream::{Place, StreamCursor};
-use crate::messages::{Estimate, State, Status, estimate_flags};
+use crate::estimator::{LEAST_EXPLAINED, MISFIT};
+use crate::messages::{ErrorCode, Estimate, LastError, State, Status, estimate_flags};
 use std::fmt::Write as _;
 
 /// Name and unit of a column: a parameter or a derived value.
@@ -66,6 +67,8 @@ pub struct MonitorNode {
     blocks: u64,
     last: Option<Estimate>,
     status: Option<Status>,
+    /// The last word on what the model lacks.
+    misfit: Option<LastError>,
     lost_estimates: u64,
 }
 
@@ -82,6 +85,7 @@ impl MonitorNode {
             blocks: 0,
             last: None,
             status: None,
+            misfit: None,
             lost_estimates: 0,
         }
     }
@@ -98,7 +102,7 @@ impl MonitorNode {
                 self.lost_estimates = 0;
             }
             // Estimates are numbered by block, so a block without an estimate looks like a lost one; both deserve a count.
-            Place::Gap { missing } => self.lost_estimates += missing,
+            Place::Gap { missing } => self.lost_estimates = self.lost_estimates.saturating_add(missing),
             Place::Next => {}
         }
         let t_s = seconds(estimate.t_last_ns);
@@ -130,6 +134,12 @@ impl MonitorNode {
 
     /// Takes a status in.
     pub fn on_status(&mut self, status: &Status) {
+        if self.status.is_some_and(|last| last.boot_id != status.boot_id) {
+            self.misfit = None;
+        }
+        if status.error.code == ErrorCode::Misfit as u32 {
+            self.misfit = Some(status.error);
+        }
         self.status = Some(*status);
     }
 
@@ -163,9 +173,19 @@ impl MonitorNode {
                 let _ = write!(line, " {}", label.unit);
             }
         }
-        let lost = estimate.missing + estimate.rejected;
+        line.push_str("  fit");
+        for (e, fit) in estimate.fit.iter().take(estimate.equations as usize).enumerate() {
+            let _ = write!(line, "{}{fit:.2}", if e == 0 { ' ' } else { '/' });
+        }
+        if estimate.state == State::Misfit as u32 {
+            let _ = write!(line, " ({})", misfit_words(estimate));
+        }
+        let lost = estimate.missing.saturating_add(estimate.rejected);
         if lost > 0 {
             let _ = write!(line, "  [missing {}, rejected {}]", estimate.missing, estimate.rejected);
+        }
+        if let Some(words) = self.misfit() {
+            let _ = write!(line, "  [{words}]");
         }
         line
     }
@@ -198,6 +218,11 @@ impl MonitorNode {
     /// The last estimate.
     pub fn last_estimate(&self) -> Option<&Estimate> {
         self.last.as_ref()
+    }
+
+    /// What the model lacks, in the identifier's words, where the residuals spoke for something.
+    pub fn misfit(&self) -> Option<&str> {
+        self.misfit.as_ref().map(|error| error.words())
     }
 
     /// The last status.
@@ -265,6 +290,23 @@ fn worst_relative_error(estimate: &Estimate, truth: &[f64]) -> f64 {
         )
 }
 
+/// Why an estimate is in the state `misfit`.
+pub fn misfit_words(estimate: &Estimate) -> &'static str {
+    let equations = estimate.equations as usize;
+    if estimate.fit_probability < MISFIT {
+        "the residuals are more than noise: p below 1e-4 in the block or in its last part"
+    } else if estimate
+        .explained
+        .iter()
+        .take(equations)
+        .any(|&share| share < LEAST_EXPLAINED)
+    {
+        "the model explains less than 99.5 % of the input's power"
+    } else {
+        "the data push a parameter against its bound"
+    }
+}
+
 /// (estimate − truth) / truth; the absolute error where the truth is zero.
 pub fn relative_error(estimate: f64, truth: f64) -> f64 {
     let error = estimate - truth;
@@ -289,30 +331,18 @@ pub(crate) mod tests {
             block,
             t_first_ns: (block - 1) * 1_000_000_000,
             t_last_ns: block * 1_000_000_000 - 1_000_000,
-            model_hash: 0,
-            config_hash: 0,
             accepted: block * 1000,
-            missing: 0,
-            rejected: 0,
             excited: 1,
-            usable: 0,
-            fixed: 0,
-            t_change_ns: 0,
             state: State::Converging as u32,
-            use_ok: 0,
-            flags: 0,
             params: 1,
             equations: 1,
-            derived_len: 0,
             iterations: 1,
-            outliers: 0,
             condition: 1.0,
-            innovation_rms: [0.0; MAX_JOINTS],
-            residual_rms: [0.0; MAX_JOINTS],
-            theta: [0.0; MAX_PARAMS],
+            fit: [1.0; MAX_JOINTS],
+            fit_probability: 1.0,
             theta_std: [f64::NAN; MAX_PARAMS],
-            derived: [0.0; MAX_DERIVED],
             derived_std: [f64::NAN; MAX_DERIVED],
+            ..Estimate::EMPTY
         };
         message.theta[0] = theta;
         message

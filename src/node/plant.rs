@@ -19,7 +19,7 @@ impl Passage {
     }
 }
 
-/// Turns a simulated machine into the sample stream seq 0, 1, 2, …, t = seq·Δ, the last one flagged `END`.
+/// Turns a simulated machine into the sample stream seq 0, 1, 2, …, t = seq·Δ unless stamps say otherwise, the last one flagged `END`.
 pub struct PlantNode<S> {
     source: S,
     boot_id: u64,
@@ -30,6 +30,7 @@ pub struct PlantNode<S> {
     samples: u64,
     lost: Option<Box<dyn FnMut() -> bool + Send>>,
     faults: Option<Box<dyn FnMut(&mut Sample) -> Passage + Send>>,
+    stamps: Option<Box<dyn FnMut() -> i64 + Send>>,
     /// When the last sample given is due \[ns of stream time\].
     due_ns: u64,
 }
@@ -49,6 +50,7 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
             samples,
             lost: None,
             faults: None,
+            stamps: None,
             due_ns: 0,
         }
     }
@@ -57,6 +59,13 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
     #[must_use]
     pub fn with_losses(mut self, lost: impl FnMut() -> bool + Send + 'static) -> Self {
         self.lost = Some(Box::new(lost));
+        self
+    }
+
+    /// Stamps each sample so many nanoseconds behind its place on the grid; less than half a period either way.
+    #[must_use]
+    pub fn with_stamps(mut self, offset_ns: impl FnMut() -> i64 + Send + 'static) -> Self {
+        self.stamps = Some(Box::new(offset_ns));
         self
     }
 
@@ -71,7 +80,8 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
     pub fn next_sample(&mut self) -> Option<Sample> {
         while self.seq < self.samples {
             let joints = self.source.next()?;
-            let t_ns = self.seq * self.period_ns;
+            let offset_ns = self.stamps.as_mut().map_or(0, |stamps| stamps());
+            let t_ns = (self.seq * self.period_ns).saturating_add_signed(offset_ns);
             let mut sample = Sample::new(self.boot_id, self.seq, t_ns, self.joints, self.signals, &joints);
             self.seq += 1;
             let is_last = self.seq == self.samples;

@@ -36,6 +36,13 @@ pub struct RunInfo {
     pub derived: Vec<Label>,
 }
 
+/// Longest configuration in a recording \[bytes\]: what a configuration may be with its setpoints.
+const MAX_CONFIG_BYTES: usize = 4 << 20;
+/// Longest other value \[bytes\]: 64 names with their units are far below.
+const MAX_VALUE_BYTES: usize = 1 << 16;
+/// Longest name or unit \[bytes\].
+const MAX_NAME_BYTES: usize = 128;
+
 /// Why metadata cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum InfoError {
@@ -84,7 +91,18 @@ impl RunInfo {
     /// # Errors
     /// Where a key is missing, has another schema version or a value out of its range.
     pub(super) fn from_map(map: &BTreeMap<String, String>) -> Result<Self, InfoError> {
-        let get = |key: &'static str| map.get(key).ok_or(InfoError::Missing(key));
+        let get = |key: &'static str| {
+            let value = map.get(key).ok_or(InfoError::Missing(key))?;
+            let limit = if key == "config_toml" {
+                MAX_CONFIG_BYTES
+            } else {
+                MAX_VALUE_BYTES
+            };
+            match value.len() <= limit {
+                true => Ok(value),
+                false => Err(InfoError::invalid(key, "a shorter text", value)),
+            }
+        };
         let text = |key| get(key).cloned();
         let hash = |key: &'static str| {
             let got = get(key)?;
@@ -92,11 +110,8 @@ impl RunInfo {
         };
         let version = get("schema_version")?;
         if *version != SCHEMA_VERSION.to_string() {
-            return Err(InfoError::invalid(
-                "schema_version",
-                "1 (this program's; open the file with the version that wrote it)",
-                version,
-            ));
+            const EXPECTED: &str = "2 (this program's; open the file with the version that wrote it)";
+            return Err(InfoError::invalid("schema_version", EXPECTED, version));
         }
         let joints = get("joints")?;
         let joints = joints
@@ -141,6 +156,27 @@ impl RunInfo {
         for (key, count, limit, expected) in counts {
             if count > limit || (key == "joints" && count == 0) {
                 return Err(InfoError::invalid(key, expected, &count.to_string()));
+            }
+        }
+        // They are shown on terminals and pages, and name columns of files.
+        let labels = |labels: &'_ [Label]| -> Vec<String> {
+            let words = labels.iter().flat_map(|label| [&label.name, &label.unit]);
+            words.cloned().collect()
+        };
+        let words = [
+            ("robot", vec![self.robot.clone()]),
+            ("model", vec![self.model.clone()]),
+            ("position_unit", vec![self.position_unit.clone()]),
+            ("input_unit", vec![self.input_unit.clone()]),
+            ("equations", self.equations.clone()),
+            ("parameters", labels(&self.parameters)),
+            ("derived", labels(&self.derived)),
+        ];
+        for (key, words) in words {
+            let bad = |word: &&String| word.len() > MAX_NAME_BYTES || word.chars().any(char::is_control);
+            if let Some(word) = words.iter().find(bad) {
+                let expected = "at most 128 bytes without control characters";
+                return Err(InfoError::invalid(key, expected, word));
             }
         }
         Ok(())
@@ -220,7 +256,8 @@ pub(crate) mod tests {
         for (key, value) in [
             ("joints", "9"),
             ("joints", "-1"),
-            ("schema_version", "2"),
+            ("schema_version", "1"),
+            ("schema_version", "3"),
             ("model_hash", "no"),
             ("parameters", "name without unit"),
         ] {

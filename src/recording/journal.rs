@@ -19,6 +19,9 @@ pub(super) fn journal_to_map(entry: &Journal) -> BTreeMap<String, String> {
         // the shortest text that reads back to the same number
         pairs.push(("value", format!("{value:?}")));
     }
+    if request.stream > 0 {
+        pairs.push(("stream", request.stream.to_string()));
+    }
     if request.parts > 0 {
         let bytes = &request.data[..(request.data_len as usize).min(DATA)];
         let hex = bytes
@@ -42,6 +45,9 @@ pub(super) fn journal_from_map(map: &BTreeMap<String, String>) -> Option<Journal
     request.from_seq = number("from_seq")?;
     if let Some(value) = map.get("value") {
         request = request.with_value(value.parse().ok()?);
+    }
+    if map.contains_key("stream") {
+        request.stream = small("stream")?;
     }
     if map.contains_key("parts") {
         (request.part, request.parts) = (small("part")?, small("parts")?);

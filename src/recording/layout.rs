@@ -5,8 +5,8 @@
 //! `^(?!.*__)(?!.*_$)[a-z][a-z0-9_]*$`, so names are brought into that form, and two names that meet there are refused.
 
 use super::info::RunInfo;
-use crate::messages::{Estimate, MAX_DERIVED, Sample, Status};
-use crate::model::{JointSample, MAX_JOINTS, MAX_PARAMS};
+use crate::messages::{Estimate, Sample, Status};
+use crate::model::JointSample;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
@@ -38,6 +38,8 @@ pub(super) struct Layout {
     input: Vec<Column>,
     innovation_rms: Vec<Column>,
     residual_rms: Vec<Column>,
+    fit: Vec<Column>,
+    explained: Vec<Column>,
     theta: Vec<Column>,
     theta_std: Vec<Column>,
     derived: Vec<Column>,
@@ -105,6 +107,8 @@ impl Layout {
             input: joints("input", &format!("drive's input [{}]", info.input_unit)),
             innovation_rms: equations("innovation_rms", "before the update"),
             residual_rms: equations("residual_rms", "after the update"),
+            fit: equations("fit", "chi^2/n of the whitened residuals"),
+            explained: equations("explained", "share of the signal's power"),
             theta: labels(&info.parameters, ""),
             theta_std: labels(&info.parameters, "_std"),
             derived: labels(&info.derived, ""),
@@ -161,7 +165,11 @@ impl Layout {
         v.u64("missing", "samples lost since the start", &mut m.missing)?;
         v.u64("rejected", "samples refused since the start", &mut m.rejected)?;
         v.u64("excited", "bit i: the block informed on parameter i", &mut m.excited)?;
-        v.u64("usable", "bit i: parameter i may be used", &mut m.usable)?;
+        v.u64(
+            "usable",
+            "bit i: parameter i is known from data; use it if use_ok is 1, too",
+            &mut m.usable,
+        )?;
         v.u64("fixed", "bit i: parameter i is held", &mut m.fixed)?;
         v.u64(
             "t_change_ns",
@@ -170,19 +178,30 @@ impl Layout {
         )?;
         v.u32(
             "state",
-            "0 collecting, 1 converging, 2 converged, 3 paused, 4 poorly excited, 5 changing, 6 degraded, 7 invalid",
+            "0 collecting, 1 converging, 2 converged, 3 paused, 4 poorly excited, 5 changing, 6 degraded, 7 invalid, 9 misfit",
             &mut m.state,
         )?;
-        v.u32("use_ok", "1 where controllers may use the estimate", &mut m.use_ok)?;
+        v.u32(
+            "use_ok",
+            "1 if controllers may use what is marked in usable",
+            &mut m.use_ok,
+        )?;
         v.u32("flags", "bits: changed, incomplete, held, warm", &mut m.flags)?;
         v.u32("params", "number of parameters", &mut m.params)?;
         v.u32("equations", "number of equations", &mut m.equations)?;
         v.u32("derived_len", "number of derived values", &mut m.derived_len)?;
         v.u32("iterations", "Gauss-Newton iterations", &mut m.iterations)?;
-        v.u32("outliers", "rows treated as outliers", &mut m.outliers)?;
+        v.u32(
+            "outliers",
+            "rows treated as outliers and samples replaced as spikes",
+            &mut m.outliers,
+        )?;
         v.f64("condition", "of the column-scaled information", &mut m.condition)?;
         v.f64s(&self.innovation_rms, &mut m.innovation_rms)?;
         v.f64s(&self.residual_rms, &mut m.residual_rms)?;
+        v.f64s(&self.fit, &mut m.fit)?;
+        v.f64s(&self.explained, &mut m.explained)?;
+        v.f64("fit_probability", "below 1e-4: misfit", &mut m.fit_probability)?;
         v.f64s(&self.theta, &mut m.theta)?;
         v.f64s(&self.theta_std, &mut m.theta_std)?;
         v.f64s(&self.derived, &mut m.derived)?;
@@ -268,6 +287,8 @@ impl Layout {
         v.u64("rt_affinity", "bit i: CPU i; 0 for any", &mut realtime.affinity)?;
         v.u32("rt_memory_locked", "1 where it is", &mut realtime.memory_locked)?;
         v.u32("rt_refused", "bits: priority, affinity, memory", &mut realtime.refused)?;
+        v.f64("fit", "largest chi^2/n of any equation in the last block", &mut m.fit)?;
+        v.f64("fit_probability", "below 1e-4: misfit", &mut m.fit_probability)?;
         v.f64("condition", "of the column-scaled information", &mut m.condition)?;
         v.f64("information_ln", "sum of ln of its diagonal", &mut m.information_ln)?;
         v.f64("asymmetry", "of the information", &mut m.asymmetry)?;
@@ -308,36 +329,7 @@ pub(super) fn no_sample() -> Sample {
 
 /// An estimate of zeros, to be filled.
 pub(super) fn no_estimate() -> Estimate {
-    Estimate {
-        boot_id: 0,
-        block: 0,
-        t_first_ns: 0,
-        t_last_ns: 0,
-        model_hash: 0,
-        config_hash: 0,
-        accepted: 0,
-        missing: 0,
-        rejected: 0,
-        excited: 0,
-        usable: 0,
-        fixed: 0,
-        t_change_ns: 0,
-        state: 0,
-        use_ok: 0,
-        flags: 0,
-        params: 0,
-        equations: 0,
-        derived_len: 0,
-        iterations: 0,
-        outliers: 0,
-        condition: 0.0,
-        innovation_rms: [0.0; MAX_JOINTS],
-        residual_rms: [0.0; MAX_JOINTS],
-        theta: [0.0; MAX_PARAMS],
-        theta_std: [0.0; MAX_PARAMS],
-        derived: [0.0; MAX_DERIVED],
-        derived_std: [0.0; MAX_DERIVED],
-    }
+    Estimate::EMPTY
 }
 
 fn column(name: &str, comment: String) -> Column {

@@ -21,4 +21,4 @@ pub use info::{InfoError, RunInfo};
 pub use layout::{NameCollision, RecorderStatus};
 pub use reader::{Entry, Loss, ReadError, RecordingReader, Span, read_journal};
 pub use samples_csv::{CsvSampleError, SamplesCsv, SamplesCsvReader, is_samples_csv};
-pub use writer::{RecordError, Recorder, RecordingLimits};
+pub use writer::{RecordError, Recorder, RecordingLimits, oldest_file};

@@ -10,7 +10,7 @@ use super::layout::{Layout, NameCollision, RecorderStatus, no_estimate, no_sampl
 use super::record_file::{Next, RecordFile, decompress};
 use super::writer::{END_METADATA, JOURNAL_METADATA, channel, numbered};
 use crate::messages::{Estimate, Journal, Sample, Status};
-use mcap::records::{MessageHeader, Record, op};
+use mcap::records::{MessageHeader, op};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -290,16 +290,15 @@ impl RecordingReader {
                     self.counting_damaged = true;
                 }
                 Next::Record(op::MESSAGE_INDEX) if self.counting_damaged => {
-                    if let Ok(Record::MessageIndex(index)) = mcap::parse_record(op::MESSAGE_INDEX, &self.file.body)
-                        && (channel::SAMPLE..=channel::RECORDER).contains(&index.channel_id)
+                    if let Some((channel, messages)) = self.file.message_index()
+                        && (channel::SAMPLE..=channel::RECORDER).contains(&channel)
                     {
-                        self.loss.messages += index.records.len() as u64;
+                        self.loss.messages += messages;
                     }
                 }
                 Next::Record(op::METADATA) => {
-                    if let Ok(Record::Metadata(metadata)) = mcap::parse_record(op::METADATA, &self.file.body) {
-                        self.file_ended |= metadata.name == END_METADATA;
-                    }
+                    let named = self.file.metadata().map(|(name, _)| name);
+                    self.file_ended |= named.is_some_and(|name| name == END_METADATA);
                 }
                 Next::Record(_) => {}
                 Next::CutChunk => {
@@ -354,10 +353,10 @@ pub fn read_journal(path: &Path) -> Result<Vec<Journal>, ReadError> {
         loop {
             match file.next_record(&mut ignored)? {
                 Next::Record(op::METADATA) => {
-                    if let Ok(Record::Metadata(metadata)) = mcap::parse_record(op::METADATA, &file.body)
-                        && metadata.name == JOURNAL_METADATA
+                    if let Some((name, map)) = file.metadata()
+                        && name == JOURNAL_METADATA
                     {
-                        match journal_from_map(&metadata.metadata) {
+                        match journal_from_map(&map) {
                             Some(entry) => entries.push(entry),
                             None => ignored.messages += 1,
                         }

@@ -6,13 +6,14 @@
 use super::info::RunInfo;
 use super::reader::{Loss, ReadError};
 use super::writer::RUN_METADATA;
-use mcap::records::{ChunkHeader, Record, op};
+use mcap::records::{ChunkHeader, op};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// The longest record that is believed \[bytes\]; a recorder's chunks are near 1 MiB.
-const RECORD_LIMIT: u64 = 256 << 20;
+/// The longest record that is believed \[bytes\]; a recorder's chunks are near 1 MiB, its metadata below 5 MiB.
+const RECORD_LIMIT: u64 = 64 << 20;
 /// Opcode and length of a record.
 const RECORD_HEAD: u64 = 9;
 /// From the start of a chunk record to the length of the name of its compression.
@@ -35,7 +36,8 @@ pub(super) fn decompress(header: &ChunkHeader, data: &[u8], out: &mut Vec<u8>) -
             true
         }
         "lz4" => {
-            out.reserve(size);
+            // A header may promise anything; lz4 makes at most 255 bytes of one.
+            out.reserve(size.min(data.len().saturating_mul(255)));
             // A damaged stream must not grow beyond what the header promised.
             match lz4::Decoder::new(data) {
                 Ok(decoder) => decoder.take(size as u64).read_to_end(out).is_ok(),
@@ -45,6 +47,18 @@ pub(super) fn decompress(header: &ChunkHeader, data: &[u8], out: &mut Vec<u8>) -
         _ => false,
     };
     whole && out.len() == size && (header.uncompressed_crc == 0 || crc32fast::hash(out) == header.uncompressed_crc)
+}
+
+/// As many bytes as the length before them says.
+fn sized<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
+    let (length, behind) = rest.split_first_chunk::<4>()?;
+    let (taken, left) = behind.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+    *rest = left;
+    Some(taken)
+}
+
+fn text(rest: &mut &[u8]) -> Option<String> {
+    Some(std::str::from_utf8(sized(rest)?).ok()?.to_owned())
 }
 
 /// What comes next in a file.
@@ -107,8 +121,8 @@ impl RecordFile {
         let mut ignored = Loss::default();
         while found.is_none() {
             match self.next_record(&mut ignored)? {
-                Next::Record(op::METADATA) => match mcap::parse_record(op::METADATA, &self.body) {
-                    Ok(Record::Metadata(m)) if m.name == RUN_METADATA => match RunInfo::from_map(&m.metadata) {
+                Next::Record(op::METADATA) => match self.metadata() {
+                    Some((name, map)) if name == RUN_METADATA => match RunInfo::from_map(&map) {
                         Ok(info) => found = Some(info),
                         Err(e) => reason = e.to_string(),
                     },
@@ -168,6 +182,28 @@ impl RecordFile {
             self.body = body;
             return Ok(Next::Record(opcode));
         }
+    }
+
+    /// Name and pairs of the metadata record in `body`; `None` where its lengths contradict each other. The `mcap` crate's parser reserves what a length
+    /// promises, gigabytes of a damaged one.
+    pub(super) fn metadata(&self) -> Option<(String, BTreeMap<String, String>)> {
+        let mut rest = self.body.as_slice();
+        let name = text(&mut rest)?;
+        let mut pairs = sized(&mut rest)?;
+        let mut map = BTreeMap::new();
+        while !pairs.is_empty() {
+            let (key, value) = (text(&mut pairs)?, text(&mut pairs)?);
+            map.insert(key, value);
+        }
+        Some((name, map))
+    }
+
+    /// Channel and number of messages of the message index in `body`.
+    pub(super) fn message_index(&self) -> Option<(u16, u64)> {
+        let (channel, mut rest) = self.body.split_first_chunk::<2>()?;
+        let entries = sized(&mut rest)?;
+        // time and offset of each message
+        Some((u16::from_le_bytes(*channel), entries.len() as u64 / 16))
     }
 
     /// Header and data of the chunk in `body`; `None` where its lengths contradict each other.

@@ -125,9 +125,39 @@ impl<W: Write> SamplesCsv<W> {
     }
 }
 
+/// Most bytes that are read for one row: a line without end must not fill the memory.
+const MAX_ROW_BYTES: usize = 1 << 20;
+/// What an error shows of a file \[characters\].
+const SHOWN: usize = 300;
+
+/// A source that fails where so much is read for one row.
+struct Bounded<R> {
+    source: R,
+    since_row: usize,
+}
+
+impl<R: Read> Read for Bounded<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.since_row > MAX_ROW_BYTES {
+            let message = format!("expected rows of at most {MAX_ROW_BYTES} bytes, got a longer one");
+            return Err(io::Error::new(io::ErrorKind::InvalidData, message));
+        }
+        let read = self.source.read(buffer)?;
+        self.since_row += read;
+        Ok(read)
+    }
+}
+
+fn cut(text: &str) -> String {
+    match text.char_indices().nth(SHOWN) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
 /// Reads what [`SamplesCsv`] wrote, sample by sample; `boot_id` is 0.
 pub struct SamplesCsvReader<R> {
-    reader: csv::Reader<R>,
+    reader: csv::Reader<Bounded<R>>,
     columns: Vec<String>,
     joints: usize,
     record: csv::StringRecord,
@@ -139,13 +169,13 @@ impl<R: Read> SamplesCsvReader<R> {
     /// # Errors
     /// The header is that of another plant.
     pub fn new(source: R, info: &RunInfo) -> Result<Self, CsvSampleError> {
-        let mut reader = csv::Reader::from_reader(source);
+        let mut reader = csv::Reader::from_reader(Bounded { source, since_row: 0 });
         let columns = header(info);
         let got: Vec<String> = reader.headers()?.iter().map(String::from).collect();
         if got != columns {
             return Err(CsvSampleError::Header {
                 expected: columns.join(","),
-                got: got.join(","),
+                got: cut(&got.join(",")),
             });
         }
         Ok(Self {
@@ -161,6 +191,7 @@ impl<R: Read> SamplesCsvReader<R> {
     /// # Errors
     /// A row with another number of cells, or a cell that is no number, with line and column.
     pub fn next_sample(&mut self) -> Result<Option<Sample>, CsvSampleError> {
+        self.reader.get_mut().since_row = 0;
         if !self.reader.read_record(&mut self.record)? {
             return Ok(None);
         }
@@ -169,7 +200,7 @@ impl<R: Read> SamplesCsvReader<R> {
         let bad = |column: usize| CsvSampleError::Cell {
             line: record.position().map_or(0, csv::Position::line),
             column: self.columns[column].clone(),
-            got: cell(column).to_string(),
+            got: cut(cell(column)),
         };
         let integer = |column: usize| cell(column).parse::<u64>().map_err(|_| bad(column));
         let small = |column: usize| u32::try_from(integer(column)?).map_err(|_| bad(column));

@@ -41,6 +41,7 @@ fn estimate(block: u64) -> Estimate {
     }
     (e.derived[0], e.derived_std[0]) = (170.1, 0.25);
     (e.innovation_rms[1], e.residual_rms[0]) = (1e-9, f64::MIN_POSITIVE);
+    (e.fit[0], e.fit[1], e.explained[1], e.fit_probability) = (1.02, 40.5, 0.999, 1e-12);
     e
 }
 
@@ -78,6 +79,9 @@ fn bits(e: &Estimate) -> Vec<u64> {
         .innovation_rms
         .iter()
         .chain(&e.residual_rms)
+        .chain(&e.fit)
+        .chain(&e.explained)
+        .chain([&e.fit_probability])
         .chain(&e.theta)
         .chain(&e.theta_std);
     let arrays = arrays.chain(&e.derived).chain(&e.derived_std).map(|v| v.to_bits());

@@ -8,6 +8,7 @@ use super::info::{InfoError, RunInfo};
 use super::journal::journal_to_map;
 use super::layout::{Layout, NameCollision, RecorderStatus};
 use super::reader::series;
+use crate::files::{Temporary, vacant};
 use crate::messages::{Estimate, Journal, Sample, Status};
 use crate::node::stream::{Place, StreamCursor};
 use mcap::records::{MessageHeader, Metadata};
@@ -128,6 +129,7 @@ impl Recorder {
         recorder.rotations = number;
         recorder.kept = existing.into_iter().map(|(_, path)| path).collect();
         recorder.kept.push_back(next);
+        recorder.make_room()?;
         Ok(recorder)
     }
 
@@ -137,7 +139,9 @@ impl Recorder {
     /// Where the file cannot be written.
     pub fn sample(&mut self, sample: &Sample, sent_ns: u64) -> Result<(), RecordError> {
         match self.cursor.advance(sample.boot_id, sample.seq) {
-            Place::Gap { missing } => self.written.samples_missing += missing,
+            Place::Gap { missing } => {
+                self.written.samples_missing = self.written.samples_missing.saturating_add(missing);
+            }
             Place::First | Place::Next | Place::Duplicate => {}
         }
         self.last_t_ns = sample.t_ns;
@@ -244,6 +248,11 @@ impl Recorder {
         let next = OpenFile::create(&path, &self.info, &self.layout)?;
         std::mem::replace(&mut self.file, next).finish(&self.written)?;
         self.kept.push_back(path);
+        self.make_room()
+    }
+
+    /// Removes the oldest files beyond the limit.
+    fn make_room(&mut self) -> Result<(), RecordError> {
         while self.limits.files > 0 && self.kept.len() > self.limits.files {
             if let Some(oldest) = self.kept.pop_front() {
                 fs::remove_file(&oldest).map_err(|source| RecordError::Io { path: oldest, source })?;
@@ -265,6 +274,11 @@ pub(super) fn numbered(first: &Path, number: u32) -> PathBuf {
         name.push_str(&extension.to_string_lossy());
     }
     first.with_file_name(name)
+}
+
+/// The first file of a recording that is still there: the oldest ones are removed where their number is limited.
+pub fn oldest_file(first: &Path) -> Option<PathBuf> {
+    existing_files(first).into_iter().next().map(|(_, path)| path)
 }
 
 /// The files of a recording that are there, with their numbers.
@@ -294,15 +308,9 @@ impl OpenFile {
             path: path.to_path_buf(),
             source,
         };
-        let vacant = || match path.try_exists() {
-            Ok(false) => Ok(()),
-            Ok(true) => Err(failed(io::ErrorKind::AlreadyExists.into())),
-            Err(error) => Err(failed(error)),
-        };
-        vacant()?;
-        let mut begun = path.as_os_str().to_owned();
-        begun.push(".begun");
-        let file = File::create(&begun).map_err(failed)?;
+        vacant(path).map_err(failed)?;
+        let begun = Temporary::beside(path).map_err(failed)?;
+        let file = begun.file().try_clone().map_err(failed)?;
         let sink = CountingFile {
             file: BufWriter::with_capacity(1 << 16, file),
             bytes: bytes.clone(),
@@ -322,8 +330,7 @@ impl OpenFile {
         };
         let defined = open.begin(info, layout);
         open.check(defined)?;
-        vacant()?;
-        fs::rename(&begun, path).map_err(failed)?;
+        begun.appear().map_err(failed)?;
         Ok(open)
     }
 

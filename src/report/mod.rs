@@ -14,6 +14,7 @@ pub use plot::Figure;
 pub use raster::{RasterError, png};
 pub use summary::{ChangeSummary, DerivedSummary, ParameterSummary, SampleCounts, Summary};
 
+use crate::files;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -34,11 +35,11 @@ pub fn write_report(dir: &Path, run: &RunData, summary: &Summary) -> io::Result<
     std::fs::create_dir_all(&figures_dir)?;
     for figure in &figures {
         let svg = figure.svg();
-        std::fs::write(figures_dir.join(&figure.name).with_extension("svg"), &svg)?;
+        files::write(&figures_dir.join(&figure.name).with_extension("svg"), svg.as_bytes())?;
         let png = png(&svg, PNG_SCALE).map_err(io::Error::other)?;
-        std::fs::write(figures_dir.join(&figure.name).with_extension("png"), png)?;
+        files::write(&figures_dir.join(&figure.name).with_extension("png"), &png)?;
     }
     let path = dir.join(REPORT_HTML);
-    std::fs::write(&path, page(run, summary, &figures))?;
+    files::write(&path, page(run, summary, &figures).as_bytes())?;
     Ok(path)
 }

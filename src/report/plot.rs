@@ -315,7 +315,9 @@ impl Panel {
                 (exponent != 0).then(|| power_of_ten(exponent))
             }
             Scale::Log { from, to } => {
-                let decades = from.log10().ceil() as i32..=to.log10().floor() as i32;
+                // Ends of 0 or infinity, from a recording that holds such values, have no decade; no number is beyond these.
+                let decade = |end: f64| end.log10().clamp(-330.0, 330.0);
+                let decades = decade(from).ceil() as i32..=decade(to).floor() as i32;
                 let step = (decades.clone().count() as f64 / (frame.height / 34.0)).ceil().max(1.0) as i32;
                 for decade in decades.filter(|d| d % step == 0) {
                     tick(frame.y(10f64.powi(decade)), &power_of_ten(decade), true);

@@ -94,6 +94,9 @@ pub struct Summary {
     /// How often a launcher started a process again, by process; null where nobody launched them.
     #[serde(default)]
     pub restarts: Option<BTreeMap<String, u64>>,
+    /// What the model lacks, in words, where the residuals speak for something.
+    #[serde(default)]
+    pub misfit: Option<String>,
 }
 
 impl Summary {
@@ -143,6 +146,7 @@ impl Summary {
                 .collect(),
             wall_s: None,
             restarts: None,
+            misfit: monitor.misfit().map(str::to_owned),
         }
     }
 }
@@ -276,6 +280,9 @@ impl fmt::Display for Summary {
         let restarted: Vec<String> = restarted.map(|(name, count)| format!("{name} {count}")).collect();
         if !restarted.is_empty() {
             writeln!(f, "started again: {}", restarted.join(", "))?;
+        }
+        if let Some(words) = &self.misfit {
+            writeln!(f, "{words}")?;
         }
         Ok(())
     }

@@ -8,8 +8,10 @@ use crate::messages::{ErrorCode, Estimate, LastError, RealtimeStatus, State, Sta
 use crate::node::identifier::Identifier;
 use std::time::{Duration, Instant};
 
-/// Samples taken in before the clock is looked at again.
-const BATCH: usize = 1024;
+/// Samples taken in before the clock, the desk and the signals are looked at again: each of them may be a block, and take a millisecond.
+const BATCH: usize = 64;
+/// How long the samples that came before the request to stop may take: beside a plant that is faster than this process they never end.
+const LAST_LOOK: Duration = Duration::from_millis(200);
 /// A stream without samples for this long is silent.
 const SILENCE: Duration = Duration::from_secs(1);
 /// How long the publishers stay for subscribers that have not read the end yet.
@@ -47,13 +49,14 @@ pub fn run_identifier(
     let mut end_told = false;
     let mut news = News::default();
     let mut vitals = Vitals::new(ports.started_ns, ports.realtime);
+    let mut asked: Option<Instant> = None;
     loop {
         ports.samples.refresh()?;
         news.plant(ports.samples.is_connected());
         ports.samples.wait(TICK)?;
-        // Asked before the last look into the queue: what came before the request is processed.
-        let stopping = shutdown.requested();
-        loop {
+        let stopping = loop {
+            // Asked before the last look into the queue: what came before the request is processed, as far as time allows.
+            let stopping = shutdown.requested();
             let taken = take_in(node, &mut ports.samples, &mut ports.estimates, &mut vitals)?;
             ports.desk.exchange(node);
             let ended = node.status().state == State::Ended as u32;
@@ -72,10 +75,11 @@ pub fn run_identifier(
                 ports.estimates.serve_late_joiners()?;
                 ports.status.serve_late_joiners()?;
             }
-            if taken < BATCH || stopping {
-                break;
+            let late = stopping && asked.get_or_insert_with(Instant::now).elapsed() >= LAST_LOOK;
+            if taken < BATCH || late {
+                break stopping;
             }
-        }
+        };
         if stopping || (end_told && stay == Stay::UntilEnd) {
             break;
         }
@@ -83,6 +87,7 @@ pub fn run_identifier(
     ports.desk.settle(node);
     vitals.send(node, ports)?;
     news.losses(&node.status());
+    news.left_out(ports.samples.left_out());
     let IdentifierPorts { estimates, status, .. } = ports;
     linger(estimates, status, shutdown)
 }
@@ -223,6 +228,13 @@ impl News {
                     "the plant has gone"
                 }
             );
+        }
+    }
+
+    /// The first one was told when it came; this is how many there were.
+    fn left_out(&self, samples: u64) {
+        if samples > 0 {
+            tracing::warn!(samples, "messages of another schema were left out");
         }
     }
 

@@ -24,7 +24,7 @@ pub use monitor::{MonitorPorts, MonitorSink, run_monitor};
 pub use pace::{Pace, PaceReport};
 pub use plant::{PlantReport, SampleSource, run_plant};
 pub use realtime::apply_realtime;
-pub use shutdown::Shutdown;
+pub use shutdown::{Shutdown, TOGETHER};
 
 use crate::bus::BusError;
 use std::time::Duration;

@@ -2,7 +2,7 @@
 
 use super::{Pace, PaceReport, RunError, Shutdown, TICK};
 use crate::bus::{Attached, Loss, SamplePublisher};
-use crate::messages::Sample;
+use crate::messages::{Sample, sample_flags};
 use crate::model::JointSample;
 use crate::node::plant::PlantNode;
 use std::time::Instant;
@@ -89,7 +89,7 @@ fn stream(
         if shutdown.requested() {
             node.end_early();
         }
-        let Some(sample) = node.next_sample() else {
+        let Some(mut sample) = node.next_sample() else {
             // The last sample was flagged END unless the source ran dry.
             return Err(RunError::SourceEnded {
                 seq: node.position(),
@@ -98,6 +98,11 @@ fn stream(
         };
         let due_ns = node.due_ns().unwrap_or(sample.t_ns);
         while let Some(pause) = pace.pause(due_ns, Instant::now()) {
+            if shutdown.requested() {
+                // It may be due much later: it is the last one, and goes out now.
+                sample.flags |= sample_flags::END;
+                break;
+            }
             std::thread::sleep(pause.min(TICK));
             if pause > TICK {
                 publisher.serve_late_joiners()?;

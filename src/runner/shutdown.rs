@@ -1,11 +1,19 @@
-//! SIGINT, SIGTERM and SIGHUP: the first asks to finish, the second ends the process.
+//! SIGINT, SIGTERM and SIGHUP: the first asks to finish, a second one some time later ends the process.
+//!
+//! Signals often come in a bunch that means one request: `timeout` signals a process and then its group, a terminal the whole job, and
+//! the kernel tells of a launcher's death once for each of its threads. What comes within [`TOGETHER`] of the first is the same request.
 
 use super::RunError;
+use nix::sys::signal::{SigSet, Signal};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 /// Exit code after a second signal.
 const SECOND_SIGNAL: i32 = 130;
+
+/// Signals this soon after the first belong to it. A bunch is sent within microseconds, but its sender may lose the processor in between.
+pub const TOGETHER: Duration = Duration::from_millis(500);
 
 /// Whether this process has been asked to stop.
 #[derive(Debug, Clone, Default)]
@@ -17,16 +25,29 @@ impl Shutdown {
         Self::default()
     }
 
-    /// One that follows the process's signals; once per process.
-    pub fn on_signals() -> Result<Self, RunError> {
+    /// One that follows the process's signals; once per process. A signal that comes later than `together` after the first one
+    /// ends the process with exit code 130.
+    ///
+    /// # Errors
+    /// The system refuses to handle signals, or they are handled already.
+    pub fn on_signals(together: Duration) -> Result<Self, RunError> {
         let this = Self::new();
         let flag = this.clone();
+        let signals: SigSet = [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP].into_iter().collect();
+        let failed = |e: nix::Error| RunError::Signals(e.to_string());
+        // A launcher hands its own mask on, and the handler's thread has the mask of this one.
+        signals.thread_unblock().map_err(failed)?;
+        let mut first = None;
         ctrlc::set_handler(move || {
-            if flag.0.swap(true, Ordering::SeqCst) {
+            let now = Instant::now();
+            flag.request();
+            if now.duration_since(*first.get_or_insert(now)) > together {
                 std::process::exit(SECOND_SIGNAL);
             }
         })
         .map_err(|e| RunError::Signals(e.to_string()))?;
+        // The handler's thread gets them; in this one and those that it starts a signal would break off a wait of the bus as a failure.
+        signals.thread_block().map_err(failed)?;
         Ok(this)
     }
 

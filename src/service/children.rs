@@ -3,9 +3,13 @@
 //! A signal is passed on to the plant alone, once: it flags its next sample END, and the others end as ever. Who does not within
 //! the grace time gets a signal of its own, and SIGKILL after that. The children follow a launcher that dies.
 //!
+//! A process that ends before the plant's END without having been asked to by the launcher has failed, even if a signal of somebody else
+//! ended it in good order.
+//!
 //! A process that fails is started again where `supervision.restarts` allows it. The plant then begins a new stream, the identifier goes
 //! on with the next whole block, the monitor appends to its files. Something is lost with each, so the run ends with exit code 3.
 
+use super::exit::INTERRUPTED;
 use super::progress::Progress;
 use super::record::RECORDING;
 use super::supervision::Restarts;
@@ -33,6 +37,8 @@ const GRACE: Duration = Duration::from_secs(10);
 const SIGNAL_GRACE: Duration = Duration::from_secs(5);
 /// How long the others may take to end by themselves once one has failed.
 const FAILURE_GRACE: Duration = Duration::from_secs(2);
+/// A signal that ends the launcher's child may be one that the launcher gets, too, an instant later: a job or a service that is ended as a whole.
+const SIGNALS_MEET: Duration = Duration::from_millis(300);
 /// Last lines of a failed child that are shown again.
 const LAST_LINES: usize = 8;
 
@@ -81,6 +87,8 @@ struct Process {
     started: Instant,
     ended: Option<(ExitStatus, Instant)>,
     signalled: Option<Instant>,
+    /// The run itself is to end, so whoever ends early may.
+    excused: bool,
     restarts: Restarts,
     /// When it is started again, after it failed.
     due: Option<Instant>,
@@ -128,6 +136,7 @@ impl Children {
             })?;
             for process in &mut self.processes {
                 process.poll();
+                process.excused |= shutdown.requested();
             }
             let may_restart = !shutdown.requested() && self.plant_gone().is_none();
             for process in &mut self.processes {
@@ -147,7 +156,7 @@ impl Children {
                 self.end_all(FAILURE_GRACE);
                 return Err(Failure::Failed(failure));
             }
-            if self.processes.iter().all(Process::has_ended) {
+            if self.processes.iter().all(|p| p.has_ended() && !p.is_open_question()) {
                 self.join_readers();
                 return Ok(self.processes.iter().any(Process::lost_data));
             }
@@ -170,7 +179,7 @@ impl Children {
     fn plant_gone(&self) -> Option<Instant> {
         let plant = self.processes.iter().find(|process| process.part == Part::Plant)?;
         // A failed one may come back.
-        let gone = plant.has_ended() && plant.failure().is_none();
+        let gone = plant.has_ended() && plant.failure().is_none() && !plant.is_open_question();
         plant.ended.filter(|_| gone).map(|(_, at)| at)
     }
 
@@ -300,6 +309,7 @@ impl Process {
             started: Instant::now(),
             ended: None,
             signalled: None,
+            excused: false,
             restarts: Restarts::new(plan.supervision),
             due: None,
         })
@@ -314,6 +324,10 @@ impl Process {
         let Some((status, at)) = self.ended.filter(|_| self.due.is_none() && self.signalled.is_none()) else {
             return;
         };
+        // Its END has ended the others, so that there is nothing to come back to.
+        if self.part == Part::Plant && self.interrupted().is_some() {
+            return;
+        }
         // Wrong usage or configuration does not mend itself.
         let Some(failure) = self.failure().filter(|_| status.code() != Some(2)) else {
             return;
@@ -367,11 +381,31 @@ impl Process {
         self.ended.is_some_and(|(status, _)| status.code() == Some(3))
     }
 
+    /// When it ended because of a signal that the launcher knows nothing of.
+    fn interrupted(&self) -> Option<Instant> {
+        let (status, at) = self.ended.filter(|_| self.due.is_none())?;
+        let unasked = self.signalled.is_none() && !self.excused;
+        (unasked && status.code() == Some(i32::from(INTERRUPTED))).then_some(at)
+    }
+
+    /// Whether that is a failure will be known in a moment.
+    fn is_open_question(&self) -> bool {
+        self.interrupted().is_some_and(|at| at.elapsed() < SIGNALS_MEET)
+    }
+
     /// What the user must know of a child that ended badly.
     fn failure(&self) -> Option<String> {
         let (status, _) = self.ended.filter(|_| self.due.is_none())?;
         let how = match (status.code(), status.signal()) {
             (Some(0 | 3), _) => return None,
+            (Some(code), _) if code == i32::from(INTERRUPTED) => match self.interrupted() {
+                Some(at) if at.elapsed() >= SIGNALS_MEET => {
+                    "was ended by a signal before the plant's stream had come to its end".to_owned()
+                }
+                _ => return None,
+            },
+            // Too early for its handler.
+            (None, Some(number)) if number == Signal::SIGTERM as i32 && self.signalled.is_some() => return None,
             (Some(code), _) => format!("failed with exit code {code}"),
             (None, Some(number)) => {
                 let name = Signal::try_from(number).map_or("unknown signal", Signal::as_str);

@@ -4,11 +4,12 @@
 use super::Failure;
 use super::commands::{Commands, Wanted};
 use super::own::OwnPlant;
+use super::sparse::Sparse;
 use crate::bus::{Bus, BusError, ControlServer, Domain, Publisher};
 use crate::checkpoint;
 use crate::config::Config;
 use crate::messages::{Command, ErrorCode, Journal, LastError, Request, Response, response_code};
-use crate::node::command::{Border, Change, NodeState, Order};
+use crate::node::command::{Border, Change, Fate, NodeState, Order};
 use crate::runner::{Board, DeskEnd, FromLoop, ToLoop};
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -22,6 +23,12 @@ use std::time::{Duration, Instant};
 const LOOK: Duration = Duration::from_millis(20);
 /// How long the loop may take for an answer: it looks once per idle tick, and once per batch when it is busy.
 const LOOP_ANSWERS: Duration = Duration::from_secs(2);
+/// Requests answered in a row: clients that ask without a pause must not keep the desk from its checkpoints, nor from its end.
+const ROUND: usize = 64;
+/// Lines per period about refusals, about commands that were dropped, and about commands, whoever asks. The journal has all that took
+/// effect.
+const LINES: (u64, u64, u64) = (1, 1, 50);
+const LINES_PERIOD: Duration = Duration::from_secs(1);
 /// Period of the look at the memory in use.
 const MEMORY_PERIOD: Duration = Duration::from_millis(500);
 
@@ -106,6 +113,11 @@ struct Work {
     next_id: u64,
     /// Parts of a state that is being restored.
     parts: Vec<Request>,
+    /// Blocks that orders wait to make room for, by order \[samples\].
+    lengths: HashMap<u64, u64>,
+    refusals: Sparse,
+    drops: Sparse,
+    acceptances: Sparse,
     checkpoint: Option<PathBuf>,
     period: Duration,
     checkpoint_due: Instant,
@@ -140,6 +152,10 @@ impl Clerk {
                 waiting: HashMap::new(),
                 next_id: 1,
                 parts: Vec::new(),
+                lengths: HashMap::new(),
+                refusals: Sparse::new(LINES.0, LINES_PERIOD),
+                drops: Sparse::new(LINES.1, LINES_PERIOD),
+                acceptances: Sparse::new(LINES.2, LINES_PERIOD),
                 checkpoint,
                 period,
                 checkpoint_due: now + period,
@@ -158,19 +174,26 @@ impl Clerk {
     }
 
     fn work(&mut self) {
+        let mut busy = false;
         loop {
             let stopping = self.stop.load(Ordering::Relaxed);
-            if self.server.wait(if stopping { Duration::ZERO } else { LOOK }).is_err() {
+            let pause = if stopping || busy { Duration::ZERO } else { LOOK };
+            if self.server.wait(pause).is_err() {
                 // A wait that fails must not spin.
                 std::thread::sleep(LOOK);
             }
             self.desk.hear();
             let desk = &mut self.desk;
-            if let Err(e) = self.server.serve(|request| desk.answer(request)) {
-                tracing::error!("{e}");
+            match self.server.serve(ROUND, |request| desk.answer(request)) {
+                Ok(served) => busy = served == ROUND,
+                Err(e) => {
+                    busy = false;
+                    tracing::error!("{e}");
+                }
             }
             self.desk.keep();
             if stopping {
+                self.desk.tell_rest(Instant::now(), true);
                 return;
             }
         }
@@ -179,6 +202,10 @@ impl Clerk {
 
 impl Work {
     fn answer(&mut self, request: &Request) -> Response {
+        if request.command == Command::Restore as u32 && request.part == 0 {
+            // Another one begins; what came of the one before it is of no use any more.
+            self.parts.clear();
+        }
         let response = match self.commands.prepare(request) {
             Err(why) => Response::new(response_code::REFUSED, &why),
             Ok(Wanted::Answer(response)) => *response,
@@ -202,7 +229,15 @@ impl Work {
         if response.code != response_code::DONE {
             let command = Command::from_wire(request.command).map_or("request", Command::name);
             let words = format!("{command}: {}", response.text());
-            tracing::warn!("refused: {words}");
+            if let Some(left_out) = self.refusals.line(Instant::now()) {
+                match left_out {
+                    0 => tracing::warn!("refused: {words}"),
+                    _ => tracing::warn!(
+                        before = left_out,
+                        "refused, as others before that are not shown: {words}"
+                    ),
+                }
+            }
             self.end.board.tell(LastError::with_text(ErrorCode::Refused, 0, &words));
             Board::count(&self.end.board.refused);
         }
@@ -213,21 +248,33 @@ impl Work {
     fn order(&mut self, request: &Request, change: Change, what: &str) -> Response {
         let id = self.next_id;
         self.next_id += 1;
-        let mut requests = match request.parts {
-            0 => Vec::new(),
-            _ => std::mem::take(&mut self.parts),
+        let failed = |words: &str| Response::new(response_code::FAILED, words);
+        if let Change::Tune {
+            block_len,
+            rows: Some(_),
+            ..
+        } = &change
+        {
+            let waiting: u64 = self.lengths.values().sum();
+            if waiting > 0 && waiting + block_len > self.commands.longest_block() {
+                self.commands.undo();
+                return failed(
+                    "other block lengths are on their way and take all the room; try again after the next block",
+                );
+            }
+            self.lengths.insert(id, *block_len);
+        }
+        let is_state = request.command == Command::Restore as u32;
+        let mut requests = match is_state {
+            false => Vec::new(),
+            true => std::mem::take(&mut self.parts),
         };
         requests.push(*request);
         self.waiting.insert(id, requests);
         let start = Instant::now();
-        let failed = |words: &str| Response::new(response_code::FAILED, words);
-        if self
-            .end
-            .to_loop
-            .try_send(ToLoop::Offer(Order::new(id, request.from_seq, change)))
-            .is_err()
-        {
-            self.waiting.remove(&id);
+        let order = Order::new(id, request.from_seq, change).for_stream(request.stream);
+        if self.end.to_loop.try_send(ToLoop::Offer(order)).is_err() {
+            self.forget(id);
             self.commands.undo();
             return failed("the identifier is too busy for another command");
         }
@@ -236,11 +283,21 @@ impl Work {
                 Ok(FromLoop::Offered { id: offered, border }) if offered == id => {
                     let mut response = Response::new(response_code::DONE, what);
                     (response.from_seq, response.block) = (border.from_seq, border.block);
-                    tracing::info!(from_seq = border.from_seq, block = border.block, "command: {what}");
+                    let (from_seq, block) = (border.from_seq, border.block);
+                    match self.acceptances.line(Instant::now()) {
+                        None => {}
+                        Some(0) => tracing::info!(from_seq, block, "command: {what}"),
+                        Some(before) => tracing::info!(
+                            from_seq,
+                            block,
+                            before,
+                            "command, as others before that are not shown: {what}"
+                        ),
+                    }
                     return response;
                 }
                 Ok(FromLoop::Declined(order)) if order.id == id => {
-                    self.waiting.remove(&id);
+                    self.forget(id);
                     self.commands.undo();
                     return failed("too many commands are waiting for the next block");
                 }
@@ -261,13 +318,23 @@ impl Work {
     fn take(&mut self, message: FromLoop) {
         match message {
             FromLoop::Done(order) => {
-                let requests = self.waiting.remove(&order.id).unwrap_or_default();
-                self.journalise(&requests, order.border);
+                let requests = self.forget(order.id);
+                match order.fate {
+                    Fate::Done => self.journalise(&requests, order.border),
+                    Fate::Undone => self.commands.leave_stream(order.tag),
+                    Fate::Dropped | Fate::Waits => {
+                        self.commands.leave_stream(order.tag);
+                        if let Some(left_out) = self.drops.line(Instant::now()) {
+                            let count = left_out + 1;
+                            tracing::warn!(count, "the stream that a command was for is over; it was dropped");
+                        }
+                    }
+                }
                 self.end.board.journalled.fetch_add(1, Ordering::Release);
                 // What was exchanged is freed here.
                 drop(order);
             }
-            FromLoop::Declined(order) => _ = self.waiting.remove(&order.id),
+            FromLoop::Declined(order) => _ = self.forget(order.id),
             FromLoop::Saved(state) => {
                 // An identifier that knows nothing must not replace one that did.
                 if state.blocks > 0 {
@@ -277,6 +344,12 @@ impl Work {
             }
             FromLoop::Offered { .. } => {}
         }
+    }
+
+    /// The requests of an order that waits no more.
+    fn forget(&mut self, id: u64) -> Vec<Request> {
+        self.lengths.remove(&id);
+        self.waiting.remove(&id).unwrap_or_default()
     }
 
     fn journalise(&mut self, requests: &[Request], border: Border) {
@@ -296,6 +369,7 @@ impl Work {
     /// What is due by the clock.
     fn keep(&mut self) {
         let now = Instant::now();
+        self.tell_rest(now, false);
         if now >= self.memory_due {
             self.memory_due = now + MEMORY_PERIOD;
             let bytes = resident_bytes().unwrap_or(0);
@@ -307,6 +381,22 @@ impl Work {
         if self.checkpoint.is_some() && now >= self.checkpoint_due {
             self.checkpoint_due = now + self.period;
             self.ask_for_state();
+        }
+    }
+
+    /// How many lines were left out of the log.
+    fn tell_rest(&mut self, now: Instant, end: bool) {
+        if let Some(count) = self.refusals.rest(now, end) {
+            tracing::warn!(count, "refused: as many requests more");
+        }
+        if let Some(count) = self.drops.rest(now, end) {
+            tracing::warn!(
+                count,
+                "the streams that so many more commands were for are over; they were dropped"
+            );
+        }
+        if let Some(count) = self.acceptances.rest(now, end) {
+            tracing::info!(count, "as many commands more");
         }
     }
 

@@ -1,7 +1,7 @@
 //! `thetabus doctor`: what is on the bus, and what a crash has left there.
 
 use super::{DoctorArgs, Exit, Failure, TableFormat, logging};
-use crate::bus::{Cleaned, Domain, DomainReport, clean, domains, inspect, shared_memory};
+use crate::bus::{BusError, Cleaned, Domain, DomainReport, clean, domains, inspect, shared_memory};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -17,22 +17,34 @@ pub fn run(args: &DoctorArgs) -> Result<Exit, Failure> {
     let mut reports = Vec::new();
     let mut removed = Vec::new();
     for domain in chosen {
-        if args.clean {
-            let cleaned = clean(&domain)?;
-            if cleaned != Cleaned::default() {
-                removed.push((domain.clone(), cleaned));
+        match look(&domain, args.clean) {
+            Ok((cleaned, report)) => {
+                removed.extend(cleaned.map(|cleaned| (domain, cleaned)));
+                reports.extend(report);
             }
-            if cleaned.domain {
-                continue;
-            }
+            Err(error) if args.domain.is_some() => return Err(error.into()),
+            // One domain that cannot be looked at must not hide the others.
+            Err(error) => tracing::error!("{error}"),
         }
-        reports.push(inspect(&domain)?);
     }
     match args.format {
-        TableFormat::Text => logging::result(text(&reports, &removed, args).trim_end()),
-        TableFormat::Json => logging::result(&format!("{:#}", json(&reports, &removed))),
+        TableFormat::Text => logging::result(text(&reports, &removed, args).trim_end())?,
+        TableFormat::Json => logging::result(&format!("{:#}", json(&reports, &removed)))?,
     }
     Ok(Exit::Done)
+}
+
+/// What was removed, where anything was, and what is there, where the domain is still there.
+fn look(domain: &Domain, is_clean_up: bool) -> Result<(Option<Cleaned>, Option<DomainReport>), BusError> {
+    let cleaned = match is_clean_up {
+        true => Some(clean(domain)?).filter(|cleaned| *cleaned != Cleaned::default()),
+        false => None,
+    };
+    let report = match cleaned {
+        Some(Cleaned { domain: true, .. }) => None,
+        _ => Some(inspect(domain)?),
+    };
+    Ok((cleaned, report))
 }
 
 fn text(reports: &[DomainReport], removed: &[(Domain, Cleaned)], args: &DoctorArgs) -> String {
@@ -128,6 +140,12 @@ fn one(text: &mut String, report: &DomainReport) {
             report.unreadable_services
         );
     }
+    if report.is_blocked {
+        text.push_str("  programs and services cannot be listed: something half-made is in the way\n");
+    }
+    for object in &report.half_made {
+        let _ = writeln!(text, "  half-made {object}: its maker was killed or is stopped");
+    }
     let memory = &report.memory;
     let _ = writeln!(
         text,
@@ -195,6 +213,8 @@ fn domain_json(report: &DomainReport) -> Value {
         "programs": programs,
         "services": services,
         "unreadable_services": report.unreadable_services,
+        "half_made": report.half_made,
+        "is_blocked": report.is_blocked,
         "locks": locks,
         "memory": {
             "objects": report.memory.objects,

@@ -3,8 +3,9 @@
 use super::{CommonArgs, logging};
 use crate::bus::BusError;
 use crate::config::ConfigError;
-use crate::runner::{RunError, Shutdown};
+use crate::runner::{RunError, Shutdown, TOGETHER};
 use std::process::ExitCode;
+use std::time::Duration;
 use thiserror::Error;
 
 /// The end of every `--help`.
@@ -13,7 +14,7 @@ pub const EXIT_CODES: &str = "Exit codes:\n  \
     1    failed\n  \
     2    wrong usage or configuration\n  \
     3    finished, but data were lost\n  \
-    130  ended by a second signal";
+    130  ended by a second signal, half a second or more after the first";
 
 /// How a program ended that did not fail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,7 +23,16 @@ pub enum Exit {
     Done,
     /// Finished, but data were lost.
     DataLoss,
+    /// Asked to end by a signal before the stream had ended. That is what a service is for and counts as done; but a launcher that
+    /// has not asked for it is told.
+    Interrupted,
 }
+
+/// Exit code of a launched process that was [interrupted](Exit::Interrupted): 128 + SIGTERM, as a shell has it.
+pub(super) const INTERRUPTED: u8 = 143;
+/// Of a launched process every signal comes from its launcher or from the kernel when that dies, once for each of the launcher's threads,
+/// which may take a while on a busy machine. Who does not end within this time gets SIGKILL from a launcher that lives.
+const LAUNCHED_TOGETHER: Duration = Duration::from_secs(10);
 
 /// Why a program could not do its work.
 #[derive(Debug, Error)]
@@ -62,11 +72,16 @@ impl From<BusError> for Failure {
 /// Logging, signals, the program, its exit code.
 pub fn main_with(common: &CommonArgs, program: impl FnOnce(&Shutdown) -> Result<Exit, Failure>) -> ExitCode {
     logging::start(common.log_format, common.is_launched());
-    let outcome = Shutdown::on_signals()
+    let together = match common.is_launched() {
+        true => LAUNCHED_TOGETHER,
+        false => TOGETHER,
+    };
+    let outcome = Shutdown::on_signals(together)
         .map_err(Failure::from)
         .and_then(|shutdown| program(&shutdown));
     match outcome {
-        Ok(Exit::Done) => ExitCode::SUCCESS,
+        Ok(Exit::Interrupted) if common.is_launched() => ExitCode::from(INTERRUPTED),
+        Ok(Exit::Done | Exit::Interrupted) => ExitCode::SUCCESS,
         Ok(Exit::DataLoss) => ExitCode::from(3),
         Err(failure) => {
             logging::failure(common.log_format, &failure.to_string());

@@ -5,7 +5,7 @@ use super::desk::{Desk, last_checkpoint};
 use super::wiring::identifier_node;
 use super::{Exit, Failure, IdentifierArgs, child, logging, warm};
 use crate::bus::{Bus, Publisher, Role, RoleLock, SampleSubscriber, monotonic_ns};
-use crate::messages::Estimate;
+use crate::messages::{Estimate, State};
 use crate::node::command::NodeState;
 use crate::runner::{IdentifierPorts, Shutdown, TICK, apply_realtime, desk, run_identifier};
 use std::time::{Duration, Instant};
@@ -58,6 +58,8 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
         realtime: apply_realtime(&config.realtime.identifier),
     };
     let outcome = run_identifier(&mut *node, &mut ports, common.stay(), shutdown);
+    // Whoever waits at the desk for an answer of the loop need not wait any longer.
+    drop(ports);
     desk.close();
     let mut state = NodeState::default();
     node.save(&mut state);
@@ -68,9 +70,14 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
         logging::result(&format!(
             "{} samples accepted, {} missing, {} rejected, {} estimates in the last of {} streams",
             status.accepted, status.missing, status.rejected, status.estimates, status.streams
-        ));
+        ))?;
     }
-    Ok(Exit::Done)
+    let ended = status.state == State::Ended as u32;
+    Ok(if shutdown.requested() && !ended {
+        Exit::Interrupted
+    } else {
+        Exit::Done
+    })
 }
 
 /// Gives readers of the estimates the chance to be there before the first one.

@@ -17,6 +17,7 @@ use super::wiring::simulates;
 use super::{Exit, Failure, RunArgs, TableFormat, logging, out_dir, report, warm};
 use crate::bus::{Bus, Role, RoleLock, Subscriber};
 use crate::config::{Config, Source};
+use crate::files;
 use crate::messages::Status;
 use crate::recording::Span;
 use crate::report::Summary;
@@ -58,7 +59,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     }
     out_dir::create(&dir)?;
     let config_file = dir.join(CONFIG_TOML);
-    std::fs::write(&config_file, config.to_toml())
+    files::write_synced(&config_file, config.to_toml().as_bytes())
         .map_err(|e| Failure::Failed(format!("{} cannot be written: {e}", config_file.display())))?;
 
     let bus = Bus::join(&domain, &robot, "run")?;
@@ -144,12 +145,11 @@ fn show_result(
             summary.wall_s = Some((start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
             summary.restarts = Some(restarts);
             write_summary(dir, &summary)?;
-            logging::table(&summary, format)?;
+            let told = logging::table(&summary, format);
             make_report(dir, &summary)?;
-            Ok(summary)
+            told.map(|()| summary)
         });
-    logging::note(format, &format!("results in {}", dir.display()));
-    result
+    logging::note(format, &format!("results in {}", dir.display())).and(result)
 }
 
 /// Figures and page, where there is a recording.

@@ -2,7 +2,7 @@
 
 use super::{Failure, LogFormat, TableFormat};
 use crate::report::Summary;
-use std::io::{IsTerminal, Write};
+use std::io::{ErrorKind, IsTerminal, Write};
 use tracing_subscriber::EnvFilter;
 
 /// Starts logging; `RUST_LOG` chooses what, `info` without it, and `warn` below a launcher that shows progress itself.
@@ -40,29 +40,41 @@ pub(super) fn failure(format: LogFormat, message: &str) {
 }
 
 /// A line of results on standard output. A reader that has closed it, as `head` does, is no failure.
-pub(super) fn result(line: &str) {
-    let _ = writeln!(std::io::stdout().lock(), "{line}");
+///
+/// # Errors
+/// The result is lost: standard output is a file on a full disk, for instance.
+pub(super) fn result(line: &str) -> Result<(), Failure> {
+    let mut out = std::io::stdout().lock();
+    match writeln!(out, "{line}").and_then(|()| out.flush()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+            Err(Failure::Failed(format!("standard output cannot be written: {e}")))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// A result table on standard output.
 ///
 /// # Errors
-/// Never in practice: a summary is plain data.
+/// As [`result`].
 pub(super) fn table(summary: &Summary, format: TableFormat) -> Result<(), Failure> {
     match format {
         TableFormat::Text => result(summary.to_string().trim_end()),
         TableFormat::Json => {
             let text = serde_json::to_string_pretty(summary);
-            result(&text.map_err(|e| Failure::Failed(format!("the table cannot be written: {e}")))?);
+            result(&text.map_err(|e| Failure::Failed(format!("the table cannot be written: {e}")))?)
         }
     }
-    Ok(())
 }
 
 /// A last line for people; in JSON, standard output holds the table alone.
-pub(super) fn note(format: TableFormat, text: &str) {
+///
+/// # Errors
+/// As [`result`].
+pub(super) fn note(format: TableFormat, text: &str) -> Result<(), Failure> {
     match format {
-        TableFormat::Text => result(text),
+        TableFormat::Text => result(text)?,
         TableFormat::Json => tracing::info!("{text}"),
     }
+    Ok(())
 }

@@ -5,8 +5,9 @@ use super::record::{Records, recorder};
 use super::wiring::{model_name, monitor_node};
 use super::{Exit, Failure, MonitorArgs, child, logging, out_dir};
 use crate::bus::{Bus, SampleSubscriber, Subscriber};
+use crate::files;
 use crate::node::monitor::MonitorNode;
-use crate::recording::{Entry, EstimatesCsv, RecordingReader, Span};
+use crate::recording::{Entry, EstimatesCsv, RecordingReader, Span, oldest_file};
 use crate::report::Summary;
 use crate::runner::{MonitorPorts, Shutdown, apply_realtime, run_monitor};
 use std::fs::File;
@@ -42,7 +43,14 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         remember(&mut node, path);
     }
     let csv = dir
-        .map(|dir| estimates_csv(&dir.join(ESTIMATES_CSV), &node, resume))
+        .map(|dir| {
+            estimates_csv(
+                &dir.join(ESTIMATES_CSV),
+                &node,
+                config.model.structure().equations.len(),
+                resume,
+            )
+        })
         .transpose()
         .map_err(|e| unwritable(ESTIMATES_CSV, &e))?;
 
@@ -53,17 +61,19 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         .transpose()?;
 
     let bus = Bus::join(&domain, robot, "monitor")?;
-    // Last: in lockstep the plant starts when this one listens.
-    let samples = recorder.as_ref().map(|_| SampleSubscriber::new(&bus)).transpose()?;
     let mut ports = MonitorPorts {
         // First: an identifier that waits for a reader of its estimates speaks here before.
         journal: Subscriber::new(&bus)?,
         estimates: Subscriber::new(&bus)?,
         status: Subscriber::new(&bus)?,
-        samples,
+        samples: None,
     };
     if args.common.launched.receipts {
         ports.estimates.give_receipts(&bus)?;
+    }
+    // Last: in lockstep the plant starts when this one listens, and the identifier may have found another reader to wait for.
+    if recorder.is_some() {
+        ports.samples = Some(SampleSubscriber::new(&bus)?);
     }
     let mut records = Records::new(csv, recorder, Some(bus.clone()));
     tracing::info!(robot, domain = domain.name(), "monitor");
@@ -79,8 +89,15 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     if !args.common.is_launched() {
         logging::table(&summary, args.format)?;
         if let Some(dir) = dir {
-            logging::note(args.format, &format!("results in {}", dir.display()));
+            logging::note(args.format, &format!("results in {}", dir.display()))?;
         }
+    }
+    let left_out = ports.estimates.left_out().saturating_add(ports.status.left_out());
+    if left_out > 0 {
+        tracing::warn!(
+            left_out,
+            "messages of another schema, or of a publisher beside the identifier, were left out"
+        );
     }
     let lost = node.lost_estimates();
     if lost > 0 {
@@ -97,15 +114,21 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     // Where nothing may be lost a lost estimate makes a difference to the run's exit code; a hole in a recording does anywhere.
     Ok(if recording_lost || (args.common.launched.receipts && lost > 0) {
         Exit::DataLoss
+    } else if shutdown.requested() && !node.is_complete() {
+        Exit::Interrupted
     } else {
         Exit::Done
     })
 }
 
 /// A new file with its header, or the one of a monitor that died.
-fn estimates_csv(path: &Path, node: &MonitorNode, resume: bool) -> io::Result<EstimatesCsv<File>> {
+fn estimates_csv(path: &Path, node: &MonitorNode, equations: usize, resume: bool) -> io::Result<EstimatesCsv<File>> {
     if !resume || !path.exists() {
-        return EstimatesCsv::new(create(path)?, node.parameters(), node.derived());
+        return EstimatesCsv::new(create(path)?, node.parameters(), equations, node.derived());
+    }
+    // A link that somebody has put in the place of the file is not followed.
+    if !path.symlink_metadata()?.is_file() {
+        return Err(io::Error::other("expected a file, got something else of its name"));
     }
     let file = File::options().append(true).open(path)?;
     let text = std::fs::read_to_string(path)?;
@@ -113,14 +136,22 @@ fn estimates_csv(path: &Path, node: &MonitorNode, resume: bool) -> io::Result<Es
     let whole = text.rfind('\n').map_or(0, |at| at + 1);
     file.set_len(whole as u64)?;
     match text[..whole].lines().last() {
-        None => EstimatesCsv::new(file, node.parameters(), node.derived()),
-        Some(last) => Ok(EstimatesCsv::resume(file, node.parameters(), node.derived(), last)),
+        None => EstimatesCsv::new(file, node.parameters(), equations, node.derived()),
+        Some(last) => Ok(EstimatesCsv::resume(
+            file,
+            node.parameters(),
+            equations,
+            node.derived(),
+            last,
+        )),
     }
 }
 
 /// What the monitor that died had seen, as far as its recording tells.
 fn remember(node: &mut MonitorNode, recording: &Path) {
-    let Ok(mut reader) = RecordingReader::open(recording, Span::default()) else {
+    // The first file may have been removed for a later one.
+    let oldest = oldest_file(recording);
+    let Some(Ok(mut reader)) = oldest.map(|path| RecordingReader::open(&path, Span::default())) else {
         return;
     };
     while let Ok(Some(entry)) = reader.next_entry() {
@@ -136,7 +167,7 @@ pub(super) fn write_summary(dir: &Path, summary: &Summary) -> Result<(), Failure
     let write = || -> io::Result<()> {
         let mut text = serde_json::to_string_pretty(summary)?;
         text.push('\n');
-        std::fs::write(dir.join(SUMMARY_JSON), text)
+        files::write_synced(&dir.join(SUMMARY_JSON), text.as_bytes())
     };
     write().map_err(|e| unwritable(SUMMARY_JSON, &e))
 }

@@ -4,9 +4,8 @@ use super::args::domain;
 use super::{Exit, Failure, PlantArgs, child, logging};
 use crate::bus::{Bus, Delivery, Role, RoleLock, SamplePublisher};
 use crate::config::{Config, Speed};
-use crate::node::plant::PlantNode;
 use crate::runner::{Pace, Shutdown, apply_realtime, run_plant};
-use crate::sim::{Faults, Losses, MachineSimulator};
+use crate::sim::sample_stream;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::Duration;
 
@@ -22,19 +21,8 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let _only_one = RoleLock::acquire(&domain, robot, Role::Plant)?;
 
     let sim = &config.plant.sim;
-    let simulator = MachineSimulator::new(sim).map_err(|e| Failure::Usage(e.to_string()))?;
-    let period_ns = (sim.sample_period_s * 1e9).round() as u64;
     let samples = sim.sample_count();
-    let mut node = PlantNode::new(simulator, boot_id(), sim.joints(), sim.signals(), period_ns, samples);
-    if sim.sensors.loss_probability > 0.0 {
-        let mut losses = Losses::new(&sim.sensors, sim.seed);
-        node = node.with_losses(move || losses.next_is_lost());
-    }
-
-    if !sim.faults.is_empty() {
-        let mut faults = Faults::new(&sim.faults, sim.sample_period_s, sim.seed);
-        node = node.with_faults(move |sample| faults.apply(sample));
-    }
+    let mut node = sample_stream(sim, boot_id()).map_err(|e| Failure::Usage(e.to_string()))?;
 
     let bus = Bus::join(&domain, robot, "plant_simulator")?;
     let delivery = delivery(&config);
@@ -62,12 +50,14 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         );
     }
     if !args.common.is_launched() {
-        logging::result(&format!("{} of {samples} samples sent", report.sent));
+        logging::result(&format!("{} of {samples} samples sent", report.sent))?;
     }
-    Ok(if report.loss.is_none() {
-        Exit::Done
-    } else {
+    Ok(if !report.loss.is_none() {
         Exit::DataLoss
+    } else if shutdown.requested() && report.sent < samples {
+        Exit::Interrupted
+    } else {
+        Exit::Done
     })
 }
 

@@ -62,7 +62,11 @@ impl Progress {
     }
 
     fn text(&self, status: &Status, elapsed: Duration) -> String {
-        let taken = status.accepted + status.rejected + status.missing;
+        // Whatever was received: a sum of counters that somebody else sent must not overflow.
+        let taken = status
+            .accepted
+            .saturating_add(status.rejected)
+            .saturating_add(status.missing);
         let percent = 100.0 * taken as f64 / self.samples.max(1) as f64;
         let blocks = self.samples / self.block_len;
         format!(

@@ -6,7 +6,7 @@ use super::record::recording_at;
 use super::{Exit, Failure, ReplayArgs, logging, report};
 use crate::bus::{Bus, BusError, ControlClient, Delivery, Role, RoleLock, SamplePublisher};
 use crate::config::Speed;
-use crate::messages::{Sample, response_code, sample_flags};
+use crate::messages::{Request, Sample, response_code, sample_flags, stream_tag};
 use crate::recording::{Entry, ReadError, RecordingReader, read_journal};
 use crate::runner::{Pace, SampleSource, Shutdown, TICK, run_plant};
 use std::path::Path;
@@ -40,7 +40,7 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     if delivery == Delivery::Realtime {
         publisher.hold_for(args.common.launched.await_consumers, limit(&config));
     }
-    repeat_commands(&recording, &bus, source.boot_id_recorded(), limit(&config), shutdown)?;
+    repeat_commands(&recording, &bus, &source, limit(&config), shutdown)?;
     let pace = Pace::new(match config.plant.speed {
         Speed::Max => None,
         Speed::Factor(factor) => Some(factor),
@@ -49,25 +49,31 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     if let Some(error) = source.failure {
         return Err(report::unreadable(error));
     }
-    logging::result(&format!("{} samples replayed", sent.sent));
+    let told = logging::result(&format!("{} samples replayed", sent.sent));
     let exit = report::tell_loss(&source.reader.loss());
+    told?;
     Ok(if sent.loss.is_none() { exit } else { Exit::DataLoss })
 }
 
-/// Tells the identifier in advance what it was told during the recording, with the samples from which on it held.
+/// Tells the identifier in advance what it was told during the recording, with the samples from which on it held: for this stream alone, so
+/// that nothing of it is left to the next one, however this one ends.
 fn repeat_commands(
     recording: &Path,
     bus: &Bus,
-    stream: Option<u64>,
+    source: &Replay,
     limit: Duration,
     shutdown: &Shutdown,
 ) -> Result<(), Failure> {
+    let stream = source.boot_id_recorded();
     let journal = read_journal(recording).map_err(report::unreadable)?;
     // A replay ends with the first stream.
     let requests: Vec<_> = journal
         .iter()
         .filter(|entry| entry.boot_id == 0 || Some(entry.boot_id) == stream)
-        .map(|entry| entry.request)
+        .map(|entry| Request {
+            stream: stream_tag(source.boot_id),
+            ..entry.request
+        })
         .collect();
     if requests.is_empty() {
         return Ok(());

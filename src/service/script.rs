@@ -67,7 +67,7 @@ impl Script {
         let Some(entry) = self.entries.pop_front() else { return };
         let given = match self.commands.prepare(&entry.request) {
             Ok(Wanted::Order(change, _)) => node
-                .offer(Order::new(0, 0, change))
+                .offer(Order::new(0, 0, change).for_stream(entry.request.stream))
                 .map(|_| ())
                 .map_err(|_| "the node has no room for it".to_owned()),
             Ok(_) => Ok(()),

@@ -244,7 +244,7 @@ fn fault_checkpoints_that_do_not_fit_are_refused_loudly_and_the_start_is_cold() 
 }
 
 #[test]
-fn fault_a_disk_that_is_full_and_a_directory_that_is_gone_leave_the_identifier_running_and_the_old_checkpoint() {
+fn fault_a_link_in_the_way_and_a_directory_that_is_gone_leave_the_identifier_running_and_the_old_checkpoint() {
     let site = Site::new();
     let gone = site.dir.path().join("gone");
     fs::create_dir(&gone).expect("a directory");
@@ -253,16 +253,16 @@ fn fault_a_disk_that_is_full_and_a_directory_that_is_gone_leave_the_identifier_r
     let mut observer = site.observer();
     observer.status("a checkpoint", |s| s.process.checkpoints > 0);
     let old = fs::read(gone.join("arm.checkpoint")).expect("a checkpoint");
-    // The temporary file on the device that is always full: the next one fails as on a full disk.
+    // A link at the name of the temporary file is neither followed nor in the way.
+    let victim = site.dir.path().join("victim");
     let temporary = gone.join(format!("arm.checkpoint.{}.tmp", identifier.pid()));
-    std::os::unix::fs::symlink("/dev/full", &temporary).expect("a link");
-    let full = observer.status("writing fails", |s| s.process.checkpoints_failed > 0);
-    assert!(full.error.words().contains("No space left"), "{}", full.error.words());
-    assert!(!temporary.exists() && identifier.is_running());
+    std::os::unix::fs::symlink(&victim, &temporary).expect("a link");
+    let written = observer.last_status.map_or(0, |s| s.process.checkpoints);
+    observer.status("checkpoints go on", |s| s.process.checkpoints > written + 2);
+    assert!(!victim.exists() && identifier.is_running());
+    fs::remove_file(&temporary).expect("the link");
     let kept = fs::read(gone.join("arm.checkpoint")).expect("a checkpoint");
     assert_eq!(kept.len(), old.len());
-    let written = full.process.checkpoints;
-    observer.status("room again", |s| s.process.checkpoints > written);
     // in one go, for the next checkpoint may be on its way into it
     fs::rename(&gone, site.dir.path().join("moved")).expect("rename");
     let failed = observer.last_status.map_or(0, |s| s.process.checkpoints_failed);

@@ -55,7 +55,7 @@ fn e2e_doctor_shows_programs_services_locks_and_memory() {
         .iter()
         .find(|service| service["name"] == "thetabus/arm/sample" && service["pattern"] == "publish-subscribe")
         .expect("the topic");
-    assert_eq!(sample["type"], "ThetabusSampleV1");
+    assert_eq!(sample["type"], "ThetabusSampleV2");
     assert_eq!(sample["message_bytes"], size_of::<thetabus::messages::Sample>());
     assert_eq!(sample["programs"], 2, "{sample}");
     for (role, pid) in [("plant", plant.pid()), ("identifier", identifier.pid())] {

@@ -1,24 +1,11 @@
 //! Too little shared memory, other users, settings that the system refuses: clear words instead of surprises.
 
+use crate::peers::permitted;
 use crate::support::{Process, Program, QUICK, Site, eventually};
 use nix::sys::signal::Signal;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use thetabus::messages::{RealtimeStatus, Status};
-
-/// May this user do what the command does? Where not, the test says that it was skipped.
-fn permitted(command: &str, args: &[&str]) -> bool {
-    let done = Command::new(command)
-        .args(args)
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .status();
-    let permitted = done.is_ok_and(|status| status.success());
-    if !permitted {
-        eprintln!("skipped: {command} {} is not permitted here", args.join(" "));
-    }
-    permitted
-}
 
 /// A shell with a /dev/shm of its own of this size.
 fn with_small_memory(site: &Site, size: &str, script: &str, args: &[&str]) -> Process {
@@ -101,6 +88,84 @@ fn fault_shared_memory_that_somebody_fills_during_a_run_kills_nobody() {
         "{}",
         run.said()
     );
+}
+
+/// Each program that joins, in memory of any size: it works or refuses in words, and no signal ends it.
+#[test]
+fn fault_joining_programs_are_refused_with_the_numbers_however_little_is_left() {
+    if !may_mount() {
+        return;
+    }
+    // A live system takes its share; a stranger leaves so many KiB to those who join it.
+    let script = r#"
+        plant=$0; identifier=$1; monitor=$2; thetabus=$3; left=$4; shift 4
+        "$plant" --speed 1 "$@" 2>plant.log & plant_pid=$!
+        "$identifier" "$@" 2>identifier.log & identifier_pid=$!
+        for i in $(seq 400); do "$thetabus" ctl describe "$@" >/dev/null 2>&1 && break; sleep 0.05; done
+        head -c 200M /dev/zero 2>/dev/null > /dev/shm/stranger
+        truncate -s -${left}K /dev/shm/stranger
+        for who in monitor plant identifier ctl doctor; do
+            case $who in
+                monitor) timeout -s TERM 2 "$monitor" --record "m.mcap" "$@" ;;
+                plant) "$plant" --robot other --speed 1 --duration 0.5 "$@" ;;
+                identifier) timeout -s TERM 2 "$identifier" --robot other "$@" ;;
+                ctl) "$thetabus" ctl describe "$@" ;;
+                doctor) "$thetabus" doctor "$@" ;;
+            esac >$who.out 2>$who.err
+            echo "ended: $who $?"
+        done
+        kill -0 $plant_pid && kill -0 $identifier_pid && echo "both live"
+        rm /dev/shm/stranger
+        "$thetabus" ctl describe "$@" >/dev/null && echo "answers"
+        kill $plant_pid; wait $plant_pid; echo "ended: live plant $?"
+        kill $identifier_pid; wait $identifier_pid; echo "ended: live identifier $?"
+    "#;
+    for left in ["0", "4", "16", "64", "256", "1024", "2048", "4096", "16384", "24576"] {
+        let site = Site::new();
+        let args = [
+            env!("CARGO_BIN_EXE_plant_simulator"),
+            env!("CARGO_BIN_EXE_identifier"),
+            env!("CARGO_BIN_EXE_monitor"),
+            env!("CARGO_BIN_EXE_thetabus"),
+            left,
+        ];
+        let mut all = with_small_memory(&site, "64m", script.trim(), &args);
+        all.expect_code(0);
+        let told = all.stdout();
+        for line in [
+            "both live",
+            "answers",
+            "ended: live plant 0",
+            "ended: live identifier 0",
+            "ended: doctor 0",
+        ] {
+            assert!(
+                told.contains(line),
+                "{left} KiB left, {line:?} is not in\n{}",
+                all.said()
+            );
+        }
+        for who in ["monitor", "plant", "identifier", "ctl"] {
+            let error = std::fs::read_to_string(site.dir.path().join(format!("{who}.err"))).expect("its log");
+            let code = told
+                .lines()
+                .find_map(|line| line.strip_prefix(&format!("ended: {who} ")));
+            match code {
+                Some("0" | "124") => {}
+                Some("1") => {
+                    for part in ["/dev/shm has ", "may need", "--shm-size"] {
+                        assert!(
+                            error.contains(part),
+                            "{left} KiB left, {who}: {part:?} is not in {error}"
+                        );
+                    }
+                }
+                other => panic!("{left} KiB left, {who} ended with {other:?}: {error}"),
+            }
+        }
+        let refused = told.contains("ended: plant 1");
+        assert_eq!(refused, left != "24576", "{left} KiB left\n{}", all.said());
+    }
 }
 
 const NOBODY: [&str; 4] = ["--reuid=65534", "--regid=65534", "--clear-groups", "--"];

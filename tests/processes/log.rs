@@ -84,6 +84,121 @@ fn e2e_a_log_that_does_not_fit_its_configuration_is_refused_with_what_was_expect
     identify.expect_stderr(&["log.csv", "log.q", "\"q_m\"", "\"position\""]);
 }
 
+/// Samples of the simulated servo axis as a log; `row` writes t \[s\], q \[m\] and u \[V\].
+fn servo_log(site: &Site, name: &str, header: &str, row: fn(f64, f64, f64) -> String) -> PathBuf {
+    let config = Config::load(&[Source::File(SERVO_AXIS.into())], &[]).expect("the file in config/");
+    let simulator = MachineSimulator::new(&config.plant.sim).expect("valid");
+    let mut log = format!("{header}\n");
+    for (k, sample) in simulator.take(6_000).enumerate() {
+        log.push_str(&row(k as f64 * 1e-3, sample.q[0], sample.input[0]));
+        log.push('\n');
+    }
+    let path = site.dir.path().join(name);
+    fs::write(&path, log).expect("written");
+    path
+}
+
+#[test]
+fn e2e_what_was_read_of_a_log_is_printed_and_the_likely_mistake_is_named() {
+    let site = Site::new();
+    let good = "t_s,q_m,q_ref_m,voltage_v";
+    // (what, header, rows, further arguments, exit code, what is said)
+    type Row = fn(f64, f64, f64) -> String;
+    let cases: [(&str, &str, Row, &[&str], i32, &[&str]); 8] = [
+        (
+            "good",
+            good,
+            |t, q, u| format!("{t},{q},{q},{u}"),
+            &[],
+            0,
+            &[
+                "6000 rows over 5.999 s, 1000 Hz: 1 ms apart",
+                "column \"q_m\" read as position of joint 1: ",
+                "column \"voltage_v\" read as input of joint 1: ",
+            ],
+        ),
+        (
+            "millimetres",
+            good,
+            |t, q, u| format!("{t},{},0,{u}", 1e3 * q),
+            &[],
+            0,
+            &["log.position_unit = \"mm\""],
+        ),
+        (
+            "sign",
+            good,
+            |t, q, u| format!("{t},{q},{q},{}", -u),
+            &[],
+            0,
+            &[
+                "column \"voltage_v\" drives the machine backwards",
+                "log.input_unit to its negative",
+                "mass rests at its bound 0",
+            ],
+        ),
+        (
+            "mended",
+            good,
+            |t, q, u| format!("{t},{q},{q},{}", -u),
+            &["--set", "log.input_unit=-1"],
+            0,
+            &["6000 rows"],
+        ),
+        (
+            "milliseconds",
+            good,
+            |t, q, u| format!("{},{q},{q},{u}", 1e3 * t),
+            &[],
+            2,
+            &["1 s apart", "log.time_unit = \"ms\""],
+        ),
+        (
+            "dates",
+            good,
+            |t, q, u| format!("2026-11-21T08:15:{t:06.3}Z,{q},{q},{u}"),
+            &[],
+            2,
+            &["date or time of day"],
+        ),
+        (
+            "semicolons",
+            "t_s;q_m;q_ref_m;voltage_v",
+            |t, q, u| format!("{t};{q};{q};{u}"),
+            &[],
+            2,
+            &["separated by semicolons"],
+        ),
+        (
+            "one time far ahead",
+            good,
+            |t, q, u| {
+                let t = if t == 3.0 { 4e8 } else { t };
+                format!("{t},{q},{q},{u}")
+            },
+            &[],
+            3,
+            &["1 out of order (the first in line 3002)"],
+        ),
+    ];
+    for (what, header, row, further, code, parts) in cases {
+        let path = servo_log(&site, &format!("{what}.csv").replace(' ', "_"), header, row);
+        let args = ["identify", path.to_str().expect("UTF-8"), "--config", SERVO_AXIS];
+        let mut identify = site.start(Program::Thetabus, &[&args[..], further].concat());
+        identify.expect_code(code);
+        let said = identify.said();
+        for part in parts {
+            assert!(said.contains(part), "{what}: {part:?} is not in\n{said}");
+        }
+        if ["good", "mended", "one time far ahead"].contains(&what) {
+            assert!(
+                !said.contains("drives the machine") && !said.contains("rests at its bound"),
+                "{what}:\n{said}"
+            );
+        }
+    }
+}
+
 #[test]
 fn val_the_emps_recording_identified_on_the_command_line_gives_the_published_parameters() {
     // Stands beside the project, since it came without a licence.

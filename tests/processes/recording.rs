@@ -170,8 +170,12 @@ fn fault_samples_without_the_signals_that_rows_need_are_told_as_the_reason() {
         Program::Thetabus,
         &["identify", text(&site.out()), "--set", "identifier.rows=pointwise"],
     );
-    identify.expect_code(0);
-    identify.expect_stderr(&["samples were rejected", "3000 lack a signal that is needed"]);
+    // Nothing of it was used: no success.
+    identify.expect_code(3);
+    identify.expect_stderr(&[
+        "3000 of 3000 samples were rejected",
+        "3000 lack a signal that is needed",
+    ]);
 }
 
 #[test]
@@ -339,4 +343,137 @@ fn e2e_the_report_of_a_run_opens_in_a_browser_with_every_figure_inside() {
     let table: thetabus::report::Summary = serde_json::from_slice(&output.stdout).expect("a summary");
     assert_eq!(table.parameters, site.summary().parameters);
     assert!(out.join("report.html").exists());
+}
+
+#[test]
+fn fault_a_result_that_a_full_standard_output_loses_is_a_failure() {
+    let site = Site::new();
+    site.start_run(&[&["--duration", "2"], &QUICK[..]].concat())
+        .expect_code(0);
+    let results = site.out();
+    let out = site.dir.path().join("again");
+    for args in [
+        &["identify", text(&results), "--out", text(&out)][..],
+        &["report", text(&results)],
+        &["export", text(&results)],
+        &["config", "check", ENCODERS],
+    ] {
+        let full = fs::OpenOptions::new()
+            .write(true)
+            .open("/dev/full")
+            .expect("the device");
+        let mut program = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+        let output = program.args(args).stdout(full).output().expect("it runs");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{args:?}: {said}");
+        assert!(
+            said.contains("standard output") && said.contains("No space left"),
+            "{args:?}: {said}"
+        );
+    }
+    // What goes into files does not depend on it.
+    assert!(out.join("summary.json").exists() && out.join("report.html").exists());
+}
+
+#[test]
+fn e2e_a_run_and_its_recording_need_no_table_of_setpoints_beside_them() {
+    let site = Site::new();
+    let beside = site.dir.path().join("experiment");
+    fs::create_dir(&beside).expect("a directory");
+    let rows: String = (0..40)
+        .map(|k| {
+            format!(
+                "{},{},{}\n",
+                0.05 * f64::from(k),
+                0.2 * f64::from(k % 3),
+                -0.1 * f64::from(k % 5)
+            )
+        })
+        .collect();
+    fs::write(beside.join("moves.csv"), format!("t_s,q1_rad,q2_rad\n{rows}")).expect("setpoints");
+    let toml = "plant.setpoint = { kind = \"csv\", csv = { path = \"moves.csv\" } }\nplant.duration_s = 2.0\n";
+    fs::write(beside.join("moves.toml"), toml).expect("a configuration");
+    // A relative path on the command line, and a relative path in the file.
+    let run = ["run", "experiment/moves.toml", "--out", "results"];
+    site.start(Program::Thetabus, &[&run[..], &QUICK].concat())
+        .expect_code(0);
+    let results = site.dir.path().join("results");
+    let live = fs::read_to_string(results.join("estimates.csv")).expect("estimates.csv");
+    assert!(live.lines().count() > 5, "{live}");
+    fs::remove_dir_all(&beside).expect("removed");
+    assert_eq!(identify(&site, &results.join("recording.mcap"), "offline", 0), live);
+    let config = results.join("config.toml");
+    let mut check = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+    let checked = check
+        .args(["config", "check", text(&config)])
+        .output()
+        .expect("it runs");
+    assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
+}
+
+#[test]
+fn e2e_a_monitor_started_again_keeps_to_record_files_and_joins_what_is_left() {
+    let site = Site::new();
+    let recording = site.dir.path().join("run.mcap");
+    let args = [
+        "--record",
+        text(&recording),
+        "--set",
+        "monitor.record_file_mib=1",
+        "--set",
+        "monitor.record_files=2",
+    ];
+    let files = || -> Vec<String> {
+        let names = fs::read_dir(site.dir.path()).expect("a directory").flatten();
+        let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());
+        let mut names: Vec<String> = names.filter(|name| name.starts_with("run")).collect();
+        names.sort();
+        names
+    };
+    let monitor = site.start(Program::Monitor, &[&args[..], &QUICK].concat());
+    monitor.wait_for_log("monitor");
+    let _identifier = site.start(Program::Identifier, &QUICK);
+    let _plant = site.start(
+        Program::Plant,
+        &[&["--speed", "10", "--duration", "200"], &QUICK[..]].concat(),
+    );
+    eventually("the first file was removed for a later one", || {
+        (!recording.exists() && files().len() == 2).then_some(())
+    });
+    kill(nix::unistd::Pid::from_raw(monitor.pid().cast_signed()), Signal::SIGKILL).expect("it lives");
+    drop(monitor);
+    let before = files();
+    // What a recorder killed while it makes its next file leaves behind.
+    let number: u32 = before[1][4..8].parse().expect("a number");
+    let next = format!("run_{:04}.mcap", number + 1);
+    fs::write(site.dir.path().join(format!("{next}.1.tmp")), "begun").expect("a file");
+    let mut monitor = site.start(Program::Monitor, &[&args[..], &["--resume"], &QUICK].concat());
+    monitor.wait_for_log("monitor");
+    eventually("as many files as may be kept, and nothing of a killed recorder", || {
+        let now = files();
+        let whole = now.iter().all(|name| name.ends_with(".mcap"));
+        (whole && now.len() == 2 && !now.contains(&before[0]) && now[1] >= next).then_some(())
+    });
+    // Enough of it on the disk that both sides of the border between two files have samples.
+    eventually("the newest file has samples", || {
+        let newest = site.dir.path().join(files().last()?);
+        (fs::metadata(newest).ok()?.len() > 300_000).then_some(())
+    });
+    monitor.signal(Signal::SIGTERM);
+    assert!(matches!(monitor.wait().code(), Some(0 | 3)), "{}", monitor.said());
+    // The files that are left are one recording to its readers.
+    let seqs = |path: &Path| -> Vec<u64> { samples(path).0.iter().map(|sample| sample[0]).collect() };
+    let [oldest, newest] = [0, 1].map(|i| site.dir.path().join(&files()[i]));
+    assert_eq!(thetabus::recording::oldest_file(&recording), Some(oldest.clone()));
+    let (all, last) = (seqs(&oldest), seqs(&newest));
+    assert!(
+        !last.is_empty() && all.ends_with(&last),
+        "{} and {}",
+        all.len(),
+        last.len()
+    );
+    let out = site.dir.path().join("offline");
+    let mut identify = site.start(Program::Thetabus, &["identify", text(&recording), "--out", text(&out)]);
+    // The recorder that was killed did not finish its file, and what came meanwhile is lost.
+    identify.expect_code(3);
 }

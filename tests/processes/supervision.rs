@@ -188,6 +188,23 @@ fn fault_an_identifier_started_again_goes_on_warm_where_checkpoints_are_written(
 }
 
 #[test]
+fn fault_an_identifier_that_somebody_else_ends_is_started_again_and_a_plant_that_said_end_is_not() {
+    let site = Site::new();
+    let mut observer = site.observer();
+    let mut run = site.start_run(&[&["--speed", "2", "--duration", "900"], &QUICK[..], &SUPERVISED].concat());
+    let before = observer.estimate("a second block", |estimate| estimate.block >= 2);
+    kill(site.child(&run, "identifier"), Signal::SIGTERM).expect("it lives");
+    observer.estimate("its successor's estimates", |estimate| {
+        estimate.block > before.block + 3 && estimate.boot_id == before.boot_id
+    });
+    kill(site.child(&run, "plant"), Signal::SIGTERM).expect("it lives");
+    run.expect_code(1);
+    run.expect_stderr(&["the plant, process", "before the plant's stream had come to its end"]);
+    let restarts = site.summary().restarts.expect("counted");
+    assert_eq!((restarts["identifier"], restarts["plant"]), (1, 0));
+}
+
+#[test]
 fn fault_a_monitor_started_again_appends_to_table_and_recording() {
     let site = Site::new();
     let mut observer = site.observer();

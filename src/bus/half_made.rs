@@ -1,0 +1,212 @@
+//! Objects that a process was killed over while it made them.
+//!
+//! iceoryx2 makes an object in three steps: create it empty and closed to readers, give it its size, open it to readers. Who
+//! finds it in between waits for the maker: up to a limit while it is closed, for ever while it is empty and can be opened (by
+//! root always). A maker that was killed never comes back, so nobody who holds it open is proof that it will stay as it is.
+
+use super::Domain;
+use super::membership::open_lock;
+use super::objects::{entries, holders, of_domain};
+use nix::fcntl::OFlag;
+use std::collections::HashMap;
+use std::fs::{Metadata, OpenOptions};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// How long something must have been half-made although no process that we see has it open: a maker in another process
+/// namespace, who cannot be seen, takes microseconds.
+pub(super) const GRACE: Duration = Duration::from_millis(100);
+/// How long a living maker may keep an empty object from the others: it is stopped, and whoever opens the object hangs.
+const MAKER_LIMIT: Duration = Duration::from_secs(1);
+/// The lock of who removes something.
+const QUEUE: &str = "sweep.lock";
+/// Pause between two looks.
+const PAUSE: Duration = Duration::from_millis(20);
+
+/// Watches a domain's half-made objects and removes those that nobody will finish.
+#[derive(Debug)]
+pub(super) struct Tender {
+    domain: Domain,
+    /// Inode, and when it was first seen half-made.
+    first_seen: HashMap<PathBuf, (u64, Instant)>,
+    /// How many it has removed.
+    removed: usize,
+}
+
+impl Tender {
+    pub(super) fn new(domain: &Domain) -> Self {
+        Self {
+            domain: domain.clone(),
+            first_seen: HashMap::new(),
+            removed: 0,
+        }
+    }
+
+    /// Looks once, and removes what is due; returns how many objects may become due within [`GRACE`].
+    pub(super) fn look(&mut self) -> usize {
+        let found = half_made(&self.domain);
+        self.first_seen
+            .retain(|path, _| found.iter().any(|(other, _)| other == path));
+        let uid = nix::unistd::geteuid().as_raw();
+        let mut waiting = 0;
+        for (path, metadata) in found {
+            let seen = self
+                .first_seen
+                .entry(path.clone())
+                .or_insert((metadata.ino(), Instant::now()));
+            if seen.0 != metadata.ino() {
+                *seen = (metadata.ino(), Instant::now());
+            }
+            let age = seen.1.elapsed();
+            if age < GRACE {
+                waiting += 1;
+            } else if metadata.uid() != uid {
+                release(&self.domain, &path, &metadata);
+            } else if remove(&self.domain, &path, &metadata, age) {
+                self.removed += 1;
+                tracing::info!(
+                    domain = self.domain.name(),
+                    object = %path.display(),
+                    "removed what a process had not finished making when it was killed"
+                );
+            }
+        }
+        waiting
+    }
+}
+
+/// Removes what is half-made and will stay so; returns how many objects. Waits for [`GRACE`] where there are any, else not at all.
+pub(super) fn sweep(domain: &Domain) -> usize {
+    let mut tender = Tender::new(domain);
+    while tender.look() > 0 {
+        std::thread::sleep(PAUSE);
+    }
+    tender.removed
+}
+
+/// What is half-made at this moment, by a living process or by one that was killed.
+pub(super) fn half_made(domain: &Domain) -> Vec<(PathBuf, Metadata)> {
+    let memory = of_domain(domain).map(|entry| (entry, is_memory_half_made as fn(&Metadata) -> bool));
+    let services = entries(&domain.root().join("services")).map(|entry| (entry, is_file_half_made as fn(&_) -> bool));
+    memory
+        .chain(services)
+        .filter_map(|(entry, is_half_made)| {
+            let metadata = entry.metadata().ok()?;
+            (metadata.is_file() && is_half_made(&metadata)).then(|| (entry.path(), metadata))
+        })
+        .collect()
+}
+
+fn is_memory_half_made(metadata: &Metadata) -> bool {
+    metadata.len() == 0 || metadata.mode() & 0o400 == 0
+}
+
+/// The file that describes a service is closed to writers when it is complete.
+fn is_file_half_made(metadata: &Metadata) -> bool {
+    metadata.mode() & 0o200 != 0
+}
+
+fn is_due(path: &Path, metadata: &Metadata, age: Duration) -> bool {
+    match &holders(path)[..] {
+        [] => true,
+        // Those who wait for it open it again and again, so they may be among the holders.
+        makers if metadata.len() == 0 && age > MAKER_LIMIT => {
+            tracing::warn!(
+                object = %path.display(),
+                processes = ?makers,
+                "removing an object that has been in the making for {} s: its maker is stopped, and it blocks the others",
+                MAKER_LIMIT.as_secs()
+            );
+            true
+        }
+        _ => false,
+    }
+}
+
+/// Removes the object that was seen if it is due, and no other that has its name by now. Of all programs one at a time asks who
+/// has it open, because that takes a look at every process, and then removes it.
+fn remove(domain: &Domain, path: &Path, seen: &Metadata, age: Duration) -> bool {
+    let removed = open_lock(domain, QUEUE, |queue| {
+        if queue.try_lock().is_err() {
+            // Who holds it is removing; the next look tells.
+            return Ok(false);
+        }
+        if !is_due(path, seen, age) {
+            return Ok(false);
+        }
+        let now = std::fs::symlink_metadata(path)?;
+        let is_same = (now.ino(), now.len(), now.mode()) == (seen.ino(), seen.len(), seen.mode());
+        Ok(is_same && std::fs::remove_file(path).is_ok())
+    });
+    removed.unwrap_or(false)
+}
+
+/// An empty object that somebody else has put among the domain's names cannot be removed, but with a size it makes nobody wait.
+fn release(domain: &Domain, path: &Path, metadata: &Metadata) {
+    if metadata.len() > 0 {
+        return;
+    }
+    let opened = OpenOptions::new()
+        .write(true)
+        .custom_flags((OFlag::O_NOFOLLOW | OFlag::O_NONBLOCK).bits())
+        .open(path);
+    if opened.and_then(|file| file.set_len(1)).is_ok() {
+        tracing::error!(
+            domain = domain.name(),
+            object = %path.display(),
+            owner = metadata.uid(),
+            "another user has put an object among the names of this domain; it is not used"
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::TestDomain;
+    use super::*;
+    use std::fs::File;
+
+    fn object(domain: &Domain, hash: &str, mode: u32, len: u64) -> (PathBuf, File) {
+        let path = PathBuf::from(format!("/dev/shm/{}{}_1.dynamic", domain.prefix(), hash.repeat(20)));
+        let file = OpenOptions::new()
+            .write(true)
+            .create_new(true)
+            .mode(mode)
+            .open(&path)
+            .expect("create");
+        file.set_len(len).expect("its size");
+        (path, file)
+    }
+
+    #[test]
+    fn fault_what_nobody_will_finish_is_removed_and_what_is_being_made_is_not() {
+        let domain = TestDomain::new();
+        let (empty, file) = object(&domain.0, "0a", 0o600, 0);
+        drop(file);
+        let (closed, file) = object(&domain.0, "0b", 0o200, 16);
+        drop(file);
+        let (making, _maker) = object(&domain.0, "0c", 0o200, 16);
+        let (complete, file) = object(&domain.0, "0d", 0o600, 16);
+        drop(file);
+        let start = Instant::now();
+        assert_eq!(sweep(&domain.0), 2);
+        assert!(start.elapsed() >= GRACE, "they could have been in the making");
+        let left: Vec<bool> = [&empty, &closed, &making, &complete].map(|path| path.exists()).into();
+        assert_eq!(left, [false, false, true, true]);
+    }
+
+    #[test]
+    fn fault_an_empty_object_of_a_maker_that_stands_still_blocks_the_others_for_a_second() {
+        let domain = TestDomain::new();
+        let (path, _maker) = object(&domain.0, "0a", 0o200, 0);
+        let mut tender = Tender::new(&domain.0);
+        let start = Instant::now();
+        while path.exists() {
+            tender.look();
+            assert!(start.elapsed() < 20 * MAKER_LIMIT, "still there");
+            std::thread::sleep(PAUSE);
+        }
+        assert!(start.elapsed() >= MAKER_LIMIT);
+    }
+}

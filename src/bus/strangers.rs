@@ -1,0 +1,158 @@
+//! Messages of strangers: of another schema, or of a second publisher beside the identifier. They are left out, counted, and told once.
+//!
+//! Topics of the identifier have room for a second publisher, because bridges need one. A reader that took both in would show two truths as
+//! one, so it listens to the process that holds the identifier's role, and where none does, to the first publisher until that has gone.
+
+use super::lock::role_holder;
+use super::membership::exists;
+use super::{Bus, BusError, Latched, PubSubService, Role, Topic};
+use crate::messages::SCHEMA_VERSION;
+use iceoryx2::prelude::{CallbackProgression, ipc};
+use iceoryx2::service::port_factory::PortFactory as _;
+use std::time::{Duration, Instant};
+
+/// How long it is remembered that a publisher is a stranger.
+const REMEMBERED: Duration = Duration::from_millis(100);
+
+/// Counts messages of another schema.
+#[derive(Debug, Default)]
+pub(super) struct ForeignSchemas {
+    count: u64,
+}
+
+impl ForeignSchemas {
+    /// True for a message of our schema; the first other one is told.
+    pub(super) fn admits(&mut self, topic: Topic, found: u32) -> bool {
+        if found == SCHEMA_VERSION {
+            return true;
+        }
+        if self.count == 0 {
+            let error = BusError::Schema {
+                topic,
+                expected: SCHEMA_VERSION,
+                found,
+            };
+            tracing::warn!("{error}; such messages are left out");
+        }
+        self.count = self.count.saturating_add(1);
+        false
+    }
+
+    pub(super) fn count(&self) -> u64 {
+        self.count
+    }
+}
+
+/// Whom a reader of one of the identifier's topics listens to.
+#[derive(Debug, Default)]
+pub(super) struct Speaker {
+    current: Option<u128>,
+    stranger: Option<(u128, Instant)>,
+    told: Option<u128>,
+    count: u64,
+}
+
+/// A publisher and its process.
+type Port = (u128, Option<i32>);
+
+impl Speaker {
+    /// True for a message of whom is listened to; the first one of a stranger is told.
+    pub(super) fn admits<T: Latched>(&mut self, bus: &Bus, service: &PubSubService<T>, publisher: u128) -> bool {
+        if self.current == Some(publisher) {
+            return true;
+        }
+        let known = self
+            .stranger
+            .is_some_and(|(stranger, at)| stranger == publisher && at.elapsed() < REMEMBERED);
+        if !known {
+            let ports = ports(service);
+            let holder = role_holder(bus.domain(), bus.robot(), Role::Identifier);
+            match choose(&ports, holder, self.current, publisher) {
+                None => {
+                    (self.current, self.stranger) = (Some(publisher), None);
+                    return true;
+                }
+                Some((_, pid)) => {
+                    self.stranger = Some((publisher, Instant::now()));
+                    self.tell(T::TOPIC, &ports, publisher, pid);
+                }
+            }
+        }
+        self.count = self.count.saturating_add(1);
+        false
+    }
+
+    fn tell(&mut self, topic: Topic, ports: &[Port], publisher: u128, listened_to: Option<i32>) {
+        if self.told == Some(publisher) {
+            return;
+        }
+        self.told = Some(publisher);
+        let name = |pid: Option<i32>| pid.map_or("unknown".to_owned(), |pid| pid.to_string());
+        let stranger = ports.iter().find(|(id, _)| *id == publisher).and_then(|(_, pid)| *pid);
+        tracing::warn!(
+            "topic {topic}: process {} publishes beside the identifier, process {}; its messages are left out",
+            name(stranger),
+            name(listened_to)
+        );
+    }
+
+    pub(super) fn count(&self) -> u64 {
+        self.count
+    }
+}
+
+/// Who is listened to instead of `publisher`; `None` where that one is.
+fn choose(ports: &[Port], holder: Option<i32>, current: Option<u128>, publisher: u128) -> Option<Port> {
+    let of_holder = |port: &&Port| holder.is_some() && port.1 == holder;
+    if ports.iter().any(|port| port.0 == publisher && of_holder(&port)) {
+        return None;
+    }
+    let instead = ports.iter().find(of_holder);
+    instead
+        .or_else(|| ports.iter().find(|port| Some(port.0) == current))
+        .copied()
+}
+
+/// The publishers of a topic whose processes live, as far as that can be seen.
+fn ports<T: Latched>(service: &PubSubService<T>) -> Vec<Port> {
+    let mut ports = Vec::new();
+    service.dynamic_config().list_publishers(|details| {
+        let pid = details.node_id.pid::<ipc::Service>().ok().map(|pid| pid.value());
+        if pid.is_none_or(exists) {
+            ports.push((details.publisher_id.value(), pid));
+        }
+        CallbackProgression::Continue
+    });
+    ports
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_the_identifier_is_listened_to_and_without_one_the_first_publisher_until_it_has_gone() {
+        const IDENTIFIER: Port = (1, Some(100));
+        const OTHER: Port = (2, Some(200));
+        const THIRD: Port = (3, Some(300));
+        let cases: [(&[Port], Option<i32>, Option<u128>, u128, Option<Port>); 9] = [
+            // the identifier, whoever was there first
+            (&[IDENTIFIER, OTHER], Some(100), None, 1, None),
+            (&[IDENTIFIER, OTHER], Some(100), Some(2), 1, None),
+            (&[IDENTIFIER, OTHER], Some(100), None, 2, Some(IDENTIFIER)),
+            (&[IDENTIFIER, OTHER], Some(100), Some(1), 2, Some(IDENTIFIER)),
+            // one that published and left at once
+            (&[IDENTIFIER], Some(100), Some(1), 2, Some(IDENTIFIER)),
+            // nobody holds the role, or its holder publishes nothing here
+            (&[OTHER], None, None, 2, None),
+            (&[OTHER, THIRD], Some(100), Some(2), 3, Some(OTHER)),
+            // the first one has gone
+            (&[THIRD], None, Some(2), 3, None),
+            // of one that has gone itself: what is left in the queue
+            (&[], None, None, 2, None),
+        ];
+        for (i, (ports, holder, current, publisher, instead)) in cases.into_iter().enumerate() {
+            assert_eq!(choose(ports, holder, current, publisher), instead, "case {i}");
+        }
+    }
+}

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use thetabus::service::{
     self, CommonArgs, CompareArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs,
-    MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, VERSION,
+    MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, TrialsArgs, VERSION,
 };
 
 /// On-line identification of a running machine's physical parameters
@@ -53,6 +53,9 @@ enum Command {
     /// Tools for configuration files
     #[command(subcommand)]
     Config(ConfigCommand),
+    /// Try the evidence on other arms, motions, sensors and disturbances; the tables of docs/trials.md
+    #[command(hide = true, after_help = EXIT_CODES)]
+    Trials(TrialsArgs),
     /// The simulated machine, as plant_simulator
     #[command(hide = true)]
     Plant(PlantArgs),
@@ -82,6 +85,7 @@ fn main() -> ExitCode {
     match Program::parse().command {
         Command::Run(args) => service::main_with(&args.plant.common, |shutdown| service::launch(&args, shutdown)),
         Command::Compare(args) => service::main_with(&args.common, |shutdown| service::compare(&args, shutdown)),
+        Command::Trials(args) => service::main_with(&args.common, |shutdown| service::trials(&args, shutdown)),
         Command::Identify(args) => service::main_with(&args.common, |shutdown| service::identify(&args, shutdown)),
         Command::Replay(args) => service::main_with(&args.common, |shutdown| service::replay(&args, shutdown)),
         Command::Report(args) => {

@@ -10,7 +10,8 @@
 
 use std::time::Duration;
 use thetabus::bus::{Bus, Domain, Subscriber};
-use thetabus::messages::{Estimate, State};
+use thetabus::messages::{Estimate, ParameterNames, State};
+use thetabus::model::Manipulator;
 use thetabus::node::monitor::seconds;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -18,20 +19,26 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let domain = Domain::new(&arguments.next().unwrap_or("default".into()))?;
     let robot = arguments.next().unwrap_or("arm".into());
     let bus = Bus::join(&domain, &robot, "subscribe_example")?;
+    // The example is about the arm; of another model `thetabus ctl describe` tells the names.
+    let names = ParameterNames::of(&Manipulator::default());
     let mut estimates = Subscriber::<Estimate>::new(&bus)?;
     loop {
         // Sleeps until the identifier publishes; the limit lets the subscriber meet an identifier that starts later.
         estimates.wait(Duration::from_millis(100))?;
         estimates.drain(|estimate| {
-            let theta = &estimate.theta[..estimate.params as usize];
             let state = State::from_wire(estimate.state).map_or("unknown", State::name);
-            // A controller takes θ̂ over only where `use_ok` is 1.
-            println!(
-                "block {} at {:.3} s, {state}, use_ok {}: {theta:?}",
+            print!(
+                "block {} at {:.3} s, {state}:",
                 estimate.block,
-                seconds(estimate.t_last_ns),
-                estimate.use_ok
+                seconds(estimate.t_last_ns)
             );
+            // A controller takes over only what may be used.
+            for name in names.as_slice() {
+                if let Some(parameter) = estimate.usable(&names, name) {
+                    print!("  {name} = {:.6} ± {:.1e}", parameter.value, parameter.std);
+                }
+            }
+            println!();
         })?;
     }
 }

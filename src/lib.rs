@@ -66,6 +66,8 @@ pub mod compare;
 #[cfg(feature = "config")]
 pub mod config;
 pub mod estimator;
+#[cfg(feature = "recording")]
+mod files;
 pub mod messages;
 pub mod model;
 pub mod node;

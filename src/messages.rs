@@ -8,16 +8,18 @@
 mod control;
 mod status;
 mod text;
+mod usable;
 
 pub use control::{
     Command, DATA, Item, Journal, MAX_ITEMS, MAX_PARTS, NAME, Parts, RESPONSE_TEXT, Request, Response, UNIT, item_kind,
-    request_flags, response_code,
+    request_flags, response_code, stream_tag,
 };
 
 pub use status::{
     ERROR_TEXT, ErrorCode, LastError, ProcessStatus, RealtimeStatus, Status, StreamFaults, Timing, status_flags,
 };
 pub use text::{put_text, text_of};
+pub use usable::{ParameterNames, Usable};
 
 use crate::model::{JointSample, MAX_JOINTS, MAX_PARAMS};
 #[cfg(feature = "bus")]
@@ -25,7 +27,7 @@ use iceoryx2::prelude::ZeroCopySend;
 use std::mem::{offset_of, size_of};
 
 /// Version of all payloads below; part of each type name and of the user header.
-pub const SCHEMA_VERSION: u32 = 1;
+pub const SCHEMA_VERSION: u32 = 2;
 /// The most derived values that an estimate can carry.
 pub const MAX_DERIVED: usize = 8;
 
@@ -78,7 +80,7 @@ pub mod estimate_flags {
 /// User header of every message.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusHeaderV1"))]
+#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusHeaderV2"))]
 pub struct Header {
     /// [`SCHEMA_VERSION`] of the sender.
     pub schema: u32,
@@ -91,7 +93,7 @@ pub struct Header {
 /// Topic `sample`: joints, setpoint and input of one instant.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusSampleV1"))]
+#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusSampleV2"))]
 pub struct Sample {
     /// Random number drawn at each start of the publisher.
     pub boot_id: u64,
@@ -182,10 +184,12 @@ pub enum State {
     Invalid = 7,
     /// The stream ended and everything received has been processed (status only).
     Ended = 8,
+    /// The model does not fit the block: residuals beyond the noise, signals that it does not explain, or a bound that the data push against.
+    Misfit = 9,
 }
 
 impl State {
-    const ALL: [(Self, &'static str); 9] = [
+    const ALL: [(Self, &'static str); 10] = [
         (Self::Collecting, "collecting"),
         (Self::Converging, "converging"),
         (Self::Converged, "converged"),
@@ -195,6 +199,7 @@ impl State {
         (Self::Degraded, "degraded"),
         (Self::Invalid, "invalid"),
         (Self::Ended, "ended"),
+        (Self::Misfit, "misfit"),
     ];
 
     /// The name as in files and tables.
@@ -211,7 +216,7 @@ impl State {
 /// Topic `estimate`: θ̂ with its evidence, once per block.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusEstimateV1"))]
+#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusEstimateV2"))]
 pub struct Estimate {
     /// `boot_id` of the sample stream.
     pub boot_id: u64,
@@ -233,7 +238,7 @@ pub struct Estimate {
     pub rejected: u64,
     /// Bit i: the block's data informed on parameter i.
     pub excited: u64,
-    /// Bit i: parameter i is known well enough to be used.
+    /// Bit i: parameter i is known from data and well enough to be used, if `use_ok` is 1, too. What both mean stands at [`Self::is_usable`].
     pub usable: u64,
     /// Bit i: parameter i is held by configuration or command.
     pub fixed: u64,
@@ -241,7 +246,7 @@ pub struct Estimate {
     pub t_change_ns: u64,
     /// [`State`].
     pub state: u32,
-    /// 1 where controllers may use θ̂, else 0.
+    /// 1 if controllers may use what is marked in `usable`, else 0; see [`Self::is_usable`].
     pub use_ok: u32,
     /// [`estimate_flags`].
     pub flags: u32,
@@ -253,7 +258,7 @@ pub struct Estimate {
     pub derived_len: u32,
     /// Gauss-Newton iterations of this block.
     pub iterations: u32,
-    /// Rows of this block treated as outliers.
+    /// Rows of this block treated as outliers, and samples replaced because they were spikes.
     pub outliers: u32,
     /// Condition number of the column-scaled information, `inf` where singular.
     pub condition: f64,
@@ -261,6 +266,12 @@ pub struct Estimate {
     pub innovation_rms: [f64; MAX_JOINTS],
     /// Root mean square of the residual f(θ̂ after the update), per equation.
     pub residual_rms: [f64; MAX_JOINTS],
+    /// χ² of the whitened residuals over their number, per equation: 1 on average if the block fits.
+    pub fit: [f64; MAX_JOINTS],
+    /// Share of the signal's power that the model explains, per equation, in the last block in which the signal stood out of the noise.
+    pub explained: [f64; MAX_JOINTS],
+    /// Probability of residuals as large as these, in the block or in its last part, if the model is right: below 1e-4 it is a misfit.
+    pub fit_probability: f64,
     /// θ̂, in the units of the model.
     pub theta: [f64; MAX_PARAMS],
     /// Standard deviation of θ̂; `NaN` where the estimator gives none.
@@ -271,15 +282,53 @@ pub struct Estimate {
     pub derived_std: [f64; MAX_DERIVED],
 }
 
+impl Estimate {
+    /// An estimate of nothing: zeros, to be filled.
+    pub const EMPTY: Self = Self {
+        boot_id: 0,
+        block: 0,
+        t_first_ns: 0,
+        t_last_ns: 0,
+        model_hash: 0,
+        config_hash: 0,
+        accepted: 0,
+        missing: 0,
+        rejected: 0,
+        excited: 0,
+        usable: 0,
+        fixed: 0,
+        t_change_ns: 0,
+        state: 0,
+        use_ok: 0,
+        flags: 0,
+        params: 0,
+        equations: 0,
+        derived_len: 0,
+        iterations: 0,
+        outliers: 0,
+        condition: 0.0,
+        innovation_rms: [0.0; MAX_JOINTS],
+        residual_rms: [0.0; MAX_JOINTS],
+        fit: [0.0; MAX_JOINTS],
+        explained: [0.0; MAX_JOINTS],
+        fit_probability: 0.0,
+        theta: [0.0; MAX_PARAMS],
+        theta_std: [0.0; MAX_PARAMS],
+        derived: [0.0; MAX_DERIVED],
+        derived_std: [0.0; MAX_DERIVED],
+    };
+}
+
 // The layout is a contract with readers in other languages: a change here is a new schema version.
 const _: () = {
     assert!(size_of::<Header>() == 16);
     assert!(size_of::<Sample>() == 40 + 6 * 8 * MAX_JOINTS);
     assert!(offset_of!(Sample, q) == 40);
     assert!(
-        size_of::<Estimate>() == 13 * 8 + 8 * 4 + 8 + 2 * 8 * MAX_JOINTS + 2 * 8 * MAX_PARAMS + 2 * 8 * MAX_DERIVED
+        size_of::<Estimate>() == 13 * 8 + 8 * 4 + 2 * 8 + 4 * 8 * MAX_JOINTS + 2 * 8 * MAX_PARAMS + 2 * 8 * MAX_DERIVED
     );
     assert!(offset_of!(Estimate, state) == 104);
     assert!(offset_of!(Estimate, condition) == 136);
-    assert!(offset_of!(Estimate, theta) == 144 + 2 * 8 * MAX_JOINTS);
+    assert!(offset_of!(Estimate, fit) == 144 + 2 * 8 * MAX_JOINTS);
+    assert!(offset_of!(Estimate, theta) == 152 + 4 * 8 * MAX_JOINTS);
 };

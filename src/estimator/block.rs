@@ -4,11 +4,14 @@
 //! together. See `group.rs`, `fit.rs` and `change.rs` for the equations.
 
 use super::change::locate;
+use super::evidence::explained;
 use super::fit::Fit;
+use super::fit_statistic::{self, EquationFit, MISFIT, NoiseLevel};
 use super::group::GroupState;
 use super::options::{ChangeDetection, EstimatorError, EstimatorOptions};
 use super::persist::{EstimatorState, Load, Save, StateError, Visit};
 use super::relation::Published;
+use super::score_test::{ScoreTest, Suspicion};
 use super::{Residuals, StateMachine, Structure};
 use std::ops::Range;
 
@@ -62,8 +65,23 @@ pub struct Report {
     pub excitation: Vec<f64>,
     /// Bit i: the block informed on parameter i, to a third of its size at least.
     pub excited: u64,
-    /// Bit i: three standard deviations of parameter i are below 3 %, and no change was seen in this block or the one before.
+    /// Bit i: parameter i is known from data. Three standard deviations of it are below 3 %, by what the data since the last change say; its group of
+    /// equations showed no change in this block or the one before, and both fit in each of its equations; no parameter of its group is
+    /// held by a bound against the data. A fixed parameter is nobody's finding and never usable.
     pub usable: u64,
+    /// χ² of the whitened residuals over their number, per equation, see `fit_statistic.rs`: 1 on average if the block fits. Relative to the noise
+    /// that was told, otherwise to the level that was learnt before the block.
+    pub fit: Vec<f64>,
+    /// Probability of residuals as large as these, in the block or in its last part, if the model is right; below 1e-4 the block does not fit.
+    pub fit_probability: f64,
+    /// Bit e: the block does not fit in equation e.
+    pub misfit: u64,
+    /// Share of the power of the equation's signal that the model explains, of the last block in which it stood out of the noise; 0 before.
+    pub explained: Vec<f64>,
+    /// Bit i: parameter i sits on a bound and the data push it outwards, or another one of its group does.
+    pub pressed: u64,
+    /// True once the data have informed on more than half of the directions of the free parameters, in every group of equations.
+    pub informed: bool,
     /// Bit i: parameter i is fixed.
     pub fixed: u64,
     /// Blocks taken so far, this one included.
@@ -84,6 +102,8 @@ pub struct Report {
     pub change_probability: f64,
     /// The change found in this block.
     pub change: Option<Change>,
+    /// The likeliest term that the model lacks, where the residuals speak for one.
+    pub suspicion: Option<Suspicion>,
     /// Why there is no new estimate.
     pub held: Option<Held>,
 }
@@ -114,7 +134,11 @@ pub struct BlockEstimator {
     since_change: u32,
     /// Blocks in a row in which a line that is followed did not move for sure.
     still: u32,
+    score_test: ScoreTest,
     published: Published,
+    /// Rows of the block that the estimate is of.
+    used: Range<usize>,
+    regressor: Vec<f64>,
     report: Report,
 }
 
@@ -159,6 +183,12 @@ impl BlockEstimator {
             excitation: vec![0.0; params],
             excited: 0,
             usable: 0,
+            fit: vec![1.0; equations],
+            fit_probability: 1.0,
+            misfit: 0,
+            explained: vec![0.0; equations],
+            pressed: 0,
+            informed: false,
             fixed: 0,
             blocks: 0,
             rows: 0,
@@ -169,6 +199,7 @@ impl BlockEstimator {
             condition: 1.0,
             change_probability: 1.0,
             change: None,
+            suspicion: None,
             held: None,
         };
         let mut estimator = Self {
@@ -181,8 +212,12 @@ impl BlockEstimator {
             groups,
             since_change: u32::MAX,
             still: 0,
+            used: 0..0,
+            regressor: vec![0.0; params],
+            score_test: ScoreTest::new(equations),
             report,
         };
+        estimator.explain_nothing();
         estimator.describe();
         Ok(estimator)
     }
@@ -207,17 +242,40 @@ impl BlockEstimator {
         &self.report
     }
 
-    /// Back to the start values and to knowing nothing. Allocates: no part of the step.
+    /// Back to the start values and to knowing nothing. Allocates nothing.
     pub fn reset(&mut self) {
-        for (state, group) in self.groups.iter_mut().zip(self.structure.groups()) {
-            *state = GroupState::new(&group, &self.structure, &self.options);
-        }
         self.theta.copy_from_slice(&self.options.theta_start);
-        self.since_change = u32::MAX;
-        self.report.blocks = 0;
-        self.report.change = None;
-        self.report.change_probability = 1.0;
+        self.forget();
+    }
+
+    /// Forgets everything and starts at θ, clamped to the bounds; options stay. Allocates nothing.
+    pub fn restart(&mut self, theta: &[f64]) {
+        for (i, (own, value)) in self.theta.iter_mut().zip(theta).enumerate() {
+            *own = value.clamp(self.options.lower[i], self.options.upper[i]);
+        }
+        self.forget();
+    }
+
+    fn forget(&mut self) {
+        for group in &mut self.groups {
+            group.forget(&self.theta, &self.options);
+        }
+        (self.since_change, self.still) = (u32::MAX, 0);
+        let report = &mut self.report;
+        (report.blocks, report.change, report.change_probability) = (0, None, 1.0);
+        (report.misfit, report.pressed, report.fit_probability) = (0, 0, 1.0);
+        report.fit.fill(1.0);
+        report.suspicion = None;
+        self.score_test.reset();
+        self.explain_nothing();
         self.describe();
+    }
+
+    // an equation without parameters has nothing to explain
+    fn explain_nothing(&mut self) {
+        for (explained, own) in self.report.explained.iter_mut().zip(&self.structure.equations) {
+            *explained = if own.is_empty() { 1.0 } else { 0.0 };
+        }
     }
 
     /// What goes from block to block; see `persist.rs`.
@@ -230,6 +288,8 @@ impl BlockEstimator {
         for group in &mut self.groups {
             group.visit(v);
         }
+        v.reals(&mut self.report.explained);
+        self.score_test.visit(v);
     }
 
     /// Copies out what the estimator and its judge need to go on exactly as they would have; allocates only where `into` has no room.
@@ -326,6 +386,7 @@ impl BlockEstimator {
             let i = index - group.parameters.start;
             group.fixed[i] = value.is_some();
             group.forget_parameter(i, self.options.information_floor);
+            group.confirmation.begin(&self.theta[group.parameters.clone()]);
         }
         self.describe();
         true
@@ -380,7 +441,7 @@ impl BlockEstimator {
         let mut variance = 0.0;
         for (i, s) in terms {
             for (j, t) in terms {
-                let covariance = self.entry(i, j, |k| &self.groups[k].covariance);
+                let covariance = self.entry(i, j, |k| &self.groups[k].honest);
                 variance += s * t * covariance / (theta[i] * theta[j]);
             }
         }
@@ -391,11 +452,16 @@ impl BlockEstimator {
     ///
     /// An empty block, and one whose rows are not finite, leaves everything as it is and says so in [`Report::held`].
     pub fn update<R: Residuals>(&mut self, rows: &R) -> &Report {
+        if let (0, Some(start), 2..) = (self.report.blocks, rows.start(), self.options.max_iterations) {
+            self.begin_at(start);
+        }
         let report = &mut self.report;
         report.rows = rows.len();
         report.blocks += 1;
         (report.held, report.change, report.change_probability) = (None, None, 1.0);
         (report.iterations, report.converged, report.outliers) = (0, true, 0);
+        (report.misfit, report.pressed, report.fit_probability) = (0, 0, 1.0);
+        self.used = 0..rows.len();
         self.since_change = self.since_change.saturating_add(1);
         self.before.copy_from_slice(&self.theta);
         // all groups or none: half a block would be no estimate of the plant
@@ -419,6 +485,7 @@ impl BlockEstimator {
         let single = self.options.max_iterations == 1;
         for group in &mut self.groups {
             group.since_alarm = group.since_alarm.saturating_add(1);
+            group.considered.begin(rows);
             group.begin(rows, &self.theta, &self.options);
         }
         let (mut lines, broken) = self.follow(rows);
@@ -435,6 +502,14 @@ impl BlockEstimator {
                 note(&mut self.report, fit);
             }
         }
+        // with one iteration the sums are those at θ̄
+        let at = if single { &self.before } else { &self.theta };
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            if lines >> k & 1 == 0 {
+                group.suspect(rows, 0..rows.len(), at);
+                group.look_for_change(at);
+            }
+        }
         if let Some(detection) = self.options.change_detection {
             lines |= self.watch(rows, lines, detection);
             if broken {
@@ -444,38 +519,144 @@ impl BlockEstimator {
                     ..change
                 });
                 self.since_change = 0;
+                self.doubt_everything();
             }
         }
+        // the sums of a single step belong to θ̄
+        let before = single && self.report.change.is_none();
+        self.judge_fit(rows, lines, before);
+        self.score_test.begin();
+        let changed = self.report.change.is_some();
         for (k, group) in self.groups.iter_mut().enumerate() {
+            let own = group.parameters.clone();
+            let fits = group.equations.iter().all(|e| self.report.misfit >> e.index & 1 == 0);
+            group.since_misfit = if fits { group.since_misfit.saturating_add(1) } else { 0 };
             if lines >> k & 1 == 1 {
+                group.suspect_line(rows, &mut self.later);
                 group.conclude_line(&self.theta, &self.options);
+                // what moves is known only by the block itself
+                group.confirmation.restart(&self.theta[own]);
+                if fits {
+                    group.confirmation.take(&group.equations, &group.at, None, 1.0);
+                }
+                group.clusters.end(true, group.noise_is_told(), |_| 0.0);
                 continue;
+            }
+            if changed {
+                group.suspect(rows, self.used.clone(), &self.theta);
             }
             // the sums of a single step belong to θ̄, as (9) has them; the residual after the step is evidence
             let stepped = single && self.report.change.is_none() && group.try_at(rows, 0..rows.len(), &self.theta);
             group.conclude(&self.theta, stepped, &self.options);
+            if fits {
+                let linearised = if before { &self.before[own] } else { &self.theta[own] };
+                let lambda = self.options.forgetting_factor;
+                group
+                    .confirmation
+                    .take(&group.equations, &group.at, Some(linearised), lambda);
+            }
             if stepped {
                 std::mem::swap(&mut group.at, &mut group.trial);
+            }
+            let (misfit, freedom, unit) = group.misfit();
+            let told = group.noise_is_told();
+            let excitation = &group.excitation;
+            group.clusters.end(changed, told, |i| excitation.share(i));
+            self.score_test
+                .take(&group.considered.scores, unit, misfit, freedom, told);
+        }
+        self.score_test.end();
+        self.report.suspicion = self.score_test.likeliest();
+        for group in &mut self.groups {
+            for (s, found) in group.considered.found.iter_mut().enumerate() {
+                *found = self.score_test.believed(s);
             }
         }
         self.describe();
         &self.report
     }
 
+    /// Moves the free parameters of an estimator that has seen nothing.
+    fn begin_at(&mut self, start: &[f64]) {
+        for (i, (theta, value)) in self.theta.iter_mut().zip(start).enumerate() {
+            if !self.options.fixed[i] {
+                *theta = value.clamp(self.options.lower[i], self.options.upper[i]);
+            }
+        }
+        for group in &mut self.groups {
+            group.confirmation.begin(&self.theta[group.parameters.clone()]);
+        }
+    }
+
+    /// The plant has changed: nothing is confirmed any more, in no group.
+    fn doubt_everything(&mut self) {
+        for group in &mut self.groups {
+            let own = group.parameters.clone();
+            group.confirmation.restart(&self.theta[own]);
+        }
+    }
+
+    /// Judges how well the block fits at θ̂, see `fit_statistic.rs` and `evidence.rs`; `before`: the sums were taken at θ̄.
+    fn judge_fit<R: Residuals>(&mut self, rows: &R, lines: u64, before: bool) {
+        let mut tests = 0;
+        let mut tails = [1.0f64; 64];
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            let line = lines >> k & 1 == 1;
+            for (e, sums) in group.equations.iter().zip(&group.at) {
+                let told = e.floor > 0.0;
+                let level = NoiseLevel {
+                    variance: if told { e.floor * e.floor } else { e.variance },
+                    freedom: if told { f64::INFINITY } else { e.freedom },
+                };
+                let fit = if line {
+                    EquationFit::of_line(sums, level)
+                } else {
+                    fit_statistic::judge(
+                        rows,
+                        e.index,
+                        self.used.clone(),
+                        &self.theta,
+                        e.own.clone(),
+                        e.divisor,
+                        e.loss,
+                        level,
+                        &mut self.regressor[..e.own.len()],
+                    )
+                };
+                tests += fit.tests;
+                tails[e.index % 64] = fit.tail;
+                self.report.fit[e.index] = fit.ratio;
+                if let Some(share) = explained(&fit, level) {
+                    self.report.explained[e.index] = share;
+                }
+            }
+            let linearised = if before { &self.before } else { &self.theta };
+            let pressed = match line {
+                true => group.line_is_pressed(),
+                false => group.is_pressed(&self.theta, linearised),
+            };
+            if pressed {
+                self.report.pressed |= group.parameters.clone().fold(0, |mask, i| mask | 1 << i);
+            }
+        }
+        for (e, tail) in tails.into_iter().enumerate().take(self.structure.equations.len()) {
+            let probability = (tail * tests.max(1) as f64).min(1.0);
+            self.report.fit_probability = self.report.fit_probability.min(probability);
+            self.report.misfit |= u64::from(probability < MISFIT) << e;
+        }
+    }
+
     /// Tests the groups that follow no line, and where one raises an alarm finds out what happened and fits anew. Returns the
     /// groups that now follow a line.
     fn watch<R: Residuals>(&mut self, rows: &R, lines: u64, detection: ChangeDetection) -> u64 {
         let level = detection.false_alarm_rate / self.groups.len() as f64;
-        // with one iteration the sums are those at θ̄
-        let single = self.options.max_iterations == 1;
-        let at = if single { &self.before } else { &self.theta };
         let (mut joined, mut smallest) = (0u64, 1.0f64);
         let (mut alarm, mut known) = (false, false);
         for (k, group) in self.groups.iter_mut().enumerate() {
             if lines >> k & 1 == 1 {
                 continue;
             }
-            let probability = group.change_probability(at);
+            let probability = group.probability;
             smallest = smallest.min(probability);
             let another = group.is_another_plant(&self.options);
             let raised = probability < level || another;
@@ -521,6 +702,7 @@ impl BlockEstimator {
         if change.kind != ChangeKind::Drift {
             self.since_change = 0;
         }
+        self.doubt_everything();
         self.report.change = Some(change);
         let mut started = 0;
         if change.kind == ChangeKind::Drift {
@@ -718,6 +900,7 @@ impl BlockEstimator {
             ChangeKind::Between | ChangeKind::Drift => 0,
         };
         (self.report.iterations, self.report.converged) = (0, true);
+        self.used = from..rows.len();
         for (k, group) in self.groups.iter_mut().enumerate() {
             let range = from..rows.len();
             if joined >> k & 1 == 0 {
@@ -748,12 +931,22 @@ impl BlockEstimator {
     }
 
     fn describe(&mut self) {
+        for group in &mut self.groups {
+            group.publish(&self.theta);
+        }
         self.published.take(&self.theta, &self.groups, &self.options.relations);
-        let quiet = self.since_change > 1;
+        self.report.informed = self.groups.iter().all(|g| g.confirmation.is_informed());
+        let since_change = self.since_change;
         let mut usable = 0;
         for i in 0..self.structure.params {
             let variance = self.covariance(i, i);
-            let known = self.groups.iter().any(|g| g.parameters.contains(&i));
+            let group = self.groups.iter().find(|g| g.parameters.contains(&i));
+            let known = group.is_some();
+            // who had no part in a change is confirmed by the data since then alone
+            let quiet = since_change > 1 || since_change == 1 && group.is_some_and(|g| g.since_alarm > 1);
+            // rows that did not fit are in the estimate: the next block has to show that they did no harm
+            let fits = group.is_none_or(|g| g.since_misfit > 1);
+            let free = self.report.pressed >> i & 1 == 0 && !self.options.fixed[i];
             // a parameter of no equation stays what it was
             let std = if known {
                 variance.max(0.0).sqrt()
@@ -762,7 +955,7 @@ impl BlockEstimator {
             };
             self.report.theta_std[i] = std;
             let small = 3.0 * std < Self::USABLE * self.published.theta[i].abs();
-            usable |= u64::from(small && quiet) << i;
+            usable |= u64::from(small && quiet && fits && free) << i;
         }
         let report = &mut self.report;
         report.theta.copy_from_slice(&self.published.theta);

@@ -14,7 +14,7 @@
 //! T = Σ_k (q_kᵀ Lᵀ A d)² / (b_k (1 + b_k))
 //! ```
 //!
-//! a sum of squares without cancellation, in which a direction without excitation (b_k = 0) has no part. The start value is only a guess and
+//! (less what considered errors explain of it, `considered.rs`,) a sum of squares without cancellation, in which a direction without excitation (b_k = 0) has no part. The start value is only a guess and
 //! enters P a hundredfold: to be wrong about it is not a change of the plant.
 //!
 //! **Kind.** On an alarm the block is fitted alone. Where that fit leaves no more than noise, nothing changed inside the block: all of it
@@ -35,7 +35,7 @@ use super::group::{EquationState, GroupState, TINY};
 use super::linalg::{dot, gather, mul_vec};
 use super::line::{LineFit, LinePrior};
 use super::options::{EstimatorOptions, Outliers};
-use super::pass::{Loss, Sums, accumulate};
+use super::pass::{Loss, Sums, accumulate, used};
 use super::stats::f_tail;
 use super::{Forward, Residuals};
 use std::ops::Range;
@@ -54,9 +54,14 @@ const GATED: f64 = 0.1;
 pub const GRID: usize = 64;
 
 impl GroupState {
+    /// Compares the block with the past, see [`change_probability`](Self::change_probability); `at` holds the sums at `theta`.
+    pub fn look_for_change(&mut self, theta: &[f64]) {
+        self.probability = self.change_probability(theta);
+    }
+
     /// Probability of a T as large as this block's, were the plant unchanged; 1 where there is nothing to compare with.
     /// `at` holds the sums at `theta`.
-    pub fn change_probability(&mut self, theta: &[f64]) -> f64 {
+    fn change_probability(&mut self, theta: &[f64]) -> f64 {
         let n = self.n;
         let freedom: f64 = self.equations.iter().map(|e| e.freedom).sum();
         if self.blocks == 0 || freedom < 1.0 {
@@ -117,16 +122,52 @@ impl GroupState {
         }
         self.eigen.decompose(n, &room.transition);
         let largest = self.eigen.values[..n].iter().fold(0.0, |a: f64, &b| a.max(b));
-        let (mut t, mut directions) = (0.0, 0.0);
+        let (mut t, mut rank) = (0.0, 0);
+        let (eigen, clusters, root) = (&self.eigen, &mut self.clusters, &room.a);
+        clusters.begin();
+        room.gradient.fill(0.0);
         for k in 0..n {
-            let b = self.eigen.values[k];
+            let b = eigen.values[k];
             if b > 1e-6 && b > 1e-12 * largest {
-                let c: f64 = (0..n).map(|i| self.eigen.vectors[i * n + k] * room.offset[i]).sum();
-                t += c * c / (b * (1.0 + b));
-                directions += 1.0;
+                let c: f64 = (0..n).map(|i| eigen.vectors[i * n + k] * room.offset[i]).sum();
+                clusters.add(b, c, |i| {
+                    (0..n).map(|j| root[i * n + j] * eigen.vectors[j * n + k]).sum()
+                });
+                let unit = c / (b * (1.0 + b)).sqrt();
+                t += unit * unit;
+                room.gradient[rank] = unit;
+                rank += 1;
             }
         }
-        if directions == 0.0 {
+        // a considered error moves the estimate with the motion, and that is no change
+        let variance = self
+            .at
+            .iter()
+            .zip(&self.equations)
+            .fold((0.0, 0.0), |(sum, rows), (s, e)| {
+                (sum + e.variance * s.rows as f64, rows + s.rows as f64)
+            });
+        let variance = (variance.0 / variance.1.max(1.0)).max(TINY);
+        t -= self
+            .considered
+            .explained(&room.gradient[..rank], variance, &room.total, |w, image| {
+                let mut place = 0;
+                for k in 0..n {
+                    let b = eigen.values[k];
+                    if b > 1e-6 && b > 1e-12 * largest {
+                        let along: f64 = (0..n)
+                            .map(|j| {
+                                let own: f64 = (0..n).map(|i| root[i * n + j] * w[i]).sum();
+                                eigen.vectors[j * n + k] * own
+                            })
+                            .sum();
+                        image[place] = along / (b * (1.0 + b)).sqrt();
+                        place += 1;
+                    }
+                }
+            });
+        let (t, directions) = (t.max(0.0), rank as f64);
+        if rank == 0 {
             1.0
         } else {
             f_tail(t / directions, directions, freedom.min(MANY))
@@ -517,7 +558,9 @@ pub fn locate<R: Residuals>(
             group.prior_weak();
             group.segment_costs(rows, whole.clone(), later, boundaries, true, costs);
             for (cost, boundary) in costs.iter_mut().zip(boundaries) {
-                *cost += ((boundary.after - boundary.before) * group.equations.len()) as f64;
+                let straddling = boundary.before..boundary.after;
+                let count = |e: &EquationState| used(rows, e.index, straddling.clone());
+                *cost += group.equations.iter().map(count).sum::<usize>() as f64;
             }
         }
         let mut best = 0;

@@ -41,6 +41,12 @@ impl Excitation {
     /// Eigenvalue from which a direction is strongly excited: the block alone finds it to within 10 %.
     const STRONG: f64 = 100.0;
 
+    /// Back to nothing excited.
+    pub fn clear(&mut self) {
+        (self.rank, self.strong) = (0, 0);
+        self.shares.fill(0.0);
+    }
+
     /// Room for n parameters.
     pub fn new(n: usize) -> Self {
         Self {

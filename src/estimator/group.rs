@@ -21,6 +21,9 @@
 //! σ_e² is the residuals' sum of squares over their degrees of freedom, rows less tr(K S_e), both forgotten with λ: a block that a
 //! strong prior holds is charged less than one parameter per parameter. It never goes below the floor of the options.
 
+use super::clusters::Clusters;
+use super::confirmation::Confirmation;
+use super::considered::Considered;
 use super::constrained::ConstrainedStep;
 use super::forgetting::{Excitation, Rule};
 use super::linalg::{Cholesky, Congruence, Eigen, RANK_TOLERANCE, gather, mul, scatter};
@@ -42,7 +45,7 @@ pub struct EquationState {
     /// Its first parameter in the group.
     pub offset: usize,
     pub divisor: f64,
-    floor: f64,
+    pub floor: f64,
     /// Forgotten sum of squares of the residuals and its degrees of freedom.
     spread: f64,
     pub freedom: f64,
@@ -91,6 +94,12 @@ pub struct GroupState {
     pub change_covariance: Vec<f64>,
     /// Total, weighted with the noise variances, n × n.
     pub covariance: Vec<f64>,
+    /// What is published: the total, widened by repeats that disagree and by considered errors, n × n.
+    pub honest: Vec<f64>,
+    /// Probability of the last block, were the plant unchanged.
+    pub probability: f64,
+    pub clusters: Clusters,
+    pub considered: Considered,
     /// True while the parameters move along a line, with its slope per block and the variance of that.
     pub drifting: bool,
     pub slope: Vec<f64>,
@@ -99,12 +108,16 @@ pub struct GroupState {
     /// Blocks that this group was updated with, and how many since its last alarm.
     pub blocks: u64,
     pub since_alarm: u32,
+    /// Blocks since the last one that did not fit in one of its equations.
+    pub since_misfit: u32,
     pub fixed: Vec<bool>,
     pub lower: Vec<f64>,
     pub upper: Vec<f64>,
     pub start_std: Vec<f64>,
     /// What the last block informed on.
     pub excitation: Excitation,
+    /// What the data since the last change say, and the covariance that may be published.
+    pub confirmation: Confirmation,
     /// Condition number of the column-scaled information.
     pub condition: f64,
     /// Λ and θ̄ of the present fit.
@@ -192,17 +205,23 @@ impl GroupState {
             guess_covariance: vec![0.0; n * n],
             change_covariance: vec![0.0; n * n],
             covariance: vec![0.0; n * n],
+            honest: vec![0.0; n * n],
+            probability: 1.0,
+            clusters: Clusters::new(n),
+            considered: Considered::new(n, structure.equations.len()),
             drifting: false,
             slope: vec![0.0; n],
             slope_variance: vec![0.0; n],
             line: LineFit::new(n, structure.params, equations.len()),
             blocks: 0,
             since_alarm: u32::MAX,
+            since_misfit: u32::MAX,
             fixed: options.fixed[parameters.clone()].to_vec(),
             lower: options.lower[parameters.clone()].to_vec(),
             upper: options.upper[parameters.clone()].to_vec(),
             start_std: options.start_std[parameters.clone()].to_vec(),
             excitation: Excitation::new(n),
+            confirmation: Confirmation::new(n),
             condition: 1.0,
             prior: vec![0.0; n * n],
             centre: vec![0.0; n],
@@ -221,6 +240,8 @@ impl GroupState {
         for i in 0..n {
             state.forget_parameter(i, options.information_floor);
         }
+        let start = &options.theta_start[state.parameters.clone()];
+        state.confirmation.begin(start);
         state
     }
 
@@ -237,9 +258,13 @@ impl GroupState {
             v.reals(matrix);
         }
         self.line.visit(v);
+        self.confirmation.visit(v);
+        self.clusters.visit(v);
+        self.considered.visit(v);
         v.flag(&mut self.drifting);
         v.count(&mut self.blocks);
         v.small(&mut self.since_alarm);
+        v.small(&mut self.since_misfit);
         self.fixed.iter_mut().for_each(|fixed| v.flag(fixed));
         for e in &mut self.equations {
             for number in [&mut e.spread, &mut e.freedom, &mut e.variance, &mut e.scale] {
@@ -247,6 +272,24 @@ impl GroupState {
             }
             v.reals(&mut e.noise_covariance);
         }
+    }
+
+    /// Back to knowing nothing, in place; `theta` holds all parameters of the plant.
+    pub fn forget(&mut self, theta: &[f64], options: &EstimatorOptions) {
+        for i in 0..self.n {
+            self.fixed[i] = options.fixed[self.parameters.start + i];
+            self.forget_parameter(i, options.information_floor);
+        }
+        for e in &mut self.equations {
+            (e.spread, e.freedom, e.variance, e.scale) = (0.0, 0.0, 0.0, 0.0);
+        }
+        self.drifting = false;
+        self.slope.fill(0.0);
+        self.slope_variance.fill(0.0);
+        (self.blocks, self.since_alarm, self.since_misfit) = (0, u32::MAX, u32::MAX);
+        self.condition = 1.0;
+        self.excitation.clear();
+        self.confirmation.begin(&theta[self.parameters.clone()]);
     }
 
     /// Takes over what may be chosen anew at run time: λ and ε of the rule.
@@ -293,6 +336,8 @@ impl GroupState {
         for e in &mut self.equations {
             clear(&mut e.noise_covariance, 0.0);
         }
+        self.clusters.forget_parameter(i);
+        self.considered.forget_parameter(i);
     }
 
     /// Looks at the block from the present estimate: innovation and sums at θ̄. False where the rows are not finite there.
@@ -381,6 +426,19 @@ impl GroupState {
         } else {
             mul(n, &room.gain, &self.prior, &mut room.transition);
         }
+        room.total.fill(0.0);
+        add_grams(n, &self.equations, &self.at, &mut room.total);
+        for i in 0..n {
+            room.offset[i] = theta[self.parameters.start + i] - self.centre[i];
+        }
+        self.considered.step(
+            &room.gain,
+            &room.transition,
+            &room.total,
+            &self.equations,
+            &self.at,
+            &room.offset,
+        );
         for covariance in [&mut self.guess_covariance, &mut self.change_covariance] {
             self.congruence.apply(n, &room.transition, covariance, &mut room.b);
             covariance.copy_from_slice(&room.b);
@@ -507,6 +565,18 @@ impl GroupState {
         (0..self.n).any(|i| !self.fixed[i] && wide(i))
     }
 
+    /// Makes the covariance that may be published: P, widened by what the model may lack, of what the data since the last change confirm.
+    pub fn publish(&mut self, theta: &[f64]) {
+        self.honest.copy_from_slice(&self.covariance);
+        self.clusters.widen(&mut self.honest);
+        self.considered.widen(&mut self.honest);
+        for i in 0..self.n {
+            self.room.scale[i] = if self.fixed[i] { 0.0 } else { self.size(theta, i) };
+        }
+        let own = &theta[self.parameters.clone()];
+        self.confirmation.publish(own, &self.room.scale, &self.honest);
+    }
+
     /// Directions that the sums in `at` inform on.
     pub fn excite(&mut self, theta: &[f64]) {
         let n = self.n;
@@ -538,6 +608,44 @@ impl GroupState {
                 *c += e.variance * p;
             }
         }
+    }
+
+    /// Sums over the columns of considered errors, at `theta` and over the rows that the fit used.
+    pub fn suspect<R: Residuals>(&mut self, rows: &R, range: Range<usize>, theta: &[f64]) {
+        self.considered.accumulate(rows, range, theta, &self.equations);
+    }
+
+    /// The same where a line was fitted; `theta` is room for all parameters.
+    pub fn suspect_line<R: Residuals>(&mut self, rows: &R, theta: &mut [f64]) {
+        self.considered.step_line(
+            rows,
+            &self.equations,
+            &self.line,
+            &self.prior,
+            &self.fixed,
+            theta,
+            self.parameters.start,
+        );
+    }
+
+    /// True where no residual taught the noise level: it stands at the floor that the options tell.
+    pub fn noise_is_told(&self) -> bool {
+        self.equations.iter().all(|e| e.floor > 0.0)
+    }
+
+    /// χ² of the residuals in `at` and its degrees of freedom, in units of the noise that was told, or else of the learnt one; and that unit.
+    pub fn misfit(&self) -> (f64, f64, f64) {
+        let (mut misfit, mut freedom, mut unit, mut rows) = (0.0, 0.0, 0.0, 0.0);
+        let told = self.noise_is_told();
+        for (e, sums) in self.equations.iter().zip(&self.at) {
+            let variance = if told { e.floor * e.floor } else { e.variance.max(TINY) };
+            let own = (sums.rows - sums.outliers) as f64;
+            misfit += sums.cost / variance;
+            freedom += own - sums.params as f64;
+            unit += own * variance;
+            rows += own;
+        }
+        (misfit, freedom.max(0.0), if rows > 0.0 { unit / rows } else { 1.0 })
     }
 
     /// Λ = σ² P⁻¹ from the covariance as it is, for a fit whose prior is the honest one.

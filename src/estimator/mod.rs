@@ -15,8 +15,13 @@
 mod block;
 mod bound;
 mod change;
+mod clusters;
+mod confirmation;
+mod considered;
 mod constrained;
+mod evidence;
 mod fit;
+mod fit_statistic;
 mod forgetting;
 mod group;
 mod linalg;
@@ -27,15 +32,19 @@ mod pass;
 mod persist;
 mod relation;
 mod robust;
+mod score_test;
 mod state;
 mod stats;
 mod wrls;
 
 pub use block::{BlockEstimator, Change, ChangeKind, Held, Report};
 pub use bound::{CovarianceBound, Factor, Polynomial, Rational};
+pub use evidence::LEAST_EXPLAINED;
+pub use fit_statistic::MISFIT;
 pub use offline::{BatchReport, batch_least_squares};
 pub use options::{Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor};
 pub use persist::{EstimatorState, StateError};
+pub use score_test::Suspicion;
 pub use state::{Phase, StateMachine, Verdict};
 pub use wrls::{Wrls, WrlsError};
 
@@ -110,6 +119,16 @@ pub trait Residuals {
     fn span(&self, index: usize) -> (u64, u64) {
         (index as u64, index as u64)
     }
+    /// Where an estimator that has seen nothing had better begin than at its configured start; `None`, the default, if the rows know
+    /// no better place. All parameters of the plant.
+    fn start(&self) -> Option<&[f64]> {
+        None
+    }
+    /// False for a row that says nothing about its equation, because the equation does not hold there: a joint that friction holds at rest, for
+    /// one. Such a row reads residual 0 and regressor 0, and counts neither as a row nor as a degree of freedom. All are used by default.
+    fn is_used(&self, _equation: usize, _index: usize) -> bool {
+        true
+    }
     /// The row of a whitening that runs forwards in time, for sums over the start of a block.
     ///
     /// Overlapping rows are whitened: row `index` of [`row`](Self::row) depends on the windows `index..len()` only, so that a sum from any
@@ -119,6 +138,16 @@ pub trait Residuals {
     fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
         self.row(equation, index, theta, regressor)
     }
+    /// Number of errors of the model that the rows know a column for, at most 1 and 5 per equation; what is beyond is left aside.
+    fn suspects(&self) -> usize {
+        0
+    }
+    /// Standard deviation of an error's amplitude; 0 for one that is tested for and does not widen the covariance.
+    fn suspect_std(&self, _suspect: usize) -> f64 {
+        0.0
+    }
+    /// Writes d_s = ∂f/∂a_s of a row over the errors, whitened as [`row`](Self::row) is.
+    fn suspect_row(&self, _equation: usize, _index: usize, _columns: &mut [f64]) {}
 }
 
 /// The rows of a block in their forward form.
@@ -133,5 +162,8 @@ impl<R: Residuals> Residuals for Forward<'_, R> {
     }
     fn span(&self, index: usize) -> (u64, u64) {
         self.0.span(index)
+    }
+    fn is_used(&self, equation: usize, index: usize) -> bool {
+        self.0.is_used(equation, index)
     }
 }

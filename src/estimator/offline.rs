@@ -12,6 +12,7 @@
 use super::Residuals;
 use super::Structure;
 use super::options::EstimatorError;
+use super::pass::used;
 use nalgebra::{DMatrix, DVector, RowDVector};
 
 /// The answer of [`batch_least_squares`].
@@ -55,6 +56,8 @@ pub fn batch_least_squares<R: Residuals>(
     }
     let mut theta = theta_start.to_vec();
     let mut stack = Stack::new(structure, rows.len());
+    let left_out = |e: usize| rows.len() - used(rows, e, 0..rows.len());
+    stack.rows -= (0..structure.equations.len()).map(left_out).sum::<usize>();
     let mut cost = stack.fill(structure, rows, &theta);
     if !cost.is_finite() {
         let option = "residuals at theta_start";

@@ -25,7 +25,7 @@ pub struct Sums {
     pub size: f64,
     /// Rows treated as outliers.
     pub outliers: usize,
-    /// Rows.
+    /// Rows that are used.
     pub rows: usize,
 }
 
@@ -119,7 +119,7 @@ fn fixed<R: Residuals, const N: usize, const ROBUST: bool>(
     let mut score = [[0.0; LANES]; N];
     let (mut cost, mut outliers) = ([0.0; LANES], 0);
     let inverse = 1.0 / divisor;
-    let count = range.len();
+    let count = used(rows, equation, range.clone());
     let mut start = range.start;
     while start < range.end {
         let lanes = LANES.min(range.end - start);
@@ -175,6 +175,11 @@ fn fixed<R: Residuals, const N: usize, const ROBUST: bool>(
     sums.size = size(N, &sums.gram, &theta[own]);
 }
 
+/// Number of rows of an equation that are used.
+pub fn used<R: Residuals>(rows: &R, equation: usize, range: Range<usize>) -> usize {
+    range.filter(|&index| rows.is_used(equation, index)).count()
+}
+
 /// Rows that are summed side by side.
 const LANES: usize = 4;
 
@@ -198,7 +203,7 @@ fn general<R: Residuals>(
     let phi = &mut buffer[..n];
     sums.gram.fill(0.0);
     sums.score.fill(0.0);
-    (sums.cost, sums.outliers, sums.rows) = (0.0, 0, range.len());
+    (sums.cost, sums.outliers, sums.rows) = (0.0, 0, used(rows, equation, range.clone()));
     for index in range {
         let f = rows.row(equation, index, theta, phi) / divisor;
         phi.iter_mut().for_each(|x| *x /= divisor);

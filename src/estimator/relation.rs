@@ -40,7 +40,7 @@ impl Published {
         let largest = groups.iter().map(|g| g.n).max().unwrap_or(0);
         Self {
             theta: theta.to_vec(),
-            covariance: groups.iter().map(|g| g.covariance.clone()).collect(),
+            covariance: groups.iter().map(|g| g.honest.clone()).collect(),
             gradient: vec![0.0; largest],
             image: vec![0.0; largest],
             candidate: vec![0.0; largest],
@@ -51,7 +51,7 @@ impl Published {
     pub fn take(&mut self, theta: &[f64], groups: &[GroupState], relations: &[[usize; 4]]) {
         self.theta.copy_from_slice(theta);
         for (own, group) in self.covariance.iter_mut().zip(groups) {
-            own.copy_from_slice(&group.covariance);
+            own.copy_from_slice(&group.confirmation.covariance);
         }
         for relation in relations {
             let holder = groups.iter().position(|g| g.parameters.contains(&relation[0]));

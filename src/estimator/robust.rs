@@ -45,13 +45,14 @@ impl Magnitudes {
         regressor: &mut [f64],
     ) -> f64 {
         self.bins.fill(0);
-        let count = range.len();
-        for index in range {
+        let mut count = 0u32;
+        for index in range.filter(|&index| rows.is_used(equation, index)) {
+            count += 1;
             let f = rows.row(equation, index, theta, regressor).abs();
             let at = ((f.log2() + f64::from(OCTAVES)) * PER_OCTAVE).clamp(0.0, (BINS - 1) as f64);
             self.bins[at as usize] += 1;
         }
-        let half = count as f64 / 2.0;
+        let half = f64::from(count) / 2.0;
         let mut below = 0.0;
         for (k, &n) in self.bins.iter().enumerate() {
             let n = f64::from(n);

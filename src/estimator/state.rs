@@ -8,15 +8,19 @@
 //! | `Changing` | a change of the plant in this block | a later block that was predicted |
 //! | `PoorlyExcited` | two blocks in a row that leave some direction of the free parameters open | a block that leaves none |
 //! | `Degraded` | more than 5 % of the samples lost or of the rows outliers | two blocks in a row with at most 1 % |
+//! | `Misfit` | a block that does not fit, or a model that leaves too much unexplained | a block that fits |
 //! | `Invalid` | a block that cannot be evaluated at θ̂ | the next that can |
 //!
 //! *Predicted* means that the innovation is within 1.5 standard deviations of the noise, or 2 % of the size of the equation's terms, in every
 //! equation; to fall from `Converged` it takes twice the former and 5 %. This judges θ̂ as a whole: a direction that hardly
 //! acts on the plant need not be known for the plant to be predicted. *Moved little* means by less than three standard deviations or 1 %.
 //!
-//! Controllers may use θ̂ (`use_ok`) in `Converged`, and in `PoorlyExcited` if it had converged before and no change was seen since.
+//! Controllers may use θ̂ (`use_ok`) in `Converged`, and in `PoorlyExcited` if it had converged before and no change was seen since; in both only with the
+//! evidence of `evidence.rs`: the data have informed on more than half of the directions of every group, the block fits, the model explains the signals of
+//! every equation, no parameter is held by a bound against the data, and at least one parameter is usable.
 
 use super::block::{ChangeKind, Held, Report};
+use super::evidence::LEAST_EXPLAINED;
 use super::persist::Visit;
 
 /// State of the identification.
@@ -37,6 +41,8 @@ pub enum Phase {
     Degraded,
     /// The model cannot be evaluated.
     Invalid,
+    /// The block does not fit the model.
+    Misfit,
 }
 
 /// The judgement on a report.
@@ -59,6 +65,8 @@ pub struct StateMachine {
     degraded: bool,
     converged: bool,
     seen: bool,
+    misfit: bool,
+    informed: bool,
 }
 
 impl StateMachine {
@@ -81,6 +89,8 @@ impl StateMachine {
             degraded: false,
             converged: false,
             seen: false,
+            misfit: false,
+            informed: false,
         }
     }
 
@@ -89,6 +99,7 @@ impl StateMachine {
         self.theta.copy_from_slice(theta_start);
         (self.predicted, self.poor, self.clean) = (0, 0, 0);
         (self.changing, self.degraded, self.converged, self.seen) = (false, false, false, false);
+        (self.misfit, self.informed) = (false, false);
     }
 
     /// What goes from block to block; see `persist.rs`.
@@ -102,6 +113,8 @@ impl StateMachine {
             &mut self.degraded,
             &mut self.converged,
             &mut self.seen,
+            &mut self.misfit,
+            &mut self.informed,
         ] {
             v.flag(flag);
         }
@@ -134,14 +147,20 @@ impl StateMachine {
             Phase::Collecting
         } else if self.changing {
             Phase::Changing
+        } else if self.misfit {
+            Phase::Misfit
         } else if self.poor >= 2 {
             Phase::PoorlyExcited
-        } else if self.converged {
+        } else if self.converged && self.informed {
             Phase::Converged
         } else {
             Phase::Converging
         };
-        let use_ok = self.converged && matches!(phase, Phase::Converged | Phase::PoorlyExcited);
+        // a block that gave nothing is no evidence
+        let use_ok = self.converged
+            && self.informed
+            && report.held.is_none()
+            && matches!(phase, Phase::Converged | Phase::PoorlyExcited);
         Verdict { phase, use_ok }
     }
 
@@ -174,6 +193,13 @@ impl StateMachine {
         } else if self.predicted > 0 {
             self.changing = false;
         }
+        // before θ̂ predicts anything, a model that explains little is one that is still being learnt
+        let explains = report.explained.iter().all(|&share| share >= LEAST_EXPLAINED);
+        self.misfit = report.misfit != 0 || self.converged && !(explains && report.pressed == 0);
+        self.informed = report.informed && report.usable != 0;
+        if report.misfit != 0 {
+            (self.converged, self.predicted) = (false, 0);
+        }
         self.seen = true;
         self.theta.copy_from_slice(&report.theta);
     }
@@ -196,6 +222,7 @@ mod tests {
             .clone();
         report.theta_std = vec![0.001, 0.001];
         (report.rows, report.rank, report.blocks) = (100, 2, 1);
+        (report.informed, report.explained[0], report.usable) = (true, 1.0, 0b11);
         (report.innovation_rms[0], report.noise_std[0], report.signal_rms[0]) = (1.0, 1.0, 100.0);
         report
     }

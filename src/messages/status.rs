@@ -28,7 +28,7 @@ pub mod status_flags {
 /// Each refused sample counts in [`Status::rejected`] and in one of the fields from `duplicates` to `frozen`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusStreamFaultsV1"))]
+#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusStreamFaultsV2"))]
 pub struct StreamFaults {
     /// Holes in `seq`; [`Status::missing`] counts the samples in them.
     pub gaps: u64,
@@ -77,7 +77,7 @@ impl fmt::Display for StreamFaults {
 /// How long something took, since the process began.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusTimingV1"))]
+#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusTimingV2"))]
 pub struct Timing {
     /// How often.
     pub count: u64,
@@ -92,7 +92,7 @@ pub struct Timing {
 /// The process, its files and its commands. Times are of CLOCK_MONOTONIC.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusProcessV1"))]
+#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusProcessV2"))]
 pub struct ProcessStatus {
     /// When the program began \[ns\].
     pub started_ns: u64,
@@ -119,7 +119,7 @@ pub struct ProcessStatus {
 /// Real-time settings that the system granted.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusRealtimeV1"))]
+#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusRealtimeV2"))]
 pub struct RealtimeStatus {
     /// Scheduling policy: 0 the system's default, 1 SCHED_FIFO, 2 SCHED_RR.
     pub policy: u32,
@@ -172,6 +172,8 @@ pub enum ErrorCode {
     Realtime = 15,
     /// A recorder loses samples.
     Recorder = 16,
+    /// The residuals speak for a term that the model lacks.
+    Misfit = 17,
 }
 
 impl ErrorCode {
@@ -195,12 +197,13 @@ impl ErrorCode {
             Self::Refused => "a request was refused",
             Self::Realtime => "a real-time setting was refused",
             Self::Recorder => "a recorder loses samples",
+            Self::Misfit => "the residuals speak for a term that the model lacks",
         }
     }
 
     /// The code with this wire value; `None` for a value that this schema does not have.
     pub fn from_wire(value: u32) -> Option<Self> {
-        const ALL: [ErrorCode; 17] = [
+        const ALL: [ErrorCode; 18] = [
             ErrorCode::None,
             ErrorCode::Gap,
             ErrorCode::Duplicate,
@@ -218,6 +221,7 @@ impl ErrorCode {
             ErrorCode::Refused,
             ErrorCode::Realtime,
             ErrorCode::Recorder,
+            ErrorCode::Misfit,
         ];
         ALL.get(value as usize).copied()
     }
@@ -226,7 +230,7 @@ impl ErrorCode {
 /// The last thing that went wrong; it stays until something else does.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusLastErrorV1"))]
+#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusLastErrorV2"))]
 pub struct LastError {
     /// [`ErrorCode`].
     pub code: u32,
@@ -277,7 +281,7 @@ impl Default for LastError {
 /// Topic `status`: the identifier's heartbeat, twice a second even when nothing else happens.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusStatusV1"))]
+#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusStatusV2"))]
 pub struct Status {
     /// `boot_id` of the sample stream, 0 before the first sample.
     pub boot_id: u64,
@@ -321,6 +325,10 @@ pub struct Status {
     pub information_ln: f64,
     /// Largest |Γ⁻¹ᵢⱼ − Γ⁻¹ⱼᵢ| relative to √(Γ⁻¹ᵢᵢ Γ⁻¹ⱼⱼ): 0, or the recursion loses its symmetry.
     pub asymmetry: f64,
+    /// χ² of the whitened residuals of the last block over their number, the largest of any equation: 1 on average if the block fits.
+    pub fit: f64,
+    /// Probability of residuals as large as these if the model is right, see [`Estimate`](super::Estimate); below 1e-4 it is a misfit.
+    pub fit_probability: f64,
     /// What went wrong last.
     pub error: LastError,
 }
@@ -338,8 +346,9 @@ const _: () = {
     assert!(offset_of!(Status, process) == 232);
     assert!(offset_of!(Status, realtime) == 312);
     assert!(offset_of!(Status, condition) == 336);
-    assert!(offset_of!(Status, error) == 360);
-    assert!(size_of::<Status>() == 488);
+    assert!(offset_of!(Status, fit) == 360);
+    assert!(offset_of!(Status, error) == 376);
+    assert!(size_of::<Status>() == 504);
 };
 
 #[cfg(test)]
@@ -348,12 +357,12 @@ mod tests {
 
     #[test]
     fn prop_every_error_code_comes_back_from_the_wire_and_has_words_that_fit() {
-        for value in 0..17 {
+        for value in 0..18 {
             let code = ErrorCode::from_wire(value).expect("a code");
             assert_eq!(code as u32, value);
             assert_eq!(LastError::new(code, 5).words(), code.describe());
         }
-        assert_eq!(ErrorCode::from_wire(17), None);
+        assert_eq!(ErrorCode::from_wire(18), None);
     }
 
     #[test]

@@ -78,20 +78,8 @@ pub static PARAMETERS: [Parameter; MANIPULATOR_PARAMS] = [
 ];
 
 static EQUATIONS: [Equation; 2] = [
-    Equation {
-        name: "joint_1",
-        input: 0,
-        input_scale: 12.0,
-        order: 2,
-        parameters: 0..5,
-    },
-    Equation {
-        name: "joint_2",
-        input: 1,
-        input_scale: 12.0,
-        order: 2,
-        parameters: 5..9,
-    },
+    Equation::new("joint_1", 0, 12.0, 2, 0..5),
+    Equation::new("joint_2", 1, 12.0, 2, 5..9),
 ];
 
 /// θ₁/θ₃ = θ₂/θ₄ = L₁/R₁.

@@ -108,6 +108,8 @@ pub struct Equation {
     pub order: usize,
     /// Indices of the parameters that this equation depends on. Equations may share parameters.
     pub parameters: Range<usize>,
+    /// Bit j: this equation holds only while joint j moves, see [`needing_motion`](Self::needing_motion).
+    pub motion: u32,
 }
 
 impl Equation {
@@ -125,7 +127,24 @@ impl Equation {
             input_scale,
             order,
             parameters,
+            motion: 0,
         }
+    }
+
+    /// The same, for an equation with a term that jumps where joint `joint` reverses, such as Coulomb friction F sign q̇ or Stribeck's.
+    ///
+    /// Such a term does not say what friction does at rest: a joint that sticks carries any force up to the friction's, while sign 0 = 0. So rows
+    /// over a standstill of that joint are left out of this equation; a reversal, which passes through zero without resting, stays in. Terms that jump
+    /// at q̇ = 0 are found without being told; a term that is merely steep there, tanh(q̇/v) for one, is not. `joint` is counted from 0; call it
+    /// once for each joint that the equation needs moving.
+    ///
+    /// # Panics
+    /// `joint` is not below [`MAX_JOINTS`].
+    #[must_use]
+    pub const fn needing_motion(mut self, joint: usize) -> Self {
+        assert!(joint < MAX_JOINTS, "a joint is below MAX_JOINTS");
+        self.motion |= 1 << joint;
+        self
     }
 }
 
@@ -208,7 +227,13 @@ impl PlantDefinition {
                 input_scale,
                 order,
                 parameters,
+                motion,
             } = equation;
+            if *motion >> joints != 0 {
+                return Err(format!(
+                    "equation {name}: expected joints below {joints} to need motion, got the mask {motion:#b}"
+                ));
+            }
             if *input >= joints {
                 return Err(format!(
                     "equation {name}: expected an input below {joints}, got {input}"

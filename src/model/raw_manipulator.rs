@@ -40,20 +40,8 @@ static PARAMETERS: [Parameter; 12] = [
 ];
 
 static EQUATIONS: [Equation; 2] = [
-    Equation {
-        name: "joint_1",
-        input: 0,
-        input_scale: 12.0,
-        order: 2,
-        parameters: 0..8,
-    },
-    Equation {
-        name: "joint_2",
-        input: 1,
-        input_scale: 12.0,
-        order: 2,
-        parameters: 6..12,
-    },
+    Equation::new("joint_1", 0, 12.0, 2, 0..8),
+    Equation::new("joint_2", 1, 12.0, 2, 6..12),
 ];
 
 impl RawManipulator {

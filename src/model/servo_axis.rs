@@ -15,7 +15,7 @@
 //! | b | `offset`: what pulls or pushes constantly | N | N m |
 //!
 //! The model and its names are those of the EMPS benchmark: A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, Workshop on
-//! Nonlinear System Identification Benchmarks, 2019. sign 0 = 0.
+//! Nonlinear System Identification Benchmarks, 2019. sign 0 = 0, so rows over a standstill are left out.
 
 use super::{Equation, Parameter, Plant, Scalar};
 
@@ -109,13 +109,8 @@ impl ServoAxis {
         (gain.is_finite() && gain != 0.0).then_some(Self {
             motion,
             input,
-            equations: [Equation {
-                name: "axis",
-                input: 0,
-                input_scale: gain,
-                order: 1,
-                parameters: 0..SERVO_PARAMS,
-            }],
+            // a carriage that friction holds carries any force up to F_c
+            equations: [Equation::new("axis", 0, gain, 1, 0..SERVO_PARAMS).needing_motion(0)],
         })
     }
 }

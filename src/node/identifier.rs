@@ -13,17 +13,20 @@
 //! # Commands
 //! An [`Order`] takes effect at the next border between two blocks and as a whole; where no block is open, at once. Another N begins a
 //! new grid there: with s the first sample behind the border and b the number of the block that would have begun there, block = b + (seq − s) div N,
-//! so that numbers go on rising by one. A new stream begins with the plain grid again.
+//! so that numbers go on rising by one. A new stream begins with the plain grid again. An order for a sample of a stream goes with
+//! that stream; `bound.rs` has those whose effects go, too.
 
-use super::command::{Border, Change, MAX_ORDERS, NodeState, Order};
+use super::bound::{BoundEffects, KEPT, exchange_tunables};
+use super::command::{Border, Change, Fate, MAX_ORDERS, NodeState, Order, RESERVED_ORDERS};
 use super::freeze::FreezeWatch;
+use super::misfit;
 use super::stream::{SampleCursor, SamplePlace, StreamClock, Tick};
 use crate::estimator::{BlockEstimator, ChangeKind, Held, Phase, Report, StateError, StateMachine, Verdict};
 use crate::messages::{
     ErrorCode, Estimate, LastError, MAX_DERIVED, Sample, State, Status, StreamFaults, estimate_flags, signals,
-    status_flags,
+    status_flags, stream_tag,
 };
-use crate::model::{DerivedValues, MAX_JOINTS, MAX_PARAMS};
+use crate::model::{DerivedValues, MAX_JOINTS};
 use crate::rows::SampleBlock;
 use std::any::Any;
 use std::collections::VecDeque;
@@ -97,7 +100,7 @@ impl Grid {
     /// Block of a sample and its first sample; `None` before the grid begins.
     fn block(&self, seq: u64) -> Option<(u64, u64)> {
         let index = seq.checked_sub(self.seq)? / self.len;
-        Some((self.block + index, self.seq + index * self.len))
+        Some((self.block.saturating_add(index), self.seq + index * self.len))
     }
 
     fn ends_with(&self, seq: u64) -> bool {
@@ -110,7 +113,7 @@ impl Grid {
         match self.block(seq) {
             None => (self.seq, self.block),
             Some((block, first)) if first == seq => (seq, block),
-            Some((block, first)) => (first.saturating_add(self.len), block + 1),
+            Some((block, first)) => (first.saturating_add(self.len), block.saturating_add(1)),
         }
     }
 }
@@ -190,6 +193,7 @@ pub struct IdentifierNode<B> {
     news: u32,
     orders: VecDeque<Order>,
     done: VecDeque<Order>,
+    bound: BoundEffects,
     status: Status,
 }
 
@@ -220,10 +224,12 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             open: None,
             paused: false,
             news: 0,
-            orders: VecDeque::with_capacity(MAX_ORDERS),
-            done: VecDeque::with_capacity(MAX_ORDERS),
+            orders: VecDeque::with_capacity(MAX_ORDERS + RESERVED_ORDERS),
+            done: VecDeque::with_capacity(MAX_ORDERS + RESERVED_ORDERS + KEPT),
+            bound: BoundEffects::new(),
             status: Status {
                 pid,
+                fit_probability: 1.0,
                 ..Status::default()
             },
             options,
@@ -239,7 +245,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             SamplePlace::First => self.start_stream(sample),
             SamplePlace::Next => {}
             SamplePlace::Gap { missing } => {
-                self.status.missing += missing;
+                self.status.missing = self.status.missing.saturating_add(missing);
                 self.status.faults.gaps += 1;
                 self.status.error = LastError::new(ErrorCode::Gap, sample.seq);
             }
@@ -277,6 +283,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
         if sample.is_end() {
             self.discard();
             self.status.state = State::Ended as u32;
+            self.leave_stream();
         }
     }
 
@@ -294,20 +301,38 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
     /// samples may move it by blocks.
     ///
     /// # Errors
-    /// The order, where [`MAX_ORDERS`] are waiting, or where it brings rows of another type than the node's.
+    /// The order, if [`MAX_ORDERS`] are waiting, or [`RESERVED_ORDERS`] more for one that needs nothing but the next border; or if it brings rows of
+    /// another type than the node's.
     pub fn offer(&mut self, mut order: Order) -> Result<Border, Order> {
         let foreign = match &order.change {
             Change::Tune { rows: Some(rows), .. } => !rows.is::<B>(),
+            // N as it is, or as an order that waits will have made it
             Change::Tune {
                 block_len, rows: None, ..
-            } => *block_len != self.grid.len,
+            } => {
+                let resizes = |order: &Order| match order.change {
+                    Change::Tune {
+                        block_len: len,
+                        rows: Some(_),
+                        ..
+                    } => len == *block_len,
+                    _ => false,
+                };
+                *block_len != self.grid.len && !self.orders.iter().any(resizes)
+            }
             Change::Fix { index, .. } | Change::Free { index } => *index >= self.estimator.structure().params,
             _ => false,
         };
-        if foreign || self.orders.len() + self.done.len() >= MAX_ORDERS {
+        let waits = order.from_seq != 0 || order.tag != 0;
+        let room = if waits {
+            MAX_ORDERS
+        } else {
+            MAX_ORDERS + RESERVED_ORDERS
+        };
+        if foreign || self.orders.len() + self.done.len() >= room {
             return Err(order);
         }
-        let between = self.status.boot_id == 0 || self.status.state == State::Ended as u32;
+        let (between, tag) = (self.is_between_streams(), order.tag);
         order.stream = self.cursor.streams() + u64::from(between);
         let from_seq = order.from_seq;
         self.orders.push_back(order);
@@ -315,6 +340,14 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             true => 0,
             false => self.status.last_seq.saturating_add(1),
         };
+        if tag != 0 && tag != self.open_tag() {
+            let (seq, block) = Grid::new(self.grid.len).border(from_seq);
+            return Ok(Border {
+                boot_id: 0,
+                from_seq: seq,
+                block,
+            });
+        }
         if self.open.is_none() {
             self.at_border(next, next);
         }
@@ -360,6 +393,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
     /// A new stream: counters start over. θ̂ and its information stay, for the machine is the same; only its publisher was
     /// started again.
     fn start_stream(&mut self, sample: &Sample) {
+        self.enter_stream(stream_tag(sample.boot_id));
         self.rows.reset();
         self.clock.reset();
         self.freeze.reset();
@@ -378,6 +412,8 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             last_t_ns: 0,
             estimates: 0,
             last_block: 0,
+            fit: 0.0,
+            fit_probability: 1.0,
             faults: StreamFaults::default(),
             ..self.status
         };
@@ -499,13 +535,20 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
                 true => 1.0,
                 false => 1.0 - open.samples as f64 / self.grid.len as f64,
             };
-            let mut estimate = message(report, self.machine.step(report, lost));
+            let replaced = self.rows.replaced();
+            let spiky = f64::from(replaced) / (2 * self.options.joints.max(1)) as f64 / self.grid.len as f64;
+            let mut estimate = message(report, self.machine.step(report, lost.max(spiky)));
+            estimate.outliers = estimate.outliers.saturating_add(replaced);
             if let Some(change) = report.change.filter(|change| change.kind != ChangeKind::Drift) {
                 self.t_change_ns = change.time;
                 estimate.flags |= estimate_flags::CHANGED;
             }
             if report.held == Some(Held::NotFinite) {
                 self.status.error = LastError::new(ErrorCode::NotEvaluable, self.status.last_seq);
+            } else if let Some(suspicion) = report.suspicion
+                && let Some(suspect) = self.rows.suspect(suspicion.suspect)
+            {
+                self.status.error = misfit::error(&suspect, &suspicion, self.status.last_seq);
             }
             estimate
         };
@@ -538,6 +581,8 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
         self.status.estimates += 1;
         self.status.last_block = open.block;
         self.status.state = estimate.state;
+        self.status.fit = estimate.fit.iter().copied().fold(0.0, f64::max);
+        self.status.fit_probability = estimate.fit_probability;
         self.note_information();
         self.discard();
         emit(&estimate);
@@ -558,26 +603,92 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
     fn at_border(&mut self, begin: u64, next: u64) {
         let mut waiting = 0;
         while let Some(order) = self.orders.get(waiting) {
-            let streams = self.cursor.streams() + u64::from(self.status.state == State::Ended as u32);
-            let due = order.from_seq == 0
-                || order.stream < streams
-                || order.stream == self.cursor.streams() && next >= order.from_seq;
-            if !due {
+            let here = order.tag == 0 || order.tag == self.open_tag();
+            let in_time = match order.tag {
+                0 => order.stream == self.cursor.streams(),
+                _ => true,
+            } && next >= order.from_seq;
+            if !(here && (order.from_seq == 0 || in_time)) {
                 waiting += 1;
                 continue;
             }
             if let Some(mut order) = self.orders.remove(waiting) {
+                self.bound.note(&order, self.paused, self.status.flags, &self.estimator);
                 self.carry_out(&mut order.change, begin);
                 order.border = Border {
                     boot_id: self.status.boot_id,
                     from_seq: begin,
                     block: self.grid.border(begin).1,
                 };
+                let superfluous = self.bound.keep(&mut order).into_iter().flatten();
+                self.done.extend(superfluous.map(|order| order.with_fate(Fate::Undone)));
                 self.status.process.commands += 1;
                 self.news |= estimate_flags::COMMANDED;
-                self.done.push_back(order);
+                self.done.push_back(order.with_fate(Fate::Done));
             }
         }
+    }
+
+    fn is_between_streams(&self) -> bool {
+        self.status.boot_id == 0 || self.status.state == State::Ended as u32
+    }
+
+    /// Of the stream that is open; 0 between two.
+    fn open_tag(&self) -> u32 {
+        if self.is_between_streams() {
+            0
+        } else {
+            stream_tag(self.status.boot_id)
+        }
+    }
+
+    /// At the END of a stream: what was for it alone goes with it.
+    fn leave_stream(&mut self) {
+        let over = stream_tag(self.status.boot_id);
+        self.drop_orders(self.cursor.streams() + 1, |order| order.tag == over);
+        self.undo_for(0);
+    }
+
+    /// At the first sample of a stream, which may have come without the END of another.
+    fn enter_stream(&mut self, tag: u32) {
+        self.drop_orders(self.cursor.streams(), |order| order.tag != 0 && order.tag != tag);
+        self.undo_for(tag);
+    }
+
+    /// Gives back the orders that `gone` picks, and those for a sample of a stream before the one with this number.
+    fn drop_orders(&mut self, stream: u64, gone: impl Fn(&Order) -> bool) {
+        let mut at = 0;
+        while let Some(order) = self.orders.get(at) {
+            if !(gone(order) || order.tag == 0 && order.from_seq != 0 && order.stream < stream) {
+                at += 1;
+            } else if let Some(order) = self.orders.remove(at) {
+                self.done.push_back(order.with_fate(Fate::Dropped));
+            }
+        }
+    }
+
+    /// Puts back what orders have changed for streams other than this one.
+    fn undo_for(&mut self, tag: u32) {
+        if !self.bound.are_foreign_to(tag) {
+            return;
+        }
+        let before = self.bound.take();
+        before.hold(&mut self.estimator);
+        if let Some(paused) = before.paused {
+            self.paused = paused;
+            self.status.flags &= !status_flags::PAUSED;
+            self.status.flags |= if paused { status_flags::PAUSED } else { 0 };
+        }
+        // the older change last: its tunables are those of before
+        for mut order in [before.resized, before.tuned].into_iter().flatten() {
+            self.carry_out(&mut order.change, 0);
+            self.done.push_back(order.with_fate(Fate::Undone));
+        }
+        self.rows.reset();
+        self.status.flags &= !status_flags::COMMANDED;
+        self.status.flags |= before.commanded;
+        // nothing that this stream would have to be told of
+        self.news &= !estimate_flags::COMMANDED;
     }
 
     fn carry_out(&mut self, change: &mut Change, begin: u64) {
@@ -617,18 +728,16 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
                 rows,
             } => {
                 self.status.flags |= status_flags::COMMANDED;
-                self.estimator.retune(options);
-                self.options.config_hash = *config_hash;
+                exchange_tunables(&mut self.estimator, options);
+                std::mem::swap(&mut self.options.config_hash, config_hash);
                 if let Some(rows) = rows.as_mut().and_then(|rows| rows.downcast_mut::<B>()) {
                     std::mem::swap(&mut self.rows, rows);
                     let (seq, block) = self.grid.border(begin);
-                    self.grid = Grid {
-                        seq,
-                        block,
-                        len: *block_len,
-                    };
+                    let len = std::mem::replace(block_len, self.grid.len);
+                    self.grid = Grid { seq, block, len };
                 }
             }
+            Change::Kept => {}
             Change::Fix { index, value } => {
                 self.status.flags |= status_flags::COMMANDED;
                 let value = value.unwrap_or(self.estimator.report().theta[*index]);
@@ -672,39 +781,27 @@ fn message(report: &Report, verdict: Verdict) -> Estimate {
         Phase::Changing => State::Changing,
         Phase::Degraded => State::Degraded,
         Phase::Invalid => State::Invalid,
+        Phase::Misfit => State::Misfit,
     };
     let mut estimate = Estimate {
-        boot_id: 0,
-        block: 0,
-        t_first_ns: 0,
-        t_last_ns: 0,
-        model_hash: 0,
-        config_hash: 0,
-        accepted: 0,
-        missing: 0,
-        rejected: 0,
         excited: report.excited,
         usable: report.usable,
         fixed: report.fixed,
-        t_change_ns: 0,
         state: state as u32,
         use_ok: u32::from(verdict.use_ok),
         flags: if report.held.is_some() { estimate_flags::HELD } else { 0 },
         params: report.theta.len() as u32,
         equations: report.residual_rms.len() as u32,
-        derived_len: 0,
         iterations: report.iterations,
         outliers: report.outliers,
         condition: report.condition,
-        innovation_rms: [0.0; MAX_JOINTS],
-        residual_rms: [0.0; MAX_JOINTS],
-        theta: [0.0; MAX_PARAMS],
-        theta_std: [0.0; MAX_PARAMS],
-        derived: [0.0; MAX_DERIVED],
-        derived_std: [0.0; MAX_DERIVED],
+        fit_probability: report.fit_probability,
+        ..Estimate::EMPTY
     };
     fill(&mut estimate.innovation_rms, &report.innovation_rms);
     fill(&mut estimate.residual_rms, &report.residual_rms);
+    fill(&mut estimate.fit, &report.fit);
+    fill(&mut estimate.explained, &report.explained);
     fill(&mut estimate.theta, &report.theta);
     fill(&mut estimate.theta_std, &report.theta_std);
     estimate
@@ -718,7 +815,7 @@ fn fill(target: &mut [f64], values: &[f64]) {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::estimator::{EstimatorOptions, Residuals, Structure};
     use crate::messages::sample_flags;
@@ -726,7 +823,7 @@ mod tests {
 
     /// u = θ q: one equation, one parameter.
     #[derive(Default)]
-    struct Spring(Vec<(f64, f64)>);
+    pub(in crate::node) struct Spring(Vec<(f64, f64)>);
 
     impl Residuals for Spring {
         fn len(&self) -> usize {
@@ -749,7 +846,7 @@ mod tests {
         }
     }
 
-    fn node(block_len: u64) -> IdentifierNode<Spring> {
+    pub(in crate::node) fn node(block_len: u64) -> IdentifierNode<Spring> {
         let structure = Structure {
             params: 1,
             equations: vec![0..1],
@@ -762,7 +859,7 @@ mod tests {
         IdentifierNode::new(options, Spring::default(), estimator, None, 77)
     }
 
-    fn sample(boot_id: u64, seq: u64) -> Sample {
+    pub(in crate::node) fn sample(boot_id: u64, seq: u64) -> Sample {
         let mut joints = JointSample::default();
         joints.q[0] = 1.0 + (seq % 3) as f64;
         joints.input[0] = 5.0 * joints.q[0];

@@ -1,8 +1,10 @@
 //! The three roles as values: messages in, messages out, no I/O, no clock. The runner waits, the node computes.
 
+mod bound;
 pub mod command;
 mod freeze;
 pub mod identifier;
+mod misfit;
 pub mod monitor;
 pub mod plant;
 pub mod stream;

@@ -1,5 +1,14 @@
 //! Identification off line, from what users have: log files with columns of their own.
 
+mod lines;
 mod log;
+mod profile;
+mod sign;
+mod suspicion;
+mod time;
 
+pub use lines::LineError;
 pub use log::{LogCounts, LogError, LogReader};
+pub use profile::{ColumnProfile, LogProfile, Signal, Steps};
+pub use sign::InputSign;
+pub use suspicion::{Configured, Suspicion, judge_bounds, judge_field, judge_header, judge_period, judge_profile};

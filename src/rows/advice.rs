@@ -37,7 +37,7 @@ pub fn window_advice(q: &[f64], sample_period_s: f64) -> Option<WindowAdvice> {
         return None;
     }
     let mut noise = SignalNoise::default();
-    noise.learn(q, &mut Vec::with_capacity(q.len()));
+    noise.learn(q, |_| false, &mut Vec::with_capacity(q.len()));
     let variance = noise.deviation().powi(2) + noise.resolution().powi(2) / 12.0;
     // Hann's taper keeps slow motion out of the fast bins
     let n = q.len() - 2;

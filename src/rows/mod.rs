@@ -1,13 +1,20 @@
 //! From samples to the rows that an estimator sees.
 
 mod advice;
+mod intake;
 mod kernel;
 mod noise;
 mod pointwise;
+mod polynomial;
 mod projected;
+mod repair;
+mod rounding;
 mod separation;
 mod smoothed;
 mod smoothing;
+mod standstill;
+mod start;
+mod suspects;
 mod whitening;
 
 pub use advice::{WindowAdvice, window_advice};
@@ -16,6 +23,7 @@ pub use pointwise::{InputSource, PointwiseBlock, structure};
 pub use projected::{ProjectedBlock, ProjectedError, ProjectedOptions, SensorNoise};
 pub use smoothed::{SmoothedBlock, SmoothedOptions, Smoothing};
 pub use smoothing::{one_sided, savitzky_golay};
+pub use suspects::{Considered, Suspect, SuspectKind};
 
 use crate::estimator::Residuals;
 use crate::model::JointSample;
@@ -28,6 +36,14 @@ pub trait SampleBlock: Residuals {
     /// Gets the rows of the block ready, with θ̂ as it is before the block: whatever weighs rows is computed here, once per block, because it
     /// must not follow the fit. To be called after the last `push` of a block and before the rows are read.
     fn prepare(&mut self, _theta: &[f64]) {}
+    /// Samples of the block that were replaced because they were spikes, each signal counted; known after [`prepare`](Self::prepare).
+    fn replaced(&self) -> u32 {
+        0
+    }
+    /// What the error `index` of [`suspects`](Residuals::suspects) is, for words.
+    fn suspect(&self, _index: usize) -> Option<Suspect> {
+        None
+    }
     /// Begins the next block: forgets the rows. Samples that later rows still reach back to are kept.
     fn clear(&mut self);
     /// Begins a new stream: forgets everything and keeps the room.

@@ -36,12 +36,13 @@ pub(super) struct SignalNoise {
 }
 
 impl SignalNoise {
-    /// Takes a block of consecutive samples in; `scratch` needs room for as many values.
-    pub fn learn(&mut self, x: &[f64], scratch: &mut Vec<f64>) {
+    /// Takes a block of consecutive samples in, but for those that are made up; `scratch` needs room for as many values.
+    pub fn learn(&mut self, x: &[f64], made: impl Fn(usize) -> bool, scratch: &mut Vec<f64>) {
         if x.len() < ENOUGH {
             return;
         }
-        let differences = || x.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|d| *d > 0.0);
+        let pairs = || x.windows(2).enumerate().filter(|(k, _)| !made(*k) && !made(k + 1));
+        let differences = || pairs().map(|(_, pair)| (pair[1] - pair[0]).abs()).filter(|d| *d > 0.0);
         if let Some(least) = differences().reduce(f64::min) {
             let step = self.step.map_or(least, |known| known.min(least));
             self.step = Some(step);
@@ -130,7 +131,7 @@ mod tests {
                 .zip(noise(1900 * 6, 0.02).split_off(1900 * block))
                 .map(|(m, n)| m + n)
                 .collect();
-            signal.learn(&x, &mut Vec::new());
+            signal.learn(&x, |_| false, &mut Vec::new());
         }
         assert_eq!(signal.resolution(), 0.0);
         // the median of 9500 correlated values: some 2 % of deviation
@@ -145,7 +146,7 @@ mod tests {
                 .zip(noise(1900, sigma))
                 .map(|(k, n)| ((motion(k) + n) / count).round() * count)
                 .collect();
-            signal.learn(&x, &mut Vec::new());
+            signal.learn(&x, |_| false, &mut Vec::new());
             assert!(
                 (signal.resolution() / count - 1.0).abs() < 1e-6,
                 "{}",
@@ -161,11 +162,11 @@ mod tests {
     fn prop_exact_signals_and_resting_ones_have_next_to_no_noise() {
         let mut signal = SignalNoise::default();
         let x: Vec<f64> = (0..1900).map(|k| motion(k.min(600))).collect();
-        signal.learn(&x, &mut Vec::new());
+        signal.learn(&x, |_| false, &mut Vec::new());
         // the sixth difference of the motion itself
         assert!(signal.deviation() < 1e-9, "{}", signal.deviation());
         let mut rest = SignalNoise::default();
-        rest.learn(&[1.0; 1900], &mut Vec::new());
+        rest.learn(&[1.0; 1900], |_| false, &mut Vec::new());
         assert_eq!((rest.resolution(), rest.deviation()), (0.0, 0.0));
     }
 }

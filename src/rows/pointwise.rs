@@ -4,6 +4,7 @@
 //! arithmetic only.
 
 use super::SampleBlock;
+use super::standstill::SlowSamples;
 use crate::estimator::{Residuals, Structure};
 use crate::model::{JointSample, MAX_JOINTS, PdController, Plant, PointwiseModel};
 
@@ -53,6 +54,7 @@ pub struct PointwiseBlock<M: PointwiseModel> {
     input: InputSource,
     features: Vec<M::Features>,
     times_ns: Vec<u64>,
+    slow: Option<SlowSamples>,
     capacity: usize,
 }
 
@@ -64,8 +66,17 @@ impl<M: PointwiseModel> PointwiseBlock<M> {
             input,
             features: Vec::with_capacity(capacity),
             times_ns: Vec::with_capacity(capacity),
+            slow: None,
             capacity,
         }
+    }
+
+    /// The same, with rows left out at which a joint rests, for the equations of the plant that need it moving; see
+    /// [`Equation::needing_motion`](crate::model::Equation::needing_motion). The velocity must be measured.
+    #[must_use]
+    pub fn leaving_out_standstill(mut self, plant: &impl Plant) -> Self {
+        self.slow = SlowSamples::new(plant, self.capacity);
+        self
     }
 
     /// The most samples that the block takes.
@@ -90,13 +101,25 @@ impl<M: PointwiseModel> SampleBlock for PointwiseBlock<M> {
             };
             self.features.push(features);
             self.times_ns.push(t_ns);
+            if let Some(slow) = &mut self.slow {
+                slow.push(&sample.dq);
+            }
         }
         fits
+    }
+
+    fn prepare(&mut self, _theta: &[f64]) {
+        if let Some(slow) = &mut self.slow {
+            slow.judge();
+        }
     }
 
     fn clear(&mut self) {
         self.features.clear();
         self.times_ns.clear();
+        if let Some(slow) = &mut self.slow {
+            slow.clear();
+        }
     }
 }
 
@@ -107,7 +130,16 @@ impl<M: PointwiseModel> Residuals for PointwiseBlock<M> {
 
     #[inline]
     fn row(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        if !self.is_used(equation, index) {
+            regressor.fill(0.0);
+            return 0.0;
+        }
         self.model.row(equation, &self.features[index], theta, regressor)
+    }
+
+    #[inline]
+    fn is_used(&self, equation: usize, index: usize) -> bool {
+        !self.slow.as_ref().is_some_and(|slow| slow.is_spoilt(equation, index))
     }
 
     fn span(&self, index: usize) -> (u64, u64) {

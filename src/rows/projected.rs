@@ -9,7 +9,9 @@
 //! inside nonlinear terms comes from a zero-phase Savitzky-Golay filter. ∫ψ = 1, so a residual is a weighted mean over the window, in the
 //! equation's unit, before it is whitened.
 //!
-//! Windows lie on a grid of sample numbers and reach back over the border of a block; windows that touch a lost sample are dropped.
+//! Windows lie on a grid of sample numbers and reach back over the border of a block. Time stamps off that grid are resampled (`intake.rs`), single
+//! wrong and a few lost samples made good (`repair.rs`), windows over a longer hole dropped, and rows over a standstill left out of equations that
+//! do not hold there (`standstill.rs`).
 //!
 //! # Noise
 //! Row i depends on position k by c_i(k) = ∂f_i/∂q_k and on input k by s w_i(k), so the noise of rows i and j has the covariance
@@ -18,17 +20,37 @@
 //! R_ij = Σ_k c_i(k) c_j(k) σ_q² v_k + s² σ_u² Σ_k w_i(k) w_j(k) + jumps        σ_q² = σ² + LSB²/12 · v_k
 //! ```
 //!
-//! v_k = clip(0.2 LSB / |q̇ h|, 1, 30): the rounding of an encoder is white while the joint crosses counts, and hardly changes from sample to sample
+//! v_k ≥ 1 says how far the rounding is from white (`rounding.rs`): white while the joint crosses counts, next to constant from sample to sample
 //! while it creeps; its errors then add up over many windows, which no weight of a single one can tell. c follows from automatic differentiation at θ̂
 //! before the block. The rows are whitened by R (`whitening.rs`), so that their residuals have variance 1 and the deviations of θ̂ follow without a factor.
+//!
+//! # Errors in variables
+//! The regressors are made of the same noisy positions as the residuals, so that the two are correlated and least squares is biased: 10 % in θ₆ for
+//! smooth motion through 16 bits. What the residuals show of the errors is therefore taken out of the positions before regressors are made of them:
+//!
+//! ```text
+//! n̂ = E[n | f] = −Σ_q Cᵀ R⁻¹ f(θ̄)        q̂ = q − n̂        φ = −∂f/∂θ at q̂
+//! f(θ) ← f_q(θ̄) + f_q̂(θ) − f_q̂(θ̄)       the measured residual at θ̄, and consistent with φ around it
+//! ```
+//!
+//! C holds the c_i, θ̄ is θ̂ before the block. By the projection theorem n − n̂ is not correlated with f, and so φ at the true θ is not either: these
+//! are the normal equations of maximum likelihood with the errors as unknowns (the Gauss-Helmert model; structured total least squares). Sources: F. R. Helmert,
+//! Die Ausgleichungsrechnung nach der Methode der kleinsten Quadrate, 2nd ed., 1907; P. Lemmerling, B. De Moor, Misfit versus latency, Automatica 37
+//! (2001). A block that θ̄ does not explain is fitted alone first; if that leaves more than noise, too, its rows stay as they are measured.
 //!
 //! Before the first estimate θ is not known well enough for R: the first blocks are fitted once with the R known so far, then R is made anew, until every
 //! parameter is known to a half. What is not yet keeps its start value in R: a joint that has not moved may have any inertia, but not any noise.
 
+use super::intake::{BRIDGED, GridSample, Intake};
 use super::kernel::{InputTiming, Kernels, dot};
 use super::noise::SignalNoise;
+use super::repair::{Kind, Repair};
+use super::rounding;
 use super::separation::{MAX_ORDER, Monomial, Polynomial, Separation, partials};
 use super::smoothing::savitzky_golay;
+use super::standstill::Standstill;
+use super::start::StartFinder;
+use super::suspects::{Considered, Signals, Suspect, SuspectColumns};
 use super::whitening::{Direction, Whitening};
 use super::{SampleBlock, structure};
 use crate::estimator::{BlockEstimator, EstimatorOptions, Residuals};
@@ -36,13 +58,17 @@ use crate::model::{JointSample, MAX_JOINTS, MAX_PARAMS, Plant};
 use num_dual::Dual64;
 use std::cell::RefCell;
 
-/// Counts of LSB per sample below which the rounding of consecutive samples is taken to be correlated.
-const CREEP: f64 = 0.2;
-/// Most that the variance of the rounding is raised by.
-const CREEP_LIMIT: f64 = 30.0;
 /// Blocks that are fitted for their weights at most, and the relative deviation from which on a parameter serves for them.
 const FIRST_BLOCKS: u32 = 10;
 const KNOWN: f64 = 0.5;
+/// Mean square of whitened residuals from which on they hold more than noise.
+const FAR: f64 = 2.0;
+/// Standard deviations from which on an acceleration is one.
+const SURE: f64 = 3.0;
+/// Largest error of a position that a residual may show, in its standard deviations.
+const LARGEST_ERROR: f64 = 3.0;
+/// Samples after a step of the setpoint in which a jump of the input is due to it.
+const ANSWER: usize = 5;
 /// Share of the input's size that counts as noise of signals that are exact.
 const EXACT: f64 = 1e-7;
 
@@ -55,6 +81,8 @@ pub struct SensorNoise {
     pub position_noise: [f64; MAX_JOINTS],
     /// Standard deviation of white noise on each measured input, in the input's unit, ≥ 0.
     pub input_noise: [f64; MAX_JOINTS],
+    /// Size of one count of each measured input, in the input's unit, ≥ 0; 0 where the input is not rounded.
+    pub input_resolution: [f64; MAX_JOINTS],
 }
 
 impl SensorNoise {
@@ -63,6 +91,7 @@ impl SensorNoise {
         position_resolution: [0.0; MAX_JOINTS],
         position_noise: [0.0; MAX_JOINTS],
         input_noise: [0.0; MAX_JOINTS],
+        input_resolution: [0.0; MAX_JOINTS],
     };
 
     /// The same encoder of `bits` (2^bits counts per turn) and the same input noise on every joint.
@@ -71,7 +100,17 @@ impl SensorNoise {
             position_resolution: [std::f64::consts::TAU / f64::from(bits).exp2(); MAX_JOINTS],
             position_noise: [0.0; MAX_JOINTS],
             input_noise: [input_noise; MAX_JOINTS],
+            ..Self::NONE
         }
+    }
+
+    /// Standard deviations of a joint's position and input, with their rounding taken for white.
+    fn deviations(&self, joint: usize) -> [f64; 2] {
+        let with = |noise: f64, count: f64| noise.hypot(count / 12f64.sqrt());
+        [
+            with(self.position_noise[joint], self.position_resolution[joint]),
+            with(self.input_noise[joint], self.input_resolution[joint]),
+        ]
     }
 }
 
@@ -95,6 +134,8 @@ pub struct ProjectedOptions {
     pub noise: SensorNoise,
     /// Learn the noise levels from the signals instead (`noise.rs`), block by block; `noise` is then not used.
     pub learn_noise: bool,
+    /// What the model does not say and σ must allow for.
+    pub considered: Considered,
 }
 
 impl ProjectedOptions {
@@ -109,6 +150,7 @@ impl ProjectedOptions {
             input_delay_s: 0.0,
             noise: SensorNoise::encoder(16, 0.05),
             learn_noise: false,
+            considered: Considered::default(),
         }
     }
 
@@ -166,7 +208,19 @@ impl ProjectedOptions {
             .iter()
             .map(|v| ("position_resolution", v))
             .chain(self.noise.position_noise.iter().map(|v| ("position_noise", v)))
-            .chain(self.noise.input_noise.iter().map(|v| ("input_noise", v)));
+            .chain(self.noise.input_noise.iter().map(|v| ("input_noise", v)))
+            .chain(self.noise.input_resolution.iter().map(|v| ("input_resolution", v)));
+        let considered = self.considered;
+        let suspects = [
+            ("considered.input_delay_s", considered.input_delay_s),
+            ("considered.gain", considered.gain),
+            ("considered.coulomb", considered.coulomb),
+            (
+                "considered.eccentricity_rad",
+                considered.eccentricity_rad.unwrap_or(0.0),
+            ),
+        ];
+        let all = all.chain(suspects.iter().map(|(field, value)| (*field, value)));
         for (field, &value) in all {
             check(
                 field,
@@ -246,6 +300,8 @@ struct Core<P> {
     separation: Separation,
     kernels: Kernels,
     velocity_weights: Vec<f64>,
+    /// Standard deviation of the filtered velocity per sample, for white noise of 1 on the positions.
+    velocity_gain: f64,
     stride: i64,
     /// Samples on either side of a centre that a window needs.
     reach: usize,
@@ -273,6 +329,27 @@ struct Core<P> {
     white: [Vec<Columns>; 2],
     whitening: Vec<Whitening>,
     evaluated: RefCell<Evaluated>,
+    /// Positions less the error that the residuals show, with their velocities and features; the regressors are made of these.
+    q_smooth: Vec<Vec<f64>>,
+    dq_smooth: Vec<Vec<f64>>,
+    features_smooth: Vec<Vec<f64>>,
+    /// True while the rows are made of them.
+    smoothed: bool,
+    /// Scratch of the smoothing: residuals \[direction\]\[equation\]\[row\], and R⁻¹ f of one equation.
+    residuals: [Vec<Vec<f64>>; 2],
+    weighted: Vec<f64>,
+    intake: Intake,
+    repair: Repair,
+    /// Commanded positions of the sample before, and whether there ever were any.
+    setpoint: [f64; MAX_JOINTS],
+    commanded: bool,
+    /// Bit j: joint j was commanded elsewhere with this sample.
+    stepped: Vec<u32>,
+    standstill: Standstill,
+    /// Inputs whose variance is not that of the others, and by how much.
+    surplus: Vec<Vec<(usize, f64)>>,
+    /// Variance of the rounding of an input within each window.
+    rounding: Vec<f64>,
     /// What the sensors do, as told or as learnt so far: of each position, of each input.
     noise: SensorNoise,
     position_noise: Vec<SignalNoise>,
@@ -284,7 +361,11 @@ struct Core<P> {
     partials: Vec<Vec<[f64; MAX_ORDER + 1]>>,
     /// Σ_k w_i(k) w_j(k) for windows a number of strides apart.
     input_overlap: Vec<f64>,
-    sensitivity: Vec<Vec<f64>>,
+    /// c_i of every row \[equation\]\[row\], times the standard deviation of each position.
+    sensitivity: Vec<Vec<Vec<f64>>>,
+    /// Strides over which windows overlap.
+    bandwidth: usize,
+    suspects: SuspectColumns,
 }
 
 /// A block of samples as projected rows, see the module's head.
@@ -294,6 +375,10 @@ pub struct ProjectedBlock<P: Plant> {
     /// Fits the first blocks of a stream for their weights, and how many may still be.
     first_fit: BlockEstimator,
     first: u32,
+    /// A start for the first fit beside the configured one, if there can be more than one minimum.
+    start: Option<StartFinder>,
+    /// The first block was fitted, and its θ̂ is where the estimator had better begin.
+    begins: bool,
     /// What is known of θ by then: the start value where that is nothing.
     settled: Vec<f64>,
 }
@@ -321,12 +406,16 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
         start.lower = plant.parameters().iter().map(|p| p.lower).collect();
         start.upper = plant.parameters().iter().map(|p| p.upper).collect();
         start.change_detection = None;
+        let (lower, upper) = (start.lower.clone(), start.upper.clone());
         let first_fit = BlockEstimator::new(structure, start).map_err(|_| ProjectedError::Plant)?;
+        let core = Core::new(plant, options, order, block_len)?;
         Ok(Self {
-            core: Core::new(plant, options, order, block_len)?,
+            start: StartFinder::new(&core.separation.equations, &lower, &upper),
+            core,
             settled: first_fit.theta().to_vec(),
             first_fit,
             first: FIRST_BLOCKS,
+            begins: false,
         })
     }
 
@@ -377,6 +466,68 @@ impl<P: Plant> ProjectedBlock<P> {
     }
 }
 
+impl<P: Plant> ProjectedBlock<P> {
+    /// Fits one of the first blocks for the weights of its rows.
+    fn fit_first(&mut self) {
+        let begun = self.first < FIRST_BLOCKS;
+        self.first -= 1;
+        self.begins = !begun;
+        self.core.weigh(&self.settled);
+        if begun {
+            self.smooth_near_first();
+        }
+        self.first_fit.update(&self.core);
+        if !begun {
+            self.try_other_start();
+            // once more with regressors that the first fit has freed of noise
+            self.core.weigh(&self.settled);
+            self.smooth_near_first();
+            self.first_fit.update(&self.core);
+        }
+        if self.settle() {
+            self.first = 0;
+        }
+        self.core.weigh(&self.settled);
+        self.smooth_near_first();
+    }
+
+    /// Fits the first block from the start that its rows give, too, and goes on from the better of the two.
+    fn try_other_start(&mut self) {
+        let Some(finder) = &mut self.start else { return };
+        let configured = self.core.mean_square(self.first_fit.theta());
+        let core = &self.core;
+        let row = |e: usize, row: usize, factors: &mut [f64]| core.linear_row(e, row, factors);
+        let theta = finder.find(core.windows.len(), row, &self.first_fit.options().theta_start);
+        self.settled.copy_from_slice(self.first_fit.theta());
+        self.first_fit.restart(theta);
+        self.first_fit.update(&self.core);
+        if self.core.mean_square(self.first_fit.theta()) > configured {
+            self.first_fit.restart(&self.settled);
+            self.first_fit.update(&self.core);
+        }
+        self.settled.copy_from_slice(&self.first_fit.options().theta_start);
+    }
+
+    fn smooth_near_first(&mut self) {
+        let theta = self.first_fit.theta();
+        if self.core.mean_square(theta) < FAR {
+            self.core.smooth(theta);
+        }
+    }
+
+    /// Smooths with the residuals at θ̂ before the block, or at a fit of this block alone if the plant has moved away from that. Leaves
+    /// the rows as they are measured if either leaves more in them than noise.
+    fn smooth_near(&mut self, theta: &[f64]) {
+        if self.core.mean_square(theta) < FAR {
+            self.core.smooth(theta);
+            return;
+        }
+        self.first_fit.restart(theta);
+        self.first_fit.update(&self.core);
+        self.smooth_near_first();
+    }
+}
+
 impl<P: Plant> Core<P> {
     fn new(plant: P, options: ProjectedOptions, order: usize, block_len: usize) -> Result<Self, ProjectedError> {
         let separation = Separation::new(&plant);
@@ -395,12 +546,14 @@ impl<P: Plant> Core<P> {
                 got: velocity_half as f64,
             });
         };
+        let velocity_gain = dot(&velocity_weights, &velocity_weights).sqrt();
         velocity_weights.iter_mut().for_each(|w| *w /= options.sample_period_s);
         let stride = options.stride().max(1);
         // a velocity needs its neighbours, a jump five samples before it
         let reach = (kernels.half + 2 * velocity_half).max(kernels.input_half + 5);
         let history = 2 * reach + stride;
-        let capacity = history + block_len;
+        // a stream may bring a few more grid values than samples
+        let capacity = history + block_len + block_len / 16 + 4 * BRIDGED;
         let rows = capacity / stride + 2;
         let joints = plant.joints();
         let delay = plant.input_delay();
@@ -431,7 +584,17 @@ impl<P: Plant> Core<P> {
             samples: vec![vec![0.0; capacity]; widest.map_or(0, |columns| columns * (MAX_ORDER + 1))],
         };
         let buffers = |count: usize| vec![vec![0.0; capacity]; count];
+        let moves = |e: usize, joint: usize| {
+            let (own, polynomial) = (&separation.sensitivities[e], &separation.equations[e]);
+            own.position.contains(&joint)
+                || own.velocity.contains(&joint)
+                || polynomial
+                    .as_ref()
+                    .is_some_and(|p| p.velocity.iter().any(|term| term.joint == joint))
+        };
+        let suspects = SuspectColumns::new(&plant, options.considered, &velocity_weights, moves, rows, capacity);
         Ok(Self {
+            suspects,
             q: buffers(joints),
             dq: buffers(joints),
             q_std: buffers(joints),
@@ -446,10 +609,25 @@ impl<P: Plant> Core<P> {
             raw,
             whitening: vec![Whitening::new(rows, bandwidth); plant.equations().len()],
             evaluated: RefCell::new(evaluated),
+            q_smooth: buffers(joints),
+            dq_smooth: buffers(joints),
+            features_smooth: buffers(separation.features),
+            smoothed: false,
+            residuals: std::array::from_fn(|_| vec![column.clone(); plant.equations().len()]),
+            weighted: column.clone(),
+            setpoint: [0.0; MAX_JOINTS],
+            commanded: false,
+            stepped: vec![0; capacity],
+            intake: Intake::new(options.sample_period_s, options.timing, joints),
+            repair: Repair::new(joints, capacity),
+            // a vector's clone has no room
+            surplus: (0..joints).map(|_| Vec::with_capacity(2 * capacity)).collect(),
+            rounding: vec![0.0; rows],
+            standstill: Standstill::new(&plant, &kernels.position[0], capacity, rows),
             noise: options.noise,
             position_noise: vec![SignalNoise::default(); joints],
             input_noise: vec![SignalNoise::default(); joints],
-            jumps: vec![Vec::with_capacity(capacity); joints],
+            jumps: (0..joints).map(|_| Vec::with_capacity(capacity)).collect(),
             statistic: Vec::with_capacity(capacity),
             partials: vec![vec![[0.0; MAX_ORDER + 1]; capacity]; 2 * joints],
             input_overlap: (0..=bandwidth)
@@ -458,10 +636,12 @@ impl<P: Plant> Core<P> {
                     w.get(lag * stride..).map_or(0.0, |shifted| dot(w, shifted))
                 })
                 .collect(),
-            sensitivity: vec![vec![0.0; support * joints]; bandwidth + 1],
+            sensitivity: vec![vec![vec![0.0; support * joints]; rows]; plant.equations().len()],
+            bandwidth,
             separation,
             kernels,
             velocity_weights,
+            velocity_gain,
             stride: stride as i64,
             reach,
             history,
@@ -476,33 +656,52 @@ impl<P: Plant> Core<P> {
         self.len = 0;
         self.segment = 0;
         self.windows.clear();
+        self.intake.reset();
+        self.repair.reset();
+        (self.setpoint, self.commanded) = ([0.0; MAX_JOINTS], false);
         self.position_noise.iter_mut().for_each(SignalNoise::reset);
         self.input_noise.iter_mut().for_each(SignalNoise::reset);
+        self.suspects.reset();
     }
 
     fn push(&mut self, t_ns: u64, sample: &JointSample) -> bool {
-        if self.len == self.capacity {
+        // one sample may complete as many grid values
+        if self.len + BRIDGED + 2 > self.capacity {
             return false;
         }
-        let period_ns = self.options.sample_period_s * 1e9;
-        let at = self.len;
-        if at == 0 {
-            self.offset = (t_ns as f64 / period_ns).round() as i64;
-            self.segment = 0;
-        } else {
-            let last_ns = self.t_ns[at - 1];
-            let periods = (t_ns as f64 - last_ns as f64) / period_ns;
-            if !(0.5..1.5).contains(&periods) {
-                // a hole, or a clock that went back
-                self.segment = at;
-                self.offset += (periods.round() as i64 - 1).max(0);
+        if let (Some(change), Some(last)) = (self.intake.take(t_ns, sample), self.len.checked_sub(1)) {
+            for (u, change) in self.u.iter_mut().zip(&change) {
+                u[last] += change;
             }
         }
+        let mut stepped = 0;
         for joint in 0..self.q.len() {
-            self.q[joint][at] = sample.q[joint];
-            self.u[joint][at] = sample.input[joint];
+            stepped |= u32::from(sample.setpoint[joint] != self.setpoint[joint]) << joint;
         }
-        self.t_ns[at] = t_ns;
+        (self.setpoint, self.commanded) = (sample.setpoint, self.commanded || stepped != 0);
+        while self.len < self.capacity
+            && let Some(grid) = self.intake.next()
+        {
+            self.stepped[self.len] = stepped;
+            self.append(&grid);
+        }
+        true
+    }
+
+    /// Takes a sample on the grid in, which there is room for.
+    fn append(&mut self, grid: &GridSample) {
+        let at = self.len;
+        if grid.first || at == 0 {
+            // behind a hole, or a clock that went back
+            self.segment = at;
+            self.offset = grid.number - at as i64;
+        }
+        self.repair.note(at, grid.first || at == 0, grid.lost, grid.gain);
+        for joint in 0..self.q.len() {
+            self.q[joint][at] = grid.q[joint];
+            self.u[joint][at] = grid.u[joint];
+        }
+        self.t_ns[at] = grid.t_ns;
         self.len += 1;
 
         let velocity_half = self.options.velocity_half_width;
@@ -521,7 +720,29 @@ impl<P: Plant> Core<P> {
                 });
             }
         }
-        true
+    }
+
+    /// Makes single wrong and lost samples good, and what was computed from them.
+    fn mend(&mut self) {
+        for joint in 0..self.q.len() {
+            let (std, count) = (self.noise.deviations(joint), self.noise.position_resolution[joint]);
+            let (q, u) = (&mut self.q[joint][..self.len], &mut self.u[joint][..self.len]);
+            self.repair.mend(joint, q, u, std, count);
+        }
+        self.repair.finish(self.len);
+        let half = self.options.velocity_half_width;
+        for change in 0..self.repair.changed().len() {
+            let (from, to) = self.repair.changed()[change];
+            let mut stretches = self.repair.stretches(self.len);
+            let Some(stretch) = stretches.find(|stretch| stretch.contains(&from)) else {
+                continue;
+            };
+            drop(stretches);
+            let first = from.saturating_sub(half).max(stretch.start + half);
+            for at in first..(to + half).min(stretch.end.saturating_sub(half)) {
+                self.differentiate(at);
+            }
+        }
     }
 
     /// Velocity and features of a sample whose neighbours are known.
@@ -550,6 +771,8 @@ impl<P: Plant> Core<P> {
             }
         }
         self.t_ns.copy_within(from..from + kept, 0);
+        self.stepped.copy_within(from..from + kept, 0);
+        self.repair.clear(from, self.len);
         self.offset += from as i64;
         self.segment = 0;
         self.len = kept;
@@ -559,39 +782,92 @@ impl<P: Plant> Core<P> {
 
     /// Takes the noise levels from the signals where they are to be learnt, and says what each position is worth.
     fn sense(&mut self) {
-        let span = self.segment..self.len;
+        // windows lie before a hole as well as behind it
+        let span = 0..self.len;
+        let longest = self.repair.stretches(self.len).max_by_key(|stretch| stretch.len());
+        let longest = longest.unwrap_or(span.clone());
         for joint in 0..self.q.len() {
             if self.options.learn_noise {
                 let (position, input) = (&mut self.position_noise[joint], &mut self.input_noise[joint]);
-                position.learn(&self.q[joint][span.clone()], &mut self.statistic);
-                let u = &self.u[joint][span.clone()];
-                input.learn(u, &mut self.statistic);
+                let made = |kind| {
+                    let (repair, first) = (&self.repair, longest.start);
+                    move |k: usize| repair.is_made(kind, joint, first + k)
+                };
+                let q = &self.q[joint][longest.clone()];
+                position.learn(q, made(Kind::Position), &mut self.statistic);
+                let u = &self.u[joint][longest.clone()];
+                input.learn(u, made(Kind::Input), &mut self.statistic);
                 self.noise.position_resolution[joint] = position.resolution();
                 self.noise.position_noise[joint] = position.deviation();
                 let deviation = input.deviation().hypot(input.resolution() / 12f64.sqrt());
                 let size = (dot(u, u) / u.len().max(1) as f64).sqrt();
                 self.noise.input_noise[joint] = if deviation > EXACT * size { deviation } else { 0.0 };
+                self.noise.input_resolution[joint] = 0.0;
             }
             let resolution = self.noise.position_resolution[joint];
             let (white, rounding) = (self.noise.position_noise[joint].powi(2), resolution * resolution / 12.0);
-            for (deviation, velocity) in self.q_std[joint][span.clone()]
-                .iter_mut()
-                .zip(&self.dq[joint][span.clone()])
-            {
-                let creep = CREEP * resolution / (velocity.abs() * self.options.sample_period_s);
-                // 0/0 of a joint without quantisation counts for nothing
+            let (half, velocity_half) = (self.kernels.half, self.options.velocity_half_width);
+            // in counts, of the filtered velocity's difference over twice its half width
+            let rounded = self.velocity_gain / (24f64.sqrt() * velocity_half as f64);
+            let (std, q, dq) = (&mut self.q_std[joint], &self.q[joint], &self.dq[joint]);
+            let per_sample = self.options.sample_period_s / resolution;
+            for at in span.clone() {
+                // a joint that is not quantised has no counts
                 let inflation = if resolution > 0.0 {
-                    creep.clamp(1.0, CREEP_LIMIT)
+                    let around =
+                        |reach: usize| (at.saturating_sub(reach).max(span.start), (at + reach).min(span.end - 1));
+                    let (before, after) = around(velocity_half);
+                    let acceleration = (dq[after] - dq[before]) * per_sample / (after - before).max(1) as f64;
+                    if acceleration.abs() > SURE * rounded {
+                        rounding::inflation(dq[at] * per_sample, acceleration)
+                    } else {
+                        // slow enough to be measured over a window's length
+                        let (before, after) = around(half);
+                        let counts = (q[after] - q[before]) / resolution;
+                        rounding::inflation(counts / (after - before).max(1) as f64, 0.0)
+                    }
                 } else {
                     1.0
                 };
-                *deviation = (white + rounding * inflation).sqrt();
+                std[at] = (white + rounding * inflation).sqrt();
+            }
+            if self.repair.touched() {
+                for (at, deviation) in self.q_std[joint][span.clone()].iter_mut().enumerate() {
+                    let own = *deviation * *deviation;
+                    *deviation = self.repair.variance(Kind::Position, joint, at, own).sqrt();
+                }
+            }
+            let own = self.noise.deviations(joint)[1].powi(2);
+            self.repair
+                .surplus(Kind::Input, joint, self.len, own, &mut self.surplus[joint]);
+        }
+    }
+
+    /// Finds the rows that a joint at rest spoils.
+    fn find_rests(&mut self) {
+        for joint in 0..self.q.len() {
+            if !self.standstill.concerns(joint) {
+                continue;
+            }
+            let noise = &self.noise;
+            let (resolution, white) = (noise.position_resolution[joint], noise.position_noise[joint]);
+            self.standstill.begin(joint);
+            for stretch in self.repair.stretches(self.len) {
+                self.standstill.look(joint, &self.q[joint], stretch, resolution, white);
             }
         }
+        self.standstill.judge(self.windows.iter().map(|window| window.centre));
     }
 
     /// Projects the block.
     fn project(&mut self) {
+        self.suspects.sense(&Signals {
+            len: self.len,
+            q: &self.q,
+            dq: &self.dq,
+            q_std: &self.q_std,
+            u: &self.u,
+        });
         if self.options.timing == InputTiming::Continuous {
             for joint in 0..self.q.len() {
                 self.find_jumps(joint);
@@ -613,22 +889,26 @@ impl<P: Plant> Core<P> {
                     }
                     column[row] = scale * sum;
                 }
-                let Some(polynomial) = polynomial else { continue };
-                for column in &mut columns.factors {
-                    column[row] = 0.0;
-                }
-                let span = window.centre - kernels.half..window.centre + kernels.half + 1;
-                for term in &polynomial.velocity {
-                    let weights = &kernels.position[term.derivative + 1];
-                    columns.factors[term.monomial][row] +=
-                        term.coefficient * dot(weights, &self.q[term.joint][span.clone()]);
-                }
-                for term in &polynomial.features {
-                    columns.factors[term.monomial][row] += dot(
-                        &kernels.position[term.derivative],
-                        &self.features[term.feature][span.clone()],
-                    );
-                }
+                let moment = |r: usize| match columns.input.get(r) {
+                    Some(column) => column[row],
+                    None => {
+                        let jumps = jumps_within(&self.jumps[input], from, u.len()).iter();
+                        let sum: f64 = jumps.map(|&(at, size)| kernels.jump[r][at - from] * size).sum();
+                        scale * (sum + dot(&kernels.input[r], u))
+                    }
+                };
+                let moments = [moment(0), moment(1), moment(2)];
+                self.suspects.project(e, row, window.centre, scale, kernels, moments);
+            }
+            if let Some(polynomial) = polynomial {
+                project_factors(
+                    kernels,
+                    &self.windows,
+                    polynomial,
+                    &self.q,
+                    &self.features,
+                    &mut columns.factors,
+                );
             }
         }
     }
@@ -651,7 +931,7 @@ impl<P: Plant> Core<P> {
         self.statistic.extend(candidates.clone().map(|k| contrast(k).abs()));
         let middle = self.statistic.len() / 2;
         let (_, median, _) = self.statistic.select_nth_unstable_by(middle, f64::total_cmp);
-        let noise = self.noise.input_noise[joint];
+        let noise = self.noise.deviations(joint)[1];
         // the variance of j is 7 σ_u², and a median of 0.67 standard deviations
         let threshold = (8.0 * 7f64.sqrt() * noise).max(12.0 * *median).max(f64::MIN_POSITIVE);
         for k in candidates {
@@ -660,18 +940,35 @@ impl<P: Plant> Core<P> {
             if contrast(k).abs() > threshold && shape < 0.5 * here.abs() {
                 // without noise the left limit is extrapolated, which is exact for polynomials of degree 4
                 let left = 5.0 * (u[k - 1] - u[k - 4]) - 10.0 * (u[k - 2] - u[k - 3]) + u[k - 5];
-                jumps.push((k, if noise > 0.0 { here } else { u[k] - left }));
+                let size = if noise > 0.0 { here } else { u[k] - left };
+                // a drive may answer to its setpoint a few samples late
+                let recent = k.saturating_sub(ANSWER)..=k;
+                let commanded = self.stepped[recent].iter().any(|mask| mask >> joint & 1 == 1);
+                if self.commanded && !commanded {
+                    // not a step of the setpoint, so it may have happened anywhere since the sample before: a drive that left its limit
+                    let surplus = &mut self.surplus[joint];
+                    let place = surplus.partition_point(|entry| entry.0 < k);
+                    surplus.insert(place, (k, size * size / 12.0));
+                } else {
+                    jumps.push((k, size));
+                }
             }
         }
     }
 
-    /// Makes R at θ and whitens the rows by it.
+    /// Makes R at θ and whitens the rows by it, as they are measured.
     fn weigh(&mut self, theta: &[f64]) {
+        for (smooth, measured) in self.q_smooth.iter_mut().zip(&self.q) {
+            smooth[..self.len].copy_from_slice(&measured[..self.len]);
+        }
+        self.smoothed = false;
         for e in 0..self.raw.len() {
             self.differentiate_terms(e, theta);
             self.covariance(e, theta);
+            self.standstill.exclude(e, self.windows.len(), &mut self.whitening[e]);
             self.whitening[e].factor();
             let rows = self.windows.len();
+            self.suspects.whiten(e, rows, &self.whitening[e]);
             for (direction, white) in [Direction::Forward, Direction::Backward]
                 .into_iter()
                 .zip(&mut self.white)
@@ -685,6 +982,148 @@ impl<P: Plant> Core<P> {
             }
         }
         self.evaluated.get_mut().valid = false;
+    }
+
+    /// A whitened row with a coefficient for each monomial: writes the factors of those other than 1, returns what is left without them.
+    fn linear_row(&self, e: usize, row: usize, factors: &mut [f64]) -> f64 {
+        let columns = &self.white[Direction::Forward as usize][e];
+        let mut y = columns.input[0][row];
+        let mut slots = factors.iter_mut();
+        let monomials = self.separation.equations[e].iter().flat_map(|p| &p.monomials);
+        for (monomial, column) in monomials.zip(&columns.factors) {
+            match monomial {
+                Monomial::One => y -= column[row],
+                _ => {
+                    if let Some(slot) = slots.next() {
+                        *slot = column[row];
+                    }
+                }
+            }
+        }
+        y
+    }
+
+    /// Mean square of the whitened residuals at θ: 1 if they hold sensor noise alone.
+    fn mean_square(&self, theta: &[f64]) -> f64 {
+        let mut regressor = [0.0; MAX_PARAMS];
+        let (mut sum, mut count) = (0.0, 0usize);
+        for e in 0..self.raw.len() {
+            let own = self.plant.equations()[e].parameters.len();
+            for row in (0..self.windows.len()).filter(|&row| self.is_used(e, row)) {
+                let f = self.white_row(Direction::Forward, e, row, theta, &mut regressor[..own]);
+                sum += f * f;
+                count += 1;
+            }
+        }
+        sum / count.max(1) as f64
+    }
+
+    /// Makes the regressors of smoothed positions, see "Errors in variables" at the head of the file. The rows must have been
+    /// whitened as they are measured; `theta` is to leave no more in them than noise.
+    fn smooth(&mut self, theta: &[f64]) {
+        let rows = self.windows.len();
+        for e in 0..self.raw.len() {
+            self.residuals(e, theta);
+            self.subtract_errors(e);
+        }
+        self.smooth_features();
+        self.smoothed = true;
+        self.evaluated.get_mut().valid = false;
+        for e in 0..self.raw.len() {
+            let Some(polynomial) = &self.separation.equations[e] else {
+                continue;
+            };
+            let [forward, backward] = &mut self.white;
+            let (forward, backward) = (&mut forward[e].factors, &mut backward[e].factors);
+            project_factors(
+                &self.kernels,
+                &self.windows,
+                polynomial,
+                &self.q_smooth,
+                &self.features_smooth,
+                forward,
+            );
+            for (forward, backward) in forward.iter_mut().zip(backward) {
+                backward[..rows].copy_from_slice(&forward[..rows]);
+                self.whitening[e].apply(Direction::Forward, &mut forward[..rows]);
+                self.whitening[e].apply(Direction::Backward, &mut backward[..rows]);
+            }
+        }
+        // the residuals at θ stay what they are as measured
+        for e in 0..self.raw.len() {
+            let own = self.plant.equations()[e].parameters.len();
+            let mut regressor = [0.0; MAX_PARAMS];
+            for direction in [Direction::Forward, Direction::Backward] {
+                for row in 0..rows {
+                    let smooth = self.white_row(direction, e, row, theta, &mut regressor[..own]);
+                    let shift = self.residuals[direction as usize][e][row] - smooth;
+                    self.white[direction as usize][e].input[0][row] += shift;
+                }
+            }
+        }
+    }
+
+    /// Keeps the residuals of one equation at θ, both ways of whitening.
+    fn residuals(&mut self, e: usize, theta: &[f64]) {
+        let mut regressor = [0.0; MAX_PARAMS];
+        let own = self.plant.equations()[e].parameters.len();
+        for direction in [Direction::Forward, Direction::Backward] {
+            for row in 0..self.windows.len() {
+                self.residuals[direction as usize][e][row] =
+                    self.white_row(direction, e, row, theta, &mut regressor[..own]);
+            }
+        }
+    }
+
+    /// q̂ += σ_q² Σ_i c_i (R⁻¹ f)_i for the rows f of one equation, whose residuals have been kept.
+    fn subtract_errors(&mut self, e: usize) {
+        let rows = self.windows.len();
+        self.weighted[..rows].copy_from_slice(&self.residuals[Direction::Forward as usize][e][..rows]);
+        self.whitening[e].apply_transposed(&mut self.weighted[..rows]);
+        let velocity_half = self.options.velocity_half_width;
+        let support = 2 * (self.kernels.half + velocity_half) + 1;
+        for (i, window) in self.windows.iter().enumerate() {
+            let first = window.centre - self.kernels.half - velocity_half;
+            let weighted = self.weighted[i];
+            for joint in 0..self.q.len() {
+                let c = &self.sensitivity[e][i][joint * support..(joint + 1) * support];
+                let std = &self.q_std[joint][first..first + support];
+                let q = &mut self.q_smooth[joint][first..first + support];
+                for ((q, c), std) in q.iter_mut().zip(c).zip(std) {
+                    *q += std * c * weighted;
+                }
+            }
+        }
+    }
+
+    /// Velocities and features of the smoothed positions.
+    fn smooth_features(&mut self) {
+        let (Some(first), Some(last)) = (self.windows.first(), self.windows.last()) else {
+            return;
+        };
+        let (half, velocity_half) = (self.kernels.half, self.options.velocity_half_width);
+        let joints = self.q.len();
+        let samples = first.centre - half - velocity_half..last.centre + half + velocity_half + 1;
+        for joint in 0..joints {
+            for at in samples.clone() {
+                let (measured, most) = (self.q[joint][at], LARGEST_ERROR * self.q_std[joint][at]);
+                let smooth = &mut self.q_smooth[joint][at];
+                *smooth = smooth.clamp(measured - most, measured + most);
+            }
+        }
+        for at in first.centre - half..last.centre + half + 1 {
+            let mut q = [0.0; MAX_JOINTS];
+            let mut dq = [0.0; MAX_JOINTS];
+            for joint in 0..joints {
+                let neighbours = &self.q_smooth[joint][at - velocity_half..=at + velocity_half];
+                q[joint] = self.q_smooth[joint][at];
+                dq[joint] = dot(&self.velocity_weights, neighbours);
+                self.dq_smooth[joint][at] = dq[joint];
+            }
+            let features = &mut self.features_smooth;
+            self.separation
+                .extract(&self.plant, &q, &dq, |feature, value| features[feature][at] = value);
+        }
     }
 
     /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at every sample that a window holds.
@@ -730,7 +1169,7 @@ impl<P: Plant> Core<P> {
         let joints = self.q.len();
         let sensitivity = &self.separation.sensitivities[e];
         let polynomial = self.separation.equations[e].as_ref();
-        let slots = self.sensitivity.len();
+        let slots = self.bandwidth + 1;
         let u = &self.u[input][..self.len];
         let mean_square = dot(u, u) / self.len.max(1) as f64;
         // exact signals are exact to rounding and quadrature only
@@ -739,7 +1178,7 @@ impl<P: Plant> Core<P> {
         whitening.begin(self.windows.len());
         for (i, window) in self.windows.iter().enumerate() {
             // c_i, times the deviation of each position
-            let c = &mut self.sensitivity[i % slots];
+            let c = &mut self.sensitivity[e][i];
             c.fill(0.0);
             let first = window.centre - kernels.half;
             if let Some(polynomial) = polynomial {
@@ -769,6 +1208,7 @@ impl<P: Plant> Core<P> {
                     }
                 }
             }
+            self.suspects.turn(e, i, c, support, first - velocity_half);
             for joint in 0..joints {
                 let deviations = &self.q_std[joint][first - velocity_half..];
                 let own = &mut c[joint * support..(joint + 1) * support];
@@ -779,13 +1219,19 @@ impl<P: Plant> Core<P> {
 
             let from = window.centre - kernels.input_half;
             let jumps = jumps_within(&self.jumps[input], from, 2 * kernels.input_half + 1);
+            let surplus = jumps_within(&self.surplus[input], from, 2 * kernels.input_half + 1);
+            let count = self.noise.input_resolution[input];
+            self.rounding[i] = rounding_variance(count, &self.u[input][from..=window.centre + kernels.input_half]);
             for lag in 0..slots.min(i + 1) {
                 let earlier = self.windows[i - lag];
                 let distance = (window.number - earlier.number) as usize;
                 let strides = distance / self.stride as usize;
+                // a window's own rounding makes 0 + 0 of inputs without
+                let rounding = (self.rounding[i] * self.rounding[i - lag]).sqrt();
+                let input_variance = input_variance + rounding;
                 let mut sum = self.input_overlap.get(strides).unwrap_or(&0.0) * scale * scale * input_variance;
                 if distance < support {
-                    let (a, b) = (&self.sensitivity[i % slots], &self.sensitivity[(i - lag) % slots]);
+                    let (a, b) = (&self.sensitivity[e][i], &self.sensitivity[e][i - lag]);
                     for joint in 0..joints {
                         let (a, b) = (
                             &a[joint * support..],
@@ -800,10 +1246,18 @@ impl<P: Plant> Core<P> {
                         let Some(weight) = kernels.jump[0].get(at - earlier_from) else {
                             continue;
                         };
-                        let noise = self.noise.input_noise[input];
+                        let noise = self.noise.deviations(input)[1];
                         let relative = if noise > 0.0 { 1e-3 } else { 1e-5 };
                         let variance = 5.0 * noise * noise + (relative * size) * (relative * size);
                         sum += scale * scale * kernels.jump[0][at - from] * weight * variance;
+                    }
+                }
+                if strides < slots {
+                    let earlier_from = earlier.centre - kernels.input_half;
+                    for &(at, variance) in surplus {
+                        if let Some(weight) = kernels.input[0].get(at - earlier_from) {
+                            sum += scale * scale * kernels.input[0][at - from] * weight * variance;
+                        }
                     }
                 }
                 whitening.add(i, lag, sum);
@@ -831,8 +1285,12 @@ impl<P: Plant> Core<P> {
             for at in span.clone() {
                 let mut q = [Dual64::from_re(0.0); MAX_JOINTS];
                 let mut dq = [Dual64::from_re(0.0); MAX_JOINTS];
+                let (position, velocity) = match self.smoothed {
+                    true => (&self.q_smooth, &self.dq_smooth),
+                    false => (&self.q, &self.dq),
+                };
                 for j in 0..joints {
-                    (q[j].re, dq[j].re) = (self.q[j][at], self.dq[j][at]);
+                    (q[j].re, dq[j].re) = (position[j][at], velocity[j][at]);
                 }
                 for (slot, parameter) in form.parameters.clone().enumerate() {
                     dual_theta[parameter].eps = 1.0;
@@ -920,6 +1378,43 @@ impl<P: Plant> Core<P> {
     }
 }
 
+/// The factors of an equation's monomials, a value per window each.
+fn project_factors(
+    kernels: &Kernels,
+    windows: &[Window],
+    polynomial: &Polynomial,
+    q: &[Vec<f64>],
+    features: &[Vec<f64>],
+    factors: &mut [Vec<f64>],
+) {
+    for (row, window) in windows.iter().enumerate() {
+        for column in factors.iter_mut() {
+            column[row] = 0.0;
+        }
+        let span = window.centre - kernels.half..window.centre + kernels.half + 1;
+        for term in &polynomial.velocity {
+            let weights = &kernels.position[term.derivative + 1];
+            factors[term.monomial][row] += term.coefficient * dot(weights, &q[term.joint][span.clone()]);
+        }
+        for term in &polynomial.features {
+            factors[term.monomial][row] += dot(
+                &kernels.position[term.derivative],
+                &features[term.feature][span.clone()],
+            );
+        }
+    }
+}
+
+/// Variance of an input's rounding to counts over a window, 0 without: white where it crosses counts, and correlated where it creeps, as for positions.
+fn rounding_variance(count: f64, u: &[f64]) -> f64 {
+    if !(count > 0.0) {
+        return 0.0;
+    }
+    let steps: f64 = u.windows(2).map(|pair| (pair[1] - pair[0]).abs().min(count)).sum();
+    let rate = steps / (u.len() as f64 * count);
+    count * count / 12.0 * (rounding::BEAT / rate).clamp(1.0, rounding::LIMIT)
+}
+
 /// The jumps at buffer positions `from..from + len`.
 fn jumps_within(jumps: &[(usize, f64)], from: usize, len: usize) -> &[(usize, f64)] {
     let start = jumps.partition_point(|jump| jump.0 < from);
@@ -941,6 +1436,10 @@ impl<P: Plant> Residuals for Core<P> {
         (self.windows[index].start_ns, self.windows[index].end_ns)
     }
 
+    fn is_used(&self, equation: usize, index: usize) -> bool {
+        !self.standstill.is_spoilt(equation, index)
+    }
+
     fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
         self.white_row(Direction::Forward, equation, index, theta, regressor)
     }
@@ -960,8 +1459,28 @@ impl<P: Plant> Residuals for ProjectedBlock<P> {
         self.core.span(index)
     }
 
+    fn is_used(&self, equation: usize, index: usize) -> bool {
+        self.core.is_used(equation, index)
+    }
+
+    fn suspects(&self) -> usize {
+        self.core.suspects.count()
+    }
+
+    fn suspect_std(&self, suspect: usize) -> f64 {
+        self.core.suspects.std(suspect)
+    }
+
+    fn suspect_row(&self, equation: usize, index: usize, columns: &mut [f64]) {
+        self.core.suspects.row(equation, index, columns);
+    }
+
     fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
         self.core.row_forward(equation, index, theta, regressor)
+    }
+
+    fn start(&self) -> Option<&[f64]> {
+        self.begins.then(|| self.first_fit.theta())
     }
 }
 
@@ -971,17 +1490,28 @@ impl<P: Plant> SampleBlock for ProjectedBlock<P> {
     }
 
     fn prepare(&mut self, theta: &[f64]) {
+        self.core.mend();
         self.core.sense();
+        self.core.find_rests();
         self.core.project();
-        self.core.weigh(if self.first > 0 { &self.settled } else { theta });
-        if self.first > 0 && !self.core.windows.is_empty() {
-            self.first -= 1;
-            self.first_fit.update(&self.core);
-            if self.settle() {
-                self.first = 0;
-            }
-            self.core.weigh(&self.settled);
+        if self.core.windows.is_empty() {
+            return;
         }
+        if self.first > 0 {
+            self.fit_first();
+        } else {
+            self.begins = false;
+            self.core.weigh(theta);
+            self.smooth_near(theta);
+        }
+    }
+
+    fn replaced(&self) -> u32 {
+        self.core.repair.replaced()
+    }
+
+    fn suspect(&self, index: usize) -> Option<Suspect> {
+        self.core.suspects.describe(index, self.core.plant.input_unit())
     }
 
     fn clear(&mut self) {

@@ -15,6 +15,9 @@ pub(super) struct Whitening {
     band: Vec<f64>,
     forward: Vec<f64>,
     backward: Vec<f64>,
+    /// Whether each row is left out, and whether any is.
+    excluded: Vec<bool>,
+    any_excluded: bool,
 }
 
 /// Which way the whitening runs.
@@ -34,6 +37,8 @@ impl Whitening {
             band: vec![0.0; room],
             forward: vec![0.0; room],
             backward: vec![0.0; room],
+            excluded: vec![false; capacity],
+            any_excluded: false,
         }
     }
 
@@ -41,6 +46,21 @@ impl Whitening {
     pub fn begin(&mut self, rows: usize) {
         self.rows = rows;
         self.band[..rows * (self.bandwidth + 1)].fill(0.0);
+        self.excluded.fill(false);
+        self.any_excluded = false;
+    }
+
+    /// Leaves a row out, after its entries were added and before [`factor`](Self::factor): the others are whitened as if it did not exist, and it
+    /// reads 0.
+    pub fn exclude(&mut self, row: usize) {
+        let width = self.bandwidth + 1;
+        self.band[row * width..(row + 1) * width].fill(0.0);
+        self.band[row * width] = 1.0;
+        for lag in 1..width.min(self.rows - row) {
+            self.band[(row + lag) * width + lag] = 0.0;
+        }
+        self.excluded[row] = true;
+        self.any_excluded = true;
     }
 
     /// Adds to R_{i, i−lag}; ignored beyond the band.
@@ -80,6 +100,11 @@ impl Whitening {
     /// Whitens a column of `rows` values in place.
     pub fn apply(&self, direction: Direction, column: &mut [f64]) {
         let (n, width) = (self.rows, self.bandwidth + 1);
+        if self.any_excluded {
+            for (value, _) in column.iter_mut().zip(&self.excluded).filter(|(_, out)| **out) {
+                *value = 0.0;
+            }
+        }
         match direction {
             Direction::Forward => {
                 for i in 0..n {
@@ -101,6 +126,19 @@ impl Whitening {
                     }
                     column[at] = v / l[0];
                 }
+            }
+        }
+    }
+
+    /// Turns a column that was whitened forwards, L⁻¹ x, into R⁻¹ x = L⁻ᵀ L⁻¹ x, in place.
+    pub fn apply_transposed(&self, column: &mut [f64]) {
+        let (n, width) = (self.rows, self.bandwidth + 1);
+        for i in (0..n).rev() {
+            let l = &self.forward[i * width..(i + 1) * width];
+            let v = column[i] / l[0];
+            column[i] = v;
+            for lag in 1..width.min(i + 1) {
+                column[i - lag] -= l[lag] * v;
             }
         }
     }
@@ -169,6 +207,34 @@ mod tests {
         whitening.apply(Direction::Forward, &mut a);
         whitening.apply(Direction::Forward, &mut b);
         assert_eq!(a[..n - 1], b[..n - 1]);
+    }
+
+    #[test]
+    fn prop_rows_that_are_left_out_might_as_well_not_exist() {
+        let (n, out) = (9, [0usize, 3, 4]);
+        let r = |i: usize, j: usize| [2.0, -0.7, 0.3].get(i.abs_diff(j)).copied().unwrap_or(0.0);
+        let mut whitening = Whitening::new(n, 2);
+        whitening.begin(n);
+        for i in 0..n {
+            for lag in 0..=2.min(i) {
+                whitening.add(i, lag, r(i, i - lag));
+            }
+        }
+        out.iter().for_each(|&row| whitening.exclude(row));
+        whitening.factor();
+        let x: Vec<f64> = (0..n).map(|i| (i as f64 * 1.3).sin()).collect();
+        let kept: Vec<usize> = (0..n).filter(|i| !out.contains(i)).collect();
+        let matrix = nalgebra::DMatrix::from_fn(kept.len(), kept.len(), |i, j| r(kept[i], kept[j]));
+        let vector = nalgebra::DVector::from_fn(kept.len(), |i, _| x[kept[i]]);
+        let wanted = vector.dot(&matrix.lu().solve(&vector).unwrap());
+        for direction in [Direction::Forward, Direction::Backward] {
+            let mut y = x.clone();
+            whitening.apply(direction, &mut y);
+            assert!(out.iter().all(|&row| y[row] == 0.0));
+            let sum: f64 = y.iter().map(|v| v * v).sum();
+            // a handful of rows of a well-conditioned matrix
+            assert!((sum / wanted - 1.0).abs() < 1e-13, "{direction:?}");
+        }
     }
 
     #[test]

@@ -11,11 +11,13 @@ const ENOUGH: usize = 20_000;
 pub(super) struct Advisor {
     period_s: f64,
     window_s: Option<f64>,
+    joints: usize,
     positions: Vec<Vec<f64>>,
 }
 
 impl Advisor {
-    pub(super) fn new(config: &Config) -> Self {
+    /// For samples of `joints` joints, at most [`crate::model::MAX_JOINTS`].
+    pub(super) fn new(config: &Config, joints: usize) -> Self {
         let window_s = match &config.identifier.rows {
             Rows::Projected(rows) => Some(rows.window_s),
             Rows::Pointwise => None,
@@ -23,6 +25,7 @@ impl Advisor {
         Self {
             period_s: config.plant.sim.sample_period_s,
             window_s,
+            joints,
             positions: Vec::new(),
         }
     }
@@ -31,7 +34,11 @@ impl Advisor {
         if self.window_s.is_none() {
             return;
         }
-        self.positions.resize(sample.joints as usize, Vec::new());
+        // A recorded number of joints is whatever a file says; the node refuses those samples, and so does this.
+        if sample.joints as usize != self.joints {
+            return;
+        }
+        self.positions.resize(self.joints, Vec::new());
         for (kept, &q) in self.positions.iter_mut().zip(&sample.q) {
             if kept.len() < ENOUGH && q.is_finite() {
                 kept.push(q);

@@ -302,6 +302,38 @@ pub struct CompareArgs {
     pub common: CommonArgs,
 }
 
+/// `thetabus trials`.
+#[derive(Debug, Clone, Args)]
+pub struct TrialsArgs {
+    /// Few cases with two seeds each, in minutes
+    #[arg(long)]
+    pub quick: bool,
+    /// Only cases with all of these words, such as minimum_jerk,16bit; repeatable, any of them then
+    #[arg(long, value_name = "WORDS")]
+    pub only: Vec<String>,
+    /// Seeds per case; 8, or 2 with --quick
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    pub seeds: Option<u64>,
+    /// First of the seeds
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=1_000_000))]
+    pub first_seed: u64,
+    /// Blocks per run, instead of the case's own number
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(4..=100_000))]
+    pub blocks: Option<u64>,
+    /// States and parameters of each run
+    #[arg(long)]
+    pub details: bool,
+    /// Print the settings of each case, for a run by hand, instead of running it
+    #[arg(long)]
+    pub show: bool,
+    /// File to write the tables to
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+}
+
 /// Form of a result table on standard output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum TableFormat {

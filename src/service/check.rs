@@ -11,8 +11,8 @@ use std::path::Path;
 pub fn config_check(file: &Path, set: &[String]) -> Result<Exit, Failure> {
     let config = Config::load(&[Source::File(file.to_owned())], set)?;
     for warning in config.warnings() {
-        logging::result(&format!("warning: {warning}"));
+        logging::result(&format!("warning: {warning}"))?;
     }
-    logging::result(&format!("{}: ok", file.display()));
+    logging::result(&format!("{}: ok", file.display()))?;
     Ok(Exit::Done)
 }

@@ -24,12 +24,19 @@ pub(super) const TUNABLES: [&str; 11] = [
     "noise_floor_relative",
 ];
 
+/// The longest block that a running identifier makes room for \[samples\]: some 200 bytes each for the arm, more for more joints.
+const LONGEST_LIVE_BLOCK: usize = 500_000;
+
 /// Makes changes out of requests; follows the configuration as tunables are set.
 pub(super) struct Commands {
     config: Config,
     own: Option<OwnPlant>,
     /// The one before the last tunable was set.
     before: Option<Config>,
+    /// The stream that tunables were set for, and the configuration that holds again after it.
+    bound: Option<(u32, Config)>,
+    /// The longest N that may be asked for: blocks as long as this one has room for at its start are no surprise.
+    longest_block: usize,
     identity: Identity,
     parts: Parts,
 }
@@ -56,6 +63,8 @@ impl Commands {
             identity: identity(config),
             config: config.clone(),
             before: None,
+            bound: None,
+            longest_block: LONGEST_LIVE_BLOCK.max(config.estimator.block_len),
             parts: Parts::default(),
         }
     }
@@ -63,6 +72,30 @@ impl Commands {
     /// Whose checkpoints these are: tunables set later make no other identifier.
     pub(super) fn identity(&self) -> &Identity {
         &self.identity
+    }
+
+    /// The longest block that is made room for while the identifier runs \[samples\].
+    pub(super) fn longest_block(&self) -> u64 {
+        self.longest_block as u64
+    }
+
+    /// A stream is over: the tunables that were set for it alone are as before.
+    pub(super) fn leave_stream(&mut self, tag: u32) {
+        if let Some((_, config)) = self.bound.take_if(|(bound, _)| *bound == tag) {
+            self.config = config;
+        }
+    }
+
+    /// A request for one stream alone: another one that tunables were set for is over when the first sample of this one comes.
+    fn enter_stream(&mut self, tag: u32) {
+        if let Some(other) = self
+            .bound
+            .as_ref()
+            .map(|(bound, _)| *bound)
+            .filter(|bound| tag != 0 && *bound != tag)
+        {
+            self.leave_stream(other);
+        }
     }
 
     /// Takes the tunable back that was set last: its order never reached the node.
@@ -75,6 +108,7 @@ impl Commands {
     /// What a request means, or why it is refused.
     pub(super) fn prepare(&mut self, request: &Request) -> Result<Wanted, String> {
         self.before = None;
+        self.enter_stream(request.stream);
         let Some(command) = Command::from_wire(request.command) else {
             return Err(format!("command {} is not known", request.command));
         };
@@ -93,7 +127,7 @@ impl Commands {
                 };
                 order(change, "back to the start values".to_owned())
             }
-            Command::Set => self.set(name, request.value()),
+            Command::Set => self.set(name, request.value(), request.stream),
             Command::Fix => {
                 let index = self.parameter(name)?;
                 let options = &self.config.estimator.options;
@@ -152,7 +186,7 @@ impl Commands {
         })
     }
 
-    fn set(&mut self, name: &str, value: Option<f64>) -> Result<Wanted, String> {
+    fn set(&mut self, name: &str, value: Option<f64>, stream: u32) -> Result<Wanted, String> {
         let own = name.strip_prefix("estimator.").unwrap_or(name);
         if !TUNABLES.contains(&own) {
             return Err(format!(
@@ -165,6 +199,13 @@ impl Commands {
         };
         if !value.is_finite() {
             return Err(format!("estimator.{own}: expected a finite number, got {value}"));
+        }
+        if own == "block_len" && value > self.longest_block as f64 {
+            return Err(format!(
+                "block_len: expected at most {} while the identifier runs, for the room is taken at once, got {value}; start the identifier \
+                 with blocks that long",
+                self.longest_block
+            ));
         }
         // Where it was written is of no use to whoever asked: there is no file.
         let in_words = |e: ConfigError| -> String {
@@ -189,7 +230,13 @@ impl Commands {
             block_len: block_len as u64,
             rows,
         };
-        self.before = Some(std::mem::replace(&mut self.config, config));
+        let before = std::mem::replace(&mut self.config, config);
+        match stream {
+            // What somebody sets meanwhile stays, with what it was set beside.
+            0 => self.bound = None,
+            tag => _ = self.bound.get_or_insert_with(|| (tag, before.clone())),
+        }
+        self.before = Some(before);
         Ok(Wanted::Order(change, format!("{own} is {value}")))
     }
 

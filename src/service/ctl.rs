@@ -45,7 +45,7 @@ pub fn run(args: &CtlArgs) -> Result<Exit, Failure> {
             response.from_seq
         ),
     };
-    logging::result(text.trim_end());
+    logging::result(text.trim_end())?;
     Ok(Exit::Done)
 }
 

@@ -8,7 +8,7 @@ use super::script::Script;
 use super::wiring::{identifier_node, monitor_node};
 use super::{Exit, Failure, IdentifyArgs, identify_log, logging, out_dir, report, warm};
 use crate::config::Config;
-use crate::messages::Sample;
+use crate::messages::{Sample, Status};
 use crate::node::identifier::Identifier;
 use crate::node::monitor::MonitorNode;
 use crate::recording::{Entry, EstimatesCsv, Loss, RunInfo};
@@ -88,11 +88,12 @@ impl<'a> OffLine<'a> {
         if args.warm {
             warm::start(config, &mut *node, None)?;
         }
+        let joints = info.joints;
         Ok(Self {
             args,
             node,
             run: RunData::new(info, monitor),
-            advisor: Advisor::new(config),
+            advisor: Advisor::new(config, joints),
             csv: None,
             start,
         })
@@ -103,9 +104,9 @@ impl<'a> OffLine<'a> {
         // Where no sample comes, no file is left behind.
         if let (0, Some(dir)) = (self.run.samples, &self.args.out) {
             out_dir::create(dir)?;
-            let monitor = &self.run.monitor;
+            let (monitor, equations) = (&self.run.monitor, self.run.info.equations.len());
             let csv = create(&dir.join(ESTIMATES_CSV))
-                .and_then(|file| EstimatesCsv::new(file, monitor.parameters(), monitor.derived()));
+                .and_then(|file| EstimatesCsv::new(file, monitor.parameters(), equations, monitor.derived()));
             self.csv = Some(csv.map_err(|e| unwritable(ESTIMATES_CSV, &e))?);
         }
         self.run.sample(sample, 0);
@@ -122,6 +123,12 @@ impl<'a> OffLine<'a> {
         written.map_err(|e| unwritable(ESTIMATES_CSV, &e))
     }
 
+    /// The last estimate; empty where there is none.
+    pub(super) fn theta(&self) -> &[f64] {
+        let last = self.run.estimates.last();
+        last.map_or(&[], |e| &e.theta[..(e.params as usize).min(e.theta.len())])
+    }
+
     /// Table, advice and files; `about_input` is one more line on what was read.
     pub(super) fn finish(mut self, loss: Loss, about_input: Option<&str>) -> Result<Exit, Failure> {
         let (args, format) = (self.args, self.args.format);
@@ -133,23 +140,38 @@ impl<'a> OffLine<'a> {
         self.run.loss = loss;
         let mut summary = self.run.summary();
         summary.wall_s = Some((self.start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
-        logging::table(&summary, format)?;
-        if let Some(line) = self.advisor.line() {
-            logging::note(format, &line);
-        }
-        if let Some(line) = about_input {
-            logging::note(format, line);
-        }
-        if status.rejected > 0 {
-            tracing::warn!("samples were rejected: {}", status.faults);
-        }
+        // Files first: a standard output that is full must not take them away, too.
         if let Some(dir) = &args.out {
             out_dir::create(dir)?;
             write_summary(dir, &summary)?;
             report::write(dir, &self.run, &summary)?;
-            logging::note(format, &format!("results in {}", dir.display()));
+        }
+        if status.rejected > 0 {
+            let all = status.accepted.saturating_add(status.rejected);
+            tracing::warn!("{} of {all} samples were rejected: {}", status.rejected, status.faults);
+        }
+        logging::table(&summary, format)?;
+        if let Some(line) = self.advisor.line() {
+            logging::note(format, &line)?;
+        }
+        if let Some(line) = about_input {
+            logging::note(format, line)?;
+        }
+        if let Some(dir) = &args.out {
+            logging::note(format, &format!("results in {}", dir.display()))?;
         }
         // A gap is lost data whoever counts it: the recorder, or the node.
-        Ok(if status.missing > 0 { Exit::DataLoss } else { Exit::Done })
+        Ok(match status.missing > 0 || lost_by_rejection(&status) {
+            true => Exit::DataLoss,
+            false => Exit::Done,
+        })
     }
+}
+
+/// Whether what the node rejected counts as lost data.
+///
+/// A drive that saturates now and then is a healthy machine: its samples are left out on purpose, and count only where they are most of the run.
+fn lost_by_rejection(status: &Status) -> bool {
+    let beyond_saturation = status.rejected.saturating_sub(status.faults.saturated);
+    beyond_saturation > 0 || status.rejected > status.accepted
 }

@@ -2,14 +2,16 @@
 
 use super::identify::OffLine;
 use super::record::run_info;
-use super::wiring::monitor_node;
+use super::wiring::{monitor_node, plant_description};
 use super::{Exit, Failure, IdentifyArgs};
+use crate::config::{Config, ModelConfig};
 use crate::messages::Sample;
-use crate::offline::{LogError, LogReader};
+use crate::offline::{Configured, LineError, LogError, LogReader, judge_bounds, judge_profile};
 use crate::recording::{Loss, SamplesCsvReader, is_samples_csv};
 use crate::runner::Shutdown;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
+use std::path::Path;
 use std::time::Instant;
 
 /// Samples as rows of a file.
@@ -32,7 +34,7 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
     let place = |error: &dyn std::fmt::Display| format!("{}: {error}", input.display());
     let file = File::open(input).map_err(|e| Failure::Usage(place(&e)))?;
     let refused = |error: LogError| match error {
-        LogError::Read { ref source, .. } if source.is_io_error() => Failure::Failed(place(&error)),
+        LogError::Read(LineError::Io { .. }) => Failure::Failed(place(&error)),
         _ => Failure::Usage(place(&error)),
     };
     let monitor = monitor_node(&config, None)?;
@@ -55,15 +57,24 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
         }
     };
     let mut line = OffLine::new(args, &config, info, monitor, start)?;
-    while let Some(sample) = next_sample()? {
+    let outcome = loop {
+        let sample = match next_sample() {
+            Ok(Some(sample)) => sample,
+            Ok(None) => break Ok(()),
+            Err(failure) => break Err(failure),
+        };
         if !(span.from_ns..=span.to_ns).contains(&sample.t_ns) {
             continue;
         }
         line.take(&sample)?;
         if shutdown.requested() {
-            break;
+            break Ok(());
         }
+    };
+    if let Rows::Log(log) = &rows {
+        tell(input, &config, log, &line);
     }
+    outcome?;
     let counts = match &rows {
         Rows::Log(log) => Some(log.counts()),
         Rows::Exported(_) => None,
@@ -72,4 +83,50 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
     let exit = line.finish(Loss::default(), about_rows.as_deref())?;
     let all_good = counts.is_none_or(|counts| counts.refused() == 0);
     Ok(if all_good { exit } else { Exit::DataLoss })
+}
+
+/// What was read, and what is probably wrong with it.
+fn tell(input: &Path, config: &Config, log: &LogReader<BufReader<File>>, line: &OffLine<'_>) {
+    let input = input.display();
+    let definition = plant_description(config);
+    for line in log.profile().lines(&definition.position_unit, &definition.input_unit) {
+        tracing::info!("{input}: {line}");
+    }
+    let configured = Configured {
+        turns: definition.position_unit == "rad",
+        position_unit: &config.file_form().log.position_unit,
+        input_sign: input_sign(config),
+    };
+    let options = &config.estimator.options;
+    let theta = line.theta();
+    let bounds = config
+        .model
+        .parameters()
+        .iter()
+        .enumerate()
+        .filter_map(|(i, parameter)| {
+            let bounds = [*options.lower.get(i)?, *options.upper.get(i)?];
+            let free = !options.fixed.get(i)?;
+            let estimate = *theta.get(i)?;
+            free.then_some((parameter.name, *options.theta_start.get(i)?, bounds, estimate))
+        });
+    let found = judge_profile(log.profile(), &configured, &log.input_correlations());
+    for suspicion in found
+        .into_iter()
+        .chain(judge_bounds(bounds))
+        .chain(log.likely().cloned())
+    {
+        tracing::warn!("{input}: {suspicion}");
+    }
+}
+
+/// Sign of the acceleration that a positive input gives; 0 for a plant that does not say.
+fn input_sign(config: &Config) -> f64 {
+    match config.model {
+        ModelConfig::Own(_) => 0.0,
+        ModelConfig::ServoAxis { .. } | ModelConfig::DelayedServoAxis { .. } => {
+            config.file_form().servo_axis.gain.signum()
+        }
+        ModelConfig::Manipulator { .. } | ModelConfig::DelayedManipulator { .. } => 1.0,
+    }
 }

@@ -14,6 +14,8 @@ mod desk;
 mod doctor;
 mod exit;
 mod export;
+#[cfg(test)]
+mod fuzz;
 mod identifier;
 mod identify;
 mod identify_log;
@@ -28,13 +30,15 @@ mod record;
 mod replay;
 mod report;
 mod script;
+mod sparse;
 mod supervision;
+mod trials;
 mod warm;
 mod wiring;
 
 pub use args::{
     CommonArgs, CompareArgs, CtlArgs, CtlCommand, DoctorArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat,
-    MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION,
+    MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, TrialsArgs, VERSION,
 };
 pub use check::config_check;
 pub use compare::run as compare;
@@ -50,3 +54,4 @@ pub use own::main_for;
 pub use plant::run as plant;
 pub use replay::run as replay;
 pub use report::run as report;
+pub use trials::{run as trials, trial};

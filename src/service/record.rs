@@ -7,7 +7,7 @@ use crate::config::Config;
 use crate::messages::{Command, Estimate, Journal, Request, Sample, Status};
 use crate::node::monitor::MonitorNode;
 use crate::recording::{
-    EstimatesCsv, RecordError, Recorder, RecorderStatus, RecordingLimits, RecordingReader, RunInfo, Span,
+    EstimatesCsv, RecordError, Recorder, RecorderStatus, RecordingLimits, RecordingReader, RunInfo, Span, oldest_file,
 };
 use crate::runner::MonitorSink;
 use std::fs::File;
@@ -18,11 +18,15 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 /// Name of the recording in a directory of results.
 pub(super) const RECORDING: &str = "recording.mcap";
 
-/// The recording that is meant by a path to it, or to the directory of results that holds it.
+/// The recording that is meant by a path to it, or to the directory of results that holds it: its oldest file that is still there.
 pub(super) fn recording_at(path: &Path) -> PathBuf {
-    match path.is_dir() {
+    let first = match path.is_dir() {
         true => path.join(RECORDING),
         false => path.to_owned(),
+    };
+    match first.exists() {
+        true => first,
+        false => oldest_file(&first).unwrap_or(first),
     }
 }
 
@@ -156,7 +160,8 @@ pub(super) fn recorder(
     };
     let mut info = run_info(config, node, simulated);
     let begun = if resume {
-        if let Ok(reader) = RecordingReader::open(path, Span::default()) {
+        let oldest = oldest_file(path);
+        if let Some(Ok(reader)) = oldest.map(|path| RecordingReader::open(&path, Span::default())) {
             info.recording_id.clone_from(&reader.info().recording_id);
         }
         Recorder::resume(path, info, limits)

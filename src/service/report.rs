@@ -39,9 +39,10 @@ pub fn run(args: &ReportArgs) -> Result<Exit, Failure> {
     if !in_place {
         write_summary(&out, &summary)?;
     }
+    let exit = tell_loss(&run.loss);
     logging::table(&summary, args.format)?;
-    logging::note(args.format, &format!("report in {}", page.display()));
-    Ok(tell_loss(&run.loss))
+    logging::note(args.format, &format!("report in {}", page.display()))?;
+    Ok(exit)
 }
 
 /// Reads a recording; of a simulated run the configuration tells the truth as well.
@@ -69,7 +70,7 @@ pub(super) fn config_of(info: &RunInfo) -> Result<Config, Failure> {
 
 /// The same before anything is laid over it.
 pub(super) fn source_of(info: &RunInfo) -> Source {
-    Source::Embedded {
+    Source::Recorded {
         name: "the recording's configuration".to_owned(),
         text: info.config_toml.clone(),
     }

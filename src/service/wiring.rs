@@ -88,7 +88,7 @@ where
     let block_len = config.estimator.block_len;
     Ok(match &config.identifier.rows {
         Rows::Pointwise => {
-            let rows = PointwiseBlock::new(AutoDiff(plant.clone()), input, block_len);
+            let rows = PointwiseBlock::new(AutoDiff(plant.clone()), input, block_len).leaving_out_standstill(plant);
             Box::new(node(config, plant, needed(input, plant), rows)?)
         }
         Rows::Projected(options) => {

@@ -22,6 +22,10 @@ impl Noise {
     pub const JITTER: u64 = 0x103;
     /// Stream of lost samples.
     pub const LOSSES: u64 = 0x104;
+    /// Stream of the spikes on measured positions.
+    pub const POSITION_SPIKES: u64 = 0x105;
+    /// Stream of irregular sample instants.
+    pub const INSTANTS: u64 = 0x106;
     /// Stream of the first fault; each has its own.
     pub const FAULTS: u64 = 0x1000;
 

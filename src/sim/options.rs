@@ -1,7 +1,7 @@
 //! What a simulation is told: plain data with units in the names, validated before use.
 
 use super::servo_axis::ServoAxisOptions;
-use super::{Fault, MassSchedule, SensorOptions, Setpoint};
+use super::{Fault, MassSchedule, SensorOptions, Setpoint, Unmodelled};
 use crate::messages::signals;
 use crate::model::{MANIPULATOR_PARAMS, PhysicalParameters};
 
@@ -194,6 +194,8 @@ pub struct SimOptions {
     pub seed: u64,
     /// What stands between the exact signals and the samples.
     pub sensors: SensorOptions,
+    /// What the arm does beyond its equations.
+    pub unmodelled: Unmodelled,
     /// What goes wrong, and when; see [`Faults`](super::Faults).
     pub faults: Vec<Fault>,
 }
@@ -235,6 +237,7 @@ impl SimOptions {
             initial_q_rad: [0.0; ARM_JOINTS],
             seed: 0,
             sensors: SensorOptions::exact(),
+            unmodelled: Unmodelled::none(),
             faults: Vec::new(),
         }
     }
@@ -268,7 +271,10 @@ impl SimOptions {
 
     /// θ of (25), of the arm, as it really is at time `t_s` \[s\]; `t_s` ≥ 0.
     pub fn true_theta(&self, t_s: f64) -> [f64; MANIPULATOR_PARAMS] {
-        self.arm.with_mass_2(self.mass_2.mass_kg(t_s)).theta()
+        let mut physical = self.arm.with_mass_2(self.mass_2.mass_kg(t_s));
+        let heated = self.unmodelled.resistance_factor(t_s);
+        physical.winding_resistance_ohm.iter_mut().for_each(|r| *r *= heated);
+        physical.theta()
     }
 
     /// Number of samples: 170 s at 1 ms are samples 0 to 169 999.
@@ -314,6 +320,7 @@ impl SimOptions {
             in_range("initial_q_rad", self.initial_q_rad[joint], -100.0, 100.0)?;
         }
         self.sensors.validate()?;
+        self.unmodelled.validate()?;
         self.faults.iter().try_for_each(Fault::validate)
     }
 }

@@ -1,10 +1,12 @@
 //! What stands between the exact signals of the simulated machine and the samples that it publishes.
 //!
-//! Positions pass, in this order: the instant at which they are read (delay of the input, jitter), noise, the encoder's counts. The instant is
+//! Positions pass, in this order: a resonance between joint and sensor, the instant at which they are read (delay of the input, jitter), the encoder's
+//! eccentricity, noise, spikes, the encoder's counts. The instant is
 //! moved by q + q̇ τ + q̈ τ²/2; the rest, q⃛ τ³/6, is below 1e-7 rad for half a millisecond.
 
 use super::noise::Noise;
-use super::options::{ARM_JOINTS, SimError, in_range, not_negative, positive};
+use super::options::{ARM_JOINTS, SimError, finite, in_range, not_negative, positive};
+use super::resonance::Resonance;
 use crate::messages::signals;
 use crate::model::JointSample;
 use std::f64::consts::TAU;
@@ -20,16 +22,34 @@ pub struct SensorOptions {
     pub spike_v: f64,
     /// Most that the voltage measurement can show \[V\], either sign, > 0; `inf` for no limit.
     pub input_limit_v: f64,
+    /// One count of the voltage measurement \[V\], ≥ 0; 0 for voltages without rounding.
+    pub input_resolution_v: f64,
     /// 2^bits counts per turn on each joint, up to 40; 0 for positions without rounding.
     pub encoder_bits: u32,
     /// Standard deviation of white noise on the measured position, before it is rounded \[rad\], ≥ 0.
     pub position_noise_rad: f64,
+    /// Share of samples whose position carries a spike, 0 to 1; each joint on its own.
+    pub position_spike_probability: f64,
+    /// Standard deviation of such a spike \[rad\], ≥ 0.
+    pub position_spike_rad: f64,
+    /// a of encoders mounted off their axes \[rad\]: they show q + a sin(q + phase); −0.1 to 0.1.
+    pub eccentricity_rad: f64,
+    /// The phase of it \[rad\].
+    pub eccentricity_phase_rad: f64,
+    /// Frequency of a resonance between joint and encoder \[Hz\], 0 to 1000; 0 for none.
+    pub resonance_hz: f64,
+    /// Damping ratio of it, 0 to 10.
+    pub resonance_damping: f64,
     /// The recorded input acts this much later than the positions of its sample say \[s\], up to 0.01 s either way.
     pub input_delay_s: f64,
     /// Standard deviation of the instant at which positions are read \[s\], 0 to 1e-3; the same for all joints of a sample.
     pub jitter_s: f64,
+    /// Standard deviation of the instants of samples around their grid \[s\], 0 to 0.01; the machine, its controller and the time stamps keep to the true instants.
+    pub stamp_jitter_s: f64,
     /// Share of samples that are lost on their way, 0 to 1 exclusive.
     pub loss_probability: f64,
+    /// Samples that are lost in one go, 1 to 10 000.
+    pub loss_burst: u64,
 }
 
 impl SensorOptions {
@@ -40,11 +60,20 @@ impl SensorOptions {
             spike_probability: 0.0,
             spike_v: 0.0,
             input_limit_v: f64::INFINITY,
+            input_resolution_v: 0.0,
             encoder_bits: 0,
             position_noise_rad: 0.0,
+            position_spike_probability: 0.0,
+            position_spike_rad: 0.0,
+            eccentricity_rad: 0.0,
+            eccentricity_phase_rad: 0.0,
+            resonance_hz: 0.0,
+            resonance_damping: 0.05,
             input_delay_s: 0.0,
             jitter_s: 0.0,
+            stamp_jitter_s: 0.0,
             loss_probability: 0.0,
+            loss_burst: 1,
         }
     }
 
@@ -58,7 +87,15 @@ impl SensorOptions {
 
     /// True where the published positions are the exact ones.
     pub fn exact_positions(&self) -> bool {
-        self.encoder_bits == 0 && self.position_noise_rad == 0.0 && self.input_delay_s == 0.0 && self.jitter_s == 0.0
+        let errors = [
+            self.position_noise_rad,
+            self.position_spike_probability,
+            self.eccentricity_rad,
+            self.resonance_hz,
+            self.input_delay_s,
+            self.jitter_s,
+        ];
+        self.encoder_bits == 0 && errors.iter().all(|&error| error == 0.0)
     }
 
     /// Which of a sample's [`signals`] hold data: a machine whose positions come from a sensor reports no derivatives.
@@ -89,13 +126,27 @@ impl SensorOptions {
         if self.input_limit_v != f64::INFINITY {
             positive("sensors.input_limit_v", self.input_limit_v)?;
         }
+        not_negative("sensors.input_resolution_v", self.input_resolution_v)?;
         if self.encoder_bits > 40 {
             return Err(SimError::new("sensors.encoder_bits", "0 to 40", self.encoder_bits));
         }
         not_negative("sensors.position_noise_rad", self.position_noise_rad)?;
+        in_range(
+            "sensors.position_spike_probability",
+            self.position_spike_probability,
+            0.0,
+            1.0,
+        )?;
+        not_negative("sensors.position_spike_rad", self.position_spike_rad)?;
+        in_range("sensors.eccentricity_rad", self.eccentricity_rad, -0.1, 0.1)?;
+        finite("sensors.eccentricity_phase_rad", self.eccentricity_phase_rad)?;
+        in_range("sensors.resonance_hz", self.resonance_hz, 0.0, 1000.0)?;
+        in_range("sensors.resonance_damping", self.resonance_damping, 0.0, 10.0)?;
         in_range("sensors.input_delay_s", self.input_delay_s, -0.01, 0.01)?;
         in_range("sensors.jitter_s", self.jitter_s, 0.0, 1e-3)?;
-        in_range("sensors.loss_probability", self.loss_probability, 0.0, 0.999)
+        in_range("sensors.stamp_jitter_s", self.stamp_jitter_s, 0.0, 0.01)?;
+        in_range("sensors.loss_probability", self.loss_probability, 0.0, 0.999)?;
+        in_range("sensors.loss_burst", self.loss_burst as f64, 1.0, 10_000.0)
     }
 }
 
@@ -108,7 +159,9 @@ pub(super) struct Sensors {
     noise: Noise,
     spikes: Noise,
     positions: Noise,
+    position_spikes: Noise,
     jitter: Noise,
+    resonances: Option<[Resonance; ARM_JOINTS]>,
 }
 
 impl Sensors {
@@ -119,7 +172,10 @@ impl Sensors {
             noise: Noise::new(seed, Noise::INPUT),
             spikes: Noise::new(seed, Noise::SPIKES),
             positions: Noise::new(seed, Noise::POSITION),
+            position_spikes: Noise::new(seed, Noise::POSITION_SPIKES),
             jitter: Noise::new(seed, Noise::JITTER),
+            resonances: (options.resonance_hz > 0.0)
+                .then(|| [Resonance::new(options.resonance_hz, options.resonance_damping); ARM_JOINTS]),
         }
     }
 
@@ -146,6 +202,10 @@ impl Sensors {
         if self.exact_positions() {
             return q;
         }
+        let (mut q, mut dq, mut ddq) = (q, dq, ddq);
+        for (joint, resonance) in self.resonances.iter_mut().flatten().enumerate() {
+            [q[joint], dq[joint], ddq[joint]] = resonance.output(q[joint]);
+        }
         let options = &self.options;
         let mut late_s = -options.input_delay_s;
         if options.jitter_s > 0.0 {
@@ -153,14 +213,30 @@ impl Sensors {
         }
         std::array::from_fn(|joint| {
             let mut position = q[joint] + late_s * (dq[joint] + 0.5 * late_s * ddq[joint]);
+            if options.eccentricity_rad != 0.0 {
+                position += options.eccentricity_rad * (position + options.eccentricity_phase_rad).sin();
+            }
             if options.position_noise_rad > 0.0 {
                 position += options.position_noise_rad * self.positions.normal();
+            }
+            if options.position_spike_probability > 0.0 {
+                let (chance, size) = (self.position_spikes.uniform(), self.position_spikes.normal());
+                if chance < options.position_spike_probability {
+                    position += options.position_spike_rad * size;
+                }
             }
             match self.resolution {
                 0.0 => position,
                 count => (position / count).round() * count,
             }
         })
+    }
+
+    /// Tells how the machine got from one sample to the next: positions and velocities at both, `h` seconds apart.
+    pub fn advance(&mut self, from: [[f64; 2]; ARM_JOINTS], to: [[f64; 2]; ARM_JOINTS], h: f64) {
+        for (joint, resonance) in self.resonances.iter_mut().flatten().enumerate() {
+            resonance.advance(from[joint], to[joint], h);
+        }
     }
 
     /// Adds this sample's errors. Draws the same number of values whatever they are, so that one source of noise does not
@@ -178,6 +254,10 @@ impl Sensors {
                 }
             }
             sample.input[joint] = sample.input[joint].clamp(-options.input_limit_v, options.input_limit_v);
+            if options.input_resolution_v > 0.0 {
+                let count = options.input_resolution_v;
+                sample.input[joint] = (sample.input[joint] / count).round() * count;
+            }
         }
         if !self.exact_positions() {
             (sample.dq, sample.ddq, sample.dddq) = Default::default();
@@ -188,7 +268,10 @@ impl Sensors {
 /// Which samples get lost between the machine and its listeners.
 #[derive(Debug, Clone)]
 pub struct Losses {
+    /// That a burst begins at a sample which none before it took.
     probability: f64,
+    burst: u64,
+    left: u64,
     noise: Noise,
 }
 
@@ -196,13 +279,25 @@ impl Losses {
     /// The losses of a run.
     pub fn new(options: &SensorOptions, seed: u64) -> Self {
         Self {
-            probability: options.loss_probability,
+            // With bursts of L samples the share p is lost if one begins with q: q L/(q L + 1 − q) = p.
+            probability: options.loss_probability
+                / (options.loss_probability + options.loss_burst as f64 * (1.0 - options.loss_probability)),
+            burst: options.loss_burst,
+            left: 0,
             noise: Noise::new(seed, Noise::LOSSES),
         }
     }
 
     /// Whether the next sample is lost.
     pub fn next_is_lost(&mut self) -> bool {
-        self.probability > 0.0 && self.noise.uniform() < self.probability
+        if self.left > 0 {
+            self.left -= 1;
+            return true;
+        }
+        let begins = self.probability > 0.0 && self.noise.uniform() < self.probability;
+        if begins {
+            self.left = self.burst - 1;
+        }
+        begins
     }
 }

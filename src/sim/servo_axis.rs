@@ -10,6 +10,7 @@
 //! jump: a Runge-Kutta step that would carry v through zero is cut at the zero, where the axis sticks or sets off the other way.
 //! While it sticks, friction may be anything up to F_c, so such samples do not obey the model's F_c sign v, as on a real machine.
 
+use super::instants::SampleInstants;
 use super::integrator::rk4_step;
 use super::noise::Noise;
 use super::options::{ControllerKind, PositionFeedback, SimError, SimOptions, finite, not_negative, positive};
@@ -139,6 +140,9 @@ pub struct ServoAxisSimulator {
     feedback: PositionFeedback,
     setpoint: SetpointSource,
     sensors: Sensors,
+    instants: SampleInstants,
+    /// How far this sample and the next are from their places on the grid \[s\].
+    offset_s: [f64; 2],
     /// q, v.
     state: [f64; 2],
     motion: Motion,
@@ -155,6 +159,8 @@ impl ServoAxisSimulator {
         options.validate()?;
         axis.validate()?;
         let noise = Noise::new(options.seed, Noise::setpoint_stream(0));
+        let mut instants = SampleInstants::new(options);
+        let offset_s = [instants.next_offset_ns(), instants.next_offset_ns()].map(|ns| ns as f64 * 1e-9);
         Ok(Self {
             axis: axis.clone(),
             sample_period_s: options.sample_period_s,
@@ -163,6 +169,8 @@ impl ServoAxisSimulator {
             feedback: options.controller.feedback,
             setpoint: SetpointSource::new(&options.setpoint[0], options.sample_period_s, noise),
             sensors: Sensors::new(options.sensors, options.seed).with_resolution(axis.position_resolution),
+            instants,
+            offset_s,
             state: [options.initial_q_rad[0], 0.0],
             motion: Motion::Stuck,
             mass: axis.mass.mass_kg(0.0),
@@ -178,7 +186,7 @@ impl ServoAxisSimulator {
         self.mass = self.axis.mass.mass_kg(self.k as f64 * self.sample_period_s);
         self.setpoint.begin_sample(self.k);
         let [q, v] = self.state;
-        let setpoint = self.setpoint.value(0.0);
+        let setpoint = self.setpoint.value(self.offset_s[0] / self.sample_period_s);
         // The reading instant's shift needs the acceleration, which needs the input, which may need the reading: the true position
         // stands in for it, whose error here is below a count.
         let ddq = self
@@ -200,17 +208,24 @@ impl ServoAxisSimulator {
         sample.setpoint[0] = setpoint;
         sample.input[0] = u;
         self.integrate(u);
+        let length_s = self.sample_period_s + self.offset_s[1] - self.offset_s[0];
+        self.sensors
+            .advance([[q, v], [0.0; 2]], [self.state, [0.0; 2]], length_s);
+        self.offset_s = [self.offset_s[1], self.instants.next_offset_ns() as f64 * 1e-9];
         self.k += 1;
         Some(sample)
     }
 
     /// Carries the state on to the next sample instant; `held` is the input of this instant.
     fn integrate(&mut self, held: f64) {
+        let [start, _] = self.grid();
+        let length = self.grid()[1] - start;
         for substep in 0..self.substeps {
             let (mut from, mut cuts) = (0.0, 0);
             // Each pass is a stretch without a change of direction. A drive cannot turn the axis more often within a substep than this.
             while from < 1.0 && cuts < 4 {
-                let at = |fraction: f64, substeps: usize| (substep as f64 + fraction) / substeps as f64;
+                let at =
+                    |fraction: f64, substeps: usize| start + length * ((substep as f64 + fraction) / substeps as f64);
                 if self.state[1] == 0.0 {
                     let setpoint = self.setpoint.value(at(from, self.substeps));
                     let u = match self.kind {
@@ -243,10 +258,18 @@ impl ServoAxisSimulator {
         }
     }
 
+    /// This sample and the next as places on the grid, 0 and 1 unless samples are irregular.
+    fn grid(&self) -> [f64; 2] {
+        let [from, to] = self.offset_s.map(|offset_s| offset_s / self.sample_period_s);
+        [from, 1.0 + to]
+    }
+
     /// The state after a part of a substep, all as fractions of it.
     fn step(&mut self, held: f64, substep: usize, from: f64, length: f64) -> [f64; 2] {
         let substeps = self.substeps as f64;
-        let step_s = length * self.sample_period_s / substeps;
+        let [start, end] = self.grid();
+        let whole = end - start;
+        let step_s = length * (whole * self.sample_period_s) / substeps;
         let Self {
             axis,
             kind,
@@ -260,8 +283,8 @@ impl ServoAxisSimulator {
             let u = match kind {
                 ControllerKind::Sampled => held,
                 ControllerKind::Analog => {
-                    let at = (substep as f64 + from + fraction * length) / substeps;
-                    axis.input(setpoint.value(at.min(1.0)), q, v)
+                    let at = start + whole * ((substep as f64 + from + fraction * length) / substeps);
+                    axis.input(setpoint.value(at.min(end)), q, v)
                 }
             };
             [v, axis.acceleration(*mass, *motion, u, v)]

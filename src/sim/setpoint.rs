@@ -3,6 +3,7 @@
 //! Kinds that step hold their value from a sample to the next; kinds that are smooth are evaluated wherever the integrator needs
 //! them. Holding a smooth reference over 1 ms puts a staircase into the voltage, which no later filter can remove.
 
+use super::moves::{Moves, MovesSource};
 use super::noise::Noise;
 use super::options::{SimError, finite, in_range, not_negative, positive};
 use super::schedule::Interpolation;
@@ -85,6 +86,8 @@ pub enum Setpoint {
         /// Length of a sweep \[s\], > 0.
         sweep_s: f64,
     },
+    /// Moves from point to point with rests between them, drawn from the seed.
+    Moves(Moves),
     /// Values at given times; the first value before the first time, the last one after the last.
     Table {
         /// Times \[s\], rising, at least one.
@@ -111,7 +114,7 @@ impl Setpoint {
         match self {
             Self::Steps { .. } | Self::Square { .. } | Self::Random { .. } => true,
             Self::Table { interpolation, .. } => *interpolation == Interpolation::Step,
-            Self::Sines { .. } | Self::RandomSines { .. } | Self::Chirp { .. } => false,
+            Self::Sines { .. } | Self::RandomSines { .. } | Self::Chirp { .. } | Self::Moves(_) => false,
         }
     }
 
@@ -196,6 +199,7 @@ impl Setpoint {
                 positive("setpoint.end_frequency_hz", *end_frequency_hz)?;
                 positive("setpoint.sweep_s", *sweep_s)
             }
+            Self::Moves(moves) => moves.validate(sample_period_s),
             Self::Table { t_s, values_rad, .. } => {
                 if t_s.is_empty() || t_s.len() != values_rad.len() {
                     let got = format!("{} times and {} values", t_s.len(), values_rad.len());
@@ -258,6 +262,7 @@ enum Source {
         ratio: f64,
         sweep: f64,
     },
+    Moves(Box<MovesSource>),
     Held {
         t_s: Vec<f64>,
         values: Vec<f64>,
@@ -347,6 +352,7 @@ impl SetpointSource {
                 ratio: (end_frequency_hz / start_frequency_hz).ln(),
                 sweep: sweep_s,
             },
+            Setpoint::Moves(moves) => Source::Moves(Box::new(MovesSource::new(moves, noise))),
             Setpoint::Table {
                 t_s,
                 values_rad,
@@ -403,6 +409,7 @@ impl SetpointSource {
                 }
                 self.held = values[next.saturating_sub(1)];
             }
+            Source::Moves(moves) => moves.begin_sample(k, self.sample_period_s),
             Source::Sines { .. } | Source::Chirp { .. } | Source::Line { .. } => {}
         }
     }
@@ -414,6 +421,7 @@ impl SetpointSource {
         let t = (self.k as f64 + fraction) * self.sample_period_s;
         match &mut self.kind {
             Source::Steps { .. } | Source::Random { .. } | Source::Held { .. } => self.held,
+            Source::Moves(moves) => moves.value(self.k, fraction),
             Source::Sines { offset, tones } => tones.iter().fold(*offset, |sum, tone| {
                 sum + tone.amplitude_rad * (TAU * tone.frequency_hz * t + tone.phase_rad).sin()
             }),

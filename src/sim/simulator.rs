@@ -7,6 +7,7 @@
 
 use super::ArmParameters;
 use super::arm::ArmDynamics;
+use super::instants::SampleInstants;
 use super::integrator::rk4_step;
 use super::motor::Motor;
 use super::noise::Noise;
@@ -15,6 +16,7 @@ use super::schedule::MassSchedule;
 use super::sensors::Sensors;
 use super::servo_axis::ServoAxisSimulator;
 use super::setpoint::SetpointSource;
+use super::unmodelled::Unmodelled;
 use crate::model::{JointSample, PdController};
 use std::array::from_fn;
 
@@ -33,6 +35,10 @@ pub struct ArmSimulator {
     motors: [Motor; ARM_JOINTS],
     setpoints: [SetpointSource; ARM_JOINTS],
     sensors: Sensors,
+    unmodelled: Unmodelled,
+    instants: SampleInstants,
+    /// How far this sample and the next are from their places on the grid \[s\].
+    offset_s: [f64; 2],
     state: [f64; 6],
     mass_2_kg: f64,
     dynamics: ArmDynamics,
@@ -48,9 +54,13 @@ impl ArmSimulator {
         options.validate()?;
         let arm = options.arm;
         let mass_2_kg = options.mass_2.mass_kg(0.0);
-        let dynamics = ArmDynamics::new(&arm.with_mass_2(mass_2_kg), arm.gravity_m_s2);
+        let tilt = options.unmodelled.base_tilt_rad;
+        let dynamics = ArmDynamics::new(&arm.with_mass_2(mass_2_kg), arm.gravity_m_s2).tilted(tilt);
         let [q1, q2] = options.initial_q_rad;
-        let holding_current = dynamics.holding_torque(q2) / arm.torque_constant_n_m_per_a[1];
+        let holding = dynamics.holding_torques(options.initial_q_rad);
+        let [i1, i2] = from_fn(|joint| holding[joint] / arm.torque_constant_n_m_per_a[joint]);
+        let mut instants = SampleInstants::new(options);
+        let offset_s = [instants.next_offset_ns(), instants.next_offset_ns()].map(|ns| ns as f64 * 1e-9);
         Ok(Self {
             sample_period_s: options.sample_period_s,
             substeps: options.substeps,
@@ -73,7 +83,10 @@ impl ArmSimulator {
                 SetpointSource::new(&options.setpoint[joint], options.sample_period_s, noise)
             }),
             sensors: Sensors::new(options.sensors, options.seed),
-            state: [q1, q2, 0.0, 0.0, 0.0, holding_current],
+            unmodelled: options.unmodelled,
+            instants,
+            offset_s,
+            state: [q1, q2, 0.0, 0.0, i1, i2],
             mass_2_kg,
             dynamics,
             k: 0,
@@ -93,7 +106,14 @@ impl ArmSimulator {
         let mass_2_kg = self.mass_2.mass_kg(self.k as f64 * self.sample_period_s);
         if mass_2_kg != self.mass_2_kg {
             self.mass_2_kg = mass_2_kg;
-            self.dynamics = ArmDynamics::new(&self.arm.with_mass_2(mass_2_kg), self.arm.gravity_m_s2);
+            self.dynamics = ArmDynamics::new(&self.arm.with_mass_2(mass_2_kg), self.arm.gravity_m_s2)
+                .tilted(self.unmodelled.base_tilt_rad);
+        }
+        if self.unmodelled.heating_share != 0.0 {
+            let heated = self.unmodelled.resistance_factor(self.k as f64 * self.sample_period_s);
+            for (motor, cold) in self.motors.iter_mut().zip(self.arm.winding_resistance_ohm) {
+                motor.winding_resistance_ohm = cold * heated;
+            }
         }
         for setpoint in &mut self.setpoints {
             setpoint.begin_sample(self.k);
@@ -101,11 +121,12 @@ impl ArmSimulator {
 
         let [q1, q2, dq1, dq2, i1, i2] = self.state;
         let (q, dq) = ([q1, q2], [dq1, dq2]);
-        let setpoint: [f64; ARM_JOINTS] = from_fn(|joint| self.setpoints[joint].value(0.0));
+        let now = self.offset_s[0] / self.sample_period_s;
+        let setpoint: [f64; ARM_JOINTS] = from_fn(|joint| self.setpoints[joint].value(now));
         let [motor_1, motor_2] = &self.motors;
-        let ddq = self
-            .dynamics
-            .accelerations(q, dq, [motor_1.torque(i1), motor_2.torque(i2)]);
+        let [(friction_1, slope_1), (friction_2, slope_2)] = self.unmodelled.friction(dq);
+        let torque = [motor_1.torque(i1) - friction_1, motor_2.torque(i2) - friction_2];
+        let ddq = self.dynamics.accelerations(q, dq, torque);
         let measured_q = self.sensors.positions(q, dq, ddq);
         let seen_q = match self.feedback {
             PositionFeedback::True => q,
@@ -115,8 +136,8 @@ impl ArmSimulator {
         let voltage: [f64; ARM_JOINTS] =
             from_fn(|joint| self.controllers[joint].voltage(setpoint[joint], seen_q[joint], dq[joint]));
         let torque_rate = [
-            motor_1.torque(motor_1.current_rate(voltage[0], i1, dq1)),
-            motor_2.torque(motor_2.current_rate(voltage[1], i2, dq2)),
+            motor_1.torque(motor_1.current_rate(voltage[0], i1, dq1)) - slope_1 * ddq[0],
+            motor_2.torque(motor_2.current_rate(voltage[1], i2, dq2)) - slope_2 * ddq[1],
         ];
         let dddq = self.dynamics.jerks(q, dq, ddq, torque_rate);
 
@@ -127,20 +148,28 @@ impl ArmSimulator {
         sample.dddq[..ARM_JOINTS].copy_from_slice(&dddq);
         sample.setpoint[..ARM_JOINTS].copy_from_slice(&setpoint);
         sample.input[..ARM_JOINTS].copy_from_slice(&voltage);
-        self.integrate(voltage);
+        let step_s = self.integrate(voltage);
+        let [q1, q2, dq1, dq2, ..] = self.state;
+        self.sensors
+            .advance([[q[0], dq[0]], [q[1], dq[1]]], [[q1, dq1], [q2, dq2]], step_s);
+        self.offset_s = [self.offset_s[1], self.instants.next_offset_ns() as f64 * 1e-9];
         self.k += 1;
         Some(sample)
     }
 
-    /// Carries the state on to the next sample instant; `held` is the voltage of this instant \[V\].
-    fn integrate(&mut self, held: [f64; ARM_JOINTS]) {
-        let step_s = self.sample_period_s / self.substeps as f64;
+    /// Carries the state on to the next sample instant and tells how far that is \[s\]; `held` is the voltage of this instant \[V\].
+    fn integrate(&mut self, held: [f64; ARM_JOINTS]) -> f64 {
+        let [from, to] = self.offset_s.map(|offset_s| offset_s / self.sample_period_s);
+        let length = 1.0 + to - from;
+        let length_s = self.sample_period_s * length;
+        let step_s = length_s / self.substeps as f64;
         let Self {
             kind,
             controllers,
             motors: [motor_1, motor_2],
             setpoints,
             dynamics,
+            unmodelled,
             ..
         } = self;
         for substep in 0..self.substeps {
@@ -148,15 +177,16 @@ impl ArmSimulator {
                 let [u1, u2] = match kind {
                     ControllerKind::Sampled => held,
                     ControllerKind::Analog => {
-                        let at = (substep as f64 + fraction) / self.substeps as f64;
+                        let at = from + length * ((substep as f64 + fraction) / self.substeps as f64);
                         [
                             controllers[0].voltage(setpoints[0].value(at), q1, dq1),
                             controllers[1].voltage(setpoints[1].value(at), q2, dq2),
                         ]
                     }
                 };
-                let [ddq1, ddq2] =
-                    dynamics.accelerations([q1, q2], [dq1, dq2], [motor_1.torque(i1), motor_2.torque(i2)]);
+                let [(friction_1, _), (friction_2, _)] = unmodelled.friction([dq1, dq2]);
+                let torque = [motor_1.torque(i1) - friction_1, motor_2.torque(i2) - friction_2];
+                let [ddq1, ddq2] = dynamics.accelerations([q1, q2], [dq1, dq2], torque);
                 [
                     dq1,
                     dq2,
@@ -167,6 +197,7 @@ impl ArmSimulator {
                 ]
             });
         }
+        length_s
     }
 }
 

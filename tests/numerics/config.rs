@@ -370,11 +370,11 @@ fn fault_files_that_are_none_are_refused_by_name() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);
     std::fs::write(path("latin1.toml"), b"# ok\n# Gr\xfc\xdfe\n").unwrap();
-    std::fs::write(path("huge.toml"), vec![b'#'; (1 << 20) + 1]).unwrap();
+    std::fs::write(path("huge.toml"), vec![b'#'; (4 << 20) + 1]).unwrap();
     for (name, part) in [
         ("missing.toml", "cannot be opened"),
         ("latin1.toml", "UTF-8 text, got other bytes in line 2"),
-        ("huge.toml", "at most 1048576 bytes"),
+        ("huge.toml", "at most 4194304 bytes"),
         ("", "cannot be read"),
     ] {
         let message = Config::load(&[Source::File(path(name))], &[])
@@ -406,8 +406,10 @@ fn regress_setpoints_come_from_a_csv_file_beside_the_configuration() {
         (t_s.as_slice(), values_rad.as_slice()),
         (&[0.0, 2.5][..], &[0.5, -0.5][..])
     );
-    // What is written out finds the file from any other directory.
-    assert!(load(&good.to_toml(), &[]).is_ok());
+    // What is written out needs no file, and says the same.
+    let written = good.to_toml();
+    assert!(!written.contains("moves.csv"), "{written}");
+    assert_eq!(load(&written, &[]).unwrap().plant, good.plant);
     for (text, parts) in [
         ("t_s,q1_rad\n0,0\n", &["moves.csv:1", "t_s, q1_rad, q2_rad"][..]),
         ("t_s,q1_rad,q2_rad\n0,0,x\n", &["moves.csv:2", "q2_rad", "\"x\""]),
@@ -422,6 +424,76 @@ fn regress_setpoints_come_from_a_csv_file_beside_the_configuration() {
             assert!(message.contains(part), "{text:?}: expected {part:?} in: {message}");
         }
     }
+}
+
+#[test]
+fn fault_a_recordings_configuration_opens_no_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let secret = dir.path().join("secret");
+    std::fs::write(&secret, "root:$6$hidden\n").unwrap();
+    let recorded = |text: &str, sets: &[String]| {
+        let text = text.to_owned();
+        let source = Source::Recorded {
+            name: "the recording".to_owned(),
+            text,
+        };
+        Config::load(&[source], sets).map_err(|e| e.to_string())
+    };
+    let path = secret.display();
+    let csv = format!("[plant.setpoint]\nkind = \"csv\"\n[plant.setpoint.csv]\npath = \"{path}\"");
+    let error = recorded(&csv, &[]).unwrap_err();
+    assert!(
+        error.contains("plant.setpoint.csv.path") && error.contains("opens no file"),
+        "{error}"
+    );
+    assert!(!error.contains("hidden"), "{error}");
+    // Whoever reads the recording may name one.
+    let moves = dir.path().join("moves.csv");
+    std::fs::write(&moves, "t_s,q1_rad,q2_rad\n0,0.1,0.2\n").unwrap();
+    let set = format!("plant.setpoint.csv.path={}", moves.display());
+    let config = recorded(&csv, &[set]).unwrap();
+    assert!(config.to_toml().contains("0.0 0.1 0.2"), "{}", config.to_toml());
+    // Setpoints in the recording itself; where results went does not count.
+    let whole = format!(
+        "{}\n[checkpoint]\ndir = \"{path}\"",
+        config.to_toml().replace("[checkpoint]\n", "")
+    );
+    let again = recorded(&whole.replace("period_s = 10.0\n\n", ""), &[]);
+    let again = again.unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(again.plant, config.plant);
+    assert_eq!((again.checkpoint.dir, again.monitor.out_dir), (None, None));
+}
+
+#[test]
+fn fault_garbage_is_told_in_few_words_and_little_time() {
+    let many: String = (0..80_000).map(|k| format!("key_{k} = {k}\n")).collect();
+    let name = "x".repeat(1 << 20);
+    let cases = [
+        ("80 000 unknown keys", many),
+        ("a key of 1 MB", format!("{name} = 1\n")),
+        ("a name of 1 MB", format!("[log]\nq = [\"{name}\"]\ntime = \"{name}\"")),
+        ("a robot of 1 MB", format!("[bus]\nrobot = \"{name}\"")),
+        ("deep lists", format!("x = {}", "[".repeat(1 << 20))),
+        ("deep keys", format!("{} = 1", vec!["a"; 1 << 19].join("."))),
+        ("many tables", "[[plant.faults]]\n".repeat(60_000)),
+        ("syntax errors", "= = =\n".repeat(500_000)),
+        ("more than is read", "#\n".repeat(3 << 20)),
+        (
+            "rows of garbage",
+            format!("plant.setpoint = {{ kind = \"csv\", csv.rows = \"{name}\" }}"),
+        ),
+    ];
+    for (what, text) in cases {
+        let start = std::time::Instant::now();
+        let error = load(&text, &[]).unwrap_err();
+        assert!(error.len() < 50_000, "{what}: {} bytes", error.len());
+        let longest = error.lines().map(str::len).max();
+        assert!(longest < Some(1000), "{what}: a line of {longest:?} bytes");
+        // A tenth of it is enough on an idle machine; a quadratic search takes minutes.
+        assert!(start.elapsed().as_secs() < 10, "{what}: {:?}", start.elapsed());
+    }
+    let error = load("", &[&format!("{name}=1")]).unwrap_err();
+    assert!(error.len() < 1000, "{} bytes", error.len());
 }
 
 #[test]

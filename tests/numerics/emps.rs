@@ -26,7 +26,7 @@ fn pass(record: &[(f64, f64)], rows: ProjectedOptions, lambda: f64) -> (Report, 
 }
 
 /// The recording, or `None` with a message; a gate that requires it fails instead.
-fn recording_or_skip() -> Option<Vec<(f64, f64)>> {
+pub fn recording_or_skip() -> Option<Vec<(f64, f64)>> {
     match recording() {
         Ok(record) => Some(record),
         Err(why) => {

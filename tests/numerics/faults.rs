@@ -570,8 +570,9 @@ fn fault_more_orders_than_there_is_room_for_and_foreign_rows_are_given_back() {
     };
     assert!(node.offer(Order::new(1, 0, foreign)).is_err());
     assert!(node.offer(Order::new(1, 0, Change::Free { index: 9 })).is_err());
-    for id in 0..64 {
+    // 64 that wait, and 16 places for what is to take effect at the next border
+    for id in 0..80 {
         assert!(node.offer(Order::new(id, 0, Change::Pause)).is_ok(), "{id}");
     }
-    assert!(node.offer(Order::new(64, 0, Change::Pause)).is_err());
+    assert!(node.offer(Order::new(80, 0, Change::Pause)).is_err());
 }

@@ -49,6 +49,12 @@ fn eventful_stream() -> Vec<Sample> {
     samples[700].input[1] = f64::NAN;
     samples[800].q[0] = f64::INFINITY;
     samples[901] = samples[900];
+    // what is made good on its way to projected rows: spikes, single losses, stamps off the grid
+    samples[720].q[0] += 0.5;
+    samples[760].input[1] += 300.0;
+    samples[850..860].iter_mut().for_each(|s| s.t_ns += s.seq % 3 * 50_000);
+    samples.remove(1900);
+    samples.drain(1850..1853);
     samples.drain(1000..1010);
     samples.drain(1180..1620);
     let restarted: Vec<Sample> = samples[..900].iter().map(|s| Sample { boot_id: 2, ..*s }).collect();

@@ -1,0 +1,181 @@
+//! What the data since the last change say by themselves: nothing older may make a parameter usable.
+//!
+//! ```text
+//! I ← λ I + Σ_e S_e/σ_e²,  b ← λ b + Σ_e (S_e (θ_m − θ_r) + g_e)/σ_e²     rows since the change, linearised at θ_m; θ_r: θ̂ at the change
+//! C = (I + D⁻¹)⁻¹, D = diag(size²)                                         what these rows leave open, each parameter within its own size
+//! e = C (b − I (θ̂ − θ_r))                                                  how far they alone would move θ̂
+//! V = P + M (C + e eᵀ) M, M = diag(m_i), m_i = 1 until parameter i is confirmed
+//! ```
+//!
+//! θ̂ and P of the recursion keep what was known before the change, for a group that shows no sign of a change is probably right, and its accuracy is
+//! worth keeping. Probably is not evidence, however: a payload that is picked up while the arm rests changes the inertia at a joint that does not feel it.
+//! So what is published has the covariance V, as if every parameter might have changed by its size, until the rows since then say otherwise.
+//! Parameter i is confirmed as soon as
+//!
+//! * C_ii + e_i² ≤ 3 P_ii: the rows since the change know it nearly as well as P claims, or
+//! * 3 √(C_ii + e_i²) < 0.5 % of it: a change that these rows would not have shown is one that nobody minds.
+//!
+//! Both hold for a parameter, not for a direction: a combination that the rows leave open leaves all its members open, because C is inverted as a whole. e
+//! keeps it honest where the rows contradict θ̂ a little, but in no block so much that it raises an alarm.
+//!
+//! The same sums tell whether the data have ever informed on more than half of the directions of the free parameters: a machine that has not moved shows one or two of them.
+//! To ask for all of them would be to stay silent for ever on smooth motion, which never shows an inductance; what it does not show is not confirmed, and that says it
+//! parameter by parameter.
+
+use super::group::{EquationState, TINY};
+use super::linalg::{Eigen, mul_vec};
+use super::pass::Sums;
+use super::persist::Visit;
+
+/// Ratio to the variance of the recursion up to which the variance from the rows since the change confirms it.
+const RATIO: f64 = 3.0;
+/// Three standard deviations from the rows since the change, relative to the parameter, that confirm it whatever the recursion claims.
+const NOTABLE: f64 = 0.005;
+/// Eigenvalues of the scaled information below this share of the largest are rounding.
+const ROUNDING: f64 = 1e-13;
+
+/// Information since the last change, and the covariance that may be published.
+#[derive(Debug, Clone)]
+pub struct Confirmation {
+    n: usize,
+    information: Vec<f64>,
+    vector: Vec<f64>,
+    reference: Vec<f64>,
+    confirmed: Vec<bool>,
+    /// The rows since the start, or since a parameter was fixed or set free, informed on more than half of the directions.
+    informed: bool,
+    /// V, n × n.
+    pub covariance: Vec<f64>,
+    eigen: Eigen,
+    scaled: Vec<f64>,
+    open: Vec<f64>,
+    discrepancy: Vec<f64>,
+    image: Vec<f64>,
+}
+
+impl Confirmation {
+    /// Of a group of n parameters that nothing is known of.
+    pub fn new(n: usize) -> Self {
+        let (matrix, vector) = (vec![0.0; n * n], vec![0.0; n]);
+        Self {
+            n,
+            information: matrix.clone(),
+            vector: vector.clone(),
+            reference: vector.clone(),
+            confirmed: vec![false; n],
+            informed: false,
+            covariance: matrix.clone(),
+            eigen: Eigen::new(n),
+            scaled: matrix.clone(),
+            open: matrix,
+            discrepancy: vector.clone(),
+            image: vector,
+        }
+    }
+
+    /// What goes from block to block; see `persist.rs`.
+    pub fn visit(&mut self, v: &mut impl Visit) {
+        v.reals(&mut self.information);
+        v.reals(&mut self.vector);
+        v.reals(&mut self.reference);
+        self.confirmed.iter_mut().for_each(|confirmed| v.flag(confirmed));
+        v.flag(&mut self.informed);
+    }
+
+    /// The plant may have changed: nothing is confirmed any more. `theta` is θ̂ of the group.
+    pub fn restart(&mut self, theta: &[f64]) {
+        self.information.fill(0.0);
+        self.vector.fill(0.0);
+        self.reference.copy_from_slice(theta);
+        self.confirmed.fill(false);
+    }
+
+    /// The parameters themselves are others, because one was fixed or set free: the data must inform on them anew, too.
+    pub fn begin(&mut self, theta: &[f64]) {
+        self.restart(theta);
+        self.informed = false;
+    }
+
+    /// True once the data have informed on more than half of the directions of the free parameters: the rows alone know them to within the parameters' size.
+    pub fn is_informed(&self) -> bool {
+        self.informed
+    }
+
+    /// True while nothing more can be learnt here.
+    fn is_settled(&self) -> bool {
+        self.informed && self.confirmed.iter().all(|&confirmed| confirmed)
+    }
+
+    /// Adds the sums of a block, which were taken at `theta` of the group; of a block that a line was fitted to, only the information.
+    pub fn take(&mut self, equations: &[EquationState], sums: &[Sums], theta: Option<&[f64]>, forgetting_factor: f64) {
+        if self.is_settled() {
+            return;
+        }
+        let n = self.n;
+        self.information.iter_mut().for_each(|v| *v *= forgetting_factor);
+        self.vector.iter_mut().for_each(|v| *v *= forgetting_factor);
+        for (e, sums) in equations.iter().zip(sums) {
+            let weight = 1.0 / e.variance.max(TINY);
+            let p = sums.params;
+            for i in 0..p {
+                let row = e.offset + i;
+                for j in 0..p {
+                    self.information[row * n + e.offset + j] += weight * sums.gram[i * p + j];
+                }
+                let Some(theta) = theta else { continue };
+                let moved = |j: usize| theta[e.offset + j] - self.reference[e.offset + j];
+                let along: f64 = (0..p).map(|j| sums.gram[i * p + j] * moved(j)).sum();
+                self.vector[row] += weight * (sums.score[i] + along);
+            }
+        }
+    }
+
+    /// V for θ̂ and P of the group, whose parameters have the sizes `size`, 0 for a fixed one.
+    pub fn publish(&mut self, theta: &[f64], size: &[f64], covariance: &[f64]) {
+        let n = self.n;
+        self.covariance.copy_from_slice(covariance);
+        if self.is_settled() {
+            return;
+        }
+        for i in 0..n {
+            for j in 0..n {
+                self.scaled[i * n + j] = self.information[i * n + j] * size[i] * size[j];
+            }
+        }
+        self.eigen.decompose(n, &self.scaled);
+        let largest = self.eigen.values[..n].iter().fold(0.0, |a: f64, &b| a.max(b));
+        let known = |value: f64| if value > ROUNDING * largest { value } else { 0.0 };
+        let free = size.iter().filter(|&&size| size > 0.0).count();
+        let rank = self.eigen.values[..n]
+            .iter()
+            .filter(|&&value| known(value) > 1.0)
+            .count();
+        self.informed |= 2 * rank > free || free == 0;
+        self.eigen
+            .rebuild(n, &mut self.open, |value| 1.0 / (1.0 + known(value)));
+        for i in 0..n {
+            for j in 0..n {
+                self.open[i * n + j] *= size[i] * size[j];
+            }
+        }
+        for i in 0..n {
+            self.discrepancy[i] = theta[i] - self.reference[i];
+        }
+        mul_vec(n, &self.information, &self.discrepancy, &mut self.image);
+        for (image, vector) in self.image.iter_mut().zip(&self.vector) {
+            *image = vector - *image;
+        }
+        mul_vec(n, &self.open, &self.image, &mut self.discrepancy);
+        for i in 0..n {
+            let variance = self.open[i * n + i] + self.discrepancy[i] * self.discrepancy[i];
+            self.confirmed[i] |= size[i] == 0.0
+                || variance <= RATIO * covariance[i * n + i]
+                || 3.0 * variance.sqrt() < NOTABLE * theta[i].abs();
+        }
+        for i in (0..n).filter(|&i| !self.confirmed[i]) {
+            for j in (0..n).filter(|&j| !self.confirmed[j]) {
+                self.covariance[i * n + j] += self.open[i * n + j] + self.discrepancy[i] * self.discrepancy[j];
+            }
+        }
+    }
+}

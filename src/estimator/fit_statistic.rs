@@ -1,0 +1,164 @@
+//! Does the block fit: χ² of its whitened residuals, as a whole and over its last parts.
+//!
+//! ```text
+//! χ²_k = Σ_{last k rows} f_n(θ̂)²/σ²        k = 1, 2, 4, … rows and all N of them; χ²_k/k ~ F(k, ν) if the model and θ̂ are right
+//! p    = min(1, tests · min_k P(F > χ²_k/(k (1 + slack))))                          over all equations: Bonferroni
+//! ```
+//!
+//! A plant that changes near the end of a block leaves its residuals in the last rows, where they drown in the mean over the block and are too few for the test
+//! of `change.rs` against what was known before. Because the rows are whitened backwards, a sum over the last k of them is the cost of these windows alone.
+//!
+//! σ² is the variance that the user has told (`noise_floor`, 1 for rows that are whitened by the sensors' noise), ν = ∞. If none was told it is the level that
+//! the blocks before have learnt, ν their degrees of freedom: what a block does not fit must not be learnt from the same block. A level that was learnt holds what the
+//! model leaves out, too, which is no white noise, so the slack is larger there, and residuals within [`SHARE`] of the equation's signal are never a misfit.
+
+use super::Residuals;
+use super::pass::{Loss, Sums};
+use super::stats::f_tail;
+use std::ops::Range;
+
+/// A block whose p is below this does not fit: a right model does so once in ten thousand blocks, if the noise is what it is said to be.
+pub const MISFIT: f64 = 1e-4;
+/// Share by which the variance may exceed the one that was told: sensors are never known better.
+const SLACK: f64 = 0.25;
+/// The same for a variance that was learnt.
+const LEARNT_SLACK: f64 = 3.0;
+/// Root mean square of residuals, relative to the equation's signal, that a learnt noise level never calls a misfit.
+const SHARE: f64 = 2e-3;
+/// Degrees of freedom of a variance that is known.
+const MANY: f64 = 1e5;
+/// Rows at the end of a block that do not show what is explained: backward whitening begins there.
+const EDGE: usize = 16;
+/// Lengths of the last parts are powers of two below this.
+const LONGEST: usize = 1 << 20;
+
+/// The noise that residuals are compared with.
+#[derive(Debug, Clone, Copy)]
+pub struct NoiseLevel {
+    /// σ² of the divided rows.
+    pub variance: f64,
+    /// Degrees of freedom behind it; infinite for a variance that the user has told.
+    pub freedom: f64,
+}
+
+/// How well one equation fits a block.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct EquationFit {
+    /// χ²/n over the block: 1 on average if the model is right.
+    pub ratio: f64,
+    /// Smallest tail probability of the block or of one of its last parts.
+    pub tail: f64,
+    /// Number of parts that were tested.
+    pub tests: usize,
+    /// Σ f² over the rows that show what the model explains: all but the last few, whose whitening has not settled.
+    pub residual: f64,
+    /// Σ (v − v̄)² over the same rows, v = f + φᵀθ̂ the signal of the linear form (1): for a model that is linear in θ, the input. The mean is left out,
+    /// because a constant explains it.
+    pub signal: f64,
+    /// Their number; outliers do not count.
+    pub rows: usize,
+}
+
+impl EquationFit {
+    /// Of a block that a line was fitted to, by the residuals that it leaves in all of it.
+    pub fn of_line(sums: &Sums, level: NoiseLevel) -> Self {
+        let rows = sums.rows - sums.outliers.min(sums.rows);
+        let (slack, freedom) = slack_and_freedom(level);
+        let ratio = sums.cost / (rows.max(1) as f64 * level.variance.max(f64::MIN_POSITIVE));
+        let judged = rows > 0 && freedom >= 1.0;
+        Self {
+            ratio: if judged { ratio } else { 1.0 },
+            tail: if judged {
+                f_tail(ratio / (1.0 + slack), rows as f64, freedom)
+            } else {
+                1.0
+            },
+            tests: usize::from(judged),
+            ..Self::default()
+        }
+    }
+}
+
+fn slack_and_freedom(level: NoiseLevel) -> (f64, f64) {
+    match level.freedom.is_infinite() {
+        true => (SLACK, MANY),
+        false => (LEARNT_SLACK, level.freedom.min(MANY)),
+    }
+}
+
+/// Judges the rows `range` of an equation at θ, the last row first; rows are divided by `divisor`.
+#[allow(clippy::too_many_arguments)]
+pub fn judge<R: Residuals>(
+    rows: &R,
+    equation: usize,
+    range: Range<usize>,
+    theta: &[f64],
+    own: Range<usize>,
+    divisor: f64,
+    loss: Loss,
+    level: NoiseLevel,
+    regressor: &mut [f64],
+) -> EquationFit {
+    let mut fit = EquationFit {
+        tail: 1.0,
+        ..EquationFit::default()
+    };
+    let known = level.freedom.is_infinite();
+    let (slack, freedom) = slack_and_freedom(level);
+    let settled = if range.len() >= 4 * EDGE { EDGE } else { 0 };
+    let (mut rows_in, mut sum, mut power, mut mean) = (0usize, 0.0, 0.0, 0.0);
+    // the signal of the whole block is known at its first row only
+    let mut parts = [(0usize, 0.0f64); 21];
+    let mut count = 0;
+    for index in range.filter(|&index| rows.is_used(equation, index)).rev() {
+        let f = rows.row(equation, index, theta, regressor) / divisor;
+        let (_, _, outlier) = loss.at(f);
+        if outlier {
+            continue;
+        }
+        let predicted: f64 = regressor.iter().zip(&theta[own.clone()]).map(|(x, t)| x * t).sum();
+        let v = f + predicted / divisor;
+        sum += f * f;
+        power += v * v;
+        rows_in += 1;
+        if rows_in > settled {
+            // Welford's update
+            fit.rows += 1;
+            let off = v - mean;
+            mean += off / fit.rows as f64;
+            fit.signal += off * (v - mean);
+            fit.residual += f * f;
+        }
+        if rows_in.is_power_of_two() && rows_in < LONGEST {
+            parts[count] = (rows_in, sum);
+            count += 1;
+        }
+    }
+    if rows_in == 0 {
+        return fit;
+    }
+    let signal = power / rows_in as f64;
+    if !rows_in.is_power_of_two() {
+        parts[count] = (rows_in, sum);
+        count += 1;
+    }
+    let variance = level.variance.max(f64::MIN_POSITIVE);
+    fit.ratio = sum / (rows_in as f64 * variance);
+    if freedom < 1.0 {
+        // the first block: nothing to compare with
+        fit.ratio = 1.0;
+        return fit;
+    }
+    let variance = (1.0 + slack) * variance;
+    let allowed = if known {
+        variance
+    } else {
+        variance.max(SHARE * SHARE * signal)
+    };
+    for &(length, sum) in &parts[..count] {
+        let x = sum / (length as f64 * allowed);
+        fit.tail = fit.tail.min(f_tail(x, length as f64, freedom));
+    }
+    fit.tests = count;
+    fit
+}

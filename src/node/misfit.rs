@@ -1,0 +1,97 @@
+//! What a model lacks, in words that fit a status.
+
+use crate::estimator::Suspicion;
+use crate::messages::{ErrorCode, LastError};
+use crate::rows::{Suspect, SuspectKind};
+use std::fmt::{self, Write};
+
+/// Words without allocation; what does not fit is cut off.
+struct Words {
+    bytes: [u8; 112],
+    len: usize,
+}
+
+impl Write for Words {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        for c in text.chars() {
+            let mut utf8 = [0; 4];
+            let encoded = c.encode_utf8(&mut utf8).as_bytes();
+            let Some(room) = self.bytes.get_mut(self.len..self.len + encoded.len()) else {
+                return Err(fmt::Error);
+            };
+            room.copy_from_slice(encoded);
+            self.len += encoded.len();
+        }
+        Ok(())
+    }
+}
+
+/// "Coulomb friction at joint 1 would explain 80 % of the misfit (0.33 V)". Rounded, so that the words change only with the matter.
+pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
+    let mut words = Words {
+        bytes: [0; 112],
+        len: 0,
+    };
+    let amplitude = suspicion.amplitude * suspect.scale;
+    let share = 10.0 * (10.0 * suspicion.share).round();
+    let share = share.max(10.0);
+    // longer words than fit are cut, which is what an error means here
+    let _cut = match suspect.kind {
+        SuspectKind::InputDelay => write!(
+            words,
+            "{suspect} would explain {share:.0} % of the misfit ({:.0} us)",
+            1e6 * amplitude
+        ),
+        // two masses of unknown ratio: the amplitude is no frequency
+        SuspectKind::Resonance => write!(words, "{suspect} would explain {share:.0} % of the misfit"),
+        SuspectKind::Gain => write!(
+            words,
+            "{suspect} would explain {share:.0} % of the misfit ({:.1} %)",
+            100.0 * amplitude
+        ),
+        SuspectKind::Coulomb | SuspectKind::Eccentricity => write!(
+            words,
+            "{suspect} would explain {share:.0} % of the misfit ({:.1e} {})",
+            amplitude.abs(),
+            suspect.unit
+        ),
+    };
+    let text = std::str::from_utf8(&words.bytes[..words.len]).unwrap_or_default();
+    LastError::with_text(ErrorCode::Misfit, seq, text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_every_cause_has_words_that_fit() {
+        let suspicion = Suspicion {
+            suspect: 2,
+            amplitude: 1.5e-4,
+            deviations: 12.0,
+            share: 0.83,
+        };
+        for kind in [
+            SuspectKind::InputDelay,
+            SuspectKind::Gain,
+            SuspectKind::Coulomb,
+            SuspectKind::Eccentricity,
+            SuspectKind::Resonance,
+        ] {
+            let suspect = Suspect {
+                kind,
+                joint: (kind != SuspectKind::InputDelay).then_some(7),
+                scale: 1.0,
+                unit: "N m",
+            };
+            let error = error(&suspect, &suspicion, 9);
+            assert!(
+                error.words().contains("would explain 80 % of the misfit"),
+                "{}",
+                error.words()
+            );
+            assert!(error.words().len() < 100 && error.code == ErrorCode::Misfit as u32);
+        }
+    }
+}

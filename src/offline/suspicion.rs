@@ -1,0 +1,512 @@
+//! What is probably wrong with a log that was read as configured: the usual mistakes of those who write logs and configurations.
+//!
+//! A judgement here never changes a number and never refuses a log. It is told, with the key that would mend it, and whoever knows the machine decides. The limits
+//! are those beyond which hardly any machine is and within which the mistake nearly always puts it: joints that turn three times, axes longer than ten metres.
+
+use super::profile::{ColumnProfile, LogProfile, Signal};
+use std::fmt;
+
+/// Joints seldom turn further \[rad\]; angles in degrees span more.
+const LARGEST_SPAN_RAD: f64 = 6.0 * std::f64::consts::PI;
+/// Axes are seldom longer \[m\]; lengths in millimetres span more.
+const LARGEST_SPAN_M: f64 = 10.0;
+/// Joints seldom turn less \[rad\]: 3.4°, what 3.4 rad are if they are read as degrees.
+const SMALLEST_SPAN_RAD: f64 = 0.06;
+/// Axes seldom move less \[m\], which is what 1 m is if it is read as millimetres.
+const SMALLEST_SPAN_M: f64 = 0.001;
+/// Partial correlation of input and acceleration that is no accident: noise alone gives 50 samples ±0.14.
+const SURE_CORRELATION: f64 = 0.5;
+/// A spread of the steps of this share of the period is more than rounding and scheduling of time stamps.
+const LARGEST_SPREAD: f64 = 0.1;
+/// Steps between rows that are this share of a turn are not motion.
+const WRAP: std::ops::Range<f64> = 0.9..1.1;
+
+/// What was configured, beside what was read.
+#[derive(Debug, Clone)]
+pub struct Configured<'a> {
+    /// The joints turn; otherwise they move along a line.
+    pub turns: bool,
+    /// Word for the unit of the position columns: `rad`, `deg`, `turn`, `m`, `mm` or `um`.
+    pub position_unit: &'a str,
+    /// Sign of the acceleration that a positive input gives by the model, 1 or −1; 0 where the model does not say.
+    pub input_sign: f64,
+}
+
+/// A likely mistake.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Suspicion {
+    /// Angles in degrees, read as radians or turns.
+    Degrees {
+        /// The column.
+        column: String,
+        /// What it spans \[rad\].
+        span_rad: f64,
+    },
+    /// Angles in radians, read as degrees.
+    Radians {
+        /// The column.
+        column: String,
+        /// What it spans \[rad\].
+        span_rad: f64,
+    },
+    /// Lengths in millimetres or less, read as metres.
+    Millimetres {
+        /// The column.
+        column: String,
+        /// What it spans \[m\].
+        span_m: f64,
+    },
+    /// Lengths in metres, read as something smaller.
+    Metres {
+        /// The column.
+        column: String,
+        /// What it spans \[m\].
+        span_m: f64,
+    },
+    /// A column that never changes.
+    Constant {
+        /// The column.
+        column: String,
+        /// Its value, in SI units.
+        value: f64,
+    },
+    /// A position that is brought back into one turn.
+    Wraps {
+        /// The column.
+        column: String,
+    },
+    /// The input acts against what the model takes for its direction.
+    InputSign {
+        /// The column.
+        column: String,
+        /// Partial correlation of input and acceleration.
+        correlation: f64,
+    },
+    /// Rows are unevenly spaced.
+    Uneven {
+        /// Mean distance of rows \[s\].
+        mean_s: f64,
+        /// Standard deviation \[s\].
+        std_s: f64,
+    },
+    /// Time begins anew within the log.
+    Restarts {
+        /// First line of the later part.
+        line: u64,
+    },
+    /// An estimate that a bound holds.
+    AtBound {
+        /// The parameter.
+        parameter: String,
+        /// The bound.
+        bound: f64,
+    },
+    /// Dates where numbers of seconds were expected.
+    Dates {
+        /// Such a field.
+        field: String,
+    },
+    /// A comma for the decimal point.
+    DecimalComma {
+        /// Such a field.
+        field: String,
+    },
+    /// Another character between the columns.
+    Separator {
+        /// The character.
+        separator: char,
+    },
+    /// The time column has another unit.
+    TimeUnit {
+        /// The unit that gives the configured period.
+        unit: &'static str,
+    },
+    /// The configured period is another.
+    Period {
+        /// The log's \[s\].
+        period_s: f64,
+    },
+}
+
+impl fmt::Display for Suspicion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Degrees { column, span_rad } => write!(
+                f,
+                "column \"{column}\" spans {span_rad:.4} rad, {:.1} turns: if it is in degrees, set log.position_unit = \"deg\"",
+                span_rad / std::f64::consts::TAU
+            ),
+            Self::Radians { column, span_rad } => write!(
+                f,
+                "column \"{column}\" spans {:.4} degrees only: if it is in radians, set log.position_unit = \"rad\"",
+                span_rad.to_degrees()
+            ),
+            Self::Millimetres { column, span_m } => write!(
+                f,
+                "column \"{column}\" spans {span_m:.4} m: if it is in millimetres, set log.position_unit = \"mm\""
+            ),
+            Self::Metres { column, span_m } => write!(
+                f,
+                "column \"{column}\" spans {:.4} mm only: if it is in metres, set log.position_unit = \"m\"",
+                span_m * 1e3
+            ),
+            Self::Constant { column, value } => write!(
+                f,
+                "column \"{column}\" is {value} in every row: is it the column that was meant, and was the machine on?"
+            ),
+            Self::Wraps { column } => write!(
+                f,
+                "column \"{column}\" jumps by a whole turn between rows: the position must go on beyond a turn, unwrapped"
+            ),
+            Self::InputSign { column, correlation } => write!(
+                f,
+                "column \"{column}\" drives the machine backwards (its correlation with the acceleration is {correlation:.2}): if its sign is that of another convention, set log.input_unit to its negative"
+            ),
+            Self::Uneven { mean_s, std_s } => write!(
+                f,
+                "rows are {mean_s:.6} s apart with a standard deviation of {std_s:.6} s: if the machine was sampled evenly and only the time stamps are uneven, leave log.time out"
+            ),
+            Self::Restarts { line } => write!(
+                f,
+                "time goes back in line {line} and goes on from there: two logs in one file, or a clock that was set; cut the log there"
+            ),
+            Self::AtBound { parameter, bound } => write!(
+                f,
+                "{parameter} rests at its bound {bound}, so the data ask for a value beyond it: check sign and unit of the input, and the order of the columns"
+            ),
+            Self::Dates { field } => write!(
+                f,
+                "\"{field}\" is a date or time of day: the time column must be a number, seconds since any instant for instance"
+            ),
+            Self::DecimalComma { field } => {
+                write!(
+                    f,
+                    "\"{field}\" has a comma for the decimal point: write numbers with points"
+                )
+            }
+            Self::Separator { separator } => {
+                let name = match separator {
+                    ';' => "semicolons",
+                    '\t' => "tabs",
+                    _ => "other characters",
+                };
+                write!(f, "columns are separated by {name}: they must be separated by commas")
+            }
+            Self::TimeUnit { unit } => write!(f, "if time is in {unit}, set log.time_unit = \"{unit}\""),
+            Self::Period { period_s } => write!(f, "if that is right, set plant.sample_period_s = {period_s}"),
+        }
+    }
+}
+
+/// What is suspicious about the values of a log; `correlations` of each joint's input with its acceleration, where they are known.
+pub fn judge_profile(
+    profile: &LogProfile,
+    configured: &Configured<'_>,
+    correlations: &[Option<f64>],
+) -> Vec<Suspicion> {
+    let mut found = Vec::new();
+    for column in profile.columns.iter().filter(|c| c.count > 1) {
+        let name = column.name.clone();
+        let moves = column.max > column.min;
+        match column.signal {
+            Signal::Position(_) | Signal::Input(_) if !moves => found.push(Suspicion::Constant {
+                column: name,
+                value: column.min,
+            }),
+            Signal::Position(_) => found.extend(judge_position(column, configured)),
+            Signal::Input(joint) => {
+                let r = correlations.get(joint).copied().flatten();
+                let against = r.filter(|r| r * configured.input_sign < -SURE_CORRELATION);
+                found.extend(against.map(|correlation| Suspicion::InputSign {
+                    column: name,
+                    correlation,
+                }));
+            }
+            Signal::Setpoint(_) => {}
+        }
+    }
+    let steps = &profile.steps;
+    if steps.count > 1 && steps.std_s() > LARGEST_SPREAD * steps.mean_s {
+        found.push(Suspicion::Uneven {
+            mean_s: steps.mean_s,
+            std_s: steps.std_s(),
+        });
+    }
+    found.extend(profile.restart_line.map(|line| Suspicion::Restarts { line }));
+    found
+}
+
+fn judge_position(column: &ColumnProfile, configured: &Configured<'_>) -> Option<Suspicion> {
+    let name = column.name.clone();
+    let span = column.max - column.min;
+    let one_turn = column.largest_step / std::f64::consts::TAU;
+    match (configured.turns, configured.position_unit) {
+        // In degrees a wrap is a step of 360.
+        (true, _) if WRAP.contains(&one_turn) || WRAP.contains(&one_turn.to_radians()) => {
+            Some(Suspicion::Wraps { column: name })
+        }
+        (true, unit) if unit != "deg" && span > LARGEST_SPAN_RAD => Some(Suspicion::Degrees {
+            column: name,
+            span_rad: span,
+        }),
+        (true, "deg") if span < SMALLEST_SPAN_RAD => Some(Suspicion::Radians {
+            column: name,
+            span_rad: span,
+        }),
+        (false, "m") if span > LARGEST_SPAN_M => Some(Suspicion::Millimetres {
+            column: name,
+            span_m: span,
+        }),
+        (false, "mm" | "um") if span < SMALLEST_SPAN_M => Some(Suspicion::Metres {
+            column: name,
+            span_m: span,
+        }),
+        _ => None,
+    }
+}
+
+/// Estimates that rest at a bound: name, start, lower and upper bound, estimate.
+pub fn judge_bounds<'a>(parameters: impl Iterator<Item = (&'a str, f64, [f64; 2], f64)>) -> Vec<Suspicion> {
+    let held = |(name, start, bounds, estimate): (&str, f64, [f64; 2], f64)| {
+        // As near as no data would bring it: a thousandth of the way that was gone.
+        let at = bounds.into_iter().find(|bound| {
+            bound.is_finite() && start != *bound && (estimate - bound).abs() <= 1e-3 * (start - bound).abs()
+        });
+        at.map(|bound| Suspicion::AtBound {
+            parameter: name.to_owned(),
+            bound,
+        })
+    };
+    parameters.filter_map(held).collect()
+}
+
+/// What a header without the expected columns looks like.
+pub fn judge_header(line: &str) -> Option<Suspicion> {
+    let count = |c: char| line.matches(c).count();
+    let separator = [';', '\t'].into_iter().find(|c| count(*c) > count(','))?;
+    Some(Suspicion::Separator { separator })
+}
+
+/// What a field that should be a number looks like.
+pub fn judge_field(field: &str) -> Option<Suspicion> {
+    let digits = |text: &str, n: usize| text.len() >= n && text.bytes().take(n).all(|b| b.is_ascii_digit());
+    let told = || field.chars().take(40).collect::<String>();
+    // 2026-11-21…, 21.11.2026…, 11/21/2026, 08:15:30
+    let parts: Vec<&str> = field.splitn(4, ['-', '/', ':', '.']).collect();
+    let date = parts.len() >= 3 && parts.iter().take(3).all(|part| digits(part, 1));
+    if date {
+        return Some(Suspicion::Dates { field: told() });
+    }
+    if let Some(separator) = [';', '\t'].into_iter().find(|c| field.contains(*c)) {
+        return Some(Suspicion::Separator { separator });
+    }
+    let comma = field.split_once(',');
+    let decimal = comma.is_some_and(|(a, b)| digits(a.trim_start_matches(['-', '+']), 1) && digits(b, 1));
+    decimal.then(|| Suspicion::DecimalComma { field: told() })
+}
+
+/// Why rows may be `got_s` apart by a column in `unit`, where `expected_s` is configured.
+pub fn judge_period(got_s: f64, expected_s: f64, unit_s: f64) -> Option<Suspicion> {
+    let units = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
+    let fits = |seconds: f64| (got_s / unit_s * seconds / expected_s - 1.0).abs() < 0.2;
+    if let Some((unit, _)) = units.into_iter().find(|(_, seconds)| fits(*seconds)) {
+        return Some(Suspicion::TimeUnit { unit });
+    }
+    (0.05..20.0)
+        .contains(&(got_s / expected_s))
+        .then_some(Suspicion::Period { period_s: got_s })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn profile(signal: Signal, min: f64, max: f64, largest_step: f64) -> LogProfile {
+        LogProfile {
+            columns: vec![ColumnProfile {
+                name: "x".to_owned(),
+                signal,
+                count: 100,
+                min,
+                max,
+                largest_step,
+                last: Some(max),
+            }],
+            ..LogProfile::default()
+        }
+    }
+
+    #[test]
+    fn regress_each_likely_mistake_is_named_with_the_key_that_mends_it_and_a_good_log_is_not() {
+        let q = Signal::Position(0);
+        // (what, turns, unit, column, its range in SI units, largest step, words)
+        let cases = [
+            ("an arm in rad", true, "rad", q, [-3.0, 3.0], 0.01, ""),
+            ("two turns", true, "rad", q, [0.0, 12.5], 0.01, ""),
+            (
+                "an arm in degrees as rad",
+                true,
+                "rad",
+                q,
+                [-90.0, 90.0],
+                1.0,
+                "\"deg\"",
+            ),
+            (
+                "small motion in degrees as rad",
+                true,
+                "rad",
+                q,
+                [0.0, 20.0],
+                0.1,
+                "\"deg\"",
+            ),
+            ("rad as deg", true, "deg", q, [-0.02, 0.03], 1e-4, "\"rad\""),
+            ("degrees as deg", true, "deg", q, [-1.5, 1.5], 1e-2, ""),
+            ("degrees as turns", true, "turn", q, [0.0, 500.0], 1.0, "\"deg\""),
+            ("an axis in m", false, "m", q, [-0.1, 0.1], 0.001, ""),
+            ("an axis of 300 mm as m", false, "m", q, [0.0, 300.0], 1.0, "\"mm\""),
+            ("mm as mm", false, "mm", q, [0.0, 0.3], 0.001, ""),
+            ("m as mm", false, "mm", q, [0.0, 3e-4], 1e-6, "\"m\""),
+            ("a wrapped encoder", true, "rad", q, [-3.1, 3.1], 6.2, "unwrapped"),
+            (
+                "the same in degrees as rad",
+                true,
+                "rad",
+                q,
+                [-179.0, 179.0],
+                358.0,
+                "unwrapped",
+            ),
+            (
+                "a machine that was off",
+                false,
+                "m",
+                q,
+                [0.2, 0.2],
+                0.0,
+                "was the machine on",
+            ),
+            (
+                "no input",
+                false,
+                "m",
+                Signal::Input(0),
+                [0.0, 0.0],
+                0.0,
+                "was the machine on",
+            ),
+            (
+                "a setpoint that rests",
+                false,
+                "m",
+                Signal::Setpoint(0),
+                [0.0, 0.0],
+                0.0,
+                "",
+            ),
+        ];
+        for (what, turns, position_unit, signal, [min, max], step, words) in cases {
+            let configured = Configured {
+                turns,
+                position_unit,
+                input_sign: 1.0,
+            };
+            let found = judge_profile(&profile(signal, min, max, step), &configured, &[]);
+            let told: Vec<String> = found.iter().map(ToString::to_string).collect();
+            match words {
+                "" => assert!(told.is_empty(), "{what}: {told:?}"),
+                words => assert!(told.len() == 1 && told[0].contains(words), "{what}: {told:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn regress_an_input_against_the_models_direction_is_named_where_the_data_are_sure() {
+        let profile = profile(Signal::Input(0), -1.0, 1.0, 0.1);
+        for (input_sign, correlation, named) in [
+            (1.0, Some(0.9), false),
+            (1.0, Some(-0.9), true),
+            (-1.0, Some(-0.9), false),
+            (-1.0, Some(0.9), true),
+            (1.0, Some(-0.2), false),
+            (1.0, None, false),
+            (0.0, Some(-1.0), false),
+        ] {
+            let configured = Configured {
+                turns: false,
+                position_unit: "m",
+                input_sign,
+            };
+            let found = judge_profile(&profile, &configured, &[correlation]);
+            assert_eq!(!found.is_empty(), named, "{input_sign} {correlation:?}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn regress_times_separators_and_fields_are_told_by_their_looks() {
+        let field = |text: &str| judge_field(text).map(|s| s.to_string());
+        for (text, words) in [
+            ("2026-11-21T08:15:30.123Z", "date"),
+            ("2026-11-21 08:15:30", "date"),
+            ("21.11.2026 08:15", "date"),
+            ("08:15:30.5", "date"),
+            ("0,125", "decimal point"),
+            ("-3,5", "decimal point"),
+            ("0,5;1,25;3", "semicolons"),
+            ("1\t2", "tabs"),
+        ] {
+            let told = field(text).unwrap_or_default();
+            assert!(told.contains(words), "{text}: {told}");
+        }
+        for text in ["abc", "", "1.5", "NaN", "1-2"] {
+            assert_eq!(field(text), None, "{text}");
+        }
+        for (line, words) in [
+            ("t;q;u", "semicolons"),
+            ("t\tq\tu", "tabs"),
+            ("t,q,u", ""),
+            ("t,q;r,u", ""),
+        ] {
+            let told = judge_header(line).map(|s| s.to_string()).unwrap_or_default();
+            assert!(
+                told.contains(words) && told.is_empty() == words.is_empty(),
+                "{line}: {told}"
+            );
+        }
+        for (got_s, expected_s, unit_s, words) in [
+            (1.0, 1e-3, 1.0, "\"ms\""),
+            (1000.0, 1e-3, 1.0, "\"us\""),
+            (1e6, 1e-3, 1.0, "\"ns\""),
+            (1e-6, 1e-3, 1e-3, "\"s\""),
+            (0.002, 0.001, 1.0, "plant.sample_period_s = 0.002"),
+            (0.5, 0.001, 1.0, ""),
+        ] {
+            let told = judge_period(got_s, expected_s, unit_s)
+                .map(|s| s.to_string())
+                .unwrap_or_default();
+            assert!(
+                told.contains(words) && told.is_empty() == words.is_empty(),
+                "{got_s}: {told}"
+            );
+        }
+    }
+
+    #[test]
+    fn regress_an_estimate_at_its_bound_is_named() {
+        let inf = f64::INFINITY;
+        let parameters = [
+            ("mass", 50.0, [0.0, inf], 2e-22),
+            ("friction", 100.0, [0.0, inf], 3.0),
+            ("offset", 0.0, [-inf, inf], 0.0),
+            ("never moved", 0.0, [0.0, inf], 0.0),
+        ];
+        let found = judge_bounds(parameters.into_iter());
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(
+            found[0].to_string().contains("mass rests at its bound 0"),
+            "{}",
+            found[0]
+        );
+    }
+}

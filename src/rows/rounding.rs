@@ -1,0 +1,92 @@
+//! How far the rounding of an encoder is from white noise.
+//!
+//! ```text
+//! e_k = round(x_k) − x_k,   x_k = x_0 + v k        in counts; v counts per sample
+//! ```
+//!
+//! While a joint crosses counts irregularly, e is white with variance 1/12. Where v is close to a fraction p/n, e is the sum of a pattern
+//! of period n, which no window sees, and of a sawtooth of height 1/n that beats with |n v − p| cycles per sample. All of its energy lies at
+//! that one frequency, and windows pass it if it is low: to them the variance is raised by about (c/beat)/n². A beat that lasts shorter
+//! than its own period is none, so an acceleration of a counts per sample² limits it to about √(n a)/2. n = 1, p = 0 is a joint that
+//! creeps; at 13 bits and 1 kHz a joint at 0.77 rad/s moves by one count per sample, n = 1, p = 1.
+//!
+//! Source: the sawtooth series of the rounding error, B. Widrow and I. Kollár, Quantization Noise, Cambridge University Press, 2008.
+
+/// Cycles per sample below which windows see a beat.
+pub(super) const BEAT: f64 = 0.2;
+/// Most that the variance is raised by: beyond it the rounding hardly changes within a window, and an offset is no noise.
+pub(super) const LIMIT: f64 = 30.0;
+/// Largest n: the fourth sawtooth raises the variance by a factor of two once in a while.
+const FRACTIONS: usize = 3;
+
+/// Factor of the variance of rounding at a velocity \[counts per sample\] and an acceleration \[counts per sample²\], from 1 to 30.
+#[inline]
+pub(super) fn inflation(velocity: f64, acceleration: f64) -> f64 {
+    (1..=FRACTIONS)
+        .map(|n| {
+            let n = n as f64;
+            let cycles = n * velocity;
+            let beat = (cycles - cycles.round())
+                .abs()
+                .max(0.5 * (n * acceleration.abs()).sqrt());
+            (BEAT / beat).min(LIMIT) / (n * n)
+        })
+        .fold(1.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_only_slow_beats_raise_the_variance() {
+        assert_eq!(inflation(0.0, 0.0), LIMIT);
+        assert_eq!(inflation(3.0, 0.0), LIMIT);
+        assert_eq!(inflation(0.5, 0.0), LIMIT / 4.0);
+        assert_eq!(inflation(-0.28, 0.0), 1.0);
+        // a joint that accelerates does not stay at any beat
+        assert_eq!(inflation(1.0, 1.0), 1.0);
+    }
+
+    #[test]
+    fn val_the_power_that_a_window_passes_is_that_of_the_rounding_itself() {
+        // a window of 40 samples, first derivative, on the rounding error of ramps; the mean over starting points is its variance
+        let half = 20i32;
+        let kernel: Vec<f64> = (-half..=half)
+            .map(|k| {
+                let s = f64::from(k) / f64::from(half);
+                s * (1.0 - s * s).max(0.0).powi(6)
+            })
+            .collect();
+        let white: f64 = kernel.iter().map(|w| w * w).sum::<f64>() / 12.0;
+        let power = |v: f64| {
+            let starts = 400;
+            (0..starts)
+                .map(|start| {
+                    let sum: f64 = kernel
+                        .iter()
+                        .enumerate()
+                        .map(|(k, w)| {
+                            let x = f64::from(start) / f64::from(starts) + v * k as f64;
+                            w * (x.round() - x)
+                        })
+                        .sum();
+                    sum * sum / f64::from(starts)
+                })
+                .sum::<f64>()
+                / white
+        };
+        for v in [0.28, 0.72, 1.28] {
+            // two to three digits of a fraction without a small denominator: white to within a factor of two
+            assert!(power(v) < 2.0 * inflation(v, 0.0), "{v}: {}", power(v));
+        }
+        for v in [0.03, 0.98, 2.04] {
+            // the sawtooth itself, at the frequencies that this window passes best
+            let (seen, taken) = (power(v), inflation(v, 0.0));
+            assert!(
+                seen > 2.0 && taken > 0.3 * seen && taken < 4.0 * seen,
+                "{v}: {seen} {taken}"
+            );
+        }
+    }
+}

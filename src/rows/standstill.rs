@@ -1,0 +1,359 @@
+//! Where a joint stands still, and which rows that spoils.
+//!
+//! ```text
+//! f(t; θ) = s u − F sign q̇ − …        holds while q̇ ≠ 0; at rest friction is anything within ±F
+//! ```
+//!
+//! `sign 0 = 0`, but a joint that sticks carries whatever force acts on it. A row over a standstill would take that force for missing friction, by
+//! tens of per cent where a machine rests between its moves. So such rows are left out, of the equations that need the joint to move only.
+//!
+//! # Rest and reversal
+//! A reversal passes through zero without resting and belongs in: it tells friction from everything else. The velocity alone cannot tell the two
+//! apart, for its sign at rest is that of noise. Positions can: let t₁ be the time that q stays within W of its resting value, t₉ that within
+//! 9 W. A reversal at an acceleration a has t₁ = 2√(2W/a) and t₉ = 3 t₁, a joint that creeps through t₉ = 9 t₁, and one that rests
+//! for a time t between a deceleration and an acceleration of any size
+//!
+//! ```text
+//! t₁ = t + τ, t₉ = t + 3 τ        t = (3 t₁ − t₉)/2
+//! ```
+//!
+//! W is what rounding and noise alone make of a position at rest. Rests shorter than a twentieth of a window are none.
+
+use super::noise::SignalNoise;
+use super::whitening::Whitening;
+use crate::model::{MAX_JOINTS, MAX_PARAMS, Plant};
+use std::ops::Range;
+
+/// Share of a window that a rest must last.
+const SHORTEST: f64 = 0.05;
+/// Samples that a rest must last at least.
+const FEWEST: usize = 4;
+/// Weight of resting samples in a row from which on the row is left out: a stuck joint may falsify the friction in it by twice this share. That is
+/// below the noise of any row; the tapered ends of a window may still lie over a rest, the first and last 6 % of it.
+const SPOILT: f64 = 1e-6;
+/// Standard deviations between the smallest and the largest of some hundred noisy values.
+const RANGE: f64 = 6.0;
+/// Change of a term over a change of the velocity from −δ to δ, as a share of its size, that counts as a jump.
+const JUMP: f64 = 0.01;
+
+/// For each equation, the joints (bit j) that it needs moving: those that it names, and those at whose reversal one of its terms jumps.
+pub(super) fn motion_needed<P: Plant>(plant: &P) -> Vec<u32> {
+    let named = |e: usize| plant.equations()[e].motion;
+    let joints = plant.joints().min(MAX_JOINTS);
+    (0..plant.equations().len())
+        .map(|e| (0..joints).fold(named(e), |mask, j| mask | u32::from(jumps(plant, e, j)) << j))
+        .collect()
+}
+
+/// True where a term of the equation jumps as joint `joint` reverses, at one of a few places and parameters.
+fn jumps<P: Plant>(plant: &P, equation: usize, joint: usize) -> bool {
+    let params = plant.parameters().len().min(MAX_PARAMS);
+    let joints = plant.joints().min(MAX_JOINTS);
+    let terms = plant.equations()[equation].order + 1;
+    (0..4).any(|probe| {
+        // irregular numbers of order 1, so that nothing cancels
+        let number = |i: usize| 0.3 + 0.7 * (1.7 * i as f64 + 2.9 * f64::from(probe)).sin().abs();
+        let q: [f64; MAX_JOINTS] = std::array::from_fn(|j| number(j) - 0.5);
+        let theta: [f64; MAX_PARAMS] = std::array::from_fn(|i| match plant.parameters().get(i) {
+            Some(parameter) => number(3 * i).clamp(parameter.lower, parameter.upper),
+            None => 0.0,
+        });
+        let at = |velocity: f64| {
+            let mut dq: [f64; MAX_JOINTS] = std::array::from_fn(|j| number(20 + j) - 0.4);
+            dq[joint] = velocity;
+            let mut g = [0.0; 4];
+            plant.terms(
+                equation,
+                &q[..joints],
+                &dq[..joints],
+                &theta[..params],
+                &mut g[..terms.min(4)],
+            );
+            g
+        };
+        let (back, forth, fast) = (at(-1e-7), at(1e-7), at(1.0));
+        (0..terms.min(4)).any(|d| {
+            let size = back[d].abs().max(forth[d].abs()).max(fast[d].abs());
+            (forth[d] - back[d]).abs() > JUMP * size
+        })
+    })
+}
+
+/// The rests of the joints in a block, and the rows that they spoil.
+#[derive(Debug, Clone)]
+pub(super) struct Standstill {
+    /// Joints that each equation needs moving.
+    motion: Vec<u32>,
+    /// For each joint, its rests as buffer positions, in order.
+    rests: Vec<Vec<(usize, usize)>>,
+    /// Running sum of ψ over a window.
+    cumulative: Vec<f64>,
+    half: usize,
+    /// Whether a row is left out: \[equation\]\[row\], and whether any is.
+    spoilt: Vec<Vec<bool>>,
+    any: bool,
+}
+
+impl Standstill {
+    /// For windows with the weights `psi` and blocks of at most `capacity` samples and `rows` windows.
+    pub fn new<P: Plant>(plant: &P, psi: &[f64], capacity: usize, rows: usize) -> Self {
+        let motion = motion_needed(plant);
+        let total: f64 = psi.iter().sum();
+        let mut sum = 0.0;
+        let mut cumulative = vec![0.0];
+        cumulative.extend(psi.iter().map(|w| {
+            sum += w / total;
+            sum
+        }));
+        let needed = motion.iter().fold(0, |all, mask| all | mask);
+        Self {
+            rests: (0..plant.joints())
+                .map(|j| Vec::with_capacity(if needed >> j & 1 == 1 { capacity / FEWEST + 1 } else { 0 }))
+                .collect(),
+            spoilt: motion
+                .iter()
+                .map(|mask| vec![false; if *mask == 0 { 0 } else { rows }])
+                .collect(),
+            motion,
+            cumulative,
+            half: psi.len() / 2,
+            any: false,
+        }
+    }
+
+    /// True where an equation needs the joint moving.
+    pub fn concerns(&self, joint: usize) -> bool {
+        self.motion.iter().any(|mask| mask >> joint & 1 == 1)
+    }
+
+    /// Forgets the rests of a joint; to be called before those of a block are looked for.
+    pub fn begin(&mut self, joint: usize) {
+        self.rests[joint].clear();
+    }
+
+    /// Looks for the rests of a joint in one uninterrupted stretch of its positions. `resolution` is a count, `noise` the standard deviation
+    /// beside the rounding.
+    pub fn look(&mut self, joint: usize, q: &[f64], stretch: Range<usize>, resolution: f64, noise: f64) {
+        let shortest = FEWEST.max((SHORTEST * 2.0 * self.half as f64).ceil() as usize);
+        let rests = &mut self.rests[joint];
+        find(q, stretch, 1.01 * resolution + RANGE * noise, shortest, |from, to| {
+            rests.push((from, to));
+        });
+    }
+
+    /// Finds the rows that the rests spoil; `centres` are the middles of the windows.
+    pub fn judge(&mut self, centres: impl Iterator<Item = usize> + Clone) {
+        self.any = false;
+        for (mask, spoilt) in self.motion.iter().zip(&mut self.spoilt) {
+            if *mask == 0 {
+                continue;
+            }
+            for (centre, spoilt) in centres.clone().zip(spoilt.iter_mut()) {
+                let (first, end) = (centre - self.half, centre + self.half + 1);
+                let weight = |rests: &Vec<(usize, usize)>| -> f64 {
+                    let from = rests.partition_point(|rest| rest.1 <= first);
+                    rests[from..]
+                        .iter()
+                        .take_while(|rest| rest.0 < end)
+                        .map(|&(a, b)| self.cumulative[b.min(end) - first] - self.cumulative[a.max(first) - first])
+                        .sum()
+                };
+                let resting = |(joint, rests)| *mask >> joint & 1 == 1 && weight(rests) > SPOILT;
+                *spoilt = self.rests.iter().enumerate().any(resting);
+                self.any |= *spoilt;
+            }
+        }
+    }
+
+    /// Takes the spoilt rows out of an equation's covariance.
+    pub fn exclude(&self, equation: usize, rows: usize, whitening: &mut Whitening) {
+        if self.any {
+            (0..rows)
+                .filter(|&row| self.is_spoilt(equation, row))
+                .for_each(|row| whitening.exclude(row));
+        }
+    }
+
+    /// True where the row says nothing about the equation.
+    #[inline]
+    pub fn is_spoilt(&self, equation: usize, row: usize) -> bool {
+        self.any && self.spoilt[equation].get(row).is_some_and(|spoilt| *spoilt)
+    }
+}
+
+/// Gives the rests in a stretch of positions: every time that they stay within `width` for `shortest` samples, and do not just turn round there.
+fn find(q: &[f64], stretch: Range<usize>, width: f64, shortest: usize, rest: impl FnMut(usize, usize)) {
+    let band = |x: &[f64]| {
+        let width = width.max(1e-12 * x[0].abs()).max(f64::MIN_POSITIVE);
+        // the ends tell most moving samples at once
+        if (x[x.len() - 1] - x[0]).abs() > width {
+            return None;
+        }
+        let (low, high) = x.iter().fold((x[0], x[0]), |(l, h), &v| (l.min(v), h.max(v)));
+        (high - low <= width).then_some((0.5 * (low + high), width))
+    };
+    find_about(q, stretch, band, shortest, 9.0, rest);
+}
+
+/// Gives the rests in a stretch of a signal. `band` says about which value, and within what of it, some consecutive values may rest; a passage
+/// stays within `far` of that three times as long.
+fn find_about(
+    x: &[f64],
+    stretch: Range<usize>,
+    band: impl Fn(&[f64]) -> Option<(f64, f64)>,
+    shortest: usize,
+    far: f64,
+    mut rest: impl FnMut(usize, usize),
+) {
+    let mut at = stretch.start;
+    while at + shortest <= stretch.end {
+        let Some((centre, width)) = band(&x[at..at + shortest]) else {
+            at += 1;
+            continue;
+        };
+        let within = |times: f64| {
+            let near = |k: &usize| (x[*k] - centre).abs() <= times * width;
+            let left = (stretch.start..at).rev().take_while(near).last().unwrap_or(at);
+            let right = (at..stretch.end).take_while(near).last().unwrap_or(at) + 1;
+            (left, right)
+        };
+        let ((from, to), (far_from, far_to)) = (within(1.0), within(far));
+        let rested = 3.0 * (to - from) as f64 - (far_to - far_from) as f64;
+        if rested >= 2.0 * shortest as f64 {
+            rest(from, to);
+            at = to;
+        } else {
+            at += shortest.div_ceil(2);
+        }
+    }
+}
+
+/// The rests of a block of pointwise rows, judged by the measured velocity.
+///
+/// The band that a velocity at rest keeps to is six standard deviations of its noise, learnt from the signal. A reversal crosses it in t₁ and
+/// three times as much in 3 t₁, so that the same formula tells it from a rest.
+#[derive(Debug, Clone)]
+pub(super) struct SlowSamples {
+    motion: Vec<u32>,
+    dq: Vec<Vec<f64>>,
+    noise: Vec<SignalNoise>,
+    /// Joints that rest, per sample.
+    resting: Vec<u32>,
+    scratch: Vec<f64>,
+}
+
+impl SlowSamples {
+    /// For blocks of at most `capacity` samples; `None` where every equation holds at rest, too.
+    pub fn new<P: Plant>(plant: &P, capacity: usize) -> Option<Self> {
+        let motion = motion_needed(plant);
+        motion.iter().any(|mask| *mask != 0).then(|| Self {
+            motion,
+            dq: (0..plant.joints()).map(|_| Vec::with_capacity(capacity)).collect(),
+            noise: vec![SignalNoise::default(); plant.joints()],
+            resting: Vec::with_capacity(capacity),
+            scratch: Vec::with_capacity(capacity),
+        })
+    }
+
+    /// Takes the velocities of the next sample.
+    pub fn push(&mut self, dq: &[f64; MAX_JOINTS]) {
+        for (own, dq) in self.dq.iter_mut().zip(dq) {
+            own.push(*dq);
+        }
+        self.resting.push(0);
+    }
+
+    /// Finds the rests of the block.
+    pub fn judge(&mut self) {
+        let needed = self.motion.iter().fold(0, |all, mask| all | mask);
+        for (joint, dq) in self.dq.iter().enumerate().filter(|(j, _)| needed >> j & 1 == 1) {
+            let noise = &mut self.noise[joint];
+            noise.learn(dq, |_| false, &mut self.scratch);
+            let largest = dq.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+            let band = (noise.resolution() + RANGE * noise.deviation()).max(1e-9 * largest);
+            let resting = &mut self.resting;
+            find_about(
+                dq,
+                0..dq.len(),
+                |x| x.iter().all(|v| v.abs() <= band).then_some((0.0, band)),
+                FEWEST,
+                3.0,
+                |from, to| {
+                    resting[from..to].iter_mut().for_each(|mask| *mask |= 1 << joint);
+                },
+            );
+        }
+    }
+
+    /// Forgets the block.
+    pub fn clear(&mut self) {
+        self.dq.iter_mut().for_each(Vec::clear);
+        self.resting.clear();
+    }
+
+    /// True where the sample says nothing about the equation.
+    #[inline]
+    pub fn is_spoilt(&self, equation: usize, index: usize) -> bool {
+        self.resting[index] & self.motion[equation] != 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{DriveInput, Manipulator, Motion, ServoAxis};
+
+    fn rests(q: &[f64], width: f64) -> Vec<(usize, usize)> {
+        let mut found = Vec::new();
+        find(q, 0..q.len(), width, 5, |a, b| found.push((a, b)));
+        found
+    }
+
+    /// In counts of 1e-4: from −2 to 2 s about a reversal with `pause` s at rest in it.
+    fn turn(acceleration: f64, pause: f64) -> Vec<f64> {
+        (-2000..2000)
+            .map(|k| {
+                let t = (f64::from(k) * 1e-3).abs() - 0.5 * pause;
+                let q = 0.5 * acceleration * t.max(0.0).powi(2) + 0.1234;
+                (q / 1e-4).round() * 1e-4
+            })
+            .collect()
+    }
+
+    #[test]
+    fn prop_a_reversal_is_a_rest_only_while_the_encoder_sees_none_of_it_and_a_pause_in_it_is_one_of_its_length() {
+        for acceleration in [0.05_f64, 0.3, 1.0, 5.0, 30.0] {
+            // what the ends within two counts and a half of the rest last: the band is a count wide, and either edge rounds
+            let ends = 2.0 * (2.0 * 2.6e-4 / acceleration).sqrt();
+            for pause in [0.0, 0.05, 0.2, 1.0] {
+                let found = rests(&turn(acceleration, pause), 1.01e-4);
+                assert!(found.len() <= 1, "{acceleration} {pause}");
+                let length = found.iter().map(|rest| (rest.1 - rest.0) as f64 * 1e-3).sum::<f64>();
+                assert!(
+                    length >= pause - 2e-3 && length <= pause + ends + 2e-3,
+                    "{acceleration} {pause}: {length}"
+                );
+            }
+        }
+        // fast ones are told apart
+        assert_eq!(rests(&turn(30.0, 0.0), 1.01e-4), []);
+    }
+
+    #[test]
+    fn prop_a_creeping_joint_does_not_rest_however_slow() {
+        for speed in [2e-3, 5e-3, 0.02, 0.1, 1.0] {
+            let q: Vec<f64> = (0..4000)
+                .map(|k| (speed * f64::from(k) * 1e-3 / 1e-4).round() * 1e-4)
+                .collect();
+            assert_eq!(rests(&q, 1.01e-4), [], "{speed}");
+        }
+    }
+
+    #[test]
+    fn val_terms_that_jump_are_found_and_smooth_ones_are_not() {
+        let axis = ServoAxis::new(Motion::Linear, DriveInput::Force, 1.0).unwrap();
+        assert!(jumps(&axis, 0, 0));
+        assert_eq!(motion_needed(&axis), [1]);
+        assert_eq!(motion_needed(&Manipulator::default()), [0, 0]);
+    }
+}

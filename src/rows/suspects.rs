@@ -1,0 +1,346 @@
+//! What a machine may do and its model does not say: one column of the rows per error.
+//!
+//! ```text
+//! f_i(θ*) = noise + Σ_s a_s d_is            d_is = ∂f_i/∂a_s, the machine has the error s of amplitude a_s
+//! ```
+//!
+//! | error | column, before it is whitened as the rows are | amplitude a |
+//! |---|---|---|
+//! | the recorded input acts later than told | −s ∫ψ′ u, the first power of the delay (`kernel.rs`) | s |
+//! | the drive gives more than told | −s ∫ψ u | share |
+//! | Coulomb friction that the model lacks | s ∫ψ sat(q̇/v₀) u_r | share of the input's size u_r |
+//! | an encoder off its centre, q + a sin q or a cos q is read | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
+//! | a resonance between motor and load | s ∫ψ″ u | s² |
+//!
+//! u_r is the largest root mean square of a block's input so far, so that one default fits drives of any voltage. sat is sign with a straight piece of
+//! three standard deviations of the velocity's noise: at rest friction may have either sign, and noise has both. A flexible joint gives
+//! u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of the
+//! input, whatever the equation is.
+//!
+//! The estimator widens its covariance by the errors with a standard deviation ([`Considered`]) and tests for all of them
+//! (`estimator/considered.rs`, `estimator/score_test.rs`). Neither estimates them.
+
+use super::kernel::{Kernels, dot};
+use super::whitening::{Direction, Whitening};
+use crate::model::{MAX_JOINTS, Plant};
+use std::fmt;
+
+/// Standard deviations of errors that are not estimated but widen the estimate's by what they could do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Considered {
+    /// Further delay of the recorded input \[s\], ≥ 0.
+    pub input_delay_s: f64,
+    /// Gain of each drive, relative, ≥ 0.
+    pub gain: f64,
+    /// Coulomb friction at each joint whose model has none, as a share of the largest root mean square of its input so far, ≥ 0.
+    pub coulomb: f64,
+    /// Eccentricity of each encoder \[rad\], ≥ 0: the amplitude of an error of one period per turn. `None` where joints move along lines.
+    pub eccentricity_rad: Option<f64>,
+}
+
+impl Considered {
+    /// Nothing is considered; errors are tested for all the same.
+    pub const NONE: Self = Self {
+        input_delay_s: 0.0,
+        gain: 0.0,
+        coulomb: 0.0,
+        eccentricity_rad: Some(0.0),
+    };
+}
+
+impl Default for Considered {
+    /// What the best installation leaves, so that σ grows by a tenth or two if the model is right. Delay: 0.25 µs, what time stamps in hardware leave. Gain: 0,
+    /// since parameters are told in units of the drive as it reports itself. Coulomb friction: 0.001 % of the input, an air bearing's. Eccentricity:
+    /// 0.2″, the accuracy of a calibrated encoder. State what the machine at hand may do: σ has no other way to know.
+    fn default() -> Self {
+        Self {
+            input_delay_s: 2.5e-7,
+            gain: 0.0,
+            coulomb: 1e-5,
+            eccentricity_rad: Some(1e-6),
+        }
+    }
+}
+
+/// Kinds of errors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum SuspectKind {
+    /// The recorded input acts later, or earlier, than told.
+    InputDelay,
+    /// A drive gives more, or less, than told.
+    Gain,
+    /// Coulomb friction that the model lacks.
+    Coulomb,
+    /// An encoder off its centre.
+    Eccentricity,
+    /// A resonance that the model lacks.
+    Resonance,
+}
+
+/// An error that the rows have a column for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Suspect {
+    /// What it is.
+    pub kind: SuspectKind,
+    /// Joint, counted from 0; `None` for the whole machine.
+    pub joint: Option<usize>,
+    /// The estimator's amplitude times this is in `unit`.
+    pub scale: f64,
+    /// Unit of the amplitude.
+    pub unit: &'static str,
+}
+
+impl fmt::Display for Suspect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let words = match self.kind {
+            SuspectKind::InputDelay => "an input delay",
+            SuspectKind::Gain => "another drive gain",
+            SuspectKind::Coulomb => "Coulomb friction",
+            SuspectKind::Eccentricity => "an encoder off its centre",
+            SuspectKind::Resonance => "a resonance",
+        };
+        f.write_str(words)?;
+        match self.joint {
+            Some(joint) => write!(f, " at joint {}", joint + 1),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Errors of each equation: gain, Coulomb friction, eccentricity in sine and cosine, resonance.
+const PER_EQUATION: usize = 5;
+/// Velocity noise, in standard deviations, within which a joint may stand still.
+const STANDING: f64 = 3.0;
+
+/// The columns of a block.
+#[derive(Debug, Clone)]
+pub(super) struct SuspectColumns {
+    considered: Considered,
+    /// The joint of each equation's input.
+    inputs: Vec<usize>,
+    /// [equation][suspect][row], and whitened; empty where the suspect does not touch the equation.
+    columns: Vec<Vec<Vec<f64>>>,
+    white: Vec<Vec<Vec<f64>>>,
+    /// Largest root mean square of each joint's input so far.
+    sizes: [f64; MAX_JOINTS],
+    /// sat(q̇/v₀), sin q and cos q per joint and sample; empty where no column needs them.
+    signs: Vec<Vec<f64>>,
+    turns: Vec<[Vec<f64>; 2]>,
+    /// Root of the sum of squares of the velocity filter's weights.
+    velocity_gain: f64,
+}
+
+/// What the columns are made of, borrowed from the block.
+pub(super) struct Signals<'a> {
+    pub len: usize,
+    pub q: &'a [Vec<f64>],
+    pub dq: &'a [Vec<f64>],
+    pub q_std: &'a [Vec<f64>],
+    pub u: &'a [Vec<f64>],
+}
+
+impl SuspectColumns {
+    /// Room for `rows` rows of samples in buffers of `capacity`.
+    pub fn new(
+        plant: &impl Plant,
+        considered: Considered,
+        velocity_weights: &[f64],
+        moves: impl Fn(usize, usize) -> bool,
+        rows: usize,
+        capacity: usize,
+    ) -> Self {
+        let equations = plant.equations();
+        let inputs: Vec<usize> = equations.iter().map(|e| e.input).collect();
+        let count = 1 + PER_EQUATION * equations.len();
+        let rubs: Vec<bool> = (0..equations.len()).map(|e| !has_jump(plant, e, inputs[e])).collect();
+        let turns = considered.eccentricity_rad.is_some();
+        let touches = |e: usize, suspect: usize| {
+            if suspect == 0 {
+                return plant.input_delay().is_none();
+            }
+            let of = (suspect - 1) / PER_EQUATION;
+            match (suspect - 1) % PER_EQUATION {
+                0 => of == e && considered.gain > 0.0,
+                1 => of == e && rubs[e],
+                // one encoder per joint, whatever its number of equations
+                2 | 3 => turns && moves(e, inputs[of]) && !inputs[..of].contains(&inputs[of]),
+                _ => of == e,
+            }
+        };
+        let columns: Vec<Vec<Vec<f64>>> = (0..equations.len())
+            .map(|e| {
+                (0..count)
+                    .map(|s| if touches(e, s) { vec![0.0; rows] } else { Vec::new() })
+                    .collect()
+            })
+            .collect();
+        let joints = plant.joints();
+        Self {
+            considered,
+            white: columns.clone(),
+            columns,
+            sizes: [0.0; MAX_JOINTS],
+            signs: (0..joints)
+                .map(|j| match (0..inputs.len()).any(|e| inputs[e] == j && rubs[e]) {
+                    true => vec![0.0; capacity],
+                    false => Vec::new(),
+                })
+                .collect(),
+            turns: (0..joints)
+                .map(|j| match turns && inputs.contains(&j) {
+                    true => [vec![0.0; capacity], vec![0.0; capacity]],
+                    false => [Vec::new(), Vec::new()],
+                })
+                .collect(),
+            velocity_gain: dot(velocity_weights, velocity_weights).sqrt(),
+            inputs,
+        }
+    }
+
+    /// Forgets the stream.
+    pub fn reset(&mut self) {
+        self.sizes = [0.0; MAX_JOINTS];
+    }
+
+    /// Number of errors, with those that no column shows.
+    pub fn count(&self) -> usize {
+        1 + PER_EQUATION * self.inputs.len()
+    }
+
+    /// Standard deviation of an error's amplitude, 0 where it is tested only.
+    pub fn std(&self, suspect: usize) -> f64 {
+        match self.kind(suspect) {
+            SuspectKind::InputDelay => self.considered.input_delay_s,
+            SuspectKind::Gain => self.considered.gain,
+            SuspectKind::Coulomb => self.considered.coulomb,
+            SuspectKind::Eccentricity => self.considered.eccentricity_rad.unwrap_or(0.0),
+            SuspectKind::Resonance => 0.0,
+        }
+    }
+
+    fn kind(&self, suspect: usize) -> SuspectKind {
+        match suspect.checked_sub(1).map(|s| s % PER_EQUATION) {
+            None => SuspectKind::InputDelay,
+            Some(0) => SuspectKind::Gain,
+            Some(1) => SuspectKind::Coulomb,
+            Some(2 | 3) => SuspectKind::Eccentricity,
+            Some(_) => SuspectKind::Resonance,
+        }
+    }
+
+    /// What an error is.
+    pub fn describe(&self, suspect: usize, input_unit: &'static str) -> Option<Suspect> {
+        if suspect >= self.count() {
+            return None;
+        }
+        let kind = self.kind(suspect);
+        let joint = suspect.checked_sub(1).map(|s| self.inputs[s / PER_EQUATION]);
+        let (scale, unit) = match (kind, joint) {
+            (SuspectKind::Coulomb, Some(joint)) => (self.sizes[joint], input_unit),
+            (SuspectKind::InputDelay, _) => (1.0, "s"),
+            (SuspectKind::Eccentricity, _) => (1.0, "rad"),
+            (SuspectKind::Resonance, _) => (1.0, "s^2"),
+            _ => (1.0, "1"),
+        };
+        Some(Suspect {
+            kind,
+            joint,
+            scale,
+            unit,
+        })
+    }
+
+    /// Writes d of a whitened row over all errors.
+    #[inline]
+    pub fn row(&self, equation: usize, row: usize, out: &mut [f64]) {
+        for (d, column) in out.iter_mut().zip(&self.white[equation]) {
+            *d = column.get(row).copied().unwrap_or(0.0);
+        }
+    }
+
+    /// Prepares the signals of a block.
+    pub fn sense(&mut self, signals: &Signals<'_>) {
+        let len = signals.len;
+        for joint in 0..self.signs.len() {
+            let u = &signals.u[joint][..len];
+            let size = (dot(u, u) / len.max(1) as f64).sqrt();
+            self.sizes[joint] = self.sizes[joint].max(size);
+            if !self.signs[joint].is_empty() {
+                let velocity = signals.dq[joint].iter().zip(&signals.q_std[joint]);
+                for (sign, (dq, q_std)) in self.signs[joint][..len].iter_mut().zip(velocity) {
+                    let standing = STANDING * self.velocity_gain * q_std;
+                    *sign = (dq / standing.max(f64::MIN_POSITIVE)).clamp(-1.0, 1.0);
+                }
+            }
+            let [sines, cosines] = &mut self.turns[joint];
+            for ((sine, cosine), q) in sines.iter_mut().zip(cosines).zip(&signals.q[joint][..len]) {
+                (*sine, *cosine) = q.sin_cos();
+            }
+        }
+    }
+
+    /// Projects what hangs on the input and on the sign of the velocity: one row. `moments` are ∫ψ^(r) u with the input's scale.
+    pub fn project(&mut self, e: usize, row: usize, centre: usize, scale: f64, kernels: &Kernels, moments: [f64; 3]) {
+        let own = 1 + PER_EQUATION * e;
+        let columns = &mut self.columns[e];
+        let mut put = |suspect: usize, value: f64| {
+            if let Some(entry) = columns[suspect].get_mut(row) {
+                *entry = value;
+            }
+        };
+        put(0, -moments[1]);
+        put(own, -moments[0]);
+        put(own + 4, moments[2]);
+        let joint = self.inputs[e];
+        if let Some(signs) = self.signs[joint].get(centre - kernels.half..=centre + kernels.half) {
+            put(own + 1, scale * self.sizes[joint] * dot(&kernels.position[0], signs));
+        }
+    }
+
+    /// What the eccentricities do to a row: `c` holds −∂f/∂q of `support` positions per joint from buffer position `first` on.
+    pub fn turn(&mut self, e: usize, row: usize, c: &[f64], support: usize, first: usize) {
+        for of in 0..self.inputs.len() {
+            let joint = self.inputs[of];
+            let own = &c[joint * support..(joint + 1) * support];
+            for (k, turn) in self.turns[joint].iter().enumerate() {
+                let column = &mut self.columns[e][1 + PER_EQUATION * of + 2 + k];
+                if let (Some(entry), Some(turn)) = (column.get_mut(row), turn.get(first..first + support)) {
+                    *entry = -dot(own, turn);
+                }
+            }
+        }
+    }
+
+    /// Whitens the columns of an equation.
+    pub fn whiten(&mut self, e: usize, rows: usize, whitening: &Whitening) {
+        for (white, raw) in self.white[e].iter_mut().zip(&self.columns[e]) {
+            if !raw.is_empty() {
+                white[..rows].copy_from_slice(&raw[..rows]);
+                whitening.apply(Direction::Backward, &mut white[..rows]);
+            }
+        }
+    }
+}
+
+/// True where an equation jumps as a joint begins to move: the model has Coulomb friction, or something like it.
+fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> bool {
+    let theta: Vec<f64> = plant
+        .parameters()
+        .iter()
+        .map(|p| if p.start != 0.0 { p.start } else { 1.0 })
+        .collect();
+    let order = plant.equations()[equation].order;
+    let step = |speed: f64| {
+        let side = |speed: f64| {
+            let (q, mut dq) = ([0.3; MAX_JOINTS], [0.0; MAX_JOINTS]);
+            dq[joint] = speed;
+            let mut g = [0.0; 8];
+            let joints = plant.joints();
+            plant.terms::<f64>(equation, &q[..joints], &dq[..joints], &theta, &mut g[..=order]);
+            g[0]
+        };
+        (side(speed) - side(-speed)).abs()
+    };
+    // what is continuous shrinks with the speed
+    step(1e-9) > 1e-3 * step(1e-3)
+}

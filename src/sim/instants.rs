@@ -1,0 +1,37 @@
+//! The instants of samples: on a grid, or irregular around it.
+
+use super::noise::Noise;
+use super::options::SimOptions;
+
+/// How far each sample is from its place k Δ on the grid, k = 0, 1, 2, …; time stamps tell the same.
+#[derive(Debug, Clone)]
+pub struct SampleInstants {
+    std_s: f64,
+    limit_s: f64,
+    k: u64,
+    noise: Noise,
+}
+
+impl SampleInstants {
+    /// The instants of a run; two of them agree.
+    pub fn new(options: &SimOptions) -> Self {
+        Self {
+            std_s: options.sensors.stamp_jitter_s,
+            // Never so far that two samples come close to each other or change places.
+            limit_s: 0.4 * options.sample_period_s,
+            k: 0,
+            noise: Noise::new(options.seed, Noise::INSTANTS),
+        }
+    }
+
+    /// Of the next sample \[ns\]; 0 for the first one, and throughout without jitter.
+    pub fn next_offset_ns(&mut self) -> i64 {
+        let first = self.k == 0;
+        self.k += 1;
+        if first || self.std_s == 0.0 {
+            return 0;
+        }
+        let offset_s = (self.std_s * self.noise.normal()).clamp(-self.limit_s, self.limit_s);
+        (offset_s * 1e9).round() as i64
+    }
+}

@@ -1,0 +1,72 @@
+//! What a real arm does and the equations (12) to (23) do not know: friction that does not depend on speed, a tilted base, windings that heat up.
+//!
+//! ```text
+//! M_f = F tanh(q̇/v)                         Coulomb friction of a joint, its jump at q̇ = 0 drawn out over the speed v
+//! U   = W (cos α sin q₂ + sin α cos q₂ sin q₁)    potential energy with the base's axis α off the vertical
+//! R(t) = R (1 + s min(t/T, 1))               both windings grow by the share s within T
+//! ```
+//!
+//! With tanh a joint that is held creeps at most at v instead of sticking; v is small against all that is commanded. The integration
+//! needs F h/(J v) < 2.7 for substeps of length h, see [`Unmodelled::friction_speed_rad_per_s`].
+
+use super::options::{ARM_JOINTS, SimError, in_range, not_negative, positive};
+
+/// Effects beyond the paper's equations; all off by default.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unmodelled {
+    /// F of each joint \[N m\], ≥ 0.
+    pub coulomb_friction_n_m: [f64; ARM_JOINTS],
+    /// v \[rad/s\], > 0: three quarters of the friction act at this speed. The smaller, the more `substeps` it takes.
+    pub friction_speed_rad_per_s: f64,
+    /// α \[rad\], −0.5 to 0.5.
+    pub base_tilt_rad: f64,
+    /// s, −0.9 to 10.
+    pub heating_share: f64,
+    /// T \[s\], > 0.
+    pub heating_s: f64,
+}
+
+impl Unmodelled {
+    /// The machine is as its equations say.
+    pub const fn none() -> Self {
+        Self {
+            coulomb_friction_n_m: [0.0; ARM_JOINTS],
+            friction_speed_rad_per_s: 0.002,
+            base_tilt_rad: 0.0,
+            heating_share: 0.0,
+            heating_s: 60.0,
+        }
+    }
+
+    /// Friction torques \[N m\] at velocities \[rad/s\], against the motion, and their slopes \[N m s/rad\].
+    #[inline]
+    pub(super) fn friction(&self, dq: [f64; ARM_JOINTS]) -> [(f64, f64); ARM_JOINTS] {
+        std::array::from_fn(|joint| {
+            let size = self.coulomb_friction_n_m[joint];
+            if size == 0.0 {
+                return (0.0, 0.0);
+            }
+            let tanh = (dq[joint] / self.friction_speed_rad_per_s).tanh();
+            (size * tanh, size * (1.0 - tanh * tanh) / self.friction_speed_rad_per_s)
+        })
+    }
+
+    /// R(t)/R at time `t_s` \[s\].
+    pub(super) fn resistance_factor(&self, t_s: f64) -> f64 {
+        1.0 + self.heating_share * (t_s / self.heating_s).clamp(0.0, 1.0)
+    }
+
+    /// Checks every value against its domain.
+    ///
+    /// # Errors
+    /// The first value outside, with its name.
+    pub fn validate(&self) -> Result<(), SimError> {
+        for friction in self.coulomb_friction_n_m {
+            not_negative("unmodelled.coulomb_friction_n_m", friction)?;
+        }
+        positive("unmodelled.friction_speed_rad_per_s", self.friction_speed_rad_per_s)?;
+        in_range("unmodelled.base_tilt_rad", self.base_tilt_rad, -0.5, 0.5)?;
+        in_range("unmodelled.heating_share", self.heating_share, -0.9, 10.0)?;
+        positive("unmodelled.heating_s", self.heating_s)
+    }
+}

@@ -15,6 +15,7 @@ mod scenario;
 mod speed;
 pub mod stress;
 pub mod studies;
+pub mod trials;
 
 pub use contenders::{BlockResult, RunRecord, run_batch, run_blocks, run_ekf, run_wrls};
 pub use document::{Document, Section, Table, two_digits};

@@ -83,10 +83,10 @@ pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         document.markdown(&command(args))
     };
     match &args.out {
-        None => logging::result(text.trim_end()),
+        None => logging::result(text.trim_end())?,
         Some(file) => {
             std::fs::write(file, text).map_err(|error| Failure::Failed(format!("{}: {error}", file.display())))?;
-            logging::result(&format!("{}: written", file.display()));
+            logging::result(&format!("{}: written", file.display()))?;
         }
     }
     Ok(Exit::Done)

@@ -1,0 +1,223 @@
+//! Which trials there are.
+
+use super::axis::{AxisMotion, AxisSpec};
+use super::disturbance::Disturbance;
+use super::spec::{Arm, Motion, TrialSpec};
+
+/// Headings of the tables.
+const GRID: &str = "Motions, sensors, machines";
+const PAYLOAD: &str = "Payload changes";
+const SAMPLES: &str = "Samples lost, irregular, wrong";
+const MODEL: &str = "Model wrong";
+const MENDED: &str = "Model mended";
+const AXIS: &str = "Servo axis with friction";
+
+/// A trial of either machine.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Spec {
+    /// The arm.
+    Arm(TrialSpec),
+    /// The servo axis.
+    Axis(AxisSpec),
+}
+
+/// Trials that differ in nothing but their seed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Case {
+    /// Heading of the table that it belongs to.
+    pub group: &'static str,
+    /// The trial; the seed is that of the first one.
+    pub spec: Spec,
+}
+
+impl Spec {
+    /// The same with another seed, and with another number of blocks if there is one.
+    #[must_use]
+    pub fn with(self, seed: u64, blocks: Option<u64>) -> Self {
+        match self {
+            Self::Arm(spec) => Self::Arm(TrialSpec {
+                seed,
+                blocks: blocks.unwrap_or(spec.blocks),
+                ..spec
+            }),
+            Self::Axis(spec) => Self::Axis(AxisSpec {
+                seed,
+                blocks: blocks.unwrap_or(spec.blocks),
+                ..spec
+            }),
+        }
+    }
+
+    /// Built-in configuration that the settings override.
+    pub fn basis(&self) -> &'static str {
+        match self {
+            Self::Arm(_) => "encoder_only",
+            Self::Axis(_) => "servo_axis",
+        }
+    }
+
+    /// What the basis has to be overridden with, as `section.key=value`.
+    pub fn settings(&self) -> Vec<String> {
+        match self {
+            Self::Arm(spec) => spec.settings(),
+            Self::Axis(spec) => spec.settings(),
+        }
+    }
+
+    /// Words that name the case, without its seed; filters look for them.
+    pub fn words(&self) -> Vec<String> {
+        match self {
+            Self::Arm(spec) => spec.words(),
+            Self::Axis(spec) => spec.words(),
+        }
+    }
+
+    /// What is wrong.
+    pub fn disturbance(&self) -> Disturbance {
+        match self {
+            Self::Arm(spec) => spec.disturbance,
+            Self::Axis(_) => Disturbance::None,
+        }
+    }
+}
+
+impl Case {
+    fn arm(group: &'static str, spec: TrialSpec) -> Self {
+        Self {
+            group,
+            spec: Spec::Arm(spec),
+        }
+    }
+
+    fn axis(motion: AxisMotion) -> Self {
+        Self {
+            group: AXIS,
+            spec: Spec::Axis(AxisSpec {
+                motion,
+                blocks: 30,
+                seed: 0,
+            }),
+        }
+    }
+
+    /// The name: words with slashes between them.
+    pub fn name(&self) -> String {
+        self.spec.words().join("/")
+    }
+
+    /// True if every word of the filter, separated by commas, begins one of the case's words.
+    pub fn matches(&self, filter: &str) -> bool {
+        let words = self.spec.words();
+        let wanted = filter.split(',').map(str::trim).filter(|word| !word.is_empty());
+        wanted
+            .into_iter()
+            .all(|word| words.iter().any(|own| own.starts_with(word)))
+    }
+}
+
+/// Few cases, for a look between two changes of the estimator.
+pub fn quick_cases() -> Vec<Case> {
+    let case = |motion, arm, bits, period_us| {
+        Case::arm(
+            GRID,
+            TrialSpec {
+                arm,
+                bits,
+                period_us,
+                blocks: 40,
+                ..TrialSpec::new(motion, 0)
+            },
+        )
+    };
+    let mut cases: Vec<Case> = Motion::ALL
+        .iter()
+        .map(|&motion| case(motion, Arm::Paper, 16, 1000))
+        .collect();
+    cases.extend([
+        case(Motion::MinimumJerk, Arm::Paper, 13, 1000),
+        case(Motion::MinimumJerk, Arm::Paper, 20, 1000),
+        case(Motion::MinimumJerk, Arm::Paper, 16, 500),
+        case(Motion::MinimumJerk, Arm::Paper, 16, 2000),
+        case(Motion::Steps, Arm::Unequal, 16, 1000),
+        case(Motion::MinimumJerk, Arm::Unequal, 16, 1000),
+        case(Motion::Steps, Arm::Small, 16, 1000),
+        case(Motion::MinimumJerk, Arm::Small, 16, 1000),
+    ]);
+    let disturbed = |group, motion, disturbance| {
+        Case::arm(
+            group,
+            TrialSpec {
+                disturbance,
+                blocks: 40,
+                ..TrialSpec::new(motion, 0)
+            },
+        )
+    };
+    cases.extend([
+        disturbed(PAYLOAD, Motion::Rests, Disturbance::AtRest),
+        disturbed(PAYLOAD, Motion::Steps, Disturbance::JumpAtEnd(13)),
+        disturbed(PAYLOAD, Motion::MinimumJerk, Disturbance::Jump(-50)),
+        disturbed(SAMPLES, Motion::Steps, Disturbance::SAMPLES[1]),
+        disturbed(SAMPLES, Motion::Steps, Disturbance::SAMPLES[2]),
+        disturbed(SAMPLES, Motion::Steps, Disturbance::Jitter(100)),
+        disturbed(SAMPLES, Motion::Steps, Disturbance::PositionSpikes),
+        disturbed(SAMPLES, Motion::Steps, Disturbance::InputSpikes),
+        disturbed(SAMPLES, Motion::Steps, Disturbance::InputBits(12)),
+    ]);
+    cases.extend(Disturbance::MODEL.map(|disturbance| disturbed(MODEL, Motion::MinimumJerk, disturbance)));
+    cases.extend(AxisMotion::ALL.map(Case::axis));
+    cases
+}
+
+/// Everything.
+pub fn full_cases() -> Vec<Case> {
+    let mut cases = Vec::new();
+    for motion in Motion::ALL {
+        for arm in Arm::ALL {
+            for bits in [13, 16, 20] {
+                for period_us in [500, 1000, 2000] {
+                    // Moves of half a minute need a while.
+                    let slow = matches!(motion, Motion::Rests | Motion::Creeping) && period_us < 1000;
+                    let spec = TrialSpec {
+                        arm,
+                        bits,
+                        period_us,
+                        blocks: if slow { 120 } else { 60 },
+                        ..TrialSpec::new(motion, 0)
+                    };
+                    cases.push(Case::arm(GRID, spec));
+                }
+            }
+        }
+    }
+    let mut disturbed = |group, disturbance, motions: &[Motion], arms: &[Arm]| {
+        for &motion in motions {
+            for &arm in arms {
+                let spec = TrialSpec {
+                    arm,
+                    disturbance,
+                    ..TrialSpec::new(motion, 0)
+                };
+                cases.push(Case::arm(group, spec));
+            }
+        }
+    };
+    let both = [Motion::Steps, Motion::MinimumJerk];
+    for disturbance in Disturbance::PAYLOAD {
+        match disturbance {
+            Disturbance::AtRest => disturbed(PAYLOAD, disturbance, &[Motion::Rests], &Arm::ALL),
+            _ => disturbed(PAYLOAD, disturbance, &both, &Arm::ALL),
+        }
+    }
+    for disturbance in Disturbance::SAMPLES {
+        disturbed(SAMPLES, disturbance, &both, &[Arm::Paper]);
+    }
+    for disturbance in Disturbance::MODEL {
+        disturbed(MODEL, disturbance, &both, &Arm::ALL);
+    }
+    for disturbance in Disturbance::MODEL_MENDED {
+        disturbed(MENDED, disturbance, &both, &Arm::ALL);
+    }
+    cases.extend(AxisMotion::ALL.map(Case::axis));
+    cases
+}

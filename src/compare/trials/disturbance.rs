@@ -1,0 +1,226 @@
+//! What is wrong with a run: with its payload, its samples, or with the model.
+
+use super::spec::{TrialSpec, spread};
+use crate::sim::ArmDynamics;
+use std::f64::consts::TAU;
+
+/// What is wrong.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Disturbance {
+    /// Nothing; the payload changes once.
+    None,
+    /// The payload changes while both joints rest.
+    AtRest,
+    /// The mass of link 2 jumps by so many per cent.
+    Jump(i32),
+    /// The same within the last 0.4 s of a block.
+    JumpAtEnd(i32),
+    /// So many samples in a thousand are lost, in bursts of so many.
+    Loss {
+        /// Share in thousandths.
+        permille: u32,
+        /// Samples lost in one go.
+        burst: u32,
+    },
+    /// The samples' instants scatter by so many µs; time stamps tell them.
+    Jitter(u32),
+    /// One sample in a hundred has a wrong position of either joint, by 0.01 to 1 rad, as the seed says.
+    PositionSpikes,
+    /// One sample in a hundred has a wrong voltage at either motor, by 100 times the noise.
+    InputSpikes,
+    /// The voltage is measured in so many bits of ± 400 V.
+    InputBits(u32),
+    /// Coulomb friction at a joint, in per cent of the torque that holds link 2 level.
+    Friction {
+        /// Joint, 1 or 2.
+        joint: usize,
+        /// Size.
+        percent: u32,
+    },
+    /// The voltage acts so many µs later than the identifier thinks.
+    Delay(u32),
+    /// The same, and the delay is estimated along.
+    DelayEstimated(u32),
+    /// A resonance at 40 Hz between joints and encoders.
+    Resonance,
+    /// Encoders off their axes by so many seconds of arc.
+    Eccentricity(u32),
+    /// The base is 1° off the vertical.
+    Tilt,
+    /// Both windings' resistances grow by 10 % in 60 s.
+    Heating,
+}
+
+impl Disturbance {
+    /// Those of the payload.
+    pub const PAYLOAD: [Self; 11] = [
+        Self::AtRest,
+        Self::Jump(-50),
+        Self::Jump(-2),
+        Self::Jump(2),
+        Self::Jump(13),
+        Self::Jump(50),
+        Self::JumpAtEnd(-50),
+        Self::JumpAtEnd(-2),
+        Self::JumpAtEnd(2),
+        Self::JumpAtEnd(13),
+        Self::JumpAtEnd(50),
+    ];
+    /// Those of the samples.
+    pub const SAMPLES: [Self; 14] = [
+        Self::loss(1, 1),
+        Self::loss(10, 1),
+        Self::loss(30, 1),
+        Self::loss(50, 1),
+        Self::loss(1, 20),
+        Self::loss(10, 20),
+        Self::loss(30, 20),
+        Self::loss(50, 20),
+        Self::Jitter(20),
+        Self::Jitter(50),
+        Self::Jitter(100),
+        Self::PositionSpikes,
+        Self::InputSpikes,
+        Self::InputBits(12),
+    ];
+    /// Those of the model.
+    pub const MODEL: [Self; 11] = [
+        Self::friction(1, 2),
+        Self::friction(1, 10),
+        Self::friction(2, 2),
+        Self::friction(2, 10),
+        Self::Delay(50),
+        Self::Delay(150),
+        Self::Resonance,
+        Self::Eccentricity(20),
+        Self::Eccentricity(200),
+        Self::Tilt,
+        Self::Heating,
+    ];
+    /// Errors of the model that the configuration can do something about, and does.
+    pub const MODEL_MENDED: [Self; 2] = [Self::DelayEstimated(50), Self::DelayEstimated(150)];
+
+    const fn loss(permille: u32, burst: u32) -> Self {
+        Self::Loss { permille, burst }
+    }
+
+    const fn friction(joint: usize, percent: u32) -> Self {
+        Self::Friction { joint, percent }
+    }
+
+    /// Name in tables and filters.
+    pub fn name(self) -> String {
+        match self {
+            Self::None => "none".to_owned(),
+            Self::AtRest => "at_rest".to_owned(),
+            Self::Jump(percent) => format!("jump{percent:+}%"),
+            Self::JumpAtEnd(percent) => format!("late_jump{percent:+}%"),
+            Self::Loss { permille, burst: 1 } => format!("loss_{}%", f64::from(permille) / 10.0),
+            Self::Loss { permille, burst } => format!("loss_{}%_by_{burst}", f64::from(permille) / 10.0),
+            Self::Jitter(us) => format!("jitter_{us}us"),
+            Self::PositionSpikes => "position_spikes".to_owned(),
+            Self::InputSpikes => "input_spikes".to_owned(),
+            Self::InputBits(bits) => format!("input_{bits}bit"),
+            Self::Friction { joint, percent } => format!("friction_{joint}_{percent}%"),
+            Self::Delay(us) => format!("delay_{us}us"),
+            Self::DelayEstimated(us) => format!("delay_{us}us_estimated"),
+            Self::Resonance => "resonance_40Hz".to_owned(),
+            Self::Eccentricity(arcsec) => format!("eccentricity_{arcsec}arcsec"),
+            Self::Tilt => "tilt_1deg".to_owned(),
+            Self::Heating => "heating_10%".to_owned(),
+        }
+    }
+
+    /// Words of a cause that is named right: one of them, and the joint's number if there is one.
+    pub fn cause(self) -> Option<(&'static [&'static str], Option<usize>)> {
+        match self {
+            Self::Friction { joint, .. } => Some((&["friction"], Some(joint))),
+            Self::Delay(_) => Some((&["delay"], None)),
+            Self::Resonance => Some((&["resonance", "flexible"], None)),
+            Self::Eccentricity(_) => Some((&["eccentric", "off its centre"], None)),
+            Self::Tilt => Some((&["tilt", "gravity"], None)),
+            Self::Heating => Some((&["heat", "resistance", "drift"], None)),
+            _ => None,
+        }
+    }
+
+    /// Mass of link 2 after the change \[kg\].
+    pub(super) fn mass_after(self, first_kg: f64, then_kg: f64) -> f64 {
+        match self {
+            Self::Jump(percent) | Self::JumpAtEnd(percent) => first_kg * (1.0 + f64::from(percent) / 100.0),
+            // One thing wrong at a time.
+            _ if Self::MODEL.contains(&self) || Self::MODEL_MENDED.contains(&self) => first_kg,
+            _ => then_kg,
+        }
+    }
+
+    /// Where in its block the payload changes, 0 to 1, from a number of the seed's.
+    pub(super) fn place_of_change(self, spread: f64, period_s: f64) -> f64 {
+        let block_s = TrialSpec::BLOCK_LEN as f64 * period_s;
+        match self {
+            Self::JumpAtEnd(_) => 1.0 - 0.4 / block_s * spread,
+            _ => spread,
+        }
+    }
+
+    /// Settings of the simulation, and of the identifier if it is told.
+    pub(super) fn settings(self, spec: &TrialSpec) -> Vec<String> {
+        let sensors = |key: &str, value: f64| format!("plant.sensors.{key}={value:?}");
+        match self {
+            Self::None | Self::AtRest | Self::Jump(_) | Self::JumpAtEnd(_) => Vec::new(),
+            Self::Loss { permille, burst } => vec![
+                sensors("loss_probability", f64::from(permille) / 1000.0),
+                format!("plant.sensors.loss_burst={burst}"),
+            ],
+            Self::Jitter(us) => vec![sensors("stamp_jitter_s", f64::from(us) * 1e-6)],
+            Self::PositionSpikes => vec![
+                sensors("position_spike_probability", 0.01),
+                sensors("position_spike_rad", 0.01 * 100f64.powf(spread(spec.seed, 50))),
+            ],
+            Self::InputSpikes => vec![
+                sensors("spike_probability", 0.01),
+                sensors("spike_v", 100.0 * spec.noise_v),
+            ],
+            Self::InputBits(bits) => vec![sensors("input_resolution_v", 800.0 / f64::from(bits).exp2())],
+            Self::Friction { joint, percent } => {
+                let (mass_kg, _) = spec.arm.masses_kg();
+                let arm = spec.arm.parameters();
+                let dynamics = ArmDynamics::new(&arm.with_mass_2(mass_kg), arm.gravity_m_s2);
+                let size = dynamics.holding_torque(0.0) * f64::from(percent) / 100.0;
+                let sizes = [1, 2].map(|j| if j == joint { size } else { 0.0 });
+                vec![
+                    format!("plant.unmodelled.coulomb_friction_n_m={sizes:?}"),
+                    "plant.substeps=10".to_owned(),
+                ]
+            }
+            Self::Delay(us) => vec![sensors("input_delay_s", f64::from(us) * 1e-6)],
+            Self::DelayEstimated(us) => vec![
+                sensors("input_delay_s", f64::from(us) * 1e-6),
+                "identifier.projected.estimate_input_delay=true".to_owned(),
+                // the delay is the last parameter
+                format!("estimator.theta_start={:?}", [&spec.start()[..], &[0.0]].concat()),
+            ],
+            Self::Resonance => vec![sensors("resonance_hz", 40.0)],
+            Self::Eccentricity(arcsec) => vec![
+                sensors("eccentricity_rad", f64::from(arcsec) * TAU / (360.0 * 3600.0)),
+                sensors("eccentricity_phase_rad", TAU * spread(spec.seed, 51)),
+            ],
+            Self::Tilt => vec![format!("plant.unmodelled.base_tilt_rad={:?}", TAU / 360.0)],
+            Self::Heating => vec![
+                "plant.unmodelled.heating_share=0.1".to_owned(),
+                "plant.unmodelled.heating_s=60.0".to_owned(),
+            ],
+        }
+    }
+
+    /// Settings that an identifier is given if it has these keys.
+    pub fn optional_settings(self) -> Vec<(&'static str, String)> {
+        match self {
+            Self::InputBits(bits) => vec![(
+                "identifier.projected.input_resolution",
+                format!("[{:?}]", 800.0 / f64::from(bits).exp2()),
+            )],
+            _ => Vec::new(),
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! One trial: the simulated machine's samples through an identifier, its estimates beside the truth.
+
+use super::bound::CramerRaoBound;
+use super::score::{TrialResult, Truth};
+use crate::compare::CompareError;
+use crate::messages::{Estimate, Sample, estimate_flags};
+use crate::model::{DerivedValues, KnownConstants, ManipulatorDerived};
+use crate::sim::{ArmSimulator, ControllerKind, Machine, SensorOptions, SimOptions, Unmodelled, sample_stream};
+
+/// Parts of the run before the change at whose ends efficiency is measured.
+const MARKS: [f64; 3] = [0.33, 0.66, 1.0];
+/// Both joints rest if for so long \[s\] …
+const REST_S: f64 = 0.5;
+/// … neither is faster than this \[rad/s\].
+const REST_RAD_PER_S: f64 = 1e-3;
+
+/// A trial ready to run.
+#[derive(Debug, Clone, Copy)]
+pub struct Trial<'a> {
+    /// The machine and its sensors.
+    pub sim: &'a SimOptions,
+    /// N of the identifier.
+    pub block_len: u64,
+    /// Names of the identifier's parameters.
+    pub names: &'a [&'static str],
+    /// Constants that the identifier derives physical values with.
+    pub known: Option<KnownConstants>,
+}
+
+impl Trial<'_> {
+    /// Sends each sample through `identify`, which appends what the identifier publishes, and scores that.
+    ///
+    /// The Cramér–Rao bound of the same run without its disturbance goes along until the payload changes.
+    ///
+    /// # Errors
+    /// The simulation's options are not valid.
+    pub fn run(&self, mut identify: impl FnMut(&Sample, &mut Vec<Estimate>)) -> Result<TrialResult, CompareError> {
+        let sim = self.sim;
+        let mut plant = sample_stream(sim, 1)?;
+        let derived = self.known.and_then(|known| ManipulatorDerived::new(known).ok());
+        let block_ns = self.block_len * (sim.sample_period_s * 1e9).round() as u64;
+        let end_ns = (sim.duration_s * 1e9).round() as u64;
+        let changes_ns = self.changes_ns();
+        let first_change_ns = changes_ns.first().copied().unwrap_or(u64::MAX);
+        let quiet_blocks = first_change_ns.min(end_ns) / block_ns;
+        let marks = MARKS.map(|share| ((share * quiet_blocks as f64) as u64).max(1));
+        // A new mass holds from its own sample on, so that a change at a border belongs to the block that it begins.
+        let changes_in = |block: u64| {
+            let from_ns = block.saturating_sub(1) * block_ns;
+            changes_ns.iter().any(|&t| t >= from_ns && t < from_ns + block_ns)
+        };
+
+        let mut bound = self.reference()?;
+        let mut result = TrialResult::default();
+        let mut estimates: Vec<Estimate> = Vec::with_capacity(2);
+        let mut announced_ns: Vec<u64> = Vec::new();
+        while let Some(sample) = plant.next_sample() {
+            if sample.t_ns >= first_change_ns {
+                bound = None;
+            }
+            if let Some(reference) = &mut bound {
+                reference.advance_to(sample.seq);
+            }
+            identify(&sample, &mut estimates);
+            for estimate in estimates.drain(..) {
+                let theta = self.true_theta(estimate.t_last_ns as f64 * 1e-9);
+                let std = bound.as_ref().map(|reference| reference.bound.std());
+                if estimate.flags & estimate_flags::CHANGED != 0 {
+                    announced_ns.push(estimate.t_last_ns);
+                }
+                let truth = Truth {
+                    names: self.names,
+                    theta: &theta,
+                    derived: &derived_truth(derived.as_ref(), &theta),
+                    bound: std.as_ref().map(|std| &std[..]),
+                    changed: changes_in(estimate.block),
+                    changed_before: estimate.block > 1 && changes_in(estimate.block - 1),
+                    mark: marks.contains(&estimate.block),
+                };
+                result.add(&estimate, &truth);
+            }
+        }
+        result.changes = changes_ns.len() as u64;
+        let in_time = |t: u64| announced_ns.iter().any(|&last| last >= t && last < t + 2 * block_ns);
+        result.detected = changes_ns.iter().filter(|&&t| in_time(t)).count() as u64;
+        Ok(result)
+    }
+
+    /// θ as it is, in the order of the identifier's parameters; a delay of the input comes last.
+    fn true_theta(&self, t_s: f64) -> Vec<f64> {
+        let mut theta = self.sim.true_parameters(t_s);
+        if self.names.len() > theta.len() {
+            theta.push(self.sim.sensors.input_delay_s);
+        }
+        theta
+    }
+
+    /// When the mass changes.
+    fn changes_ns(&self) -> Vec<u64> {
+        let schedule = match &self.sim.machine {
+            Machine::Arm => &self.sim.mass_2,
+            Machine::ServoAxis(axis) => &axis.mass,
+        };
+        let changes = schedule.points.windows(2).filter(|pair| pair[0].1 != pair[1].1);
+        changes.map(|pair| (pair[1].0 * 1e9).round() as u64).collect()
+    }
+
+    /// The arm as its equations say, and what could be known of it; none for other machines and controllers.
+    fn reference(&self) -> Result<Option<Reference>, CompareError> {
+        let sim = self.sim;
+        let sensors = &sim.sensors;
+        let sampled = sim.controller.kind == ControllerKind::Sampled;
+        if sim.machine != Machine::Arm || !sampled || sensors.encoder_bits == 0 {
+            return Ok(None);
+        }
+        let ideal = SimOptions {
+            sensors: SensorOptions::exact(),
+            unmodelled: Unmodelled::none(),
+            ..sim.clone()
+        };
+        let variance = sensors.resolution_rad().powi(2) / 12.0 + sensors.position_noise_rad.powi(2);
+        Ok(Some(Reference {
+            arm: ArmSimulator::new(&ideal)?,
+            bound: CramerRaoBound::new(&ideal, variance.sqrt(), sensors.input_noise_v),
+        }))
+    }
+}
+
+/// The undisturbed run beside the trial.
+struct Reference {
+    arm: ArmSimulator,
+    bound: CramerRaoBound,
+}
+
+impl Reference {
+    /// Takes in all samples up to this one, also those that were lost.
+    fn advance_to(&mut self, seq: u64) {
+        while self.arm.position() <= seq
+            && let Some(sample) = self.arm.next()
+        {
+            self.bound.advance([sample.setpoint[0], sample.setpoint[1]]);
+        }
+    }
+}
+
+fn derived_truth(derived: Option<&ManipulatorDerived>, theta: &[f64]) -> Vec<(&'static str, f64)> {
+    let mut gradient = theta.to_vec();
+    derived.map_or_else(Vec::new, |derived| {
+        let quantities = derived.quantities().iter().enumerate();
+        quantities
+            .map(|(i, quantity)| (quantity.name, derived.value_and_gradient(i, theta, &mut gradient)))
+            .collect()
+    })
+}
+
+/// First time from `from_s` on at which both joints of the arm have rested for half a second \[s\]; none if they never do.
+pub fn rest_instant(sim: &SimOptions, from_s: f64) -> Option<f64> {
+    let mut since: Option<u64> = None;
+    let needed = (REST_S / sim.sample_period_s) as u64;
+    // Derivatives are blank if positions are measured.
+    let exact = SimOptions {
+        sensors: SensorOptions::exact(),
+        ..sim.clone()
+    };
+    for (k, sample) in (0..sim.sample_count()).zip(ArmSimulator::new(&exact).ok()?) {
+        let rests = sample.dq.iter().all(|dq| dq.abs() < REST_RAD_PER_S);
+        since = if rests { since.or(Some(k)) } else { None };
+        let t_s = k as f64 * sim.sample_period_s;
+        if t_s >= from_s && since.is_some_and(|since| k - since >= needed) {
+            return Some(t_s);
+        }
+    }
+    None
+}

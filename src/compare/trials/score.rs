@@ -1,0 +1,199 @@
+//! What is read off the estimates of a run.
+
+use crate::messages::{Estimate, estimate_flags};
+
+/// Blocks at the start that coverage and shares leave out: the estimate is still on its way.
+const SETTLING: u64 = 5;
+/// Bound relative to the parameter below which a parameter counts as one that can be known.
+const KNOWABLE: f64 = 0.01;
+/// A value is dangerous that is more σ off than this …
+const SIGMAS: f64 = 5.0;
+/// … and by more than this share.
+const SHARE: f64 = 0.005;
+/// Half the width of a 95 % interval in σ.
+const INTERVAL: f64 = 1.959_963_984_540_054;
+
+/// A value that was published for use and is wrong.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Danger {
+    /// Block.
+    pub block: u64,
+    /// What is wrong: `theta_7`, `mass_2`.
+    pub name: String,
+    /// Error relative to the truth.
+    pub error: f64,
+    /// Error in published σ.
+    pub sigmas: f64,
+}
+
+/// One parameter over a run.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ParameterScore {
+    /// Error after the last block relative to the truth.
+    pub end_error: f64,
+    /// The same in published σ.
+    pub end_sigmas: f64,
+    /// Cramér–Rao bound in the last block that has one, relative to the parameter; 0 without.
+    pub bound: f64,
+    /// Squared errors over squared bounds, summed over the marks where the bound is below 1 %.
+    pub squared_ratio: f64,
+    /// Number of these marks.
+    pub marks: u32,
+    /// Known values (σ below half the value) in quiet blocks, and those whose 95 % interval holds the truth.
+    pub intervals: u64,
+    /// Intervals that hold the truth.
+    pub covered: u64,
+}
+
+/// One run.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TrialResult {
+    /// Estimates published.
+    pub blocks: u64,
+    /// With `use_ok = 1`.
+    pub use_ok: u64,
+    /// First block with `use_ok = 1`.
+    pub first_use_ok: Option<u64>,
+    /// Dangerous blocks.
+    pub dangerous: u64,
+    /// The worst of their values, by σ.
+    pub worst: Option<Danger>,
+    /// Blocks in which an alarm is false: no change in them nor in the block before.
+    pub quiet: u64,
+    /// Alarms in these.
+    pub false_alarms: u64,
+    /// Changes, and those that were announced in their block or the next.
+    pub changes: u64,
+    /// Changes that were announced in time.
+    pub detected: u64,
+    /// Parameters excited, over the settled blocks.
+    pub excited: u64,
+    /// Parameters excited and usable.
+    pub usable: u64,
+    /// Parameters excited whose bound is below 1 %, over the settled blocks that have a bound.
+    pub knowable: u64,
+    /// The same and usable.
+    pub knowable_usable: u64,
+    /// Usable values, and those whose 95 % interval holds the truth.
+    pub usable_intervals: u64,
+    /// Usable values whose interval holds the truth.
+    pub usable_covered: u64,
+    /// Each parameter.
+    pub parameters: Vec<ParameterScore>,
+    /// Likeliest cause of a misfit that the identifier named last, if any; the caller knows it.
+    pub named_cause: Option<String>,
+    /// Blocks by state name.
+    pub states: Vec<(&'static str, u64)>,
+}
+
+/// The truth beside one estimate.
+pub(super) struct Truth<'a> {
+    /// Names of the parameters.
+    pub names: &'a [&'static str],
+    /// θ at the block's end.
+    pub theta: &'a [f64],
+    /// Derived values at the block's end, with their names.
+    pub derived: &'a [(&'static str, f64)],
+    /// Least standard deviations, where there is a bound.
+    pub bound: Option<&'a [f64]>,
+    /// The truth changed within this block.
+    pub changed: bool,
+    /// The truth changed within the block before.
+    pub changed_before: bool,
+    /// The efficiency is measured at this block.
+    pub mark: bool,
+}
+
+impl TrialResult {
+    /// Takes in an estimate.
+    pub(super) fn add(&mut self, estimate: &Estimate, truth: &Truth<'_>) {
+        let params = (estimate.params as usize).min(truth.theta.len());
+        self.parameters.resize(params, ParameterScore::default());
+        self.blocks += 1;
+        if let Some(state) = crate::messages::State::from_wire(estimate.state) {
+            match self.states.iter_mut().find(|(name, _)| *name == state.name()) {
+                Some((_, count)) => *count += 1,
+                None => self.states.push((state.name(), 1)),
+            }
+        }
+        let use_ok = estimate.use_ok == 1;
+        if use_ok {
+            self.use_ok += 1;
+            self.first_use_ok.get_or_insert(estimate.block);
+        }
+        let alarm = estimate.flags & estimate_flags::CHANGED != 0;
+        if !truth.changed && !truth.changed_before {
+            self.quiet += 1;
+            self.false_alarms += u64::from(alarm);
+        }
+        if use_ok {
+            self.look_for_danger(estimate, truth, params);
+        }
+        let settled = estimate.block > SETTLING;
+        for i in 0..params {
+            let (value, std) = (estimate.theta[i], estimate.theta_std[i]);
+            let error = value - truth.theta[i];
+            let bound = truth.bound.and_then(|bound| bound.get(i)).copied();
+            let bit = |mask: u64| mask >> i & 1 == 1;
+            let score = &mut self.parameters[i];
+            score.end_error = (error / truth.theta[i]).abs();
+            score.end_sigmas = (error / std).abs();
+            if settled && bit(estimate.excited) {
+                self.excited += 1;
+                self.usable += u64::from(bit(estimate.usable));
+                if bound.is_some_and(|bound| bound < KNOWABLE * truth.theta[i].abs()) {
+                    self.knowable += 1;
+                    self.knowable_usable += u64::from(bit(estimate.usable));
+                }
+            }
+            if settled && !truth.changed {
+                let covered = error.abs() <= INTERVAL * std;
+                if std < 0.5 * value.abs() {
+                    score.intervals += 1;
+                    score.covered += u64::from(covered);
+                }
+                if bit(estimate.usable) {
+                    self.usable_intervals += 1;
+                    self.usable_covered += u64::from(covered);
+                }
+            }
+            if let Some(bound) = bound {
+                score.bound = bound / truth.theta[i].abs();
+                if truth.mark && score.bound < KNOWABLE {
+                    score.squared_ratio += (error / bound).powi(2);
+                    score.marks += 1;
+                }
+            }
+        }
+    }
+
+    fn look_for_danger(&mut self, estimate: &Estimate, truth: &Truth<'_>, params: usize) {
+        let usable = (0..params.min(truth.names.len()))
+            .filter(|i| estimate.usable >> i & 1 == 1)
+            .map(|i| (truth.names[i], estimate.theta[i], estimate.theta_std[i], truth.theta[i]));
+        let derived = truth.derived.iter().zip(&estimate.derived).zip(&estimate.derived_std);
+        let derived = derived
+            .take(estimate.derived_len as usize)
+            .map(|((&(name, true_value), &value), &std)| (name, value, std, true_value));
+        let mut worst: Option<Danger> = None;
+        for (name, value, std, true_value) in usable.chain(derived) {
+            let error = ((value - true_value) / true_value).abs();
+            let sigmas = (value - true_value).abs() / std;
+            // Where σ is not a number nothing is claimed.
+            if sigmas > SIGMAS && error > SHARE && worst.as_ref().is_none_or(|worst| sigmas > worst.sigmas) {
+                worst = Some(Danger {
+                    block: estimate.block,
+                    name: name.to_owned(),
+                    error,
+                    sigmas,
+                });
+            }
+        }
+        if let Some(danger) = worst {
+            self.dangerous += 1;
+            if self.worst.as_ref().is_none_or(|worst| danger.sigmas > worst.sigmas) {
+                self.worst = Some(danger);
+            }
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! `thetabus trials`.
+
+use super::wiring::identifier_node;
+use super::{Exit, Failure, TrialsArgs, logging};
+use crate::compare::for_each_index;
+use crate::compare::trials::{
+    Case, CaseResult, Disturbance, Spec, Trial, TrialResult, full_cases, quick_cases, rest_instant, trials_document,
+};
+use crate::config::{Config, Source, keys};
+use crate::node::identifier::Identifier;
+use crate::runner::Shutdown;
+use std::time::Instant;
+
+/// Runs a trial: the built-in configuration with the trial's settings, then `more` of the form `section.key=value`.
+///
+/// # Errors
+/// A setting is wrong.
+pub fn trial(spec: &Spec, more: &[String]) -> Result<TrialResult, Failure> {
+    let config = configuration(spec, more)?;
+    let mut node = identifier_node(&config, None)?;
+    let names: Vec<&'static str> = config
+        .model
+        .parameters()
+        .iter()
+        .map(|parameter| parameter.name)
+        .collect();
+    let trial = Trial {
+        sim: &config.plant.sim,
+        block_len: config.estimator.block_len as u64,
+        names: &names,
+        known: config.model.known(),
+    };
+    let mut cause = None;
+    let mut result = trial.run(|sample, estimates| {
+        node.on_sample(sample, &mut |estimate| estimates.push(*estimate));
+        if !estimates.is_empty() {
+            cause = named_cause(node.as_ref()).or(cause.take());
+        }
+    })?;
+    result.named_cause = cause;
+    Ok(result)
+}
+
+/// The likeliest cause of a misfit, as the status names it: a term "would explain" a share of it.
+fn named_cause(node: &dyn Identifier) -> Option<String> {
+    let status = node.status();
+    let words = status.error.words();
+    words.contains("would explain").then(|| words.to_owned())
+}
+
+fn configuration(spec: &Spec, more: &[String]) -> Result<Config, Failure> {
+    let sources: Vec<Source> = Config::embedded(spec.basis()).into_iter().collect();
+    let mut settings = spec.settings();
+    for (key, value) in spec.disturbance().optional_settings() {
+        if keys().any(|known| known.path() == key) {
+            settings.push(format!("{key}={value}"));
+        }
+    }
+    settings.extend(more.iter().cloned());
+    let config = Config::load(&sources, &settings)?;
+    let Spec::Arm(arm) = spec else {
+        return Ok(config);
+    };
+    if arm.disturbance != Disturbance::AtRest {
+        return Ok(config);
+    }
+    // Up to the change the motion does not depend on it.
+    let Some(at_s) = rest_instant(&config.plant.sim, arm.middle_s()) else {
+        return Ok(config);
+    };
+    settings.push(format!("plant.mass_2.t_s=[0.0, {at_s:?}]"));
+    Ok(Config::load(&sources, &settings)?)
+}
+
+/// Runs the trials, one line per case, and writes their tables; a signal ends it and nothing is written.
+///
+/// # Errors
+/// A setting is wrong, no case has the name asked for, a signal came, or the file cannot be written.
+pub fn run(args: &TrialsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
+    let all = if args.quick { quick_cases() } else { full_cases() };
+    let count = all.len();
+    let cases: Vec<Case> = all
+        .into_iter()
+        .filter(|case| args.only.is_empty() || args.only.iter().any(|only| case.matches(only)))
+        .collect();
+    if cases.is_empty() {
+        let message = format!(
+            "--only: expected words of at least one of {count} cases, such as minimum_jerk,16bit, got {}",
+            args.only.join(" ")
+        );
+        return Err(Failure::Usage(message));
+    }
+    let seeds = args.seeds.unwrap_or(if args.quick { 2 } else { 8 });
+    let started = Instant::now();
+    let mut results: Vec<(Case, CaseResult)> = Vec::with_capacity(cases.len());
+    for case in cases {
+        if args.show {
+            let settings = case.spec.settings().join("\n  ");
+            logging::result(&format!("{} on {}.toml\n  {settings}", case.name(), case.spec.basis()))?;
+            continue;
+        }
+        let runs = for_each_index(seeds as usize, |index| {
+            if shutdown.requested() {
+                return Ok((Disturbance::None, TrialResult::default()));
+            }
+            let spec = case.spec.with(args.first_seed + index as u64, args.blocks);
+            Ok((spec.disturbance(), trial(&spec, &args.common.set)?))
+        });
+        if shutdown.requested() {
+            return Err(Failure::Failed("interrupted, nothing was written".to_owned()));
+        }
+        let result = CaseResult {
+            runs: runs.into_iter().collect::<Result<_, Failure>>()?,
+        };
+        logging::result(&format!("{:<46} {}", case.name(), result.line()))?;
+        if args.details {
+            for ((_, run), seed) in result.runs.iter().zip(args.first_seed..) {
+                logging::result(&details(seed, run))?;
+            }
+        }
+        results.push((case, result));
+    }
+    if args.show {
+        return Ok(Exit::Done);
+    }
+    let pooled = CaseResult::pool(results.iter().map(|(_, result)| result));
+    logging::result(&format!("{:<46} {}", "all", pooled.line()))?;
+    logging::result(&format!("{} s", started.elapsed().as_secs()))?;
+    if let Some(file) = &args.out {
+        let text = trials_document(&results, seeds).markdown(&command(args));
+        std::fs::write(file, text).map_err(|error| Failure::Failed(format!("{}: {error}", file.display())))?;
+        logging::result(&format!("{}: written", file.display()))?;
+    }
+    Ok(Exit::Done)
+}
+
+/// One run in figures, a line per parameter.
+fn details(seed: u64, run: &TrialResult) -> String {
+    let states: Vec<String> = run
+        .states
+        .iter()
+        .map(|(name, count)| format!("{name} {count}"))
+        .collect();
+    let mut text = format!(
+        "  seed {seed}: first use_ok in block {}, states: {}",
+        run.first_use_ok.map_or("–".to_owned(), |block| block.to_string()),
+        states.join(", ")
+    );
+    if let Some(cause) = &run.named_cause {
+        text += &format!(", cause named: {cause}");
+    }
+    for (i, p) in run.parameters.iter().enumerate() {
+        text += &format!(
+            "\n    theta_{}: at the end {:.3} % off, {:.1} sigma; bound {:.3} %, error / bound {:.2}; {} of {} intervals hold",
+            i + 1,
+            100.0 * p.end_error,
+            p.end_sigmas,
+            100.0 * p.bound,
+            (p.squared_ratio / f64::from(p.marks)).sqrt(),
+            p.covered,
+            p.intervals
+        );
+    }
+    text
+}
+
+/// The command that makes the document again.
+fn command(args: &TrialsArgs) -> String {
+    let mut words = vec!["cargo run --release -- trials".to_owned()];
+    if args.quick {
+        words.push("--quick".to_owned());
+    }
+    words.extend(args.seeds.iter().map(|seeds| format!("--seeds {seeds}")));
+    if args.first_seed > 0 {
+        words.push(format!("--first-seed {}", args.first_seed));
+    }
+    words.extend(args.blocks.iter().map(|blocks| format!("--blocks {blocks}")));
+    words.extend(args.only.iter().map(|only| format!("--only {only}")));
+    words.extend(args.common.set.iter().map(|set| format!("--set {set}")));
+    words.extend(args.out.iter().map(|file| format!("--out {}", file.display())));
+    words.join(" ")
+}

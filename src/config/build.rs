@@ -364,6 +364,8 @@ fn considered(form: &FileForm) -> Considered {
         input_delay_s: section.input_delay_s,
         gain: section.gain,
         coulomb: section.coulomb,
+        resonance_hz: section.resonance_hz,
+        zero_rad: if linear { 0.0 } else { section.zero_rad },
         eccentricity_rad: (!linear).then_some(section.eccentricity_rad),
     }
 }

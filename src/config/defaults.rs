@@ -207,6 +207,8 @@ impl Default for FileForm {
                 input_delay_s: rows.considered.input_delay_s,
                 gain: rows.considered.gain,
                 coulomb: rows.considered.coulomb,
+                resonance_hz: rows.considered.resonance_hz,
+                zero_rad: rows.considered.zero_rad,
                 eccentricity_rad: rows.considered.eccentricity_rad.unwrap_or(0.0),
             },
             estimator: schema::Estimator {

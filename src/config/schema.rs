@@ -513,13 +513,17 @@ sections! {
         learn_noise: bool, Kind::Flag, "",
             "Take the noise from the signals, block by block, instead of the four levels above";
     }
-    considered: ConsideredErrors = "identifier.considered", "Standard deviations of what the machine may do and the model does not say: not estimated, but sigma is widened by what it could do; for rows = \"projected\"" {
+    considered: ConsideredErrors = "identifier.considered", "Standard deviations of errors that the machine may have and the model leaves out: not estimated, but sigma allows for what they could do as far as the data leave them open; for rows = \"projected\"" {
         input_delay_s: f64, Kind::Real(NOT_NEGATIVE), "s",
-            "Delay of the recorded input beyond input_delay_s; 1e-4 where nobody has measured it";
+            "Delay of the recorded input beyond input_delay_s";
         gain: f64, Kind::Real(NOT_NEGATIVE), "",
-            "Relative error of each drive's gain; 0 where parameters are meant in units of the drive as it reports itself";
+            "Relative error of each drive's gain; 0 if parameters are meant in units of the drive as it reports itself";
         coulomb: f64, Kind::Real(NOT_NEGATIVE), "",
-            "Coulomb friction at each joint whose model has none, as a share of the largest root mean square of its input so far; 0.02 for gears";
+            "Coulomb friction at each joint whose model has none, as a share of the largest root mean square of its input so far";
+        resonance_hz: f64, Kind::Real(NOT_NEGATIVE), "Hz",
+            "Natural frequency of the flexibility between each motor and its load; 0 if the joints are rigid";
+        zero_rad: f64, Kind::Real(NOT_NEGATIVE), "rad",
+            "Error of each encoder's zero, or of gravity's direction; without effect on an axis that moves along a line";
         eccentricity_rad: f64, Kind::Real(NOT_NEGATIVE), "rad",
             "Amplitude of an encoder error of one period per turn; 1e-4 is 20 arc seconds; without effect on an axis that moves along a line";
     }

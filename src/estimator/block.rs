@@ -144,7 +144,7 @@ pub struct BlockEstimator {
 
 impl BlockEstimator {
     /// Three relative standard deviations below which a parameter counts as usable.
-    const USABLE: f64 = 0.03;
+    const USABLE: f64 = 0.05;
     /// Share of variance removed from which a parameter counts as excited: the block alone knows it to within 32 %.
     const EXCITED: f64 = 0.9;
     /// A group that gave no alarm follows one that did where its own test is below this.
@@ -483,9 +483,12 @@ impl BlockEstimator {
             return &self.report;
         }
         let single = self.options.max_iterations == 1;
+        let suspects = rows.suspects();
+        let moments = self.score_test.prepare(suspects, |s| rows.suspect_std(s));
         for group in &mut self.groups {
             group.since_alarm = group.since_alarm.saturating_add(1);
             group.considered.begin(rows);
+            group.considered.moments.copy_from_slice(moments);
             group.begin(rows, &self.theta, &self.options);
         }
         let (mut lines, broken) = self.follow(rows);
@@ -562,15 +565,13 @@ impl BlockEstimator {
             let told = group.noise_is_told();
             let excitation = &group.excitation;
             group.clusters.end(changed, told, |i| excitation.share(i));
-            self.score_test
-                .take(&group.considered.scores, unit, misfit, freedom, told);
+            let (scores, information) = (&group.considered.scores, &group.considered.information);
+            self.score_test.take((scores, information), unit, misfit, freedom, told);
         }
         self.score_test.end();
         self.report.suspicion = self.score_test.likeliest();
         for group in &mut self.groups {
-            for (s, found) in group.considered.found.iter_mut().enumerate() {
-                *found = self.score_test.believed(s);
-            }
+            group.considered.moments.copy_from_slice(self.score_test.moments());
         }
         self.describe();
         &self.report

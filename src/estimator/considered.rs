@@ -1,27 +1,29 @@
-//! Considered errors: what the model does not say and σ must allow for (S. F. Schmidt, 1966: consider covariance).
+//! Considered errors: what the model leaves out and σ must allow for (S. F. Schmidt, 1966: consider covariance).
 //!
 //! ```text
-//! f(θ*)  = n + Σ_s a_s d_s                        the machine has errors a_s of which only a standard deviation σ_s is known
-//! e_m    = A e_{m−1} + K Σ φ (n + Σ_s a_s d_s)    the error of θ̂, see the head of group.rs
-//! T_s    ← A T_s + K Σ φ d_s                      so this is what it owes to an error of amplitude 1
-//! P_pub  = P + Σ_s σ_s² T_s T_sᵀ
+//! f(θ*)  = n + Σ_s a_s d_s                        the machine has errors a_s, a priori N(0, σ_s²)            (a)
+//! e_m    = A e_{m−1} + K Σ φ (n + Σ_s a_s d_s)    the error of θ̂, see the head of group.rs                   (b)
+//! T_s    ← A T_s + K Σ φ d_s                      so this is the error of θ̂ per unit of a_s                  (c)
+//! P_pub  = P + T M Tᵀ,  M = E[a aᵀ | data]        second moments, from score_test.rs                         (d)
 //! ```
 //!
-//! The errors are constant, so T_s adds up over the blocks instead of averaging out: no number of blocks takes σ below what they do. That is
-//! the point: a delay of 150 µs and smooth motion shift θ₉ by 5 % and leave a residual that nothing is wrong with.
+//! The errors are constant, so T_s accumulates over the blocks instead of averaging out. If the data say nothing about an error, M stays at its
+//! prior σ_s² and no number of blocks takes σ below what the error could do: a delay of 150 µs and smooth motion shift θ₉ by 5 % and leave a
+//! perfect residual. If the motion does show the error, M shrinks to what the data leave open, and σ is what it would be without it. (d) is exact for
+//! linear rows: the part of e that noise causes is uncorrelated with the innovations, and a is learnt from nothing else.
 //!
-//! **No change of the plant.** The estimate moves with the motion where there is such an error, and a change is looked for against it: the test of
-//! `change.rs` counts d_s − φᵀT_s, what the innovation owes to the error, as noise of standard deviation σ_s. **No noise.** What an error leaves in the
-//! residuals is counted as noise where that is learnt, which widens σ further and never narrows it.
+//! **No change of the plant.** The estimate moves with the motion if there is such an error, and a change is looked for against it: the test of
+//! `change.rs` counts d_s − φᵀT_s, the share of the innovation that the error causes, as noise of covariance M. **No noise.** What an error leaves in the
+//! residuals is counted as noise if the noise level is learnt, which widens σ further and never narrows it.
 //!
-//! # Tests
-//! Under the error a the innovation is ν = n + (d − Φ T) a with T of before the block, of covariance V = I + Φ Λ⁻¹ Φᵀ in units of σ². With h = d − Φ T
+//! # Scores
+//! Under the errors a the innovation is ν = n + (D − Φ T) a with T of before the block, of covariance V = I + Φ Λ⁻¹ Φᵀ in units of σ². With H = D − Φ T
 //!
 //! ```text
-//! u = hᵀ V⁻¹ ν,  i = hᵀ V⁻¹ h,   V⁻¹ = I − Φ K Φᵀ
+//! u = Hᵀ V⁻¹ ν,  I = Hᵀ V⁻¹ H,   V⁻¹ = I − Φ K Φᵀ                                                            (e)
 //! ```
 //!
-//! are the score of the error and its variance, which `score_test.rs` adds up over the blocks.
+//! are the score of the errors and their information matrix, which `score_test.rs` adds up over the blocks.
 
 use super::Residuals;
 use super::group::EquationState;
@@ -31,13 +33,19 @@ use super::pass::Sums;
 use super::persist::Visit;
 use std::ops::Range;
 
-/// Errors that there is room for: one of the whole machine and five of each equation.
+/// Errors of each equation that there is room for.
+pub const PER_EQUATION: usize = 6;
+
+/// Errors that there is room for: one of the whole machine and those of each equation.
 pub const fn room_for(equations: usize) -> usize {
-    1 + 5 * equations
+    1 + PER_EQUATION * equations
 }
 
 /// Share of Σ d² below which what the parameters leave of a column is rounding.
 const RESOLVED: f64 = 1e-9;
+
+/// Added to the diagonal of a correlation matrix that may be singular.
+const ROUNDING: f64 = 1e-9;
 
 /// Sensitivities of a group's estimate, and the sums of a block over its error columns.
 #[derive(Debug, Clone)]
@@ -45,22 +53,24 @@ pub struct Considered {
     n: usize,
     /// Errors that the rows of the last block had columns for.
     count: usize,
-    std: Vec<f64>,
-    /// Amplitudes that the score tests found.
-    pub found: Vec<f64>,
+    /// M of (d), room × room; rows and columns of errors without a prior that nothing was found of are 0.
+    pub moments: Vec<f64>,
     /// T_s at s n.
     sensitivity: Vec<f64>,
-    /// Σ w φ d_s at s n, Σ w d_s², Σ w d_s f.
+    /// Σ w φ d_s at s n, Σ w d_s d_t at s room + t for t ≤ s, Σ w d_s f.
     cross: Vec<f64>,
-    square: Vec<f64>,
+    gram: Vec<f64>,
     score: Vec<f64>,
-    /// (u, i) of the last block per error.
-    pub scores: Vec<(f64, f64)>,
+    /// u of the last block.
+    pub scores: Vec<f64>,
+    /// I of the last block, room × room.
+    pub information: Vec<f64>,
     // scratch
     columns: Vec<f64>,
     regressor: Vec<f64>,
     doubled: Vec<f64>,
     vector: Vec<f64>,
+    seen: Vec<f64>,
     images: Vec<f64>,
     matrix: Vec<f64>,
     factor: Cholesky,
@@ -74,17 +84,18 @@ impl Considered {
         Self {
             n,
             count: 0,
-            std: vec![0.0; room],
-            found: vec![0.0; room],
+            moments: vec![0.0; room * room],
             sensitivity: vec![0.0; room * n],
             cross: vec![0.0; room * n],
-            square: vec![0.0; room],
+            gram: vec![0.0; room * room],
             score: vec![0.0; room],
-            scores: vec![(0.0, 0.0); room],
+            scores: vec![0.0; room],
+            information: vec![0.0; room * room],
             columns: vec![0.0; room],
             regressor: vec![0.0; n],
             doubled: vec![0.0; 2 * n],
             vector: vec![0.0; n],
+            seen: vec![0.0; room * n],
             images: vec![0.0; room * n],
             matrix: vec![0.0; room * room],
             factor: Cholesky::new(room),
@@ -95,8 +106,7 @@ impl Considered {
     /// What goes from block to block.
     pub fn visit(&mut self, v: &mut impl Visit) {
         v.reals(&mut self.sensitivity);
-        v.reals(&mut self.std);
-        v.reals(&mut self.found);
+        v.reals(&mut self.moments);
     }
 
     /// Parameter i owes nothing to any error: it is back to what it was told.
@@ -110,14 +120,16 @@ impl Considered {
 
     /// Takes over what the rows know of errors.
     pub fn begin<R: Residuals>(&mut self, rows: &R) {
-        self.count = rows.suspects().min(self.std.len());
-        for (s, std) in self.std[..self.count].iter_mut().enumerate() {
-            *std = rows.suspect_std(s);
-        }
-        self.scores.fill((0.0, 0.0));
+        self.count = rows.suspects().min(self.scores.len());
+        self.clear_scores();
     }
 
-    /// Sums over the rows of `range` at θ, weighed as the fit weighs them.
+    fn clear_scores(&mut self) {
+        self.scores.fill(0.0);
+        self.information.fill(0.0);
+    }
+
+    /// Sums over the rows of `range` at θ, weighted as the fit weights them.
     pub fn accumulate<R: Residuals>(
         &mut self,
         rows: &R,
@@ -125,9 +137,9 @@ impl Considered {
         theta: &[f64],
         equations: &[EquationState],
     ) {
-        let (n, count) = (self.n, self.count);
+        let (n, count, room) = (self.n, self.count, self.scores.len());
         self.cross[..count * n].fill(0.0);
-        self.square.fill(0.0);
+        self.gram.fill(0.0);
         self.score.fill(0.0);
         if count == 0 {
             return;
@@ -142,8 +154,11 @@ impl Considered {
                 rows.suspect_row(e.index, index, &mut self.columns[..count]);
                 for (s, &d) in self.columns[..count].iter().enumerate().filter(|(_, d)| **d != 0.0) {
                     let weighted = weight * d;
-                    self.square[s] += weighted * inverse * d;
                     self.score[s] += weighted * f;
+                    let gram = &mut self.gram[s * room..=s * room + s];
+                    gram.iter_mut()
+                        .zip(&self.columns)
+                        .for_each(|(g, other)| *g += weighted * inverse * other);
                     let cross = &mut self.cross[s * n + e.offset..s * n + e.offset + p];
                     cross
                         .iter_mut()
@@ -176,31 +191,45 @@ impl Considered {
                 *g += s;
             }
         }
+        let room = self.scores.len();
         for s in 0..self.count {
-            if self.square[s] == 0.0 && self.sensitivity[s * n..(s + 1) * n].iter().all(|t| *t == 0.0) {
-                continue;
-            }
-            let cross = &self.cross[s * n..(s + 1) * n];
-            let t = &mut self.sensitivity[s * n..(s + 1) * n];
-            // Φᵀh = Σ φ d − S T
+            let (cross, t) = (&self.cross[s * n..(s + 1) * n], &self.sensitivity[s * n..(s + 1) * n]);
+            // Φᵀh = Σ φ d − S T, and K Φᵀh
             for i in 0..n {
-                self.vector[i] = cross[i] - dot(&total[i * n..(i + 1) * n], t);
+                self.seen[s * n + i] = cross[i] - dot(&total[i * n..(i + 1) * n], t);
             }
-            let h = &self.vector;
+            for i in 0..n {
+                self.images[s * n + i] = dot(&gain[i * n..(i + 1) * n], &self.seen[s * n..(s + 1) * n]);
+            }
+            // u of (e)
             let h_nu = self.score[s] + dot(cross, moved) - dot(t, &self.regressor);
-            let hh = self.square[s] - dot(cross, t) - dot(h, t);
-            let (mut taken, mut pull) = (0.0, 0.0);
-            for i in 0..n {
-                let image = dot(&gain[i * n..(i + 1) * n], h);
-                taken += h[i] * image;
-                pull += self.regressor[i] * image;
+            self.scores[s] = h_nu - dot(&self.regressor, &self.images[s * n..(s + 1) * n]);
+        }
+        for s in 0..self.count {
+            for r in 0..=s {
+                // I of (e): hᵀh − (Φᵀh)ᵀ K Φᵀh
+                let (seen, t) = (&self.seen[r * n..(r + 1) * n], &self.sensitivity[s * n..(s + 1) * n]);
+                let t_r = &self.sensitivity[r * n..(r + 1) * n];
+                let hh = self.gram[s * room + r] - dot(&self.cross[s * n..(s + 1) * n], t_r) - dot(seen, t);
+                let information = hh - dot(seen, &self.images[s * n..(s + 1) * n]);
+                self.information[s * room + r] = information;
+                self.information[r * room + s] = information;
             }
-            let information = hh - taken;
-            self.scores[s] = if information > RESOLVED * self.square[s] {
-                (h_nu - pull, information)
-            } else {
-                (0.0, 0.0)
-            };
+        }
+        for s in 0..self.count {
+            // what the parameters leave of a column is rounding
+            if self.information[s * room + s] <= RESOLVED * self.gram[s * room + s] {
+                self.scores[s] = 0.0;
+                for r in 0..self.count {
+                    self.information[s * room + r] = 0.0;
+                    self.information[r * room + s] = 0.0;
+                }
+            }
+            // (c)
+            let (cross, t) = (
+                &self.cross[s * n..(s + 1) * n],
+                &mut self.sensitivity[s * n..(s + 1) * n],
+            );
             for i in 0..n {
                 self.vector[i] = dot(&transition[i * n..(i + 1) * n], t) + dot(&gain[i * n..(i + 1) * n], cross);
             }
@@ -226,7 +255,7 @@ impl Considered {
     ) {
         let (n, m) = (self.n, 2 * self.n);
         let length = rows.len().max(2) as f64 - 1.0;
-        self.scores.fill((0.0, 0.0));
+        self.clear_scores();
         for s in 0..self.count {
             let t = &mut self.sensitivity[s * n..(s + 1) * n];
             for i in 0..n {
@@ -267,17 +296,26 @@ impl Considered {
         }
     }
 
-    /// Adds Σ (σ_s² + â_s²) T_s T_sᵀ, â_s what the score tests found.
-    pub fn widen(&self, covariance: &mut [f64]) {
-        let n = self.n;
-        for ((t, std), found) in self.sensitivity.chunks_exact(n).zip(&self.std).zip(&self.found) {
-            let variance = std * std + found * found;
-            if variance == 0.0 {
-                continue;
+    /// Adds T M Tᵀ of (d).
+    pub fn widen(&mut self, covariance: &mut [f64]) {
+        let (n, room) = (self.n, self.scores.len());
+        for s in 0..self.count {
+            // (M Tᵀ)_s
+            self.vector.fill(0.0);
+            for (t, moment) in self
+                .sensitivity
+                .chunks_exact(n)
+                .zip(&self.moments[s * room..])
+                .take(self.count)
+            {
+                if *moment != 0.0 {
+                    self.vector.iter_mut().zip(t).for_each(|(v, t)| *v += moment * t);
+                }
             }
+            let t = &self.sensitivity[s * n..(s + 1) * n];
             for i in 0..n {
                 for j in 0..n {
-                    covariance[i * n + j] += variance * t[i] * t[j];
+                    covariance[i * n + j] += t[i] * self.vector[j];
                 }
             }
         }
@@ -292,39 +330,55 @@ impl Considered {
         total: &[f64],
         mut image: impl FnMut(&[f64], &mut [f64]),
     ) -> f64 {
-        let n = self.n;
-        let mut active = 0;
-        for s in 0..self.count {
-            if self.std[s] == 0.0 {
-                continue;
-            }
+        let (n, count, room) = (self.n, self.count, self.scores.len());
+        let rank = values.len();
+        for s in 0..count {
             let (t, cross) = (&self.sensitivity[s * n..(s + 1) * n], &self.cross[s * n..(s + 1) * n]);
             for i in 0..n {
                 // `total` is in units of the noise already
-                self.vector[i] = self.std[s] * (cross[i] / variance - dot(&total[i * n..(i + 1) * n], t));
+                self.vector[i] = cross[i] / variance - dot(&total[i * n..(i + 1) * n], t);
             }
-            image(&self.vector, &mut self.images[active * n..(active + 1) * n]);
-            active += 1;
+            image(&self.vector, &mut self.seen[s * n..(s + 1) * n]);
         }
-        if active == 0 {
+        // an error of amplitude √M_ss: Woodbury's formula for unit columns, with their correlations
+        let size = |s: usize| self.moments[s * room + s].max(0.0).sqrt();
+        let active = |s: &usize| size(*s) > 0.0;
+        let mut rows = 0;
+        for s in (0..count).filter(active) {
+            let mut columns = 0;
+            for r in (0..count).filter(active) {
+                self.matrix[rows * count + columns] = self.moments[s * room + r] / (size(s) * size(r));
+                columns += 1;
+            }
+            rows += 1;
+        }
+        if rows == 0 {
             return 0.0;
         }
-        let rank = values.len();
-        for a in 0..active {
-            let own = &self.images[a * n..a * n + rank];
-            self.right[a] = dot(own, values);
-            for b in 0..active {
-                let unit = if a == b { 1.0 } else { 0.0 };
-                self.matrix[a * active + b] = unit + dot(own, &self.images[b * n..b * n + rank]);
+        // compact: `rows` columns a row
+        for row in 0..rows {
+            for column in 0..rows {
+                self.matrix[row * rows + column] = self.matrix[row * count + column];
             }
+            self.matrix[row * rows + row] += ROUNDING;
         }
-        if !self.factor.factor(active, &self.matrix[..active * active]) {
+        if !self.factor.factor(rows, &self.matrix[..rows * rows]) {
             return 0.0;
         }
-        for (value, right) in self.columns[..active].iter_mut().zip(&self.right) {
-            *value = *right;
+        // (C⁻¹ + AᵀA)⁻¹ with C the correlations, A the images
+        self.factor.inverse(&mut self.matrix[..rows * rows], &mut self.columns);
+        for (row, s) in (0..count).filter(active).enumerate() {
+            let own = &self.seen[s * n..s * n + rank];
+            self.right[row] = size(s) * dot(own, values);
+            for (column, r) in (0..count).filter(active).enumerate() {
+                self.matrix[row * rows + column] += size(s) * size(r) * dot(own, &self.seen[r * n..r * n + rank]);
+            }
         }
-        self.factor.solve(&mut self.columns[..active]);
-        dot(&self.columns[..active], &self.right[..active])
+        if !self.factor.factor(rows, &self.matrix[..rows * rows]) {
+            return 0.0;
+        }
+        self.columns[..rows].copy_from_slice(&self.right[..rows]);
+        self.factor.solve(&mut self.columns[..rows]);
+        dot(&self.columns[..rows], &self.right[..rows])
     }
 }

@@ -6,7 +6,8 @@
 //! ```
 //!
 //! A plant that changes near the end of a block leaves its residuals in the last rows, where they drown in the mean over the block and are too few for the test
-//! of `change.rs` against what was known before. Because the rows are whitened backwards, a sum over the last k of them is the cost of these windows alone.
+//! of `change.rs` against what was known before. A change in the last tenth of a second shows only in the rows' short windows ([`Residuals::tail`]), each
+//! of which is one more test. Because the rows are whitened backwards, a sum over the last k of them is the cost of these windows alone.
 //!
 //! σ² is the variance that the user has told (`noise_floor`, 1 for rows that are whitened by the sensors' noise), ν = ∞. If none was told it is the level that
 //! the blocks before have learnt, ν their degrees of freedom: what a block does not fit must not be learnt from the same block. A level that was learnt holds what the
@@ -160,5 +161,13 @@ pub fn judge<R: Residuals>(
         fit.tail = fit.tail.min(f_tail(x, length as f64, freedom));
     }
     fit.tests = count;
+    // the rows weight the middle of their windows and say little about the last of the block
+    let short = (0..)
+        .map_while(|k| rows.tail(equation, k, theta))
+        .take(if known { parts.len() } else { 0 });
+    for residual in short {
+        fit.tail = fit.tail.min(f_tail(residual * residual / (1.0 + slack), 1.0, freedom));
+        fit.tests += 1;
+    }
     fit
 }

@@ -39,6 +39,7 @@ mod wrls;
 
 pub use block::{BlockEstimator, Change, ChangeKind, Held, Report};
 pub use bound::{CovarianceBound, Factor, Polynomial, Rational};
+pub use considered::PER_EQUATION as ERRORS_PER_EQUATION;
 pub use evidence::LEAST_EXPLAINED;
 pub use fit_statistic::MISFIT;
 pub use offline::{BatchReport, batch_least_squares};
@@ -137,6 +138,11 @@ pub trait Residuals {
     /// where rows do not overlap.
     fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
         self.row(equation, index, theta, regressor)
+    }
+    /// Residual at θ of a short window at the very end of the block, in its standard deviations if the model and θ are right; `k` counts from 0.
+    /// `None`, the default, if there is no such window. A plant that changes just before the block ends shows here first.
+    fn tail(&self, _equation: usize, _k: usize, _theta: &[f64]) -> Option<f64> {
+        None
     }
     /// Number of errors of the model that the rows know a column for, at most 1 and 5 per equation; what is beyond is left aside.
     fn suspects(&self) -> usize {

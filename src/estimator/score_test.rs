@@ -5,18 +5,26 @@
 //! z_s² = U_s² / (I_s x),  â = U_s/I_s             y_s² = U_s² / Σ (u − i â)²
 //! ```
 //!
-//! x ≥ 1 is what the residuals are larger than the noise after the term has explained its share. Σ (u − i â)², the scatter of the blocks about one amplitude,
-//! is the score's variance where the residuals are correlated over a block, whatever their level (a cluster-robust variance, K.-Y. Liang and S. L. Zeger 1986).
-//! U²/I is the χ² that the term would take away (C. R. Rao's score test). It is told as a share of the misfit: of χ² beyond the rows
-//! where the noise was told, of all χ² where it was learnt from the residuals themselves.
+//! x ≥ 1 is the ratio by which the residuals exceed the noise after the term has explained its share. Σ (u − i â)², the scatter of the blocks about one
+//! amplitude, is the score's variance if the residuals are correlated over a block, whatever their level (a cluster-robust variance, K.-Y. Liang and
+//! S. L. Zeger 1986). U²/I is the χ² that the term would take away (C. R. Rao's score test). It is reported as a share of the misfit: of χ² beyond the
+//! rows if the noise was specified, of all χ² if it was learnt from the residuals themselves.
 //!
-//! A term is named where z exceeds [`NAMED`] and y [`REPEATED`]. With eleven terms and some hundred blocks in memory a right model names one once in 1e6
-//! runs by chance; the room is for what is left of quadrature and filters. Of several that pass, the one that explains most is the likeliest.
+//! A term is named if z exceeds [`NAMED`] and y [`REPEATED`]. With a dozen terms and some hundred blocks in memory a right model names one once in 1e6
+//! runs by chance; the rest of the margin is for quadrature and filters. If several pass, the one that explains most is the likeliest.
 //!
-//! σ believes them sooner: from [`BELIEVED`] on â is a considered error of standard deviation |â|, each of the terms on its own. The estimate is not corrected by it, for
-//! that is what a term of the model is for.
+//! **Posterior.** Before anything is named, σ allows for what the terms may be. With the prior N(0, Σ), Σ = diag(σ_s²), U and I over all terms
+//! at once, and X the larger of x and the scatter's ratio to what noise would give,
+//!
+//! ```text
+//! C = (Σ⁻¹ + I/X)⁻¹,  m = C U/X,  M = C + m mᵀ                                              (d) of considered.rs
+//! ```
+//!
+//! A term without a prior counts with its amplitude â once z exceeds [`BELIEVED`]. The estimate is not corrected by either: that is what
+//! a term of the model is for.
 
 use super::considered::room_for;
+use super::linalg::Cholesky;
 use super::persist::Visit;
 
 /// Standard deviations from which on a term is named.
@@ -57,32 +65,63 @@ struct Term {
     blocks: f64,
 }
 
+impl Term {
+    /// Σ (u − i â)² with one degree of freedom taken by â.
+    fn scatter(&self, amplitude: f64) -> f64 {
+        let sum = self.score_square - 2.0 * amplitude * self.score_information
+            + amplitude * amplitude * self.information_square;
+        sum * self.blocks / (self.blocks - 1.0).max(0.1)
+    }
+}
+
 /// The sums of every term.
 #[derive(Debug, Clone)]
 pub struct ScoreTest {
     terms: Vec<Term>,
-    pending: Vec<(f64, f64)>,
+    /// U and I of the block so far; I over all blocks, room × room.
+    pending: Vec<f64>,
+    pending_information: Vec<f64>,
+    information: Vec<f64>,
+    /// σ_s and M.
+    std: Vec<f64>,
+    moments: Vec<f64>,
     /// χ² of the residuals and its degrees of freedom.
     misfit: f64,
     freedom: f64,
     told: bool,
+    // scratch
+    factor: Cholesky,
+    matrix: Vec<f64>,
+    mean: Vec<f64>,
+    work: Vec<f64>,
 }
 
 impl ScoreTest {
     /// Room for a plant of `equations` equations.
     pub fn new(equations: usize) -> Self {
+        let room = room_for(equations);
         Self {
-            terms: vec![Term::default(); room_for(equations)],
-            pending: vec![(0.0, 0.0); room_for(equations)],
+            terms: vec![Term::default(); room],
+            pending: vec![0.0; room],
+            pending_information: vec![0.0; room * room],
+            information: vec![0.0; room * room],
+            std: vec![0.0; room],
+            moments: vec![0.0; room * room],
             misfit: 0.0,
             freedom: 0.0,
             told: true,
+            factor: Cholesky::new(room),
+            matrix: vec![0.0; room * room],
+            mean: vec![0.0; room],
+            work: vec![0.0; room],
         }
     }
 
     /// Forgets everything.
     pub fn reset(&mut self) {
         self.terms.fill(Term::default());
+        self.information.fill(0.0);
+        self.moments.fill(0.0);
         (self.misfit, self.freedom, self.told) = (0.0, 0.0, true);
     }
 
@@ -108,26 +147,50 @@ impl ScoreTest {
                 v.real(number);
             }
         }
+        v.reals(&mut self.information);
+        v.reals(&mut self.moments);
         v.real(&mut self.misfit);
         v.real(&mut self.freedom);
         v.flag(&mut self.told);
     }
 
+    /// M for the block to come: the prior `std(s)` until a block has been seen. Returns it, room × room.
+    pub fn prepare(&mut self, count: usize, std: impl Fn(usize) -> f64) -> &[f64] {
+        let room = self.std.len();
+        for s in 0..room {
+            self.std[s] = if s < count { std(s) } else { 0.0 };
+            let own = &mut self.moments[s * room + s];
+            if *own == 0.0 {
+                *own = self.std[s] * self.std[s];
+            }
+        }
+        &self.moments
+    }
+
     /// Begins a block.
     pub fn begin(&mut self) {
-        self.pending.fill((0.0, 0.0));
+        self.pending.fill(0.0);
+        self.pending_information.fill(0.0);
         self.misfit *= MEMORY;
         self.freedom *= MEMORY;
         self.told = true;
     }
 
-    /// Adds what a group says: (u, i) per term with noise of `variance`, and the χ² of its residuals with its degrees of freedom; `told` where the
-    /// variance is not learnt from these residuals.
-    pub fn take(&mut self, scores: &[(f64, f64)], variance: f64, misfit: f64, freedom: f64, told: bool) {
-        for (sum, (u, i)) in self.pending.iter_mut().zip(scores) {
-            sum.0 += u / variance;
-            sum.1 += i / variance;
-        }
+    /// Adds the evidence of a group: scores and information of the terms with noise of `variance`, and the χ² of its residuals with its degrees of freedom;
+    /// `told` is true if the variance is not learnt from these residuals.
+    pub fn take(
+        &mut self,
+        (scores, information): (&[f64], &[f64]),
+        variance: f64,
+        misfit: f64,
+        freedom: f64,
+        told: bool,
+    ) {
+        let add = |sums: &mut [f64], values: &[f64]| {
+            sums.iter_mut().zip(values).for_each(|(sum, v)| *sum += v / variance);
+        };
+        add(&mut self.pending, scores);
+        add(&mut self.pending_information, information);
         self.misfit += misfit;
         self.freedom += freedom;
         self.told &= told;
@@ -135,7 +198,17 @@ impl ScoreTest {
 
     /// Ends a block.
     pub fn end(&mut self) {
-        for (term, (u, i)) in self.terms.iter_mut().zip(&self.pending) {
+        let room = self.std.len();
+        let finite = self
+            .pending
+            .iter()
+            .chain(&self.pending_information)
+            .all(|v| v.is_finite());
+        for (sum, i) in self.information.iter_mut().zip(&self.pending_information) {
+            *sum = MEMORY * *sum + if finite { *i } else { 0.0 };
+        }
+        for (s, (term, u)) in self.terms.iter_mut().zip(&self.pending).enumerate() {
+            let i = self.pending_information[s * room + s];
             for sum in [
                 &mut term.score,
                 &mut term.information,
@@ -146,7 +219,7 @@ impl ScoreTest {
             ] {
                 *sum *= MEMORY;
             }
-            if *i > 0.0 && u.is_finite() && i.is_finite() {
+            if finite && i > 0.0 {
                 term.score += u;
                 term.information += i;
                 term.score_square += u * u;
@@ -155,6 +228,69 @@ impl ScoreTest {
                 term.blocks += 1.0;
             }
         }
+        self.learn();
+    }
+
+    /// M, room × room.
+    pub fn moments(&self) -> &[f64] {
+        &self.moments
+    }
+
+    /// C, m and M at the head of this file.
+    fn learn(&mut self) {
+        let room = self.std.len();
+        self.moments.fill(0.0);
+        let scatter = self.scatter_ratio();
+        let mut excess = scatter;
+        for _ in 0..2 {
+            let mut count = 0;
+            let considered = |s: &usize| self.std[*s] > 0.0;
+            for (row, s) in (0..room).filter(considered).enumerate() {
+                self.mean[row] = self.std[s] * self.terms[s].score / excess;
+                count = row + 1;
+            }
+            for (row, s) in (0..room).filter(considered).enumerate() {
+                for (column, r) in (0..room).filter(considered).enumerate() {
+                    let unit = if s == r { 1.0 } else { 0.0 };
+                    self.matrix[row * count + column] =
+                        unit + self.std[s] * self.std[r] * self.information[s * room + r] / excess;
+                }
+            }
+            if count == 0 || !self.factor.factor(count, &self.matrix[..count * count]) {
+                break;
+            }
+            self.factor.solve(&mut self.mean[..count]);
+            self.factor.inverse(&mut self.matrix[..count * count], &mut self.work);
+            let mut explained = 0.0;
+            for (row, s) in (0..room).filter(considered).enumerate() {
+                explained += self.mean[row] * self.std[s] * self.terms[s].score;
+                for (column, r) in (0..room).filter(considered).enumerate() {
+                    let second = self.matrix[row * count + column] + self.mean[row] * self.mean[column];
+                    self.moments[s * room + r] = self.std[s] * self.std[r] * second;
+                }
+            }
+            excess = ((self.misfit - explained) / self.freedom.max(1.0)).max(scatter);
+        }
+        for s in 0..room {
+            let believed = self.believed(s);
+            let own = &mut self.moments[s * room + s];
+            // a posterior that could not be factored leaves the prior
+            let least = if *own > 0.0 { 0.0 } else { self.std[s] * self.std[s] };
+            *own = own.max(believed * believed).max(least);
+        }
+    }
+
+    /// Scatter of the blocks' scores about one amplitude over what white noise would give, averaged over the terms that have a prior; at least 1.
+    fn scatter_ratio(&self) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (s, term) in self.terms.iter().enumerate() {
+            if self.std[s] > 0.0 && term.blocks >= ENOUGH && term.information > 0.0 {
+                let amplitude = term.score / term.information;
+                sum += term.scatter(amplitude) / term.information;
+                count += 1.0;
+            }
+        }
+        if count > 0.0 { (sum / count).max(1.0) } else { 1.0 }
     }
 
     /// The likeliest term, if any is significant.
@@ -169,7 +305,7 @@ impl ScoreTest {
     }
 
     /// |â| of a term that σ must allow for, 0 for others.
-    pub fn believed(&self, suspect: usize) -> f64 {
+    fn believed(&self, suspect: usize) -> f64 {
         let judged = self.judge(suspect);
         judged.map_or(0.0, |j| {
             // where the noise was told, the first block may speak for itself
@@ -193,9 +329,7 @@ impl ScoreTest {
         }
         let amplitude = term.score / term.information;
         let explained = term.score * amplitude;
-        let scatter = term.score_square - 2.0 * amplitude * term.score_information
-            + amplitude * amplitude * term.information_square;
-        let scatter = scatter.max(1e-12 * term.score_square) * term.blocks / (term.blocks - 1.0).max(0.1);
+        let scatter = term.scatter(amplitude).max(1e-12 * term.score_square);
         let excess = ((self.misfit - explained) / self.freedom.max(1.0)).max(1.0);
         let misfit = if self.told {
             self.misfit - self.freedom
@@ -232,13 +366,16 @@ struct Judged {
 mod tests {
     use super::*;
 
-    fn after(blocks: &[(f64, f64)], misfit: f64) -> ScoreTest {
+    fn after(blocks: &[(f64, f64)], misfit: f64, std: f64) -> ScoreTest {
         let mut test = ScoreTest::new(1);
-        let mut scores = [(0.0, 0.0); 6];
-        for &block in blocks {
-            scores[2] = block;
+        let room = room_for(1);
+        let (mut scores, mut information) = (vec![0.0; room], vec![0.0; room * room]);
+        test.prepare(room, |_| std);
+        for &(score, own) in blocks {
+            scores[2] = score;
+            information[2 * room + 2] = own;
             test.begin();
-            test.take(&scores, 1.0, 100.0 + misfit, 100.0, true);
+            test.take((&scores, &information), 1.0, 100.0 + misfit, 100.0, true);
             test.end();
         }
         test
@@ -247,7 +384,7 @@ mod tests {
     #[test]
     fn prop_one_amplitude_over_the_blocks_is_named_with_its_share() {
         // amplitude 2, information 10 a block: each block is 6.3 deviations and explains 40 of χ²
-        let test = after(&[(20.0, 10.0), (21.0, 10.0), (19.0, 10.0), (20.0, 10.0)], 50.0);
+        let test = after(&[(20.0, 10.0), (21.0, 10.0), (19.0, 10.0), (20.0, 10.0)], 50.0, 0.0);
         let suspicion = test.likeliest().expect("four blocks of one kind");
         assert_eq!(suspicion.suspect, 2);
         assert!((suspicion.amplitude - 2.0).abs() < 0.01 && (suspicion.share - 0.8).abs() < 0.01);
@@ -259,12 +396,32 @@ mod tests {
     fn prop_blocks_that_disagree_or_chance_name_nothing() {
         // as large, but of either sign
         assert_eq!(
-            after(&[(80.0, 10.0), (-60.0, 10.0), (70.0, 10.0), (-40.0, 10.0)], 50.0).likeliest(),
+            after(&[(80.0, 10.0), (-60.0, 10.0), (70.0, 10.0), (-40.0, 10.0)], 50.0, 0.0).likeliest(),
             None
         );
         assert_eq!(
-            after(&[(3.0, 10.0), (4.0, 10.0), (2.0, 10.0), (3.0, 10.0)], 0.0).likeliest(),
+            after(&[(3.0, 10.0), (4.0, 10.0), (2.0, 10.0), (3.0, 10.0)], 0.0, 0.0).likeliest(),
             None
         );
+    }
+
+    #[test]
+    fn val_moments_are_those_of_the_normal_posterior() {
+        // prior N(0, 3²), information 10 a block with one memory: scalar case of C = 1/(1/σ² + I), m = C U
+        let blocks = [(1.0, 10.0), (-2.0, 10.0), (3.0, 10.0)];
+        let test = after(&blocks, 0.0, 3.0);
+        let (score, information) = blocks
+            .iter()
+            .rev()
+            .zip([1.0, MEMORY, MEMORY * MEMORY])
+            .fold((0.0, 0.0), |(u, i), (b, w)| (u + w * b.0, i + w * b.1));
+        let variance = 1.0 / (1.0 / 9.0 + information);
+        let mean = variance * score;
+        let room = room_for(1);
+        let moment = test.moments()[2 * room + 2];
+        assert!((moment - (variance + mean * mean)).abs() < 1e-12, "{moment}");
+        // an error that no block says anything about keeps its prior
+        assert!((test.moments()[0] - 9.0).abs() < 1e-12);
+        assert_eq!(test.moments()[2], 0.0);
     }
 }

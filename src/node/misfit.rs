@@ -49,7 +49,7 @@ pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
             "{suspect} would explain {share:.0} % of the misfit ({:.1} %)",
             100.0 * amplitude
         ),
-        SuspectKind::Coulomb | SuspectKind::Eccentricity => write!(
+        SuspectKind::Coulomb | SuspectKind::Eccentricity | SuspectKind::Zero => write!(
             words,
             "{suspect} would explain {share:.0} % of the misfit ({:.1e} {})",
             amplitude.abs(),
@@ -78,6 +78,7 @@ mod tests {
             SuspectKind::Coulomb,
             SuspectKind::Eccentricity,
             SuspectKind::Resonance,
+            SuspectKind::Zero,
         ] {
             let suspect = Suspect {
                 kind,

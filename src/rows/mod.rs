@@ -1,6 +1,7 @@
 //! From samples to the rows that an estimator sees.
 
 mod advice;
+mod error_weights;
 mod intake;
 mod kernel;
 mod noise;
@@ -15,6 +16,7 @@ mod smoothing;
 mod standstill;
 mod start;
 mod suspects;
+mod tail;
 mod whitening;
 
 pub use advice::{WindowAdvice, window_advice};

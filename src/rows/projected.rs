@@ -41,6 +41,7 @@
 //! Before the first estimate θ is not known well enough for R: the first blocks are fitted once with the R known so far, then R is made anew, until every
 //! parameter is known to a half. What is not yet keeps its start value in R: a joint that has not moved may have any inertia, but not any noise.
 
+use super::error_weights::ErrorWeights;
 use super::intake::{BRIDGED, GridSample, Intake};
 use super::kernel::{InputTiming, Kernels, dot};
 use super::noise::SignalNoise;
@@ -51,6 +52,7 @@ use super::smoothing::savitzky_golay;
 use super::standstill::Standstill;
 use super::start::StartFinder;
 use super::suspects::{Considered, Signals, Suspect, SuspectColumns};
+use super::tail::{Ending, Tail};
 use super::whitening::{Direction, Whitening};
 use super::{SampleBlock, structure};
 use crate::estimator::{BlockEstimator, EstimatorOptions, Residuals};
@@ -215,6 +217,8 @@ impl ProjectedOptions {
             ("considered.input_delay_s", considered.input_delay_s),
             ("considered.gain", considered.gain),
             ("considered.coulomb", considered.coulomb),
+            ("considered.resonance_hz", considered.resonance_hz),
+            ("considered.zero_rad", considered.zero_rad),
             (
                 "considered.eccentricity_rad",
                 considered.eccentricity_rad.unwrap_or(0.0),
@@ -366,6 +370,7 @@ struct Core<P> {
     /// Strides over which windows overlap.
     bandwidth: usize,
     suspects: SuspectColumns,
+    tail: Tail,
 }
 
 /// A block of samples as projected rows, see the module's head.
@@ -593,8 +598,15 @@ impl<P: Plant> Core<P> {
                     .is_some_and(|p| p.velocity.iter().any(|term| term.joint == joint))
         };
         let suspects = SuspectColumns::new(&plant, options.considered, &velocity_weights, moves, rows, capacity);
+        let tail = Tail::new(
+            &separation,
+            (options.half(), velocity_half, joints),
+            (options.sample_period_s, options.timing, options.input_delay_s),
+            order + 1,
+        );
         Ok(Self {
             suspects,
+            tail,
             q: buffers(joints),
             dq: buffers(joints),
             q_std: buffers(joints),
@@ -982,6 +994,29 @@ impl<P: Plant> Core<P> {
             }
         }
         self.evaluated.get_mut().valid = false;
+        self.look_at_end(theta);
+    }
+
+    /// Projects the short windows at the end of the block.
+    fn look_at_end(&mut self, theta: &[f64]) {
+        if self.delay.is_some() {
+            return;
+        }
+        let end = Ending {
+            plant: &self.plant,
+            separation: &self.separation,
+            velocity_weights: &self.velocity_weights,
+            q: &self.q,
+            dq: &self.dq,
+            q_std: &self.q_std,
+            u: &self.u,
+            features: &self.features,
+            jumps: &self.jumps,
+            surplus: &self.surplus,
+            samples: self.segment..self.len,
+            input_std: std::array::from_fn(|joint| self.noise.deviations(joint)[1]),
+        };
+        self.tail.project(&end, theta);
     }
 
     /// A whitened row with a coefficient for each monomial: writes the factors of those other than 1, returns what is left without them.
@@ -1133,28 +1168,23 @@ impl<P: Plant> Core<P> {
         };
         let span = first.centre - self.kernels.half..last.centre + self.kernels.half + 1;
         let joints = self.q.len();
-        let sensitivity = &self.separation.sensitivities[e];
-        let kinds = [(&sensitivity.position, false), (&sensitivity.velocity, true)];
-        for (joint, velocity) in kinds.into_iter().flat_map(|(js, v)| js.iter().map(move |&j| (j, v))) {
-            // what is linear in the velocity is not in the features, and its noise enters by way of the position
-            let mut linear = [0.0; MAX_ORDER + 1];
-            if let (true, Some(polynomial)) = (velocity, &self.separation.equations[e]) {
-                for term in polynomial.velocity.iter().filter(|term| term.joint == joint) {
-                    linear[term.derivative] += polynomial.monomials[term.monomial].value(theta) * term.coefficient;
-                }
-            }
+        let weights = ErrorWeights {
+            kernels: &self.kernels,
+            velocity_weights: &self.velocity_weights,
+            polynomial: self.separation.equations[e].as_ref(),
+            sensitivity: &self.separation.sensitivities[e],
+            order: self.plant.equations()[e].order,
+        };
+        for (joint, velocity) in self.separation.sensitivities[e].kinds() {
+            let linear = weights.linear_in_velocity(joint, velocity, theta);
             for at in span.clone() {
                 let mut q = [0.0; MAX_JOINTS];
                 let mut dq = [0.0; MAX_JOINTS];
                 for j in 0..joints {
                     (q[j], dq[j]) = (self.q[j][at], self.dq[j][at]);
                 }
-                let mut slopes = partials(&self.plant, e, &q, &dq, theta, joint, velocity);
-                for (slope, linear) in slopes.iter_mut().zip(&linear) {
-                    // a kink or a pole of the model must not spoil the weights
-                    *slope = if slope.is_finite() { *slope - linear } else { 0.0 };
-                }
-                self.partials[2 * joint + usize::from(velocity)][at] = slopes;
+                let slopes = partials(&self.plant, e, &q, &dq, theta, joint, velocity);
+                self.partials[2 * joint + usize::from(velocity)][at] = ErrorWeights::nonlinear(slopes, &linear);
             }
         }
     }
@@ -1162,13 +1192,18 @@ impl<P: Plant> Core<P> {
     /// R of one equation, lower band.
     fn covariance(&mut self, e: usize, theta: &[f64]) {
         let form = &self.plant.equations()[e];
-        let (input, scale, order) = (form.input, form.input_scale, form.order);
+        let (input, scale) = (form.input, form.input_scale);
         let kernels = &self.kernels;
+        let weights = ErrorWeights {
+            kernels,
+            velocity_weights: &self.velocity_weights,
+            polynomial: self.separation.equations[e].as_ref(),
+            sensitivity: &self.separation.sensitivities[e],
+            order: form.order,
+        };
         let velocity_half = self.options.velocity_half_width;
         let support = 2 * (kernels.half + velocity_half) + 1;
         let joints = self.q.len();
-        let sensitivity = &self.separation.sensitivities[e];
-        let polynomial = self.separation.equations[e].as_ref();
         let slots = self.bandwidth + 1;
         let u = &self.u[input][..self.len];
         let mean_square = dot(u, u) / self.len.max(1) as f64;
@@ -1179,35 +1214,11 @@ impl<P: Plant> Core<P> {
         for (i, window) in self.windows.iter().enumerate() {
             // c_i, times the deviation of each position
             let c = &mut self.sensitivity[e][i];
-            c.fill(0.0);
             let first = window.centre - kernels.half;
-            if let Some(polynomial) = polynomial {
-                for term in &polynomial.velocity {
-                    let factor = polynomial.monomials[term.monomial].value(theta) * term.coefficient;
-                    let own = &mut c[term.joint * support + velocity_half..];
-                    for (c, weight) in own.iter_mut().zip(&kernels.position[term.derivative + 1]) {
-                        *c += factor * weight;
-                    }
-                }
-            }
-            for &joint in &sensitivity.position {
-                let own = &mut c[joint * support + velocity_half..];
-                let slopes = &self.partials[2 * joint][first..];
-                for k in 0..=2 * kernels.half {
-                    own[k] += (0..=order).map(|d| kernels.position[d][k] * slopes[k][d]).sum::<f64>();
-                }
-            }
-            for &joint in &sensitivity.velocity {
-                let slopes = &self.partials[2 * joint + 1][first..];
-                let own = &mut c[joint * support..(joint + 1) * support];
-                for k in 0..=2 * kernels.half {
-                    let at_k: f64 = (0..=order).map(|d| kernels.position[d][k] * slopes[k][d]).sum();
-                    // the transposed velocity filter
-                    for (c, weight) in own[k..].iter_mut().zip(&self.velocity_weights) {
-                        *c += weight * at_k;
-                    }
-                }
-            }
+            let partials = &self.partials;
+            let slopes =
+                |joint: usize, velocity: bool, k: usize| partials[2 * joint + usize::from(velocity)][first + k];
+            weights.write(theta, slopes, c);
             self.suspects.turn(e, i, c, support, first - velocity_half);
             for joint in 0..joints {
                 let deviations = &self.q_std[joint][first - velocity_half..];
@@ -1440,6 +1451,19 @@ impl<P: Plant> Residuals for Core<P> {
         !self.standstill.is_spoilt(equation, index)
     }
 
+    fn tail(&self, equation: usize, k: usize, theta: &[f64]) -> Option<f64> {
+        let rests = self
+            .windows
+            .len()
+            .checked_sub(1)
+            .is_none_or(|last| self.standstill.is_spoilt(equation, last));
+        if rests {
+            None
+        } else {
+            self.tail.residual(&self.separation, equation, k, theta)
+        }
+    }
+
     fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
         self.white_row(Direction::Forward, equation, index, theta, regressor)
     }
@@ -1461,6 +1485,10 @@ impl<P: Plant> Residuals for ProjectedBlock<P> {
 
     fn is_used(&self, equation: usize, index: usize) -> bool {
         self.core.is_used(equation, index)
+    }
+
+    fn tail(&self, equation: usize, k: usize, theta: &[f64]) -> Option<f64> {
+        self.core.tail(equation, k, theta)
     }
 
     fn suspects(&self) -> usize {

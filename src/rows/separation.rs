@@ -84,6 +84,14 @@ pub(super) struct Sensitivity {
     pub velocity: Vec<usize>,
 }
 
+impl Sensitivity {
+    /// Joints with the kind of their signal, true for the velocity.
+    pub fn kinds(&self) -> impl Iterator<Item = (usize, bool)> + '_ {
+        let positions = self.position.iter().map(|&joint| (joint, false));
+        positions.chain(self.velocity.iter().map(|&joint| (joint, true)))
+    }
+}
+
 /// An equation whose terms are polynomials in θ.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Polynomial {

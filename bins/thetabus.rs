@@ -12,8 +12,8 @@ use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use thetabus::service::{
-    self, CommonArgs, CompareArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs,
-    MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, TrialsArgs, VERSION,
+    self, CommonArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, MonitorArgs,
+    PlantArgs, ReplayArgs, ReportArgs, RunArgs, VERSION,
 };
 
 /// On-line identification of a running machine's physical parameters
@@ -29,9 +29,6 @@ enum Command {
     /// Run plant, identifier and monitor, then print the result beside the truth
     #[command(after_help = EXIT_CODES)]
     Run(RunArgs),
-    /// Put estimators side by side on one simulated run
-    #[command(after_help = EXIT_CODES)]
-    Compare(CompareArgs),
     /// Identify off line from a recording or a log
     #[command(after_help = EXIT_CODES)]
     Identify(IdentifyArgs),
@@ -53,9 +50,6 @@ enum Command {
     /// Tools for configuration files
     #[command(subcommand)]
     Config(ConfigCommand),
-    /// Try the evidence on other arms, motions, sensors and disturbances; the tables of docs/trials.md
-    #[command(hide = true, after_help = EXIT_CODES)]
-    Trials(TrialsArgs),
     /// The simulated machine, as plant_simulator
     #[command(hide = true)]
     Plant(PlantArgs),
@@ -84,8 +78,6 @@ enum ConfigCommand {
 fn main() -> ExitCode {
     match Program::parse().command {
         Command::Run(args) => service::main_with(&args.plant.common, |shutdown| service::launch(&args, shutdown)),
-        Command::Compare(args) => service::main_with(&args.common, |shutdown| service::compare(&args, shutdown)),
-        Command::Trials(args) => service::main_with(&args.common, |shutdown| service::trials(&args, shutdown)),
         Command::Identify(args) => service::main_with(&args.common, |shutdown| service::identify(&args, shutdown)),
         Command::Replay(args) => service::main_with(&args.common, |shutdown| service::replay(&args, shutdown)),
         Command::Report(args) => {

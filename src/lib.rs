@@ -44,7 +44,6 @@
 //! | [`messages`] | the bus payloads | |
 //! | [`node`] | plant, identifier and monitor as values: messages in, messages out, no I/O, no clock | |
 //! | `sim` | the simulated arm (12)–(23) and servo axis, their sensors and faults | `sim` |
-//! | `compare` | estimators side by side | `sim` |
 //! | `config` | TOML files ⇄ validated core types | `config` |
 //! | `offline` | log files with columns of your own | `config` |
 //! | `bus` | topics on shared memory, the only place that names iceoryx2 | `bus` |
@@ -52,6 +51,7 @@
 //! | `report` | summary, figures and page of a run | `report` |
 //! | `runner`, `service` | pace, wait, drain, publish, signals; the programs | `service` |
 //! | `checkpoint` | what an identifier knows, kept for its next start | `service` |
+//! | `studies` | estimators side by side, and trials of the evidence: the tables in `docs/` | `studies` |
 //! | [`notation`] | every symbol of the paper with its name in the code | |
 //!
 //! `estimator` and `model` import nothing of ours: the estimator sees rows, never a model or the simulator, so it serves any plant
@@ -61,8 +61,6 @@
 pub mod bus;
 #[cfg(feature = "service")]
 pub mod checkpoint;
-#[cfg(feature = "sim")]
-pub mod compare;
 #[cfg(feature = "config")]
 pub mod config;
 pub mod estimator;
@@ -85,6 +83,8 @@ pub mod runner;
 pub mod service;
 #[cfg(feature = "sim")]
 pub mod sim;
+#[cfg(feature = "studies")]
+pub mod studies;
 
 // The README's program compiles.
 #[cfg(all(doctest, feature = "bus"))]

@@ -1,8 +1,7 @@
 //! The built-in defaults: the paper's experiment, from the presets of the core types into the form of the file.
 
 use super::schema::{self, FileForm, RealOrWord};
-use crate::compare::{CEDRO2022_BLOCK_LEN, cedro2022_estimator};
-use crate::estimator::ChangeDetection;
+use crate::estimator::{CEDRO2022_BLOCK_LEN, ChangeDetection, cedro2022_estimator};
 use crate::model::{DriveInput, Motion};
 use crate::rows::{InputTiming, ProjectedOptions};
 use crate::sim::{

@@ -30,6 +30,7 @@ mod offline;
 mod options;
 mod pass;
 mod persist;
+mod presets;
 mod relation;
 mod robust;
 mod score_test;
@@ -45,6 +46,9 @@ pub use fit_statistic::MISFIT;
 pub use offline::{BatchReport, batch_least_squares};
 pub use options::{Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor};
 pub use persist::{EstimatorState, StateError};
+pub use presets::{
+    CEDRO2022_BLOCK_LEN, CEDRO2022_START, cedro2022_best_estimator, cedro2022_best_start, cedro2022_estimator,
+};
 pub use score_test::Suspicion;
 pub use state::{Phase, StateMachine, Verdict};
 pub use wrls::{Wrls, WrlsError};

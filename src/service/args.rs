@@ -276,64 +276,6 @@ pub struct RunArgs {
     pub format: TableFormat,
 }
 
-/// `thetabus compare`.
-#[derive(Debug, Clone, Args)]
-pub struct CompareArgs {
-    /// Configuration file of the run to compare estimators on
-    #[arg(value_name = "CONFIG")]
-    pub file: PathBuf,
-    /// The paper's recursion in its variants, instead of all estimators and the studies of this one
-    #[arg(long)]
-    pub paper: bool,
-    /// Runs with other seeds, for medians
-    #[arg(long, value_name = "COUNT", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=10_000))]
-    pub seeds: u64,
-    /// Recording of the EMPS rig as CSV with the columns q_m and voltage_v, for the table of a real machine in the results
-    #[arg(long, value_name = "FILE")]
-    pub recording: Option<PathBuf>,
-    /// File to write the tables to; standard output without it
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    /// Form of the tables; text is Markdown
-    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
-    pub format: TableFormat,
-    #[command(flatten)]
-    #[allow(missing_docs, reason = "flattened")]
-    pub common: CommonArgs,
-}
-
-/// `thetabus trials`.
-#[derive(Debug, Clone, Args)]
-pub struct TrialsArgs {
-    /// Few cases with two seeds each, in minutes
-    #[arg(long)]
-    pub quick: bool,
-    /// Only cases with all of these words, such as minimum_jerk,16bit; repeatable, any of them then
-    #[arg(long, value_name = "WORDS")]
-    pub only: Vec<String>,
-    /// Seeds per case; 8, or 2 with --quick
-    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..=10_000))]
-    pub seeds: Option<u64>,
-    /// First of the seeds
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=1_000_000))]
-    pub first_seed: u64,
-    /// Blocks per run, instead of the case's own number
-    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(4..=100_000))]
-    pub blocks: Option<u64>,
-    /// States and parameters of each run
-    #[arg(long)]
-    pub details: bool,
-    /// Print the settings of each case, for a run by hand, instead of running it
-    #[arg(long)]
-    pub show: bool,
-    /// File to write the tables to
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    #[command(flatten)]
-    #[allow(missing_docs, reason = "flattened")]
-    pub common: CommonArgs,
-}
-
 /// Form of a result table on standard output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum TableFormat {

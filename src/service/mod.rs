@@ -8,7 +8,6 @@ mod check;
 mod child;
 mod children;
 mod commands;
-mod compare;
 mod ctl;
 mod desk;
 mod doctor;
@@ -31,17 +30,17 @@ mod replay;
 mod report;
 mod script;
 mod sparse;
+#[cfg(feature = "studies")]
+pub mod studies;
 mod supervision;
-mod trials;
 mod warm;
 mod wiring;
 
 pub use args::{
-    CommonArgs, CompareArgs, CtlArgs, CtlCommand, DoctorArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat,
-    MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, TrialsArgs, VERSION,
+    CommonArgs, CtlArgs, CtlCommand, DoctorArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat, MonitorArgs,
+    PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION,
 };
 pub use check::config_check;
-pub use compare::run as compare;
 pub use ctl::run as ctl;
 pub use doctor::run as doctor;
 pub use exit::{EXIT_CODES, Exit, Failure, main_with};
@@ -54,4 +53,3 @@ pub use own::main_for;
 pub use plant::run as plant;
 pub use replay::run as replay;
 pub use report::run as report;
-pub use trials::{run as trials, trial};

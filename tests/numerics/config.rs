@@ -2,8 +2,8 @@
 
 use proptest::prelude::*;
 use std::path::Path;
-use thetabus::compare::cedro2022_estimator;
 use thetabus::config::{Config, Delivery, Kind, Source, Speed, keys};
+use thetabus::estimator::cedro2022_estimator;
 use thetabus::sim::SimOptions;
 
 fn root(path: &str) -> std::path::PathBuf {

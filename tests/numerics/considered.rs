@@ -1,7 +1,6 @@
 //! Errors that the model does not say: what they do to the estimate, whether σ allows for them, and whether they are found.
 
 use super::support::TestRng;
-use thetabus::compare::emps;
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, Forgetting, Residuals, Structure, Suspicion};
 use thetabus::model::{JointSample, Manipulator, Plant};
 use thetabus::rows::{
@@ -371,39 +370,4 @@ fn prop_sigma_follows_a_winding_that_warms_up() {
     // The first block cannot tell a drift from its mean: it is at its end 0.15 % further than what it fits.
     let late: Vec<usize> = dangerous(&answers).into_iter().filter(|&b| b > 0).collect();
     assert!(late.len() <= 1, "{late:?}");
-}
-
-/// The EMPS recording in parts of equal length, each identified from nothing.
-fn emps_parts(parts: usize) -> Option<Vec<(Vec<f64>, Vec<f64>)>> {
-    let record = super::emps::recording_or_skip()?;
-    let len = record.len() / parts;
-    let answers = (0..parts).map(|part| {
-        let (report, _) = emps::pass(
-            &record[part * len..(part + 1) * len],
-            emps::rows(0.04, InputTiming::Continuous),
-            1.0,
-        )
-        .unwrap();
-        (report.theta, report.theta_std)
-    });
-    Some(answers.collect())
-}
-
-#[test]
-fn val_thirds_of_a_real_record_agree_within_three_sigma() {
-    let Some(parts) = emps_parts(3) else { return };
-    let whole = emps_parts(1).unwrap().remove(0);
-    println!("whole {:.4?} ± {:.4?}", whole.0, whole.1);
-    let mut worst = 0.0f64;
-    for (a, (theta, std)) in parts.iter().enumerate() {
-        println!("{theta:.4?} ± {std:.4?}");
-        for (other, other_std) in &parts[..a] {
-            for i in 0..4 {
-                let apart = (theta[i] - other[i]).abs() / std[i].hypot(other_std[i]);
-                println!("{i}: {apart:.2}");
-                worst = worst.max(apart);
-            }
-        }
-    }
-    assert!(worst < 3.0, "{worst}");
 }

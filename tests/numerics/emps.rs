@@ -1,9 +1,9 @@
 //! A real machine: the Electro-Mechanical Positioning System, 24.8 s of a carriage on a ball screw at 1 kHz.
 
 use std::path::PathBuf;
-use thetabus::compare::emps::{self, PUBLISHED, rows};
 use thetabus::estimator::Report;
 use thetabus::rows::{InputTiming, ProjectedOptions};
+use thetabus::studies::emps::{self, PUBLISHED, rows};
 
 /// The recording, or why there is none. It stands beside the project, since it came without a licence.
 fn recording() -> Result<Vec<(f64, f64)>, String> {
@@ -26,7 +26,7 @@ fn pass(record: &[(f64, f64)], rows: ProjectedOptions, lambda: f64) -> (Report, 
 }
 
 /// The recording, or `None` with a message; a gate that requires it fails instead.
-pub fn recording_or_skip() -> Option<Vec<(f64, f64)>> {
+fn recording_or_skip() -> Option<Vec<(f64, f64)>> {
     match recording() {
         Ok(record) => Some(record),
         Err(why) => {
@@ -86,4 +86,45 @@ fn val_emps_does_not_hang_on_the_window_but_on_the_input_between_samples() {
             }
         }
     }
+}
+
+/// The EMPS recording in parts of equal length, each identified from nothing.
+fn emps_parts(parts: usize) -> Option<Vec<(Vec<f64>, Vec<f64>)>> {
+    let record = recording_or_skip()?;
+    let len = record.len() / parts;
+    let answers = (0..parts).map(|part| {
+        let (report, _) = emps::pass(
+            &record[part * len..(part + 1) * len],
+            rows(0.04, InputTiming::Continuous),
+            1.0,
+        )
+        .unwrap();
+        (report.theta, report.theta_std)
+    });
+    Some(answers.collect())
+}
+
+#[test]
+fn val_thirds_of_a_real_record_agree_within_three_sigma() {
+    let Some(parts) = emps_parts(3) else { return };
+    let whole = emps_parts(1).unwrap().remove(0);
+    println!("whole {:.4?} ± {:.4?}", whole.0, whole.1);
+    let mut worst = 0.0f64;
+    for (a, (theta, std)) in parts.iter().enumerate() {
+        println!("{theta:.4?} ± {std:.4?}");
+        for (other, other_std) in &parts[..a] {
+            for i in 0..4 {
+                let apart = (theta[i] - other[i]).abs() / std[i].hypot(other_std[i]);
+                println!("{i}: {apart:.2}");
+                worst = worst.max(apart);
+            }
+        }
+    }
+    assert!(worst < 3.0, "{worst}");
+}
+
+#[test]
+fn val_the_tests_and_the_study_judge_by_the_same_reference() {
+    assert_eq!(super::support::EMPS_GAIN, emps::GAIN);
+    assert_eq!(super::support::EMPS_PUBLISHED, PUBLISHED);
 }

@@ -69,7 +69,7 @@ fn identifier(config: &Config) -> Box<dyn Identifier> {
 
 fn axis() -> ServoAxis {
     use thetabus::model::{DriveInput, Motion};
-    ServoAxis::new(Motion::Linear, DriveInput::Voltage, thetabus::compare::emps::GAIN).unwrap()
+    ServoAxis::new(Motion::Linear, DriveInput::Voltage, super::support::EMPS_GAIN).unwrap()
 }
 
 /// What a run showed.
@@ -335,7 +335,7 @@ fn val_the_recorded_axis_may_be_used_in_the_end() {
         (sample.q[0], sample.input[0]) = (fields[1], fields[3]);
         sample
     });
-    let truth = |_: f64| thetabus::compare::emps::PUBLISHED.to_vec();
+    let truth = |_: f64| super::support::EMPS_PUBLISHED.to_vec();
     let outcome = identify(
         "EMPS",
         &config("servo_axis", &[]),

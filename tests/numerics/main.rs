@@ -1,13 +1,13 @@
 //! Numerics: model, rows, simulation and estimators, each against something independent of it.
 
-#[cfg(feature = "sim")]
-mod compare;
 #[cfg(feature = "config")]
 mod config;
 #[cfg(feature = "sim")]
 mod considered;
-#[cfg(feature = "sim")]
+#[cfg(feature = "studies")]
 mod emps;
+#[cfg(feature = "studies")]
+mod encoder_study;
 mod estimator;
 #[cfg(feature = "sim")]
 mod estimator_study;
@@ -25,8 +25,10 @@ mod relations;
 mod sim;
 #[cfg(feature = "sim")]
 mod standstill;
+#[cfg(feature = "studies")]
+mod studies;
 mod support;
-#[cfg(feature = "config")]
+#[cfg(feature = "studies")]
 mod trials;
 #[cfg(feature = "sim")]
 mod unmodelled;

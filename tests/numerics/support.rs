@@ -2,6 +2,13 @@
 
 use thetabus::model::{JointSample, MAX_JOINTS};
 
+/// Force on the carriage of the EMPS rig per volt of its drive [N/V]. A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, 2019.
+#[cfg(feature = "config")]
+pub const EMPS_GAIN: f64 = 35.150_651_88;
+/// Its published mass [kg], viscous friction [N s/m], Coulomb friction [N] and offset [N], of the same source.
+#[cfg(feature = "config")]
+pub const EMPS_PUBLISHED: [f64; 4] = [95.1089, 203.5034, 20.3935, -3.1648];
+
 /// A small generator for test data (splitmix64); the tests state their seeds.
 pub struct TestRng(pub u64);
 

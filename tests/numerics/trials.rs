@@ -1,8 +1,5 @@
 //! The harness of the trials: its bound against an independent program, its settings against the simulator.
 
-use thetabus::compare::trials::{
-    Arm, CramerRaoBound, Disturbance, Motion, Trial, TrialResult, TrialSpec, full_cases, quick_cases, rest_instant,
-};
 use thetabus::config::{Config, Rows, Source};
 use thetabus::estimator::BlockEstimator;
 use thetabus::messages::{Estimate, estimate_flags, signals};
@@ -10,6 +7,9 @@ use thetabus::model::{Manipulator, ManipulatorDerived, Plant};
 use thetabus::node::identifier::{IdentifierNode, IdentifierOptions};
 use thetabus::rows::{ProjectedBlock, structure};
 use thetabus::sim::{ArmSimulator, SimOptions};
+use thetabus::studies::trials::{
+    Arm, CramerRaoBound, Disturbance, Motion, Trial, TrialResult, TrialSpec, full_cases, quick_cases, rest_instant,
+};
 
 fn sources() -> Vec<Source> {
     Config::embedded("encoder_only").into_iter().collect()
@@ -161,7 +161,7 @@ fn prop_the_score_tells_the_truth_from_lies() {
     assert_eq!((honest.blocks, honest.dangerous, honest.false_alarms), (10, 0, 0));
     // Blocks 6 to 10; block 6 holds the change, and is not quiet.
     assert_eq!((honest.usable, honest.excited), (45, 45));
-    let of_all = |result: &TrialResult, value: fn(&thetabus::compare::trials::ParameterScore) -> u64| {
+    let of_all = |result: &TrialResult, value: fn(&thetabus::studies::trials::ParameterScore) -> u64| {
         result.parameters.iter().map(value).sum::<u64>()
     };
     assert_eq!(

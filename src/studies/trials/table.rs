@@ -3,8 +3,8 @@
 use super::cases::Case;
 use super::disturbance::Disturbance;
 use super::score::TrialResult;
-use crate::compare::document::{Document, Section, Table, percent, two_digits};
-use crate::compare::metrics::median;
+use crate::studies::document::{Document, Section, Table, percent, two_digits};
+use crate::studies::metrics::median;
 
 /// What the runs of a case gave, or of several cases.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -239,7 +239,7 @@ pub fn trials_document(results: &[(Case, CaseResult)], seeds: u64) -> Document {
 const EXPLANATION: [&str; 4] = [
     "Each run goes through the identifier node of the service with the options of `config/encoder_only.toml`, the servo axis with those of `config/servo_axis.toml`; the noise of the \
      sensors is given to it. Unless the model is wrong, the payload of the arm changes once, in the block in the middle of the run, at a place that the seed chooses. \
-     `thetabus trials --show` prints the settings of each case.",
+     `studies trials --show` prints the settings of each case.",
     "A **dangerous block** has `use_ok = 1` and a usable parameter or a derived value that is more than 5 σ and more than 0.5 % off. An alarm is false if nothing changed in its block \
      or in the one before. Intervals are those of values with σ below half the value, in blocks without a change, from block 6 on; usable shares count parameters in all blocks from block 6 \
      on. A parameter is knowable while its Cramér–Rao bound is below 1 %; the bound is that of the same run without its disturbance, up to the change of the payload.",

@@ -4,7 +4,7 @@ use super::contenders::run_blocks;
 use super::document::{Section, Table, two_digits};
 use super::encoder::{EncoderSetup, Signals};
 use super::results::STUDY_NOISE_V;
-use super::studies::{changes, noisy};
+use super::simulated::{changes, noisy};
 use super::{CompareError, Reference, Scenario};
 use crate::estimator::{BlockEstimator, ChangeKind, EstimatorOptions, Residuals};
 use crate::model::Manipulator;

@@ -7,7 +7,7 @@ use super::document::{Document, Section, Table, count, percent};
 use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
 use super::parallel::for_each_index;
 use super::{CompareError, Scenario};
-use crate::estimator::{BlockEstimator, EstimatorOptions, Forgetting};
+use crate::estimator::{BlockEstimator, CEDRO2022_BLOCK_LEN, EstimatorOptions, Forgetting};
 use crate::model::{MANIPULATOR_PARAMS, Manipulator};
 use crate::rows::structure;
 use crate::sim::{Setpoint, SimOptions};
@@ -186,7 +186,7 @@ pub fn variants_section(scenario: &Scenario, base: &EstimatorOptions) -> Result<
 
 /// What the choices that the paper leaves open change.
 fn choices_section(scenario: &Scenario, base: &EstimatorOptions) -> Result<Section, CompareError> {
-    let block_len = super::CEDRO2022_BLOCK_LEN;
+    let block_len = CEDRO2022_BLOCK_LEN;
     let mut half_length = base.clone();
     half_length.theta_start[8] = 0.5;
     let iterated = EstimatorOptions {
@@ -250,7 +250,7 @@ fn choices_section(scenario: &Scenario, base: &EstimatorOptions) -> Result<Secti
 
 /// The same with random step sequences: medians over seeds.
 fn seeds_section(sim: &SimOptions, base: &EstimatorOptions, seeds: u64) -> Result<Section, CompareError> {
-    let block_len = super::CEDRO2022_BLOCK_LEN;
+    let block_len = CEDRO2022_BLOCK_LEN;
     let cases: Vec<(Forgetting, f64)> = VARIANTS
         .iter()
         .flat_map(|&rule| FACTORS.map(|factor| (rule, factor)))

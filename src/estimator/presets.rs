@@ -1,7 +1,9 @@
 //! The estimators of the paper's experiment, as `config/cedro2022.toml` and `config/cedro2022_best.toml` have them.
 
-use crate::estimator::{EstimatorOptions, Forgetting};
-use crate::model::MANIPULATOR_PARAMS;
+use super::options::{EstimatorOptions, Forgetting};
+
+/// Parameters of the two-joint arm, (25).
+const PARAMS: usize = 9;
 
 /// N of Section 5.
 pub const CEDRO2022_BLOCK_LEN: usize = 1900;
@@ -10,7 +12,7 @@ pub const CEDRO2022_BLOCK_LEN: usize = 1900;
 ///
 /// Orders of magnitude only, except θ₉ = l₂, which a tape measure gives. It multiplies θ₆ and θ₇; started at 0.5 m, the recursion does not
 /// settle after the jump, because it never linearises a block again (docs/paper-results.md).
-pub const CEDRO2022_START: [f64; MANIPULATOR_PARAMS] = [0.01, 0.01, 0.1, 0.1, 10.0, 0.01, 0.1, 10.0, 1.0];
+pub const CEDRO2022_START: [f64; PARAMS] = [0.01, 0.01, 0.1, 0.1, 10.0, 0.01, 0.1, 10.0, 1.0];
 
 /// The paper's recursion with (10) without its λ, as `config/cedro2022.toml` has it. λ and ε are our choice:
 ///
@@ -26,7 +28,7 @@ pub fn cedro2022_estimator() -> EstimatorOptions {
 }
 
 /// θ̂₀ of `config/cedro2022_best.toml`: the true values, those with odd numbers times 2.5, those with even numbers divided by 2.5.
-pub const fn cedro2022_best_start() -> [f64; MANIPULATOR_PARAMS] {
+pub const fn cedro2022_best_start() -> [f64; PARAMS] {
     // (25) of Section 5's arm with 150 kg, six digits, times or over 2.5.
     [
         0.0108696, 0.0104348, 0.108696, 0.104348, 57.5, 0.0104348, 0.652174, 9.2, 2.5,
@@ -37,7 +39,7 @@ pub const fn cedro2022_best_start() -> [f64; MANIPULATOR_PARAMS] {
 /// [`EstimatorOptions::recommended`].
 pub fn cedro2022_best_estimator() -> EstimatorOptions {
     EstimatorOptions {
-        lower: vec![0.0; MANIPULATOR_PARAMS],
+        lower: vec![0.0; PARAMS],
         ..EstimatorOptions::recommended(cedro2022_best_start().to_vec(), 2)
     }
 }

@@ -1,18 +1,18 @@
-//! `thetabus compare`.
+//! `studies compare`.
 
-use super::record::recorder;
-use super::wiring::{identifier_node, monitor_node};
-use super::{CompareArgs, Exit, Failure, TableFormat, logging, report};
-use crate::compare::encoder::{EncoderSetup, encoder_document};
-use crate::compare::results::{Effort, results_document};
-use crate::compare::{CompareError, paper};
-use crate::compare::{Section, Table, two_digits};
+use super::CompareArgs;
 use crate::config::{Config, ModelConfig, Rows, Source};
 use crate::messages::Sample;
 use crate::node::plant::PlantNode;
 use crate::recording::{Entry, Span};
 use crate::runner::Shutdown;
+use crate::service::record::recorder;
+use crate::service::wiring::{identifier_node, monitor_node};
+use crate::service::{Exit, Failure, TableFormat, logging, report};
 use crate::sim::{MachineSimulator, SensorOptions, SimOptions};
+use crate::studies::encoder::{EncoderSetup, encoder_document};
+use crate::studies::results::{Effort, results_document};
+use crate::studies::{CompareError, Section, Table, paper, two_digits};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -179,7 +179,7 @@ fn positions_and_voltages(file: &Path) -> Result<Vec<(f64, f64)>, Failure> {
 /// The command that makes the document again.
 fn command(args: &CompareArgs) -> String {
     let mut words = vec![
-        "cargo run --release -- compare".to_owned(),
+        "cargo run --release --features studies --bin studies -- compare".to_owned(),
         args.file.display().to_string(),
     ];
     if args.paper {

@@ -6,8 +6,8 @@ use super::ekf::EkfTuning;
 use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
 use super::paper::{ALL, CHANGING};
 use super::speed::speed_section;
-use super::{CompareError, Reference, Scenario, cedro2022_estimator, emps, for_each_index, stress, studies};
-use crate::estimator::{EstimatorOptions, Forgetting};
+use super::{CompareError, Reference, Scenario, emps, for_each_index, simulated, stress};
+use crate::estimator::{EstimatorOptions, Forgetting, cedro2022_estimator};
 use crate::sim::{SensorOptions, SimOptions};
 use std::time::Duration;
 
@@ -40,10 +40,10 @@ pub fn results_document(
         sections: vec![
             baselines_section(sim, block_len, ours, 0.0, 1)?,
             baselines_section(sim, block_len, ours, STUDY_NOISE_V, effort.seeds.min(5))?,
-            studies::exact_section(sim, block_len, ours, effort.seeds)?,
-            studies::changes_section(sim, block_len, ours, effort.seeds)?,
-            studies::false_alarms_section(sim, block_len, ours, effort.seeds)?,
-            studies::calibration_section(sim, block_len, ours, effort.calibration_runs)?,
+            simulated::exact_section(sim, block_len, ours, effort.seeds)?,
+            simulated::changes_section(sim, block_len, ours, effort.seeds)?,
+            simulated::false_alarms_section(sim, block_len, ours, effort.seeds)?,
+            simulated::calibration_section(sim, block_len, ours, effort.calibration_runs)?,
             stress::windup_section(sim, block_len, ours, effort.seeds)?,
             stress::outliers_section(sim, block_len, ours, effort.seeds)?,
             emps::section(recording)?,

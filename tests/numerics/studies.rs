@@ -1,17 +1,17 @@
 //! The comparison tables: equal to the ones in docs/, and saying what the documents claim.
 
-use thetabus::compare::ekf::EkfTuning;
-use thetabus::compare::metrics::worst_relative_error;
-use thetabus::compare::paper::{jump_response, variants_section};
-use thetabus::compare::results::STUDY_NOISE_V;
-use thetabus::compare::stress::{outlier_effect, rest_run};
-use thetabus::compare::studies::{calibration, change_run, exact_run, false_alarms};
-use thetabus::compare::{
-    CEDRO2022_BLOCK_LEN, CompareError, Reference, Scenario, cedro2022_best_estimator, cedro2022_best_start,
-    cedro2022_estimator, run_batch, run_ekf, run_wrls,
+use thetabus::estimator::{
+    CEDRO2022_BLOCK_LEN, EstimatorOptions, Forgetting, Outliers, cedro2022_best_estimator, cedro2022_best_start,
+    cedro2022_estimator,
 };
-use thetabus::estimator::{EstimatorOptions, Forgetting, Outliers};
 use thetabus::sim::{Interpolation, MassSchedule, SensorOptions, SimOptions};
+use thetabus::studies::ekf::EkfTuning;
+use thetabus::studies::metrics::worst_relative_error;
+use thetabus::studies::paper::{jump_response, variants_section};
+use thetabus::studies::results::STUDY_NOISE_V;
+use thetabus::studies::simulated::{calibration, change_run, exact_run, false_alarms};
+use thetabus::studies::stress::{outlier_effect, rest_run};
+use thetabus::studies::{CompareError, Reference, Scenario, run_batch, run_ekf, run_wrls};
 
 #[test]
 fn regress_the_papers_table_in_the_documents_is_the_one_that_the_code_makes() {

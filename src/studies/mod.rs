@@ -1,4 +1,4 @@
-//! Estimators side by side on the same simulated data.
+//! Everything that makes tables: estimators side by side on the same simulated data, and trials of the evidence. Not part of the product.
 
 mod contenders;
 mod document;
@@ -8,21 +8,17 @@ pub mod encoder;
 pub mod metrics;
 pub mod paper;
 mod parallel;
-mod presets;
 mod references;
 pub mod results;
 mod scenario;
+pub mod simulated;
 mod speed;
 pub mod stress;
-pub mod studies;
 pub mod trials;
 
 pub use contenders::{BlockResult, RunRecord, run_batch, run_blocks, run_ekf, run_wrls};
 pub use document::{Document, Section, Table, two_digits};
 pub use parallel::for_each_index;
-pub use presets::{
-    CEDRO2022_BLOCK_LEN, CEDRO2022_START, cedro2022_best_estimator, cedro2022_best_start, cedro2022_estimator,
-};
 pub use references::Reference;
 pub use scenario::{ArmSample, Scenario, ScenarioRows};
 

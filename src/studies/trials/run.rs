@@ -2,10 +2,10 @@
 
 use super::bound::CramerRaoBound;
 use super::score::{TrialResult, Truth};
-use crate::compare::CompareError;
 use crate::messages::{Estimate, Sample, estimate_flags};
 use crate::model::{DerivedValues, KnownConstants, ManipulatorDerived};
 use crate::sim::{ArmSimulator, ControllerKind, Machine, SensorOptions, SimOptions, Unmodelled, sample_stream};
+use crate::studies::CompareError;
 
 /// Parts of the run before the change at whose ends efficiency is measured.
 const MARKS: [f64; 3] = [0.33, 0.66, 1.0];

@@ -1,14 +1,15 @@
-//! `thetabus trials`.
+//! `studies trials`.
 
-use super::wiring::identifier_node;
-use super::{Exit, Failure, TrialsArgs, logging};
-use crate::compare::for_each_index;
-use crate::compare::trials::{
-    Case, CaseResult, Disturbance, Spec, Trial, TrialResult, full_cases, quick_cases, rest_instant, trials_document,
-};
+use super::TrialsArgs;
 use crate::config::{Config, Source, keys};
 use crate::node::identifier::Identifier;
 use crate::runner::Shutdown;
+use crate::service::wiring::identifier_node;
+use crate::service::{Exit, Failure, logging};
+use crate::studies::for_each_index;
+use crate::studies::trials::{
+    Case, CaseResult, Disturbance, Spec, Trial, TrialResult, full_cases, quick_cases, rest_instant, trials_document,
+};
 use std::time::Instant;
 
 /// Runs a trial: the built-in configuration with the trial's settings, then `more` of the form `section.key=value`.
@@ -166,7 +167,7 @@ fn details(seed: u64, run: &TrialResult) -> String {
 
 /// The command that makes the document again.
 fn command(args: &TrialsArgs) -> String {
-    let mut words = vec!["cargo run --release -- trials".to_owned()];
+    let mut words = vec!["cargo run --release --features studies --bin studies -- trials".to_owned()];
     if args.quick {
         words.push("--quick".to_owned());
     }

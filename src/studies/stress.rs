@@ -4,7 +4,7 @@ use super::contenders::{BlockResult, RunRecord, run_blocks};
 use super::document::{Section, Table, percent, two_digits};
 use super::paper::ALL;
 use super::results::STUDY_NOISE_V;
-use super::studies::{KNOWABLE, errors, noisy, worst};
+use super::simulated::{KNOWABLE, errors, noisy, worst};
 use super::{CompareError, Reference, Scenario, for_each_index};
 use crate::estimator::{ChangeKind, EstimatorOptions, Forgetting, Outliers};
 use crate::sim::{Interpolation, MassSchedule, SensorOptions, Setpoint, SimOptions};

@@ -3,8 +3,7 @@
 use std::fmt::{self, Write as _};
 
 /// A result with everything that a reader needs: headings, explanations, tables.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "config", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Document {
     /// Title.
     pub title: String,
@@ -13,8 +12,7 @@ pub struct Document {
 }
 
 /// A heading, paragraphs, and a table.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "config", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Section {
     /// Heading.
     pub heading: String,
@@ -25,8 +23,7 @@ pub struct Section {
 }
 
 /// Cells as text.
-#[derive(Debug, Clone, PartialEq, Default)]
-#[cfg_attr(feature = "config", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize)]
 pub struct Table {
     /// Heads of the columns.
     pub columns: Vec<String>,

@@ -1,0 +1,37 @@
+//! Makes the tables in `docs/`.
+//!
+//! ```text
+//! configuration ─▶ simulated runs ─▶ estimators side by side ─▶ docs/results.md and others
+//! settings of a trial ─▶ simulated runs ─▶ the identifier node ─▶ docs/trials.md
+//! ```
+#![forbid(unsafe_code)]
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+use thetabus::service::studies::{self, CompareArgs, TrialsArgs};
+use thetabus::service::{EXIT_CODES, VERSION, main_with};
+
+/// Compares estimators and tries the published evidence on simulated machines
+#[derive(Parser)]
+#[command(name = "studies", version = VERSION.as_str(), after_help = EXIT_CODES, propagate_version = true)]
+struct Program {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Put estimators side by side on one simulated run
+    #[command(after_help = EXIT_CODES)]
+    Compare(CompareArgs),
+    /// Try the evidence on other arms, motions, sensors and disturbances; the tables of docs/trials.md
+    #[command(after_help = EXIT_CODES)]
+    Trials(TrialsArgs),
+}
+
+fn main() -> ExitCode {
+    match Program::parse().command {
+        Command::Compare(args) => main_with(&args.common, |shutdown| studies::compare(&args, shutdown)),
+        Command::Trials(args) => main_with(&args.common, |shutdown| studies::trials(&args, shutdown)),
+    }
+}

@@ -6,6 +6,7 @@
 //! Bit-identity of two runs covers every field except `boot_id`.
 
 mod control;
+mod passage;
 mod status;
 mod text;
 mod usable;
@@ -15,6 +16,7 @@ pub use control::{
     request_flags, response_code, stream_tag,
 };
 
+pub use passage::Passage;
 pub use status::{
     ERROR_TEXT, ErrorCode, LastError, ProcessStatus, RealtimeStatus, Status, StreamFaults, Timing, status_flags,
 };

@@ -5,7 +5,7 @@
 //! root always). A maker that was killed never comes back, so nobody who holds it open is proof that it will stay as it is.
 
 use super::Domain;
-use super::membership::open_lock;
+use super::lock_file::open_lock;
 use super::objects::{entries, holders, of_domain};
 use nix::fcntl::OFlag;
 use std::collections::HashMap;

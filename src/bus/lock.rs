@@ -1,6 +1,6 @@
 //! One plant, one identifier, one run per robot and domain.
 
-use super::membership::open_lock;
+use super::lock_file::open_lock;
 use super::{BusError, Domain, domain::check_name};
 use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, Write};

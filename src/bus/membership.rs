@@ -9,6 +9,7 @@
 //! Nothing here waits without a limit: neither for the lock, nor for iceoryx2.
 
 use super::half_made;
+use super::lock_file::open_lock;
 use super::management;
 use super::objects::{SHM, entries, is_management, is_ours, is_service_memory, mapped_memory, refuse_foreign};
 use super::orphans;
@@ -17,12 +18,11 @@ use super::watch::Watch;
 use super::{BusError, Domain, Node};
 use iceoryx2::node::{NodeCreationFailure, NodeState};
 use iceoryx2::prelude::{CallbackProgression, Config, ipc};
-use nix::fcntl::OFlag;
 use nix::sys::signal::kill;
 use nix::unistd::Pid;
-use std::fs::{DirEntry, File, OpenOptions, TryLockError};
+use std::fs::{DirEntry, File, TryLockError};
 use std::io;
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -157,9 +157,6 @@ pub(super) fn time_limit(domain: &Domain, action: &'static str, limit: Duration)
 
 /// The file that members of a domain share a lock on.
 pub(super) const MEMBERS: &str = "members.lock";
-/// A lock file that somebody removes just when it is opened is made anew so often.
-const ATTEMPTS: usize = 20;
-
 /// The members' lock.
 pub(super) enum Lock {
     /// Held alone: nobody else is a member.
@@ -177,40 +174,6 @@ pub(super) fn lock_members(domain: &Domain) -> Result<Lock, BusError> {
         lock_shared(file)?;
         Ok(Lock::Shared(file.try_clone()?))
     })
-}
-
-/// Opens a lock file of the domain and locks it. A file that a clean-up removed in between is no lock any more, and is made anew.
-pub(super) fn open_lock<T>(
-    domain: &Domain,
-    name: &str,
-    mut lock: impl FnMut(&File) -> io::Result<T>,
-) -> Result<T, BusError> {
-    let path = domain.root().join(name);
-    let fail = |source| BusError::Lock {
-        path: path.clone(),
-        source,
-    };
-    for _ in 0..ATTEMPTS {
-        domain.create_root()?;
-        let opened = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .mode(0o600)
-            .custom_flags(OFlag::O_NOFOLLOW.bits())
-            .open(&path);
-        let file = match opened {
-            Err(e) if e.kind() == io::ErrorKind::NotFound => continue,
-            opened => opened.map_err(fail)?,
-        };
-        let locked = lock(&file).map_err(fail)?;
-        let own = file.metadata().map_err(fail)?;
-        if std::fs::metadata(&path).is_ok_and(|found| (found.dev(), found.ino()) == (own.dev(), own.ino())) {
-            return Ok(locked);
-        }
-    }
-    Err(fail(io::Error::other("somebody keeps removing it")))
 }
 
 /// Shares a lock file; fails with its holder where that takes too long.

@@ -5,7 +5,7 @@
 //! fills /dev/shm later can take them away. Between asking and taking, programs of one domain let each other pass one by one;
 //! others who write to /dev/shm in these milliseconds are the risk that remains, and [`SPARE`] is what they may take.
 
-use super::membership::open_lock;
+use super::lock_file::open_lock;
 use super::objects::{SHM, entries, is_ours, is_service_memory};
 use super::{Bus, BusError, Domain, Topic};
 use nix::errno::Errno;

@@ -40,6 +40,7 @@ mod error;
 mod half_made;
 mod inspect;
 mod lock;
+mod lock_file;
 mod management;
 mod membership;
 mod memory;

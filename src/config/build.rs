@@ -1,11 +1,13 @@
 //! From the form of the file to the core types, with the checks that concern several keys, and the defaults the other way.
 
+use super::check::{Check, joints};
 use super::error::{Origin, Problem};
 use super::layers::Layers;
+use super::plant;
 use super::schema::{self, FileForm};
-use super::{
+use super::sections::{
     BusConfig, CheckpointConfig, Config, Delivery, EstimatorConfig, IdentifierConfig, LogColumns, ModelConfig,
-    MonitorConfig, PlantConfig, RealtimeConfig, RealtimeSettings, Rows, Speed, SupervisionConfig, plant,
+    MonitorConfig, PlantConfig, RealtimeConfig, RealtimeSettings, Rows, Speed, SupervisionConfig,
 };
 use crate::estimator::{
     Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor,
@@ -14,7 +16,7 @@ use crate::model::{
     Delayed, DriveInput, KnownConstants, MAX_JOINTS, Manipulator, Motion, PdController, PlantDefinition, ServoAxis,
 };
 use crate::rows::{Considered, InputSource, InputTiming, ProjectedError, ProjectedOptions, SensorNoise};
-use crate::sim::{ARM_JOINTS, Machine};
+use crate::sim::Machine;
 use std::path::PathBuf;
 
 /// Builds and checks; on failure everything that is wrong.
@@ -86,36 +88,7 @@ pub(super) fn config(
     }
 }
 
-pub(super) struct Check<'a> {
-    layers: &'a Layers,
-    problems: Vec<Problem>,
-    warnings: Vec<Problem>,
-}
-
 impl Check<'_> {
-    pub(super) fn wrong(&mut self, key: &str, message: impl Into<String>) {
-        self.problems.push(Problem::new(self.layers.origin(key), key, message));
-    }
-
-    /// Of keys that contradict each other, the first one that somebody wrote.
-    fn culprit<'k>(&self, keys: &[&'k str]) -> &'k str {
-        let stated = keys.iter().copied().find(|key| self.stated(key));
-        stated.or(keys.first().copied()).unwrap_or("")
-    }
-
-    pub(super) fn warn(&mut self, key: &str, message: impl Into<String>) {
-        self.warnings.push(Problem::new(self.layers.origin(key), key, message));
-    }
-
-    pub(super) fn stated(&self, key: &str) -> bool {
-        self.layers.entries().contains_key(key)
-    }
-
-    /// Whether the value in force was stated by a recording.
-    pub(super) fn recorded(&self, key: &str) -> bool {
-        self.layers.entries().get(key).is_some_and(|entry| entry.recorded)
-    }
-
     fn suspicious(
         &mut self,
         form: &FileForm,
@@ -244,11 +217,6 @@ impl Check<'_> {
             .collect();
         unused.into_iter().for_each(|(path, message)| self.warn(&path, message));
     }
-}
-
-/// A list that the schema has checked to have one entry per joint.
-pub(super) fn joints(list: &[f64]) -> [f64; ARM_JOINTS] {
-    std::array::from_fn(|joint| list.get(joint).copied().unwrap_or(f64::NAN))
 }
 
 fn model(form: &FileForm, check: &mut Check<'_>) -> Option<ModelConfig> {

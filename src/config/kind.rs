@@ -1,9 +1,32 @@
-//! What a key may hold: type, range, and how both are told to a reader.
+//! A key of the configuration and what it may hold: type, range, and how both are shown to a reader.
 
-use super::schema::Key;
 use std::fmt;
 use toml::Value;
 use toml::de::DeValue;
+
+/// One key of the configuration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Key {
+    /// Section that it stands in, `plant.arm`.
+    pub section: &'static str,
+    /// Its name there.
+    pub name: &'static str,
+    /// What it may hold.
+    pub kind: Kind,
+    /// SI unit, empty where there is none.
+    pub unit: &'static str,
+    /// What it is.
+    pub meaning: &'static str,
+    /// It may be left out altogether, which is its default.
+    pub optional: bool,
+}
+
+impl Key {
+    /// Section and name, `plant.arm.length_1_m`.
+    pub fn path(&self) -> String {
+        format!("{}.{}", self.section, self.name)
+    }
+}
 
 /// An interval of real numbers; infinite ends stand for "no limit".
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,8 +1,9 @@
 //! Sources of settings laid over each other: built-in defaults, files in order, `--set` arguments.
 
 use super::error::{Origin, Problem};
+use super::kind::Key;
 use super::kind::{Kind, quoted};
-use super::schema::{EXCLUSIVE, Key, key, keys};
+use super::schema::{EXCLUSIVE, key, keys};
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};

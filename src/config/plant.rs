@@ -1,9 +1,10 @@
 //! Section `[plant]` and those below it: the simulation's options.
 
-use super::build::{Check, joints};
+use super::check::{Check, joints};
 use super::layers::cut;
 use super::schema::{FaultForm, FileForm, RealOrWord};
-use super::{PlantConfig, Speed, setpoint_csv};
+use super::sections::{PlantConfig, Speed};
+use super::setpoint_csv;
 use crate::sim::{
     ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, Fault, FaultKind, FaultSignal, Interpolation,
     Machine, MassSchedule, MoveProfile, Moves, PositionFeedback, SensorOptions, ServoAxisOptions, Setpoint, SimError,

@@ -2,32 +2,8 @@
 //!
 //! From this one list follow the structures that a file is read into, the checks and their messages, and `config/default.toml`.
 
-use super::kind::{Interval, Kind, Len};
+use super::kind::{Interval, Key, Kind, Len};
 use serde::{Deserialize, Serialize};
-
-/// One key of the configuration.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Key {
-    /// Section that it stands in, `plant.arm`.
-    pub section: &'static str,
-    /// Its name there.
-    pub name: &'static str,
-    /// What it may hold.
-    pub kind: Kind,
-    /// SI unit, empty where there is none.
-    pub unit: &'static str,
-    /// What it is.
-    pub meaning: &'static str,
-    /// It may be left out altogether, which is its default.
-    pub optional: bool,
-}
-
-impl Key {
-    /// Section and name, `plant.arm.length_1_m`.
-    pub fn path(&self) -> String {
-        format!("{}.{}", self.section, self.name)
-    }
-}
 
 /// Keys of which one excludes the others.
 pub(super) const EXCLUSIVE: &[&[&str]] = &[

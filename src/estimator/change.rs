@@ -30,8 +30,9 @@
 //! later one anew until τ stays. Where a straight line θ(t) through the block costs less than the cut, the plant drifts: the
 //! block is used as a whole and its movement is expected of the next ones.
 
+use super::equation::{EquationState, TINY};
 use super::fit::Fit;
-use super::group::{EquationState, GroupState, TINY};
+use super::group::GroupState;
 use super::linalg::{dot, gather, mul_vec};
 use super::line::{LineFit, LinePrior};
 use super::options::{EstimatorOptions, Outliers};

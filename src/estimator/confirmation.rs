@@ -22,7 +22,7 @@
 //! To ask for all of them would be to stay silent for ever on smooth motion, which never shows an inductance; what it does not show is not confirmed, and that says it
 //! parameter by parameter.
 
-use super::group::{EquationState, TINY};
+use super::equation::{EquationState, TINY};
 use super::linalg::{Eigen, mul_vec};
 use super::pass::Sums;
 use super::persist::Visit;

@@ -26,7 +26,7 @@
 //! are the score of the errors and their information matrix, which `score_test.rs` adds up over the blocks.
 
 use super::Residuals;
-use super::group::EquationState;
+use super::equation::EquationState;
 use super::linalg::{Cholesky, dot};
 use super::line::LineFit;
 use super::pass::Sums;
@@ -263,7 +263,7 @@ impl Considered {
                 (self.doubled[i], self.doubled[n + i]) = (pull, -0.5 * pull);
             }
             for e in equations {
-                let weight = 1.0 / (e.divisor * e.divisor * e.variance.max(super::group::TINY));
+                let weight = 1.0 / (e.divisor * e.divisor * e.variance.max(super::equation::TINY));
                 for index in 0..rows.len() {
                     rows.suspect_row(e.index, index, &mut self.columns[..self.count]);
                     let d = self.columns[s];

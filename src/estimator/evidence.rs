@@ -19,8 +19,9 @@
 //!
 //! The step of a fit is limited to a factor, so that a parameter which the data want to be negative only comes ever nearer to its bound at 0.
 
+use super::equation::{TINY, add_grams, add_scores};
 use super::fit_statistic::{EquationFit, NoiseLevel};
-use super::group::{GroupState, TINY, add_grams, add_scores};
+use super::group::GroupState;
 use super::linalg::{gather, mul_vec};
 
 /// Power of an equation's signal over that of the noise that was told from which on a block shows what the model explains …

@@ -11,7 +11,8 @@
 //! and θ₇θ₉, in 15 steps where 6 do. A step is halved until the cost falls.
 
 use super::Residuals;
-use super::group::{GroupState, add_grams, add_scores};
+use super::equation::{add_grams, add_scores};
+use super::group::GroupState;
 use super::linalg::{dot, mul_vec};
 use super::options::{EstimatorOptions, Outliers};
 use super::pass::Sums;

@@ -22,63 +22,20 @@
 //! strong prior holds is charged less than one parameter per parameter. It never goes below the floor of the options.
 
 use super::clusters::Clusters;
+use super::conditioning::{LARGEST_CONDITION, invert, repair};
 use super::confirmation::Confirmation;
 use super::considered::Considered;
 use super::constrained::ConstrainedStep;
+use super::equation::{EquationState, TINY, add_gram, add_grams, evaluate, floor_variance};
 use super::forgetting::{Excitation, Rule};
-use super::linalg::{Cholesky, Congruence, Eigen, RANK_TOLERANCE, gather, mul, scatter};
+use super::linalg::{Cholesky, Congruence, Eigen, gather, mul, scatter};
 use super::line::LineFit;
 use super::options::{EstimatorOptions, Forgetting, Outliers};
-use super::pass::{Loss, Sums, accumulate};
+use super::pass::{Loss, Sums};
 use super::persist::Visit;
 use super::robust::Magnitudes;
 use super::{Group, Residuals, Structure};
 use std::ops::Range;
-
-/// An equation as its group sees it.
-#[derive(Debug, Clone)]
-pub struct EquationState {
-    /// Index in the structure.
-    pub index: usize,
-    /// Its parameters among all.
-    pub own: Range<usize>,
-    /// Its first parameter in the group.
-    pub offset: usize,
-    pub divisor: f64,
-    pub floor: f64,
-    /// Forgotten sum of squares of the residuals and its degrees of freedom.
-    spread: f64,
-    pub freedom: f64,
-    /// Noise variance of the divided rows: learnt, and never below the floor.
-    pub variance: f64,
-    /// Σ f² at θ̄ and the rows it is of.
-    pub innovation: (f64, usize),
-    /// Robust standard deviation of the residuals and the loss that follows from it.
-    pub scale: f64,
-    pub loss: Loss,
-    /// Covariance caused by this equation's noise of unit variance, n × n.
-    noise_covariance: Vec<f64>,
-}
-
-impl EquationState {
-    /// Learns the noise from residuals of `cost` of which the parameters took `taken` degrees of freedom. A block counts as at most four
-    /// times as noisy as known so far: more is something else than noise, or is learnt in two blocks.
-    fn learn(&mut self, sums: &Sums, cost: f64, taken: f64, options: &EstimatorOptions) {
-        let freedom = (sums.rows - sums.outliers) as f64 - taken;
-        if freedom > 1e-6 * sums.rows as f64 {
-            let own = if self.loss == Loss::Square {
-                cost / freedom
-            } else {
-                self.scale * self.scale
-            };
-            let known = self.freedom > 0.0 && options.change_detection.is_some();
-            let own = if known { own.min(4.0 * self.variance) } else { own };
-            let lambda = options.forgetting_factor;
-            self.spread = lambda * self.spread + freedom * own;
-            self.freedom = lambda * self.freedom + freedom;
-        }
-    }
-}
 
 /// The state of a group, with room for every step.
 #[derive(Debug, Clone)]
@@ -665,130 +622,6 @@ impl GroupState {
         self.prior.iter_mut().for_each(|v| *v *= variance);
         for i in (0..n).filter(|&i| self.fixed[i]) {
             self.prior[i * n + i] = self.information[i * n + i];
-        }
-    }
-}
-
-/// Condition of the column-scaled information that a matrix of doubles can still hold.
-const LARGEST_CONDITION: f64 = 0.01 / RANK_TOLERANCE;
-
-/// Noise variances are kept above this, so that they may divide.
-pub const TINY: f64 = 1e-200;
-
-fn floor_variance(e: &EquationState, sums: &Sums, options: &EstimatorOptions) -> f64 {
-    let size = if sums.rows > 0 {
-        sums.size / sums.rows as f64
-    } else {
-        0.0
-    };
-    (e.floor * e.floor).max(options.noise_floor_relative.powi(2) * size)
-}
-
-/// Sums of every equation at θ; false where something is not finite.
-fn evaluate<R: Residuals>(
-    rows: &R,
-    range: Range<usize>,
-    theta: &[f64],
-    equations: &[EquationState],
-    sums: &mut [Sums],
-) -> bool {
-    let mut finite = true;
-    for (e, sums) in equations.iter().zip(sums) {
-        accumulate(
-            rows,
-            e.index,
-            range.clone(),
-            theta,
-            e.own.clone(),
-            e.divisor,
-            e.loss,
-            sums,
-        );
-        finite &= sums.is_finite();
-    }
-    finite
-}
-
-fn add_gram(n: usize, e: &EquationState, sums: &Sums, matrix: &mut [f64]) {
-    let p = sums.params;
-    for i in 0..p {
-        for j in 0..p {
-            matrix[(e.offset + i) * n + e.offset + j] += sums.gram[i * p + j];
-        }
-    }
-}
-
-/// matrix += Σ_e S_e.
-pub fn add_grams(n: usize, equations: &[EquationState], sums: &[Sums], matrix: &mut [f64]) {
-    for (e, sums) in equations.iter().zip(sums) {
-        add_gram(n, e, sums, matrix);
-    }
-}
-
-/// gradient += Σ_e g_e.
-pub fn add_scores(equations: &[EquationState], sums: &[Sums], gradient: &mut [f64]) {
-    for (e, sums) in equations.iter().zip(sums) {
-        for (g, s) in gradient[e.offset..].iter_mut().zip(&sums.score) {
-            *g += s;
-        }
-    }
-}
-
-/// Keeps a matrix positive definite to rounding and returns the condition number of its column-scaled form: a block of
-/// identical samples adds 1e12 in one direction to 1e-6 in the others, of which a sum of doubles keeps nothing.
-fn repair(n: usize, matrix: &mut [f64], eigen: &mut Eigen, work: &mut [f64], scale: &mut [f64]) -> f64 {
-    for i in 0..n {
-        scale[i] = matrix[i * n + i].max(f64::MIN_POSITIVE).sqrt();
-    }
-    for i in 0..n {
-        for j in 0..n {
-            work[i * n + j] = matrix[i * n + j] / (scale[i] * scale[j]);
-        }
-    }
-    eigen.decompose(n, work);
-    let values = &mut eigen.values[..n];
-    let largest = values.iter().fold(0.0, |a: f64, &b| a.max(b));
-    let smallest = values.iter().fold(f64::INFINITY, |a: f64, &b| a.min(b));
-    let least = largest / LARGEST_CONDITION;
-    if smallest < least {
-        values.iter_mut().for_each(|v| *v = v.max(least));
-        eigen.rebuild(n, matrix, |value| value);
-        rescale(n, matrix, |i| scale[i]);
-    }
-    if smallest > 0.0 {
-        largest / smallest
-    } else {
-        f64::INFINITY
-    }
-}
-
-/// Inverts a covariance over the parameters that are not fixed, in place; directions known a million times better than
-/// others are taken as a million times better. Rows and columns of fixed parameters become zero.
-fn invert(n: usize, matrix: &mut [f64], fixed: &[bool], eigen: &mut Eigen, work: &mut [f64], scale: &mut [f64]) {
-    for i in 0..n {
-        let d = matrix[i * n + i];
-        scale[i] = if fixed[i] || !(d > 0.0) { 0.0 } else { 1.0 / d.sqrt() };
-    }
-    for i in 0..n {
-        for j in 0..n {
-            let unit = if i == j { 1.0 } else { 0.0 };
-            work[i * n + j] = if scale[i] > 0.0 && scale[j] > 0.0 {
-                matrix[i * n + j] * scale[i] * scale[j]
-            } else {
-                unit
-            };
-        }
-    }
-    eigen.decompose(n, work);
-    let largest = eigen.values[..n].iter().fold(0.0, |a: f64, &b| a.max(b));
-    eigen.rebuild(n, matrix, |value| 1.0 / value.max(1e-12 * largest));
-    rescale(n, matrix, |i| scale[i]);
-}
-
-fn rescale(n: usize, matrix: &mut [f64], scale: impl Fn(usize) -> f64) {
-    for i in 0..n {
-        for j in 0..n {
-            matrix[i * n + j] *= scale(i) * scale(j);
         }
     }
 }

@@ -9,7 +9,7 @@
 //! strong parameter turns up in the weak ones, by a hundred times its size. The estimate is the line's end, c + v/2.
 
 use super::Residuals;
-use super::group::{EquationState, TINY};
+use super::equation::{EquationState, TINY};
 use super::linalg::{Cholesky, dot};
 use super::persist::Visit;
 use std::ops::Range;

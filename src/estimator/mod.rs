@@ -16,9 +16,11 @@ mod block;
 mod bound;
 mod change;
 mod clusters;
+mod conditioning;
 mod confirmation;
 mod considered;
 mod constrained;
+mod equation;
 mod evidence;
 mod fit;
 mod fit_statistic;
@@ -32,13 +34,14 @@ mod pass;
 mod persist;
 mod presets;
 mod relation;
+mod report;
 mod robust;
 mod score_test;
 mod state;
 mod stats;
 mod wrls;
 
-pub use block::{BlockEstimator, Change, ChangeKind, Held, Report};
+pub use block::BlockEstimator;
 pub use bound::{CovarianceBound, Factor, Polynomial, Rational};
 pub use considered::PER_EQUATION as ERRORS_PER_EQUATION;
 pub use evidence::LEAST_EXPLAINED;
@@ -49,6 +52,7 @@ pub use persist::{EstimatorState, StateError};
 pub use presets::{
     CEDRO2022_BLOCK_LEN, CEDRO2022_START, cedro2022_best_estimator, cedro2022_best_start, cedro2022_estimator,
 };
+pub use report::{Change, ChangeKind, Held, Report};
 pub use score_test::Suspicion;
 pub use state::{Phase, StateMachine, Verdict};
 pub use wrls::{Wrls, WrlsError};

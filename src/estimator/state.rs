@@ -19,9 +19,9 @@
 //! evidence of `evidence.rs`: the data have informed on more than half of the directions of every group, the block fits, the model explains the signals of
 //! every equation, no parameter is held by a bound against the data, and at least one parameter is usable.
 
-use super::block::{ChangeKind, Held, Report};
 use super::evidence::LEAST_EXPLAINED;
 use super::persist::Visit;
+use super::report::{ChangeKind, Held, Report};
 
 /// State of the identification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]

@@ -7,4 +7,6 @@ pub mod identifier;
 mod misfit;
 pub mod monitor;
 pub mod plant;
+#[cfg(feature = "sim")]
+pub mod simulated_plant;
 pub mod stream;

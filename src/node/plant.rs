@@ -1,23 +1,7 @@
 //! The plant as a value: each call gives the next sample of the stream.
 
-use crate::messages::{Sample, sample_flags};
+use crate::messages::{Passage, Sample, sample_flags};
 use crate::model::JointSample;
-
-/// What becomes of a sample on its way to the topic.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Passage {
-    /// It never arrives.
-    pub lost: bool,
-    /// It is sent so much later than its time \[ns\].
-    pub late_ns: u64,
-}
-
-impl Passage {
-    /// Lost or on time.
-    pub fn lost_if(lost: bool) -> Self {
-        Self { lost, late_ns: 0 }
-    }
-}
 
 /// Turns a simulated machine into the sample stream seq 0, 1, 2, …, t = seq·Δ unless stamps say otherwise, the last one flagged `END`.
 pub struct PlantNode<S> {

@@ -7,11 +7,11 @@ use super::cdr::CdrReader;
 use super::info::RunInfo;
 use super::journal::journal_from_map;
 use super::layout::{Layout, NameCollision, RecorderStatus, no_estimate, no_sample};
+use super::loss::{Loss, ReadError};
+use super::names::{END_METADATA, JOURNAL_METADATA, channel, numbered, series};
 use super::record_file::{Next, RecordFile, decompress};
-use super::writer::{END_METADATA, JOURNAL_METADATA, channel, numbered};
 use crate::messages::{Estimate, Journal, Sample, Status};
 use mcap::records::{MessageHeader, op};
-use std::io;
 use std::path::{Path, PathBuf};
 
 /// One message of a recording; `sent_ns` is the clock at sending.
@@ -40,70 +40,6 @@ pub enum Entry<'a> {
     },
     /// What the recorder said of itself.
     Recorder(RecorderStatus),
-}
-
-/// What a recording has lost.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Loss {
-    /// Files that do not end as a recorder ends them: cut, or its process was killed.
-    pub unfinished_files: u64,
-    /// Chunks whose checksum or compression does not hold.
-    pub damaged_chunks: u64,
-    /// Messages that are known to be missing: counted by the index behind a damaged chunk, or not decodable.
-    pub messages: u64,
-    /// Bytes that could not be read as records.
-    pub bytes: u64,
-    /// Samples that never reached the recorder, as it says itself.
-    pub samples_not_recorded: u64,
-}
-
-impl Loss {
-    /// True where nothing was lost.
-    pub fn is_none(&self) -> bool {
-        *self == Self::default()
-    }
-}
-
-/// In words, for a warning.
-impl std::fmt::Display for Loss {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let mut parts = Vec::new();
-        let mut part = |count: u64, what: &str| {
-            if count > 0 {
-                parts.push(format!("{count} {what}"));
-            }
-        };
-        part(self.unfinished_files, "file(s) not finished by the recorder");
-        part(self.damaged_chunks, "damaged chunk(s)");
-        part(self.messages, "message(s) lost in them");
-        part(self.bytes, "byte(s) unreadable");
-        part(self.samples_not_recorded, "sample(s) never reached the recorder");
-        match parts.is_empty() {
-            true => f.write_str("nothing lost"),
-            false => f.write_str(&parts.join(", ")),
-        }
-    }
-}
-
-/// Why a recording cannot be read at all.
-#[derive(Debug, thiserror::Error)]
-pub enum ReadError {
-    /// The file system refuses.
-    #[error("cannot read the recording {path}: {source}")]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        source: io::Error,
-    },
-    /// Not a recording.
-    #[error("{path} is not a recording of thetabus: {reason}")]
-    NotARecording {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        reason: String,
-    },
 }
 
 /// A part of a recording, by stream time \[ns\], both ends included.
@@ -376,22 +312,6 @@ pub fn read_journal(path: &Path) -> Result<Vec<Journal>, ReadError> {
         }
     }
     Ok(entries)
-}
-
-/// `run_0003.mcap` is number 3 of `run.mcap`.
-pub(super) fn series(path: &Path) -> (PathBuf, u32) {
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let numbered = stem
-        .rsplit_once('_')
-        .filter(|(_, digits)| digits.len() >= 4 && digits.bytes().all(|b| b.is_ascii_digit()))
-        .and_then(|(stem, digits)| Some((stem.to_string(), digits.parse().ok()?)));
-    match (numbered, path.extension()) {
-        (Some((stem, number)), Some(extension)) => {
-            let first = path.with_file_name(format!("{stem}.{}", extension.to_string_lossy()));
-            (first, number)
-        }
-        _ => (path.to_path_buf(), 0),
-    }
 }
 
 /// Channel, sequence, log time, publish time.

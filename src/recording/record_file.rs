@@ -4,8 +4,8 @@
 //! reading goes on at the next chunk that can be found.
 
 use super::info::RunInfo;
-use super::reader::{Loss, ReadError};
-use super::writer::RUN_METADATA;
+use super::loss::{Loss, ReadError};
+use super::names::RUN_METADATA;
 use mcap::records::{ChunkHeader, op};
 use std::collections::BTreeMap;
 use std::fs::File;

@@ -2,7 +2,7 @@
 
 use super::info::tests::arm;
 use super::layout::{no_estimate, no_sample};
-use super::writer::{RUN_METADATA, numbered};
+use super::names::{RUN_METADATA, numbered};
 use super::*;
 use crate::messages::{ErrorCode, Estimate, LastError, Sample, Status};
 use std::fs;

@@ -7,7 +7,7 @@ use super::cdr::CdrWriter;
 use super::info::{InfoError, RunInfo};
 use super::journal::journal_to_map;
 use super::layout::{Layout, NameCollision, RecorderStatus};
-use super::reader::series;
+use super::names::{END_METADATA, JOURNAL_METADATA, RUN_METADATA, channel, existing_files, numbered};
 use crate::files::{Temporary, vacant};
 use crate::messages::{Estimate, Journal, Sample, Status};
 use crate::node::stream::{Place, StreamCursor};
@@ -19,21 +19,6 @@ use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-/// Channel ids; fixed, so that a file whose definitions are damaged can still be read.
-pub(super) mod channel {
-    pub(in super::super) const SAMPLE: u16 = 1;
-    pub(in super::super) const ESTIMATE: u16 = 2;
-    pub(in super::super) const STATUS: u16 = 3;
-    pub(in super::super) const RECORDER: u16 = 4;
-}
-
-/// Name of the metadata record with [`RunInfo`].
-pub(super) const RUN_METADATA: &str = "thetabus_run";
-/// Name of the metadata records with what the identifier was told.
-pub(super) const JOURNAL_METADATA: &str = "thetabus_journal";
-/// Name of the metadata record that a finished file ends with.
-pub(super) const END_METADATA: &str = "thetabus_end";
 
 /// Messages of a chunk before compression \[bytes\].
 const CHUNK_BYTES: u64 = 1 << 20;
@@ -260,44 +245,6 @@ impl Recorder {
         }
         Ok(())
     }
-}
-
-/// `run.mcap`, `run_0001.mcap`, `run_0002.mcap` …
-pub(super) fn numbered(first: &Path, number: u32) -> PathBuf {
-    if number == 0 {
-        return first.to_path_buf();
-    }
-    let stem = first.file_stem().unwrap_or_default().to_string_lossy();
-    let mut name = format!("{stem}_{number:04}");
-    if let Some(extension) = first.extension() {
-        name.push('.');
-        name.push_str(&extension.to_string_lossy());
-    }
-    first.with_file_name(name)
-}
-
-/// The first file of a recording that is still there: the oldest ones are removed where their number is limited.
-pub fn oldest_file(first: &Path) -> Option<PathBuf> {
-    existing_files(first).into_iter().next().map(|(_, path)| path)
-}
-
-/// The files of a recording that are there, with their numbers.
-fn existing_files(first: &Path) -> Vec<(u32, PathBuf)> {
-    let directory = match first.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    let mut found: Vec<(u32, PathBuf)> = fs::read_dir(directory)
-        .into_iter()
-        .flatten()
-        .flatten()
-        .filter_map(|entry| {
-            let (of, number) = series(&entry.path());
-            (of.file_name() == first.file_name()).then(|| (number, entry.path()))
-        })
-        .collect();
-    found.sort();
-    found
 }
 
 impl OpenFile {

@@ -1,7 +1,7 @@
 //! Command lines. What overrides the configuration becomes an argument of its loader, so that one place checks everything.
 
 use super::Failure;
-use super::own::OwnPlant;
+use super::own_plant::OwnPlant;
 use crate::bus::{Domain, ICEORYX2_VERSION};
 use crate::config::{Config, Source};
 use crate::messages::SCHEMA_VERSION;

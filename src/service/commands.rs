@@ -1,7 +1,7 @@
 //! From a request to a change of the node: the one place that knows what a command means, for a running identifier and for a recording alike.
 
 use super::Failure;
-use super::own::OwnPlant;
+use super::own_plant::OwnPlant;
 use super::wiring::{fresh_estimator, identifier_node, identity, plant_description};
 use crate::checkpoint::{self, Identity};
 use crate::config::{Config, ConfigError, Kind, keys};

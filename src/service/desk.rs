@@ -3,7 +3,7 @@
 
 use super::Failure;
 use super::commands::{Commands, Wanted};
-use super::own::OwnPlant;
+use super::own_plant::OwnPlant;
 use super::sparse::Sparse;
 use crate::bus::{Bus, BusError, ControlServer, Domain, Publisher};
 use crate::checkpoint;

@@ -1,12 +1,10 @@
 //! Exit codes, and the one place where a program ends.
 
+use super::failure::{Exit, Failure};
 use super::{CommonArgs, logging};
-use crate::bus::BusError;
-use crate::config::ConfigError;
-use crate::runner::{RunError, Shutdown, TOGETHER};
+use crate::runner::{Shutdown, TOGETHER};
 use std::process::ExitCode;
 use std::time::Duration;
-use thiserror::Error;
 
 /// The end of every `--help`.
 pub const EXIT_CODES: &str = "Exit codes:\n  \
@@ -16,58 +14,11 @@ pub const EXIT_CODES: &str = "Exit codes:\n  \
     3    finished, but data were lost\n  \
     130  ended by a second signal, half a second or more after the first";
 
-/// How a program ended that did not fail.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Exit {
-    /// All is well.
-    Done,
-    /// Finished, but data were lost.
-    DataLoss,
-    /// Asked to end by a signal before the stream had ended. That is what a service is for and counts as done; but a launcher that
-    /// has not asked for it is told.
-    Interrupted,
-}
-
 /// Exit code of a launched process that was [interrupted](Exit::Interrupted): 128 + SIGTERM, as a shell has it.
 pub(super) const INTERRUPTED: u8 = 143;
 /// Of a launched process every signal comes from its launcher or from the kernel when that dies, once for each of the launcher's threads,
 /// which may take a while on a busy machine. Who does not end within this time gets SIGKILL from a launcher that lives.
 const LAUNCHED_TOGETHER: Duration = Duration::from_secs(10);
-
-/// Why a program could not do its work.
-#[derive(Debug, Error)]
-pub enum Failure {
-    /// The command line or the configuration is wrong.
-    #[error("{0}")]
-    Usage(String),
-    /// Something else.
-    #[error("{0}")]
-    Failed(String),
-}
-
-impl From<ConfigError> for Failure {
-    fn from(error: ConfigError) -> Self {
-        Self::Usage(error.to_string())
-    }
-}
-
-impl From<RunError> for Failure {
-    fn from(error: RunError) -> Self {
-        match error {
-            RunError::Bus(error) => error.into(),
-            error => Self::Failed(error.to_string()),
-        }
-    }
-}
-
-impl From<BusError> for Failure {
-    fn from(error: BusError) -> Self {
-        match error {
-            BusError::Name { .. } | BusError::SocketPath { .. } => Self::Usage(error.to_string()),
-            error => Self::Failed(error.to_string()),
-        }
-    }
-}
 
 /// Logging, signals, the program, its exit code.
 pub fn main_with(common: &CommonArgs, program: impl FnOnce(&Shutdown) -> Result<Exit, Failure>) -> ExitCode {

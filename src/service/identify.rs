@@ -1,20 +1,13 @@
 //! `thetabus identify`: the very same node off line, from a recording or a log.
 
-use super::advice::Advisor;
 use super::commands::Commands;
-use super::monitor::{ESTIMATES_CSV, create, unwritable, write_summary};
+use super::offline_run::OfflineRun;
 use super::record::recording_at;
 use super::script::Script;
-use super::wiring::{identifier_node, monitor_node};
-use super::{Exit, Failure, IdentifyArgs, identify_log, logging, out_dir, report, warm};
-use crate::config::Config;
-use crate::messages::{Sample, Status};
-use crate::node::identifier::Identifier;
-use crate::node::monitor::MonitorNode;
-use crate::recording::{Entry, EstimatesCsv, Loss, RunInfo};
-use crate::report::RunData;
+use super::wiring::monitor_node;
+use super::{Exit, Failure, IdentifyArgs, identify_log, report};
+use crate::recording::{Entry, Loss};
 use crate::runner::Shutdown;
-use std::fs::File;
 use std::time::Instant;
 
 /// Identifies from the samples of a recording, with its own configuration or with what the command line lays over it.
@@ -40,7 +33,7 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let mut info = reader.info().clone();
     info.config_toml = config.to_toml();
     info.config_hash = config.config_hash();
-    let mut line = OffLine::new(args, &config, info, monitor, start)?;
+    let mut line = OfflineRun::new(args, &config, info, monitor, start)?;
     while let Some(entry) = reader.next_entry().map_err(report::unreadable)? {
         let Entry::Sample { sample, .. } = entry else { continue };
         script.before(sample, &mut *line.node);
@@ -57,121 +50,4 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         ..loss
     };
     Ok(if missing.is_none() { exit } else { Exit::DataLoss })
-}
-
-/// A node, and what becomes of its estimates where no bus carries them away.
-pub(super) struct OffLine<'a> {
-    args: &'a IdentifyArgs,
-    pub(super) node: Box<dyn Identifier>,
-    run: RunData,
-    advisor: Advisor,
-    csv: Option<EstimatesCsv<File>>,
-    start: Instant,
-}
-
-impl<'a> OffLine<'a> {
-    /// A node that is cold, or warm where the command line says so.
-    ///
-    /// # Errors
-    /// Results that would be written over, a configuration without a node, a checkpoint that cannot be read.
-    pub(super) fn new(
-        args: &'a IdentifyArgs,
-        config: &Config,
-        info: RunInfo,
-        monitor: MonitorNode,
-        start: Instant,
-    ) -> Result<Self, Failure> {
-        if let Some(dir) = &args.out {
-            out_dir::check(dir)?;
-        }
-        let mut node = identifier_node(config, args.common.own_plant.as_ref())?;
-        if args.warm {
-            warm::start(config, &mut *node, None)?;
-        }
-        let joints = info.joints;
-        Ok(Self {
-            args,
-            node,
-            run: RunData::new(info, monitor),
-            advisor: Advisor::new(config, joints),
-            csv: None,
-            start,
-        })
-    }
-
-    /// Gives the node a sample and keeps what it answers.
-    pub(super) fn take(&mut self, sample: &Sample) -> Result<(), Failure> {
-        // Where no sample comes, no file is left behind.
-        if let (0, Some(dir)) = (self.run.samples, &self.args.out) {
-            out_dir::create(dir)?;
-            let (monitor, equations) = (&self.run.monitor, self.run.info.equations.len());
-            let csv = create(&dir.join(ESTIMATES_CSV))
-                .and_then(|file| EstimatesCsv::new(file, monitor.parameters(), equations, monitor.derived()));
-            self.csv = Some(csv.map_err(|e| unwritable(ESTIMATES_CSV, &e))?);
-        }
-        self.run.sample(sample, 0);
-        self.advisor.take(sample);
-        let (run, csv) = (&mut self.run, &mut self.csv);
-        let mut written = Ok(());
-        self.node.on_sample(sample, &mut |estimate| {
-            tracing::debug!("{}", run.monitor.line(estimate));
-            run.estimate(estimate, 0);
-            if let (Some(csv), Ok(())) = (csv.as_mut(), &written) {
-                written = csv.write(estimate);
-            }
-        });
-        written.map_err(|e| unwritable(ESTIMATES_CSV, &e))
-    }
-
-    /// The last estimate; empty where there is none.
-    pub(super) fn theta(&self) -> &[f64] {
-        let last = self.run.estimates.last();
-        last.map_or(&[], |e| &e.theta[..(e.params as usize).min(e.theta.len())])
-    }
-
-    /// Table, advice and files; `about_input` is one more line on what was read.
-    pub(super) fn finish(mut self, loss: Loss, about_input: Option<&str>) -> Result<Exit, Failure> {
-        let (args, format) = (self.args, self.args.format);
-        if self.run.samples == 0 && loss.is_none() {
-            return Err(args.span.nothing(&args.input));
-        }
-        let status = self.node.status();
-        self.run.status(&status);
-        self.run.loss = loss;
-        let mut summary = self.run.summary();
-        summary.wall_s = Some((self.start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
-        // Files first: a standard output that is full must not take them away, too.
-        if let Some(dir) = &args.out {
-            out_dir::create(dir)?;
-            write_summary(dir, &summary)?;
-            report::write(dir, &self.run, &summary)?;
-        }
-        if status.rejected > 0 {
-            let all = status.accepted.saturating_add(status.rejected);
-            tracing::warn!("{} of {all} samples were rejected: {}", status.rejected, status.faults);
-        }
-        logging::table(&summary, format)?;
-        if let Some(line) = self.advisor.line() {
-            logging::note(format, &line)?;
-        }
-        if let Some(line) = about_input {
-            logging::note(format, line)?;
-        }
-        if let Some(dir) = &args.out {
-            logging::note(format, &format!("results in {}", dir.display()))?;
-        }
-        // A gap is lost data whoever counts it: the recorder, or the node.
-        Ok(match status.missing > 0 || lost_by_rejection(&status) {
-            true => Exit::DataLoss,
-            false => Exit::Done,
-        })
-    }
-}
-
-/// Whether what the node rejected counts as lost data.
-///
-/// A drive that saturates now and then is a healthy machine: its samples are left out on purpose, and count only where they are most of the run.
-fn lost_by_rejection(status: &Status) -> bool {
-    let beyond_saturation = status.rejected.saturating_sub(status.faults.saturated);
-    beyond_saturation > 0 || status.rejected > status.accepted
 }

@@ -1,6 +1,6 @@
 //! `thetabus identify LOG.csv`: the very same node off line, on the user's own data or on what `thetabus export` wrote.
 
-use super::identify::OffLine;
+use super::offline_run::OfflineRun;
 use super::record::run_info;
 use super::wiring::{monitor_node, plant_description};
 use super::{Exit, Failure, IdentifyArgs};
@@ -56,7 +56,7 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
             Rows::Exported(reader) => reader.next_sample().map_err(|e| Failure::Usage(place(&e))),
         }
     };
-    let mut line = OffLine::new(args, &config, info, monitor, start)?;
+    let mut line = OfflineRun::new(args, &config, info, monitor, start)?;
     let outcome = loop {
         let sample = match next_sample() {
             Ok(Some(sample)) => sample,
@@ -86,7 +86,7 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
 }
 
 /// What was read, and what is probably wrong with it.
-fn tell(input: &Path, config: &Config, log: &LogReader<BufReader<File>>, line: &OffLine<'_>) {
+fn tell(input: &Path, config: &Config, log: &LogReader<BufReader<File>>, line: &OfflineRun<'_>) {
     let input = input.display();
     let definition = plant_description(config);
     for line in log.profile().lines(&definition.position_unit, &definition.input_unit) {

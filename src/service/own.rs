@@ -1,47 +1,11 @@
 //! Programs for a plant that is not in this library: the user writes its equations, everything else is here.
 
+use super::own_plant::OwnPlant;
 use super::wiring::identifier_of;
-use super::{EXIT_CODES, Failure, IdentifierArgs, IdentifyArgs, MonitorArgs, identifier, identify, main_with, monitor};
-use crate::config::Config;
+use super::{EXIT_CODES, IdentifierArgs, IdentifyArgs, MonitorArgs, identifier, identify, main_with, monitor};
 use crate::model::{Plant, PlantDefinition};
-use crate::node::identifier::Identifier;
 use clap::{Parser, Subcommand};
-use std::fmt;
 use std::process::ExitCode;
-use std::sync::Arc;
-
-/// From a configuration to the identifier of one plant.
-type Make = dyn Fn(&Config) -> Result<Box<dyn Identifier>, Failure> + Send + Sync;
-
-/// A plant of the user's own as the programs see it.
-#[derive(Clone)]
-pub(super) struct OwnPlant {
-    definition: PlantDefinition,
-    make: Arc<Make>,
-}
-
-impl OwnPlant {
-    fn new<P: Plant + Clone + Send + Sync + 'static>(plant: P) -> Self {
-        Self {
-            definition: PlantDefinition::of(&plant),
-            make: Arc::new(move |config| identifier_of(config, &plant)),
-        }
-    }
-
-    pub(super) fn definition(&self) -> &PlantDefinition {
-        &self.definition
-    }
-
-    pub(super) fn identifier(&self, config: &Config) -> Result<Box<dyn Identifier>, Failure> {
-        (self.make)(config)
-    }
-}
-
-impl fmt::Debug for OwnPlant {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("OwnPlant").field(&self.definition.name).finish()
-    }
-}
 
 #[derive(Parser)]
 #[command(about = "On-line identification of this program's own plant", after_help = EXIT_CODES)]
@@ -73,7 +37,8 @@ pub fn main_for<P>(plant: P) -> ExitCode
 where
     P: Plant + Clone + Send + Sync + 'static,
 {
-    let own = OwnPlant::new(plant);
+    let definition = PlantDefinition::of(&plant);
+    let own = OwnPlant::new(definition, move |config| identifier_of(config, &plant));
     match Program::parse().command {
         Command::Identifier(mut args) => {
             args.common.own_plant = Some(own);

@@ -4,8 +4,8 @@ use super::args::domain;
 use super::{Exit, Failure, PlantArgs, child, logging};
 use crate::bus::{Bus, Delivery, Role, RoleLock, SamplePublisher};
 use crate::config::{Config, Speed};
+use crate::node::simulated_plant::sample_stream;
 use crate::runner::{Pace, Shutdown, apply_realtime, run_plant};
-use crate::sim::sample_stream;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::Duration;
 

@@ -1,7 +1,7 @@
 //! From a configuration to nodes: the one place that knows which core type a configured choice means.
 
 use super::Failure;
-use super::own::OwnPlant;
+use super::own_plant::OwnPlant;
 use crate::checkpoint::Identity;
 use crate::config::{Config, ModelConfig, Rows, with_plant};
 use crate::estimator::BlockEstimator;

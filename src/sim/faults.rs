@@ -4,10 +4,10 @@
 //! before left; a sample that one of them loses is lost. Random draws come from a stream per fault, so that one more fault at the end of
 //! the list changes nothing about the others.
 
+use super::arm_parameters::ARM_JOINTS;
+use super::error::{SimError, finite, in_range};
 use super::noise::Noise;
-use super::options::{ARM_JOINTS, SimError, finite, in_range};
-use crate::messages::{Sample, signals};
-use crate::node::plant::Passage;
+use crate::messages::{Passage, Sample, signals};
 use std::collections::VecDeque;
 
 /// What a fault does to its signal.

@@ -3,6 +3,9 @@
 //! [`SimOptions`] say what to simulate, [`MachineSimulator`] gives the samples. The parts are usable on their own: [`Motor`], [`ArmDynamics`], [`rk4_step`].
 
 mod arm;
+mod arm_parameters;
+mod controller;
+mod error;
 mod faults;
 mod instants;
 mod integrator;
@@ -14,24 +17,25 @@ mod resonance;
 mod schedule;
 mod sensors;
 mod servo_axis;
+mod servo_axis_options;
 mod setpoint;
 mod simulator;
-mod stream;
 mod unmodelled;
 
 pub use arm::ArmDynamics;
+pub use arm_parameters::{ARM_JOINTS, ArmParameters};
+pub use controller::{ControllerKind, ControllerOptions, PositionFeedback};
+pub use error::SimError;
 pub use faults::{Fault, FaultKind, FaultSignal, Faults};
 pub use instants::SampleInstants;
 pub use integrator::rk4_step;
 pub use motor::Motor;
 pub use moves::{MoveProfile, Moves};
-pub use options::{
-    ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, Machine, PositionFeedback, SimError, SimOptions,
-};
+pub use options::{Machine, SimOptions};
 pub use schedule::{Interpolation, MassSchedule};
 pub use sensors::{Losses, SensorOptions};
-pub use servo_axis::{ServoAxisOptions, ServoAxisSimulator};
+pub use servo_axis::ServoAxisSimulator;
+pub use servo_axis_options::ServoAxisOptions;
 pub use setpoint::{Setpoint, Tone};
 pub use simulator::{ArmSimulator, MachineSimulator};
-pub use stream::sample_stream;
 pub use unmodelled::Unmodelled;

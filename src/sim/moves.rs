@@ -10,8 +10,8 @@
 //! the borders of the latter at s = 1/3 and 2/3, so that a third of the time each goes into speeding up, cruising and slowing down.
 //! T. Flash, N. Hogan, The coordination of arm movements, J. Neuroscience 5 (1985), for the first; any textbook on robots for the second.
 
+use super::error::{SimError, finite, in_range};
 use super::noise::Noise;
-use super::options::{SimError, finite, in_range};
 
 /// How a move gets from one level to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -1,6 +1,6 @@
 //! The mass of link 2 over time.
 
-use super::options::{SimError, finite, positive};
+use super::error::{SimError, finite, positive};
 
 /// What holds between two points of a schedule.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -4,8 +4,9 @@
 //! eccentricity, noise, spikes, the encoder's counts. The instant is
 //! moved by q + q̇ τ + q̈ τ²/2; the rest, q⃛ τ³/6, is below 1e-7 rad for half a millisecond.
 
+use super::arm_parameters::ARM_JOINTS;
+use super::error::{SimError, finite, in_range, not_negative, positive};
 use super::noise::Noise;
-use super::options::{ARM_JOINTS, SimError, finite, in_range, not_negative, positive};
 use super::resonance::Resonance;
 use crate::messages::signals;
 use crate::model::JointSample;

@@ -10,90 +10,18 @@
 //! jump: a Runge-Kutta step that would carry v through zero is cut at the zero, where the axis sticks or sets off the other way.
 //! While it sticks, friction may be anything up to F_c, so such samples do not obey the model's F_c sign v, as on a real machine.
 
+use super::controller::{ControllerKind, PositionFeedback};
+use super::error::SimError;
 use super::instants::SampleInstants;
 use super::integrator::rk4_step;
 use super::noise::Noise;
-use super::options::{ControllerKind, PositionFeedback, SimError, SimOptions, finite, not_negative, positive};
-use super::schedule::MassSchedule;
+use super::options::SimOptions;
 use super::sensors::Sensors;
+use super::servo_axis_options::ServoAxisOptions;
 use super::setpoint::SetpointSource;
-use crate::model::{JointSample, SERVO_PARAMS};
-
-/// An axis to be simulated, in the units of its motion: m and N, or rad and N m.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ServoAxisOptions {
-    /// k: force per unit of input, finite and not 0.
-    pub gain: f64,
-    /// M over time, > 0.
-    pub mass: MassSchedule,
-    /// F_v, ≥ 0.
-    pub viscous_friction: f64,
-    /// F_c, ≥ 0.
-    pub coulomb_friction: f64,
-    /// b.
-    pub offset: f64,
-    /// K_p \[input per m or rad\], ≥ 0.
-    pub proportional_gain: f64,
-    /// K_d \[input per m/s or rad/s\], ≥ 0.
-    pub derivative_gain: f64,
-    /// u_max: most that the drive gives, > 0; `inf` for no limit.
-    pub input_limit: f64,
-    /// One count of the position sensor \[m or rad\], ≥ 0; 0 for positions without rounding.
-    pub position_resolution: f64,
-}
+use crate::model::JointSample;
 
 impl ServoAxisOptions {
-    /// The parameters of the EMPS benchmark as its owners publish them, its resolution and drive, and a stiff PD controller.
-    ///
-    /// A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, Workshop on Nonlinear System Identification Benchmarks, 2019.
-    pub fn emps() -> Self {
-        Self {
-            gain: 35.150_651_88,
-            mass: MassSchedule::constant(95.1089),
-            viscous_friction: 203.5034,
-            coulomb_friction: 20.3935,
-            offset: -3.1648,
-            proportional_gain: 38_996.0,
-            derivative_gain: 243.45,
-            input_limit: 10.0,
-            position_resolution: 5e-8,
-        }
-    }
-
-    /// The parameters as they really are at time `t_s` \[s\], in the order of [`ServoAxis`](crate::model::ServoAxis).
-    pub fn true_theta(&self, t_s: f64) -> [f64; SERVO_PARAMS] {
-        [
-            self.mass.mass_kg(t_s),
-            self.viscous_friction,
-            self.coulomb_friction,
-            self.offset,
-        ]
-    }
-
-    /// Checks every value against its domain.
-    ///
-    /// # Errors
-    /// The first value outside, with its name.
-    pub fn validate(&self) -> Result<(), SimError> {
-        finite("servo_axis.gain", self.gain)?;
-        if self.gain == 0.0 {
-            return Err(SimError::new("servo_axis.gain", "a number that is not 0", self.gain));
-        }
-        self.mass.validate().map_err(|error| SimError {
-            field: "servo_axis.mass",
-            ..error
-        })?;
-        not_negative("servo_axis.viscous_friction", self.viscous_friction)?;
-        not_negative("servo_axis.coulomb_friction", self.coulomb_friction)?;
-        finite("servo_axis.offset", self.offset)?;
-        not_negative("servo_axis.proportional_gain", self.proportional_gain)?;
-        not_negative("servo_axis.derivative_gain", self.derivative_gain)?;
-        if self.input_limit != f64::INFINITY {
-            positive("servo_axis.input_limit", self.input_limit)?;
-        }
-        not_negative("servo_axis.position_resolution", self.position_resolution)
-    }
-
     fn input(&self, setpoint: f64, q: f64, v: f64) -> f64 {
         let u = self.proportional_gain * (setpoint - q) - self.derivative_gain * v;
         u.clamp(-self.input_limit, self.input_limit)

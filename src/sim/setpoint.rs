@@ -3,9 +3,9 @@
 //! Kinds that step hold their value from a sample to the next; kinds that are smooth are evaluated wherever the integrator needs
 //! them. Holding a smooth reference over 1 ms puts a staircase into the voltage, which no later filter can remove.
 
+use super::error::{SimError, finite, in_range, not_negative, positive};
 use super::moves::{Moves, MovesSource};
 use super::noise::Noise;
-use super::options::{SimError, finite, in_range, not_negative, positive};
 use super::schedule::Interpolation;
 use std::f64::consts::TAU;
 

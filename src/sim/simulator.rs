@@ -7,11 +7,14 @@
 
 use super::ArmParameters;
 use super::arm::ArmDynamics;
+use super::arm_parameters::ARM_JOINTS;
+use super::controller::{ControllerKind, PositionFeedback};
+use super::error::SimError;
 use super::instants::SampleInstants;
 use super::integrator::rk4_step;
 use super::motor::Motor;
 use super::noise::Noise;
-use super::options::{ARM_JOINTS, ControllerKind, Machine, PositionFeedback, SimError, SimOptions};
+use super::options::{Machine, SimOptions};
 use super::schedule::MassSchedule;
 use super::sensors::Sensors;
 use super::servo_axis::ServoAxisSimulator;

@@ -9,7 +9,8 @@
 //! With tanh a joint that is held creeps at most at v instead of sticking; v is small against all that is commanded. The integration
 //! needs F h/(J v) < 2.7 for substeps of length h, see [`Unmodelled::friction_speed_rad_per_s`].
 
-use super::options::{ARM_JOINTS, SimError, in_range, not_negative, positive};
+use super::arm_parameters::ARM_JOINTS;
+use super::error::{SimError, in_range, not_negative, positive};
 
 /// Effects beyond the paper's equations; all off by default.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,19 +2,17 @@
 //!
 //! Every run has its own seed for reference and noise. Errors are relative to the truth at the end of a block.
 
+use super::common::Effort;
 use super::document::{Document, Section, Table, count, percent, two_digits};
+use super::encoder_setup::{EncoderSetup, Signals};
 use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
 use super::paper::ALL;
-use super::results::Effort;
 use super::speed::projected_speed_section;
-use super::{CompareError, Reference, for_each_index};
+use super::{CompareError, for_each_index};
 use crate::estimator::{BlockEstimator, Change, EstimatorOptions};
 use crate::model::{AutoDiff, Delayed, Manipulator, Plant};
-use crate::rows::{
-    InputTiming, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, SmoothedBlock, SmoothedOptions, Smoothing,
-    structure,
-};
-use crate::sim::{ArmSimulator, ControllerKind, MassSchedule, SensorOptions, Setpoint, SimOptions, Tone};
+use crate::rows::{ProjectedBlock, SampleBlock, SmoothedBlock, SmoothedOptions, Smoothing, structure};
+use crate::sim::{ArmSimulator, ControllerKind, MassSchedule, SimOptions};
 
 /// Parameters that gravity shows: θ₆, θ₇, θ₉.
 const PAYLOAD: [usize; 3] = [5, 6, 8];
@@ -22,117 +20,6 @@ const PAYLOAD: [usize; 3] = [5, 6, 8];
 const KNOWABLE: [usize; 7] = [1, 3, 4, 5, 6, 7, 8];
 /// Blocks at the start that the coverage leaves out.
 const SETTLING: usize = 5;
-
-/// What the arm follows, |q₁| ≤ 1 rad and |q₂| ≤ 0.8 rad.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Signals {
-    /// Random levels, each for 1 to 3 s.
-    Steps,
-    /// A square wave per joint.
-    Square,
-    /// Six sines from 0.23 to 5.3 Hz with amplitudes that fall slowly, as f^(−1/4), and phases by the seed.
-    Sines,
-    /// Six sines of equal speed, amplitudes as 1/f: little of what tells an inductance.
-    LazySines,
-}
-
-impl Signals {
-    /// The three kinds that the figures are asked for.
-    pub const MAIN: [Self; 3] = [Self::Steps, Self::Square, Self::Sines];
-    /// Every kind.
-    pub const ALL: [Self; 4] = [Self::Steps, Self::Square, Self::Sines, Self::LazySines];
-
-    /// Name for tables.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Steps => "steps",
-            Self::Square => "square",
-            Self::Sines => "sines",
-            Self::LazySines => "sines, equal speeds",
-        }
-    }
-
-    /// `base` with these signals and this seed.
-    pub fn apply(self, base: &SimOptions, seed: u64) -> SimOptions {
-        match self {
-            Self::Steps => Reference::Steps.apply(base, seed),
-            Self::Square => Reference::Square.apply(base, seed),
-            Self::LazySines => Reference::Sines.apply(base, seed),
-            Self::Sines => {
-                let frequencies_hz = [0.23, 0.43, 0.81, 1.51, 2.83, 5.3f64];
-                let size = |frequency: f64| frequency.powf(-0.25);
-                let total: f64 = frequencies_hz.iter().copied().map(size).sum();
-                let setpoint = [(0u64, 1.0), (1, 0.8)].map(|(joint, reach)| Setpoint::Sines {
-                    offset_rad: 0.0,
-                    tones: frequencies_hz
-                        .iter()
-                        .zip(0u64..)
-                        .map(|(&frequency, k)| Tone {
-                            // the joints share no frequency
-                            frequency_hz: frequency * (1.0 + 0.07 * joint as f64),
-                            amplitude_rad: reach * size(frequency) / total,
-                            phase_rad: ((13 * seed + 7 * k + 5 * joint) as f64 * 0.618_034).fract()
-                                * std::f64::consts::TAU,
-                        })
-                        .collect(),
-                });
-                SimOptions {
-                    seed,
-                    setpoint,
-                    ..base.clone()
-                }
-            }
-        }
-    }
-}
-
-/// The run that the tables vary: simulation, rows and estimator.
-#[derive(Debug, Clone)]
-pub struct EncoderSetup {
-    /// The configured simulation.
-    pub sim: SimOptions,
-    /// The configured rows.
-    pub rows: ProjectedOptions,
-    /// The configured estimator.
-    pub options: EstimatorOptions,
-    /// N.
-    pub block_len: usize,
-}
-
-impl EncoderSetup {
-    /// The same seen through other encoders \[bits\] and voltage noise \[V\], with another controller; the rows are told.
-    pub fn with(&self, bits: u32, noise_v: f64, kind: ControllerKind) -> Self {
-        let mut setup = self.clone();
-        setup.sim.sensors = SensorOptions {
-            encoder_bits: bits,
-            input_noise_v: noise_v,
-            ..self.sim.sensors
-        };
-        setup.sim.controller.kind = kind;
-        setup.rows.noise = SensorNoise::encoder(bits, noise_v);
-        setup.rows.timing = match kind {
-            ControllerKind::Analog => InputTiming::Continuous,
-            ControllerKind::Sampled => InputTiming::Held,
-        };
-        setup.rows.velocity_half_width = if bits >= 20 { 5 } else { 10 };
-        setup
-    }
-
-    /// The same with the noise levels learnt from the signals.
-    pub fn learning(&self) -> Self {
-        let mut setup = self.clone();
-        setup.rows.noise = SensorNoise::NONE;
-        setup.rows.learn_noise = true;
-        setup
-    }
-
-    fn lasting(&self, blocks: usize) -> Self {
-        let mut setup = self.clone();
-        setup.sim.duration_s = (blocks * self.block_len) as f64 * self.sim.sample_period_s;
-        setup.sim.mass_2 = MassSchedule::constant(150.0);
-        setup
-    }
-}
 
 /// One block's answer.
 #[derive(Debug, Clone)]

@@ -1,10 +1,12 @@
 //! Everything that makes tables: estimators side by side on the same simulated data, and trials of the evidence. Not part of the product.
 
+mod common;
 mod contenders;
 mod document;
 pub mod ekf;
 pub mod emps;
 pub mod encoder;
+mod encoder_setup;
 pub mod metrics;
 pub mod paper;
 mod parallel;
@@ -16,8 +18,10 @@ mod speed;
 pub mod stress;
 pub mod trials;
 
+pub use common::{Effort, STUDY_NOISE_V};
 pub use contenders::{BlockResult, RunRecord, run_batch, run_blocks, run_ekf, run_wrls};
 pub use document::{Document, Section, Table, two_digits};
+pub use encoder_setup::{EncoderSetup, Signals};
 pub use parallel::for_each_index;
 pub use references::Reference;
 pub use scenario::{ArmSample, Scenario, ScenarioRows};

@@ -1,27 +1,16 @@
 //! The estimators side by side, and what the recommended one reaches where the plant does what plants do.
 
+use super::common::{Effort, STUDY_NOISE_V, covers};
 use super::contenders::{BlockResult, RunRecord, run_batch, run_blocks, run_ekf, run_wrls};
 use super::document::{Document, Section, Table, count, percent, two_digits};
 use super::ekf::EkfTuning;
 use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
 use super::paper::{ALL, CHANGING};
 use super::speed::speed_section;
-use super::{CompareError, Reference, Scenario, emps, for_each_index, simulated, stress};
+use super::{CompareError, Scenario, emps, for_each_index, simulated, stress};
 use crate::estimator::{EstimatorOptions, Forgetting, cedro2022_estimator};
 use crate::sim::{SensorOptions, SimOptions};
 use std::time::Duration;
-
-/// Noise on the measured voltage in the studies with noise \[V\].
-pub const STUDY_NOISE_V: f64 = 0.05;
-
-/// How much is computed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Effort {
-    /// Seeds per scenario.
-    pub seeds: u64,
-    /// Runs for calibration.
-    pub calibration_runs: u64,
-}
 
 /// All tables for a configured run; `ours` is the configured estimator, `recording` that of a real machine, position \[m\] and voltage \[V\] at
 /// 1 kHz, where it is at hand.
@@ -64,11 +53,6 @@ struct Judgement {
     covered: (usize, usize),
     mean_time: Duration,
     worst_time: Duration,
-}
-
-/// True where the 95 % interval of a parameter holds the truth.
-pub(super) fn covers(block: &BlockResult, truth: &[f64], parameter: usize) -> bool {
-    (block.theta[parameter] - truth[parameter]).abs() <= 1.96 * block.std[parameter]
 }
 
 /// Blocks at the start that the coverage leaves out.
@@ -280,12 +264,4 @@ pub fn baselines_section(
         ],
         table,
     })
-}
-
-/// Seeds and references of a study, in order.
-pub(super) fn every_run(seeds: u64) -> Vec<(Reference, u64)> {
-    Reference::ALL
-        .iter()
-        .flat_map(|&kind| (0..seeds).map(move |seed| (kind, seed)))
-        .collect()
 }

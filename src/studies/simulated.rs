@@ -1,10 +1,10 @@
 //! What one estimator does on many runs: changes of every size, false alarms, calibration.
 
+use super::common::{STUDY_NOISE_V, covers, every_run};
 use super::contenders::{RunRecord, run_blocks};
 use super::document::{Section, Table, percent, two_digits};
 use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
 use super::paper::ALL;
-use super::results::{STUDY_NOISE_V, covers, every_run};
 use super::{CompareError, Reference, Scenario, for_each_index};
 use crate::estimator::EstimatorOptions;
 use crate::sim::{Interpolation, MassSchedule, SensorOptions, SimOptions};

@@ -1,9 +1,9 @@
 //! What the estimator costs, measured while it works on the configured run.
 
+use super::common::STUDY_NOISE_V;
 use super::contenders::run_blocks;
 use super::document::{Section, Table, two_digits};
-use super::encoder::{EncoderSetup, Signals};
-use super::results::STUDY_NOISE_V;
+use super::encoder_setup::{EncoderSetup, Signals};
 use super::simulated::{changes, noisy};
 use super::{CompareError, Reference, Scenario};
 use crate::estimator::{BlockEstimator, ChangeKind, EstimatorOptions, Residuals};

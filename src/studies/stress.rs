@@ -1,9 +1,9 @@
 //! What one estimator does where nothing moves, and where one row in a hundred lies.
 
+use super::common::STUDY_NOISE_V;
 use super::contenders::{BlockResult, RunRecord, run_blocks};
 use super::document::{Section, Table, percent, two_digits};
 use super::paper::ALL;
-use super::results::STUDY_NOISE_V;
 use super::simulated::{KNOWABLE, errors, noisy, worst};
 use super::{CompareError, Reference, Scenario, for_each_index};
 use crate::estimator::{ChangeKind, EstimatorOptions, Forgetting, Outliers};

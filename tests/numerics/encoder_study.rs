@@ -4,9 +4,8 @@ use super::projected::{estimator_options, start};
 use thetabus::model::Manipulator;
 use thetabus::rows::{ProjectedOptions, SmoothedOptions, Smoothing};
 use thetabus::sim::{ControllerKind, MassSchedule, SimOptions};
-use thetabus::studies::encoder::{
-    Answer, EncoderSetup, Signals, Skew, calibration, judge, run_projected, run_smoothed, skew_run,
-};
+use thetabus::studies::encoder::{Answer, Skew, calibration, judge, run_projected, run_smoothed, skew_run};
+use thetabus::studies::{EncoderSetup, Signals};
 
 fn setup() -> EncoderSetup {
     let mut sim = SimOptions::cedro2022();

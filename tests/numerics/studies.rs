@@ -5,10 +5,10 @@ use thetabus::estimator::{
     cedro2022_estimator,
 };
 use thetabus::sim::{Interpolation, MassSchedule, SensorOptions, SimOptions};
+use thetabus::studies::STUDY_NOISE_V;
 use thetabus::studies::ekf::EkfTuning;
 use thetabus::studies::metrics::worst_relative_error;
 use thetabus::studies::paper::{jump_response, variants_section};
-use thetabus::studies::results::STUDY_NOISE_V;
 use thetabus::studies::simulated::{calibration, change_run, exact_run, false_alarms};
 use thetabus::studies::stress::{outlier_effect, rest_run};
 use thetabus::studies::{CompareError, Reference, Scenario, run_batch, run_ekf, run_wrls};

@@ -2,9 +2,10 @@
 
 use std::f64::consts::TAU;
 use thetabus::model::{AutoDiff, JointSample, Manipulator, PointwiseModel};
+use thetabus::node::simulated_plant::sample_stream;
 use thetabus::sim::{
     ArmDynamics, ArmParameters, ArmSimulator, ControllerKind, Losses, MassSchedule, MoveProfile, Moves, SampleInstants,
-    SensorOptions, Setpoint, SimOptions, Tone, Unmodelled, rk4_step, sample_stream,
+    SensorOptions, Setpoint, SimOptions, Tone, Unmodelled, rk4_step,
 };
 
 /// A smooth run of the paper's arm with its analog controller.

@@ -10,9 +10,9 @@ use crate::service::record::recorder;
 use crate::service::wiring::{identifier_node, monitor_node};
 use crate::service::{Exit, Failure, TableFormat, logging, report};
 use crate::sim::{MachineSimulator, SensorOptions, SimOptions};
-use crate::studies::encoder::{EncoderSetup, encoder_document};
-use crate::studies::results::{Effort, results_document};
-use crate::studies::{CompareError, Section, Table, paper, two_digits};
+use crate::studies::encoder::encoder_document;
+use crate::studies::results::results_document;
+use crate::studies::{CompareError, Effort, EncoderSetup, Section, Table, paper, two_digits};
 use std::path::Path;
 use std::time::{Duration, Instant};
 

@@ -1,6 +1,6 @@
 //! Trials of the servo axis, which sticks whenever it rests.
 
-use super::spec::spread;
+use super::spread::spread;
 
 /// What the axis follows, within 5 cm either side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,9 +1,5 @@
 //! What is wrong with a run: with its payload, its samples, or with the model.
 
-use super::spec::{TrialSpec, spread};
-use crate::sim::ArmDynamics;
-use std::f64::consts::TAU;
-
 /// What is wrong.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Disturbance {
@@ -155,61 +151,10 @@ impl Disturbance {
     }
 
     /// Where in its block the payload changes, 0 to 1, from a number of the seed's.
-    pub(super) fn place_of_change(self, spread: f64, period_s: f64) -> f64 {
-        let block_s = TrialSpec::BLOCK_LEN as f64 * period_s;
+    pub(super) fn place_of_change(self, spread: f64, block_s: f64) -> f64 {
         match self {
             Self::JumpAtEnd(_) => 1.0 - 0.4 / block_s * spread,
             _ => spread,
-        }
-    }
-
-    /// Settings of the simulation, and of the identifier if it is told.
-    pub(super) fn settings(self, spec: &TrialSpec) -> Vec<String> {
-        let sensors = |key: &str, value: f64| format!("plant.sensors.{key}={value:?}");
-        match self {
-            Self::None | Self::AtRest | Self::Jump(_) | Self::JumpAtEnd(_) => Vec::new(),
-            Self::Loss { permille, burst } => vec![
-                sensors("loss_probability", f64::from(permille) / 1000.0),
-                format!("plant.sensors.loss_burst={burst}"),
-            ],
-            Self::Jitter(us) => vec![sensors("stamp_jitter_s", f64::from(us) * 1e-6)],
-            Self::PositionSpikes => vec![
-                sensors("position_spike_probability", 0.01),
-                sensors("position_spike_rad", 0.01 * 100f64.powf(spread(spec.seed, 50))),
-            ],
-            Self::InputSpikes => vec![
-                sensors("spike_probability", 0.01),
-                sensors("spike_v", 100.0 * spec.noise_v),
-            ],
-            Self::InputBits(bits) => vec![sensors("input_resolution_v", 800.0 / f64::from(bits).exp2())],
-            Self::Friction { joint, percent } => {
-                let (mass_kg, _) = spec.arm.masses_kg();
-                let arm = spec.arm.parameters();
-                let dynamics = ArmDynamics::new(&arm.with_mass_2(mass_kg), arm.gravity_m_s2);
-                let size = dynamics.holding_torque(0.0) * f64::from(percent) / 100.0;
-                let sizes = [1, 2].map(|j| if j == joint { size } else { 0.0 });
-                vec![
-                    format!("plant.unmodelled.coulomb_friction_n_m={sizes:?}"),
-                    "plant.substeps=10".to_owned(),
-                ]
-            }
-            Self::Delay(us) => vec![sensors("input_delay_s", f64::from(us) * 1e-6)],
-            Self::DelayEstimated(us) => vec![
-                sensors("input_delay_s", f64::from(us) * 1e-6),
-                "identifier.projected.estimate_input_delay=true".to_owned(),
-                // the delay is the last parameter
-                format!("estimator.theta_start={:?}", [&spec.start()[..], &[0.0]].concat()),
-            ],
-            Self::Resonance => vec![sensors("resonance_hz", 40.0)],
-            Self::Eccentricity(arcsec) => vec![
-                sensors("eccentricity_rad", f64::from(arcsec) * TAU / (360.0 * 3600.0)),
-                sensors("eccentricity_phase_rad", TAU * spread(spec.seed, 51)),
-            ],
-            Self::Tilt => vec![format!("plant.unmodelled.base_tilt_rad={:?}", TAU / 360.0)],
-            Self::Heating => vec![
-                "plant.unmodelled.heating_share=0.1".to_owned(),
-                "plant.unmodelled.heating_s=60.0".to_owned(),
-            ],
         }
     }
 

@@ -12,7 +12,9 @@ mod cases;
 mod disturbance;
 mod run;
 mod score;
+mod settings;
 mod spec;
+mod spread;
 mod table;
 
 pub use axis::{AxisMotion, AxisSpec};

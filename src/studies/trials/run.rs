@@ -4,7 +4,8 @@ use super::bound::CramerRaoBound;
 use super::score::{TrialResult, Truth};
 use crate::messages::{Estimate, Sample, estimate_flags};
 use crate::model::{DerivedValues, KnownConstants, ManipulatorDerived};
-use crate::sim::{ArmSimulator, ControllerKind, Machine, SensorOptions, SimOptions, Unmodelled, sample_stream};
+use crate::node::simulated_plant::sample_stream;
+use crate::sim::{ArmSimulator, ControllerKind, Machine, SensorOptions, SimOptions, Unmodelled};
 use crate::studies::CompareError;
 
 /// Parts of the run before the change at whose ends efficiency is measured.

@@ -1,6 +1,7 @@
 //! What is tried: an arm, a motion, sensors, a disturbance, a seed.
 
 use super::disturbance::Disturbance;
+use super::spread::spread;
 use crate::sim::ArmParameters;
 
 /// An arm with its payload and the gains of its controller.
@@ -121,72 +122,6 @@ impl Motion {
             Self::Tiny => "tiny",
         }
     }
-
-    /// Settings of `plant.setpoint`.
-    fn settings(self, seed: u64) -> Vec<String> {
-        let moves = |profile: &str, reach: f64, moves_s: (f64, f64), rests_s: (f64, f64)| {
-            let both = |value: f64| format!("[{value:?}, {value:?}]");
-            vec![
-                "plant.setpoint.kind=\"moves\"".to_owned(),
-                format!("plant.setpoint.moves.profile=\"{profile}\""),
-                format!("plant.setpoint.moves.min_rad=[{:?}, {:?}]", -reach, -0.8 * reach),
-                format!("plant.setpoint.moves.max_rad=[{:?}, {:?}]", reach, 0.8 * reach),
-                format!("plant.setpoint.moves.min_move_s={}", both(moves_s.0)),
-                format!("plant.setpoint.moves.max_move_s={}", both(moves_s.1)),
-                format!("plant.setpoint.moves.min_rest_s={}", both(rests_s.0)),
-                format!("plant.setpoint.moves.max_rest_s={}", both(rests_s.1)),
-            ]
-        };
-        match self {
-            // as config/encoder_only.toml has them
-            Self::Steps => vec!["plant.setpoint.kind=\"random\"".to_owned()],
-            Self::MinimumJerk => moves("minimum_jerk", 1.0, (0.6, 1.6), (0.0, 0.5)),
-            Self::Trapezoidal => moves("trapezoidal", 1.0, (0.6, 1.6), (0.0, 0.5)),
-            Self::Rests => moves("minimum_jerk", 1.0, (0.6, 1.6), (1.0, 20.0)),
-            Self::Creeping => moves("trapezoidal", 0.3, (10.0, 30.0), (0.0, 1.0)),
-            Self::Multisine => sines(seed),
-            Self::Tiny => {
-                let reach = 0.01 + 0.04 * spread(seed, 0);
-                vec![
-                    "plant.setpoint.kind=\"random_sines\"".to_owned(),
-                    format!("plant.setpoint.random_sines.amplitude_rad=[{reach:?}, {reach:?}]"),
-                ]
-            }
-        }
-    }
-}
-
-/// Six sines of joint 1, six others of joint 2.
-fn sines(seed: u64) -> Vec<String> {
-    let base = [0.23, 0.43, 0.81, 1.51, 2.83, 5.3f64];
-    let size = |frequency: f64| frequency.powf(-0.25);
-    let total: f64 = base.iter().copied().map(size).sum();
-    let lists = |value: &dyn Fn(usize, usize) -> f64| {
-        let list = |joint: usize| (0..base.len()).map(|k| value(joint, k)).collect::<Vec<f64>>();
-        format!("[{:?}, {:?}]", list(0), list(1))
-    };
-    let reach = [1.0, 0.8];
-    vec![
-        "plant.setpoint.kind=\"sines\"".to_owned(),
-        // the joints share no frequency
-        format!(
-            "plant.setpoint.sines.frequency_hz={}",
-            lists(&|joint, k| base[k] * (1.0 + 0.07 * joint as f64))
-        ),
-        format!(
-            "plant.setpoint.sines.amplitude_rad={}",
-            lists(&|joint, k| reach[joint] * size(base[k]) / total)
-        ),
-        format!(
-            "plant.setpoint.sines.phase_rad={}",
-            lists(&|joint, k| std::f64::consts::TAU * spread(seed, 1 + 7 * k as u64 + 5 * joint as u64))
-        ),
-    ]
-}
-
-/// A number in [0, 1) that seed and place choose: the fractions of multiples of the golden section cover the range evenly.
-pub(super) fn spread(seed: u64, place: u64) -> f64 {
-    ((13 * seed + place + 1) as f64 * 0.618_033_988_75).fract()
 }
 
 /// A trial of an arm.
@@ -251,7 +186,11 @@ impl TrialSpec {
 
     /// When the payload changes \[s\]: in the block in the middle, at a place that the seed chooses.
     pub fn change_s(&self) -> f64 {
-        let samples = self.disturbance.place_of_change(spread(self.seed, 99), self.period_s()) * Self::BLOCK_LEN as f64;
+        let block_len = Self::BLOCK_LEN as f64;
+        let place = self
+            .disturbance
+            .place_of_change(spread(self.seed, 99), block_len * self.period_s());
+        let samples = place * block_len;
         self.middle_s() + samples.round() * self.period_s()
     }
 
@@ -264,55 +203,5 @@ impl TrialSpec {
             .zip(factors)
             .map(|(value, factor)| value * factor)
             .collect()
-    }
-
-    /// What the configuration `encoder_only` has to be overridden with, as `section.key=value`.
-    pub fn settings(&self) -> Vec<String> {
-        let arm = self.arm.parameters();
-        let (first_kg, then_kg) = self.arm.masses_kg();
-        let then_kg = self.disturbance.mass_after(first_kg, then_kg);
-        let (kp, kd) = self.arm.gains(self.period_us);
-        let period_s = self.period_s();
-        let resolution = std::f64::consts::TAU / f64::from(self.bits).exp2();
-        let known = [
-            ("winding_resistance_ohm", arm.winding_resistance_ohm),
-            ("torque_constant_n_m_per_a", arm.torque_constant_n_m_per_a),
-        ];
-        let motors = [
-            ("winding_inductance_h", arm.winding_inductance_h),
-            ("back_emf_constant_v_s_per_rad", arm.back_emf_constant_v_s_per_rad),
-        ];
-        let mut settings = vec![
-            format!("plant.seed={}", self.seed),
-            format!("plant.sample_period_s={period_s:?}"),
-            format!(
-                "plant.duration_s={:?}",
-                (self.blocks * Self::BLOCK_LEN) as f64 * period_s
-            ),
-            format!("plant.mass_2.t_s=[0.0, {:?}]", self.change_s()),
-            format!("plant.mass_2.mass_kg=[{first_kg:?}, {then_kg:?}]"),
-            format!("plant.sensors.encoder_bits={}", self.bits),
-            format!("plant.sensors.input_noise_v={:?}", self.noise_v),
-            format!("identifier.projected.position_resolution=[{resolution:?}]"),
-            format!("identifier.projected.input_noise=[{:?}]", self.noise_v),
-            format!("estimator.block_len={}", Self::BLOCK_LEN),
-            format!("estimator.theta_start={:?}", self.start()),
-            format!("plant.controller.proportional_gain_v_per_rad={kp:?}"),
-            format!("plant.controller.derivative_gain_v_s_per_rad={kd:?}"),
-            format!("plant.arm.length_1_m={:?}", arm.length_1_m),
-            format!("plant.arm.mass_1_kg={:?}", arm.mass_1_kg),
-            format!("plant.arm.length_2_m={:?}", arm.length_2_m),
-            format!("model.known.length_1_m={:?}", arm.length_1_m),
-        ];
-        settings.extend(
-            known
-                .iter()
-                .map(|(key, values)| format!("model.known.{key}={values:?}")),
-        );
-        let motors = known.iter().chain(&motors);
-        settings.extend(motors.map(|(key, values)| format!("plant.arm.{key}={values:?}")));
-        settings.extend(self.motion.settings(self.seed));
-        settings.extend(self.disturbance.settings(self));
-        settings
     }
 }

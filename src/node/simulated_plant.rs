@@ -1,11 +1,7 @@
 //! The simulated machine as a stream of messages, with its losses, faults and time stamps.
 
-use super::faults::Faults;
-use super::instants::SampleInstants;
-use super::options::{SimError, SimOptions};
-use super::sensors::Losses;
-use super::simulator::MachineSimulator;
-use crate::node::plant::PlantNode;
+use super::plant::PlantNode;
+use crate::sim::{Faults, Losses, MachineSimulator, SampleInstants, SimError, SimOptions};
 
 /// All samples of a run, from seq 0 to END; `boot_id` names the stream.
 ///

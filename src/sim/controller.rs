@@ -1,0 +1,81 @@
+//! Options of the PD controllers (13).
+
+use super::arm_parameters::ARM_JOINTS;
+use super::error::{SimError, not_negative};
+
+/// When the controller computes its voltage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ControllerKind {
+    /// Continuously, as in the paper: (13) is part of the differential equation.
+    #[default]
+    Analog,
+    /// Once per sample, held until the next one (zero-order hold).
+    Sampled,
+}
+
+impl ControllerKind {
+    /// All kinds with their names in configuration files.
+    pub const NAMES: [(Self, &'static str); 2] = [(Self::Analog, "analog"), (Self::Sampled, "sampled")];
+}
+
+/// Which position the controller sees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum PositionFeedback {
+    /// The true one.
+    #[default]
+    True,
+    /// The one of the sample, with all that the sensors do to it; for a sampled controller. The velocity stays true, as from a tachometer.
+    Measured,
+}
+
+impl PositionFeedback {
+    /// All kinds with their names in configuration files.
+    pub const NAMES: [(Self, &'static str); 2] = [(Self::True, "true"), (Self::Measured, "measured")];
+}
+
+/// The PD controllers (13), one per joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControllerOptions {
+    /// Analog or sampled.
+    pub kind: ControllerKind,
+    /// Position that it works with.
+    pub feedback: PositionFeedback,
+    /// K_p of each joint \[V/rad\], ≥ 0.
+    pub proportional_gain_v_per_rad: [f64; ARM_JOINTS],
+    /// K_d of each joint \[V s/rad\], ≥ 0.
+    pub derivative_gain_v_s_per_rad: [f64; ARM_JOINTS],
+}
+
+impl ControllerOptions {
+    /// Section 5 of the paper.
+    pub const fn cedro2022() -> Self {
+        Self {
+            kind: ControllerKind::Analog,
+            feedback: PositionFeedback::True,
+            proportional_gain_v_per_rad: [191.304; ARM_JOINTS],
+            derivative_gain_v_s_per_rad: [31.6957; ARM_JOINTS],
+        }
+    }
+
+    /// Checks every value against its domain.
+    ///
+    /// # Errors
+    /// The first value outside, with its name.
+    pub fn validate(&self) -> Result<(), SimError> {
+        if self.kind == ControllerKind::Analog && self.feedback == PositionFeedback::Measured {
+            let (expected, got) = ("true for an analog controller, which no sample reaches", "measured");
+            return Err(SimError::new("controller.feedback", expected, got));
+        }
+        for joint in 0..ARM_JOINTS {
+            not_negative(
+                "controller.proportional_gain_v_per_rad",
+                self.proportional_gain_v_per_rad[joint],
+            )?;
+            not_negative(
+                "controller.derivative_gain_v_s_per_rad",
+                self.derivative_gain_v_s_per_rad[joint],
+            )?;
+        }
+        Ok(())
+    }
+}

@@ -62,7 +62,7 @@ impl CovarianceBound for Polynomial {
         }
         factor.0.inverse(inverse, column);
         for (m, inv) in matrix.iter_mut().zip(inverse.iter()) {
-            *m = lambda * (*m + c * c * inv);
+            *m = lambda * (*m + c * c * inv); // (11) on the eigenvalues of Γ⁻¹
         }
         for i in 0..n {
             matrix[i * n + i] += lambda * c;

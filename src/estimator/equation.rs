@@ -34,6 +34,25 @@ pub struct EquationState {
 }
 
 impl EquationState {
+    /// Equation `index` with parameters `own`, in a group of `parameters`; nothing is known of its noise.
+    pub fn new(index: usize, own: Range<usize>, parameters: &Range<usize>, options: &EstimatorOptions) -> Self {
+        let n = parameters.len();
+        Self {
+            index,
+            offset: own.start - parameters.start,
+            own,
+            divisor: options.noise_std[index],
+            floor: options.noise_floor[index],
+            spread: 0.0,
+            freedom: 0.0,
+            variance: 0.0,
+            innovation: (0.0, 0),
+            scale: 0.0,
+            loss: Loss::Square,
+            noise_covariance: vec![0.0; n * n],
+        }
+    }
+
     /// Learns the noise from residuals of `cost` of which the parameters took `taken` degrees of freedom. A block counts as at most four
     /// times as noisy as known so far: more is something else than noise, or is learnt in two blocks.
     pub fn learn(&mut self, sums: &Sums, cost: f64, taken: f64, options: &EstimatorOptions) {

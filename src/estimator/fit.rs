@@ -36,15 +36,15 @@ impl GroupState {
         let n = self.n;
         self.room.total.copy_from_slice(&self.prior);
         add_grams(n, &self.equations, &self.at, &mut self.room.total);
-        self.rule.posterior(n, &mut self.room.total);
+        self.rule.posterior(n, &mut self.room.total); // Γ_m⁻¹ of (9) or (10)
         self.room.gradient.fill(0.0);
-        add_scores(&self.equations, &self.at, &mut self.room.gradient);
+        add_scores(&self.equations, &self.at, &mut self.room.gradient); // Σ φ f of (8)
         self.room.scale.copy_from_slice(&self.centre);
         self.set_box(f64::INFINITY);
         let room = &self.room;
-        self.step.solve(&room.total, &room.gradient, &room.lower, &room.upper);
+        self.step.solve(&room.total, &room.gradient, &room.lower, &room.upper); // Γ_m Σ φ f
         for (i, delta) in self.step.delta().iter().enumerate() {
-            theta[self.parameters.start + i] = self.centre[i] + delta;
+            theta[self.parameters.start + i] = self.centre[i] + delta; // (8)
         }
     }
 
@@ -157,7 +157,7 @@ impl GroupState {
     }
 
     fn cost(&self, sums: &[Sums], theta: &[f64]) -> f64 {
-        sums.iter().map(|s| s.cost).sum::<f64>() + self.prior_cost(theta)
+        sums.iter().map(|s| s.cost).sum::<f64>() + self.prior_cost(theta) // (6), its past as Λ
     }
 
     /// (θ − θ̄)ᵀ Λ (θ − θ̄).

@@ -157,8 +157,10 @@ impl Rule {
         let (lambda, floor) = (self.lambda, self.floor);
         prior.copy_from_slice(information);
         match self.forgetting {
-            Forgetting::Bounded => {}
-            Forgetting::Exponential | Forgetting::BoundedAsPrinted => prior.iter_mut().for_each(|v| *v *= lambda),
+            Forgetting::Bounded => {} // (10) without its λ
+            Forgetting::Exponential | Forgetting::BoundedAsPrinted => {
+                prior.iter_mut().for_each(|v| *v *= lambda); // (9), (10): λ Γ_{m−1}⁻¹
+            }
             Forgetting::Floor => {
                 prior.iter_mut().for_each(|v| *v *= lambda);
                 (0..n).for_each(|i| prior[i * n + i] += (1.0 - lambda) * floor);
@@ -224,6 +226,7 @@ impl Rule {
         match self.bound {
             Bound::Polynomial => {
                 let g = Polynomial { forgetting_factor };
+                // (10) with (11)
                 g.information(n, self.floor, matrix, &mut self.factor, &mut self.work[..n * n + n])
             }
             Bound::Rational => {

@@ -34,6 +34,7 @@ use super::options::{EstimatorOptions, Forgetting, Outliers};
 use super::pass::{Loss, Sums};
 use super::persist::Visit;
 use super::robust::Magnitudes;
+use super::workspace::Workspace;
 use super::{Group, Residuals, Structure};
 use std::ops::Range;
 
@@ -89,44 +90,7 @@ pub struct GroupState {
     pub eigen: Eigen,
     congruence: Congruence,
     pub magnitudes: Magnitudes,
-    pub room: Room,
-}
-
-/// Matrices (n × n) and vectors (n) that hold nothing between two calls.
-#[derive(Debug, Clone)]
-pub struct Room {
-    pub total: Vec<f64>,
-    pub gain: Vec<f64>,
-    pub transition: Vec<f64>,
-    pub a: Vec<f64>,
-    pub b: Vec<f64>,
-    pub gradient: Vec<f64>,
-    pub offset: Vec<f64>,
-    pub lower: Vec<f64>,
-    pub upper: Vec<f64>,
-    pub scale: Vec<f64>,
-    pub free: Vec<bool>,
-    pub regressor: Vec<f64>,
-}
-
-impl Room {
-    fn new(n: usize) -> Self {
-        let (matrix, vector) = (vec![0.0; n * n], vec![0.0; n]);
-        Self {
-            total: matrix.clone(),
-            gain: matrix.clone(),
-            transition: matrix.clone(),
-            a: matrix.clone(),
-            b: matrix,
-            gradient: vector.clone(),
-            offset: vector.clone(),
-            lower: vector.clone(),
-            upper: vector.clone(),
-            scale: vector.clone(),
-            free: vec![true; n],
-            regressor: vector,
-        }
-    }
+    pub room: Workspace,
 }
 
 impl GroupState {
@@ -139,20 +103,7 @@ impl GroupState {
             .iter()
             .map(|&index| {
                 let own = structure.equations[index].clone();
-                EquationState {
-                    index,
-                    offset: own.start - parameters.start,
-                    own,
-                    divisor: options.noise_std[index],
-                    floor: options.noise_floor[index],
-                    spread: 0.0,
-                    freedom: 0.0,
-                    variance: 0.0,
-                    innovation: (0.0, 0),
-                    scale: 0.0,
-                    loss: Loss::Square,
-                    noise_covariance: vec![0.0; n * n],
-                }
+                EquationState::new(index, own, &parameters, options)
             })
             .collect();
         let sums: Vec<Sums> = equations.iter().map(|e| Sums::new(e.own.len())).collect();
@@ -190,7 +141,7 @@ impl GroupState {
             eigen: Eigen::new(n),
             congruence: Congruence::new(n),
             magnitudes: Magnitudes::new(),
-            room: Room::new(n),
+            room: Workspace::new(n),
             parameters,
             equations,
         };
@@ -361,8 +312,8 @@ impl GroupState {
     pub fn conclude(&mut self, theta: &[f64], stepped: bool, options: &EstimatorOptions) {
         let n = self.n;
         self.information.copy_from_slice(&self.prior);
-        add_grams(n, &self.equations, &self.at, &mut self.information);
-        self.rule.posterior(n, &mut self.information);
+        add_grams(n, &self.equations, &self.at, &mut self.information); // (9), first line of (10)
+        self.rule.posterior(n, &mut self.information); // second line of (10)
         self.condition = repair(
             n,
             &mut self.information,

@@ -10,10 +10,12 @@
 //! |---|---|---|
 //! | [`Wrls`] | sample by sample, linear in θ, exponential forgetting | (2)–(4) |
 //! | [`batch_least_squares`] | a whole record at once, linear or not, with its rank | the least squares of section 1 |
+//! | [`cedro`] | the paper's block recursion on one page, for readers and as an oracle | (5)–(11) |
 //! | [`BlockEstimator`] | block by block, nonlinear in θ, every forgetting rule | (6)–(11) and beyond |
 
 mod block;
 mod bound;
+pub mod cedro;
 mod change;
 mod clusters;
 mod conditioning;
@@ -39,6 +41,7 @@ mod robust;
 mod score_test;
 mod state;
 mod stats;
+mod workspace;
 mod wrls;
 
 pub use block::BlockEstimator;

@@ -141,7 +141,7 @@ fn fixed<R: Residuals, const N: usize, const ROBUST: bool>(
         }
         if !ROBUST {
             for lane in 0..LANES {
-                cost[lane] += f[lane] * f[lane];
+                cost[lane] += f[lane] * f[lane]; // Σ f² of (6)
             }
         }
         for i in 0..N {
@@ -152,11 +152,11 @@ fn fixed<R: Residuals, const N: usize, const ROBUST: bool>(
                 }
             }
             for lane in 0..LANES {
-                score[i][lane] += weighted[lane] * f[lane];
+                score[i][lane] += weighted[lane] * f[lane]; // Σ φ f of (8)
             }
             for j in 0..=i {
                 for lane in 0..LANES {
-                    gram[i][j][lane] += weighted[lane] * phi[j][lane];
+                    gram[i][j][lane] += weighted[lane] * phi[j][lane]; // Σ φ φᵀ of (9)
                 }
             }
         }

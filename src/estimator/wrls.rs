@@ -79,6 +79,7 @@ impl Wrls {
     pub fn update(&mut self, regressor: &[f64], v: f64) -> Option<f64> {
         let n = self.theta.len();
         assert_eq!(regressor.len(), n, "one regressor entry per parameter");
+        // (1) at θ̂: v − φᵀ θ̂
         let innovation = v - regressor.iter().zip(&self.theta).map(|(x, t)| x * t).sum::<f64>();
         for j in (0..n).rev() {
             let above: f64 = (0..j).map(|i| self.upper[i * n + j] * regressor[i]).sum();

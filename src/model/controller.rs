@@ -15,6 +15,6 @@ impl PdController {
     /// Voltage \[V\] for a setpoint \[rad\], a position \[rad\] and a velocity \[rad/s\].
     #[inline]
     pub fn voltage(&self, setpoint: f64, q: f64, dq: f64) -> f64 {
-        self.proportional_gain_v_per_rad * (setpoint - q) - self.derivative_gain_v_s_per_rad * dq
+        self.proportional_gain_v_per_rad * (setpoint - q) - self.derivative_gain_v_s_per_rad * dq // (13)
     }
 }

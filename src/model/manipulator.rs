@@ -136,6 +136,7 @@ impl Plant for Manipulator {
     }
 
     fn terms<D: Scalar>(&self, equation: usize, q: &[D], dq: &[D], theta: &[D], g: &mut [D]) {
+        // (26) as Σ_d (d/dt)^d g_d
         let gravity = self.gravity_m_s2;
         if equation == 0 {
             let cos2 = q[1].cos() * q[1].cos();

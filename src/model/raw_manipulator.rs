@@ -87,6 +87,6 @@ impl Plant for RawManipulator {
             ke2,
             l2,
         ];
-        self.arm.terms(equation, q, dq, &identifiable, g);
+        self.arm.terms(equation, q, dq, &identifiable, g); // (24)
     }
 }

@@ -87,6 +87,7 @@ impl ArmDynamics {
     /// Energy E + U \[J\], (21) and (22), U counted from q₂ = 0.
     pub fn energy(&self, q: [f64; 2], dq: [f64; 2]) -> f64 {
         let (sin, cos) = q[1].sin_cos();
+        // (21) with V₂ of (19) and (20), then (22)
         0.5 * (self.inertia_1 + self.coupling * cos * cos) * dq[0] * dq[0]
             + 0.5 * self.inertia_2 * dq[1] * dq[1]
             + self.weight * (self.tilt[1] * sin + self.tilt[0] * cos * q[0].sin())
@@ -109,6 +110,7 @@ impl ArmDynamics {
         let (sin, cos) = q[1].sin_cos();
         let sin_2q2 = 2.0 * sin * cos;
         let gravity = self.gravity(q[0], sin, cos);
+        // (23)
         [
             (torque[0] + self.coupling * sin_2q2 * dq[0] * dq[1] - gravity[0])
                 / (self.inertia_1 + self.coupling * cos * cos),

@@ -26,14 +26,14 @@ impl Residuals for Linear {
     }
 }
 
-fn one_equation(params: usize) -> Structure {
+pub fn one_equation(params: usize) -> Structure {
     Structure {
         params,
         equations: std::iter::once(0..params).collect(),
     }
 }
 
-fn arm_block(samples: &[JointSample]) -> PointwiseBlock<Manipulator> {
+pub fn arm_block(samples: &[JointSample]) -> PointwiseBlock<Manipulator> {
     let mut block = PointwiseBlock::new(Manipulator::default(), InputSource::Measured, samples.len());
     for (k, sample) in samples.iter().enumerate() {
         assert!(block.push(k as u64 * 1_000_000, sample));
@@ -41,14 +41,22 @@ fn arm_block(samples: &[JointSample]) -> PointwiseBlock<Manipulator> {
     block
 }
 
-fn golden_estimates(text: &str) -> Vec<Vec<f64>> {
+pub fn golden_estimates(text: &str) -> Vec<Vec<f64>> {
     text.lines()
         .skip(1)
         .map(|line| line.split(',').skip(1).map(|v| v.parse().unwrap()).collect())
         .collect()
 }
 
-const GOLDEN_START: [f64; 9] = [0.01, 0.01, 0.1, 0.1, 10.0, 0.1, 0.1, 10.0, 0.5];
+pub const GOLDEN_START: [f64; 9] = [0.01, 0.01, 0.1, 0.1, 10.0, 0.1, 0.1, 10.0, 0.5];
+
+/// Every value equal to within the relative tolerance.
+pub fn agrees(got: &[f64], want: &[f64], tolerance: f64) {
+    assert_eq!(got.len(), want.len());
+    for (i, (got, want)) in got.iter().zip(want).enumerate() {
+        assert!((got - want).abs() <= tolerance * want.abs(), "{i}: {got:e} {want:e}");
+    }
+}
 
 fn agrees_with_golden(forgetting: Forgetting, text: &str) {
     let mut options = EstimatorOptions::paper(GOLDEN_START.to_vec(), 2);
@@ -90,7 +98,7 @@ fn regress_bounded_recursion_agrees_with_golden() {
     );
 }
 
-fn random_linear(rng: &mut TestRng, truth: &[f64], rows: usize, noise: f64) -> Linear {
+pub fn random_linear(rng: &mut TestRng, truth: &[f64], rows: usize, noise: f64) -> Linear {
     Linear {
         rows: (0..rows)
             .map(|_| {

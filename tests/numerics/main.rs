@@ -1,5 +1,6 @@
 //! Numerics: model, rows, simulation and estimators, each against something independent of it.
 
+mod cedro;
 #[cfg(feature = "config")]
 mod config;
 #[cfg(feature = "sim")]
@@ -8,6 +9,7 @@ mod considered;
 mod emps;
 #[cfg(feature = "studies")]
 mod encoder_study;
+mod equations;
 mod estimator;
 #[cfg(feature = "sim")]
 mod estimator_study;

@@ -52,6 +52,24 @@ pub struct StreamFaults {
     pub blocks_held: u64,
 }
 
+impl StreamFaults {
+    /// Counts a refused sample; a reason that is no fault of the stream is counted nowhere.
+    pub fn count(&mut self, reason: ErrorCode) {
+        let count = match reason {
+            ErrorCode::Duplicate => &mut self.duplicates,
+            ErrorCode::Reordered => &mut self.reordered,
+            ErrorCode::ClockJump => &mut self.clock_jumps,
+            ErrorCode::WrongJoints => &mut self.wrong_joints,
+            ErrorCode::WrongSignals => &mut self.wrong_signals,
+            ErrorCode::NotFinite => &mut self.not_finite,
+            ErrorCode::Saturated => &mut self.saturated,
+            ErrorCode::Frozen => &mut self.frozen,
+            _ => return,
+        };
+        *count += 1;
+    }
+}
+
 /// Why samples were refused, in words.
 impl fmt::Display for StreamFaults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -190,7 +190,7 @@ mod tests {
     use super::*;
     use crate::messages::{Estimate, Status, estimate_flags, sample_flags, stream_tag};
     use crate::node::identifier::IdentifierNode;
-    use crate::node::identifier::tests::{Spring, node, sample};
+    use crate::node::tests::{Spring, node, sample};
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::{Rng, SeedableRng};
 

@@ -1,12 +1,19 @@
 //! The three roles as values: messages in, messages out, no I/O, no clock. The runner waits, the node computes.
 
+mod block_grid;
 mod bound;
 pub mod command;
+mod command_queue;
+mod estimate_message;
 mod freeze;
 pub mod identifier;
+mod identifier_options;
 mod misfit;
 pub mod monitor;
 pub mod plant;
+mod sample_gate;
 #[cfg(feature = "sim")]
 pub mod simulated_plant;
 pub mod stream;
+#[cfg(test)]
+mod tests;

@@ -18,7 +18,9 @@
 //! A log whose rows are typically another period apart than configured is refused as a whole, and so is one of which more than half
 //! the rows are refused: neither is what the configuration says it is. Memory does not grow with the log.
 
-use super::lines::{LineError, Lines, fields};
+use super::lines::{Lines, fields};
+use super::log_counts::{LOOK, LogCounts};
+use super::log_error::{LogError, cut, listed};
 use super::profile::{LogProfile, Signal};
 use super::sign::InputSign;
 use super::suspicion::{Suspicion, judge_field, judge_header, judge_period};
@@ -29,157 +31,12 @@ use crate::model::{JointSample, MAX_JOINTS};
 use std::collections::VecDeque;
 use std::io::Read;
 
-/// Rows that are looked at to tell the period of a log.
-const LOOK: usize = 200;
 /// Rows behind a row that tell whether its time ran ahead of them.
 const JUDGES: usize = 16;
 /// Times further from the first one are none \[s\]: `t_ns` holds them all.
 const LONGEST_S: f64 = 1e10;
 /// Refused rows in a row, in order among themselves, that are a second log or a clock that was set.
 const RESTART: u32 = 50;
-/// What an error shows of names and fields \[characters\].
-const SHOWN: usize = 40;
-/// Columns that an error lists.
-const LISTED: usize = 30;
-
-/// How many rows of each kind, and the line of the first one.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct LogCounts {
-    /// Rows of data read.
-    pub rows: u64,
-    /// Rows with the wrong number of fields, or a field that is no number.
-    pub unreadable: u64,
-    /// Rows with NaN or an infinity.
-    pub not_finite: u64,
-    /// Rows of the same sample period as the row before.
-    pub duplicated: u64,
-    /// Rows that are earlier than the row before, or later than those behind.
-    pub out_of_order: u64,
-    /// Rows that were used though they are more than a quarter of a period off the grid.
-    pub irregular: u64,
-    /// Line of the first refused row.
-    pub first_refused: Option<u64>,
-    /// Line of the first irregular row.
-    pub first_irregular: Option<u64>,
-    /// Number of pairs of consecutive rows without a hole between them, and the time \[ns\] that they span together.
-    pub pairs: u64,
-    /// See `pairs`.
-    pub pairs_span_ns: u64,
-    /// Configured sample period \[ns\].
-    pub period_ns: u64,
-}
-
-impl LogCounts {
-    /// Rows that gave no sample.
-    pub fn refused(&self) -> u64 {
-        self.unreadable + self.not_finite + self.duplicated + self.out_of_order
-    }
-
-    /// The average period of the rows \[ns\] where it is more than 1 % off the configured one.
-    pub fn other_period_ns(&self) -> Option<f64> {
-        let mean_ns = self.pairs_span_ns as f64 / self.pairs as f64;
-        let off = (mean_ns / self.period_ns as f64 - 1.0).abs();
-        // a few rows say nothing; NaN of none is not above
-        (self.pairs >= LOOK as u64 / 2 && off > 0.01).then_some(mean_ns)
-    }
-}
-
-impl std::fmt::Display for LogCounts {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{} rows", self.rows)?;
-        let kinds = [
-            (self.unreadable, "unreadable"),
-            (self.not_finite, "not finite"),
-            (self.duplicated, "duplicated"),
-            (self.out_of_order, "out of order"),
-        ];
-        for (count, what) in kinds.into_iter().filter(|(count, _)| *count > 0) {
-            write!(f, ", {count} {what}")?;
-        }
-        if let Some(line) = self.first_refused {
-            write!(f, " (the first in line {line})")?;
-        }
-        if let Some(line) = self.first_irregular {
-            write!(f, ", {} irregularly timed (the first in line {line})", self.irregular)?;
-        }
-        if let Some(mean_ns) = self.other_period_ns() {
-            let (mean, told) = (mean_ns * 1e-9, self.period_ns as f64 * 1e-9);
-            write!(
-                f,
-                ", {mean:.6} s apart on average and not {told} s: set plant.sample_period_s to it"
-            )?;
-        }
-        Ok(())
-    }
-}
-
-/// A log that cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum LogError {
-    /// A column that the configuration names is not there.
-    #[error("{key}: expected a column out of {columns}, got \"{name}\"{}", hint(.likely))]
-    Column {
-        /// Key of the configuration.
-        key: &'static str,
-        /// Name that it gives.
-        name: String,
-        /// Names that the file has, as far as they can be listed.
-        columns: String,
-        /// The likely mistake.
-        likely: Option<Box<Suspicion>>,
-    },
-    /// The header is no text.
-    #[error(
-        "line {line}: expected a header with the names of the columns as UTF-8 text, got other bytes or a quote that is not closed"
-    )]
-    Header {
-        /// Its line.
-        line: u64,
-    },
-    /// The configuration does not name one column per joint.
-    #[error(
-        "{key}: expected {expected} column name(s), one per joint, got {got}; section [log] of the configuration names them"
-    )]
-    Columns {
-        /// Key of the configuration.
-        key: &'static str,
-        /// Number of joints.
-        expected: usize,
-        /// Names given.
-        got: usize,
-    },
-    /// Not even a header.
-    #[error("expected a header with the names of the columns, got an empty file")]
-    Empty,
-    /// The rows are another period apart.
-    #[error("rows are {got_s} s apart by the column \"{column}\", but plant.sample_period_s is {expected_s} s{}", hint(.likely))]
-    Period {
-        /// Column of the time.
-        column: String,
-        /// Median distance of the first rows \[s\].
-        got_s: f64,
-        /// Configured period \[s\].
-        expected_s: f64,
-        /// The likely mistake.
-        likely: Option<Box<Suspicion>>,
-    },
-    /// Most rows cannot be used.
-    #[error("expected a log of numbers, got {counts}{}", hint(.likely))]
-    Unusable {
-        /// What came.
-        counts: Box<LogCounts>,
-        /// The likely mistake.
-        likely: Option<Box<Suspicion>>,
-    },
-    /// The file cannot be read.
-    #[error(transparent)]
-    Read(#[from] LineError),
-}
-
-fn hint(likely: &Option<Box<Suspicion>>) -> String {
-    likely.as_ref().map_or(String::new(), |likely| format!("; {likely}"))
-}
-
 /// A row of the file that is a sample but for its `seq`.
 #[derive(Debug, Clone, Copy)]
 struct Row {
@@ -568,23 +425,6 @@ impl<R: Read> LogReader<R> {
             let line = self.counts.first_refused.get_or_insert(row.line);
             *line = row.line.min(*line);
         }
-    }
-}
-
-fn cut(text: &str) -> String {
-    match text.char_indices().nth(SHOWN) {
-        Some((end, _)) => format!("{}…", &text[..end]),
-        None => text.to_owned(),
-    }
-}
-
-/// Names in quotes, as many as a message can show.
-fn listed(names: &[&str]) -> String {
-    let shown = names.iter().take(LISTED).map(|name| format!("\"{}\"", cut(name)));
-    let shown = shown.collect::<Vec<_>>().join(", ");
-    match names.len().checked_sub(LISTED).filter(|more| *more > 0) {
-        Some(more) => format!("{shown} and {more} more"),
-        None => shown,
     }
 }
 

@@ -2,13 +2,17 @@
 
 mod lines;
 mod log;
+mod log_counts;
+mod log_error;
 mod profile;
 mod sign;
 mod suspicion;
 mod time;
 
 pub use lines::LineError;
-pub use log::{LogCounts, LogError, LogReader};
+pub use log::LogReader;
+pub use log_counts::LogCounts;
+pub use log_error::LogError;
 pub use profile::{ColumnProfile, LogProfile, Signal, Steps};
 pub use sign::InputSign;
 pub use suspicion::{Configured, Suspicion, judge_bounds, judge_field, judge_header, judge_period, judge_profile};

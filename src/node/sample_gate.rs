@@ -1,0 +1,100 @@
+//! What a sample that is in its place in the stream must be to reach the rows: the right joints and signals, finite
+//! numbers, a time that goes on, an input within its limit, and no frozen signal.
+
+use super::freeze::FreezeWatch;
+use super::stream::{StreamClock, Tick};
+use crate::messages::{ErrorCode, Sample, signals};
+use crate::model::MAX_JOINTS;
+
+/// Positions, velocities, setpoints and inputs beyond this are no machine's \[SI units\].
+const LARGEST: f64 = 1e9;
+/// The same for accelerations and jerks.
+const LARGEST_DERIVATIVE: f64 = 1e12;
+
+/// The checks with what they remember of the stream.
+pub(super) struct SampleGate {
+    joints: usize,
+    signals: u32,
+    input_limit: [f64; MAX_JOINTS],
+    clock: StreamClock,
+    freeze: FreezeWatch,
+}
+
+/// What the gate says of a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Judgement {
+    /// Why the sample is refused.
+    pub result: Result<(), ErrorCode>,
+    /// The clock was set back: what came before belongs to another time.
+    pub set_back: bool,
+}
+
+impl SampleGate {
+    /// For samples of `joints` joints that carry `signals`, `period_ns` apart; `frozen_after` is the patience of the watch
+    /// for frozen signals \[samples\].
+    pub fn new(joints: usize, signals: u32, input_limit: [f64; MAX_JOINTS], period_ns: u64, frozen_after: u64) -> Self {
+        Self {
+            joints,
+            signals,
+            input_limit,
+            clock: StreamClock::new(period_ns),
+            freeze: FreezeWatch::new(frozen_after, period_ns as f64 * 1e-9),
+        }
+    }
+
+    /// A new stream.
+    pub fn reset(&mut self) {
+        self.clock.reset();
+        self.freeze.reset();
+    }
+
+    /// What a sample that is in its place is good for.
+    pub fn judge(&mut self, sample: &Sample) -> Judgement {
+        let mut set_back = false;
+        let result = self.check(sample, &mut set_back);
+        Judgement { result, set_back }
+    }
+
+    fn check(&mut self, sample: &Sample, set_back: &mut bool) -> Result<(), ErrorCode> {
+        if sample.joints as usize != self.joints {
+            return Err(ErrorCode::WrongJoints);
+        }
+        if sample.signals & self.signals != self.signals {
+            return Err(ErrorCode::WrongSignals);
+        }
+        if !self.are_numbers(sample) {
+            return Err(ErrorCode::NotFinite);
+        }
+        match self.clock.check(sample.seq, sample.t_ns) {
+            Tick::Good | Tick::Set { back: false } => {}
+            Tick::Jump => return Err(ErrorCode::ClockJump),
+            Tick::Set { back: true } => *set_back = true,
+        }
+        let joints = self.joints.min(MAX_JOINTS);
+        let driven = self.signals & signals::INPUT != 0;
+        let inputs = sample.input.iter().zip(&self.input_limit).take(joints);
+        if driven && inputs.into_iter().any(|(input, limit)| input.abs() >= *limit) {
+            return Err(ErrorCode::Saturated);
+        }
+        let measured = self.signals & signals::DQ != 0;
+        if self.freeze.look(&sample.joint_sample(), joints, measured, driven) {
+            return Err(ErrorCode::Frozen);
+        }
+        Ok(())
+    }
+
+    /// True for a sample whose needed signals hold numbers that a machine can have.
+    fn are_numbers(&self, sample: &Sample) -> bool {
+        let joints = self.joints.min(MAX_JOINTS);
+        // false for NaN, too
+        let within = |signal: u32, values: &[f64; MAX_JOINTS], largest: f64| {
+            self.signals & signal == 0 || values[..joints].iter().all(|value| value.abs() <= largest)
+        };
+        within(signals::Q, &sample.q, LARGEST)
+            && within(signals::DQ, &sample.dq, LARGEST)
+            && within(signals::DDQ, &sample.ddq, LARGEST_DERIVATIVE)
+            && within(signals::DDDQ, &sample.dddq, LARGEST_DERIVATIVE)
+            && within(signals::SETPOINT, &sample.setpoint, LARGEST)
+            && within(signals::INPUT, &sample.input, LARGEST)
+    }
+}

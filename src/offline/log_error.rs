@@ -1,0 +1,95 @@
+//! Why a log cannot be used, with the likely mistake.
+
+use super::lines::LineError;
+use super::log_counts::LogCounts;
+use super::suspicion::Suspicion;
+
+/// What an error shows of names and fields \[characters\].
+const SHOWN: usize = 40;
+/// Columns that an error lists.
+const LISTED: usize = 30;
+
+/// A log that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum LogError {
+    /// A column that the configuration names is not there.
+    #[error("{key}: expected a column out of {columns}, got \"{name}\"{}", hint(.likely))]
+    Column {
+        /// Key of the configuration.
+        key: &'static str,
+        /// Name that it gives.
+        name: String,
+        /// Names that the file has, as far as they can be listed.
+        columns: String,
+        /// The likely mistake.
+        likely: Option<Box<Suspicion>>,
+    },
+    /// The header is no text.
+    #[error(
+        "line {line}: expected a header with the names of the columns as UTF-8 text, got other bytes or a quote that is not closed"
+    )]
+    Header {
+        /// Its line.
+        line: u64,
+    },
+    /// The configuration does not name one column per joint.
+    #[error(
+        "{key}: expected {expected} column name(s), one per joint, got {got}; section [log] of the configuration names them"
+    )]
+    Columns {
+        /// Key of the configuration.
+        key: &'static str,
+        /// Number of joints.
+        expected: usize,
+        /// Names given.
+        got: usize,
+    },
+    /// Not even a header.
+    #[error("expected a header with the names of the columns, got an empty file")]
+    Empty,
+    /// The rows are another period apart.
+    #[error("rows are {got_s} s apart by the column \"{column}\", but plant.sample_period_s is {expected_s} s{}", hint(.likely))]
+    Period {
+        /// Column of the time.
+        column: String,
+        /// Median distance of the first rows \[s\].
+        got_s: f64,
+        /// Configured period \[s\].
+        expected_s: f64,
+        /// The likely mistake.
+        likely: Option<Box<Suspicion>>,
+    },
+    /// Most rows cannot be used.
+    #[error("expected a log of numbers, got {counts}{}", hint(.likely))]
+    Unusable {
+        /// What came.
+        counts: Box<LogCounts>,
+        /// The likely mistake.
+        likely: Option<Box<Suspicion>>,
+    },
+    /// The file cannot be read.
+    #[error(transparent)]
+    Read(#[from] LineError),
+}
+
+fn hint(likely: &Option<Box<Suspicion>>) -> String {
+    likely.as_ref().map_or(String::new(), |likely| format!("; {likely}"))
+}
+
+/// At most [`SHOWN`] characters.
+pub(super) fn cut(text: &str) -> String {
+    match text.char_indices().nth(SHOWN) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// Names in quotes, as many as a message can show.
+pub(super) fn listed(names: &[&str]) -> String {
+    let shown = names.iter().take(LISTED).map(|name| format!("\"{}\"", cut(name)));
+    let shown = shown.collect::<Vec<_>>().join(", ");
+    match names.len().checked_sub(LISTED).filter(|more| *more > 0) {
+        Some(more) => format!("{shown} and {more} more"),
+        None => shown,
+    }
+}

@@ -46,6 +46,7 @@
 //! | `sim` | the simulated arm (12)–(23) and servo axis, their sensors and faults | `sim` |
 //! | `config` | TOML files ⇄ validated core types | `config` |
 //! | `offline` | log files with columns of your own | `config` |
+//! | `robot` | robots of up to 8 joints from a URDF | `robot` |
 //! | `bus` | topics on shared memory, the only place that names iceoryx2 | `bus` |
 //! | `recording` | MCAP and CSV files of a run | `recording` |
 //! | `report` | summary, figures and page of a run | `report` |
@@ -76,6 +77,8 @@ pub mod offline;
 pub mod recording;
 #[cfg(feature = "report")]
 pub mod report;
+#[cfg(feature = "robot")]
+pub mod robot;
 pub mod rows;
 #[cfg(feature = "service")]
 pub mod runner;

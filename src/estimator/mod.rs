@@ -28,7 +28,7 @@ mod fit;
 mod fit_statistic;
 mod forgetting;
 mod group;
-mod linalg;
+pub(crate) mod linalg;
 mod line;
 mod offline;
 mod options;

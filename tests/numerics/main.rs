@@ -23,6 +23,8 @@ mod model;
 #[cfg(feature = "sim")]
 mod projected;
 mod relations;
+#[cfg(feature = "robot")]
+mod robot;
 #[cfg(feature = "sim")]
 mod sim;
 #[cfg(feature = "sim")]

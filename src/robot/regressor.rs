@@ -1,0 +1,107 @@
+//! Momentum and Lagrangian regressors of a robot, by one recursive pass from the base to the tips.
+//!
+//! With J_ki the unit motion of joint i as seen by body k, v_k the velocity of body k, I_k π-linear as in (4) of
+//! [`spatial`](super::spatial), and g gravity in the frame of body k:
+//!
+//! ```text
+//! v_k = X_k v_λ(k) + s_k q̇_k,    J_ki = X_k J_λ(k),i,    J_kk = s_k                            (1)
+//! p_i     = Σ_{k ≥ i} J_ki · (I_k v_k)                        = Y_p π,  p = ∂T/∂q̇ = M q̇        (2)
+//! ∂T/∂q_i = Σ_{k ≥ i} (v_λ(i) × J_ki) · (I_k v_k)                                              (3)
+//! ∂V/∂q_i = −Σ_{k ≥ i} [m J_l·g + h·(g × J_a)]                                                 (4)
+//! Y_L π   = ∂(T − V)/∂q,         τ = d/dt (Y_p π) − Y_L π                                      (5)
+//! ```
+//!
+//! No acceleration enters, which is what the weak form needs. v_λ(i) × J_ki is transformed like J_ki itself, so both are
+//! carried along. Sources: P. Hsu, M. Bodson, S. Sastry, B. Paden, ICRA 1987; M. Gautier, IROS 1997; H. Wang, Automatica 2012.
+
+use super::spatial::{BODY_PARAMETERS, Motion};
+use super::tree::Robot;
+use crate::model::MAX_JOINTS;
+use nalgebra::Vector3;
+
+/// Y_p and Y_L at one state, n × 10 n row-major: row i belongs to joint i, columns 10 k to 10 k + 9 to body k.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EnergyRegressors {
+    joints: usize,
+    momentum: Vec<f64>,
+    lagrangian: Vec<f64>,
+}
+
+impl EnergyRegressors {
+    /// Room for a robot of this many joints.
+    pub fn new(joints: usize) -> Self {
+        let size = joints * joints * BODY_PARAMETERS;
+        Self {
+            joints,
+            momentum: vec![0.0; size],
+            lagrangian: vec![0.0; size],
+        }
+    }
+
+    /// Row i of Y_p, over the ten parameters of each body.
+    pub fn momentum(&self, joint: usize) -> &[f64] {
+        let width = self.joints * BODY_PARAMETERS;
+        &self.momentum[joint * width..(joint + 1) * width]
+    }
+
+    /// Row i of Y_L = ∂(T − V)/∂q, over the ten parameters of each body.
+    pub fn lagrangian(&self, joint: usize) -> &[f64] {
+        let width = self.joints * BODY_PARAMETERS;
+        &self.lagrangian[joint * width..(joint + 1) * width]
+    }
+
+    /// Evaluates both at positions `q` \[rad or m\] and velocities `dq`; the robot must have the joints given to `new`.
+    pub fn evaluate(&mut self, robot: &Robot, q: &[f64], dq: &[f64]) {
+        let n = self.joints;
+        let width = n * BODY_PARAMETERS;
+        let zero = Motion::default();
+        let mut velocity = [zero; MAX_JOINTS];
+        let mut gravity = [Vector3::zeros(); MAX_JOINTS];
+        // For each body: J_ki and v_λ(i) × J_ki of the joints i on its path.
+        let mut unit = [[zero; MAX_JOINTS]; MAX_JOINTS];
+        let mut turned = [[zero; MAX_JOINTS]; MAX_JOINTS];
+        let mut path = [0u32; MAX_JOINTS];
+        for k in 0..n {
+            let joint = &robot.joints[k];
+            let x = robot.placement(k, q[k]);
+            let axis = if joint.turns {
+                Motion::new(joint.axis, Vector3::zeros())
+            } else {
+                Motion::new(Vector3::zeros(), joint.axis)
+            };
+            let before = match joint.parent {
+                Some(parent) => {
+                    for i in (0..parent + 1).filter(|i| path[parent] >> i & 1 == 1) {
+                        unit[k][i] = x.into_child(&unit[parent][i]); // (1)
+                        turned[k][i] = x.into_child(&turned[parent][i]);
+                    }
+                    path[k] = path[parent] | 1 << k;
+                    gravity[k] = x.rotation.tr_mul(&gravity[parent]);
+                    x.into_child(&velocity[parent])
+                }
+                None => {
+                    path[k] = 1 << k;
+                    gravity[k] = x.rotation.tr_mul(&robot.gravity);
+                    zero
+                }
+            };
+            velocity[k] = before.plus(&axis.scaled(dq[k])); // (1)
+            unit[k][k] = axis; // (1)
+            turned[k][k] = before.cross(&axis); // (3)
+            let mut row = [0.0; BODY_PARAMETERS];
+            for i in (0..k + 1).filter(|i| path[k] >> i & 1 == 1) {
+                let at = i * width + k * BODY_PARAMETERS;
+                let (j, g) = (&unit[k][i], &gravity[k]);
+                j.momentum_row(&velocity[k], &mut row);
+                self.momentum[at..at + BODY_PARAMETERS].copy_from_slice(&row); // (2)
+                turned[k][i].momentum_row(&velocity[k], &mut row); // (3)
+                let moment = g.cross(&j.angular);
+                row[0] += j.linear.dot(g); // (4), (5)
+                row[1] += moment.x;
+                row[2] += moment.y;
+                row[3] += moment.z;
+                self.lagrangian[at..at + BODY_PARAMETERS].copy_from_slice(&row); // (5)
+            }
+        }
+    }
+}

@@ -1,0 +1,460 @@
+//! From links and joints to the tree of bodies that move: what is fixed is merged into the body that carries it.
+
+use super::error::UrdfError;
+use super::spatial::{BodyParameters, Placement};
+use super::urdf::{Joint, JointKind, Limits, Urdf};
+use super::xml;
+use crate::model::MAX_JOINTS;
+use nalgebra::Vector3;
+use std::path::Path;
+
+/// Acceleration of gravity in the base's frame, unless specified otherwise \[m/s²\].
+const STANDARD_GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
+
+/// Which part of a URDF is the robot.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Selection {
+    /// Link that stands still; the URDF's root if `None`.
+    pub base: Option<String>,
+    /// Link at the end of the chain.
+    pub tip: Option<String>,
+    /// The joints that move, in the order of the signals, proximal before distal; instead of `tip`.
+    pub joints: Option<Vec<String>>,
+}
+
+/// A joint that moves, with the body behind it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RobotJoint {
+    /// Name in the URDF.
+    pub name: String,
+    /// True if it turns \[rad\], false if it slides \[m\].
+    pub turns: bool,
+    /// Index of the joint before it; `None` at the base. Always below the joint's own index.
+    pub parent: Option<usize>,
+    /// Placement of the joint's frame at position 0 in the frame of the joint before it.
+    pub placement: Placement,
+    /// Unit axis in the joint's own frame.
+    pub axis: Vector3<f64>,
+    /// Limits of the URDF.
+    pub limits: Limits,
+}
+
+/// A robot of 1 to [`MAX_JOINTS`] moving joints with the body behind each.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Robot {
+    /// Name in the URDF.
+    pub name: String,
+    /// The joints, proximal before distal.
+    pub joints: Vec<RobotJoint>,
+    /// The body behind each joint, in the joint's frame, as the URDF says.
+    pub bodies: Vec<BodyParameters>,
+    /// Acceleration of gravity in the base's frame \[m/s²\].
+    pub gravity: Vector3<f64>,
+    /// Joints that could move and are held at 0, because they are outside the selection.
+    pub held: Vec<String>,
+}
+
+impl Robot {
+    /// From a file.
+    ///
+    /// # Errors
+    /// The file cannot be read, or see [`from_urdf`](Self::from_urdf).
+    pub fn from_file(path: &Path, selection: &Selection) -> Result<Self, UrdfError> {
+        let unreadable = |got: String| UrdfError::new(None, "the file", "a URDF that can be read", got).in_file(path);
+        let size = std::fs::metadata(path).map_err(|e| unreadable(e.to_string()))?.len();
+        if size > xml::MAX_BYTES as u64 {
+            return Err(unreadable(format!("{size} bytes, more than {}", xml::MAX_BYTES)));
+        }
+        let text = std::fs::read_to_string(path).map_err(|e| unreadable(e.to_string()))?;
+        Self::from_urdf(&text, selection).map_err(|e| e.in_file(path))
+    }
+
+    /// From the text of a URDF.
+    ///
+    /// # Errors
+    /// The first thing that is wrong, with its element and line: see [`Urdf::parse`]; a joint that imitates another, is planar
+    /// or floating; a closed loop; several tips without a choice; no moving joint or more than [`MAX_JOINTS`]; a moving body
+    /// without mass; a name that the file does not have.
+    pub fn from_urdf(text: &str, selection: &Selection) -> Result<Self, UrdfError> {
+        let urdf = Urdf::parse(text)?;
+        let tree = Tree::new(&urdf)?;
+        let base = tree.base(selection)?;
+        let order = tree.below(base);
+        let moving = tree.moving(&order, base, selection)?;
+        tree.robot(&order, base, &moving)
+    }
+
+    /// Number of moving joints.
+    pub fn len(&self) -> usize {
+        self.joints.len()
+    }
+
+    /// Never: a robot has at least one moving joint.
+    pub fn is_empty(&self) -> bool {
+        self.joints.is_empty()
+    }
+
+    /// Placement of a joint's frame at position `q` \[rad or m\] in the frame of the joint before it.
+    pub fn placement(&self, joint: usize, q: f64) -> Placement {
+        let RobotJoint {
+            turns, placement, axis, ..
+        } = &self.joints[joint];
+        let moved = if *turns {
+            Placement {
+                rotation: rotation(axis, q),
+                translation: Vector3::zeros(),
+            }
+        } else {
+            Placement {
+                translation: axis * q,
+                ..Placement::identity()
+            }
+        };
+        placement.then(&moved)
+    }
+}
+
+/// Rodrigues' formula: 1 + sin q [a]× + (1 − cos q) [a]×².
+fn rotation(axis: &Vector3<f64>, q: f64) -> nalgebra::Matrix3<f64> {
+    let cross = axis.cross_matrix();
+    let (sin, cos) = q.sin_cos();
+    nalgebra::Matrix3::identity() + cross * sin + cross * cross * (1.0 - cos)
+}
+
+/// The joints before and after each link.
+struct Tree<'a> {
+    urdf: &'a Urdf,
+    parent: Vec<Option<usize>>,
+    children: Vec<Vec<usize>>,
+}
+
+impl<'a> Tree<'a> {
+    fn new(urdf: &'a Urdf) -> Result<Self, UrdfError> {
+        let mut parent = vec![None; urdf.links.len()];
+        let mut children = vec![Vec::new(); urdf.links.len()];
+        for (i, joint) in urdf.joints.iter().enumerate() {
+            if let Some(first) = parent[joint.child].replace(i) {
+                let first: &Joint = &urdf.joints[first];
+                let link = &urdf.links[joint.child].name;
+                return Err(refused(
+                    joint,
+                    "a tree; closed loops are not supported",
+                    format!("a second joint to link \"{link}\", beside joint \"{}\"", first.name),
+                ));
+            }
+            children[joint.parent].push(i);
+        }
+        let tree = Self { urdf, parent, children };
+        // From a link of a cycle no walk towards the base ends.
+        let mut reached = vec![false; urdf.links.len()];
+        for root in tree.roots() {
+            reached[root] = true;
+            for joint in tree.below(root) {
+                reached[urdf.joints[joint].child] = true;
+            }
+        }
+        match urdf.joints.iter().find(|joint| !reached[joint.child]) {
+            Some(joint) => Err(refused(
+                joint,
+                "a tree that begins at one base link",
+                "a joint in a cycle: its child link carries its own parent link".to_owned(),
+            )),
+            None => Ok(tree),
+        }
+    }
+
+    fn roots(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.parent.len()).filter(|link| self.parent[*link].is_none())
+    }
+
+    /// The joints behind a link, each after the joint before it.
+    fn below(&self, link: usize) -> Vec<usize> {
+        let mut order: Vec<usize> = self.children[link].clone();
+        let mut next = 0;
+        while next < order.len() {
+            order.extend_from_slice(&self.children[self.urdf.joints[order[next]].child]);
+            next += 1;
+        }
+        order
+    }
+
+    fn link(&self, role: &str, name: &str) -> Result<usize, UrdfError> {
+        let found = self.urdf.links.iter().position(|link| link.name == name);
+        found.ok_or_else(|| {
+            let known = self.urdf.links.iter().map(|link| link.name.as_str());
+            selection_error(
+                role,
+                format!("the name of a link: {}", listed(known)),
+                format!("\"{name}\""),
+            )
+        })
+    }
+
+    fn base(&self, selection: &Selection) -> Result<usize, UrdfError> {
+        if let Some(name) = &selection.base {
+            return self.link("base", name);
+        }
+        let mut roots = self.roots();
+        let first = roots.next();
+        match (first, roots.next()) {
+            (Some(root), None) => Ok(root),
+            _ => {
+                let names = self.roots().map(|link| self.urdf.links[link].name.as_str());
+                Err(selection_error(
+                    "base",
+                    "the name of the base link, because the file has several parts".to_owned(),
+                    format!("none; links without a joint before them are {}", listed(names)),
+                ))
+            }
+        }
+    }
+
+    /// The joints on the way from the base to a link.
+    fn path(&self, base: usize, tip: usize, name: &str) -> Result<Vec<usize>, UrdfError> {
+        let mut path = Vec::new();
+        let mut link = tip;
+        while link != base {
+            let Some(joint) = self.parent[link] else {
+                let base = &self.urdf.links[base].name;
+                return Err(selection_error(
+                    "tip",
+                    format!("a link that base \"{base}\" carries"),
+                    format!("\"{name}\""),
+                ));
+            };
+            path.push(joint);
+            link = self.urdf.joints[joint].parent;
+        }
+        path.reverse();
+        Ok(path)
+    }
+
+    /// The joints that move, proximal before distal.
+    fn moving(&self, order: &[usize], base: usize, selection: &Selection) -> Result<Vec<usize>, UrdfError> {
+        let joints = &self.urdf.joints;
+        let can_move = |joint: &usize| joints[*joint].kind != JointKind::Fixed;
+        let moving: Vec<usize> = match (&selection.joints, &selection.tip) {
+            (Some(_), Some(_)) => {
+                return Err(selection_error(
+                    "joints",
+                    "either a tip or a list of joints".to_owned(),
+                    "both".to_owned(),
+                ));
+            }
+            (Some(names), None) => self.listed(order, names)?,
+            (None, Some(tip)) => {
+                let path = self.path(base, self.link("tip", tip)?, tip)?;
+                path.into_iter().filter(can_move).collect()
+            }
+            (None, None) => {
+                let all: Vec<usize> = order.iter().copied().filter(can_move).collect();
+                self.refuse_unsupported(&all, &all)?;
+                self.one_tip(base, &all)?;
+                all
+            }
+        };
+        self.refuse_unsupported(order, &moving)?;
+        let count = moving.len();
+        if !(1..=MAX_JOINTS).contains(&count) {
+            let names = moving.iter().map(|joint| joints[*joint].name.as_str());
+            return Err(selection_error(
+                "the robot",
+                format!("1 to {MAX_JOINTS} moving joints; choose them by `tip` or `joints`"),
+                format!("{count}: {}", listed(names)),
+            ));
+        }
+        Ok(moving)
+    }
+
+    fn listed(&self, order: &[usize], names: &[String]) -> Result<Vec<usize>, UrdfError> {
+        let joints = &self.urdf.joints;
+        let mut moving: Vec<usize> = Vec::new();
+        for name in names {
+            let found = order.iter().copied().find(|joint| joints[*joint].name == *name);
+            let movable = order
+                .iter()
+                .filter(|joint| joints[**joint].kind != JointKind::Fixed)
+                .map(|joint| joints[*joint].name.as_str());
+            let expected = || format!("names of joints behind the base that move: {}", listed(movable));
+            let Some(joint) = found else {
+                return Err(selection_error("joints", expected(), format!("\"{name}\"")));
+            };
+            if joints[joint].kind == JointKind::Fixed {
+                return Err(selection_error(
+                    "joints",
+                    expected(),
+                    format!("\"{name}\", which is fixed"),
+                ));
+            }
+            if moving.contains(&joint) {
+                return Err(selection_error(
+                    "joints",
+                    "each joint once".to_owned(),
+                    format!("\"{name}\" twice"),
+                ));
+            }
+            moving.push(joint);
+        }
+        for (i, &joint) in moving.iter().enumerate() {
+            let ancestors = self.ancestors(joint);
+            if let Some(late) = moving[i + 1..].iter().find(|later| ancestors.contains(later)) {
+                return Err(selection_error(
+                    "joints",
+                    "proximal joints before distal ones".to_owned(),
+                    format!(
+                        "\"{}\" before \"{}\", which carries it",
+                        joints[joint].name, joints[*late].name
+                    ),
+                ));
+            }
+        }
+        Ok(moving)
+    }
+
+    fn ancestors(&self, joint: usize) -> Vec<usize> {
+        let mut found = Vec::new();
+        let mut link = self.urdf.joints[joint].parent;
+        while let Some(before) = self.parent[link] {
+            found.push(before);
+            link = self.urdf.joints[before].parent;
+        }
+        found
+    }
+
+    /// Without a choice the moving joints must be one chain.
+    fn one_tip(&self, base: usize, moving: &[usize]) -> Result<(), UrdfError> {
+        let mut is_moving = vec![false; self.urdf.joints.len()];
+        let mut carries = vec![false; self.urdf.joints.len()];
+        for &joint in moving {
+            is_moving[joint] = true;
+        }
+        for &joint in moving {
+            // The nearest moving joint before it.
+            let mut link = self.urdf.joints[joint].parent;
+            while link != base
+                && let Some(before) = self.parent[link]
+            {
+                if is_moving[before] {
+                    carries[before] = true;
+                    break;
+                }
+                link = self.urdf.joints[before].parent;
+            }
+        }
+        let ends: Vec<usize> = moving.iter().copied().filter(|joint| !carries[*joint]).collect();
+        if ends.len() <= 1 {
+            return Ok(());
+        }
+        let names = ends.iter().map(|joint| self.urdf.joints[*joint].name.as_str());
+        Err(selection_error(
+            "tip",
+            "a `tip` link or a list of `joints`, because the robot branches".to_owned(),
+            format!("none; the last joints of its branches are {}", listed(names)),
+        ))
+    }
+
+    /// Joints that cannot be modelled, whether they move or are held.
+    fn refuse_unsupported(&self, order: &[usize], moving: &[usize]) -> Result<(), UrdfError> {
+        let joints = &self.urdf.joints;
+        for &index in order {
+            let joint = &joints[index];
+            if matches!(joint.kind, JointKind::Planar | JointKind::Floating) {
+                let expected =
+                    "revolute, continuous, prismatic or fixed; set `base` to a link behind it if it may be left out";
+                return Err(refused(joint, expected, format!("a {} joint", joint.kind.name())));
+            }
+            let Some(leader) = &joint.mimic else { continue };
+            let leads = moving.iter().any(|other| joints[*other].name == *leader);
+            if moving.contains(&index) || leads {
+                return Err(refused(
+                    joint,
+                    "a joint that moves by itself; mimic joints are not supported, leave both out by `tip` or `joints`",
+                    format!("<mimic joint=\"{}\">", xml::shortened(leader)),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn robot(&self, order: &[usize], base: usize, moving: &[usize]) -> Result<Robot, UrdfError> {
+        let Urdf { name, links, joints } = self.urdf;
+        // Where each link is: behind which moving joint, and how placed in its frame. The base's body does not move.
+        let mut place: Vec<(Option<usize>, Placement)> = vec![(None, Placement::identity()); links.len()];
+        let mut found: Vec<Option<RobotJoint>> = vec![None; moving.len()];
+        let mut bodies = vec![BodyParameters::default(); moving.len()];
+        let mut held = Vec::new();
+        for &index in order {
+            let joint = &joints[index];
+            let (body, parent) = place[joint.parent];
+            debug_assert!(joint.parent == base || self.parent[joint.parent].is_some());
+            let placement = parent.then(&joint.origin);
+            place[joint.child] = match moving.iter().position(|other| *other == index) {
+                Some(own) => {
+                    found[own] = Some(RobotJoint {
+                        name: joint.name.clone(),
+                        turns: joint.kind.turns(),
+                        parent: body,
+                        placement,
+                        axis: joint.axis,
+                        limits: joint.limits,
+                    });
+                    (Some(own), Placement::identity())
+                }
+                None => {
+                    if joint.kind != JointKind::Fixed {
+                        held.push(joint.name.clone());
+                    }
+                    (body, placement)
+                }
+            };
+            let (body, placement) = place[joint.child];
+            if let (Some(body), Some(parameters)) = (body, &links[joint.child].body) {
+                bodies[body] = bodies[body].plus(&parameters.moved(&placement));
+            }
+        }
+        for (own, body) in bodies.iter().enumerate() {
+            let joint = &joints[moving[own]];
+            if !(body.mass() > 0.0) {
+                return Err(refused(
+                    joint,
+                    "a body with mass behind each moving joint; add an <inertial> to its child link",
+                    format!("link \"{}\" without <inertial>", links[joint.child].name),
+                ));
+            }
+            if !body.0.iter().all(|x| x.is_finite()) {
+                return Err(refused(
+                    joint,
+                    "a body of a size that a machine has",
+                    "an inertia that is not finite".to_owned(),
+                ));
+            }
+        }
+        Ok(Robot {
+            name: name.clone(),
+            joints: found.into_iter().flatten().collect(),
+            bodies,
+            gravity: Vector3::from(STANDARD_GRAVITY),
+            held,
+        })
+    }
+}
+
+fn refused(joint: &Joint, expected: &str, got: String) -> UrdfError {
+    UrdfError::new(joint.line, format!("<joint name=\"{}\">", joint.name), expected, got)
+}
+
+fn selection_error(element: &str, expected: String, got: String) -> UrdfError {
+    UrdfError::new(None, element, expected, got)
+}
+
+/// Names as they can stand in a message: the first ten of them.
+fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    const MOST: usize = 10;
+    let names: Vec<&str> = names.collect();
+    let shown = names[..names.len().min(MOST)].join(", ");
+    match names.len() {
+        0 => "none".to_owned(),
+        n if n > MOST => format!("{shown} and {} more", n - MOST),
+        _ => shown,
+    }
+}

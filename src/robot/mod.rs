@@ -1,18 +1,64 @@
-//! Robots of up to 8 joints from their URDF.
+//! Robots of up to 8 joints from their URDF: kinematics, dynamics, base parameters, and their identification in one pass over a log.
+//!
+//! ```
+//! use thetabus::robot::{IdentifyOptions, JointFriction, Robot, RobotIdentifier, RobotModel, RobotSample, Selection};
+//!
+//! let urdf = include_str!("../../config/robots/six_axis.urdf");
+//! let robot = Robot::from_urdf(urdf, &Selection::default())?;
+//! let joints = robot.len();
+//! let model = RobotModel::new(robot, true, vec![JointFriction::default(); joints])?;
+//! let mut identifier = RobotIdentifier::new(model, IdentifyOptions::default())?;
+//! for k in 0..300 {
+//!     // Here an arm that holds still; a log or a robot gives t_s, q, dq and tau.
+//!     identifier.push(&RobotSample { t_s: 0.01 * f64::from(k), ..RobotSample::default() })?;
+//! }
+//! for (i, parameter) in identifier.model().parameters().iter().enumerate() {
+//!     println!("{} = {} ± {} {}", parameter.meaning, identifier.theta()[i], identifier.theta_std(i), parameter.unit);
+//! }
+//! # assert_eq!(identifier.blocks(), 2);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! | file | what |
+//! |---|---|
+//! | `urdf`, `tree` | URDF → links and joints → the tree of bodies that move |
+//! | `regressor` | momentum and Lagrangian regressors, without accelerations |
+//! | `dynamics` | inverse and forward dynamics, by other algorithms |
+//! | `base_parameters` | which combinations of parameters torques depend on |
+//! | `friction`, `model` | friction per joint; all of it as one linear model |
+//! | `rows`, `sums`, `identify` | samples → weak-form rows → estimates with standard deviations |
+//! | `log`, `fit` | logs in columns; measured against predicted torque |
 
 mod base_parameters;
+mod butterworth;
 mod dynamics;
 mod error;
+mod fit;
+mod friction;
+mod identify;
+mod log;
+mod model;
 mod regressor;
+mod rows;
 mod spatial;
+mod state;
+mod sums;
 mod tree;
 mod urdf;
 mod xml;
 
 pub use base_parameters::{BaseParameter, BaseParameters, Standard};
+pub use butterworth::ZeroPhaseLowPass;
 pub use dynamics::{forward_dynamics, inverse_dynamics};
 pub use error::UrdfError;
+pub use fit::{TorqueFit, filtered};
+pub use friction::{FrictionTerm, JointFriction};
+pub use identify::{IdentifyOptions, RobotIdentifier};
+pub use log::{Drives, LogColumns, LogError, read_log};
+pub use model::{RobotModel, RobotParameter};
 pub use regressor::EnergyRegressors;
+pub use rows::{SampleFault, WeakRow, WeakRows, WindowOptions};
 pub use spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};
+pub use state::{FilteredSample, RobotSample};
 pub use tree::{Robot, RobotJoint, Selection};
 pub use urdf::{Joint, JointKind, Limits, Link, Urdf};

@@ -71,7 +71,10 @@ fn val_momentum_gravity_and_torque_of_the_ur10e_equal_pinocchio() {
             }
         }
     }
-    println!("largest relative difference of p, dL/dq, tau: {:.2e} {:.2e} {:.2e}", worst[0], worst[1], worst[2]);
+    println!(
+        "largest relative difference of p, dL/dq, tau: {:.2e} {:.2e} {:.2e}",
+        worst[0], worst[1], worst[2]
+    );
     assert!(worst.iter().all(|w| *w < 1e-10), "{worst:?}");
 }
 

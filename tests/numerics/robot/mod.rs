@@ -1,6 +1,8 @@
 //! Robots from a URDF, each stage against something independent of it.
 
 mod dynamics;
+mod simulated;
+mod ur10e;
 mod urdf;
 
 use std::path::PathBuf;

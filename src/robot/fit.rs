@@ -1,0 +1,91 @@
+//! How well a model predicts the torques of a log.
+//!
+//! ```text
+//! RRE_j = 100 ‖τ_j − τ̂_j‖ / ‖τ_j‖ [%],     fit_j = 100 (1 − ‖τ_j − τ̂_j‖ / ‖τ_j − mean τ_j‖) [%]   (1)
+//! ```
+//!
+//! τ_j is the torque as recorded, unfiltered. τ̂_j comes from q and zero-phase filtered q̇ and q̈ (Butterworth of order 5 at 0.15 of the Nyquist
+//! frequency; q̈ by central differences, filtered again), which is the usual check in the literature on robot identification.
+
+use super::butterworth::ZeroPhaseLowPass;
+use super::model::RobotModel;
+use super::state::{FilteredSample, RobotSample};
+use crate::model::MAX_JOINTS;
+
+/// Filters a log of a model's robot; fewer than 3 samples give none.
+pub fn filtered(model: &RobotModel, log: &[RobotSample]) -> Vec<FilteredSample> {
+    let Some(filter) = ZeroPhaseLowPass::new(5, 0.15) else {
+        return Vec::new();
+    };
+    let len = log.len();
+    if len < 3 {
+        return Vec::new();
+    }
+    let mut samples: Vec<FilteredSample> = log
+        .iter()
+        .map(|sample| FilteredSample {
+            t_s: sample.t_s,
+            q: sample.q,
+            tau: sample.tau,
+            ..FilteredSample::default()
+        })
+        .collect();
+    for (joint, friction) in model.friction().iter().enumerate() {
+        let raw: Vec<f64> = log.iter().map(|sample| sample.dq[joint]).collect();
+        let dq = filter.apply(&raw);
+        let rate = |a: usize, b: usize| (dq[b] - dq[a]) / (log[b].t_s - log[a].t_s);
+        let differences: Vec<f64> = (0..len)
+            .map(|i| rate(i.saturating_sub(1), (i + 1).min(len - 1)))
+            .collect();
+        let ddq = filter.apply(&differences);
+        let (mut engagement, mut last) = (0.0, log[0].t_s);
+        for (i, sample) in samples.iter_mut().enumerate() {
+            engagement = friction.engagement(dq[i] * (sample.t_s - last), engagement);
+            last = sample.t_s;
+            (sample.dq[joint], sample.ddq[joint], sample.engagement[joint]) = (dq[i], ddq[i], engagement);
+        }
+    }
+    samples
+}
+
+/// Sums of (1) for each joint.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct TorqueFit {
+    samples: usize,
+    error: [f64; MAX_JOINTS],
+    square: [f64; MAX_JOINTS],
+    sum: [f64; MAX_JOINTS],
+}
+
+impl TorqueFit {
+    /// Of a model with parameters `theta` on a log.
+    pub fn of(model: &RobotModel, theta: &[f64], log: &[FilteredSample]) -> Self {
+        let mut fit = Self::default();
+        log.iter().for_each(|sample| fit.add(model, theta, sample));
+        fit
+    }
+
+    /// Adds one sample, predicted with `theta`.
+    pub fn add(&mut self, model: &RobotModel, theta: &[f64], sample: &FilteredSample) {
+        let n = model.robot().len();
+        let mut predicted = [0.0; MAX_JOINTS];
+        model.torques(theta, sample, &mut predicted[..n]);
+        self.samples += 1;
+        for i in 0..n {
+            self.error[i] += (sample.tau[i] - predicted[i]).powi(2);
+            self.square[i] += sample.tau[i].powi(2);
+            self.sum[i] += sample.tau[i];
+        }
+    }
+
+    /// RRE \[%\] of a joint; `None` without a torque.
+    pub fn relative_residual(&self, joint: usize) -> Option<f64> {
+        (self.square[joint] > 0.0).then(|| 100.0 * (self.error[joint] / self.square[joint]).sqrt()) // (1)
+    }
+
+    /// Fit \[%\] of a joint: 100 is perfect, 0 is as good as the mean; `None` for a torque that does not change.
+    pub fn fit(&self, joint: usize) -> Option<f64> {
+        let spread = self.square[joint] - self.sum[joint].powi(2) / self.samples.max(1) as f64;
+        (spread > 1e-12 * self.square[joint]).then(|| 100.0 * (1.0 - (self.error[joint] / spread).sqrt())) // (1)
+    }
+}

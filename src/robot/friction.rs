@@ -1,0 +1,161 @@
+//! Friction of a joint, linear in its parameters.
+//!
+//! ```text
+//! f = f_v q̇ + f_c z + f_0 + c |g| z + f_s z e^−(q̇/v_s)²                                          (1)
+//! dz/dt = (q̇ − |q̇| z)/δ:     z' = s + (z − s) e^−|Δq|/δ,   s = sign Δq                          (2)
+//! ```
+//!
+//! z is the engagement, P. Dahl's presliding model (1968): in steady motion it is sign q̇, a reversal takes a way of some δ, and a joint that
+//! comes to rest keeps it, because its servo stops pushing as soon as friction holds the load. With z in place of sign q̇ the model stays linear, has no
+//! jump, and does not depend on the sign of a velocity that is noise. Δq is the velocity integrated over one sample: positions of a log are
+//! often rounded to 1e-4 rad, and steps to and fro between two digits would count as motion.
+//!
+//! Below the rest speed v_r a joint may creep under any torque up to the friction's, which (1) does not say, see [`rows`](super::rows).
+//! |g| is the weight that the joint bears, by the URDF's bodies: a known function of q. The measured torque would not do: at a joint whose
+//! torque is mostly friction, |τ| z is τ itself and explains everything.
+//!
+//! Sources: H. Olsson et al., European J. of Control 4 (1998) on Stribeck's and Dahl's models; A. Wahrburg et al., IEEE RA-L 3 (2018) on load.
+
+/// One term of (1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FrictionTerm {
+    /// f_v q̇.
+    Viscous,
+    /// f_c z.
+    Coulomb,
+    /// f_0, which holds an offset of the current or torque sensor, too.
+    Offset,
+    /// c |g| z.
+    Load,
+    /// f_s z e^−(q̇/v_s)².
+    Stribeck,
+}
+
+impl FrictionTerm {
+    /// Every term with its name in configurations and parameter names.
+    pub const NAMES: [(&'static str, Self); 5] = [
+        ("viscous", Self::Viscous),
+        ("coulomb", Self::Coulomb),
+        ("offset", Self::Offset),
+        ("load", Self::Load),
+        ("stribeck", Self::Stribeck),
+    ];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        let (name, _) = Self::NAMES
+            .iter()
+            .find(|(_, term)| *term == self)
+            .unwrap_or(&Self::NAMES[0]);
+        name
+    }
+
+    /// SI unit at a joint that turns or slides.
+    pub fn unit(self, turns: bool) -> &'static str {
+        match (self, turns) {
+            (Self::Viscous, true) => "N m s/rad",
+            (Self::Viscous, false) => "N s/m",
+            (Self::Load, _) => "1",
+            (_, true) => "N m",
+            (_, false) => "N",
+        }
+    }
+
+    /// What it is, in words.
+    pub fn meaning(self) -> &'static str {
+        match self {
+            Self::Viscous => "viscous friction",
+            Self::Coulomb => "Coulomb friction",
+            Self::Offset => "constant torque or offset of the sensor",
+            Self::Load => "Coulomb friction per weight that the joint bears",
+            Self::Stribeck => "additional friction at low speed",
+        }
+    }
+}
+
+/// Friction of one joint: its terms and the constants that they need; [`default`](Self::default) suits geared arms.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointFriction {
+    /// The terms, each at most once.
+    pub terms: Vec<FrictionTerm>,
+    /// δ: way after which a reversal is over to 1/e \[rad or m\], > 0.
+    pub presliding: f64,
+    /// v_r: speed below which the joint counts as resting \[rad/s or m/s\], ≥ 0.
+    pub rest_speed: f64,
+    /// v_s: speed at which the Stribeck term has fallen to 1/e \[rad/s or m/s\], > 0.
+    pub stribeck_speed: f64,
+}
+
+impl Default for JointFriction {
+    /// All terms; δ = 0.2 mrad, rest below 0.01 rad/s, v_s = 0.1 rad/s. On a UR10e, 0.1 to 0.4 mrad and 0.05 to 0.2 rad/s do nearly as well.
+    fn default() -> Self {
+        Self {
+            terms: FrictionTerm::NAMES.map(|(_, term)| term).to_vec(),
+            presliding: 2e-4,
+            rest_speed: 0.01,
+            stribeck_speed: 0.1,
+        }
+    }
+}
+
+impl JointFriction {
+    /// Checks the constants.
+    ///
+    /// # Errors
+    /// What is expected and what is there, in words.
+    pub fn validate(&self) -> Result<(), String> {
+        if !(self.rest_speed >= 0.0 && self.rest_speed.is_finite()) {
+            return Err(format!(
+                "rest_speed: expected a speed of at least 0, got {}",
+                self.rest_speed
+            ));
+        }
+        if !(self.presliding > 0.0 && self.presliding.is_finite()) {
+            return Err(format!("presliding: expected a way above 0, got {}", self.presliding));
+        }
+        if !(self.stribeck_speed > 0.0 && self.stribeck_speed.is_finite()) {
+            return Err(format!(
+                "stribeck_speed: expected a speed above 0, got {}",
+                self.stribeck_speed
+            ));
+        }
+        for (i, term) in self.terms.iter().enumerate() {
+            if self.terms[..i].contains(term) {
+                return Err(format!("friction: expected each term once, got {} twice", term.name()));
+            }
+        }
+        Ok(())
+    }
+
+    /// (2): engagement z after a step of the position, from the engagement before it (0 at the start of a recording).
+    pub fn engagement(&self, step: f64, before: f64) -> f64 {
+        let direction = if step == 0.0 { 0.0 } else { step.signum() };
+        direction + (before - direction) * (-step.abs() / self.presliding).exp() // (2)
+    }
+
+    /// True if the joint's friction jumps when it reverses, so that rest says nothing about it.
+    pub fn needs_motion(&self) -> bool {
+        use FrictionTerm::{Coulomb, Load, Stribeck};
+        self.terms.iter().any(|term| matches!(term, Coulomb | Load | Stribeck))
+    }
+
+    /// (1): the regressor over the terms at velocity `dq` with engagement `z` (−1 to 1) and weight `weight` \[N m or N\].
+    pub fn row(&self, dq: f64, z: f64, weight: f64, row: &mut [f64]) {
+        for (entry, term) in row.iter_mut().zip(&self.terms) {
+            *entry = match term {
+                FrictionTerm::Viscous => dq,
+                FrictionTerm::Coulomb => z,
+                FrictionTerm::Offset => 1.0,
+                FrictionTerm::Load => weight.abs() * z,
+                FrictionTerm::Stribeck => z * (-(dq / self.stribeck_speed).powi(2)).exp(),
+            }; // (1)
+        }
+    }
+
+    /// (1) with the values `theta` of the terms.
+    pub fn torque(&self, dq: f64, z: f64, weight: f64, theta: &[f64]) -> f64 {
+        let mut row = [0.0; FrictionTerm::NAMES.len()];
+        self.row(dq, z, weight, &mut row);
+        row.iter().zip(theta).map(|(entry, value)| entry * value).sum() // (1)
+    }
+}

@@ -1,0 +1,187 @@
+//! Log files of robots: numbers in columns, with or without a line of names.
+
+use super::state::RobotSample;
+use crate::model::MAX_JOINTS;
+use std::fmt;
+
+/// Which columns hold what, counted from 1 as spreadsheets do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LogColumns {
+    /// Time \[s\].
+    pub time: usize,
+    /// Positions \[rad or m\], one per joint.
+    pub position: Vec<usize>,
+    /// Velocities \[rad/s or m/s\], one per joint.
+    pub velocity: Vec<usize>,
+    /// Torques, forces or currents of the drives, one per joint.
+    pub input: Vec<usize>,
+}
+
+/// From the input of the drives to the torques at the joints.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Drives {
+    /// Torque per input: N m/A for currents, 1 for torques.
+    pub gain: Vec<f64>,
+    /// Torque of joint i per torque of drive j, for joints that share drives; `None` if each has its own.
+    pub coupling: Option<Vec<Vec<f64>>>,
+}
+
+impl Drives {
+    /// Inputs that are torques already.
+    pub fn torque(joints: usize) -> Self {
+        Self {
+            gain: vec![1.0; joints],
+            coupling: None,
+        }
+    }
+
+    /// Checks the numbers for a robot of this many joints.
+    ///
+    /// # Errors
+    /// What is expected and what is there, in words.
+    pub fn validate(&self, joints: usize) -> Result<(), String> {
+        if self.gain.len() != joints || self.gain.iter().any(|g| !g.is_finite() || *g == 0.0) {
+            return Err(format!(
+                "gain: expected {joints} finite numbers other than 0, got {:?}",
+                self.gain
+            ));
+        }
+        if let Some(rows) = &self.coupling {
+            let sound = rows.len() == joints
+                && rows
+                    .iter()
+                    .all(|row| row.len() == joints && row.iter().all(|x| x.is_finite()));
+            if !sound {
+                return Err(format!(
+                    "coupling: expected {joints} rows of {joints} finite numbers, got {rows:?}"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn torques(&self, input: &[f64; MAX_JOINTS]) -> [f64; MAX_JOINTS] {
+        let mut own = [0.0; MAX_JOINTS];
+        for (i, gain) in self.gain.iter().enumerate() {
+            own[i] = gain * input[i];
+        }
+        let Some(rows) = &self.coupling else { return own };
+        let mut tau = [0.0; MAX_JOINTS];
+        for (tau, row) in tau.iter_mut().zip(rows) {
+            *tau = row.iter().zip(&own).map(|(c, own)| c * own).sum();
+        }
+        tau
+    }
+}
+
+/// What is wrong with a log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LogError {
+    /// Line, counted from 1; `None` for the columns that were asked for.
+    pub line: Option<usize>,
+    /// What is expected and what is there.
+    pub problem: String,
+}
+
+impl fmt::Display for LogError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.line {
+            Some(line) => write!(f, "line {line}: {}", self.problem),
+            None => f.write_str(&self.problem),
+        }
+    }
+}
+
+impl std::error::Error for LogError {}
+
+/// Reads a log; numbers are separated by commas, semicolons or white space, a first line of names is skipped.
+///
+/// # Errors
+/// The first line that does not hold finite numbers in the columns, or whose time is not after the line before.
+pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Vec<RobotSample>, LogError> {
+    let problem = |line: Option<usize>, problem: String| LogError { line, problem };
+    let joints = columns.position.len();
+    let lists = [
+        ("position", &columns.position),
+        ("velocity", &columns.velocity),
+        ("input", &columns.input),
+    ];
+    for (name, list) in lists {
+        if list.len() != joints || !(1..=MAX_JOINTS).contains(&joints) {
+            return Err(problem(
+                None,
+                format!(
+                    "{name} columns: expected one per joint, got {} beside {joints} positions",
+                    list.len()
+                ),
+            ));
+        }
+    }
+    let all = || lists.iter().flat_map(|(_, list)| list.iter()).chain([&columns.time]);
+    if all().any(|column| *column == 0) {
+        return Err(problem(None, "columns: expected numbers from 1, got 0".to_owned()));
+    }
+    drives.validate(joints).map_err(|text| problem(None, text))?;
+    let widest = all().copied().max().unwrap_or(1);
+    let mut samples: Vec<RobotSample> = Vec::new();
+    let mut fields: Vec<&str> = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        let number = Some(index + 1);
+        fields.clear();
+        split(line, &mut fields);
+        if fields.is_empty() {
+            continue;
+        }
+        let is_header = samples.is_empty() && fields.iter().all(|field| field.parse::<f64>().is_err());
+        if is_header {
+            continue;
+        }
+        if fields.len() < widest {
+            return Err(problem(
+                number,
+                format!("expected at least {widest} columns, got {}", fields.len()),
+            ));
+        }
+        let value = |column: usize| -> Result<f64, LogError> {
+            let field = fields[column - 1];
+            match field.parse::<f64>() {
+                Ok(x) if x.is_finite() => Ok(x),
+                _ => Err(problem(
+                    number,
+                    format!("column {column}: expected a finite number, got \"{field}\""),
+                )),
+            }
+        };
+        let mut sample = RobotSample {
+            t_s: value(columns.time)?,
+            ..RobotSample::default()
+        };
+        let mut input = [0.0; MAX_JOINTS];
+        for joint in 0..joints {
+            sample.q[joint] = value(columns.position[joint])?;
+            sample.dq[joint] = value(columns.velocity[joint])?;
+            input[joint] = value(columns.input[joint])?;
+        }
+        sample.tau = drives.torques(&input);
+        if let Some(last) = samples.last()
+            && sample.t_s <= last.t_s
+        {
+            return Err(problem(
+                number,
+                format!("expected a time after {} s, got {} s", last.t_s, sample.t_s),
+            ));
+        }
+        samples.push(sample);
+    }
+    Ok(samples)
+}
+
+/// Fields of a line: at commas or semicolons if there are any, else at white space.
+fn split<'a>(line: &'a str, fields: &mut Vec<&'a str>) {
+    let line = line.trim();
+    let separator = [',', ';', '\t'].into_iter().find(|c| line.contains(*c));
+    match separator {
+        Some(c) => fields.extend(line.split(c).map(str::trim)),
+        None => fields.extend(line.split_whitespace()),
+    }
+}

@@ -1,0 +1,288 @@
+//! A robot as a model that is linear in its parameters: base parameters, then the friction of each joint.
+//!
+//! ```text
+//! τ_i = d/dt [Y_p,i β + Ia_i q̇_i] − Y_L,i β + f_i(q̇_i, g_i)                                     (1)
+//!     = d/dt (d_i · θ) + c_i · θ,        θ = (β, friction of joint 1, 2, …)                       (2)
+//! ```
+//!
+//! Row i depends on the parameters of the bodies behind joint i and on its own friction only; d_i and c_i are kept over these, its
+//! *columns*.
+
+use super::base_parameters::{BaseParameters, Standard};
+use super::dynamics::inverse_dynamics;
+use super::friction::JointFriction;
+use super::regressor::EnergyRegressors;
+use super::spatial::{BODY_PARAMETERS, BodyParameters};
+use super::state::FilteredSample;
+use super::tree::Robot;
+use crate::model::MAX_JOINTS;
+use std::ops::Range;
+
+/// A parameter of the model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RobotParameter {
+    /// Short name: `Izz3`, `coulomb_2`; joints are counted from 1.
+    pub name: String,
+    /// SI unit.
+    pub unit: &'static str,
+    /// The combination that it stands for, or what it is.
+    pub meaning: String,
+    /// Its value by the URDF, 0 for what a URDF does not hold.
+    pub nominal: f64,
+    /// Standard deviation that covers what a machine of this size can have.
+    pub scale: f64,
+}
+
+/// Where a column of a joint's row comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Column {
+    /// Entry of the regressors.
+    Body(usize),
+    /// The joint's own rotor.
+    Rotor,
+    /// Term of the joint's own friction.
+    Friction(usize),
+}
+
+/// A robot with its friction as a linear model; made by [`new`](Self::new).
+#[derive(Debug, Clone)]
+pub struct RobotModel {
+    robot: Robot,
+    base: BaseParameters,
+    friction: Vec<JointFriction>,
+    parameters: Vec<RobotParameter>,
+    columns: Vec<Vec<Column>>,
+    indices: Vec<Vec<usize>>,
+    first_friction: Vec<usize>,
+    has_load: bool,
+}
+
+impl RobotModel {
+    /// Of a robot, with or without rotor inertias, and the friction of each joint.
+    ///
+    /// # Errors
+    /// Friction that is not given for each joint, or not valid, in words.
+    pub fn new(robot: Robot, rotors: bool, friction: Vec<JointFriction>) -> Result<Self, String> {
+        let n = robot.len();
+        if friction.len() != n {
+            return Err(format!(
+                "friction: expected an entry for each of {n} joints, got {}",
+                friction.len()
+            ));
+        }
+        for (joint, friction) in robot.joints.iter().zip(&friction) {
+            friction
+                .validate()
+                .map_err(|problem| format!("joint \"{}\": {problem}", joint.name))?;
+        }
+        let base = BaseParameters::of(&robot, rotors);
+        let nominal = base.nominal(&robot, &vec![0.0; n]);
+        let scales = Scales::of(&robot);
+        let mut parameters: Vec<RobotParameter> = base
+            .parameters
+            .iter()
+            .zip(nominal)
+            .map(|(parameter, nominal)| RobotParameter {
+                name: parameter.leading.name(),
+                unit: parameter.leading.unit(&robot),
+                meaning: parameter.combination(),
+                nominal,
+                scale: scales.body(parameter.leading),
+            })
+            .collect();
+        let mut columns = vec![Vec::new(); n];
+        let mut indices = vec![Vec::new(); n];
+        for (index, parameter) in base.parameters.iter().enumerate() {
+            match parameter.leading {
+                Standard::Body { joint, parameter } => {
+                    // Each joint from the body to the base.
+                    let mut next = Some(joint);
+                    while let Some(i) = next {
+                        columns[i].push(Column::Body(joint * BODY_PARAMETERS + parameter));
+                        indices[i].push(index);
+                        next = robot.joints[i].parent;
+                    }
+                }
+                Standard::Rotor { joint } => {
+                    columns[joint].push(Column::Rotor);
+                    indices[joint].push(index);
+                }
+            }
+        }
+        let mut first_friction = Vec::with_capacity(n);
+        for i in 0..n {
+            first_friction.push(parameters.len());
+            for (k, term) in friction[i].terms.iter().enumerate() {
+                columns[i].push(Column::Friction(k));
+                indices[i].push(parameters.len());
+                parameters.push(RobotParameter {
+                    name: format!("{}_{}", term.name(), i + 1),
+                    unit: term.unit(robot.joints[i].turns),
+                    meaning: format!("{} of {}", term.meaning(), robot.joints[i].name),
+                    nominal: 0.0,
+                    scale: scales.friction(i, *term),
+                });
+            }
+        }
+        let has_load = friction
+            .iter()
+            .any(|f| f.terms.contains(&super::friction::FrictionTerm::Load));
+        Ok(Self {
+            has_load,
+            robot,
+            base,
+            friction,
+            parameters,
+            columns,
+            indices,
+            first_friction,
+        })
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
+    /// Its base parameters; they are the first parameters of the model.
+    pub fn base(&self) -> &BaseParameters {
+        &self.base
+    }
+
+    /// Friction of each joint.
+    pub fn friction(&self) -> &[JointFriction] {
+        &self.friction
+    }
+
+    /// The parameters θ.
+    pub fn parameters(&self) -> &[RobotParameter] {
+        &self.parameters
+    }
+
+    /// Indices in θ of the columns of a joint's row, ascending.
+    pub fn columns(&self, joint: usize) -> &[usize] {
+        &self.indices[joint]
+    }
+
+    /// Indices in θ of a joint's friction.
+    pub fn friction_of(&self, joint: usize) -> Range<usize> {
+        let first = self.first_friction[joint];
+        first..first + self.friction[joint].terms.len()
+    }
+
+    /// (2): writes d_i and c_i of all joints, one after the other, at a state; `engagement` is
+    /// that of each joint's friction, [`JointFriction::engagement`].
+    pub fn rows(
+        &self,
+        regressors: &mut EnergyRegressors,
+        q: &[f64],
+        dq: &[f64],
+        engagement: &[f64],
+        differentiated: &mut [f64],
+        direct: &mut [f64],
+    ) {
+        regressors.evaluate(&self.robot, q, dq);
+        let mut weight = [0.0; MAX_JOINTS];
+        self.weight(q, &mut weight[..self.robot.len()]);
+        let mut at = 0;
+        for i in 0..self.robot.len() {
+            let (momentum, lagrangian) = (regressors.momentum(i), regressors.lagrangian(i));
+            let mut friction = [0.0; super::friction::FrictionTerm::NAMES.len()];
+            self.friction[i].row(dq[i], engagement[i], weight[i], &mut friction);
+            for column in &self.columns[i] {
+                (differentiated[at], direct[at]) = match *column {
+                    Column::Body(entry) => (momentum[entry], -lagrangian[entry]), // (1)
+                    Column::Rotor => (dq[i], 0.0),                                // (1)
+                    Column::Friction(term) => (0.0, friction[term]),              // (1)
+                };
+                at += 1;
+            }
+        }
+    }
+
+    /// g: torque that holds the URDF's bodies at rest, for load-dependent friction; 0 if there is none.
+    fn weight(&self, q: &[f64], weight: &mut [f64]) {
+        if self.has_load {
+            let still = [0.0; MAX_JOINTS];
+            let still = &still[..q.len()];
+            inverse_dynamics(&self.robot, &self.robot.bodies, q, still, still, weight);
+        }
+    }
+
+    /// Entries that [`rows`](Self::rows) writes.
+    pub fn row_entries(&self) -> usize {
+        self.columns.iter().map(Vec::len).sum()
+    }
+
+    /// The torques of the drives at one state with parameters `theta`: what a log is compared with.
+    pub fn torques(&self, theta: &[f64], state: &FilteredSample, tau: &mut [f64]) {
+        let FilteredSample {
+            q, dq, ddq, engagement, ..
+        } = state;
+        let n = self.robot.len();
+        let mut bodies = [BodyParameters::default(); MAX_JOINTS];
+        let mut rotors = [0.0; MAX_JOINTS];
+        for (parameter, value) in self.base.parameters.iter().zip(theta) {
+            match parameter.leading {
+                Standard::Body { joint, parameter } => bodies[joint].0[parameter] = *value,
+                Standard::Rotor { joint } => rotors[joint] = *value,
+            }
+        }
+        inverse_dynamics(&self.robot, &bodies[..n], &q[..n], &dq[..n], &ddq[..n], tau);
+        let mut weight = [0.0; MAX_JOINTS];
+        self.weight(&q[..n], &mut weight[..n]);
+        for i in 0..n {
+            let friction = self.friction[i].torque(dq[i], engagement[i], weight[i], &theta[self.friction_of(i)]);
+            tau[i] += rotors[i] * ddq[i] + friction; // (1)
+        }
+    }
+}
+
+/// Sizes that a robot's parameters can have: mass and reach of what each joint carries.
+struct Scales {
+    mass: Vec<f64>,
+    reach: Vec<f64>,
+    turns: Vec<bool>,
+}
+
+impl Scales {
+    fn of(robot: &Robot) -> Self {
+        let n = robot.len();
+        let mut mass: Vec<f64> = robot.bodies.iter().map(BodyParameters::mass).collect();
+        let centre = |i: usize| robot.bodies[i].first_moment().norm() / robot.bodies[i].mass();
+        let gyration = |i: usize| (robot.bodies[i].inertia().trace() / robot.bodies[i].mass()).sqrt();
+        let mut reach: Vec<f64> = (0..n).map(|i| centre(i).max(gyration(i))).collect();
+        for i in (0..n).rev() {
+            if let Some(parent) = robot.joints[i].parent {
+                mass[parent] += mass[i];
+                reach[parent] = reach[parent].max(robot.joints[i].placement.translation.norm() + reach[i]);
+            }
+        }
+        Self {
+            mass,
+            reach,
+            turns: robot.joints.iter().map(|joint| joint.turns).collect(),
+        }
+    }
+
+    fn body(&self, standard: Standard) -> f64 {
+        let i = standard.joint();
+        let (mass, reach) = (self.mass[i], self.reach[i]);
+        match standard {
+            Standard::Body { parameter: 0, .. } => mass,
+            Standard::Body { parameter: 1..4, .. } => mass * reach,
+            Standard::Rotor { .. } if !self.turns[i] => mass,
+            Standard::Body { .. } | Standard::Rotor { .. } => mass * reach * reach,
+        }
+    }
+
+    fn friction(&self, joint: usize, term: super::friction::FrictionTerm) -> f64 {
+        const G: f64 = 9.81;
+        let force = self.mass[joint] * G;
+        match term {
+            super::friction::FrictionTerm::Load => 1.0,
+            _ if self.turns[joint] => force * self.reach[joint],
+            _ => force,
+        }
+    }
+}

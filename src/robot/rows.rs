@@ -1,0 +1,295 @@
+//! Rows of the weak form of a linear robot model, from samples at any instants.
+//!
+//! With the window ψ(s) = (1 − s²)⁴, s = 2 (t − t_c)/T in (−1, 1), one row per joint and window:
+//!
+//! ```text
+//! ∫ψ τ dt = [−∫ψ̇ d dt + ∫ψ c dt] θ                                                               (1)
+//! ∫ψ (dd/dt) dt ≈ Σ ½ (ψ_i + ψ_{i+1}) (d_{i+1} − d_i)                                             (2)
+//! ∫ψ c dt       ≈ Σ ½ (t_{i+1} − t_i) (ψ_i c_i + ψ_{i+1} c_{i+1})                                 (3)
+//! ```
+//!
+//! (2) is summation by parts: it is the trapezoid rule (3) for the derivative without forming one, exact for a constant and consistent with (3)
+//! for a straight line, at irregular instants too. Both sides are divided by ∫ψ dt, so that a row is a mean torque. No acceleration is formed.
+//! Source of the weak form: A. Preisig, D. Rippin, Computers & Chemical Engineering 17 (1993).
+
+use super::model::RobotModel;
+use super::regressor::EnergyRegressors;
+use super::state::RobotSample;
+use crate::model::MAX_JOINTS;
+use std::fmt;
+
+/// Most windows that overlap.
+const MAX_OVERLAP: usize = 32;
+
+/// Windows of the weak form.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WindowOptions {
+    /// T: length of a window \[s\].
+    pub length_s: f64,
+    /// Time from one window to the next \[s\].
+    pub stride_s: f64,
+    /// Longest time between two samples that a window may span \[s\].
+    pub max_gap_s: f64,
+    /// A joint's row is left out if it rests for more than this part of the window's weight, 0 to 1.
+    pub max_rest: f64,
+}
+
+impl Default for WindowOptions {
+    /// 0.25 s every 0.05 s: right for logs around 100 Hz.
+    fn default() -> Self {
+        Self {
+            length_s: 0.25,
+            stride_s: 0.05,
+            max_gap_s: 0.05,
+            max_rest: 0.3,
+        }
+    }
+}
+
+impl WindowOptions {
+    /// Checks the lengths.
+    ///
+    /// # Errors
+    /// The first rule that is broken, in words.
+    pub fn validate(&self) -> Result<(), String> {
+        let positive = |name: &str, x: f64| match x > 0.0 && x.is_finite() {
+            true => Ok(()),
+            false => Err(format!("{name}: expected a time above 0 [s], got {x}")),
+        };
+        positive("window length", self.length_s)?;
+        positive("window stride", self.stride_s)?;
+        positive("longest gap", self.max_gap_s)?;
+        if self.length_s / self.stride_s > (MAX_OVERLAP - 1) as f64 {
+            return Err(format!(
+                "window stride: expected at least {:.4} s, a {}th of the window, got {} s",
+                self.length_s / (MAX_OVERLAP - 1) as f64,
+                MAX_OVERLAP - 1,
+                self.stride_s
+            ));
+        }
+        if !(0.0..=1.0).contains(&self.max_rest) {
+            return Err(format!("rest: expected a part from 0 to 1, got {}", self.max_rest));
+        }
+        Ok(())
+    }
+}
+
+/// Why a sample was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SampleFault {
+    /// A number is not finite.
+    NotFinite,
+    /// Its time is not after that of the sample before it.
+    NotLater,
+}
+
+impl fmt::Display for SampleFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NotFinite => "expected finite numbers, got NaN or an infinity",
+            Self::NotLater => "expected a time after that of the sample before, got an earlier or equal one",
+        })
+    }
+}
+
+impl std::error::Error for SampleFault {}
+
+/// One row (1) of a joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WeakRow<'a> {
+    /// The joint.
+    pub joint: usize,
+    /// Middle of its window \[s\].
+    pub t_s: f64,
+    /// Regressor over [`RobotModel::columns`] of the joint.
+    pub regressor: &'a [f64],
+    /// Mean torque \[N m or N\].
+    pub torque: f64,
+}
+
+/// Sums of one window.
+#[derive(Debug, Clone, Copy, Default)]
+struct Window {
+    center: f64,
+    weight: f64,
+    last_psi: f64,
+    torque: [f64; MAX_JOINTS],
+    rest: [f64; MAX_JOINTS],
+}
+
+/// Samples on their way to being rows: a fixed number of windows that overlap, filled sample by sample without allocation.
+#[derive(Debug, Clone)]
+pub struct WeakRows {
+    options: WindowOptions,
+    joints: usize,
+    entries: usize,
+    needs_motion: [bool; MAX_JOINTS],
+    rest_speed: [f64; MAX_JOINTS],
+    engagement: [f64; MAX_JOINTS],
+    regressors: EnergyRegressors,
+    last: Option<RobotSample>,
+    differentiated: [Vec<f64>; 2],
+    direct: [Vec<f64>; 2],
+    windows: Vec<Window>,
+    sums: Vec<f64>,
+    oldest: usize,
+    active: usize,
+    next_center: f64,
+}
+
+impl WeakRows {
+    /// For a model.
+    ///
+    /// # Errors
+    /// See [`WindowOptions::validate`].
+    pub fn new(model: &RobotModel, options: WindowOptions) -> Result<Self, String> {
+        options.validate()?;
+        let joints = model.robot().len();
+        let entries = model.row_entries();
+        let slots = (options.length_s / options.stride_s).ceil() as usize + 1;
+        let mut needs_motion = [false; MAX_JOINTS];
+        let mut rest_speed = [0.0; MAX_JOINTS];
+        for (i, friction) in model.friction().iter().enumerate() {
+            needs_motion[i] = friction.needs_motion();
+            rest_speed[i] = friction.rest_speed;
+        }
+        let room = || [vec![0.0; entries], vec![0.0; entries]];
+        Ok(Self {
+            options,
+            joints,
+            entries,
+            needs_motion,
+            rest_speed,
+            engagement: [0.0; MAX_JOINTS],
+            regressors: EnergyRegressors::new(joints),
+            last: None,
+            differentiated: room(),
+            direct: room(),
+            windows: vec![Window::default(); slots],
+            sums: vec![0.0; slots * entries],
+            oldest: 0,
+            active: 0,
+            next_center: 0.0,
+        })
+    }
+
+    /// Forgets the samples so far: the next one begins a new recording.
+    pub fn restart(&mut self) {
+        self.last = None;
+        self.active = 0;
+        self.engagement = [0.0; MAX_JOINTS];
+    }
+
+    /// Takes a sample; gives each row that it completes to `take`. After a gap longer than allowed the windows begin anew.
+    ///
+    /// # Errors
+    /// The sample cannot be used; it is left out and nothing else changes.
+    pub fn push(
+        &mut self,
+        model: &RobotModel,
+        sample: &RobotSample,
+        take: &mut dyn FnMut(WeakRow<'_>),
+    ) -> Result<(), SampleFault> {
+        let n = self.joints;
+        let signals = [&sample.q, &sample.dq, &sample.tau];
+        if !(sample.t_s.is_finite() && signals.iter().all(|s| s[..n].iter().all(|x| x.is_finite()))) {
+            return Err(SampleFault::NotFinite);
+        }
+        let gap = match &self.last {
+            Some(last) if sample.t_s <= last.t_s => return Err(SampleFault::NotLater),
+            Some(last) => sample.t_s - last.t_s,
+            None => f64::INFINITY,
+        };
+        for (i, friction) in model.friction().iter().enumerate() {
+            let step = self.last.map_or(0.0, |last| sample.dq[i] * (sample.t_s - last.t_s));
+            self.engagement[i] = friction.engagement(step, self.engagement[i]);
+        }
+        self.differentiated.swap(0, 1);
+        self.direct.swap(0, 1);
+        model.rows(
+            &mut self.regressors,
+            &sample.q[..n],
+            &sample.dq[..n],
+            &self.engagement[..n],
+            &mut self.differentiated[1],
+            &mut self.direct[1],
+        );
+        if gap > self.options.max_gap_s {
+            self.active = 0;
+            self.next_center = sample.t_s + 0.5 * self.options.length_s;
+        } else if let Some(last) = self.last {
+            self.open_until(sample.t_s);
+            for age in 0..self.active {
+                self.add((self.oldest + age) % self.windows.len(), &last, sample, gap);
+            }
+            while self.active > 0 && self.windows[self.oldest].center + 0.5 * self.options.length_s <= sample.t_s {
+                self.close(model, take);
+            }
+        }
+        self.last = Some(*sample);
+        Ok(())
+    }
+
+    /// Opens the windows that begin before a time.
+    fn open_until(&mut self, t_s: f64) {
+        while self.active < self.windows.len() && self.next_center - 0.5 * self.options.length_s < t_s {
+            let slot = (self.oldest + self.active) % self.windows.len();
+            self.windows[slot] = Window {
+                center: self.next_center,
+                ..Window::default()
+            };
+            self.sums[slot * self.entries..(slot + 1) * self.entries].fill(0.0);
+            self.active += 1;
+            self.next_center += self.options.stride_s;
+        }
+    }
+
+    /// Adds the time between two samples to a window.
+    fn add(&mut self, slot: usize, last: &RobotSample, sample: &RobotSample, gap: f64) {
+        let window = &mut self.windows[slot];
+        let s = 2.0 * (sample.t_s - window.center) / self.options.length_s;
+        let psi = if s.abs() < 1.0 { (1.0 - s * s).powi(4) } else { 0.0 };
+        let before = std::mem::replace(&mut window.last_psi, psi);
+        let mean = 0.5 * (before + psi); // (2)
+        let (left, right) = (0.5 * gap * before, 0.5 * gap * psi); // (3)
+        window.weight += left + right;
+        for i in 0..self.joints {
+            window.torque[i] += left * last.tau[i] + right * sample.tau[i]; // (3)
+            let resting = |x: &RobotSample| x.dq[i].abs() < self.rest_speed[i];
+            window.rest[i] += if resting(last) { left } else { 0.0 } + if resting(sample) { right } else { 0.0 };
+        }
+        let sums = &mut self.sums[slot * self.entries..(slot + 1) * self.entries];
+        let [d0, d1] = &self.differentiated;
+        let [c0, c1] = &self.direct;
+        for (((sum, (d0, d1)), c0), c1) in sums.iter_mut().zip(d0.iter().zip(d1)).zip(c0).zip(c1) {
+            *sum += mean * (d1 - d0) + left * c0 + right * c1; // (1)
+        }
+    }
+
+    /// Closes the oldest window and hands out its rows.
+    fn close(&mut self, model: &RobotModel, take: &mut dyn FnMut(WeakRow<'_>)) {
+        let slot = self.oldest;
+        self.oldest = (self.oldest + 1) % self.windows.len();
+        self.active -= 1;
+        let window = &self.windows[slot];
+        if !(window.weight > 0.0) {
+            return;
+        }
+        let sums = &mut self.sums[slot * self.entries..(slot + 1) * self.entries];
+        sums.iter_mut().for_each(|x| *x /= window.weight);
+        let mut at = 0;
+        for joint in 0..self.joints {
+            let len = model.columns(joint).len();
+            let rests = self.needs_motion[joint] && window.rest[joint] > self.options.max_rest * window.weight;
+            if !rests {
+                take(WeakRow {
+                    joint,
+                    t_s: window.center,
+                    regressor: &sums[at..at + len],
+                    torque: window.torque[joint] / window.weight,
+                });
+            }
+            at += len;
+        }
+    }
+}

@@ -1,0 +1,33 @@
+//! What is known of a robot at one instant; SI units, the first entries up to the number of joints count.
+
+use crate::model::MAX_JOINTS;
+
+/// A sample as it is recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RobotSample {
+    /// Time \[s\].
+    pub t_s: f64,
+    /// Positions \[rad or m\].
+    pub q: [f64; MAX_JOINTS],
+    /// Velocities \[rad/s or m/s\].
+    pub dq: [f64; MAX_JOINTS],
+    /// Torques or forces of the drives at the joints \[N m or N\].
+    pub tau: [f64; MAX_JOINTS],
+}
+
+/// A sample with what torques are predicted from.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FilteredSample {
+    /// Time \[s\].
+    pub t_s: f64,
+    /// Positions \[rad or m\].
+    pub q: [f64; MAX_JOINTS],
+    /// Velocities \[rad/s or m/s\].
+    pub dq: [f64; MAX_JOINTS],
+    /// Accelerations \[rad/s² or m/s²\].
+    pub ddq: [f64; MAX_JOINTS],
+    /// Engagement of friction, −1 to 1.
+    pub engagement: [f64; MAX_JOINTS],
+    /// Torques or forces of the drives as recorded \[N m or N\].
+    pub tau: [f64; MAX_JOINTS],
+}

@@ -27,10 +27,13 @@
 //! | `base_parameters` | which combinations of parameters torques depend on |
 //! | `friction`, `model` | friction per joint; all of it as one linear model |
 //! | `rows`, `sums`, `identify` | samples → weak-form rows → estimates with standard deviations |
+//! | `config` | the TOML file of a robot (feature `config`) |
 //! | `log`, `fit` | logs in columns; measured against predicted torque |
 
 mod base_parameters;
 mod butterworth;
+#[cfg(feature = "config")]
+mod config;
 mod dynamics;
 mod error;
 mod fit;
@@ -49,6 +52,8 @@ mod xml;
 
 pub use base_parameters::{BaseParameter, BaseParameters, Standard};
 pub use butterworth::ZeroPhaseLowPass;
+#[cfg(feature = "config")]
+pub use config::RobotConfig;
 pub use dynamics::{forward_dynamics, inverse_dynamics};
 pub use error::UrdfError;
 pub use fit::{TorqueFit, filtered};

@@ -81,7 +81,7 @@ impl Robot {
         let base = tree.base(selection)?;
         let order = tree.below(base);
         let moving = tree.moving(&order, base, selection)?;
-        tree.robot(&order, base, &moving)
+        tree.robot(&order, &moving)
     }
 
     /// Number of moving joints.
@@ -376,7 +376,7 @@ impl<'a> Tree<'a> {
         Ok(())
     }
 
-    fn robot(&self, order: &[usize], base: usize, moving: &[usize]) -> Result<Robot, UrdfError> {
+    fn robot(&self, order: &[usize], moving: &[usize]) -> Result<Robot, UrdfError> {
         let Urdf { name, links, joints } = self.urdf;
         // Where each link is: behind which moving joint, and how placed in its frame. The base's body does not move.
         let mut place: Vec<(Option<usize>, Placement)> = vec![(None, Placement::identity()); links.len()];
@@ -386,7 +386,6 @@ impl<'a> Tree<'a> {
         for &index in order {
             let joint = &joints[index];
             let (body, parent) = place[joint.parent];
-            debug_assert!(joint.parent == base || self.parent[joint.parent].is_some());
             let placement = parent.then(&joint.origin);
             place[joint.child] = match moving.iter().position(|other| *other == index) {
                 Some(own) => {

@@ -400,6 +400,9 @@ pub struct IdentifyArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "flattened")]
     pub span: SpanArgs,
+    /// Log that is predicted and not learnt, for a robot from a URDF
+    #[arg(long, value_name = "LOG.csv")]
+    pub validate: Option<PathBuf>,
     /// Form of the table on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,

@@ -5,7 +5,7 @@ use super::offline_run::OfflineRun;
 use super::record::recording_at;
 use super::script::Script;
 use super::wiring::monitor_node;
-use super::{Exit, Failure, IdentifyArgs, identify_log, report};
+use super::{Exit, Failure, IdentifyArgs, identify_log, identify_robot, report};
 use crate::recording::{Entry, Loss};
 use crate::runner::Shutdown;
 use std::time::Instant;
@@ -15,6 +15,9 @@ use std::time::Instant;
 /// # Errors
 /// A recording that cannot be read, a configuration that is wrong, results that cannot be written.
 pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
+    if let Some(robot) = identify_robot::configuration(args)? {
+        return identify_robot::run(args, robot, shutdown);
+    }
     // A log of the user's own has no configuration inside.
     let is_log = args
         .input

@@ -19,6 +19,7 @@ mod fuzz;
 mod identifier;
 mod identify;
 mod identify_log;
+mod identify_robot;
 mod launcher;
 mod logging;
 mod monitor;

@@ -17,6 +17,7 @@ mod own_plant;
 mod peers;
 mod realtime;
 mod recording;
+mod robot;
 mod run;
 mod signals;
 mod soak;

@@ -4,6 +4,9 @@
 
 #![cfg(feature = "sim")]
 
+#[cfg(feature = "robot")]
+mod robot;
+
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, StateMachine};
 use thetabus::messages::{Estimate, Sample, signals};
 use thetabus::model::{AutoDiff, Delayed, KnownConstants, Manipulator, ManipulatorDerived, Plant};

@@ -238,6 +238,7 @@ fn identified(path: &Path, config: Option<&str>, random: &mut Random) {
     let args = IdentifyArgs {
         input: path.to_path_buf(),
         out: None,
+        validate: None,
         span: SpanArgs {
             from: random.once_in(10).then_some(0.1),
             to: random.once_in(10).then(|| random.real().abs()),

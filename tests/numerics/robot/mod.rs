@@ -1,6 +1,8 @@
 //! Robots from a URDF, each stage against something independent of it.
 
 mod dynamics;
+mod log;
+mod peers;
 mod simulated;
 mod ur10e;
 mod urdf;

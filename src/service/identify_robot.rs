@@ -1,0 +1,237 @@
+//! `thetabus identify LOG.csv --config ROBOT.toml`: a robot from its URDF, off line.
+
+use super::{Exit, Failure, IdentifyArgs, TableFormat, logging, out_dir};
+use crate::robot::{FilteredSample, RobotConfig, RobotIdentifier, RobotSample, TorqueFit, filtered, read_log};
+use crate::runner::Shutdown;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Blocks that are learnt before predictions count: at first nothing is known of friction.
+const WARM_UP_BLOCKS: usize = 10;
+
+/// The robot's configuration, if the command line names one.
+///
+/// # Errors
+/// The file is wrong, or what a robot's log does not take is asked for.
+pub(super) fn configuration(args: &IdentifyArgs) -> Result<Option<RobotConfig>, Failure> {
+    let [path] = &args.common.config[..] else {
+        return none_with_validation(args);
+    };
+    let Ok(text) = std::fs::read_to_string(path) else {
+        return none_with_validation(args);
+    };
+    if !RobotConfig::is_robot(&text) {
+        return none_with_validation(args);
+    }
+    if !args.common.set.is_empty() || args.warm {
+        return Err(Failure::Usage(
+            "--set and --warm are not for a robot from a URDF; write the keys in its configuration file".to_owned(),
+        ));
+    }
+    RobotConfig::parse(&text, path).map(Some).map_err(Failure::Usage)
+}
+
+fn none_with_validation(args: &IdentifyArgs) -> Result<Option<RobotConfig>, Failure> {
+    match &args.validate {
+        None => Ok(None),
+        Some(_) => Err(Failure::Usage(
+            "--validate: expected a --config FILE with [model] kind = \"robot\", got another model".to_owned(),
+        )),
+    }
+}
+
+/// Identifies a robot from a log in one pass.
+///
+/// # Errors
+/// A log that is wrong, results that cannot be written.
+pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown) -> Result<Exit, Failure> {
+    if let Some(dir) = &args.out {
+        out_dir::check(dir)?;
+    }
+    let log = cut(args, read(&args.input, &config)?)?;
+    let held_out = args.validate.as_deref().map(|path| read(path, &config)).transpose()?;
+    let mut identifier = RobotIdentifier::new(config.model, config.options).map_err(Failure::Usage)?;
+    let states = filtered(identifier.model(), &log);
+    let mut before = TorqueFit::default();
+    let mut estimates = estimates_header(&identifier);
+    for (sample, state) in log.iter().zip(&states) {
+        if identifier.blocks() >= WARM_UP_BLOCKS {
+            before.add(identifier.model(), identifier.theta(), state);
+        }
+        let closed = identifier
+            .push(sample)
+            .map_err(|e| Failure::Usage(format!("{}: at {} s: {e}", args.input.display(), sample.t_s)))?;
+        if closed {
+            estimates_line(&identifier, sample.t_s, &mut estimates);
+        }
+        if shutdown.requested() {
+            break;
+        }
+    }
+    if identifier.end_of_recording()
+        && let Some(last) = log.last()
+    {
+        estimates_line(&identifier, last.t_s, &mut estimates);
+    }
+    if identifier.blocks() == 0 {
+        return Err(Failure::Usage(format!(
+            "{}: expected at least a second in which a joint moves, got {} samples that give no row",
+            args.input.display(),
+            log.len()
+        )));
+    }
+    let fit = |states: &[FilteredSample]| TorqueFit::of(identifier.model(), identifier.theta(), states);
+    let fits = Fits {
+        learnt: fit(&states),
+        before,
+        held_out: held_out.map(|log| fit(&filtered(identifier.model(), &log))),
+    };
+    let summary = summary(&identifier, &fits, log.len());
+    if let Some(dir) = &args.out {
+        out_dir::create(dir)?;
+        write(dir, "summary.json", &pretty(&summary)?)?;
+        write(dir, "estimates.csv", &estimates)?;
+    }
+    match args.format {
+        TableFormat::Json => logging::result(&pretty(&summary)?)?,
+        TableFormat::Text => logging::result(table(&identifier, &fits).trim_end())?,
+    }
+    if let Some(dir) = &args.out {
+        logging::note(args.format, &format!("results in {}", dir.display()))?;
+    }
+    Ok(Exit::Done)
+}
+
+/// How well torques are predicted: learnt from the same log, before each block was learnt, and of another log.
+struct Fits {
+    learnt: TorqueFit,
+    before: TorqueFit,
+    held_out: Option<TorqueFit>,
+}
+
+fn read(path: &Path, config: &RobotConfig) -> Result<Vec<RobotSample>, Failure> {
+    let usage = |problem: &dyn std::fmt::Display| Failure::Usage(format!("{}: {problem}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|e| usage(&e))?;
+    let log = read_log(&text, &config.columns, &config.drives).map_err(|e| usage(&e))?;
+    match log.len() {
+        0..3 => Err(usage(&format!("expected at least 3 samples, got {}", log.len()))),
+        _ => Ok(log),
+    }
+}
+
+/// The part that --from and --to ask for, in seconds after the first sample.
+fn cut(args: &IdentifyArgs, mut log: Vec<RobotSample>) -> Result<Vec<RobotSample>, Failure> {
+    let span = args.span.span()?;
+    let start = log.first().map_or(0.0, |sample| sample.t_s);
+    log.retain(|sample| {
+        let t_ns = ((sample.t_s - start) * 1e9).round() as u64;
+        (span.from_ns..=span.to_ns).contains(&t_ns)
+    });
+    match log.len() {
+        0..3 => Err(args.span.nothing(&args.input)),
+        _ => Ok(log),
+    }
+}
+
+fn write(dir: &Path, name: &str, text: &str) -> Result<(), Failure> {
+    std::fs::write(dir.join(name), text).map_err(|e| Failure::Failed(format!("{name} cannot be written: {e}")))
+}
+
+fn pretty(value: &Value) -> Result<String, Failure> {
+    serde_json::to_string_pretty(value).map_err(|e| Failure::Failed(format!("the table cannot be written: {e}")))
+}
+
+fn estimates_header(identifier: &RobotIdentifier) -> String {
+    let names = || identifier.model().parameters().iter().map(|p| &p.name);
+    let mut text = "block,t_s".to_owned();
+    names().for_each(|name| _ = write!(text, ",{name}"));
+    names().for_each(|name| _ = write!(text, ",{name}_std"));
+    text.push('\n');
+    text
+}
+
+fn estimates_line(identifier: &RobotIdentifier, t_s: f64, text: &mut String) {
+    let _ = write!(text, "{},{t_s}", identifier.blocks());
+    identifier.theta().iter().for_each(|x| _ = write!(text, ",{x}"));
+    (0..identifier.theta().len()).for_each(|i| _ = write!(text, ",{}", identifier.theta_std(i)));
+    text.push('\n');
+}
+
+fn summary(identifier: &RobotIdentifier, fits: &Fits, samples: usize) -> Value {
+    let model = identifier.model();
+    let parameters: Vec<Value> = model
+        .parameters()
+        .iter()
+        .enumerate()
+        .map(|(i, p)| {
+            json!({
+                "name": p.name, "unit": p.unit, "meaning": p.meaning,
+                "estimate": identifier.theta()[i], "std": identifier.theta_std(i), "urdf": p.nominal,
+            })
+        })
+        .collect();
+    let joints: Vec<Value> = model
+        .robot()
+        .joints
+        .iter()
+        .enumerate()
+        .map(|(j, joint)| {
+            json!({
+                "name": joint.name,
+                "fit_percent": fits.learnt.fit(j),
+                "relative_residual_percent": fits.learnt.relative_residual(j),
+                "predicted_before_learnt_percent": fits.before.relative_residual(j),
+                "validation_percent": fits.held_out.as_ref().and_then(|fit| fit.relative_residual(j)),
+                "torque_std": identifier.torque_std(j),
+                "misfit_correlation": identifier.inflation(j),
+            })
+        })
+        .collect();
+    json!({
+        "robot": model.robot().name, "held_joints": model.robot().held,
+        "samples": samples, "blocks": identifier.blocks(),
+        "parameters": parameters, "joints": joints,
+    })
+}
+
+fn table(identifier: &RobotIdentifier, fits: &Fits) -> String {
+    let model = identifier.model();
+    let mut text = format!(
+        "{:<12} {:>12} {:>12} {:>12}  {:<10} {}\n",
+        "parameter", "estimate", "std", "URDF", "unit", "meaning"
+    );
+    for (i, p) in model.parameters().iter().enumerate() {
+        let _ = writeln!(
+            text,
+            "{:<12} {:>12.5} {:>12.5} {:>12.5}  {:<10} {}",
+            p.name,
+            identifier.theta()[i],
+            identifier.theta_std(i),
+            p.nominal,
+            p.unit,
+            p.meaning
+        );
+    }
+    let percent = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.2}"));
+    let _ = writeln!(
+        text,
+        "\n{:<24} {:>9} {:>12} {:>22} {:>14}",
+        "joint", "fit [%]", "residual [%]", "before learning [%]", "held out [%]"
+    );
+    for (j, joint) in model.robot().joints.iter().enumerate() {
+        let _ = writeln!(
+            text,
+            "{:<24} {:>9} {:>12} {:>22} {:>14}",
+            joint.name,
+            percent(fits.learnt.fit(j)),
+            percent(fits.learnt.relative_residual(j)),
+            percent(fits.before.relative_residual(j)),
+            percent(fits.held_out.as_ref().and_then(|fit| fit.relative_residual(j)))
+        );
+    }
+    if !model.robot().held.is_empty() {
+        let _ = writeln!(text, "\nheld at 0: {}", model.robot().held.join(", "));
+    }
+    text
+}

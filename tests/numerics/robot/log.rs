@@ -1,0 +1,209 @@
+//! Logs in columns, zero-phase filtering, friction, and samples that cannot be used.
+
+use super::{SIX_AXIS, robot};
+use thetabus::robot::{
+    Drives, FrictionTerm, IdentifyOptions, JointFriction, LogColumns, RobotIdentifier, RobotModel, RobotSample,
+    SampleFault, WindowOptions, ZeroPhaseLowPass, read_log,
+};
+
+fn columns() -> LogColumns {
+    LogColumns {
+        time: 1,
+        position: vec![2, 3],
+        velocity: vec![4, 5],
+        input: vec![6, 7],
+    }
+}
+
+#[test]
+fn regress_logs_with_any_separator_and_with_or_without_names() {
+    let drives = Drives {
+        gain: vec![2.0, 3.0],
+        coupling: Some(vec![vec![1.0, 0.5], vec![0.0, 1.0]]),
+    };
+    for text in [
+        "t,a,b,c,d,e,f\n0,1,2,3,4,5,6\n0.01,1,2,3,4,5,6\n",
+        "0;1;2;3;4;5;6;ignored\n\n0.01;1;2;3;4;5;6;7\n",
+        "0 1  2 3 4 5 6\n0.01\t1\t2\t3\t4\t5\t6\n",
+    ] {
+        let log = read_log(text, &columns(), &drives).unwrap();
+        assert_eq!(log.len(), 2);
+        assert_eq!((log[1].t_s, log[1].q[1], log[1].dq[0]), (0.01, 2.0, 3.0));
+        // τ = C K i: (10 + 0.5 · 18, 18).
+        assert_eq!(log[0].tau[..2], [19.0, 18.0]);
+    }
+}
+
+#[test]
+fn regress_a_wrong_log_is_refused_by_line_and_column() {
+    let torque = Drives::torque(2);
+    for (text, message) in [
+        (
+            "0,1,2,3,4,5,6\n0.01,1,2,3,x,5,6\n",
+            "line 2: column 5: expected a finite number, got \"x\"",
+        ),
+        ("0,1,2,3,4,5,6\n0.01,1,2,3,nan,5,6\n", "got \"nan\""),
+        (
+            "0,1,2,3,4,5,6\n0.01,1,2,3,4,5\n",
+            "line 2: expected at least 7 columns, got 6",
+        ),
+        (
+            "0,1,2,3,4,5,6\n0,1,2,3,4,5,6\n",
+            "line 2: expected a time after 0 s, got 0 s",
+        ),
+    ] {
+        let error = read_log(text, &columns(), &torque).unwrap_err().to_string();
+        assert!(error.contains(message), "{error}");
+    }
+    let zero = LogColumns { time: 0, ..columns() };
+    assert!(
+        read_log("", &zero, &torque)
+            .unwrap_err()
+            .to_string()
+            .contains("numbers from 1")
+    );
+    let short = LogColumns {
+        velocity: vec![4],
+        ..columns()
+    };
+    assert!(
+        read_log("", &short, &torque)
+            .unwrap_err()
+            .to_string()
+            .contains("velocity columns")
+    );
+    assert!(
+        read_log("", &columns(), &Drives::torque(3))
+            .unwrap_err()
+            .to_string()
+            .contains("expected 2 finite numbers")
+    );
+}
+
+/// The theorem: forwards and backwards an order-N Butterworth has |H|² = 1/(1 + (tan(πf/2)/tan(πf_c/2))^2N) and no phase.
+#[test]
+fn prop_the_zero_phase_low_pass_has_the_gain_of_butterworth_twice() {
+    for order in [1, 2, 5] {
+        let filter = ZeroPhaseLowPass::new(order, 0.15).unwrap();
+        for f in [0.02_f64, 0.1, 0.15, 0.25] {
+            let tan = |f: f64| (std::f64::consts::FRAC_PI_2 * f).tan();
+            let gain = 1.0 / (1.0 + (tan(f) / tan(0.15)).powi(2 * order as i32));
+            let wave = |k: usize| (std::f64::consts::PI * f * k as f64).sin();
+            let filtered = filter.apply(&(0..4000).map(wave).collect::<Vec<_>>());
+            for k in 1500..2500 {
+                assert!((filtered[k] - gain * wave(k)).abs() < 1e-6, "order {order}, {f}, {k}");
+            }
+        }
+        let line: Vec<f64> = (0..300).map(|k| 2.0 - 0.5 * f64::from(k)).collect();
+        // A line is continued as a line, and passes up to rounding and the start of each section.
+        for (filtered, value) in filter.apply(&line).iter().zip(&line).skip(100).take(100) {
+            assert!((filtered - value).abs() < 1e-6, "{filtered} {value}");
+        }
+        assert_eq!(filter.apply(&[3.0]), [3.0]);
+        assert!(filter.apply(&[]).is_empty());
+    }
+    assert!(ZeroPhaseLowPass::new(0, 0.1).is_none() && ZeroPhaseLowPass::new(5, 1.0).is_none());
+}
+
+#[test]
+fn prop_engagement_follows_motion_and_stays_at_rest() {
+    let friction = JointFriction::default();
+    let mut z = 0.0;
+    for _ in 0..1000 {
+        z = friction.engagement(1e-5, z);
+    }
+    assert!(z > 0.999 && z <= 1.0);
+    assert_eq!(friction.engagement(0.0, z), z);
+    // One step or many: the way counts.
+    let halves = friction.engagement(-5e-5, friction.engagement(-5e-5, z));
+    assert!((friction.engagement(-1e-4, z) - halves).abs() < 1e-12);
+    assert_eq!(friction.engagement(-1.0, z), -1.0);
+    for wrong in [
+        JointFriction {
+            presliding: 0.0,
+            ..JointFriction::default()
+        },
+        JointFriction {
+            rest_speed: f64::NAN,
+            ..JointFriction::default()
+        },
+        JointFriction {
+            stribeck_speed: -1.0,
+            ..JointFriction::default()
+        },
+        JointFriction {
+            terms: vec![FrictionTerm::Viscous; 2],
+            ..JointFriction::default()
+        },
+    ] {
+        assert!(wrong.validate().is_err());
+    }
+}
+
+fn identifier() -> RobotIdentifier {
+    let model = RobotModel::new(robot(SIX_AXIS), true, vec![JointFriction::default(); 6]).unwrap();
+    RobotIdentifier::new(model, IdentifyOptions::default()).unwrap()
+}
+
+#[test]
+fn fault_samples_that_cannot_be_used_change_nothing() {
+    let mut identifier = identifier();
+    let at = |t_s: f64| RobotSample {
+        t_s,
+        ..RobotSample::default()
+    };
+    assert_eq!(identifier.push(&at(1.0)), Ok(false));
+    let mut broken = at(1.01);
+    broken.tau[3] = f64::NAN;
+    assert_eq!(identifier.push(&broken), Err(SampleFault::NotFinite));
+    assert_eq!(identifier.push(&at(f64::INFINITY)), Err(SampleFault::NotFinite));
+    assert_eq!(identifier.push(&at(1.0)), Err(SampleFault::NotLater));
+    assert_eq!(identifier.push(&at(1.01)), Ok(false));
+    // Rest, pauses and nothing at all: estimates stay finite.
+    for k in 0..2000 {
+        identifier.push(&at(2.0 + 0.01 * f64::from(k))).unwrap();
+    }
+    identifier.push(&at(500.0)).unwrap();
+    identifier.end_of_recording();
+    identifier.widen_friction();
+    identifier.push(&at(0.0)).unwrap();
+    assert!(!identifier.end_of_recording());
+    assert!((0..identifier.theta().len()).all(|i| identifier.theta()[i].is_finite() && identifier.theta_std(i) > 0.0));
+}
+
+#[test]
+fn regress_options_out_of_range_are_refused_in_words() {
+    let model = RobotModel::new(robot(SIX_AXIS), true, vec![JointFriction::default(); 6]).unwrap();
+    let windows = |length_s: f64, stride_s: f64| IdentifyOptions {
+        windows: WindowOptions {
+            length_s,
+            stride_s,
+            ..WindowOptions::default()
+        },
+        ..IdentifyOptions::default()
+    };
+    for (options, message) in [
+        (windows(0.0, 0.1), "window length: expected a time above 0"),
+        (windows(1.0, 0.01), "window stride: expected at least"),
+        (windows(f64::NAN, 0.1), "window length"),
+        (
+            IdentifyOptions {
+                block_s: -1.0,
+                ..IdentifyOptions::default()
+            },
+            "block length",
+        ),
+        (
+            IdentifyOptions {
+                friction_walk: f64::NAN,
+                ..IdentifyOptions::default()
+            },
+            "friction walk",
+        ),
+    ] {
+        let error = RobotIdentifier::new(model.clone(), options).unwrap_err();
+        assert!(error.contains(message), "{error}");
+    }
+    let error = RobotModel::new(robot(SIX_AXIS), true, vec![JointFriction::default(); 5]).unwrap_err();
+    assert!(error.contains("each of 6 joints, got 5"), "{error}");
+}

@@ -32,11 +32,16 @@ fn robot(c: &mut Criterion) {
         ..IdentifyOptions::default()
     };
     let mut endless = RobotIdentifier::new(model.clone(), options).expect("sound options");
-    let mut t_s = 0.0;
+    let motion: Vec<RobotSample> = (0..1000).map(|k| sample(0.001 * f64::from(k))).collect();
+    let mut k = 0_u32;
     c.bench_function("robot/sample/p70", |b| {
         b.iter(|| {
-            t_s += 0.001;
-            endless.push(black_box(&sample(t_s)))
+            k += 1;
+            let sample = RobotSample {
+                t_s: 0.001 * f64::from(k),
+                ..motion[k as usize % motion.len()]
+            };
+            endless.push(black_box(&sample))
         });
     });
     // 40 blocks in, one sample before the end of the next.
@@ -46,8 +51,8 @@ fn robot(c: &mut Criterion) {
             ..IdentifyOptions::default()
         };
         let mut ready = RobotIdentifier::new(model.clone(), options).expect("sound options");
-        let mut k = 0;
-        while ready.blocks() < 40 || k % 100 != 0 {
+        let mut k = 0_u32;
+        while ready.blocks() < 40 || !k.is_multiple_of(100) {
             let _ = ready.push(&sample(0.01 * f64::from(k)));
             k += 1;
         }

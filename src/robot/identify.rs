@@ -241,6 +241,7 @@ impl RobotIdentifier {
                 self.weigh_all();
                 self.solve_all();
             }
+            self.refresh_covariance();
             if self.blocks >= self.options.settle_blocks {
                 self.condensed = true;
             }
@@ -305,12 +306,17 @@ impl RobotIdentifier {
         self.solve();
     }
 
-    /// θ̂ and P from the information; both stay as they are if rounding has spoilt it.
+    /// θ̂ from the information; it stays as it is if rounding has spoilt this.
     fn solve(&mut self) {
-        let n = self.theta.len();
-        if self.factor.factor(n, &self.information) {
+        if self.factor.factor(self.theta.len(), &self.information) {
             self.theta.copy_from_slice(&self.vector);
             self.factor.solve(&mut self.theta); // (1)
+        }
+    }
+
+    /// P = Λ⁻¹, which costs more than all else and is needed once per block.
+    fn refresh_covariance(&mut self) {
+        if self.factor.factor(self.theta.len(), &self.information) {
             self.factor.inverse(&mut self.covariance, &mut self.work);
         }
     }
@@ -352,6 +358,7 @@ impl RobotIdentifier {
             }
         }
         self.solve();
+        self.refresh_covariance();
         for (joint, sums) in self.block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
             let variance = sums.residual_square(&self.theta) / sums.rows as f64;
             let kept = self.torque_std[joint].powi(2);

@@ -13,7 +13,7 @@ import sys
 # From the ground up. A module may import those of lower lines only, never one of its own line.
 LAYERS = [
     ["estimator", "model", "notation", "files"],
-    ["rows", "messages"],
+    ["rows", "messages", "robot"],
     ["sim"],
     ["node"],
     ["config"],

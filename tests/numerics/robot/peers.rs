@@ -37,7 +37,7 @@ fn random_urdf(rng: &mut TestRng, joints: usize) -> (String, Vec<String>) {
     let (mut links, mut names) = (1, Vec::new());
     let mut last = "l0".to_owned();
     while names.len() < joints {
-        let fixed = rng.bits() % 3 == 0;
+        let fixed = rng.bits().is_multiple_of(3);
         let kind = match rng.bits() % 3 {
             _ if fixed => "fixed",
             0 => "prismatic",

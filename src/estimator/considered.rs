@@ -343,22 +343,13 @@ impl Considered {
         // an error of amplitude √M_ss: Woodbury's formula for unit columns, with their correlations
         let size = |s: usize| self.moments[s * room + s].max(0.0).sqrt();
         let active = |s: &usize| size(*s) > 0.0;
-        let mut rows = 0;
-        for s in (0..count).filter(active) {
-            let mut columns = 0;
-            for r in (0..count).filter(active) {
-                self.matrix[rows * count + columns] = self.moments[s * room + r] / (size(s) * size(r));
-                columns += 1;
-            }
-            rows += 1;
-        }
+        let rows = (0..count).filter(active).count();
         if rows == 0 {
             return 0.0;
         }
-        // compact: `rows` columns a row
-        for row in 0..rows {
-            for column in 0..rows {
-                self.matrix[row * rows + column] = self.matrix[row * count + column];
+        for (row, s) in (0..count).filter(active).enumerate() {
+            for (column, r) in (0..count).filter(active).enumerate() {
+                self.matrix[row * rows + column] = self.moments[s * room + r] / (size(s) * size(r));
             }
             self.matrix[row * rows + row] += ROUNDING;
         }

@@ -248,7 +248,7 @@ fn render(form: &FileForm, comments: bool) -> String {
     if comments {
         text.push_str(
             "# Every key with its default. A configuration states only what differs: config/encoder_only.toml, which\n\
-             # `thetabus run` takes where no file is named, or config/cedro2022.toml.\n\
+             # every program takes if no file is named, or config/cedro2022.toml.\n\
              # The same can be said on the command line: --set estimator.block_len=950\n",
         );
     }

@@ -33,10 +33,11 @@ impl Estimate {
         })
     }
 
-    /// The parameter of this name with its standard deviation, if it [may be used](Self::is_usable). `None` for a name that is not among `names`, too:
-    /// ask [`ParameterNames::index`] once at the start to tell a misspelt name.
+    /// The parameter of this name with its standard deviation, if it [may be used](Self::is_usable). `None` for a name that is not among `names`, and
+    /// for an estimate of another model than theirs, too: ask [`ParameterNames::index`] once at the start to tell a misspelt name, and
+    /// [`ParameterNames::fit`] to tell another model.
     pub fn usable(&self, names: &ParameterNames, name: &str) -> Option<Usable> {
-        self.usable_at(names.index(name)?)
+        names.fit(self).then(|| self.usable_at(names.index(name)?))?
     }
 }
 
@@ -51,27 +52,43 @@ impl Estimate {
 /// assert_eq!(Estimate::EMPTY.usable(&names, "theta_7"), None);
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct ParameterNames(Vec<String>);
+pub struct ParameterNames {
+    names: Vec<String>,
+    /// 0 if it is not known.
+    model_hash: u64,
+}
 
 impl ParameterNames {
-    /// These names, in the order of θ: of `thetabus ctl describe`, or of a recording.
+    /// These names, in the order of θ: of `thetabus ctl describe`, or of a recording. Which model they are of is not known, so that they
+    /// [fit](Self::fit) every estimate.
     pub fn new(names: impl IntoIterator<Item = impl Into<String>>) -> Self {
-        Self(names.into_iter().map(Into::into).collect())
+        Self {
+            names: names.into_iter().map(Into::into).collect(),
+            model_hash: 0,
+        }
     }
 
-    /// The names of a plant.
+    /// The names of a plant, for its own estimates alone.
     pub fn of(plant: &impl crate::model::Plant) -> Self {
-        Self::new(plant.parameters().iter().map(|p| p.name))
+        Self {
+            model_hash: crate::model::PlantDefinition::of(plant).hash(),
+            ..Self::new(plant.parameters().iter().map(|p| p.name))
+        }
+    }
+
+    /// False if the estimate is of another model: its θ has other names. An estimate without a `model_hash` (0) fits every model.
+    pub fn fit(&self, estimate: &Estimate) -> bool {
+        self.model_hash == 0 || estimate.model_hash == 0 || self.model_hash == estimate.model_hash
     }
 
     /// Index of a parameter, from 0.
     pub fn index(&self, name: &str) -> Option<usize> {
-        self.0.iter().position(|own| own == name)
+        self.names.iter().position(|own| own == name)
     }
 
     /// All of them.
     pub fn as_slice(&self) -> &[String] {
-        &self.0
+        &self.names
     }
 }
 
@@ -99,5 +116,31 @@ mod tests {
         assert!(!estimate.is_usable(2) && !estimate.is_usable(MAX_PARAMS + 1) && !estimate.is_usable(usize::MAX));
         estimate.use_ok = 0;
         assert!(!estimate.is_usable(1));
+    }
+
+    #[test]
+    fn fault_names_of_one_model_give_nothing_from_estimates_of_another() {
+        use crate::model::{DriveInput, Manipulator, Motion, Plant, PlantDefinition, ServoAxis};
+        let axis = ServoAxis::new(Motion::Linear, DriveInput::Force, 1.0).expect("a gain");
+        let [own, foreign] = [
+            PlantDefinition::of(&axis).hash(),
+            PlantDefinition::of(&Manipulator::default()).hash(),
+        ];
+        assert_ne!(own, foreign);
+        let names = ParameterNames::of(&axis);
+        let mut estimate = Estimate {
+            params: axis.parameters().len() as u32,
+            use_ok: 1,
+            usable: 1,
+            model_hash: own,
+            ..Estimate::EMPTY
+        };
+        assert!(names.fit(&estimate) && estimate.usable(&names, "mass").is_some());
+        estimate.model_hash = foreign;
+        assert!(!names.fit(&estimate));
+        assert_eq!(estimate.usable(&names, "mass"), None);
+        // an identifier in the same process need not say which model it has
+        estimate.model_hash = 0;
+        assert!(estimate.usable(&names, "mass").is_some());
     }
 }

@@ -178,6 +178,23 @@ impl PlantDefinition {
         }
     }
 
+    /// A number that changes with whatever gives θ its meaning: names, units, equations. 64-bit FNV-1a of their text, the same on every
+    /// machine; estimates and recordings carry it as `model_hash`.
+    pub fn hash(&self) -> u64 {
+        let parameters = self.parameters.iter().map(|p| format!("{} [{}]", p.name, p.unit));
+        let equations = self.equations.iter().map(|e| {
+            format!(
+                "{} {} {} {} {:?}",
+                e.name, e.input, e.input_scale, e.order, e.parameters
+            )
+        });
+        let text = std::iter::once(self.name.to_owned()).chain(parameters).chain(equations);
+        text.flat_map(|line| line.into_bytes().into_iter().chain([b'\n']))
+            .fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+                (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+            })
+    }
+
     /// Checks what every plant must keep to.
     ///
     /// # Errors

@@ -21,9 +21,9 @@ use super::bound::{BoundEffects, exchange_tunables};
 use super::command::{Border, Change, Fate, NodeState, Order};
 use super::command_queue::CommandQueue;
 use super::estimate_message::{fill_derived, message};
-use super::misfit;
-use super::sample_gate::SampleGate;
+use super::sample_gate::{SampleGate, largest};
 use super::stream::{SampleCursor, SamplePlace};
+use super::{lacking, misfit};
 use crate::estimator::{BlockEstimator, ChangeKind, Held, StateError, StateMachine, Verdict};
 use crate::messages::{
     ErrorCode, Estimate, LastError, Sample, State, Status, StreamFaults, estimate_flags, status_flags, stream_tag,
@@ -363,6 +363,11 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             }
             Err(code) => {
                 self.refuse(sample.seq, code);
+                self.status.error = match code {
+                    ErrorCode::WrongSignals => lacking::signal(sample.seq, self.options.signals, sample.signals),
+                    ErrorCode::NotFinite => lacking::number(sample, self.options.signals, self.options.joints, largest),
+                    _ => self.status.error,
+                };
                 if let Some(open) = &mut self.open {
                     open.spoilt |= code == ErrorCode::Frozen;
                 }

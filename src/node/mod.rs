@@ -8,6 +8,7 @@ mod estimate_message;
 mod freeze;
 pub mod identifier;
 mod identifier_options;
+mod lacking;
 mod misfit;
 pub mod monitor;
 pub mod plant;

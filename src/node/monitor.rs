@@ -70,6 +70,10 @@ pub struct MonitorNode {
     /// The last word on what the model lacks.
     misfit: Option<LastError>,
     lost_estimates: u64,
+    /// The model that the labels belong to; 0 if it is not known.
+    model_hash: u64,
+    /// Of the first estimate that the labels do not belong to.
+    foreign: Option<u64>,
 }
 
 impl MonitorNode {
@@ -87,11 +91,32 @@ impl MonitorNode {
             status: None,
             misfit: None,
             lost_estimates: 0,
+            model_hash: 0,
+            foreign: None,
         }
     }
 
-    /// Takes an estimate in; false where it is one that was seen already (a late joiner gets the last one again).
+    /// The same for estimates of one model alone, by its [hash](crate::model::PlantDefinition::hash): under these labels the numbers of
+    /// another one would be wrong.
+    #[must_use]
+    pub fn of_model(mut self, model_hash: u64) -> Self {
+        self.model_hash = model_hash;
+        self
+    }
+
+    /// The model of the first estimate that was left out because the labels are not its own.
+    pub fn foreign_model(&self) -> Option<u64> {
+        self.foreign
+    }
+
+    /// Takes an estimate in; false where it is one that was seen already (a late joiner gets the last one again), or one of
+    /// [another model](Self::foreign_model) than the labels, which is left out.
     pub fn on_estimate(&mut self, estimate: &Estimate) -> bool {
+        let (own, its) = (self.model_hash, estimate.model_hash);
+        if own != 0 && its != 0 && own != its {
+            self.foreign.get_or_insert(its);
+            return false;
+        }
         match self.cursor.advance(estimate.boot_id, estimate.block) {
             Place::Duplicate => return false,
             // A new stream: what the record says of the previous one no longer belongs to this run.
@@ -437,6 +462,17 @@ pub(crate) mod tests {
         restarted.boot_id = 2;
         assert!(monitor.on_estimate(&restarted));
         assert_eq!((monitor.records().len(), monitor.lost_estimates()), (1, 0));
+    }
+
+    #[test]
+    fn fault_estimates_of_another_model_are_left_out_and_told() {
+        let mut monitor = monitor().of_model(7);
+        let mut message = estimate(1, 10.0);
+        message.model_hash = 7;
+        assert!(monitor.on_estimate(&message));
+        (message.block, message.model_hash) = (2, 8);
+        assert!(!monitor.on_estimate(&message));
+        assert_eq!((monitor.blocks(), monitor.foreign_model()), (1, Some(8)));
     }
 
     #[test]

@@ -87,14 +87,22 @@ impl SampleGate {
     fn are_numbers(&self, sample: &Sample) -> bool {
         let joints = self.joints.min(MAX_JOINTS);
         // false for NaN, too
-        let within = |signal: u32, values: &[f64; MAX_JOINTS], largest: f64| {
-            self.signals & signal == 0 || values[..joints].iter().all(|value| value.abs() <= largest)
+        let within = |signal: u32, values: &[f64; MAX_JOINTS]| {
+            self.signals & signal == 0 || values[..joints].iter().all(|value| value.abs() <= largest(signal))
         };
-        within(signals::Q, &sample.q, LARGEST)
-            && within(signals::DQ, &sample.dq, LARGEST)
-            && within(signals::DDQ, &sample.ddq, LARGEST_DERIVATIVE)
-            && within(signals::DDDQ, &sample.dddq, LARGEST_DERIVATIVE)
-            && within(signals::SETPOINT, &sample.setpoint, LARGEST)
-            && within(signals::INPUT, &sample.input, LARGEST)
+        within(signals::Q, &sample.q)
+            && within(signals::DQ, &sample.dq)
+            && within(signals::DDQ, &sample.ddq)
+            && within(signals::DDDQ, &sample.dddq)
+            && within(signals::SETPOINT, &sample.setpoint)
+            && within(signals::INPUT, &sample.input)
+    }
+}
+
+/// Largest magnitude of a signal that a machine can have \[SI units\].
+pub(super) fn largest(signal: u32) -> f64 {
+    match signal {
+        signals::DDQ | signals::DDDQ => LARGEST_DERIVATIVE,
+        _ => LARGEST,
     }
 }

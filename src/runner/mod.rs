@@ -64,6 +64,9 @@ pub enum RunError {
     /// The results could not be written.
     #[error("writing results: {0}")]
     Sink(#[from] std::io::Error),
+    /// The estimates are of another model than the monitor's labels.
+    #[error("the estimates are of another model than the monitor's names and units")]
+    ForeignModel,
     /// Signals cannot be handled.
     #[error("cannot handle signals: {0}")]
     Signals(String),

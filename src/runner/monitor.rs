@@ -58,7 +58,7 @@ pub trait MonitorSink {
 /// Follows the identifier until asked to stop, or to the end of the first stream.
 ///
 /// # Errors
-/// The bus or the sink fails.
+/// The bus or the sink fails, or the estimates are of another model than the node's labels.
 pub fn run_monitor(
     node: &mut MonitorNode,
     ports: &mut MonitorPorts,
@@ -117,6 +117,9 @@ pub fn run_monitor(
         keep_first(&mut failure, || sink.round());
         if let Some(e) = failure {
             return Err(e.into());
+        }
+        if node.foreign_model().is_some() {
+            return Err(RunError::ForeignModel);
         }
         if ending {
             return Ok(());

@@ -19,6 +19,9 @@ pub static VERSION: LazyLock<String> = LazyLock::new(|| {
     )
 });
 
+/// The configuration that every program takes if no file is named; a program with its own plant takes `own_plant`.
+pub(super) const BUILT_IN: &str = "encoder_only";
+
 /// Form of the logs on standard error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum LogFormat {
@@ -32,7 +35,7 @@ pub enum LogFormat {
 /// What all programs understand.
 #[derive(Debug, Clone, Default, Args)]
 pub struct CommonArgs {
-    /// Configuration file; repeated, later files win key by key
+    /// Configuration file; repeated, later files win key by key. Without one config/encoder_only.toml, which is built in
     #[arg(long, value_name = "FILE")]
     pub config: Vec<PathBuf>,
     /// Override a key of the configuration, e.g. --set estimator.block_len=950; repeatable
@@ -96,11 +99,16 @@ impl CommonArgs {
         }
     }
 
-    /// The configuration: built-in defaults, `sources`, the files, `--set`, then what the command line says with words of its own.
+    /// The configuration: built-in defaults, `sources`, the files, `--set`, then what the command line says with words of its own. With
+    /// neither sources nor files it is [`BUILT_IN`], so that programs which are started one by one mean the same as `thetabus run`.
     pub(super) fn load(&self, sources: Vec<Source>, own: &[(&str, Option<String>)]) -> Result<Config, Failure> {
         let files = self.config.iter().cloned().map(Source::File);
         let own_plant = self.own_plant.as_ref();
-        let basis = own_plant.and_then(|_| Config::embedded("own_plant"));
+        let basis = match own_plant {
+            Some(_) => Config::embedded("own_plant"),
+            None if sources.is_empty() && self.config.is_empty() => Config::embedded(BUILT_IN),
+            None => None,
+        };
         let sources: Vec<Source> = basis.into_iter().chain(sources).chain(files).collect();
         let names = [
             ("bus.robot", quoted(self.robot.as_ref())),

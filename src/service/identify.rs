@@ -2,11 +2,13 @@
 
 use super::commands::Commands;
 use super::offline_run::OfflineRun;
-use super::record::recording_at;
+use super::own_plant::OwnPlant;
+use super::record::{recording_at, run_info};
 use super::script::Script;
 use super::wiring::monitor_node;
-use super::{Exit, Failure, IdentifyArgs, identify_log, identify_robot, report};
-use crate::recording::{Entry, Loss};
+use super::{Exit, Failure, IdentifyArgs, foreign, identify_log, identify_robot, report};
+use crate::config::Config;
+use crate::recording::{Entry, Loss, RunInfo};
 use crate::runner::Shutdown;
 use std::time::Instant;
 
@@ -30,12 +32,18 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let recording = recording_at(&args.input);
     let mut reader = report::open(&recording, args.span.span()?)?;
     let config = args.common.load(vec![report::source_of(reader.info())], &[])?;
+    foreign::check_recording(reader.info(), &as_recorded(args, reader.info())?, &config)?;
     let mut script = Script::read(&recording, Commands::new(&config, args.common.own_plant.clone()))?;
     let truth = reader.info().simulated.then_some(&config.plant.sim);
     let monitor = monitor_node(&config, truth)?;
-    let mut info = reader.info().clone();
-    info.config_toml = config.to_toml();
-    info.config_hash = config.config_hash();
+    let recorded = reader.info();
+    // the command line may have chosen another model for the same samples
+    let info = RunInfo {
+        recording_id: recorded.recording_id.clone(),
+        robot: recorded.robot.clone(),
+        joints: recorded.joints,
+        ..run_info(&config, &monitor, recorded.simulated)
+    };
     let mut line = OfflineRun::new(args, &config, info, monitor, start)?;
     while let Some(entry) = reader.next_entry().map_err(report::unreadable)? {
         let Entry::Sample { sample, .. } = entry else { continue };
@@ -53,4 +61,10 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         ..loss
     };
     Ok(if missing.is_none() { exit } else { Exit::DataLoss })
+}
+
+/// The recording's configuration in this program, before the command line lays anything over it.
+fn as_recorded(args: &IdentifyArgs, info: &RunInfo) -> Result<Config, Failure> {
+    let own = args.common.own_plant.as_ref().map(OwnPlant::definition);
+    Ok(Config::load_for(own, &[report::source_of(info)], &[])?)
 }

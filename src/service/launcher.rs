@@ -27,8 +27,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// The configuration that is run when none is named.
-const BUILT_IN: &str = "encoder_only";
 /// Name of the file with the whole configuration of the run.
 const CONFIG_TOML: &str = "config.toml";
 
@@ -111,18 +109,14 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 
 /// The configuration with what `run` decides: who is waited for.
 fn load(args: &RunArgs) -> Result<Config, Failure> {
-    let source = match &args.file {
-        Some(file) => Source::File(file.clone()),
-        None => Config::embedded(BUILT_IN)
-            .ok_or_else(|| Failure::Failed(format!("the configuration {BUILT_IN} is not built in")))?,
-    };
+    let file = args.file.iter().cloned().map(Source::File).collect();
     let out = quoted(args.out.as_ref().map(|dir| dir.display().to_string()));
     let own = [
         ("bus.lockstep_consumers", Some(consumers(!args.no_record).to_string())),
         ("monitor.out_dir", out),
     ];
     let own: Vec<_> = args.plant.overrides().into_iter().chain(own).collect();
-    args.plant.common.load(vec![source], &own)
+    args.plant.common.load(file, &own)
 }
 
 /// Who takes samples: the identifier, and the monitor where it records.
@@ -161,4 +155,37 @@ fn make_report(dir: &Path, summary: &Summary) -> Result<(), Failure> {
     let run = report::read(&recording, Span::default())?;
     report::write(dir, &run, summary)?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::service::CommonArgs;
+    use crate::service::args::BUILT_IN;
+
+    #[test]
+    fn regress_run_and_the_single_programs_mean_the_same_without_a_file_and_with_one() {
+        let own_file = std::path::PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/config/servo_axis.toml"));
+        let built_in = Config::load(&[Config::embedded(BUILT_IN).expect("built in")], &[]).expect("valid");
+        let servo = Config::load(&[Source::File(own_file.clone())], &[]).expect("valid");
+        assert_ne!(built_in.config_hash(), servo.config_hash());
+        for (files, expected) in [(Vec::new(), &built_in), (vec![own_file], &servo)] {
+            let common = CommonArgs {
+                config: files.clone(),
+                ..CommonArgs::default()
+            };
+            let mut run = RunArgs::default();
+            run.plant.common = common.clone();
+            let named = RunArgs {
+                file: files.first().cloned(),
+                ..RunArgs::default()
+            };
+            // plant, identifier, monitor, identify and ctl load it in this way
+            for config in [common.load(Vec::new(), &[]), super::load(&run), super::load(&named)] {
+                let config = config.expect("valid");
+                assert_eq!(config.config_hash(), expected.config_hash());
+                assert_eq!((&config.plant, &config.model), (&expected.plant, &expected.model));
+            }
+        }
+    }
 }

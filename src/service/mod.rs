@@ -14,6 +14,7 @@ mod doctor;
 mod exit;
 mod export;
 mod failure;
+mod foreign;
 #[cfg(test)]
 mod fuzz;
 mod identifier;

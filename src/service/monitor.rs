@@ -3,13 +3,13 @@
 use super::args::{domain, quoted};
 use super::record::{Records, recorder};
 use super::wiring::{model_name, monitor_node};
-use super::{Exit, Failure, MonitorArgs, child, logging, out_dir};
+use super::{Exit, Failure, MonitorArgs, child, foreign, logging, out_dir};
 use crate::bus::{Bus, SampleSubscriber, Subscriber};
 use crate::files;
 use crate::node::monitor::MonitorNode;
 use crate::recording::{Entry, EstimatesCsv, RecordingReader, Span, oldest_file};
 use crate::report::Summary;
-use crate::runner::{MonitorPorts, Shutdown, apply_realtime, run_monitor};
+use crate::runner::{MonitorPorts, RunError, Shutdown, apply_realtime, run_monitor};
 use std::fs::File;
 use std::io;
 use std::path::Path;
@@ -85,7 +85,10 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     if let Some(dir) = dir {
         write_summary(dir, &summary)?;
     }
-    outcome?;
+    match outcome {
+        Err(RunError::ForeignModel) => return Err(foreign::estimates(&bus, &config)),
+        outcome => outcome?,
+    }
     if !args.common.is_launched() {
         logging::table(&summary, args.format)?;
         if let Some(dir) = dir {

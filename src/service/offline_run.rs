@@ -5,7 +5,7 @@ use super::monitor::{ESTIMATES_CSV, create, unwritable, write_summary};
 use super::wiring::identifier_node;
 use super::{Exit, Failure, IdentifyArgs, logging, out_dir, report, warm};
 use crate::config::Config;
-use crate::messages::{Sample, Status};
+use crate::messages::{ErrorCode, Sample, Status};
 use crate::node::identifier::Identifier;
 use crate::node::monitor::MonitorNode;
 use crate::recording::{EstimatesCsv, Loss, RunInfo};
@@ -102,7 +102,16 @@ impl<'a> OfflineRun<'a> {
         }
         if status.rejected > 0 {
             let all = status.accepted.saturating_add(status.rejected);
-            tracing::warn!("{} of {all} samples were rejected: {}", status.rejected, status.faults);
+            // the words name the signal and the joint
+            let last = match ErrorCode::from_wire(status.error.code) {
+                Some(ErrorCode::WrongSignals | ErrorCode::NotFinite) => format!("; the last: {}", status.error.words()),
+                _ => String::new(),
+            };
+            tracing::warn!(
+                "{} of {all} samples were rejected: {}{last}",
+                status.rejected,
+                status.faults
+            );
         }
         logging::table(&summary, format)?;
         if let Some(line) = self.advisor.line() {

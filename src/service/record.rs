@@ -4,7 +4,7 @@ use super::Failure;
 use super::wiring::{self, plant_description};
 use crate::bus::{Bus, ControlClient};
 use crate::config::Config;
-use crate::messages::{Command, Estimate, Journal, Request, Sample, Status};
+use crate::messages::{Command, ErrorCode, Estimate, Journal, LastError, Request, Sample, Status};
 use crate::node::monitor::MonitorNode;
 use crate::recording::{
     EstimatesCsv, RecordError, Recorder, RecorderStatus, RecordingLimits, RecordingReader, RunInfo, Span, oldest_file,
@@ -46,6 +46,8 @@ pub(super) struct Records {
     broken: bool,
     /// Where the identifier is told of losses.
     bus: Option<Bus>,
+    /// The identifier's last error as far as the log has it.
+    told: LastError,
 }
 
 impl Records {
@@ -57,6 +59,7 @@ impl Records {
             told_missing: 0,
             broken: false,
             bus,
+            told: LastError::default(),
         }
     }
 
@@ -104,6 +107,21 @@ impl MonitorSink for Records {
     }
 
     fn status(&mut self, status: &Status, sent_ns: u64) -> io::Result<()> {
+        // twice a second at most, and once for each kind of refused sample
+        let reason = ErrorCode::from_wire(status.error.code);
+        let samples = matches!(
+            reason,
+            Some(ErrorCode::WrongJoints | ErrorCode::WrongSignals | ErrorCode::NotFinite)
+        );
+        if samples && status.error.code != self.told.code {
+            tracing::warn!(
+                seq = status.error.seq,
+                rejected = status.rejected,
+                "the identifier refuses samples: {}",
+                status.error.words()
+            );
+        }
+        self.told = status.error;
         self.record(|recorder| recorder.status(status, sent_ns));
         Ok(())
     }

@@ -3,14 +3,18 @@
 use super::args::domain;
 use super::plant::{boot_id, delivery, limit};
 use super::record::recording_at;
-use super::{Exit, Failure, ReplayArgs, logging, report};
+use super::{Exit, Failure, ReplayArgs, foreign, logging, report};
 use crate::bus::{Bus, BusError, ControlClient, Delivery, Role, RoleLock, SamplePublisher};
-use crate::config::Speed;
+use crate::config::{Source, Speed};
 use crate::messages::{Request, Sample, response_code, sample_flags, stream_tag};
 use crate::recording::{Entry, ReadError, RecordingReader, read_journal};
 use crate::runner::{Pace, SampleSource, Shutdown, TICK, run_plant};
 use std::path::Path;
 use std::time::{Duration, Instant};
+
+/// What a replay does unless its command line says otherwise: it loses nothing, and waits for the identifier. The recorded run may have waited for
+/// its recorder as well, which nobody need start again.
+const MANNERS: &str = "[bus]\ndelivery = \"lockstep\"\nlockstep_consumers = 1\n";
 
 /// Publishes the samples of a recording, from the first to one flagged END.
 ///
@@ -19,12 +23,14 @@ use std::time::{Duration, Instant};
 pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let recording = recording_at(&args.input);
     let reader = report::open(&recording, args.span.span()?)?;
-    // A replay loses nothing unless somebody asks for a live machine's manners.
-    let mut own = vec![("plant.speed", Some(args.speed.clone()))];
-    if !args.common.set.iter().any(|set| set.starts_with("bus.delivery=")) {
-        own.push(("bus.delivery", Some("lockstep".to_owned())));
-    }
-    let config = args.common.load(vec![report::source_of(reader.info())], &own)?;
+    let manners = Source::Embedded {
+        name: "a replay's own settings".to_owned(),
+        text: MANNERS.to_owned(),
+    };
+    let sources = vec![report::source_of(reader.info()), manners];
+    let config = args
+        .common
+        .load(sources, &[("plant.speed", Some(args.speed.clone()))])?;
     let domain = domain(&config)?;
     let robot = &config.bus.robot;
     let _only_one = RoleLock::acquire(&domain, robot, Role::Plant)?;
@@ -41,6 +47,7 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         publisher.hold_for(args.common.launched.await_consumers, limit(&config));
     }
     repeat_commands(&recording, &bus, &source, limit(&config), shutdown)?;
+    foreign::warn_of_replay(source.reader.info(), &bus);
     let pace = Pace::new(match config.plant.speed {
         Speed::Max => None,
         Speed::Factor(factor) => Some(factor),

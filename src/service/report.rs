@@ -3,7 +3,7 @@
 use super::monitor::{SUMMARY_JSON, write_summary};
 use super::record::recording_at;
 use super::wiring::monitor_node;
-use super::{Exit, Failure, ReportArgs, logging, out_dir};
+use super::{Exit, Failure, ReportArgs, foreign, logging, out_dir};
 use crate::config::{Config, Source};
 use crate::node::monitor::MonitorNode;
 use crate::recording::{Loss, ReadError, RecordingReader, RunInfo, Span};
@@ -49,14 +49,17 @@ pub fn run(args: &ReportArgs) -> Result<Exit, Failure> {
 pub(super) fn read(recording: &Path, span: Span) -> Result<RunData, Failure> {
     let reader = open(recording, span)?;
     let info = reader.info();
-    let node = if info.simulated {
-        let config = config_of(info)?;
-        monitor_node(&config, Some(&config.plant.sim))?
-    } else {
+    let simulated = info.simulated.then(|| config_of(info)).transpose()?;
+    let node = match simulated.filter(|config| config.model.definition().hash() == info.model_hash) {
+        Some(config) => monitor_node(&config, Some(&config.plant.sim))?,
         // The plant may be one that this program does not know.
-        MonitorNode::new(info.parameters.clone(), info.derived.clone(), None)
+        None => MonitorNode::new(info.parameters.clone(), info.derived.clone(), None).of_model(info.model_hash),
     };
-    RunData::read(reader, node).map_err(unreadable)
+    let run = RunData::read(reader, node).map_err(unreadable)?;
+    match run.monitor.foreign_model() {
+        Some(_) => Err(foreign::report(&run.info)),
+        None => Ok(run),
+    }
 }
 
 pub(super) fn open(recording: &Path, span: Span) -> Result<RecordingReader, Failure> {

@@ -41,7 +41,8 @@ pub(super) fn monitor_node(config: &Config, truth: Option<&SimOptions>) -> Resul
             derived,
         }) as Box<dyn Truth>
     });
-    Ok(MonitorNode::new(parameters, derived_labels, truth))
+    let model = config.model.definition().hash();
+    Ok(MonitorNode::new(parameters, derived_labels, truth).of_model(model))
 }
 
 /// Whether the simulated machine is one that the model describes.
@@ -111,7 +112,7 @@ pub(super) fn fresh_estimator(config: &Config) -> Result<BlockEstimator, Failure
 pub(super) fn identity(config: &Config) -> Identity {
     Identity {
         robot: config.bus.robot.clone(),
-        model_hash: model_hash(&config.model.definition()),
+        model_hash: config.model.definition().hash(),
         config_hash: config.config_hash(),
     }
 }
@@ -138,7 +139,7 @@ fn node<B: SampleBlock + Send + 'static>(
 ) -> Result<IdentifierNode<B>, Failure> {
     let period_s = config.plant.sim.sample_period_s;
     let options = IdentifierOptions {
-        model_hash: model_hash(&PlantDefinition::of(plant)),
+        model_hash: PlantDefinition::of(plant).hash(),
         config_hash: config.config_hash(),
         sample_period_ns: (period_s * 1e9).round() as u64,
         input_limit: config.identifier.input_limit,
@@ -174,7 +175,7 @@ pub(super) fn plant_description(config: &Config) -> PlantDescription {
     let linear = servo_axis && config.file_form().servo_axis.motion == "linear";
     let plant = config.model.definition();
     PlantDescription {
-        model_hash: model_hash(&plant),
+        model_hash: plant.hash(),
         joints: plant.joints,
         position_unit: if linear { "m" } else { "rad" }.to_owned(),
         input_unit: plant.input_unit.to_owned(),
@@ -194,24 +195,6 @@ fn derived(config: &Config) -> Result<Option<ManipulatorDerived>, Failure> {
         .map(ManipulatorDerived::new)
         .transpose()
         .map_err(|e| Failure::Usage(format!("model.known: {e}")))
-}
-
-/// Changes with whatever gives θ̂ its meaning: names, units, equations. 64-bit FNV-1a, the same on every machine.
-fn model_hash(plant: &PlantDefinition) -> u64 {
-    let parameters = plant.parameters.iter().map(|p| format!("{} [{}]", p.name, p.unit));
-    let equations = plant.equations.iter().map(|e| {
-        format!(
-            "{} {} {} {} {:?}",
-            e.name, e.input, e.input_scale, e.order, e.parameters
-        )
-    });
-    let text = std::iter::once(plant.name.to_owned())
-        .chain(parameters)
-        .chain(equations);
-    text.flat_map(|line| line.into_bytes().into_iter().chain([b'\n']))
-        .fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-        })
 }
 
 /// What the simulator knows and the identifier must find out.

@@ -8,6 +8,7 @@ mod control;
 mod doctor;
 mod isolation;
 mod kills;
+mod labels;
 mod late;
 mod limits;
 mod lockstep;

@@ -70,7 +70,7 @@ fn replay_broken_off_leaves_no_command_to_the_next_stream() {
     ];
     for (what, there) in broken_at {
         for signal in [Signal::SIGKILL, Signal::SIGTERM] {
-            let replay = ["replay", recording, "--speed", "8", "--set", "bus.lockstep_consumers=1"];
+            let replay = ["replay", recording, "--speed", "8"];
             let mut replay = site.start(Program::Thetabus, &replay);
             let last = observer.last_estimate.expect("estimates").boot_id;
             let replayed = observer.estimate(what, |e| e.boot_id != last && there(e));

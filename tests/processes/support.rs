@@ -24,6 +24,9 @@ pub const PAPER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/cedro2022.t
 /// Positions and voltages alone: what `run` runs where no configuration is named.
 pub const ENCODERS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/encoder_only.toml");
 
+/// A servo axis with friction: the other model that is built in.
+pub const SERVO: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/servo_axis.toml");
+
 /// Short blocks and iterations enough to converge at once: what these tests need of the estimator.
 pub const QUICK: [&str; 4] = [
     "--set",
@@ -72,11 +75,14 @@ impl Site {
         self.dir.path().join("out")
     }
 
-    /// Starts a program in this domain.
+    /// Starts a program in this domain; a plant, identifier or monitor with the paper's experiment unless it is given a configuration.
     pub fn start(&self, program: Program, args: &[&str]) -> Process {
+        let named = matches!(program, Program::Thetabus) || args.contains(&"--config");
+        let paper = if named { &[][..] } else { &["--config", PAPER] };
         let mut command = Command::new(program.path());
         command
             .current_dir(self.dir.path())
+            .args(paper)
             .args(args)
             .args(["--domain", self.domain.name()]);
         Process::start(command)

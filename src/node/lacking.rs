@@ -1,0 +1,149 @@
+//! What a refused sample lacks, in words that fit into a status: the signal, its joint, and what would do with the signals that are there.
+
+use crate::messages::{ERROR_TEXT, ErrorCode, LastError, Sample, signals, text_of};
+use crate::model::MAX_JOINTS;
+use std::fmt::{self, Write};
+
+/// Signals by their names in messages and files.
+const NAMES: [(u32, &str); 6] = [
+    (signals::Q, "q"),
+    (signals::DQ, "dq"),
+    (signals::DDQ, "ddq"),
+    (signals::DDDQ, "dddq"),
+    (signals::SETPOINT, "setpoint"),
+    (signals::INPUT, "input"),
+];
+
+/// Text in a place of its own: a step of the identifier allocates nothing.
+struct Words {
+    text: [u8; ERROR_TEXT],
+    len: usize,
+}
+
+impl Words {
+    fn new() -> Self {
+        Self {
+            text: [0; ERROR_TEXT],
+            len: 0,
+        }
+    }
+
+    fn error(&self, code: ErrorCode, seq: u64) -> LastError {
+        LastError::with_text(code, seq, text_of(&self.text))
+    }
+}
+
+impl Write for Words {
+    fn write_str(&mut self, s: &str) -> fmt::Result {
+        let room = self.text.get_mut(self.len..self.len + s.len()).ok_or(fmt::Error)?;
+        room.copy_from_slice(s.as_bytes());
+        self.len += s.len();
+        Ok(())
+    }
+}
+
+/// The names of the signals in a mask, `none` for an empty one.
+struct Names(u32);
+
+impl fmt::Display for Names {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut between = "";
+        for (_, name) in NAMES.iter().filter(|(bit, _)| self.0 & bit != 0) {
+            write!(f, "{between}{name}")?;
+            between = ", ";
+        }
+        f.write_str(if between.is_empty() { "none" } else { "" })
+    }
+}
+
+/// A sample of `seq` that has the signals `has` of those that are `needed`.
+pub(super) fn signal(seq: u64, needed: u32, has: u32) -> LastError {
+    const DERIVATIVES: u32 = signals::DQ | signals::DDQ | signals::DDDQ;
+    let lacks = needed & !has;
+    let mut words = Words::new();
+    // What no longer fits is left out as a whole: the most important comes first.
+    let _ = write!(words, "the sample lacks {} and has {}", Names(lacks), Names(has));
+    let all = |mask: u32| has & mask == mask;
+    let _ = if lacks & !DERIVATIVES == 0 && all(signals::Q | signals::INPUT) {
+        words.write_str("; identifier.rows = \"projected\" does without")
+    } else if lacks == signals::INPUT && all(signals::SETPOINT | signals::DQ) {
+        words.write_str("; identifier.input = \"controller\" does without")
+    } else {
+        Ok(())
+    };
+    words.error(ErrorCode::WrongSignals, seq)
+}
+
+/// A sample of which a needed signal is not a number, or one that no machine has: beyond `limit` of the signal.
+pub(super) fn number(sample: &Sample, needed: u32, joints: usize, limit: impl Fn(u32) -> f64) -> LastError {
+    let arrays = [
+        &sample.q,
+        &sample.dq,
+        &sample.ddq,
+        &sample.dddq,
+        &sample.setpoint,
+        &sample.input,
+    ];
+    let mut words = Words::new();
+    for ((bit, name), values) in NAMES.iter().zip(arrays).filter(|((bit, _), _)| needed & bit != 0) {
+        let most = limit(*bit);
+        // false for NaN, too
+        let bad = values[..joints.min(MAX_JOINTS)].iter().position(|v| !(v.abs() <= most));
+        if let Some(joint) = bad {
+            let value = values[joint];
+            let _ = write!(words, "{name} of joint {} is {value:e}", joint + 1);
+            if value.is_finite() {
+                let _ = write!(words, ", expected at most {most:e}");
+            }
+            return words.error(ErrorCode::NotFinite, sample.seq);
+        }
+    }
+    LastError::new(ErrorCode::NotFinite, sample.seq)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::JointSample;
+
+    #[test]
+    fn fault_the_words_name_the_signals_that_are_missing_and_what_does_without() {
+        let pointwise = signals::Q | signals::DQ | signals::DDQ | signals::DDDQ | signals::INPUT;
+        let encoder = signals::Q | signals::SETPOINT | signals::INPUT;
+        assert_eq!(
+            signal(5, pointwise, encoder).words(),
+            "the sample lacks dq, ddq, dddq and has q, setpoint, input; identifier.rows = \"projected\" does without"
+        );
+        assert_eq!(
+            signal(
+                5,
+                signals::Q | signals::DQ | signals::INPUT,
+                signals::Q | signals::DQ | signals::SETPOINT
+            )
+            .words(),
+            "the sample lacks input and has q, dq, setpoint; identifier.input = \"controller\" does without"
+        );
+        assert_eq!(signal(5, signals::Q, 0).words(), "the sample lacks q and has none");
+        // every pair of masks gives words that are whole and fit
+        for needed in 1..64 {
+            for has in 0..64 {
+                let words = signal(0, needed, has);
+                assert!(words.words().starts_with("the sample lacks "), "{}", words.words());
+                assert!(!words.words().ends_with("does"), "{}", words.words());
+            }
+        }
+    }
+
+    #[test]
+    fn fault_the_words_name_signal_and_joint_of_a_number_that_is_none() {
+        let mut joints = JointSample::default();
+        joints.ddq[1] = f64::NAN;
+        joints.q[0] = -3e10;
+        let sample = Sample::new(1, 7, 0, 2, signals::ALL, &joints);
+        let limit = |_| 1e9;
+        let words = |needed, joints| number(&sample, needed, joints, limit).words().to_owned();
+        assert_eq!(words(signals::ALL, 2), "q of joint 1 is -3e10, expected at most 1e9");
+        assert_eq!(words(signals::DDQ, 2), "ddq of joint 2 is NaN");
+        assert_eq!(number(&sample, signals::DDQ, 2, limit).seq, 7);
+    }
+}

@@ -42,6 +42,13 @@ impl<P: Plant> Delayed<P> {
     }
 }
 
+impl<P> Delayed<P> {
+    /// The plant without the delay.
+    pub fn plant(&self) -> &P {
+        &self.plant
+    }
+}
+
 impl<P: Plant> Plant for Delayed<P> {
     fn name(&self) -> &'static str {
         self.plant.name()

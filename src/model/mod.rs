@@ -14,6 +14,7 @@
 mod autodiff;
 mod controller;
 mod delayed;
+mod extended_manipulator;
 mod manipulator;
 mod physical;
 mod raw_manipulator;
@@ -21,8 +22,9 @@ mod servo_axis;
 
 pub use controller::PdController;
 pub use delayed::Delayed;
+pub use extended_manipulator::{ExtendedManipulator, ExtraTerms};
 pub use manipulator::{MANIPULATOR_PARAMS, Manipulator, ManipulatorFeatures};
-pub use physical::{KnownConstants, ManipulatorDerived, PhysicalParameters, RecoveryError};
+pub use physical::{ExtendedDerived, KnownConstants, ManipulatorDerived, PhysicalParameters, RecoveryError};
 pub use raw_manipulator::RawManipulator;
 pub use servo_axis::{DriveInput, Motion, SERVO_PARAMS, ServoAxis};
 

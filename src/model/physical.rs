@@ -217,3 +217,35 @@ impl DerivedValues for ManipulatorDerived {
         if value.is_finite() { value } else { f64::NAN }
     }
 }
+
+/// The same values of an arm with [extra terms](super::ExtendedManipulator), which do not change them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExtendedDerived {
+    arm: ManipulatorDerived,
+    /// Where θ₁ to θ₉ stand.
+    places: [usize; MANIPULATOR_PARAMS],
+}
+
+impl ExtendedDerived {
+    /// Derived values of an arm whose θ₁ to θ₉ stand at `places`, see [`ExtendedManipulator::places`](super::ExtendedManipulator::places).
+    pub fn new(arm: ManipulatorDerived, places: [usize; MANIPULATOR_PARAMS]) -> Self {
+        Self { arm, places }
+    }
+}
+
+impl DerivedValues for ExtendedDerived {
+    fn quantities(&self) -> &[DerivedQuantity] {
+        self.arm.quantities()
+    }
+
+    fn value_and_gradient(&self, index: usize, theta: &[f64], gradient: &mut [f64]) -> f64 {
+        let own = self.places.map(|place| theta[place]);
+        let mut own_gradient = [0.0; MANIPULATOR_PARAMS];
+        let value = self.arm.value_and_gradient(index, &own, &mut own_gradient);
+        gradient.fill(0.0);
+        for (place, slope) in self.places.into_iter().zip(own_gradient) {
+            gradient[place] = slope;
+        }
+        value
+    }
+}

@@ -10,7 +10,7 @@ use super::servo_axis_options::ServoAxisOptions;
 use super::setpoint::Setpoint;
 use super::unmodelled::Unmodelled;
 use crate::messages::signals;
-use crate::model::MANIPULATOR_PARAMS;
+use crate::model::{MANIPULATOR_PARAMS, Manipulator, Plant};
 
 /// Which machine is simulated.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -109,6 +109,51 @@ impl SimOptions {
             Machine::Arm => self.true_theta(t_s).to_vec(),
             Machine::ServoAxis(axis) => axis.true_theta(t_s).to_vec(),
         }
+    }
+
+    /// The true values of parameters by their names at time `t_s` \[s\], whatever terms the model has; `NaN` for a name that this machine has no value
+    /// for. `t_s` ≥ 0.
+    pub fn true_values(&self, names: &[&str], t_s: f64) -> Vec<f64> {
+        let own: Vec<(&str, f64)> = match &self.machine {
+            Machine::Arm => {
+                let arm = Manipulator::default();
+                arm.parameters()
+                    .iter()
+                    .map(|p| p.name)
+                    .zip(self.true_theta(t_s))
+                    .collect()
+            }
+            Machine::ServoAxis(axis) => ["mass", "viscous_friction", "coulomb_friction", "offset"]
+                .into_iter()
+                .zip(axis.true_theta(t_s))
+                .collect(),
+        };
+        let heated = self.unmodelled.resistance_factor(t_s);
+        let friction = |name: &str, of: &[f64; ARM_JOINTS], factor: f64| {
+            let joint = name
+                .strip_prefix("coulomb_")?
+                .split_once('_')?
+                .1
+                .parse::<usize>()
+                .ok()?;
+            let joint = joint.checked_sub(1).filter(|joint| *joint < ARM_JOINTS)?;
+            let current = self.unmodelled.coulomb_friction_n_m[joint] / self.arm.torque_constant_n_m_per_a[joint];
+            Some(factor * of[joint] * current)
+        };
+        let value = |name: &str| match name {
+            "input_delay" => Some(self.sensors.input_delay_s),
+            "offset_1" | "offset_2" => Some(0.0),
+            name if name.starts_with("coulomb_friction_") => friction(name, &self.arm.winding_resistance_ohm, heated),
+            name if name.starts_with("coulomb_inductance_") => friction(name, &self.arm.winding_inductance_h, 1.0),
+            _ => None,
+        };
+        names
+            .iter()
+            .map(|name| {
+                let known = own.iter().find(|(own, _)| own == name).map(|(_, value)| *value);
+                known.or_else(|| value(name)).unwrap_or(f64::NAN)
+            })
+            .collect()
     }
 
     /// Which of a sample's [`signals`] hold data.

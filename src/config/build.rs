@@ -13,7 +13,8 @@ use crate::estimator::{
     Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor,
 };
 use crate::model::{
-    Delayed, DriveInput, KnownConstants, MAX_JOINTS, Manipulator, Motion, PdController, PlantDefinition, ServoAxis,
+    Delayed, DriveInput, ExtendedManipulator, ExtraTerms, KnownConstants, MAX_JOINTS, Manipulator, Motion,
+    PdController, PlantDefinition, ServoAxis,
 };
 use crate::rows::{Considered, InputSource, InputTiming, ProjectedError, ProjectedOptions, SensorNoise};
 use crate::sim::Machine;
@@ -31,6 +32,7 @@ pub(super) fn config(
         warnings: Vec::new(),
     };
     plant::inline_setpoints(&mut form, &mut check);
+    decide_on_noise(&mut form, &mut check);
     let plant = plant::plant(&form, &mut check);
     let model = match own {
         Some(own) => own_model(own, &mut check),
@@ -194,6 +196,7 @@ impl Check<'_> {
                     }
                     ("plant.servo_axis", _) => ("plant.machine", form.plant.machine.as_str(), "servo_axis"),
                     ("plant.arm" | "plant.mass_2", _) => ("plant.machine", form.plant.machine.as_str(), "arm"),
+                    ("model", "coulomb_friction" | "offset") => ("model.kind", form.model.kind.as_str(), "manipulator"),
                     ("model.servo_axis", _) => ("model.kind", form.model.kind.as_str(), "servo_axis"),
                     ("estimator", "lower" | "upper") => ("estimator.bounds", form.estimator.bounds.as_str(), "listed"),
                     ("estimator", "huber_limit") => ("estimator.outliers", form.estimator.outliers.as_str(), "huber"),
@@ -267,10 +270,22 @@ fn model(form: &FileForm, check: &mut Check<'_>) -> Option<ModelConfig> {
             return None;
         }
     };
+    let terms = ExtraTerms {
+        coulomb_friction: form.model.coulomb_friction,
+        offset: form.model.offset,
+    };
+    if terms.coulomb_friction && form.identifier.rows != "projected" {
+        let message = "expected false with identifier.rows = \"pointwise\", since a friction that jumps has no derivative to be measured, got true; \
+                       identifier.rows = \"projected\" has none either and needs none";
+        check.wrong(check.culprit(&["model.coulomb_friction", "identifier.rows"]), message);
+        return None;
+    }
+    let extended = ExtendedManipulator::new(plant, terms);
     Some(match delay(form) {
-        None => ModelConfig::Manipulator { plant, known },
+        None if terms.is_none() => ModelConfig::Manipulator { plant, known },
+        None => ModelConfig::ExtendedManipulator { plant: extended, known },
         Some((start_s, limit_s)) => ModelConfig::DelayedManipulator {
-            plant: Delayed::new(plant, start_s, limit_s),
+            plant: Delayed::new(extended, start_s, limit_s),
             known,
         },
     })
@@ -338,15 +353,58 @@ fn considered(form: &FileForm) -> Considered {
     }
 }
 
+/// Samples on either side of the velocity filter. Its time is what matters: a filter of as many samples at a lower rate smooths away the fastest
+/// motion. The polynomial of order 5 needs 3, however slow the samples are.
+fn velocity_half_width(half_width_s: f64, sample_period_s: f64, check: &mut Check<'_>) -> Option<usize> {
+    let periods = (half_width_s / sample_period_s).round();
+    if periods > 100.0 {
+        let message = format!("expected at most 100 sample periods, got {half_width_s} s, which are {periods}");
+        check.wrong("identifier.projected.velocity_half_width_s", message);
+        return None;
+    }
+    Some((periods as usize).max(3))
+}
+
+/// Says whether the noise is learnt, which the levels that are set decide if the key does not. In a configuration that is written out the
+/// decision stands, so that it is the same wherever it is read again.
+fn decide_on_noise(form: &mut FileForm, check: &mut Check<'_>) {
+    if form.identifier.rows != "projected" {
+        return;
+    }
+    let section = &mut form.projected;
+    let positions = section.position_resolution.is_some() || section.position_noise.is_some();
+    let inputs = section.input_noise.is_some() || section.input_resolution.is_some();
+    let learn = *section.learn_noise.get_or_insert(!positions && !inputs);
+    if learn || (positions && inputs) {
+        return;
+    }
+    let (key, missing) = match (positions, inputs) {
+        (true, _) => ("identifier.projected.input_noise", "input_noise or input_resolution"),
+        (_, true) => (
+            "identifier.projected.position_resolution",
+            "position_resolution or position_noise",
+        ),
+        _ => (
+            "identifier.projected.learn_noise",
+            "the levels of positions and inputs, since learn_noise is false",
+        ),
+    };
+    let message = format!(
+        "expected {missing} as well, got none of them: state 0 for signals that are exact, or learn_noise = true to have all noise taken from the \
+         signals"
+    );
+    check.wrong(key, message);
+}
+
 /// The projected rows' options; `None` with a problem where they do not go together.
 fn projected(form: &FileForm, check: &mut Check<'_>) -> Option<ProjectedOptions> {
     let section = &form.projected;
-    let per_joint = |list: &[f64]| per_joint(list, 0.0);
+    let per_joint = |list: &Option<Vec<f64>>| per_joint(list.as_deref().unwrap_or(&[]), 0.0);
     let options = ProjectedOptions {
         sample_period_s: form.plant.sample_period_s,
         window_s: section.window_s,
         stride_s: section.stride_s,
-        velocity_half_width: section.velocity_half_width as usize,
+        velocity_half_width: velocity_half_width(section.velocity_half_width_s, form.plant.sample_period_s, check)?,
         timing: chosen(&InputTiming::NAMES, &section.timing),
         input_delay_s: section.input_delay_s,
         noise: SensorNoise {
@@ -355,7 +413,7 @@ fn projected(form: &FileForm, check: &mut Check<'_>) -> Option<ProjectedOptions>
             input_noise: per_joint(&section.input_noise),
             input_resolution: per_joint(&section.input_resolution),
         },
-        learn_noise: section.learn_noise,
+        learn_noise: section.learn_noise.unwrap_or(true),
         considered: considered(form),
     };
     if let Err(ProjectedError::Value { field, expected, got }) = options.validate() {

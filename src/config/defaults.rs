@@ -169,6 +169,8 @@ impl Default for FileForm {
             model: schema::Model {
                 kind: "manipulator".to_owned(),
                 gravity_m_s2: arm.gravity_m_s2,
+                coulomb_friction: false,
+                offset: false,
             },
             servo_axis: schema::ServoAxisModel {
                 motion: word(&Motion::NAMES, Motion::default()),
@@ -191,16 +193,16 @@ impl Default for FileForm {
             projected: schema::Projected {
                 window_s: rows.window_s,
                 stride_s: rows.stride_s,
-                velocity_half_width: rows.velocity_half_width as u64,
+                velocity_half_width_s: rows.velocity_half_width as f64 * rows.sample_period_s,
                 timing: word(&InputTiming::NAMES, rows.timing),
                 input_delay_s: rows.input_delay_s,
                 estimate_input_delay: false,
                 input_delay_limit_s: 5e-3,
-                position_resolution: vec![rows.noise.position_resolution[0]],
-                position_noise: vec![rows.noise.position_noise[0]],
-                input_noise: vec![rows.noise.input_noise[0]],
-                input_resolution: vec![rows.noise.input_resolution[0]],
-                learn_noise: rows.learn_noise,
+                position_resolution: None,
+                position_noise: None,
+                input_noise: None,
+                input_resolution: None,
+                learn_noise: None,
             },
             considered: schema::ConsideredErrors {
                 input_delay_s: rows.considered.input_delay_s,

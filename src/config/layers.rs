@@ -3,7 +3,7 @@
 use super::error::{Origin, Problem};
 use super::kind::Key;
 use super::kind::{Kind, quoted};
-use super::schema::{EXCLUSIVE, key, keys};
+use super::schema::{EXCLUSIVE, RETIRED, key, keys};
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -69,7 +69,12 @@ pub(super) struct Layers {
     pub problems: Vec<Problem>,
     /// Problems beyond [`MAX_PROBLEMS`].
     untold: usize,
+    /// What a recording of before says of the velocity filter.
+    velocity_samples: Option<u32>,
 }
+
+/// A key that recordings of before have; it means a time at their own sample period.
+const SAMPLES_OF_THE_VELOCITY_FILTER: &str = "identifier.projected.velocity_half_width";
 
 impl Layers {
     /// The values that were stated, by full key.
@@ -91,6 +96,7 @@ impl Layers {
             Source::Recorded { name, text } => {
                 self.recorded = true;
                 self.text(name, text, None);
+                self.translate_velocity_filter();
                 self.recorded = false;
             }
             Source::File(path) => {
@@ -102,6 +108,19 @@ impl Layers {
                         .push(Problem::new(Origin::File { name, line: 0 }, "", message)),
                 }
             }
+        }
+    }
+
+    /// Puts the time that a recording of before means in the place of its number of samples.
+    fn translate_velocity_filter(&mut self) {
+        const KEY: &str = "identifier.projected.velocity_half_width_s";
+        let period = self.entries.get("plant.sample_period_s").cloned();
+        let (Some(samples), Some(period)) = (self.velocity_samples.take(), period) else {
+            return;
+        };
+        if let Some(period_s) = period.value.as_float() {
+            let value = Value::Float(f64::from(samples) * period_s);
+            self.entries.insert(KEY.to_owned(), Entry { value, ..period });
         }
     }
 
@@ -206,7 +225,9 @@ impl Layers {
             };
             let got = file.slice(&value.span());
             let origin = || file.origin(name.span().start);
-            if let Some(key) = key(&path) {
+            if self.recorded && path == SAMPLES_OF_THE_VELOCITY_FILTER {
+                self.velocity_samples = value.get_ref().as_integer().and_then(|n| n.as_str().parse().ok());
+            } else if let Some(key) = key(&path) {
                 self.put(key, &path, value.get_ref(), got, origin(), file.base);
             } else if !is_section(&path) {
                 if !self.enough() {
@@ -394,6 +415,9 @@ fn unknown(path: &str) -> String {
             Some(key) => format!("a section, not a key; its keys are {key} and others in config/default.toml"),
             None => "a section, not a key; config/default.toml lists its keys".to_owned(),
         };
+    }
+    if let Some((_, what)) = RETIRED.iter().find(|(retired, _)| *retired == path) {
+        return (*what).to_owned();
     }
     let name = path.rsplit('.').next().unwrap_or(path);
     // The right key in the wrong section is the commonest slip.

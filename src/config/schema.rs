@@ -11,6 +11,12 @@ pub(super) const EXCLUSIVE: &[&[&str]] = &[
     &["plant.setpoint.csv.path", "plant.setpoint.csv.rows"],
 ];
 
+/// Keys that configurations had once, with what to write now.
+pub(super) const RETIRED: &[(&str, &str)] = &[(
+    "identifier.projected.velocity_half_width",
+    "is a time now: write velocity_half_width_s, the samples times plant.sample_period_s, for example 0.01 for 10 samples at 1 ms",
+)];
+
 /// All keys, in the order of `config/default.toml`.
 pub fn keys() -> impl Iterator<Item = &'static Key> {
     SECTIONS.iter().flat_map(|section| section.keys)
@@ -432,6 +438,10 @@ sections! {
             "manipulator: the two-joint arm with DC motors of equations (24) to (27), parameters theta_1 to theta_9. servo_axis: mass, viscous_friction, coulomb_friction, offset of one axis";
         gravity_m_s2: f64, Kind::Real(NOT_NEGATIVE), "m/s²",
             "Acceleration of gravity g in the equations";
+        coulomb_friction: bool, Kind::Flag, "",
+            "Whether the manipulator has Coulomb friction at both joints: parameters coulomb_friction_1 and coulomb_inductance_1 behind theta_5, coulomb_friction_2 and coulomb_inductance_2 behind theta_9; needs rows = \"projected\"";
+        offset: bool, Kind::Flag, "",
+            "Whether the manipulator has a constant torque at both joints: parameters offset_1 and offset_2, behind those of friction";
     }
     servo_axis: ServoAxisModel = "model.servo_axis", "What is known of a servo axis" {
         motion: String, Kind::Choice(&["linear", "rotary"]), "",
@@ -468,8 +478,8 @@ sections! {
             "Length of a window, 8 to 2000 sample periods; about 1.3 periods of the fastest motion that matters";
         stride_s: f64, Kind::Real(POSITIVE), "s",
             "Time from a window to the next; a fifth of the window loses nothing worth having";
-        velocity_half_width: u64, Kind::Whole(3, 100), "samples",
-            "Samples on either side that the velocity filter uses; 10 for 16-bit encoders, 5 from 20 bits on";
+        velocity_half_width_s: f64, Kind::Real(POSITIVE), "s",
+            "Time on either side that the velocity filter uses, rounded to 3 to 100 sample periods; 0.01 for 16-bit encoders, 0.005 from 20 bits on";
         timing: String, Kind::Choice(&["held", "continuous"]), "",
             "Input between samples: held by a sampled controller, or continuous except for jumps at sample instants";
         input_delay_s: f64, Kind::Real(FINITE), "s",
@@ -478,16 +488,16 @@ sections! {
             "Identify the delay too, as the parameter input_delay [s], starting at input_delay_s";
         input_delay_limit_s: f64, Kind::Real(POSITIVE), "s",
             "Largest magnitude of an identified delay";
-        position_resolution: Vec<f64>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "rad or m",
-            "One count of the encoders, one number for all joints or one per joint; 0 where positions are not rounded";
-        position_noise: Vec<f64>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "rad or m",
-            "Standard deviation of white noise on the positions, one number or one per joint";
-        input_noise: Vec<f64>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "V, A, N or N m",
-            "Standard deviation of white noise on the inputs, one number or one per joint";
-        input_resolution: Vec<f64>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "V, A, N or N m",
-            "One count of the measured inputs, one number or one per joint; 0 where they are not rounded";
-        learn_noise: bool, Kind::Flag, "",
-            "Take the noise from the signals, block by block, instead of the four levels above";
+        position_resolution: Option<Vec<f64>>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "rad or m",
+            "One count of the encoders, one number for all joints or one per joint; 0 if positions are not rounded";
+        position_noise: Option<Vec<f64>>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "rad or m",
+            "Standard deviation of white noise on the positions, one number or one per joint; 0 if only position_resolution is set";
+        input_noise: Option<Vec<f64>>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "V, A, N or N m",
+            "Standard deviation of white noise on the inputs, one number or one per joint; 0 if only input_resolution is set";
+        input_resolution: Option<Vec<f64>>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "V, A, N or N m",
+            "One count of the measured inputs, one number or one per joint; 0 if they are not rounded";
+        learn_noise: Option<bool>, Kind::Flag, "",
+            "Take the noise from the signals, block by block, instead of the four levels above; not set: true if none of them is set";
     }
     considered: ConsideredErrors = "identifier.considered", "Standard deviations of errors that the machine may have and the model leaves out: not estimated, but sigma allows for what they could do as far as the data leave them open; for rows = \"projected\"" {
         input_delay_s: f64, Kind::Real(NOT_NEGATIVE), "s",

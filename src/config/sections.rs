@@ -4,7 +4,8 @@ use super::error::Problem;
 use super::schema::FileForm;
 use crate::estimator::{EstimatorOptions, Structure};
 use crate::model::{
-    Delayed, KnownConstants, MAX_JOINTS, Manipulator, Parameter, Plant as _, PlantDefinition, ServoAxis,
+    Delayed, ExtendedManipulator, ExtraTerms, KnownConstants, MAX_JOINTS, Manipulator, Parameter, Plant as _,
+    PlantDefinition, ServoAxis,
 };
 use crate::rows::{InputSource, ProjectedOptions};
 use crate::sim::SimOptions;
@@ -75,10 +76,17 @@ pub enum ModelConfig {
         /// Motor constants, where they are known: physical values are derived with them.
         known: Option<KnownConstants>,
     },
-    /// The same with the delay of its input as one more parameter.
+    /// The same with Coulomb friction or offsets.
+    ExtendedManipulator {
+        /// The equations.
+        plant: ExtendedManipulator,
+        /// As above.
+        known: Option<KnownConstants>,
+    },
+    /// Either of them with the delay of its input as one more parameter.
     DelayedManipulator {
         /// The equations.
-        plant: Delayed<Manipulator>,
+        plant: Delayed<ExtendedManipulator>,
         /// As above.
         known: Option<KnownConstants>,
     },
@@ -101,6 +109,7 @@ macro_rules! with_plant {
     ($model:expr, $plant:ident => $body:expr, $own:ident => $otherwise:expr) => {
         match $model {
             $crate::config::ModelConfig::Manipulator { plant: $plant, .. } => $body,
+            $crate::config::ModelConfig::ExtendedManipulator { plant: $plant, .. } => $body,
             $crate::config::ModelConfig::DelayedManipulator { plant: $plant, .. } => $body,
             $crate::config::ModelConfig::ServoAxis { plant: $plant } => $body,
             $crate::config::ModelConfig::DelayedServoAxis { plant: $plant } => $body,
@@ -136,10 +145,21 @@ impl ModelConfig {
         with_plant!(self, plant => plant.name(), own => own.name)
     }
 
+    /// Terms of an arm beyond the paper's.
+    pub fn extra_terms(&self) -> ExtraTerms {
+        match self {
+            Self::ExtendedManipulator { plant, .. } => plant.terms(),
+            Self::DelayedManipulator { plant, .. } => plant.plant().terms(),
+            _ => ExtraTerms::default(),
+        }
+    }
+
     /// Motor constants of an arm, where they are known.
     pub fn known(&self) -> Option<KnownConstants> {
         match self {
-            Self::Manipulator { known, .. } | Self::DelayedManipulator { known, .. } => *known,
+            Self::Manipulator { known, .. }
+            | Self::ExtendedManipulator { known, .. }
+            | Self::DelayedManipulator { known, .. } => *known,
             Self::ServoAxis { .. } | Self::DelayedServoAxis { .. } | Self::Own(_) => None,
         }
     }

@@ -127,6 +127,8 @@ fn input_sign(config: &Config) -> f64 {
         ModelConfig::ServoAxis { .. } | ModelConfig::DelayedServoAxis { .. } => {
             config.file_form().servo_axis.gain.signum()
         }
-        ModelConfig::Manipulator { .. } | ModelConfig::DelayedManipulator { .. } => 1.0,
+        ModelConfig::Manipulator { .. }
+        | ModelConfig::ExtendedManipulator { .. }
+        | ModelConfig::DelayedManipulator { .. } => 1.0,
     }
 }

@@ -6,7 +6,9 @@ use crate::checkpoint::Identity;
 use crate::config::{Config, ModelConfig, Rows, with_plant};
 use crate::estimator::BlockEstimator;
 use crate::messages::signals;
-use crate::model::{AutoDiff, DerivedValues, ManipulatorDerived, Plant, PlantDefinition};
+use crate::model::{
+    AutoDiff, DerivedValues, ExtendedDerived, ExtendedManipulator, ManipulatorDerived, Plant, PlantDefinition,
+};
 use crate::node::identifier::{Identifier, IdentifierNode, IdentifierOptions};
 use crate::node::monitor::{Label, MonitorNode, Truth};
 use crate::rows::{InputSource, PointwiseBlock, ProjectedBlock, SampleBlock};
@@ -30,14 +32,10 @@ pub(super) fn monitor_node(config: &Config, truth: Option<&SimOptions>) -> Resul
         .flat_map(|derived| derived.quantities())
         .map(|quantity| label(quantity.name, quantity.unit))
         .collect();
-    let delay = matches!(
-        config.model,
-        ModelConfig::DelayedManipulator { .. } | ModelConfig::DelayedServoAxis { .. }
-    );
     let truth = truth.filter(|sim| simulates(config, sim)).map(|sim| {
         Box::new(SimulatedTruth {
             sim: sim.clone(),
-            delay,
+            names: config.model.parameters().iter().map(|p| p.name).collect(),
             derived,
         }) as Box<dyn Truth>
     });
@@ -50,7 +48,9 @@ pub(super) fn simulates(config: &Config, sim: &SimOptions) -> bool {
     matches!(
         (&config.model, &sim.machine),
         (
-            ModelConfig::Manipulator { .. } | ModelConfig::DelayedManipulator { .. },
+            ModelConfig::Manipulator { .. }
+                | ModelConfig::ExtendedManipulator { .. }
+                | ModelConfig::DelayedManipulator { .. },
             Machine::Arm
         ) | (
             ModelConfig::ServoAxis { .. } | ModelConfig::DelayedServoAxis { .. },
@@ -146,7 +146,9 @@ fn node<B: SampleBlock + Send + 'static>(
         frozen_after: (config.identifier.frozen_after_s / period_s).round() as u64,
         ..IdentifierOptions::new(config.estimator.block_len as u64, plant.joints(), signals)
     };
-    let derived = derived(config)?.map(|derived| Box::new(derived) as Box<dyn DerivedValues + Send>);
+    let places = ExtendedManipulator::places(config.model.extra_terms());
+    let derived = derived(config)?
+        .map(|derived| Box::new(ExtendedDerived::new(derived, places)) as Box<dyn DerivedValues + Send>);
     let estimator = fresh_estimator(config)?;
     Ok(IdentifierNode::new(
         options,
@@ -200,18 +202,14 @@ fn derived(config: &Config) -> Result<Option<ManipulatorDerived>, Failure> {
 /// What the simulator knows and the identifier must find out.
 struct SimulatedTruth {
     sim: SimOptions,
-    /// The delay of the input is a parameter, too.
-    delay: bool,
+    /// The model's parameters.
+    names: Vec<&'static str>,
     derived: Option<ManipulatorDerived>,
 }
 
 impl Truth for SimulatedTruth {
     fn theta(&self, t_s: f64) -> Vec<f64> {
-        let mut theta = self.sim.true_parameters(t_s);
-        if self.delay {
-            theta.push(self.sim.sensors.input_delay_s);
-        }
-        theta
+        self.sim.true_values(&self.names, t_s)
     }
 
     fn derived(&self, t_s: f64) -> Vec<f64> {

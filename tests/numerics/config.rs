@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use std::path::Path;
-use thetabus::config::{Config, Delivery, Kind, Source, Speed, keys};
+use thetabus::config::{Config, Delivery, Kind, Rows, Source, Speed, keys};
 use thetabus::estimator::cedro2022_estimator;
 use thetabus::sim::SimOptions;
 
@@ -302,6 +302,38 @@ const WRONG: &[(&str, &[&str])] = &[
     (
         "[identifier]\nrows = \"projected\"\n[identifier.projected]\nwindow_s = 10.0",
         &["test.toml:4", "8 to 2000 sample periods", "got 10 s, which are 10000"],
+    ),
+    (
+        "[identifier]\nrows = \"projected\"\n[identifier.projected]\nvelocity_half_width = 10",
+        &["test.toml:4", "velocity_half_width_s", "0.01 for 10 samples at 1 ms"],
+    ),
+    (
+        "[identifier]\nrows = \"projected\"\n[identifier.projected]\nvelocity_half_width_s = 0.2",
+        &["test.toml:4", "at most 100 sample periods", "got 0.2 s, which are 200"],
+    ),
+    (
+        "[identifier]\nrows = \"projected\"\n[identifier.projected]\ninput_noise = [0.1]",
+        &[
+            "test.toml",
+            "position_resolution or position_noise as well",
+            "learn_noise = true",
+        ],
+    ),
+    (
+        "[identifier]\nrows = \"projected\"\n[identifier.projected]\nlearn_noise = false",
+        &[
+            "test.toml:4",
+            "identifier.projected.learn_noise",
+            "levels of positions and inputs",
+        ],
+    ),
+    (
+        "[model]\ncoulomb_friction = true",
+        &[
+            "test.toml:2",
+            "model.coulomb_friction",
+            "identifier.rows = \"pointwise\"",
+        ],
     ),
     (
         "[model]\nkind = \"servo_axis\"\n[log]\nq = [\"q_m\"]\nposition_unit = \"rad\"",
@@ -706,4 +738,97 @@ fn prop_a_users_own_plant_takes_the_place_of_the_model() {
     broken.parameters[1].name = "inertia";
     let message = load(&broken, &[]).unwrap_err();
     assert!(message.contains("two parameters are called inertia"), "{message}");
+}
+
+#[test]
+fn regress_noise_is_learnt_if_nobody_states_any_and_the_decision_is_written_out() {
+    use thetabus::rows::ProjectedOptions;
+    let rows = |config: &Config| -> ProjectedOptions {
+        match config.identifier.rows {
+            Rows::Projected(rows) => rows,
+            Rows::Pointwise => panic!("projected rows were asked for"),
+        }
+    };
+    let projected = "identifier.rows=projected";
+    let learnt = load("", &[projected]).unwrap();
+    assert!(rows(&learnt).learn_noise);
+    let stated = [
+        projected,
+        "identifier.projected.position_noise=[1e-4]",
+        "identifier.projected.input_resolution=[0.2]",
+    ];
+    let told = load("", &stated).unwrap();
+    let noise = rows(&told).noise;
+    assert!(!rows(&told).learn_noise);
+    assert_eq!((noise.position_noise[1], noise.input_resolution[1]), (1e-4, 0.2));
+    assert_eq!((noise.position_resolution[1], noise.input_noise[1]), (0.0, 0.0));
+    for config in [&learnt, &told] {
+        let again = load(&config.to_toml(), &[]).unwrap();
+        assert_eq!(rows(&again), rows(config));
+        assert_eq!(again.config_hash(), config.config_hash());
+    }
+    // what is stated beside own_plant.toml counts
+    let own = |sets: &[&str]| {
+        let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
+        Config::load(&[Config::embedded("own_plant").unwrap()], &sets).unwrap()
+    };
+    assert!(rows(&own(&[])).learn_noise);
+    assert!(!rows(&own(&stated[1..])).learn_noise);
+}
+
+#[test]
+fn regress_the_velocity_filter_has_a_time_and_recordings_of_before_keep_theirs() {
+    let samples = |config: &Config| match config.identifier.rows {
+        Rows::Projected(rows) => rows.velocity_half_width,
+        Rows::Pointwise => 0,
+    };
+    for (period_s, expected) in [(0.5e-3, 20), (1e-3, 10), (2e-3, 5), (0.01, 3)] {
+        let period = format!("plant.sample_period_s={period_s:?}");
+        let window = "identifier.projected.window_s=0.1";
+        let config = load("", &["identifier.rows=projected", &period, window]).unwrap();
+        assert_eq!(samples(&config), expected, "{period_s}");
+    }
+    let text = load("", &["identifier.rows=projected", "plant.sample_period_s=0.002"])
+        .unwrap()
+        .to_toml()
+        .replace("velocity_half_width_s = 0.01", "velocity_half_width = 12");
+    assert!(text.contains("velocity_half_width = 12"));
+    let recorded = Source::Recorded {
+        name: "the recording's configuration".to_owned(),
+        text,
+    };
+    let config = Config::load(&[recorded], &[]).unwrap();
+    assert_eq!(samples(&config), 12);
+    assert_eq!(config.file_form().projected.velocity_half_width_s, 0.024);
+}
+
+#[test]
+fn regress_terms_of_the_arm_are_switched_on_by_configuration() {
+    let rows = "identifier.rows=projected";
+    let names = |sets: &[&str]| {
+        let config = load("", sets).unwrap();
+        let names: Vec<_> = config.model.parameters().iter().map(|p| p.name).collect();
+        (names, config.model.definition().hash(), config.config_hash())
+    };
+    let (plain, plain_model, plain_config) = names(&[rows]);
+    let (friction, friction_model, friction_config) = names(&[rows, "model.coulomb_friction=true"]);
+    assert_eq!(plain.len(), 9);
+    assert_eq!(friction[5..7], ["coulomb_friction_1", "coulomb_inductance_1"]);
+    assert_eq!(friction[11..], ["coulomb_friction_2", "coulomb_inductance_2"]);
+    assert_ne!(plain_model, friction_model);
+    assert_ne!(plain_config, friction_config);
+    let delay = "identifier.projected.estimate_input_delay=true";
+    let (all, ..) = names(&[rows, "model.coulomb_friction=true", "model.offset=true", delay]);
+    assert_eq!((all.len(), all[7], all[15]), (16, "offset_1", "input_delay"));
+    // an offset has a derivative, which is 0
+    assert_eq!(names(&["model.offset=true"]).0.len(), 11);
+    let servo = load("", &["model.kind=servo_axis", "model.offset=true"]).unwrap();
+    let warning = &servo.warnings()[0];
+    assert_eq!(warning.key, "model.offset");
+    assert!(
+        warning
+            .message
+            .contains("no effect unless model.kind is \"manipulator\""),
+        "{warning}"
+    );
 }

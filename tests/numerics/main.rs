@@ -3,6 +3,8 @@
 mod cedro;
 #[cfg(feature = "config")]
 mod config;
+#[cfg(feature = "config")]
+mod configured;
 #[cfg(feature = "sim")]
 mod considered;
 #[cfg(feature = "studies")]

@@ -33,6 +33,13 @@ pub enum Disturbance {
         /// Size.
         percent: u32,
     },
+    /// The same, and the model has friction at both joints.
+    FrictionModelled {
+        /// Joint, 1 or 2.
+        joint: usize,
+        /// Size.
+        percent: u32,
+    },
     /// The voltage acts so many µs later than the identifier thinks.
     Delay(u32),
     /// The same, and the delay is estimated along.
@@ -94,7 +101,14 @@ impl Disturbance {
         Self::Heating,
     ];
     /// Errors of the model that the configuration can do something about, and does.
-    pub const MODEL_MENDED: [Self; 2] = [Self::DelayEstimated(50), Self::DelayEstimated(150)];
+    pub const MODEL_MENDED: [Self; 6] = [
+        Self::DelayEstimated(50),
+        Self::DelayEstimated(150),
+        Self::friction_modelled(1, 2),
+        Self::friction_modelled(1, 10),
+        Self::friction_modelled(2, 2),
+        Self::friction_modelled(2, 10),
+    ];
 
     const fn loss(permille: u32, burst: u32) -> Self {
         Self::Loss { permille, burst }
@@ -102,6 +116,10 @@ impl Disturbance {
 
     const fn friction(joint: usize, percent: u32) -> Self {
         Self::Friction { joint, percent }
+    }
+
+    const fn friction_modelled(joint: usize, percent: u32) -> Self {
+        Self::FrictionModelled { joint, percent }
     }
 
     /// Name in tables and filters.
@@ -118,6 +136,7 @@ impl Disturbance {
             Self::InputSpikes => "input_spikes".to_owned(),
             Self::InputBits(bits) => format!("input_{bits}bit"),
             Self::Friction { joint, percent } => format!("friction_{joint}_{percent}%"),
+            Self::FrictionModelled { joint, percent } => format!("friction_{joint}_{percent}%_modelled"),
             Self::Delay(us) => format!("delay_{us}us"),
             Self::DelayEstimated(us) => format!("delay_{us}us_estimated"),
             Self::Resonance => "resonance_40Hz".to_owned(),

@@ -3,7 +3,7 @@
 use super::bound::CramerRaoBound;
 use super::score::{TrialResult, Truth};
 use crate::messages::{Estimate, Sample, estimate_flags};
-use crate::model::{DerivedValues, KnownConstants, ManipulatorDerived};
+use crate::model::{DerivedValues, KnownConstants, Manipulator, ManipulatorDerived, Plant};
 use crate::node::simulated_plant::sample_stream;
 use crate::sim::{ArmSimulator, ControllerKind, Machine, SensorOptions, SimOptions, Unmodelled};
 use crate::studies::CompareError;
@@ -72,7 +72,7 @@ impl Trial<'_> {
                 let truth = Truth {
                     names: self.names,
                     theta: &theta,
-                    derived: &derived_truth(derived.as_ref(), &theta),
+                    derived: &derived_truth(derived.as_ref(), &sim.true_theta(estimate.t_last_ns as f64 * 1e-9)),
                     bound: std.as_ref().map(|std| &std[..]),
                     changed: changes_in(estimate.block),
                     changed_before: estimate.block > 1 && changes_in(estimate.block - 1),
@@ -87,13 +87,9 @@ impl Trial<'_> {
         Ok(result)
     }
 
-    /// θ as it is, in the order of the identifier's parameters; a delay of the input comes last.
+    /// θ as it is, in the order of the identifier's parameters.
     fn true_theta(&self, t_s: f64) -> Vec<f64> {
-        let mut theta = self.sim.true_parameters(t_s);
-        if self.names.len() > theta.len() {
-            theta.push(self.sim.sensors.input_delay_s);
-        }
-        theta
+        self.sim.true_values(self.names, t_s)
     }
 
     /// When the mass changes.
@@ -111,7 +107,11 @@ impl Trial<'_> {
         let sim = self.sim;
         let sensors = &sim.sensors;
         let sampled = sim.controller.kind == ControllerKind::Sampled;
-        if sim.machine != Machine::Arm || !sampled || sensors.encoder_bits == 0 {
+        // the bound is that of the paper's nine parameters, which a delay leaves in their places
+        let arm = Manipulator::default();
+        let nine = arm.parameters().iter().map(|p| p.name);
+        let nine = nine.eq(self.names.iter().copied().take(arm.parameters().len()));
+        if sim.machine != Machine::Arm || !sampled || sensors.encoder_bits == 0 || !nine {
             return Ok(None);
         }
         let ideal = SimOptions {

@@ -149,6 +149,19 @@ fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
                 "plant.substeps=10".to_owned(),
             ]
         }
+        Disturbance::FrictionModelled { joint, percent } => {
+            let mut settings = disturbance_settings(&TrialSpec {
+                disturbance: Disturbance::Friction { joint, percent },
+                ..*spec
+            });
+            let start = spec.start();
+            let start = [&start[..5], &[1.0, 0.1], &start[5..], &[1.0, 0.1]].concat();
+            settings.extend([
+                "model.coulomb_friction=true".to_owned(),
+                format!("estimator.theta_start={start:?}"),
+            ]);
+            settings
+        }
         Disturbance::Delay(us) => vec![sensors("input_delay_s", f64::from(us) * 1e-6)],
         Disturbance::DelayEstimated(us) => vec![
             sensors("input_delay_s", f64::from(us) * 1e-6),

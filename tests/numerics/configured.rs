@@ -1,0 +1,300 @@
+//! Whole configurations on simulated machines: terms that can be switched on, sample rates, noise that nobody stated.
+
+use std::f64::consts::TAU;
+use thetabus::config::{Config, ModelConfig, Rows};
+use thetabus::estimator::BlockEstimator;
+use thetabus::messages::Sample;
+use thetabus::model::{
+    DerivedValues, Equation, ExtendedDerived, ExtendedManipulator, ExtraTerms, JointSample, Manipulator,
+    ManipulatorDerived, Parameter, Plant, Scalar,
+};
+use thetabus::node::simulated_plant::sample_stream;
+use thetabus::rows::{ProjectedBlock, SampleBlock, structure};
+use thetabus::sim::{ArmParameters, SimOptions};
+
+fn encoder_only(sets: &[String]) -> Config {
+    Config::load(&[Config::embedded("encoder_only").unwrap()], sets).unwrap()
+}
+
+/// Estimates after the last block: θ̂ and its standard deviations, and the number of changes that were announced.
+struct Last {
+    theta: Vec<f64>,
+    std: Vec<f64>,
+    usable: u64,
+    changes: usize,
+}
+
+/// Samples through the rows and the estimator of a configuration.
+fn identify<P: Plant + Clone>(config: &Config, plant: P, samples: impl Iterator<Item = (u64, JointSample)>) -> Last {
+    let Rows::Projected(rows) = config.identifier.rows else {
+        panic!("projected rows are what these tests are about");
+    };
+    let (len, options) = (config.estimator.block_len, config.estimator.options.clone());
+    let mut block = ProjectedBlock::new(plant.clone(), rows, len)
+        .unwrap()
+        .starting_at(&options.theta_start)
+        .unwrap();
+    let mut estimator = BlockEstimator::new(structure(&plant), options).unwrap();
+    let mut changes = 0;
+    for (k, (t_ns, sample)) in samples.enumerate() {
+        assert!(block.push(t_ns, &sample));
+        if (k + 1) % len == 0 {
+            block.prepare(estimator.theta());
+            changes += usize::from(estimator.update(&block).change.is_some());
+            block.clear();
+        }
+    }
+    let report = estimator.report();
+    Last {
+        theta: report.theta.clone(),
+        std: report.theta_std.clone(),
+        usable: report.usable,
+        changes,
+    }
+}
+
+fn simulated(sim: &SimOptions) -> impl Iterator<Item = (u64, JointSample)> {
+    let mut plant = sample_stream(sim, 1).unwrap();
+    std::iter::from_fn(move || plant.next_sample().map(|s: Sample| (s.t_ns, s.joint_sample())))
+}
+
+fn identify_arm(config: &Config) -> Last {
+    let samples = simulated(&config.plant.sim);
+    match &config.model {
+        ModelConfig::Manipulator { plant, .. } => identify(config, *plant, samples),
+        ModelConfig::ExtendedManipulator { plant, .. } => identify(config, plant.clone(), samples),
+        _ => panic!("no such case here"),
+    }
+}
+
+const BOTH: ExtraTerms = ExtraTerms {
+    coulomb_friction: true,
+    offset: true,
+};
+
+#[test]
+fn val_extra_terms_are_those_of_the_motor_equation_and_none_are_the_papers_arm() {
+    let paper = ExtendedManipulator::new(Manipulator::default(), ExtraTerms::default());
+    assert_eq!(paper.parameters(), Manipulator::default().parameters());
+    assert_eq!(paper.equations(), Manipulator::default().equations());
+    assert_eq!(paper.relations(), Manipulator::default().relations());
+
+    let arm = ExtendedManipulator::new(Manipulator::default(), BOTH);
+    let names: Vec<_> = arm.parameters().iter().map(|p| p.name).collect();
+    let sim = SimOptions::cedro2022();
+    let theta: Vec<f64> = sim.true_theta(0.0).to_vec();
+    let all = [&theta[..5], &[3.0, 0.3, -2.0], &theta[5..], &[5.0, 0.5, 7.0]].concat();
+    assert_eq!(names[5..8], ["coulomb_friction_1", "coulomb_inductance_1", "offset_1"]);
+    assert_eq!(names[12..], ["coulomb_friction_2", "coulomb_inductance_2", "offset_2"]);
+    let (q, dq) = ([0.3, -0.4], [0.7, -1.1]);
+    // signs of the velocities: +, −; the offset has no derivative
+    for (equation, [more_0, more_1]) in [(0, [3.0 - 2.0, 0.3]), (1, [-5.0 + 7.0, -0.5])] {
+        let (mut own, mut extended) = ([0.0; 3], [0.0; 3]);
+        Plant::terms(&Manipulator::default(), equation, &q, &dq, &theta, &mut own);
+        Plant::terms(&arm, equation, &q, &dq, &all, &mut extended);
+        let more = [12.0 * more_0, 12.0 * more_1, 0.0];
+        for d in 0..3 {
+            assert!((extended[d] - own[d] - more[d]).abs() < 1e-12, "{equation} {d}");
+        }
+    }
+    // What the simulator knows of friction satisfies the relations, and physical values do not depend on the terms.
+    let mut sim = sim;
+    sim.unmodelled.coulomb_friction_n_m = [40.0, 70.0];
+    let truth = sim.true_values(&names, 0.0);
+    for [i, j, k, l] in arm.relations().iter().copied() {
+        let (left, right) = (truth[i] * truth[l], truth[j] * truth[k]);
+        assert!((left - right).abs() < 1e-12 * left.abs(), "{} {}", names[i], names[k]);
+    }
+    let parameters = ArmParameters::cedro2022().with_mass_2(150.0);
+    let derived = ManipulatorDerived::new(parameters.known()).unwrap();
+    let extended = ExtendedDerived::new(derived, ExtendedManipulator::places(BOTH));
+    let mut gradient = vec![f64::NAN; truth.len()];
+    assert!((extended.value_and_gradient(0, &truth, &mut gradient) - 150.0).abs() < 1e-9);
+    assert!(gradient[5..8].iter().chain(&gradient[12..]).all(|slope| *slope == 0.0));
+    assert!(gradient[9] != 0.0, "mass_2 follows from theta_7, the tenth");
+}
+
+/// A run with Coulomb friction at a joint, in per cent of the torque that holds link 2 level.
+fn with_friction(motion: &[&str], joint: usize, percent: f64, seed: u64) -> Config {
+    // 150 kg on 1 m
+    let torque = percent / 100.0 * 150.0 * 9.81 * 0.5;
+    let torques = [1, 2].map(|j| if j == joint { torque } else { 0.25 * torque });
+    let start = SimOptions::cedro2022().true_theta(0.0);
+    let start: Vec<f64> = start
+        .iter()
+        .zip([2.5, 0.4].iter().cycle())
+        .map(|(t, f)| t * f)
+        .collect();
+    let start = [&start[..5], &[1.0, 0.1], &start[5..], &[1.0, 0.1]].concat();
+    let mut sets: Vec<String> = motion.iter().map(|&set| set.to_owned()).collect();
+    sets.extend([
+        format!("plant.seed={seed}"),
+        "plant.duration_s=114".to_owned(),
+        "plant.substeps=10".to_owned(),
+        "plant.mass_2.t_s=[0.0]".to_owned(),
+        "plant.mass_2.mass_kg=[150.0]".to_owned(),
+        format!("plant.unmodelled.coulomb_friction_n_m={torques:?}"),
+        "model.coulomb_friction=true".to_owned(),
+        format!("estimator.theta_start={start:?}"),
+    ]);
+    encoder_only(&sets)
+}
+
+#[test]
+fn ident_with_the_friction_term_an_arm_with_friction_is_known_as_well_as_one_without() {
+    let minimum_jerk = [
+        "plant.setpoint.kind=\"moves\"",
+        "plant.setpoint.moves.max_rest_s=[0.5, 0.5]",
+    ];
+    for motion in [&[][..], &minimum_jerk] {
+        for (joint, percent) in [(1, 2.0), (1, 10.0), (2, 2.0), (2, 10.0)] {
+            let config = with_friction(motion, joint, percent, 3);
+            let last = identify_arm(&config);
+            let names: Vec<&str> = config.model.parameters().iter().map(|p| p.name).collect();
+            let truth = config.plant.sim.true_values(&names, 0.0);
+            let mut table = String::new();
+            for (i, name) in names.iter().enumerate() {
+                let off = last.theta[i] - truth[i];
+                table += &format!(
+                    "\n{name:<22} {:>8.3} %  {:>6.2} sigma  usable {}",
+                    100.0 * off / truth[i],
+                    off / last.std[i],
+                    last.usable >> i & 1
+                );
+            }
+            println!("{motion:?} joint {joint} {percent} %{table}");
+            for (i, name) in names.iter().enumerate() {
+                let off = (last.theta[i] - truth[i]).abs();
+                assert!(off < 5.0 * last.std[i], "{motion:?} {joint} {percent}: {name}{table}");
+                // what may be used is right to a per cent
+                if last.usable >> i & 1 == 1 {
+                    assert!(off < 0.01 * truth[i], "{motion:?} {joint} {percent}: {name}{table}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn ident_the_velocity_filter_keeps_its_time_at_every_sample_rate() {
+    // gains with which the sampled loop is stable at 2 ms, too
+    let gains = [
+        "plant.controller.proportional_gain_v_per_rad=[120.0, 120.0]",
+        "plant.controller.derivative_gain_v_s_per_rad=[12.0, 12.0]",
+    ];
+    let errors = |period_s: f64, half_width_s: Option<f64>| {
+        let mut sets: Vec<String> = gains.iter().map(|&set| set.to_owned()).collect();
+        sets.extend([
+            format!("plant.sample_period_s={period_s:?}"),
+            format!("plant.duration_s={:?}", 40.0 * 1900.0 * period_s),
+            "plant.mass_2.t_s=[0.0]".to_owned(),
+            "plant.mass_2.mass_kg=[150.0]".to_owned(),
+            "plant.seed=2".to_owned(),
+        ]);
+        sets.extend(half_width_s.map(|s| format!("identifier.projected.velocity_half_width_s={s:?}")));
+        let config = encoder_only(&sets);
+        let (last, truth) = (identify_arm(&config), config.plant.sim.true_theta(0.0));
+        let off = |i: usize| (last.theta[i] - truth[i]).abs();
+        let sigmas: Vec<f64> = (0..9).map(|i| off(i) / last.std[i]).collect();
+        let worst = (0..9).filter(|i| last.usable >> i & 1 == 1).map(|i| off(i) / truth[i]);
+        println!(
+            "{period_s} s, {half_width_s:?}: {sigmas:.1?} sigma, usable {:#b}",
+            last.usable
+        );
+        (sigmas.into_iter().fold(0.0, f64::max), worst.fold(0.0, f64::max))
+    };
+    for period_s in [0.5e-3, 1e-3, 2e-3] {
+        let (sigmas, worst) = errors(period_s, None);
+        // nine parameters at three rates: 4.5 standard deviations come once in 5000 such tests
+        assert!(
+            sigmas < 4.5 && worst < 0.01,
+            "{period_s} s: {sigmas:.1} sigma, {worst:.4}"
+        );
+    }
+    // ten samples of 2 ms, as the count once had it, smooth the fastest motion away
+    let (sigmas, _) = errors(2e-3, Some(0.02));
+    assert!(sigmas > 8.0, "{sigmas}");
+}
+
+/// A driven pendulum, as a user would write it down.
+#[derive(Clone, Copy)]
+struct Pendulum;
+
+static PENDULUM: [Parameter; 3] = [
+    Parameter::positive("inertia", "kg m^2", "about the axis", 1.0),
+    Parameter::positive("damping", "N m s/rad", "friction that grows with speed", 1.0),
+    Parameter::positive("weight", "N m", "torque that holds it level", 1.0),
+];
+
+impl Plant for Pendulum {
+    fn name(&self) -> &'static str {
+        "pendulum"
+    }
+    fn joints(&self) -> usize {
+        1
+    }
+    fn input_unit(&self) -> &'static str {
+        "N m"
+    }
+    fn parameters(&self) -> &[Parameter] {
+        &PENDULUM
+    }
+    fn equations(&self) -> &[Equation] {
+        static EQUATIONS: [Equation; 1] = [Equation::new("axis", 0, 1.0, 1, 0..3)];
+        &EQUATIONS
+    }
+    fn terms<D: Scalar>(&self, _: usize, q: &[D], dq: &[D], theta: &[D], g: &mut [D]) {
+        g[0] = theta[1] * dq[0] + theta[2] * q[0].sin();
+        g[1] = theta[0] * dq[0];
+    }
+}
+
+/// The pendulum of `examples/own_machine.rs` through an encoder of `bits`, with `noise` on the torque that is reported.
+fn pendulum(bits: i32, noise: f64, seed: u64, samples: u64) -> impl Iterator<Item = (u64, JointSample)> {
+    let mut rng = crate::support::TestRng(seed);
+    let phase = rng.between(0.0, TAU);
+    let (mut q, mut dq) = (0.3, 0.0);
+    let count = TAU / f64::from(bits).exp2();
+    (0..samples).map(move |k| {
+        let t = k as f64 * 1e-3;
+        let torque = 6.0 * (1.3 * t + phase).sin() + 4.0 * (7.1 * t).sin() + 2.0 * (17.0 * t).cos();
+        let mut sample = JointSample::default();
+        sample.q[0] = (q / count as f64).round() * count;
+        let normal: f64 = (0..12).map(|_| rng.between(0.0, 1.0)).sum::<f64>() - 6.0;
+        sample.input[0] = torque + noise * normal;
+        for _ in 0..20 {
+            dq += 5e-5 * (torque - 0.8 * dq - 12.0 * f64::sin(q)) / 2.5;
+            q += 5e-5 * dq;
+        }
+        (k * 1_000_000, sample)
+    })
+}
+
+#[test]
+fn ident_a_plant_of_ones_own_needs_no_word_about_its_sensors() {
+    let definition = thetabus::model::PlantDefinition::of(&Pendulum);
+    let truth = [2.5, 0.8, 12.0];
+    let (mut covered, mut all) = (0, 0);
+    // from a coarse encoder with a quiet drive to a fine one with a noisy drive: none is what any default would guess
+    for (bits, noise) in [(12, 0.02), (14, 0.5), (20, 1.0)] {
+        for seed in 0..6 {
+            let basis = Config::embedded("own_plant").unwrap();
+            let config = Config::load_for(Some(&definition), &[basis], &[]).unwrap();
+            let last = identify(&config, Pendulum, pendulum(bits, noise, seed, 12 * 1900));
+            assert_eq!(last.changes, 0, "{bits} bits, {noise} N m, seed {seed}");
+            for i in 0..3 {
+                let sigmas = (last.theta[i] - truth[i]).abs() / last.std[i];
+                println!(
+                    "{bits} bits {noise} N m: {} {:.3} %, {sigmas:.2} sigma",
+                    PENDULUM[i].name,
+                    100.0 * (last.theta[i] / truth[i] - 1.0)
+                );
+                assert!(sigmas < 4.5, "{bits} bits, {noise} N m: {}", PENDULUM[i].name);
+                all += 1;
+                covered += usize::from(sigmas < 1.96);
+            }
+        }
+    }
+    // 54 intervals of 95 %: fewer than 46 come once in a thousand such tests
+    assert!(covered >= 46, "{covered} of {all} intervals hold the truth");
+}

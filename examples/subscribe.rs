@@ -26,6 +26,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         // Sleeps until the identifier publishes; the limit lets the subscriber meet an identifier that starts later.
         estimates.wait(Duration::from_millis(100))?;
         estimates.drain(|estimate| {
+            if !names.fit(estimate) {
+                println!("block {}: of another model than the arm", estimate.block);
+                return;
+            }
             let state = State::from_wire(estimate.state).map_or("unknown", State::name);
             print!(
                 "block {} at {:.3} s, {state}:",

@@ -4,7 +4,7 @@ use super::check::{Check, joints};
 use super::error::{Origin, Problem};
 use super::layers::Layers;
 use super::plant;
-use super::schema::{self, FileForm};
+use super::schema::{self, FileForm, RealOrWord};
 use super::sections::{
     BusConfig, CheckpointConfig, Config, Delivery, EstimatorConfig, IdentifierConfig, LogColumns, ModelConfig,
     MonitorConfig, PlantConfig, RealtimeConfig, RealtimeSettings, Rows, Speed, SupervisionConfig,
@@ -16,7 +16,10 @@ use crate::model::{
     Delayed, DriveInput, ExtendedManipulator, ExtraTerms, KnownConstants, MAX_JOINTS, Manipulator, Motion,
     PdController, PlantDefinition, ServoAxis,
 };
-use crate::rows::{Considered, InputSource, InputTiming, ProjectedError, ProjectedOptions, SensorNoise};
+use crate::rows::{
+    Considered, InputSource, InputTiming, ProjectedError, ProjectedOptions, SensorNoise, auto_window_first,
+    auto_window_lengths,
+};
 use crate::sim::Machine;
 use std::path::PathBuf;
 
@@ -402,7 +405,10 @@ fn projected(form: &FileForm, check: &mut Check<'_>) -> Option<ProjectedOptions>
     let per_joint = |list: &Option<Vec<f64>>| per_joint(list.as_deref().unwrap_or(&[]), 0.0);
     let options = ProjectedOptions {
         sample_period_s: form.plant.sample_period_s,
-        window_s: section.window_s,
+        window_s: match section.window_s {
+            RealOrWord::Real(window_s) => window_s,
+            RealOrWord::Word(_) => auto_window_first(form.plant.sample_period_s),
+        },
         stride_s: section.stride_s,
         velocity_half_width: velocity_half_width(section.velocity_half_width_s, form.plant.sample_period_s, check)?,
         timing: chosen(&InputTiming::NAMES, &section.timing),
@@ -416,7 +422,15 @@ fn projected(form: &FileForm, check: &mut Check<'_>) -> Option<ProjectedOptions>
         learn_noise: section.learn_noise.unwrap_or(true),
         considered: considered(form),
     };
-    if let Err(ProjectedError::Value { field, expected, got }) = options.validate() {
+    let checked = match section.window_s {
+        RealOrWord::Real(_) => options,
+        // what is checked of the shortest one holds for all
+        RealOrWord::Word(_) => {
+            let shortest = auto_window_lengths(form.plant.sample_period_s).last();
+            options.with_window(shortest.unwrap_or(options.window_s))
+        }
+    };
+    if let Err(ProjectedError::Value { field, expected, got }) = checked.validate() {
         let key = match field {
             "sample_period_s" => "plant.sample_period_s".to_owned(),
             field if field.starts_with("considered.") => format!("identifier.{field}"),
@@ -540,6 +554,7 @@ fn identifier(form: &FileForm, check: &mut Check<'_>) -> Option<IdentifierConfig
     };
     Some(IdentifierConfig {
         rows,
+        auto_window: matches!(form.projected.window_s, RealOrWord::Word(_)),
         input,
         input_limit: per_joint(&form.identifier.input_limit, f64::INFINITY),
         frozen_after_s: form.identifier.frozen_after_s,

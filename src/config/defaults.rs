@@ -191,7 +191,7 @@ impl Default for FileForm {
                 frozen_after_s: 0.2,
             },
             projected: schema::Projected {
-                window_s: rows.window_s,
+                window_s: RealOrWord::Real(rows.window_s),
                 stride_s: rows.stride_s,
                 velocity_half_width_s: rows.velocity_half_width as f64 * rows.sample_period_s,
                 timing: word(&InputTiming::NAMES, rows.timing),

@@ -474,10 +474,10 @@ sections! {
             "A position or input that stands still to the bit for so long although the other one says that it must move is frozen: its samples are refused, its block left out; 0: never";
     }
     projected: Projected = "identifier.projected", "Rows from positions and inputs; for rows = \"projected\"" {
-        window_s: f64, Kind::Real(POSITIVE), "s",
-            "Length of a window, 8 to 2000 sample periods; about 1.3 periods of the fastest motion that matters";
+        window_s: RealOrWord, Kind::RealOr(POSITIVE, "auto"), "s",
+            "Length of a window, 8 to 2000 sample periods; about 1.3 periods of the fastest motion that matters. \"auto\": chosen from the first motion and reviewed, 25 to 200 ms and at least 20 sample periods; stride_s and velocity_half_width_s are upper limits then";
         stride_s: f64, Kind::Real(POSITIVE), "s",
-            "Time from a window to the next; a fifth of the window loses nothing worth having";
+            "Time from a window to the next; a fifth of the window loses nothing worth having, and more than 0.02 loses much";
         velocity_half_width_s: f64, Kind::Real(POSITIVE), "s",
             "Time on either side that the velocity filter uses, rounded to 3 to 100 sample periods; 0.01 for 16-bit encoders, 0.005 from 20 bits on";
         timing: String, Kind::Choice(&["held", "continuous"]), "",

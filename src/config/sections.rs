@@ -148,8 +148,8 @@ impl ModelConfig {
     /// Terms of an arm beyond the paper's.
     pub fn extra_terms(&self) -> ExtraTerms {
         match self {
-            Self::ExtendedManipulator { plant, .. } => plant.terms(),
-            Self::DelayedManipulator { plant, .. } => plant.plant().terms(),
+            Self::ExtendedManipulator { plant, .. } => plant.extra_terms(),
+            Self::DelayedManipulator { plant, .. } => plant.plant().extra_terms(),
             _ => ExtraTerms::default(),
         }
     }
@@ -180,6 +180,9 @@ pub enum Rows {
 pub struct IdentifierConfig {
     /// Form of the rows.
     pub rows: Rows,
+    /// Whether the window of projected rows is chosen from the signals; the stride and the velocity filter of `rows` are upper limits then, and its
+    /// window is the one to begin with.
+    pub auto_window: bool,
     /// Source of u.
     pub input: InputSource,
     /// Magnitude from which on each joint's measured input is saturated; `inf` for none.

@@ -210,6 +210,8 @@ pub mod item_kind {
     pub const POSITION: u32 = 3;
     /// A joint's input.
     pub const INPUT: u32 = 4;
+    /// A figure in force that the identifier chooses itself.
+    pub const FIGURE: u32 = 5;
 }
 
 /// What `describe` tells of a parameter, a tunable or a signal.

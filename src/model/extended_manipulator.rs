@@ -138,7 +138,7 @@ impl ExtendedManipulator {
     }
 
     /// The terms beyond the paper's.
-    pub fn terms(&self) -> ExtraTerms {
+    pub fn extra_terms(&self) -> ExtraTerms {
         self.terms
     }
 

@@ -40,6 +40,8 @@ pub trait Identifier: Send {
     fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate));
     /// See [`IdentifierNode::status`].
     fn status(&self) -> Status;
+    /// See [`SampleBlock::window_s`].
+    fn window_s(&self) -> Option<f64>;
     /// See [`IdentifierNode::offer`].
     ///
     /// # Errors
@@ -65,6 +67,10 @@ impl<B: SampleBlock + Send + 'static> Identifier for IdentifierNode<B> {
 
     fn status(&self) -> Status {
         IdentifierNode::status(self)
+    }
+
+    fn window_s(&self) -> Option<f64> {
+        self.rows.window_s()
     }
 
     fn offer(&mut self, order: Order) -> Result<Border, Order> {

@@ -32,57 +32,81 @@ pub struct WindowAdvice {
 
 /// Advice from the positions of one joint \[rad or m\], `sample_period_s` \[s\] apart, without holes; `None` where there are fewer than 500 or nothing moves.
 pub fn window_advice(q: &[f64], sample_period_s: f64) -> Option<WindowAdvice> {
-    let h = sample_period_s;
-    if q.len() < 500 || !(h > 0.0) {
-        return None;
-    }
     let mut noise = SignalNoise::default();
     noise.learn(q, |_| false, &mut Vec::with_capacity(q.len()));
     let variance = noise.deviation().powi(2) + noise.resolution().powi(2) / 12.0;
-    // Hann's taper keeps slow motion out of the fast bins
-    let n = q.len() - 2;
-    let taper = |k: usize| 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / n as f64).cos();
-    let a: Vec<f64> = (0..n)
-        .map(|k| taper(k) * (q[k + 2] - 2.0 * q[k + 1] + q[k]) / (h * h))
-        .collect();
-    let gain: f64 = (0..n).map(|k| taper(k).powi(2)).sum();
-    let lowest = 2.0 / (n as f64 * h);
-    let count = (PER_E * (0.4 / (h * lowest)).ln()).max(1.0) as usize;
-    let mut parts = Vec::with_capacity(count);
-    for i in 0..count {
-        let frequency = lowest * (i as f64 / PER_E).exp();
-        // as many lines as the record tells apart up to the next frequency
-        let lines = ((frequency / PER_E * n as f64 * h) as usize).clamp(1, LINES);
-        let (mut power, mut expected) = (0.0, 0.0);
-        for line in 0..lines {
-            let angle = TAU * h * frequency * (line as f64 / lines as f64 / PER_E).exp();
-            // Goertzel's recursion
-            let (coefficient, mut s1, mut s2) = (2.0 * angle.cos(), 0.0, 0.0);
-            for &x in &a {
-                (s1, s2) = (x + coefficient * s1 - s2, s1);
-            }
-            power += (s1 * s1 + s2 * s2 - coefficient * s1 * s2) / gain / lines as f64;
-            expected += (2.0 - 2.0 * angle.cos()).powi(2) * variance / h.powi(4) / lines as f64;
+    Spectrum::new(q.len()).advise(q, sample_period_s, variance)
+}
+
+/// The advice again and again, with room of its own.
+#[derive(Debug, Clone)]
+pub(super) struct Spectrum {
+    acceleration: Vec<f64>,
+    /// Frequency, and the motion's power there.
+    parts: Vec<(f64, f64)>,
+}
+
+impl Spectrum {
+    /// Room for at most so many samples at once.
+    pub fn new(samples: usize) -> Self {
+        Self {
+            acceleration: Vec::with_capacity(samples),
+            parts: Vec::with_capacity((PER_E * (0.2 * samples as f64).max(1.0).ln()).ceil() as usize + 1),
         }
-        let motion = if power > DOUBT * expected {
-            power - expected
-        } else {
-            0.0
-        };
-        // equal steps of the logarithm: df is proportional to f
-        parts.push((frequency, motion * frequency));
     }
-    let total: f64 = parts.iter().map(|part| part.1).sum();
-    let mut sum = 0.0;
-    let bandwidth_hz = parts.iter().find_map(|&(frequency, part)| {
-        sum += part;
-        (total > 0.0 && sum >= SHARE * total).then_some(frequency)
-    })?;
-    let half = (0.65 / (bandwidth_hz * h)).round().clamp(4.0, 1000.0);
-    Some(WindowAdvice {
-        bandwidth_hz,
-        window_s: 2.0 * half * h,
-    })
+
+    /// As [`window_advice`], from positions with noise of this `variance`; of more samples than there is room for, the last ones count.
+    pub fn advise(&mut self, q: &[f64], sample_period_s: f64, variance: f64) -> Option<WindowAdvice> {
+        let q = &q[q.len().saturating_sub(self.acceleration.capacity())..];
+        let h = sample_period_s;
+        if q.len() < 500 || !(h > 0.0) {
+            return None;
+        }
+        // Hann's taper keeps slow motion out of the fast bins
+        let n = q.len() - 2;
+        let taper = |k: usize| 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / n as f64).cos();
+        let (a, parts) = (&mut self.acceleration, &mut self.parts);
+        a.clear();
+        a.extend((0..n).map(|k| taper(k) * (q[k + 2] - 2.0 * q[k + 1] + q[k]) / (h * h)));
+        let gain: f64 = (0..n).map(|k| taper(k).powi(2)).sum();
+        let lowest = 2.0 / (n as f64 * h);
+        let count = (PER_E * (0.4 / (h * lowest)).ln()).max(1.0) as usize;
+        parts.clear();
+        for i in 0..count.min(parts.capacity()) {
+            let frequency = lowest * (i as f64 / PER_E).exp();
+            // as many lines as the record tells apart up to the next frequency
+            let lines = ((frequency / PER_E * n as f64 * h) as usize).clamp(1, LINES);
+            let (mut power, mut expected) = (0.0, 0.0);
+            for line in 0..lines {
+                let angle = TAU * h * frequency * (line as f64 / lines as f64 / PER_E).exp();
+                // Goertzel's recursion
+                let (coefficient, mut s1, mut s2) = (2.0 * angle.cos(), 0.0, 0.0);
+                for &x in a.iter() {
+                    (s1, s2) = (x + coefficient * s1 - s2, s1);
+                }
+                power += (s1 * s1 + s2 * s2 - coefficient * s1 * s2) / gain / lines as f64;
+                expected += (2.0 - 2.0 * angle.cos()).powi(2) * variance / h.powi(4) / lines as f64;
+            }
+            let motion = if power > DOUBT * expected {
+                power - expected
+            } else {
+                0.0
+            };
+            // equal steps of the logarithm: df is proportional to f
+            parts.push((frequency, motion * frequency));
+        }
+        let total: f64 = parts.iter().map(|part| part.1).sum();
+        let mut sum = 0.0;
+        let bandwidth_hz = parts.iter().find_map(|&(frequency, part)| {
+            sum += part;
+            (total > 0.0 && sum >= SHARE * total).then_some(frequency)
+        })?;
+        let half = (0.65 / (bandwidth_hz * h)).round().clamp(4.0, 1000.0);
+        Some(WindowAdvice {
+            bandwidth_hz,
+            window_s: 2.0 * half * h,
+        })
+    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! From samples to the rows that an estimator sees.
 
 mod advice;
+mod auto_window;
 mod error_weights;
 mod intake;
 mod kernel;
@@ -20,6 +21,7 @@ mod tail;
 mod whitening;
 
 pub use advice::{WindowAdvice, window_advice};
+pub use auto_window::{AutoWindowBlock, auto_window_first, auto_window_lengths};
 pub use kernel::InputTiming;
 pub use pointwise::{InputSource, PointwiseBlock, structure};
 pub use projected::{ProjectedBlock, ProjectedError, ProjectedOptions, SensorNoise};
@@ -44,6 +46,10 @@ pub trait SampleBlock: Residuals {
     }
     /// What the error `index` of [`suspects`](Residuals::suspects) is, for words.
     fn suspect(&self, _index: usize) -> Option<Suspect> {
+        None
+    }
+    /// Length of the windows that rows are made over \[s\]; `None` for rows of single samples.
+    fn window_s(&self) -> Option<f64> {
         None
     }
     /// Begins the next block: forgets the rows. Samples that later rows still reach back to are kept.

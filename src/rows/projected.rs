@@ -454,6 +454,24 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
     pub fn options(&self) -> &ProjectedOptions {
         &self.core.options
     }
+
+    /// The longest uninterrupted stretch of a joint's positions in the block that was prepared, and the variance of their noise.
+    pub(super) fn positions(&self, joint: usize) -> (&[f64], f64) {
+        let stretches = self.core.repair.stretches(self.core.len);
+        let longest = stretches.max_by_key(|stretch| stretch.len()).unwrap_or(0..0);
+        (
+            &self.core.q[joint][longest],
+            self.core.noise.deviations(joint)[0].powi(2),
+        )
+    }
+
+    /// Goes on with what another block of this plant has learnt of the sensors; the estimator knows θ by then.
+    pub(super) fn take_over(&mut self, other: &Self) {
+        (self.first, self.begins) = (0, false);
+        self.core.noise = other.core.noise;
+        self.core.position_noise.clone_from_slice(&other.core.position_noise);
+        self.core.input_noise.clone_from_slice(&other.core.input_noise);
+    }
 }
 
 impl<P: Plant> ProjectedBlock<P> {

@@ -65,6 +65,8 @@ pub struct Board {
     pub journalled: AtomicU64,
     /// Checkpoints are wanted: 1.
     pub checkpointing: AtomicU64,
+    /// Length of the rows' windows \[s\], the bits of the number; 0 for rows of single samples.
+    pub window_s: AtomicU64,
     /// The last error, and how many there were.
     error: Mutex<(LastError, u64)>,
 }
@@ -136,6 +138,8 @@ pub fn desk() -> (LoopEnd, DeskEnd) {
 impl LoopEnd {
     /// Hands everything over that is on its way, either way.
     pub(super) fn exchange(&mut self, node: &mut dyn Identifier) {
+        let window_s = node.window_s().unwrap_or(0.0);
+        self.board.window_s.store(window_s.to_bits(), Ordering::Relaxed);
         loop {
             self.return_done(node);
             if self.unsent.is_some() {

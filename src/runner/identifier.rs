@@ -70,6 +70,7 @@ pub fn run_identifier(
             if clock.heartbeat_due() {
                 vitals.send(node, ports)?;
                 news.losses(&node.status());
+                news.window(node);
             }
             if clock.tick_due() {
                 ports.estimates.serve_late_joiners()?;
@@ -214,9 +215,19 @@ struct News {
     stream: u64,
     missing: u64,
     rejected: u64,
+    window_s: Option<f64>,
 }
 
 impl News {
+    /// Windows that are chosen from the signals are told whenever their length changes, once samples have come.
+    fn window(&mut self, node: &dyn Identifier) {
+        let window_s = node.window_s().filter(|_| node.status().estimates > 0);
+        if window_s.is_some() && window_s != self.window_s {
+            tracing::info!("rows of windows of {:.0} ms", 1e3 * window_s.unwrap_or(0.0));
+            self.window_s = window_s;
+        }
+    }
+
     fn plant(&mut self, connected: bool) {
         if connected != self.connected {
             self.connected = connected;
@@ -250,6 +261,7 @@ impl News {
                 rejected,
                 last_seq = status.last_seq,
                 so_far = %status.faults,
+                last = status.error.words(),
                 "samples were lost or refused"
             );
             (self.missing, self.rejected) = (status.missing, status.rejected);

@@ -11,6 +11,8 @@ const ENOUGH: usize = 20_000;
 pub(super) struct Advisor {
     period_s: f64,
     window_s: Option<f64>,
+    /// The identifier chooses it.
+    auto: bool,
     joints: usize,
     positions: Vec<Vec<f64>>,
 }
@@ -25,6 +27,7 @@ impl Advisor {
         Self {
             period_s: config.plant.sim.sample_period_s,
             window_s,
+            auto: config.identifier.auto_window,
             joints,
             positions: Vec::new(),
         }
@@ -46,15 +49,22 @@ impl Advisor {
         }
     }
 
-    /// One line, where windows are used and something moved.
-    pub(super) fn line(&self) -> Option<String> {
-        let window_s = self.window_s?;
+    /// One line, if windows are used and something moved; `in_force` is the window at the end.
+    pub(super) fn line(&self, in_force: Option<f64>) -> Option<String> {
+        let window_s = in_force.or(self.window_s)?;
         let advices = self.positions.iter().filter_map(|q| window_advice(q, self.period_s));
         let fastest = advices.max_by(|a, b| a.bandwidth_hz.total_cmp(&b.bandwidth_hz))?;
         let verdict = match (0.5..=2.0).contains(&(window_s / fastest.window_s)) {
             true => "within a factor of two, which is near enough",
             false => "a length nearer to that tells more",
         };
+        if self.auto {
+            return Some(format!(
+                "the motion reaches {:.1} Hz; identifier.projected.window_s = \"auto\" has chosen {:.0} ms",
+                fastest.bandwidth_hz,
+                1e3 * window_s
+            ));
+        }
         Some(format!(
             "the motion reaches {:.1} Hz, which windows of {:.0} ms resolve; identifier.projected.window_s is {:.0} ms: {verdict}",
             fastest.bandwidth_hz,

@@ -68,9 +68,10 @@ fn request(command: &CtlCommand) -> Result<Request, Failure> {
     })
 }
 
-const KINDS: [(u32, &str); 4] = [
+const KINDS: [(u32, &str); 5] = [
     (item_kind::PARAMETER, "parameters"),
     (item_kind::TUNABLE, "tunables"),
+    (item_kind::FIGURE, "figures"),
     (item_kind::POSITION, "positions"),
     (item_kind::INPUT, "inputs"),
 ];
@@ -83,6 +84,7 @@ fn table(response: &Response) -> String {
             let (name, unit) = (text_of(&item.name), text_of(&item.unit));
             let _ = match kind {
                 item_kind::POSITION | item_kind::INPUT => writeln!(text, "  {name:<20} [{unit}]"),
+                item_kind::FIGURE => writeln!(text, "  {name:<20} {:<12} [{unit}]", Short(item.value).to_string()),
                 _ => writeln!(
                     text,
                     "  {name:<20} {:<12} [{}]  {} to {}",
@@ -102,6 +104,7 @@ fn heading(kind: u32, title: &str) -> String {
     match kind {
         item_kind::PARAMETER => format!("{title}: start value, unit, bounds"),
         item_kind::TUNABLE => format!("{title}: value in force, unit, range"),
+        item_kind::FIGURE => format!("{title}: value in force, unit"),
         _ => title.to_owned(),
     }
 }
@@ -116,6 +119,7 @@ fn as_json(response: &Response, described: bool) -> Value {
         let (name, unit) = (text_of(&item.name), text_of(&item.unit));
         match item.kind {
             item_kind::POSITION | item_kind::INPUT => json!({ "name": name, "unit": unit }),
+            item_kind::FIGURE => json!({ "name": name, "unit": unit, "value": number(item.value) }),
             _ => json!({
                 "name": name, "unit": unit, "value": number(item.value),
                 "lower": number(item.lower), "upper": number(item.upper),

@@ -8,7 +8,7 @@ use super::sparse::Sparse;
 use crate::bus::{Bus, BusError, ControlServer, Domain, Publisher};
 use crate::checkpoint;
 use crate::config::Config;
-use crate::messages::{Command, ErrorCode, Journal, LastError, Request, Response, response_code};
+use crate::messages::{Command, ErrorCode, Item, Journal, LastError, Request, Response, item_kind, response_code};
 use crate::node::command::{Border, Change, Fate, NodeState, Order};
 use crate::runner::{Board, DeskEnd, FromLoop, ToLoop};
 use std::collections::HashMap;
@@ -208,7 +208,7 @@ impl Work {
         }
         let response = match self.commands.prepare(request) {
             Err(why) => Response::new(response_code::REFUSED, &why),
-            Ok(Wanted::Answer(response)) => *response,
+            Ok(Wanted::Answer(response)) => self.with_window(*response),
             Ok(Wanted::More) => {
                 self.parts.push(*request);
                 Response::new(response_code::DONE, "")
@@ -240,6 +240,19 @@ impl Work {
             }
             self.end.board.tell(LastError::with_text(ErrorCode::Refused, 0, &words));
             Board::count(&self.end.board.refused);
+        }
+        response
+    }
+
+    /// A description with the window that is in force, which the signals may have chosen.
+    fn with_window(&self, mut response: Response) -> Response {
+        let window_s = f64::from_bits(self.end.board.window_s.load(Ordering::Relaxed));
+        if window_s > 0.0
+            && let Some(slot) = response.items.get_mut(response.items_len as usize)
+        {
+            let none = (f64::NEG_INFINITY, f64::INFINITY);
+            *slot = Item::new(item_kind::FIGURE, "window_s", "s", window_s, none);
+            response.items_len += 1;
         }
         response
     }

@@ -114,7 +114,7 @@ impl<'a> OfflineRun<'a> {
             );
         }
         logging::table(&summary, format)?;
-        if let Some(line) = self.advisor.line() {
+        if let Some(line) = self.advisor.line(self.node.window_s()) {
             logging::note(format, &line)?;
         }
         if let Some(line) = about_input {

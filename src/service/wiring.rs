@@ -11,7 +11,7 @@ use crate::model::{
 };
 use crate::node::identifier::{Identifier, IdentifierNode, IdentifierOptions};
 use crate::node::monitor::{Label, MonitorNode, Truth};
-use crate::rows::{InputSource, PointwiseBlock, ProjectedBlock, SampleBlock};
+use crate::rows::{AutoWindowBlock, InputSource, PointwiseBlock, SampleBlock};
 use crate::sim::{Machine, SimOptions};
 
 /// A monitor that knows the names, and what the values really are where `truth` is the simulated machine.
@@ -94,7 +94,11 @@ where
         }
         Rows::Projected(options) => {
             let start = &config.estimator.options.theta_start;
-            let rows = ProjectedBlock::new(plant.clone(), *options, block_len)
+            let rows = match config.identifier.auto_window {
+                true => AutoWindowBlock::chosen(plant, *options, block_len),
+                false => AutoWindowBlock::fixed(plant.clone(), *options, block_len),
+            };
+            let rows = rows
                 .and_then(|rows| rows.starting_at(start))
                 .map_err(|e| Failure::Usage(format!("identifier.projected: {e}")))?;
             Box::new(node(config, plant, signals::Q | signals::INPUT, rows)?)

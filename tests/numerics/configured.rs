@@ -9,7 +9,7 @@ use thetabus::model::{
     ManipulatorDerived, Parameter, Plant, Scalar,
 };
 use thetabus::node::simulated_plant::sample_stream;
-use thetabus::rows::{ProjectedBlock, SampleBlock, structure};
+use thetabus::rows::{AutoWindowBlock, SampleBlock, structure};
 use thetabus::sim::{ArmParameters, SimOptions};
 
 fn encoder_only(sets: &[String]) -> Config {
@@ -22,6 +22,7 @@ struct Last {
     std: Vec<f64>,
     usable: u64,
     changes: usize,
+    window_s: f64,
 }
 
 /// Samples through the rows and the estimator of a configuration.
@@ -30,10 +31,11 @@ fn identify<P: Plant + Clone>(config: &Config, plant: P, samples: impl Iterator<
         panic!("projected rows are what these tests are about");
     };
     let (len, options) = (config.estimator.block_len, config.estimator.options.clone());
-    let mut block = ProjectedBlock::new(plant.clone(), rows, len)
-        .unwrap()
-        .starting_at(&options.theta_start)
-        .unwrap();
+    let block = match config.identifier.auto_window {
+        true => AutoWindowBlock::chosen(&plant, rows, len),
+        false => AutoWindowBlock::fixed(plant.clone(), rows, len),
+    };
+    let mut block = block.unwrap().starting_at(&options.theta_start).unwrap();
     let mut estimator = BlockEstimator::new(structure(&plant), options).unwrap();
     let mut changes = 0;
     for (k, (t_ns, sample)) in samples.enumerate() {
@@ -50,6 +52,7 @@ fn identify<P: Plant + Clone>(config: &Config, plant: P, samples: impl Iterator<
         std: report.theta_std.clone(),
         usable: report.usable,
         changes,
+        window_s: block.window_s().unwrap(),
     }
 }
 
@@ -297,4 +300,79 @@ fn ident_a_plant_of_ones_own_needs_no_word_about_its_sensors() {
     }
     // 54 intervals of 95 %: fewer than 46 come once in a thousand such tests
     assert!(covered >= 46, "{covered} of {all} intervals hold the truth");
+}
+
+#[test]
+fn ident_windows_that_the_identifier_chooses_are_as_good_as_configured_ones() {
+    for period_s in [0.5e-3, 1e-3, 2e-3] {
+        let settings = |window: &str| {
+            encoder_only(&[
+                format!("identifier.projected.window_s={window}"),
+                "plant.controller.proportional_gain_v_per_rad=[120.0, 120.0]".to_owned(),
+                "plant.controller.derivative_gain_v_s_per_rad=[12.0, 12.0]".to_owned(),
+                format!("plant.sample_period_s={period_s:?}"),
+                format!("plant.duration_s={:?}", 30.0 * 1900.0 * period_s),
+                "plant.mass_2.t_s=[0.0]".to_owned(),
+                "plant.mass_2.mass_kg=[150.0]".to_owned(),
+            ])
+        };
+        let (fixed, auto) = (settings("0.1"), settings("auto"));
+        assert!(auto.identifier.auto_window && !fixed.identifier.auto_window);
+        let truth = fixed.plant.sim.true_theta(0.0);
+        let (by_hand, chosen) = (identify_arm(&fixed), identify_arm(&auto));
+        println!("{period_s} s: {} s", chosen.window_s);
+        assert_eq!(chosen.changes, 0);
+        for i in 0..9 {
+            let sigmas = (chosen.theta[i] - truth[i]).abs() / chosen.std[i];
+            assert!(sigmas < 4.5, "{period_s} s: theta_{} {sigmas:.1} sigma", i + 1);
+            let ratio = chosen.std[i] / by_hand.std[i];
+            println!("theta_{}: {sigmas:.2} sigma, {ratio:.3} of the fixed one's", i + 1);
+            assert!(ratio < 1.15, "{period_s} s: theta_{} {ratio}", i + 1);
+        }
+    }
+}
+
+#[test]
+fn ident_a_slow_sample_rate_gets_windows_that_resolve_their_bump() {
+    // 10 ms: the configured 100 ms are ten samples
+    let definition = thetabus::model::PlantDefinition::of(&Pendulum);
+    let basis = Config::embedded("own_plant").unwrap();
+    let sets = [
+        "plant.sample_period_s=0.01",
+        "identifier.projected.window_s=auto",
+        "estimator.block_len=600",
+    ];
+    let sets: Vec<String> = sets.iter().map(|&set| set.to_owned()).collect();
+    let config = Config::load_for(Some(&definition), &[basis], &sets).unwrap();
+    let last = identify(&config, Pendulum, slow_pendulum(3));
+    assert_eq!(last.window_s, 0.2);
+    for (i, truth) in [2.5, 0.8, 12.0].into_iter().enumerate() {
+        let off = (last.theta[i] - truth).abs();
+        println!(
+            "{}: {:.3} %, {:.2} sigma",
+            PENDULUM[i].name,
+            100.0 * off / truth,
+            off / last.std[i]
+        );
+        assert!(off < 4.5 * last.std[i] && off < 0.02 * truth, "{}", PENDULUM[i].name);
+    }
+}
+
+/// The pendulum, its torque held over 10 ms, sampled as often.
+fn slow_pendulum(seed: u64) -> impl Iterator<Item = (u64, JointSample)> {
+    let mut rng = crate::support::TestRng(seed);
+    let (mut q, mut dq) = (0.3_f64, 0.0_f64);
+    let count = TAU / 65536.0;
+    (0..6000).map(move |k| {
+        let t = k as f64 * 1e-2;
+        let torque = 6.0 * (1.3 * t).sin() + 4.0 * (4.1 * t).sin() + 2.0 * (7.0 * t).cos();
+        let mut sample = JointSample::default();
+        sample.q[0] = (q / count).round() * count;
+        sample.input[0] = torque + 0.05 * (rng.between(-1.0, 1.0) + rng.between(-1.0, 1.0));
+        for _ in 0..200 {
+            dq += 5e-5 * (torque - 0.8 * dq - 12.0 * q.sin()) / 2.5;
+            q += 5e-5 * dq;
+        }
+        (k * 10_000_000, sample)
+    })
 }

@@ -7,14 +7,15 @@
 #[cfg(feature = "robot")]
 mod robot;
 
+use std::f64::consts::TAU;
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, StateMachine};
 use thetabus::messages::{Estimate, Sample, signals};
-use thetabus::model::{AutoDiff, Delayed, KnownConstants, Manipulator, ManipulatorDerived, Plant};
+use thetabus::model::{AutoDiff, Delayed, JointSample, KnownConstants, Manipulator, ManipulatorDerived, Plant};
 use thetabus::node::command::{Change, NodeState, Order};
 use thetabus::node::identifier::{IdentifierNode, IdentifierOptions};
 use thetabus::rows::{
-    InputSource, PointwiseBlock, ProjectedBlock, ProjectedOptions, SampleBlock, SmoothedBlock, SmoothedOptions,
-    structure,
+    AutoWindowBlock, InputSource, PointwiseBlock, ProjectedBlock, ProjectedOptions, SampleBlock, SmoothedBlock,
+    SmoothedOptions, structure,
 };
 use thetabus::sim::{ArmParameters, ArmSimulator, SimOptions};
 
@@ -194,4 +195,52 @@ fn rt_projected_and_smoothed_rows_allocate_nothing_either() {
     }
     let rows = SmoothedBlock::new(AutoDiff(plant), 2, SmoothedOptions::recommended(), len).unwrap();
     assert_eq!(allocations(from_positions(&plant, rows)), 0, "smoothed");
+}
+
+/// The window at the end of each block of samples whose joints swing at these frequencies \[Hz\], and the allocations on the way.
+fn windows_of(swings: &[(u64, f64)]) -> (Vec<f64>, u64) {
+    let theta: Vec<f64> = Manipulator::default().parameters().iter().map(|p| p.start).collect();
+    let options = ProjectedOptions::recommended();
+    let mut rows = AutoWindowBlock::chosen(&Manipulator::default(), options, 1000).unwrap();
+    let blocks: u64 = swings.iter().map(|(blocks, _)| blocks).sum();
+    let mut windows = Vec::with_capacity(blocks as usize);
+    let counted = allocation_counter::measure(|| {
+        let (mut k, mut phase) = (0, 0.0_f64);
+        for &(blocks, frequency) in swings {
+            for _ in 0..blocks {
+                for _ in 0..1000 {
+                    phase += TAU * frequency * 1e-3;
+                    let mut sample = JointSample::default();
+                    for joint in 0..2 {
+                        // starts without a jump of the velocity
+                        sample.q[joint] = (0.3 * (1.0 - phase.cos()) / 1e-4).round() * 1e-4;
+                        sample.input[joint] = 40.0 * (phase + 0.4).sin();
+                    }
+                    assert!(rows.push(k * 1_000_000, &sample));
+                    k += 1;
+                }
+                rows.prepare(&theta);
+                windows.extend(rows.window_s());
+                rows.clear();
+            }
+        }
+    });
+    (windows, counted.count_total)
+}
+
+#[test]
+fn rt_windows_follow_the_motion_without_allocating() {
+    let (windows, allocations) = windows_of(&[(2, 0.0), (20, 13.0), (20, 4.0)]);
+    assert_eq!(allocations, 0);
+    // 1.3 periods of 13 Hz are 100 ms, of 4 Hz 325 ms; at rest nothing is chosen
+    assert_eq!(windows[..22], [0.1; 22]);
+    assert_eq!(windows[41], 0.2, "{windows:?}");
+    let changed = windows.iter().position(|&w| w == 0.2).unwrap();
+    // two reviews of eight blocks each have to agree
+    assert!((22 + 8..=22 + 25).contains(&changed), "{changed}");
+    // the first motion decides at once
+    let (windows, _) = windows_of(&[(1, 40.0)]);
+    assert_eq!(windows, [0.025]);
+    let (windows, _) = windows_of(&[(1, 2.0)]);
+    assert_eq!(windows, [0.2]);
 }

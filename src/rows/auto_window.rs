@@ -1,0 +1,338 @@
+//! Projected rows whose window length is chosen from the signals, and kept under review.
+//!
+//! ```text
+//! T_c = T₀, T₀/2, T₀/4, … ≥ max(25 ms, 20 h)        T₀ = max(200 ms, 20 h), strides min(T_c/5, what is configured)
+//! T   = the T_c that is nearest to 1.3/f_b by its ratio, f_b the bandwidth of the fastest joint (`advice.rs`)
+//! ```
+//!
+//! There is a block of rows for each length, made at the start, and one of them is in use. The first block of samples that shows motion chooses: it is
+//! made into rows of the length that it advises before any estimate is made of it. After that every joint is looked at once in [`REVIEW`] blocks, and a
+//! length that two reviews in a row advise takes over at the border of a block; its first windows begin there, since rows of different
+//! lengths do not mix. With one length there is nothing to choose: this is then the block of rows itself.
+//!
+//! 20 samples in a window resolve its bump; longer windows than 200 ms hardly tell more, as long as the stride is short (docs/method.md, section 16a).
+
+use super::SampleBlock;
+use super::advice::Spectrum;
+use super::projected::{ProjectedBlock, ProjectedError, ProjectedOptions};
+use super::suspects::Suspect;
+use crate::estimator::Residuals;
+use crate::model::{JointSample, MAX_JOINTS, Plant};
+
+/// Longest and shortest window \[s\], if the sample period allows it.
+const LONGEST_S: f64 = 0.2;
+const SHORTEST_S: f64 = 0.025;
+/// Length to begin with, until something moves \[s\].
+const FIRST_S: f64 = 0.1;
+/// Samples that a window has at least.
+const FEWEST: f64 = 20.0;
+/// Blocks from one review to the next.
+const REVIEW: u32 = 8;
+/// Samples that the bandwidth is taken from at most: some seconds of them say enough, and more cost time.
+const LOOK: usize = 2048;
+
+/// Projected rows of one length, or of the length that fits the motion.
+#[derive(Debug, Clone)]
+pub struct AutoWindowBlock<P: Plant> {
+    /// One per length, the longest first.
+    blocks: Vec<ProjectedBlock<P>>,
+    active: usize,
+    /// Samples of the open block, until the first choice; none with one length.
+    kept: Vec<(u64, JointSample)>,
+    chosen: bool,
+    spectrum: Spectrum,
+    /// Blocks since the last review, and the highest bandwidth of the joints that were looked at since \[Hz\].
+    since: u32,
+    fastest_hz: f64,
+    /// The length that the last review advised.
+    advised: usize,
+    /// Takes over at the next border.
+    next: usize,
+}
+
+impl ProjectedOptions {
+    /// The same over windows of another length, with the stride and the velocity filter no longer than befits it.
+    #[must_use]
+    pub fn with_window(&self, window_s: f64) -> Self {
+        let quarter = (0.25 * window_s / self.sample_period_s) as usize;
+        Self {
+            window_s,
+            stride_s: self.stride_s.min(0.2 * window_s).max(self.sample_period_s),
+            velocity_half_width: self.velocity_half_width.min(quarter.max(3)),
+            ..*self
+        }
+    }
+}
+
+/// The lengths that [`AutoWindowBlock::chosen`] has to choose from at a sample period \[s\], the longest first; at least one.
+pub fn auto_window_lengths(sample_period_s: f64) -> impl Iterator<Item = f64> {
+    let shortest = SHORTEST_S.max(FEWEST * sample_period_s);
+    let longest = LONGEST_S.max(FEWEST * sample_period_s);
+    std::iter::successors(Some(longest), |length| Some(0.5 * length))
+        .take_while(move |length| *length >= shortest * (1.0 - 1e-9))
+}
+
+/// The length that [`AutoWindowBlock::chosen`] begins with, until something moves \[s\].
+pub fn auto_window_first(sample_period_s: f64) -> f64 {
+    let distance = |length: &f64| (length / FIRST_S).ln().abs();
+    let first = auto_window_lengths(sample_period_s).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    first.unwrap_or(FIRST_S)
+}
+
+impl<P: Plant + Clone> AutoWindowBlock<P> {
+    /// Rows with the window, stride and velocity filter of `options`.
+    ///
+    /// # Errors
+    /// As [`ProjectedBlock::new`].
+    pub fn fixed(plant: P, options: ProjectedOptions, block_len: usize) -> Result<Self, ProjectedError> {
+        let block = ProjectedBlock::new(plant, options, block_len)?;
+        Ok(Self {
+            blocks: vec![block],
+            active: 0,
+            kept: Vec::new(),
+            chosen: true,
+            spectrum: Spectrum::new(0),
+            since: 0,
+            fastest_hz: 0.0,
+            advised: 0,
+            next: 0,
+        })
+    }
+
+    /// Rows whose window is chosen; `options.window_s` does not count, its stride and velocity filter are upper limits. The only place that allocates.
+    ///
+    /// # Errors
+    /// As [`ProjectedBlock::new`].
+    pub fn chosen(plant: &P, options: ProjectedOptions, block_len: usize) -> Result<Self, ProjectedError> {
+        let period_s = options.sample_period_s;
+        let blocks = auto_window_lengths(period_s)
+            .map(|window_s| ProjectedBlock::new(plant.clone(), options.with_window(window_s), block_len))
+            .collect::<Result<Vec<_>, _>>()?;
+        let first = nearest(&blocks, FIRST_S);
+        Ok(Self {
+            blocks,
+            active: first,
+            kept: Vec::with_capacity(block_len),
+            chosen: false,
+            spectrum: Spectrum::new(LOOK),
+            since: 0,
+            fastest_hz: 0.0,
+            advised: first,
+            next: first,
+        })
+    }
+
+    /// The same with other start values than the plant's own for the first block's weights.
+    ///
+    /// # Errors
+    /// Not one finite value within its bounds for each parameter.
+    pub fn starting_at(mut self, theta: &[f64]) -> Result<Self, ProjectedError> {
+        self.blocks = self
+            .blocks
+            .into_iter()
+            .map(|block| block.starting_at(theta))
+            .collect::<Result<_, _>>()?;
+        Ok(self)
+    }
+}
+
+/// The block whose window is nearest to a length by its ratio.
+fn nearest<P: Plant + Clone>(blocks: &[ProjectedBlock<P>], window_s: f64) -> usize {
+    let distance = |block: &ProjectedBlock<P>| (block.options().window_s / window_s).ln().abs();
+    let better = |a: &(usize, f64), b: &(usize, f64)| a.1.total_cmp(&b.1);
+    let all = blocks.iter().map(distance).enumerate();
+    all.min_by(better).map_or(0, |(index, _)| index)
+}
+
+impl<P: Plant + Clone> AutoWindowBlock<P> {
+    fn own(&self) -> &ProjectedBlock<P> {
+        &self.blocks[self.active]
+    }
+
+    /// Looks at the joint `joint` in the samples of the block that was prepared.
+    fn look(&mut self, joint: usize) {
+        let block = &self.blocks[self.active];
+        let (q, variance) = block.positions(joint);
+        if let Some(advice) = self.spectrum.advise(q, block.options().sample_period_s, variance) {
+            self.fastest_hz = self.fastest_hz.max(advice.bandwidth_hz);
+        }
+    }
+
+    /// The length for the motion that was seen since the last time; the one in use if there was none.
+    fn advice(&mut self) -> usize {
+        let fastest_hz = std::mem::take(&mut self.fastest_hz);
+        match fastest_hz > 0.0 {
+            true => nearest(&self.blocks, 1.3 / fastest_hz),
+            false => self.active,
+        }
+    }
+
+    /// The first choice: makes the samples of the open block into rows of the length that they advise.
+    fn choose(&mut self, theta: &[f64]) {
+        for joint in 0..self.own().plant().joints().min(MAX_JOINTS) {
+            self.look(joint);
+        }
+        if self.fastest_hz > 0.0 {
+            self.chosen = true;
+            let best = self.advice();
+            if best != self.active {
+                (self.active, self.advised, self.next) = (best, best, best);
+                let block = &mut self.blocks[best];
+                for (t_ns, sample) in &self.kept {
+                    // there is room for as many samples as the other one took
+                    let _ = block.push(*t_ns, sample);
+                }
+                block.prepare(theta);
+            }
+        }
+        self.kept.clear();
+    }
+
+    /// Looks at one joint per block; after the last one says which length is to take over.
+    fn review(&mut self) {
+        let joints = self.own().plant().joints() as u32;
+        self.since += 1;
+        let turn = self.since.saturating_sub(REVIEW.saturating_sub(joints));
+        if turn >= 1 {
+            self.look((turn - 1) as usize);
+        }
+        if turn >= joints {
+            self.since = 0;
+            let advised = self.advice();
+            // one review may have met an odd motion
+            self.next = if advised == self.advised { advised } else { self.active };
+            self.advised = advised;
+        }
+    }
+}
+
+impl<P: Plant + Clone> Residuals for AutoWindowBlock<P> {
+    fn len(&self) -> usize {
+        self.own().len()
+    }
+
+    #[inline]
+    fn row(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        self.own().row(equation, index, theta, regressor)
+    }
+
+    fn span(&self, index: usize) -> (u64, u64) {
+        self.own().span(index)
+    }
+
+    fn is_used(&self, equation: usize, index: usize) -> bool {
+        self.own().is_used(equation, index)
+    }
+
+    fn tail(&self, equation: usize, k: usize, theta: &[f64]) -> Option<f64> {
+        self.own().tail(equation, k, theta)
+    }
+
+    fn suspects(&self) -> usize {
+        self.own().suspects()
+    }
+
+    fn suspect_std(&self, suspect: usize) -> f64 {
+        self.own().suspect_std(suspect)
+    }
+
+    fn suspect_row(&self, equation: usize, index: usize, columns: &mut [f64]) {
+        self.own().suspect_row(equation, index, columns);
+    }
+
+    fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        self.own().row_forward(equation, index, theta, regressor)
+    }
+
+    fn start(&self) -> Option<&[f64]> {
+        self.own().start()
+    }
+}
+
+impl<P: Plant + Clone> SampleBlock for AutoWindowBlock<P> {
+    fn push(&mut self, t_ns: u64, sample: &JointSample) -> bool {
+        if !self.chosen && self.kept.len() < self.kept.capacity() {
+            self.kept.push((t_ns, *sample));
+        }
+        self.blocks[self.active].push(t_ns, sample)
+    }
+
+    fn prepare(&mut self, theta: &[f64]) {
+        self.blocks[self.active].prepare(theta);
+        if !self.chosen {
+            self.choose(theta);
+        } else if self.blocks.len() > 1 {
+            self.review();
+        }
+    }
+
+    fn replaced(&self) -> u32 {
+        self.own().replaced()
+    }
+
+    fn suspect(&self, index: usize) -> Option<Suspect> {
+        self.own().suspect(index)
+    }
+
+    fn window_s(&self) -> Option<f64> {
+        Some(self.own().options().window_s)
+    }
+
+    fn clear(&mut self) {
+        self.kept.clear();
+        if self.next == self.active {
+            self.blocks[self.active].clear();
+            return;
+        }
+        // before the new one takes in its first sample, the old one forgets its own
+        let (from, to) = (self.active, self.next);
+        let [old, new] = match self.blocks.get_disjoint_mut([from, to]) {
+            Ok(pair) => pair,
+            Err(_) => return,
+        };
+        new.reset();
+        new.take_over(old);
+        old.reset();
+        self.active = to;
+    }
+
+    fn reset(&mut self) {
+        self.kept.clear();
+        (self.since, self.fastest_hz) = (0, 0.0);
+        self.next = self.active;
+        self.blocks[self.active].reset();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_lengths_resolve_their_bump_at_every_sample_rate() {
+        for (period_s, expected) in [
+            (0.5e-3, &[0.2, 0.1, 0.05, 0.025][..]),
+            (1e-3, &[0.2, 0.1, 0.05, 0.025]),
+            (2e-3, &[0.2, 0.1, 0.05]),
+            (0.01, &[0.2]),
+            (0.02, &[0.4]),
+        ] {
+            assert_eq!(
+                auto_window_lengths(period_s).collect::<Vec<_>>(),
+                expected,
+                "{period_s}"
+            );
+            for window_s in auto_window_lengths(period_s) {
+                let options = ProjectedOptions {
+                    sample_period_s: period_s,
+                    velocity_half_width: 10,
+                    ..ProjectedOptions::recommended()
+                };
+                let own = options.with_window(window_s);
+                own.validate().unwrap();
+                assert!(own.window_s / period_s > FEWEST - 1e-6);
+                assert!(own.stride_s <= 0.02 + 1e-12, "{period_s} {window_s}: {}", own.stride_s);
+            }
+        }
+    }
+}

@@ -381,22 +381,25 @@ fn decide_on_noise(form: &mut FileForm, check: &mut Check<'_>) {
     if learn || (positions && inputs) {
         return;
     }
-    let (key, missing) = match (positions, inputs) {
-        (true, _) => ("identifier.projected.input_noise", "input_noise or input_resolution"),
+    let projected = |name: &str| format!("identifier.projected.{name}");
+    let (set, missing) = match (positions, inputs) {
+        (true, _) => (
+            ["position_resolution", "position_noise"],
+            "input_noise or input_resolution",
+        ),
         (_, true) => (
-            "identifier.projected.position_resolution",
+            ["input_noise", "input_resolution"],
             "position_resolution or position_noise",
         ),
-        _ => (
-            "identifier.projected.learn_noise",
-            "the levels of positions and inputs, since learn_noise is false",
-        ),
+        _ => (["learn_noise"; 2], "the levels of positions and inputs"),
     };
+    let [first, second] = set.map(projected);
+    let key = check.culprit(&[first.as_str(), second.as_str()]).to_owned();
     let message = format!(
         "expected {missing} as well, got none of them: state 0 for signals that are exact, or learn_noise = true to have all noise taken from the \
          signals"
     );
-    check.wrong(key, message);
+    check.wrong(&key, message);
 }
 
 /// The projected rows' options; `None` with a problem where they do not go together.
@@ -588,7 +591,12 @@ fn estimator(form: &FileForm, model: &ModelConfig, check: &mut Check<'_>) -> Opt
     let start_std = listed("start_std", &section.start_std, params, "parameter", &magnitude);
     let random_walk = listed("random_walk", &section.random_walk, params, "parameter", &|_| 0.0);
     let noise_std = listed("noise_std", &section.noise_std, equations, "equation", &|_| 1.0);
-    let noise_floor = listed("noise_floor", &section.noise_floor, equations, "equation", &|_| 0.0);
+    // a plant of any size may have a floor in a file that knows nothing of it
+    let floors = match section.noise_floor.as_slice() {
+        [one] => vec![*one; equations],
+        floors => floors.to_vec(),
+    };
+    let noise_floor = listed("noise_floor", &floors, equations, "equation", &|_| 0.0);
     let (lower, upper) = match section.bounds.as_str() {
         "model" => (
             parameters.iter().map(|p| p.lower).collect(),

@@ -314,7 +314,7 @@ const WRONG: &[(&str, &[&str])] = &[
     (
         "[identifier]\nrows = \"projected\"\n[identifier.projected]\ninput_noise = [0.1]",
         &[
-            "test.toml",
+            "test.toml:4",
             "position_resolution or position_noise as well",
             "learn_noise = true",
         ],
@@ -767,6 +767,9 @@ fn regress_noise_is_learnt_if_nobody_states_any_and_the_decision_is_written_out(
         assert_eq!(rows(&again), rows(config));
         assert_eq!(again.config_hash(), config.config_hash());
     }
+    // a single floor is that of every equation
+    let floor = load("", &[projected, "estimator.noise_floor=[0.5]"]).unwrap();
+    assert_eq!(floor.estimator.options.noise_floor, [0.5, 0.5]);
     // what is stated beside own_plant.toml counts
     let own = |sets: &[&str]| {
         let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();

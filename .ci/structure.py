@@ -12,7 +12,7 @@ import sys
 
 # From the ground up. A module may import those of lower lines only, never one of its own line.
 LAYERS = [
-    ["estimator", "model", "notation", "files"],
+    ["estimator", "model", "notation", "files", "pipe"],
     ["rows", "messages", "robot"],
     ["sim"],
     ["node"],

@@ -12,8 +12,10 @@ use crate::estimator::EstimatorState;
 use crate::files;
 use crate::node::command::NodeState;
 use bincode::{Decode, Encode};
+use nix::fcntl::OFlag;
 use std::fs::File;
 use std::io::{self, Read};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"THETABUS";
@@ -218,10 +220,20 @@ pub fn read(path: &Path) -> Result<Option<Vec<u8>>, CheckpointError> {
         path: path.to_path_buf(),
         source,
     };
-    let file = match File::open(path) {
+    // To open a pipe would wait for somebody who writes into it.
+    let opened = File::options()
+        .read(true)
+        .custom_flags(OFlag::O_NONBLOCK.bits())
+        .open(path);
+    let file = match opened {
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
         file => file.map_err(failed)?,
     };
+    if !file.metadata().map_err(failed)?.is_file() {
+        return Err(failed(io::Error::other(
+            "expected a file, got a directory, pipe or device",
+        )));
+    }
     let mut bytes = Vec::new();
     file.take(LIMIT as u64 + 1).read_to_end(&mut bytes).map_err(failed)?;
     match bytes.len() {
@@ -330,5 +342,22 @@ mod tests {
         fs::create_dir(&file).unwrap();
         assert!(write(&file, b"x").is_err());
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "no temporary file stays");
+    }
+
+    #[test]
+    fn fault_a_pipe_a_device_and_a_directory_in_the_place_of_a_checkpoint_are_refused_at_once() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = path(dir.path(), "arm");
+        let make: [&dyn Fn(); 3] = [
+            &|| nix::unistd::mkfifo(&file, nix::sys::stat::Mode::S_IRWXU).unwrap(),
+            &|| std::os::unix::fs::symlink("/dev/zero", &file).unwrap(),
+            &|| fs::create_dir(&file).unwrap(),
+        ];
+        for make in make {
+            make();
+            let error = read(&file).expect_err("no file").to_string();
+            assert!(error.contains("arm.checkpoint: expected a file, got"), "{error}");
+            let _ = fs::remove_file(&file);
+        }
     }
 }

@@ -73,6 +73,8 @@ pub mod node;
 pub mod notation;
 #[cfg(feature = "config")]
 pub mod offline;
+#[cfg(any(feature = "config", feature = "recording"))]
+mod pipe;
 #[cfg(feature = "recording")]
 pub mod recording;
 #[cfg(feature = "report")]

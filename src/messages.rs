@@ -43,6 +43,8 @@ pub mod header_flags {
 pub mod sample_flags {
     /// The last sample of a stream.
     pub const END: u32 = 1 << 0;
+    /// A sample of a replay: what it teaches goes when its stream is over.
+    pub const REPLAY: u32 = 1 << 1;
 }
 
 /// Bits of [`Sample::signals`]: which of its arrays hold data.

@@ -112,6 +112,19 @@ pub enum BusError {
         /// How long was waited \[s\].
         limit_s: f64,
     },
+    /// The system gives no thread.
+    #[error(
+        "domain {domain:?}: {action} needs a thread of its own, and the system gives none ({source}); raise the limit of threads: \
+         `ulimit -u` of this user, TasksMax of a systemd unit, --pids-limit of a container"
+    )]
+    Thread {
+        /// The domain.
+        domain: String,
+        /// What needs it: `joining`, `cleaning up`.
+        action: &'static str,
+        /// What the system says.
+        source: io::Error,
+    },
     /// A lock file cannot be used.
     #[error("lock file {}: {source}", path.display())]
     Lock {

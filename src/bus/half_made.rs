@@ -1,8 +1,9 @@
-//! Objects that a process was killed over while it made them.
+//! Half-made objects: their maker was killed or stopped before they were complete.
 //!
-//! iceoryx2 makes an object in three steps: create it empty and closed to readers, give it its size, open it to readers. Who
-//! finds it in between waits for the maker: up to a limit while it is closed, for ever while it is empty and can be opened (by
-//! root always). A maker that was killed never comes back, so nobody who holds it open is proof that it will stay as it is.
+//! iceoryx2 makes an object in three steps: it creates it empty and closed to readers, gives it its size, opens it to readers.
+//! A program that finds the object in between waits for the maker: up to a limit while the object is closed, for ever while it
+//! is empty and can be opened (by root always). A maker that was killed never comes back. So if no process has the object open,
+//! it will stay as it is, and is removed.
 
 use super::Domain;
 use super::lock_file::open_lock;
@@ -19,8 +20,10 @@ use std::time::{Duration, Instant};
 pub(super) const GRACE: Duration = Duration::from_millis(100);
 /// How long a living maker may keep an empty object from the others: it is stopped, and whoever opens the object hangs.
 const MAKER_LIMIT: Duration = Duration::from_secs(1);
-/// The lock of who removes something.
+/// The lock of the program that removes something.
 const QUEUE: &str = "sweep.lock";
+/// How long that program is left to it. It takes milliseconds, unless it is stopped, and then its lock must protect nothing.
+const QUEUE_LIMIT: Duration = Duration::from_secs(1);
 /// Pause between two looks.
 const PAUSE: Duration = Duration::from_millis(20);
 
@@ -124,12 +127,12 @@ fn is_due(path: &Path, metadata: &Metadata, age: Duration) -> bool {
     }
 }
 
-/// Removes the object that was seen if it is due, and no other that has its name by now. Of all programs one at a time asks who
-/// has it open, because that takes a look at every process, and then removes it.
+/// Removes the object that was seen if it is due, and no other that has its name by now. Programs take turns with this, because
+/// each looks at every process for those that have the object open; a program that is stopped in its turn is passed over.
 fn remove(domain: &Domain, path: &Path, seen: &Metadata, age: Duration) -> bool {
     let removed = open_lock(domain, QUEUE, |queue| {
-        if queue.try_lock().is_err() {
-            // Who holds it is removing; the next look tells.
+        if queue.try_lock().is_err() && age < GRACE + QUEUE_LIMIT {
+            // Another program is removing it; the next look tells.
             return Ok(false);
         }
         if !is_due(path, seen, age) {
@@ -194,6 +197,26 @@ mod tests {
         assert!(start.elapsed() >= GRACE, "they could have been in the making");
         let left: Vec<bool> = [&empty, &closed, &making, &complete].map(|path| path.exists()).into();
         assert_eq!(left, [false, false, true, true]);
+    }
+
+    #[test]
+    fn fault_a_program_that_is_stopped_while_it_removes_something_keeps_no_other_from_it() {
+        let domain = TestDomain::new();
+        let stopped = open_lock(&domain.0, QUEUE, |file| {
+            file.try_lock().map_err(std::io::Error::from)?;
+            file.try_clone()
+        });
+        let _stopped = stopped.expect("the lock is free");
+        let (path, file) = object(&domain.0, "0a", 0o600, 0);
+        drop(file);
+        let mut tender = Tender::new(&domain.0);
+        let start = Instant::now();
+        while path.exists() {
+            tender.look();
+            assert!(start.elapsed() < 20 * QUEUE_LIMIT, "still there");
+            std::thread::sleep(PAUSE);
+        }
+        assert!(start.elapsed() >= QUEUE_LIMIT, "it has its turn");
     }
 
     #[test]

@@ -5,7 +5,7 @@
 
 use super::domain::check_name;
 use super::half_made;
-use super::membership::{Lock, RoleFile, exists, lock_members, others_live, remove_domain, time_limit};
+use super::membership::{Lock, RoleFile, exists, lock_members, others_live, remove_domain};
 use super::objects::{SHM, entries, is_ours, is_service_memory, mapped_memory, refuse_foreign};
 use super::orphans;
 use super::time_limit::within;
@@ -167,9 +167,14 @@ pub fn inspect(domain: &Domain) -> Result<DomainReport, BusError> {
     domain.check_existing_root()?;
     refuse_foreign(domain)?;
     let half_made = settled_half_made(domain);
-    let listed = within(LOOK_LIMIT, move || (nodes(&config), services(&config)));
-    let is_blocked = listed.is_none();
-    let (nodes, services) = listed.unwrap_or_default();
+    let listed = within(domain, "looking at its programs", LOOK_LIMIT, move || {
+        (nodes(&config), services(&config))
+    });
+    let is_blocked = matches!(listed, Err(BusError::TimeLimit { .. }));
+    let (nodes, services) = match listed {
+        Err(BusError::TimeLimit { .. }) => Default::default(),
+        listed => listed?,
+    };
     let files = entries(&domain.root().join("services")).count();
     let unreadable_services = if is_blocked {
         0
@@ -256,13 +261,12 @@ pub fn clean(domain: &Domain) -> Result<Cleaned, BusError> {
     domain.check_existing_root()?;
     refuse_foreign(domain)?;
     // Frees the clean-up where another process is killed meanwhile.
-    let _watch = Watch::start(domain);
+    let _watch = Watch::start(domain)?;
     let half_made = settled_half_made(domain).len();
     half_made::sweep(domain);
     orphans::sweep(domain);
     let own = domain.clone();
-    let mut cleaned =
-        within(CLEAN_LIMIT, move || clean_up(&own)).ok_or_else(|| time_limit(domain, "cleaning up", CLEAN_LIMIT))??;
+    let mut cleaned = within(domain, "cleaning up", CLEAN_LIMIT, move || clean_up(&own))??;
     cleaned.files += half_made.saturating_sub(half_made::half_made(domain).len());
     Ok(cleaned)
 }

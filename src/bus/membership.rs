@@ -1,10 +1,10 @@
 //! Joining a domain on clean ground.
 //!
 //! iceoryx2 frees what dead processes of its own version leave behind, but stumbles over files that were cut off, damaged or made
-//! by another version, and would have a person remove them. Members of a domain therefore share a lock. Who finds nobody holding
-//! it, no living node and yet services knows them for rubbish, and sweeps before it begins. Who leaves last sweeps, too, where
-//! anything is left: of a process that is killed while it connects, iceoryx2 may miss the connection. What a process was killed
-//! over while it made it is removed at any time, by every member.
+//! by another version, and would have a person remove them. Members of a domain therefore share a lock. If a program that joins
+//! finds nobody holding the lock, no living node and yet services, these are leftovers, and it removes them before it begins. The
+//! last program to leave removes what is left, too: of a process that is killed while it connects, iceoryx2 may miss the
+//! connection. Half-made objects are removed at any time, by every member.
 //!
 //! Nothing here waits without a limit: neither for the lock, nor for iceoryx2.
 
@@ -85,12 +85,12 @@ impl Membership {
             orphans::sweep(domain);
         }
         // From here on iceoryx2 is called, which may wait for what is half-made.
-        let watch = Watch::start(domain);
+        let watch = Watch::start(domain)?;
         management::make(domain);
         let create = Arc::new(create);
         let create = || {
             let create = create.clone();
-            within(JOIN_LIMIT, move || create()).ok_or_else(|| time_limit(domain, "joining", JOIN_LIMIT))
+            within(domain, "joining", JOIN_LIMIT, move || create())
         };
         let mut node = create()?;
         if alone {
@@ -144,14 +144,6 @@ impl Membership {
             _leaving: leaving,
             _watch: watch,
         })
-    }
-}
-
-pub(super) fn time_limit(domain: &Domain, action: &'static str, limit: Duration) -> BusError {
-    BusError::TimeLimit {
-        domain: domain.name().into(),
-        action,
-        limit_s: limit.as_secs_f64(),
     }
 }
 

@@ -1,24 +1,43 @@
 //! Calls that may hang, with a limit.
 
+use super::{BusError, Domain};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
-/// Calls `f` on a thread of its own; `None` where it has not returned within `limit`. The thread is then left to itself, and
-/// what it may still return is dropped there.
-pub(super) fn within<T: Send + 'static>(limit: Duration, f: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+/// Calls `f` on a thread of its own; `action` says what it does. Past the limit the thread is left to itself, and what it may
+/// still return is dropped there.
+///
+/// # Errors
+/// [`BusError::TimeLimit`] if `f` has not returned within `limit`, [`BusError::Thread`] if the system gives no thread.
+pub(super) fn within<T: Send + 'static>(
+    domain: &Domain,
+    action: &'static str,
+    limit: Duration,
+    f: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, BusError> {
     let (done, result) = sync_channel(1);
     let spawned = std::thread::Builder::new().name("bus-call".into()).spawn(move || {
         let _ = done.send(f());
     });
-    let Ok(thread) = spawned else { return None };
+    let thread = spawned.map_err(|source| BusError::Thread {
+        domain: domain.name().into(),
+        action,
+        source,
+    })?;
     match result.recv_timeout(limit) {
-        Ok(value) => Some(value),
-        Err(RecvTimeoutError::Timeout) => None,
-        Err(RecvTimeoutError::Disconnected) => match thread.join() {
-            Ok(()) => None,
-            Err(panic) => std::panic::resume_unwind(panic),
-        },
+        Ok(value) => return Ok(value),
+        Err(RecvTimeoutError::Timeout) => {}
+        Err(RecvTimeoutError::Disconnected) => {
+            if let Err(panic) = thread.join() {
+                std::panic::resume_unwind(panic);
+            }
+        }
     }
+    Err(BusError::TimeLimit {
+        domain: domain.name().into(),
+        action,
+        limit_s: limit.as_secs_f64(),
+    })
 }
 
 #[cfg(test)]
@@ -27,10 +46,15 @@ mod tests {
 
     #[test]
     fn fault_a_call_that_hangs_is_given_up_at_the_limit() {
-        assert_eq!(within(Duration::from_secs(20), || 7), Some(7));
+        let domain = Domain::new("limit").expect("a valid name");
+        assert_eq!(within(&domain, "counting", Duration::from_secs(20), || 7).ok(), Some(7));
         let limit = Duration::from_millis(50);
         let start = std::time::Instant::now();
-        assert_eq!(within(limit, || std::thread::sleep(Duration::from_secs(20))), None);
+        let error = within(&domain, "sleeping", limit, || {
+            std::thread::sleep(Duration::from_secs(20))
+        });
+        let error = error.expect_err("too long").to_string();
+        assert!(error.contains("sleeping has not ended within 0.05 s"), "{error}");
         assert!(start.elapsed() >= limit && start.elapsed() < Duration::from_secs(10));
     }
 }

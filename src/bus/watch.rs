@@ -1,10 +1,13 @@
 //! A thread that frees this process from waiting for what nobody will finish.
 //!
-//! Whoever opens an empty object hangs inside iceoryx2 until the object is finished or gone, signals or not. So each member
-//! looks after the domain's half-made objects from a thread of its own.
+//! A program that opens an empty object hangs inside iceoryx2 until the object is finished or gone, signals or not, whether it
+//! joins, makes or opens a service or a port, connects to a new port while it runs, or leaves. No such call can be given up
+//! from outside, so its limit is set here: each member looks after the domain's half-made objects from a thread of its own,
+//! from before its first call until after its last. What nobody has open goes after 0.1 s, what a stopped maker has open after
+//! 1 s, and after 1 s more if the program whose turn it is to remove it is stopped, too.
 
-use super::Domain;
 use super::half_made::Tender;
+use super::{BusError, Domain};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -24,8 +27,11 @@ pub(super) struct Watch {
 }
 
 impl Watch {
-    /// Begins to watch. Without a thread, where the system refuses one, only joins and clean-ups look.
-    pub(super) fn start(domain: &Domain) -> Self {
+    /// Begins to watch.
+    ///
+    /// # Errors
+    /// [`BusError::Thread`] if the system gives no thread: without it any later call could hang.
+    pub(super) fn start(domain: &Domain) -> Result<Self, BusError> {
         let (stop, stopped) = channel::<()>();
         let mut tender = Tender::new(domain);
         let thread = std::thread::Builder::new()
@@ -36,11 +42,16 @@ impl Watch {
                 while stopped.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
                     pause = if tender.look() > 0 { CLOSELY } else { PERIOD };
                 }
-            });
-        Self {
+            })
+            .map_err(|source| BusError::Thread {
+                domain: domain.name().into(),
+                action: "looking after what other programs have left half-made",
+                source,
+            })?;
+        Ok(Self {
             stop: Some(stop),
-            thread: thread.ok(),
-        }
+            thread: Some(thread),
+        })
     }
 }
 

@@ -3,6 +3,7 @@
 use super::check::{Check, joints};
 use super::error::{Origin, Problem};
 use super::layers::Layers;
+use super::memory;
 use super::plant;
 use super::schema::{self, FileForm, RealOrWord};
 use super::sections::{
@@ -74,6 +75,7 @@ pub(super) fn config(
         (Some(plant), Some(model), Some(identifier), Some(estimator)) if check.problems.is_empty() => {
             check.suspicious(&form, own, &bus, &plant, &estimator);
             let warnings = check.warnings;
+            let recorded = memory::recorded(layers);
             Ok(Config {
                 bus,
                 plant,
@@ -87,6 +89,7 @@ pub(super) fn config(
                 log,
                 file: form,
                 warnings,
+                recorded,
             })
         }
         _ => Err(check.problems),

@@ -89,6 +89,12 @@ impl Layers {
             .map_or(Origin::Default, |entry| entry.origin.clone())
     }
 
+    /// Where a key was stated if that was in a recording.
+    pub fn recorded_origin(&self, key: &str) -> Option<Origin> {
+        let entry = self.entries.get(key).filter(|entry| entry.recorded)?;
+        Some(entry.origin.clone())
+    }
+
     /// Lays one source over what is there.
     pub fn source(&mut self, source: &Source) {
         match source {
@@ -384,6 +390,7 @@ impl File<'_> {
 }
 
 fn read(path: &Path) -> Result<String, String> {
+    crate::pipe::refuse_named_pipe(path).map_err(|e| e.to_string())?;
     let file = std::fs::File::open(path).map_err(|e| format!("cannot be opened: {e}"))?;
     let mut bytes = Vec::new();
     file.take(MAX_BYTES + 1)

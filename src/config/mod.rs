@@ -15,6 +15,7 @@ mod defaults;
 mod error;
 mod kind;
 mod layers;
+mod memory;
 mod plant;
 mod schema;
 mod sections;

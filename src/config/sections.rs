@@ -1,6 +1,6 @@
 //! The sections of a configuration as core types.
 
-use super::error::Problem;
+use super::error::{Origin, Problem};
 use super::schema::FileForm;
 use crate::estimator::{EstimatorOptions, Structure};
 use crate::model::{
@@ -299,4 +299,6 @@ pub struct Config {
     pub log: LogColumns,
     pub(super) file: FileForm,
     pub(super) warnings: Vec<Problem>,
+    /// Keys of a recording that decide on memory.
+    pub(super) recorded: Vec<(&'static str, Origin)>,
 }

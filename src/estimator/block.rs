@@ -226,7 +226,8 @@ impl BlockEstimator {
         if let Some(index) = state.reals.iter().position(|v| !v.is_finite()) {
             return Err(StateError::NotFinite { index });
         }
-        let fixed = self.options.fixed.clone();
+        // Without a list of its own, because a running identifier loads, too. There are at most 64 parameters.
+        let fixed = (0..self.options.fixed.len()).fold(0u64, |bits, i| bits | u64::from(self.options.fixed[i]) << i);
         let mut load = Load::new(state);
         self.visit(&mut load);
         judge.visit(&mut load);
@@ -240,7 +241,7 @@ impl BlockEstimator {
         });
         match outcome {
             Ok(()) => self.describe(),
-            Err(_) => self.options.fixed = fixed,
+            Err(_) => (0..self.options.fixed.len()).for_each(|i| self.options.fixed[i] = fixed >> i & 1 != 0),
         }
         outcome
     }

@@ -21,6 +21,8 @@ pub mod status_flags {
     pub const COMMANDED: u32 = 1 << 3;
     /// Checkpoints are written.
     pub const CHECKPOINTS: u32 = 1 << 4;
+    /// The stream is a replay: the next one goes on from what was known before it.
+    pub const REPLAY: u32 = 1 << 5;
 }
 
 /// What was wrong with a stream, counted since it began.

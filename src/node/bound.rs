@@ -2,8 +2,8 @@
 //!
 //! An order with a tag waits for the stream with this tag. What it changes is remembered as it was before the first such order of the
 //! stream, and put back when the stream is over: at its END, or when another stream begins without one. Pause, held parameters and
-//! tunables are put back; what was learnt stays, as it does from stream to stream, and so does an estimator that was exchanged. A command without a
-//! tag makes what it touches stay.
+//! tunables are put back here; what was learnt, and an estimator that was exchanged, by `replayed.rs`. A command without a tag
+//! makes what it touches stay.
 
 use super::command::{Change, Fate, Order};
 use crate::estimator::{BlockEstimator, EstimatorOptions};

@@ -55,6 +55,13 @@ pub enum Change {
     Kept,
 }
 
+impl Change {
+    /// True if the whole estimator is exchanged.
+    pub(super) fn replaces(&self) -> bool {
+        matches!(self, Self::Replace { .. })
+    }
+}
+
 impl fmt::Debug for Change {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -149,4 +156,14 @@ pub struct NodeState {
     pub t_ns: u64,
     /// Blocks that the estimator has taken in all, over its warm starts; 0 for one that knows nothing yet. Part of the estimator's own state.
     pub blocks: u64,
+}
+
+impl NodeState {
+    /// Becomes a copy of another state; allocates only where there is no room.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.estimator.reals.clone_from(&other.estimator.reals);
+        self.estimator.counts.clone_from(&other.estimator.counts);
+        (self.boot_id, self.block) = (other.boot_id, other.block);
+        (self.t_ns, self.blocks) = (other.t_ns, other.blocks);
+    }
 }

@@ -21,12 +21,14 @@ use super::bound::{BoundEffects, exchange_tunables};
 use super::command::{Border, Change, Fate, NodeState, Order};
 use super::command_queue::CommandQueue;
 use super::estimate_message::{fill_derived, message};
+use super::replayed::{BeforeReplay, copy_out};
 use super::sample_gate::{SampleGate, largest};
 use super::stream::{SampleCursor, SamplePlace};
 use super::{lacking, misfit};
 use crate::estimator::{BlockEstimator, ChangeKind, Held, StateError, StateMachine, Verdict};
 use crate::messages::{
-    ErrorCode, Estimate, LastError, Sample, State, Status, StreamFaults, estimate_flags, status_flags, stream_tag,
+    ErrorCode, Estimate, LastError, Sample, State, Status, StreamFaults, estimate_flags, sample_flags, status_flags,
+    stream_tag,
 };
 use crate::model::DerivedValues;
 use crate::rows::SampleBlock;
@@ -114,6 +116,7 @@ pub struct IdentifierNode<B> {
     news: u32,
     commands: CommandQueue,
     bound: BoundEffects,
+    before_replay: BeforeReplay,
     status: Status,
 }
 
@@ -130,9 +133,12 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
         pid: u32,
     ) -> Self {
         assert!(options.block_len > 0, "a block needs at least one sample");
+        let mut machine = StateMachine::new(estimator.theta());
+        let mut estimator = estimator;
         let mut node = Self {
             rows,
-            machine: StateMachine::new(estimator.theta()),
+            before_replay: BeforeReplay::new(&mut estimator, &mut machine),
+            machine,
             estimator,
             t_change_ns: 0,
             derived,
@@ -278,13 +284,13 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
     }
 
     /// Copies out what another process needs to go on; allocates only where `into` has no room. Between two calls of
-    /// [`on_sample`](Self::on_sample) the state is always whole.
+    /// [`on_sample`](Self::on_sample) the state is always whole. During a replay, and after it up to the next stream, this is
+    /// the state from before it.
     pub fn save(&mut self, into: &mut NodeState) {
-        self.estimator.save(&mut self.machine, &mut into.estimator);
-        into.boot_id = self.status.boot_id;
-        into.block = self.status.last_block;
-        into.t_ns = self.status.last_t_ns;
-        into.blocks = self.estimator.report().blocks;
+        match self.before_replay.kept() {
+            None => copy_out(&mut self.estimator, &mut self.machine, &self.status, into),
+            Some(kept) => into.copy_from(kept),
+        }
     }
 
     /// Goes on from a state that was [saved](Self::save); to be called before the first sample.
@@ -300,9 +306,10 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
     }
 
     /// A new stream: counters start over. θ̂ and its information stay, for the machine is the same; only its publisher was
-    /// started again.
+    /// started again. What a replay has taught goes with the replay.
     fn start_stream(&mut self, sample: &Sample) {
         self.enter_stream(stream_tag(sample.boot_id));
+        self.change_teacher(sample);
         self.rows.reset();
         self.gate.reset();
         self.grid = BlockGrid::new(self.grid.len);
@@ -325,6 +332,27 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             faults: StreamFaults::default(),
             ..self.status
         };
+    }
+
+    /// Goes back to what was known before a replay that is over, and keeps it while another one is open.
+    fn change_teacher(&mut self, sample: &Sample) {
+        let given_back = self.before_replay.give_back(&mut self.estimator, &mut self.machine);
+        if given_back != Ok(false) {
+            self.note_information();
+        }
+        if given_back.is_err() {
+            self.status.error = LastError::new(ErrorCode::NotEvaluable, sample.seq);
+        }
+        self.status.flags &= !status_flags::REPLAY;
+        if sample.flags & sample_flags::REPLAY != 0 {
+            self.status.flags |= status_flags::REPLAY;
+            match given_back {
+                Ok(true) => self.before_replay.keep_on(),
+                _ => self
+                    .before_replay
+                    .keep(&mut self.estimator, &mut self.machine, &self.status),
+            }
+        }
     }
 
     /// Counts a sample and, where its block is wanted, makes rows of it.
@@ -477,6 +505,8 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
         while let Some(mut order) = self.commands.take_due(is_due) {
             self.bound.note(&order, self.paused, self.status.flags, &self.estimator);
             self.carry_out(&mut order.change, begin);
+            self.before_replay
+                .follow(&order, &mut self.estimator, &mut self.machine, &self.status);
             order.border = Border {
                 boot_id: self.status.boot_id,
                 from_seq: begin,

@@ -12,6 +12,7 @@ mod lacking;
 mod misfit;
 pub mod monitor;
 pub mod plant;
+mod replayed;
 mod sample_gate;
 #[cfg(feature = "sim")]
 pub mod simulated_plant;

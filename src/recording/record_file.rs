@@ -89,6 +89,7 @@ impl RecordFile {
             path: path.to_path_buf(),
             source,
         };
+        crate::pipe::refuse_named_pipe(path).map_err(failed)?;
         let mut file = File::open(path).map_err(failed)?;
         let length = file.metadata().map_err(failed)?.len();
         let mut magic = Vec::new();

@@ -71,6 +71,7 @@ pub fn run_identifier(
                 vitals.send(node, ports)?;
                 news.losses(&node.status());
                 news.window(node);
+                news.replay(&node.status());
             }
             if clock.tick_due() {
                 ports.estimates.serve_late_joiners()?;
@@ -216,6 +217,7 @@ struct News {
     missing: u64,
     rejected: u64,
     window_s: Option<f64>,
+    is_replay: bool,
 }
 
 impl News {
@@ -246,6 +248,21 @@ impl News {
     fn left_out(&self, samples: u64) {
         if samples > 0 {
             tracing::warn!(samples, "messages of another schema were left out");
+        }
+    }
+
+    fn replay(&mut self, status: &Status) {
+        let is_replay = status.flags & status_flags::REPLAY != 0;
+        if is_replay != self.is_replay {
+            self.is_replay = is_replay;
+            tracing::info!(
+                "{}",
+                if is_replay {
+                    "a replay: what it teaches is dropped when another stream begins"
+                } else {
+                    "the replay is over: the estimates go on from what was known before it"
+                }
+            );
         }
     }
 

@@ -431,6 +431,9 @@ pub struct ReplayArgs {
     /// Recorded seconds per second, or max
     #[arg(long, value_name = "X|max", default_value = "max", allow_negative_numbers = true)]
     pub speed: String,
+    /// Keep what the identifier learns from it for the stream that comes next
+    #[arg(long)]
+    pub teach: bool,
     #[command(flatten)]
     #[allow(missing_docs, reason = "flattened")]
     pub span: SpanArgs,

@@ -24,7 +24,8 @@ pub(super) const TUNABLES: [&str; 11] = [
     "noise_floor_relative",
 ];
 
-/// The longest block that a running identifier makes room for \[samples\]: some 200 bytes each for the arm, more for more joints.
+/// The longest block that a running identifier makes room for \[samples\]: some 500 bytes each for the arm with a window every
+/// 20 samples, more for more joints and windows.
 const LONGEST_LIVE_BLOCK: usize = 500_000;
 
 /// Makes changes out of requests; follows the configuration as tunables are set.

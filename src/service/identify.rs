@@ -7,9 +7,10 @@ use super::record::{recording_at, run_info};
 use super::script::Script;
 use super::wiring::monitor_node;
 use super::{Exit, Failure, IdentifyArgs, foreign, identify_log, identify_robot, report};
-use crate::config::Config;
+use crate::config::{Config, ConfigError};
 use crate::recording::{Entry, Loss, RunInfo};
 use crate::runner::Shutdown;
+use std::path::Path;
 use std::time::Instant;
 
 /// Identifies from the samples of a recording, with its own configuration or with what the command line lays over it.
@@ -32,6 +33,9 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let recording = recording_at(&args.input);
     let mut reader = report::open(&recording, args.span.span()?)?;
     let config = args.common.load(vec![report::source_of(reader.info())], &[])?;
+    config
+        .limit_recorded_memory()
+        .map_err(|e| in_recording(&recording, &e))?;
     foreign::check_recording(reader.info(), &as_recorded(args, reader.info())?, &config)?;
     let mut script = Script::read(&recording, Commands::new(&config, args.common.own_plant.clone()))?;
     let truth = reader.info().simulated.then_some(&config.plant.sim);
@@ -67,4 +71,8 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 fn as_recorded(args: &IdentifyArgs, info: &RunInfo) -> Result<Config, Failure> {
     let own = args.common.own_plant.as_ref().map(OwnPlant::definition);
     Ok(Config::load_for(own, &[report::source_of(info)], &[])?)
+}
+
+fn in_recording(path: &Path, error: &ConfigError) -> Failure {
+    Failure::Usage(format!("{}: {error}", path.display()))
 }

@@ -32,6 +32,7 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
     let span = args.span.span()?;
     let config = args.common.load(Vec::new(), &[])?;
     let place = |error: &dyn std::fmt::Display| format!("{}: {error}", input.display());
+    crate::pipe::refuse_named_pipe(input).map_err(|e| Failure::Usage(place(&e)))?;
     let file = File::open(input).map_err(|e| Failure::Usage(place(&e)))?;
     let refused = |error: LogError| match error {
         LogError::Read(LineError::Io { .. }) => Failure::Failed(place(&error)),

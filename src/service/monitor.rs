@@ -10,8 +10,10 @@ use crate::node::monitor::MonitorNode;
 use crate::recording::{Entry, EstimatesCsv, RecordingReader, Span, oldest_file};
 use crate::report::Summary;
 use crate::runner::{MonitorPorts, RunError, Shutdown, apply_realtime, run_monitor};
+use nix::fcntl::OFlag;
 use std::fs::File;
-use std::io;
+use std::io::{self, Read};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
 /// Name of the file with one line per block.
@@ -129,12 +131,17 @@ fn estimates_csv(path: &Path, node: &MonitorNode, equations: usize, resume: bool
     if !resume || !path.exists() {
         return EstimatesCsv::new(create(path)?, node.parameters(), equations, node.derived());
     }
-    // A link that somebody has put in the place of the file is not followed.
-    if !path.symlink_metadata()?.is_file() {
+    // A link that somebody has put in the place of the file is not followed, and a pipe is not waited for.
+    let mut file = File::options()
+        .read(true)
+        .append(true)
+        .custom_flags((OFlag::O_NOFOLLOW | OFlag::O_NONBLOCK).bits())
+        .open(path)?;
+    if !file.metadata()?.is_file() {
         return Err(io::Error::other("expected a file, got something else of its name"));
     }
-    let file = File::options().append(true).open(path)?;
-    let text = std::fs::read_to_string(path)?;
+    let mut text = String::new();
+    file.read_to_string(&mut text)?;
     // A line that the other one died at is cut off.
     let whole = text.rfind('\n').map_or(0, |at| at + 1);
     file.set_len(whole as u64)?;

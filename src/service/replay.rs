@@ -34,7 +34,7 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let domain = domain(&config)?;
     let robot = &config.bus.robot;
     let _only_one = RoleLock::acquire(&domain, robot, Role::Plant)?;
-    let mut source = Replay::new(reader, boot_id()).map_err(report::unreadable)?;
+    let mut source = Replay::new(reader, boot_id(), args.teach).map_err(report::unreadable)?;
     if source.next.is_none() && source.reader.loss().is_none() {
         return Err(args.span.nothing(&args.input));
     }
@@ -111,10 +111,13 @@ fn repeat_commands(
     Ok(())
 }
 
-/// The samples of a recording as a new stream: seq, times and gaps as they were, the last one flagged END.
+/// The samples of a recording as a new stream: seq, times and gaps as they were, all flagged as those of a replay, the last
+/// one flagged END.
 struct Replay {
     reader: RecordingReader,
     boot_id: u64,
+    /// Flag that its samples get: what they teach goes when the stream is over, unless it shall stay.
+    flag: u32,
     /// That of the recorded stream.
     recorded: Option<u64>,
     /// Read ahead, for the last one must be known as such.
@@ -124,10 +127,11 @@ struct Replay {
 }
 
 impl Replay {
-    fn new(reader: RecordingReader, boot_id: u64) -> Result<Self, ReadError> {
+    fn new(reader: RecordingReader, boot_id: u64, teaches: bool) -> Result<Self, ReadError> {
         let mut replay = Self {
             reader,
             boot_id,
+            flag: if teaches { 0 } else { sample_flags::REPLAY },
             recorded: None,
             next: None,
             given: 0,
@@ -147,6 +151,7 @@ impl Replay {
                 let mut sample = *sample;
                 self.recorded.get_or_insert(sample.boot_id);
                 sample.boot_id = self.boot_id;
+                sample.flags = sample.flags & !sample_flags::REPLAY | self.flag;
                 return Ok(Some(sample));
             }
         }

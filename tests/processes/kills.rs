@@ -4,7 +4,7 @@
 //! for memory that is shared already, so the short tests kill at some of the calls that change something, the long ones at all.
 
 use crate::peers::{Place, User, permitted};
-use crate::support::{Process, eventually};
+use crate::support::{Process, WATCHDOG, eventually};
 use nix::sys::signal::Signal;
 use std::collections::{HashMap, HashSet};
 use std::time::{Duration, Instant};
@@ -122,7 +122,7 @@ impl Scene {
                 .living
                 .push(scene.place.start(program, &[args, &out[..]].concat()));
         }
-        eventually("the live system answers", || scene.answers().then_some(()));
+        eventually("the live system answers", || scene.answers().ok());
         scene
     }
 
@@ -135,12 +135,18 @@ impl Scene {
         vec!["--record".into(), format!("{}.mcap", self.outputs.get())]
     }
 
-    /// Do both identifiers answer at once? They look at plant and monitor between two answers.
-    fn answers(&self) -> bool {
-        ["arm", "without-plant"].iter().all(|robot| {
-            let mut ctl = self.place.start(THETABUS, &["ctl", "describe", "--robot", robot]);
-            ctl.wait().success()
-        })
+    /// Do both identifiers answer? They look at plant and monitor between two answers. The caller judges how long it takes.
+    fn answers(&self) -> Result<(), String> {
+        for robot in ["arm", "without-plant"] {
+            let ask = ["ctl", "describe", "--timeout", "40", "--robot", robot];
+            let mut ctl = self.place.start(THETABUS, &ask);
+            if !ctl.wait().success() {
+                // What it said last is read soon after its end.
+                std::thread::sleep(Duration::from_millis(50));
+                return Err(format!("{robot}: {}", ctl.said()));
+            }
+        }
+        Ok(())
     }
 
     fn begin(&self, victim: &Victim, before: &[&str]) -> Process {
@@ -150,25 +156,36 @@ impl Scene {
     }
 
     /// Starts the program as users do and waits until it works; how long that took.
+    #[track_caller]
     fn next_start(&self, victim: &Victim) -> Duration {
+        self.try_start(victim).unwrap_or_else(|said| panic!("{said}"))
+    }
+
+    /// The same; the error is what a program said that did not work.
+    fn try_start(&self, victim: &Victim) -> Result<Duration, String> {
         let start = Instant::now();
         let mut process = self.begin(victim, &[]);
-        let Some(words) = victim.works else {
-            let (status, took) = (process.wait(), start.elapsed());
+        let said = |process: &Process| {
             // What it said last is read soon after its end.
             std::thread::sleep(Duration::from_millis(50));
-            let nobody = self.living.is_empty() && process.stderr().contains("no identifier of robot");
-            assert!(status.success() || nobody, "{}: {}", victim.name(), process.said());
-            return took;
+            format!("{}: {}", victim.name(), process.said())
         };
-        eventually(&format!("{} works", victim.name()), || {
-            assert!(process.is_running(), "{}: {}", victim.name(), process.said());
-            process.stderr().contains(words).then_some(())
-        });
+        let Some(words) = victim.works else {
+            let (status, took) = (process.wait(), start.elapsed());
+            let is_done =
+                status.success() || (self.living.is_empty() && said(&process).contains("no identifier of robot"));
+            return if is_done { Ok(took) } else { Err(said(&process)) };
+        };
+        while !process.stderr().contains(words) {
+            if !process.is_running() || start.elapsed() > WATCHDOG {
+                return Err(said(&process));
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
         let took = start.elapsed();
         process.signal(Signal::SIGTERM);
         process.expect_code(0);
-        took
+        Ok(took)
     }
 
     /// Starts a program and kills it at this call.
@@ -214,32 +231,52 @@ impl Scene {
         calls
     }
 
+    /// Kills a start at each of these calls, and looks after each kill at the next start and at the live system. What goes
+    /// wrong is collected, so that one run of the long tests shows all of it.
     fn must_survive(&mut self, victim: &Victim, calls: &[(String, usize)]) {
         let clean = self.next_start(victim);
-        for call in calls {
+        let mut failures = Vec::new();
+        for (n, call) in calls.iter().enumerate() {
             if self.living.is_empty() {
                 self.place.clear();
             }
             self.kill_at(victim, call);
-            let took = self.next_start(victim);
             let context = format!("{} killed at {} number {}", victim.name(), call.0, call.1);
-            assert!(
-                took < NEXT_START + 4 * clean,
-                "{context}: the next start took {took:?}, else {clean:?}"
-            );
+            let took = match self.try_start(victim) {
+                Ok(took) => took,
+                Err(said) => {
+                    failures.push(format!("{context}: {said}"));
+                    continue;
+                }
+            };
+            // On a machine that others have made busy meanwhile, a start on clean ground takes longer, too.
+            let allowed = |scene: &Self, factor: u32| {
+                let limit = factor * (NEXT_START + 4 * clean);
+                took < limit || took < factor * (NEXT_START + 4 * scene.next_start(victim))
+            };
+            if !allowed(self, 1) {
+                failures.push(format!(
+                    "{context}: the next start took {took:?}, an undisturbed one {clean:?}"
+                ));
+            }
             if !self.living.is_empty() {
                 let start = Instant::now();
-                assert!(self.answers(), "{context}: the live system does not answer");
+                if let Err(said) = self.answers() {
+                    failures.push(format!("{context}: the live system does not answer, {said}"));
+                }
                 let took = start.elapsed();
                 for process in &mut self.living {
                     assert!(process.is_running(), "{context}: {}", process.said());
                 }
-                assert!(
-                    took < 2 * (NEXT_START + 4 * clean),
-                    "{context}: the live system took {took:?}"
-                );
+                if took >= 2 * (NEXT_START + 4 * clean) {
+                    failures.push(format!("{context}: the live system took {took:?} to answer"));
+                }
+            }
+            if n % 100 == 99 {
+                eprintln!("{}: {} of {} calls, {failures:#?}", victim.name(), n + 1, calls.len());
             }
         }
+        assert!(failures.is_empty(), "{failures:#?}");
     }
 }
 
@@ -346,22 +383,49 @@ fn fault_a_start_killed_beside_a_live_system_makes_nobody_hang() {
     }
 }
 
-#[test]
-#[ignore = "an hour: every system call of every program, alone and beside a live system, as two users"]
-fn fault_a_start_killed_at_every_system_call_hinders_nobody() {
-    for user in users() {
-        for (mut scene, place) in [
-            (Scene::empty(user), "alone"),
-            (Scene::alive(user), "beside a live system"),
-        ] {
-            for victim in &VICTIMS {
-                let calls: Vec<_> = scene.calls(victim).into_iter().map(|(call, _)| call).collect();
-                println!("{} as user {}, {place}: {} calls", victim.name(), user.0, calls.len());
-                scene.must_survive(victim, &calls);
-            }
-        }
+/// Kills a start of this program at every single system call.
+fn every_call(user: User, victim: usize, is_alive: bool) {
+    if !may_trace(user) {
+        return;
     }
+    let mut scene = match is_alive {
+        true => Scene::alive(user),
+        false => Scene::empty(user),
+    };
+    let victim = &VICTIMS[victim];
+    let calls: Vec<_> = scene.calls(victim).into_iter().map(|(call, _)| call).collect();
+    let place = if is_alive { "beside a live system" } else { "alone" };
+    eprintln!("{} as user {}, {place}: {} calls", victim.name(), user.0, calls.len());
+    assert!(calls.len() > 100, "{}: {}", victim.name(), calls.len());
+    scene.must_survive(victim, &calls);
 }
+
+/// A test for each program, so that they can be run by themselves and side by side.
+macro_rules! every_call {
+    ($place:ident, $user:expr, $is_alive:expr) => {
+        mod $place {
+            use super::*;
+
+            every_call!(@ fault_plant_killed_at_every_system_call, $user, 0, $is_alive);
+            every_call!(@ fault_identifier_killed_at_every_system_call, $user, 1, $is_alive);
+            every_call!(@ fault_monitor_killed_at_every_system_call, $user, 2, $is_alive);
+            every_call!(@ fault_ctl_killed_at_every_system_call, $user, 3, $is_alive);
+            every_call!(@ fault_doctor_killed_at_every_system_call, $user, 4, $is_alive);
+        }
+    };
+    (@ $name:ident, $user:expr, $victim:expr, $is_alive:expr) => {
+        #[test]
+        #[ignore = "ten minutes or more"]
+        fn $name() {
+            every_call($user, $victim, $is_alive);
+        }
+    };
+}
+
+every_call!(alone, User::own(), false);
+every_call!(beside_a_live_system, User::own(), true);
+every_call!(another_user_alone, OTHER, false);
+every_call!(another_user_beside_a_live_system, OTHER, true);
 
 /// The object that iceoryx2 keeps per domain and every join opens.
 fn management(place: &Place) -> std::path::PathBuf {
@@ -396,6 +460,107 @@ fn fault_half_made_objects_hinder_no_join_no_clean_up_and_no_living_program() {
                     assert!(user.can(make_root, &root));
                 }
             }
+        }
+    }
+}
+
+/// Stops a start of a program at this call and starts the others beside it: each works or is refused in words, in time.
+fn stand_still(scene: &Scene, maker: &Victim, (call, count): (&str, usize)) {
+    let (trace, inject) = (
+        format!("trace={call}"),
+        format!("inject={call}:signal=STOP:when={count}"),
+    );
+    let strace = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", &trace, "-e", &inject];
+    let stopped = scene.begin(maker, &strace);
+    let context = format!("{} stands still at {call} number {count}", maker.name());
+    eventually(&context, || is_anything_stopped(&scene.place.domain).then_some(()));
+    let start = Instant::now();
+    let others: Vec<_> = VICTIMS
+        .iter()
+        .map(|victim| (victim, scene.begin(victim, &[])))
+        .collect();
+    for (victim, mut process) in others {
+        loop {
+            if !process.is_running() {
+                break;
+            }
+            if victim.works.is_some_and(|words| process.stderr().contains(words)) {
+                process.signal(Signal::SIGTERM);
+                break;
+            }
+            assert!(
+                start.elapsed() < STANDSTILL,
+                "{context}: {} hangs\n{}",
+                victim.name(),
+                process.said()
+            );
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let status = process.wait();
+        assert!(
+            start.elapsed() < STANDSTILL,
+            "{context}: {} took {:?}",
+            victim.name(),
+            start.elapsed()
+        );
+        // What it said last is read soon after its end.
+        std::thread::sleep(Duration::from_millis(50));
+        let is_refused = status.code() == Some(1) && process.stderr().contains("error: ");
+        assert!(status.success() || is_refused, "{context}: {}", process.said());
+    }
+    stopped.signal_group(Signal::SIGKILL);
+}
+
+/// What the others may take beside a program that stands still: 5 s until they give a lock up, the same again where they meet
+/// what it had half made, and their starts on a busy machine.
+const STANDSTILL: Duration = Duration::from_secs(30);
+
+/// Has a process with this domain on its command line been stopped? Under strace each one stops at every call for an instant.
+fn is_anything_stopped(domain: &str) -> bool {
+    let is_stopped = |process: &std::path::Path| {
+        std::fs::read_to_string(process.join("stat")).is_ok_and(|stat| {
+            stat.rsplit_once(") ")
+                .is_some_and(|(_, rest)| rest.starts_with(['T', 't']))
+        })
+    };
+    let processes = std::fs::read_dir("/proc").expect("/proc").flatten();
+    processes.into_iter().map(|entry| entry.path()).any(|process| {
+        let has_domain = std::fs::read(process.join("cmdline"))
+            .is_ok_and(|line| line.split(|&byte| byte == 0).any(|word| word == domain.as_bytes()));
+        has_domain
+            && (0..30).all(|_| {
+                std::thread::sleep(Duration::from_millis(10));
+                is_stopped(&process)
+            })
+    })
+}
+
+#[test]
+fn fault_a_program_that_stands_still_in_its_start_makes_nobody_hang() {
+    if !may_trace(User::own()) {
+        return;
+    }
+    // Empty objects of a node, of a service, of a port, and the lock of the members while it is held.
+    for (maker, call) in [(0, ("ftruncate", 2)), (1, ("ftruncate", 4)), (2, ("fchmod", 1))] {
+        let scene = Scene::empty(User::own());
+        stand_still(&scene, &VICTIMS[maker], call);
+    }
+}
+
+#[test]
+#[ignore = "ten minutes: stopped at each call that gives an object its size or opens it to readers"]
+fn fault_a_program_that_stands_still_at_any_object_makes_nobody_hang() {
+    if !may_trace(User::own()) {
+        return;
+    }
+    for maker in &VICTIMS[..3] {
+        let calls = Scene::empty(User::own()).calls(maker);
+        let made = calls
+            .iter()
+            .filter(|((call, _), _)| ["ftruncate", "fchmod", "bind"].contains(&&**call));
+        for ((call, count), _) in made {
+            eprintln!("{} at {call} number {count}", maker.name());
+            stand_still(&Scene::empty(User::own()), maker, (call, *count));
         }
     }
 }

@@ -6,6 +6,7 @@
 mod config;
 mod control;
 mod doctor;
+mod hostile;
 mod isolation;
 mod kills;
 mod labels;
@@ -22,6 +23,7 @@ mod robot;
 mod run;
 mod signals;
 mod soak;
+mod storm;
 mod streams;
 mod supervision;
 mod support;

@@ -74,6 +74,7 @@ fn replay_broken_off_leaves_no_command_to_the_next_stream() {
             let mut replay = site.start(Program::Thetabus, &replay);
             let last = observer.last_estimate.expect("estimates").boot_id;
             let replayed = observer.estimate(what, |e| e.boot_id != last && there(e));
+            observer.status("the mark of a replay", |s| s.flags & status_flags::REPLAY != 0);
             replay.signal(signal);
             replay.wait();
             let (mut plant, first, later) = machine(&mut observer);
@@ -95,10 +96,11 @@ fn replay_broken_off_leaves_no_command_to_the_next_stream() {
             }
             let status = observer.status("a heartbeat", |s| s.boot_id == first.boot_id);
             assert_eq!(
-                status.flags & (status_flags::COMMANDED | status_flags::PAUSED),
+                status.flags & (status_flags::COMMANDED | status_flags::PAUSED | status_flags::REPLAY),
                 0,
                 "{what}"
             );
+            identifier.wait_for_log("the replay is over");
             plant.signal(Signal::SIGTERM);
             plant.expect_code(0);
         }

@@ -214,9 +214,9 @@ fn ident_the_velocity_filter_keeps_its_time_at_every_sample_rate() {
             "{period_s} s: {sigmas:.1} sigma, {worst:.4}"
         );
     }
-    // ten samples of 2 ms, as the count once had it, smooth the fastest motion away
+    // ten samples of 2 ms, as the count once had it, smooth the fastest motion away: more than σ allows, unlike all of the above
     let (sigmas, _) = errors(2e-3, Some(0.02));
-    assert!(sigmas > 8.0, "{sigmas}");
+    assert!(sigmas > 4.5, "{sigmas}");
 }
 
 /// A driven pendulum, as a user would write it down.

@@ -245,11 +245,12 @@ struct Line {
 }
 
 impl Line {
-    fn new(block: u64, a: f64, std: f64) -> Self {
+    /// `seen`: how much of the error's column the parameters cannot imitate.
+    fn new(block: u64, a: f64, std: f64, seen: f64) -> Self {
         let mut rng = TestRng(block);
         let rows = (0..40).map(|_| {
             let phi = [rng.between(-1.0, 1.0), rng.between(-1.0, 2.0)];
-            let d = rng.between(-1.0, 1.0) + 0.5 * phi[0] + 0.4 * phi[1];
+            let d = seen * rng.between(-1.0, 1.0) + 0.5 * phi[0] + 0.4 * phi[1];
             (phi, phi[0] * 3.0 - phi[1] + a * d, d)
         });
         Self {
@@ -280,8 +281,8 @@ impl Residuals for Line {
 }
 
 #[test]
-fn val_sigma_grows_by_exactly_what_the_error_does_to_the_estimate() {
-    let run = |a: f64, std: f64| {
+fn val_sigma_grows_by_what_the_data_leave_open_of_an_error() {
+    let run = |a: f64, std: f64, seen: f64| {
         let structure = Structure {
             params: 2,
             equations: vec![0..2],
@@ -293,21 +294,27 @@ fn val_sigma_grows_by_exactly_what_the_error_does_to_the_estimate() {
         options.change_detection = None;
         let mut estimator = BlockEstimator::new(structure, options).unwrap();
         (1..=5).for_each(|block| {
-            estimator.update(&Line::new(block, a, std));
+            estimator.update(&Line::new(block, a, std, seen));
         });
         estimator.report().clone()
     };
-    let (right, shifted, wide) = (run(0.0, 0.0), run(0.1, 0.0), run(0.0, 2.0));
-    for i in 0..2 {
-        let slope = (shifted.theta[i] - right.theta[i]) / 0.1;
-        let wanted = right.theta_std[i].hypot(2.0 * slope);
-        // ε = 1e-6 of the start value, which the recursion carries apart, against some ten of information
-        assert!(
-            (wide.theta_std[i] / wanted - 1.0).abs() < 1e-5,
-            "{i}: {} {wanted}",
-            wide.theta_std[i]
-        );
-        assert!(slope.abs() > 0.05, "the error does something");
+    for seen in [0.0, 1.0] {
+        let (right, shifted, wide) = (run(0.0, 0.0, seen), run(0.1, 0.0, seen), run(0.0, 2.0, seen));
+        for i in 0..2 {
+            let slope = (shifted.theta[i] - right.theta[i]) / 0.1;
+            assert!(slope.abs() > 0.05, "the error shifts the estimate");
+            let prior = right.theta_std[i].hypot(2.0 * slope);
+            let got = wide.theta_std[i];
+            if seen == 0.0 {
+                // the parameters imitate the error, so all of it stays open; ε = 1e-6 of the start value, which the recursion carries apart,
+                // against some ten of information
+                assert!((got / prior - 1.0).abs() < 1e-5, "{i}: {got} {prior}");
+            } else {
+                // 200 rows with a column of variance 1/3 and noise 1 know the amplitude to 1/√(200/3) = 0.12 instead of 2
+                let known = right.theta_std[i].hypot(0.12 * slope);
+                assert!(got > right.theta_std[i] && got < 1.1 * known, "{i}: {got} {known}");
+            }
+        }
     }
 }
 
@@ -318,7 +325,8 @@ fn prop_the_defaults_leave_a_right_model_useful_and_name_nothing() {
         let answers = identify(&sim, Considered::default(), Wrong::default());
         let without = identify(&sim, Considered::NONE, Wrong::default());
         let ratio = (0..9).map(|i| answers[24].std[i] / without[24].std[i]).sum::<f64>() / 9.0;
-        assert!(ratio < 1.3, "sigma is {ratio:.2} times as wide");
+        // only the sharpest edges tell a delay from the inductances: to know neither costs a factor of two
+        assert!(ratio < 2.5, "sigma is {ratio:.2} times as wide");
         assert!(useful(&answers) >= 0.85, "{:.2}", useful(&answers));
         assert_eq!(dangerous(&answers), Vec::<usize>::new());
         assert!(answers.iter().all(|a| a.named.is_none()));

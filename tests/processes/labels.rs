@@ -71,7 +71,8 @@ fn fault_a_recording_of_a_foreign_plant_is_refused_unless_a_model_is_named() {
         }];
         info.config_toml = info
             .config_toml
-            .replace("kind = \"servo_axis\"", "kind = \"manipulator\"");
+            .replace("kind = \"servo_axis\"", "kind = \"manipulator\"")
+            .replace("position_unit = \"m\"", "position_unit = \"rad\"");
     });
     let mut identify = site.start(Program::Thetabus, &["identify", text(&foreign)]);
     identify.expect_code(2);
@@ -82,7 +83,14 @@ fn fault_a_recording_of_a_foreign_plant_is_refused_unless_a_model_is_named() {
     ]);
     assert_eq!(identify.stdout(), "");
     // whoever names a model means it
-    let named = ["identify", text(&foreign), "--set", "model.kind=\"servo_axis\""];
+    let named = [
+        "identify",
+        text(&foreign),
+        "--set",
+        "model.kind=\"servo_axis\"",
+        "--set",
+        "log.position_unit=\"m\"",
+    ];
     let mut identify = site.start(Program::Thetabus, &named);
     identify.expect_code(0);
     identify.expect_stderr(&["it is identified as servo_axis (mass [kg]"]);

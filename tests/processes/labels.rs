@@ -1,7 +1,8 @@
 //! Estimates and recordings of one model never appear under the names of another.
 
-use crate::support::{Program, SERVO, Site, column};
+use crate::support::{Process, Program, SERVO, Site, column};
 use std::path::Path;
+use std::process::Command;
 use thetabus::node::monitor::Label;
 use thetabus::recording::{Entry, Recorder, RecordingLimits, RecordingReader, RunInfo, Span};
 
@@ -97,7 +98,9 @@ fn fault_a_recording_of_a_foreign_plant_is_refused_unless_a_model_is_named() {
     assert!(identify.stdout().contains("mass"), "{}", identify.said());
 
     // The estimates are the servo axis's, the description is not: a report has no names for them.
-    let mut report = site.start(Program::Thetabus, &["report", text(&foreign)]);
+    let mut report = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+    report.args(["report", text(&foreign)]);
+    let mut report = Process::start(report);
     report.expect_code(2);
     report.expect_stderr(&["the recording describes pendulum", "estimates of another model"]);
 }

@@ -9,8 +9,10 @@
 //! let model = RobotModel::new(robot, true, vec![JointFriction::default(); joints])?;
 //! let mut identifier = RobotIdentifier::new(model, IdentifyOptions::default())?;
 //! for k in 0..300 {
-//!     // Here an arm that holds still; a log or a robot gives t_s, q, dq and tau.
-//!     identifier.push(&RobotSample { t_s: 0.01 * f64::from(k), ..RobotSample::default() })?;
+//!     // Here an arm that swings without torque; a log or a robot gives t_s, q, dq and tau.
+//!     let t_s = 0.01 * f64::from(k);
+//!     let (q, dq) = ([0.5 * t_s.sin(); 8], [0.5 * t_s.cos(); 8]);
+//!     identifier.push(&RobotSample { t_s, q, dq, ..RobotSample::default() })?;
 //! }
 //! for (i, parameter) in identifier.model().parameters().iter().enumerate() {
 //!     println!("{} = {} ± {} {}", parameter.meaning, identifier.theta()[i], identifier.theta_std(i), parameter.unit);

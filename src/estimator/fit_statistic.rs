@@ -9,7 +9,7 @@
 //! of `change.rs` against what was known before. A change in the last tenth of a second shows only in the rows' short windows ([`Residuals::tail`]), each
 //! of which is one more test. Because the rows are whitened backwards, a sum over the last k of them is the cost of these windows alone.
 //!
-//! σ² is the variance that the user has told (`noise_floor`, 1 for rows that are whitened by the sensors' noise), ν = ∞. If none was told it is the level that
+//! σ² is the variance that the user has specified (`noise_floor`, 1 for rows that are whitened by the sensors' noise), ν = ∞. If none was specified, it is the level that
 //! the blocks before have learnt, ν their degrees of freedom: what a block does not fit must not be learnt from the same block. A level that was learnt holds what the
 //! model leaves out, too, which is no white noise, so the slack is larger there, and residuals within [`SHARE`] of the equation's signal are never a misfit.
 
@@ -20,7 +20,7 @@ use std::ops::Range;
 
 /// A block whose p is below this does not fit: a right model does so once in ten thousand blocks, if the noise is what it is said to be.
 pub const MISFIT: f64 = 1e-4;
-/// Share by which the variance may exceed the one that was told: sensors are never known better.
+/// Share by which the variance may exceed the specified one: sensors are never known better.
 const SLACK: f64 = 0.25;
 /// The same for a variance that was learnt.
 const LEARNT_SLACK: f64 = 3.0;
@@ -38,7 +38,7 @@ const LONGEST: usize = 1 << 20;
 pub struct NoiseLevel {
     /// σ² of the divided rows.
     pub variance: f64,
-    /// Degrees of freedom behind it; infinite for a variance that the user has told.
+    /// Degrees of freedom behind it; infinite for a variance that the user has specified.
     pub freedom: f64,
 }
 

@@ -155,7 +155,8 @@ pub trait Residuals {
     fn tail(&self, _equation: usize, _k: usize, _theta: &[f64]) -> Option<f64> {
         None
     }
-    /// Number of errors of the model that the rows know a column for, at most 1 and 5 per equation; what is beyond is left aside.
+    /// Number of errors of the model that the rows know a column for, at most 1 and [`ERRORS_PER_EQUATION`] per
+    /// equation; any beyond that are ignored.
     fn suspects(&self) -> usize {
         0
     }

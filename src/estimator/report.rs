@@ -52,7 +52,7 @@ pub struct Report {
     pub excitation: Vec<f64>,
     /// Bit i: the block informed on parameter i, to a third of its size at least.
     pub excited: u64,
-    /// Bit i: parameter i is known from data. Three standard deviations of it are below 3 %, by what the data since the last change say; its group of
+    /// Bit i: parameter i is known from data. Three standard deviations of it are below 5 %, by what the data since the last change say; its group of
     /// equations showed no change in this block or the one before, and both fit in each of its equations; no parameter of its group is
     /// held by a bound against the data. A fixed parameter is nobody's finding and never usable.
     pub usable: u64,

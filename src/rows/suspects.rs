@@ -1,13 +1,13 @@
-//! What a machine may do and its model does not say: one column of the rows per error.
+//! Errors that a machine may have and its model leaves out: one column of the rows per error.
 //!
 //! ```text
-//! f_i(θ*) = noise + Σ_s a_s d_is            d_is = ∂f_i/∂a_s, the machine has the error s of amplitude a_s
+//! f_i(θ*) = noise + Σ_s a_s d_is            d_is = ∂f_i/∂a_s, the machine has error s with amplitude a_s
 //! ```
 //!
 //! | error | column, before it is whitened as the rows are | amplitude a |
 //! |---|---|---|
-//! | the recorded input acts later than told | −s ∫ψ′ u, the first power of the delay (`kernel.rs`) | s |
-//! | the drive gives more than told | −s ∫ψ u | share |
+//! | the recorded input acts later than specified | −s ∫ψ′ u, the first power of the delay (`kernel.rs`) | s |
+//! | the drive gives more than specified | −s ∫ψ u | share |
 //! | Coulomb friction that the model lacks | s ∫ψ sat(q̇/v₀) u_r | share of the input's size u_r |
 //! | an encoder off its centre, q + a sin q or a cos q is read | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
 //! | a resonance between motor and load | s ∫ψ″ u | s² |
@@ -18,7 +18,8 @@
 //! u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of the
 //! input, whatever the equation is.
 //!
-//! The estimator widens its covariance by the errors with a standard deviation ([`Considered`]) and tests for all of them
+//! The estimator widens its published covariance by what the data leave open of the errors that have a prior standard
+//! deviation ([`Considered`]), and tests for all of them
 //! (`estimator/considered.rs`, `estimator/score_test.rs`). Neither estimates them.
 
 use super::kernel::{Kernels, dot};
@@ -76,9 +77,9 @@ impl Default for Considered {
 /// Kinds of errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum SuspectKind {
-    /// The recorded input acts later, or earlier, than told.
+    /// The recorded input acts later, or earlier, than specified.
     InputDelay,
-    /// A drive gives more, or less, than told.
+    /// A drive gives more, or less, than specified.
     Gain,
     /// Coulomb friction that the model lacks.
     Coulomb,

@@ -3,25 +3,28 @@
 //! A driven pendulum, J q̈ + d q̇ + w sin q = τ, the torque τ measured and the angle read from an encoder.
 //!
 //! ```text
-//! cargo run --release --example own_plant -- identifier       # the service
+//! cargo run --release --example own_plant -- run              # its equations simulated, identified, reported
+//!
+//! cargo run --release --example own_plant -- identifier       # the service for a machine
 //! cargo run --release --example own_plant -- monitor          # in a second terminal: its estimates
 //! cargo run --release --example own_machine                   # in a third one: a pendulum to identify
 //! ```
 
 use std::process::ExitCode;
+use thetabus::config::Catalog;
 use thetabus::model::{Equation, Parameter, Plant, Scalar};
 
 #[derive(Clone, Copy)]
 struct Pendulum;
 
 impl Plant for Pendulum {
-    fn name(&self) -> &'static str {
+    fn name(&self) -> &str {
         "pendulum"
     }
     fn joints(&self) -> usize {
         1
     }
-    fn input_unit(&self) -> &'static str {
+    fn input_unit(&self) -> &str {
         "N m"
     }
     fn parameters(&self) -> &[Parameter] {
@@ -44,5 +47,5 @@ impl Plant for Pendulum {
 }
 
 fn main() -> ExitCode {
-    thetabus::service::main_for(Pendulum)
+    thetabus::service::app(Catalog::default().with(Pendulum))
 }

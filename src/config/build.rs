@@ -1,49 +1,45 @@
 //! From the form of the file to the core types, with the checks that concern several keys, and the defaults the other way.
 
-use super::check::{Check, joints};
+use super::catalog::{self, Catalog};
+use super::check::{Check, chosen};
 use super::error::{Origin, Problem};
 use super::layers::Layers;
 use super::memory;
 use super::plant;
 use super::schema::{self, FileForm, RealOrWord};
 use super::sections::{
-    BusConfig, CheckpointConfig, Config, Delivery, EstimatorConfig, IdentifierConfig, LogColumns, ModelConfig,
-    MonitorConfig, PlantConfig, RealtimeConfig, RealtimeSettings, Rows, Speed, SupervisionConfig,
+    BusConfig, CheckpointConfig, Config, Delivery, EstimatorConfig, IdentifierConfig, LogColumns, MonitorConfig,
+    PlantConfig, RealtimeConfig, RealtimeSettings, Speed, SupervisionConfig,
 };
 use crate::estimator::{
     Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor,
 };
-use crate::model::{
-    Delayed, DriveInput, ExtendedManipulator, ExtraTerms, KnownConstants, MAX_JOINTS, Manipulator, Motion,
-    PdController, PlantDefinition, ServoAxis,
-};
+use crate::model::{MAX_JOINTS, PdController};
+use crate::node::model::SharedModel;
 use crate::rows::{
-    Considered, InputSource, InputTiming, ProjectedError, ProjectedOptions, SensorNoise, auto_window_first,
+    Considered, InputSource, InputTiming, ProjectedError, ProjectedOptions, RowForm, SensorNoise, auto_window_first,
     auto_window_lengths,
 };
 use crate::sim::Machine;
 use std::path::PathBuf;
 
 /// Builds and checks; on failure everything that is wrong.
-pub(super) fn config(
-    mut form: FileForm,
-    own: Option<&PlantDefinition>,
-    layers: &Layers,
-) -> Result<Config, Vec<Problem>> {
+pub(super) fn config(mut form: FileForm, catalog: &Catalog, layers: &Layers) -> Result<Config, Vec<Problem>> {
     let mut check = Check {
         layers,
         problems: Vec::new(),
         warnings: Vec::new(),
     };
+    prefer(catalog, &mut form, &check);
     plant::inline_setpoints(&mut form, &mut check);
     decide_on_noise(&mut form, &mut check);
-    let plant = plant::plant(&form, &mut check);
-    let model = match own {
-        Some(own) => own_model(own, &mut check),
-        None => model(&form, &mut check),
-    };
+    let own = catalog.is_own(&form.model.kind);
+    let model = catalog.build(&form, &mut check);
+    // what is wrong with them has been told with the model
+    let known = model.as_ref().and_then(|_| catalog::known(&form, &mut check)).flatten();
+    let plant = plant::plant(&form, model.as_ref(), &mut check);
     let identifier = identifier(&form, &mut check);
-    let log = log(&form, own, &mut check);
+    let log = log(&form, model.as_ref(), &mut check);
     let estimator = model.as_ref().and_then(|model| estimator(&form, model, &mut check));
     let bus = BusConfig {
         robot: form.bus.robot.clone(),
@@ -90,9 +86,21 @@ pub(super) fn config(
                 file: form,
                 warnings,
                 recorded,
+                known: known.filter(|_| !own),
+                catalog: catalog.clone(),
             })
         }
         _ => Err(check.problems),
+    }
+}
+
+/// Without a word on the model, a program with models of its own means the first of them, and without one on the machine, its equations simulated.
+fn prefer(catalog: &Catalog, form: &mut FileForm, check: &Check<'_>) {
+    if let Some(name) = catalog.preferred().filter(|_| !check.stated("model.kind")) {
+        form.model.kind = name.to_owned();
+    }
+    if catalog.is_own(&form.model.kind) && !check.stated("plant.machine") {
+        form.plant.machine = "model".to_owned();
     }
 }
 
@@ -100,7 +108,7 @@ impl Check<'_> {
     fn suspicious(
         &mut self,
         form: &FileForm,
-        own: Option<&PlantDefinition>,
+        own: bool,
         bus: &BusConfig,
         plant: &PlantConfig,
         estimator: &EstimatorConfig,
@@ -132,11 +140,7 @@ impl Check<'_> {
                 "realtime delivery at speed \"max\" loses samples as soon as a consumer is slower than the plant";
             self.warn(self.culprit(&["bus.delivery", "plant.speed"]), message);
         }
-        let machine = match sim.machine {
-            Machine::Arm => "manipulator",
-            Machine::ServoAxis(_) => "servo_axis",
-        };
-        if own.is_none() && form.model.kind != machine && self.stated("plant.machine") {
+        if !own && form.model.kind != sim.model() && self.stated("plant.machine") {
             let message = format!(
                 "simulates a machine that the model {} does not describe",
                 form.model.kind
@@ -144,7 +148,7 @@ impl Check<'_> {
             self.warn(self.culprit(&["plant.machine", "model.kind"]), message);
         }
         let blind = sim.machine == Machine::Arm && !sim.sensors.exact_positions();
-        if own.is_none() && form.identifier.rows == "pointwise" && blind {
+        if !own && form.identifier.rows == "pointwise" && blind {
             let message = "sensors give no derivatives, so rows = \"pointwise\" refuses each sample of the simulator; \"projected\" needs none";
             let keys = [
                 "identifier.rows",
@@ -154,7 +158,7 @@ impl Check<'_> {
             self.warn(self.culprit(&keys), message);
         }
         let options = &estimator.options;
-        let arm = own.is_none() && form.model.kind == "manipulator";
+        let arm = form.model.kind == "manipulator";
         if arm && options.forgetting_factor == 1.0 && sim.mass_2.points.len() > 1 && options.change_detection.is_none()
         {
             let message =
@@ -178,7 +182,7 @@ impl Check<'_> {
     }
 
     /// Keys that were set to something of their own but belong to a choice that was not made.
-    fn without_effect(&mut self, form: &FileForm, own: Option<&PlantDefinition>) {
+    fn without_effect(&mut self, form: &FileForm, own: bool) {
         let default = toml::Table::try_from(FileForm::default()).unwrap_or_default();
         let unused: Vec<(String, String)> = self
             .layers
@@ -189,8 +193,8 @@ impl Check<'_> {
                 if default.get(section)?.get(name) == Some(&entry.value) {
                     return None;
                 }
-                if let Some(own) = own.filter(|_| section.split('.').next() == Some("model")) {
-                    let message = format!("has no effect: this program has its own plant, {}", own.name);
+                if own && section.split('.').next() == Some("model") && path != "model.kind" {
+                    let message = format!("has no effect on {}, a model of this program", form.model.kind);
                     return Some((path.clone(), message));
                 }
                 let need = match (section, name) {
@@ -201,6 +205,7 @@ impl Check<'_> {
                         ("identifier.rows", form.identifier.rows.as_str(), "projected")
                     }
                     ("plant.servo_axis", _) => ("plant.machine", form.plant.machine.as_str(), "servo_axis"),
+                    ("plant.model", _) => ("plant.machine", form.plant.machine.as_str(), "model"),
                     ("plant.arm" | "plant.mass_2", _) => ("plant.machine", form.plant.machine.as_str(), "arm"),
                     ("model", "coulomb_friction" | "offset") => ("model.kind", form.model.kind.as_str(), "manipulator"),
                     ("model.servo_axis", _) => ("model.kind", form.model.kind.as_str(), "servo_axis"),
@@ -226,115 +231,6 @@ impl Check<'_> {
             .collect();
         unused.into_iter().for_each(|(path, message)| self.warn(&path, message));
     }
-}
-
-fn model(form: &FileForm, check: &mut Check<'_>) -> Option<ModelConfig> {
-    if form.model.kind == "servo_axis" {
-        return servo_axis(form, check);
-    }
-    let Some(plant) = Manipulator::new(form.model.gravity_m_s2) else {
-        check.wrong(
-            "model.gravity_m_s2",
-            format!("expected 0 or above, got {}", form.model.gravity_m_s2),
-        );
-        return None;
-    };
-    let known = &form.known;
-    let known = match (
-        known.length_1_m,
-        &known.winding_resistance_ohm,
-        &known.torque_constant_n_m_per_a,
-    ) {
-        (None, None, None) => None,
-        (Some(length_1_m), Some(resistance), Some(constant)) => Some(KnownConstants {
-            length_1_m,
-            winding_resistance_ohm: joints(resistance),
-            torque_constant_n_m_per_a: joints(constant),
-        }),
-        (length, resistance, constant) => {
-            let set = [length.is_some(), resistance.is_some(), constant.is_some()];
-            let keys = ["length_1_m", "winding_resistance_ohm", "torque_constant_n_m_per_a"]
-                .map(|k| format!("model.known.{k}"));
-            let given: Vec<&str> = keys
-                .iter()
-                .zip(set)
-                .filter(|(_, set)| *set)
-                .map(|(key, _)| key.as_str())
-                .collect();
-            let missing: Vec<&str> = keys
-                .iter()
-                .zip(set)
-                .filter(|(_, set)| !set)
-                .map(|(key, _)| key.as_str())
-                .collect();
-            let verb = if missing.len() == 1 { "is" } else { "are" };
-            let message = format!(
-                "expected all of [model.known] or none, but {} {verb} not set",
-                missing.join(" and ")
-            );
-            check.wrong(given.first().copied().unwrap_or("model.known"), message);
-            return None;
-        }
-    };
-    let terms = ExtraTerms {
-        coulomb_friction: form.model.coulomb_friction,
-        offset: form.model.offset,
-    };
-    if terms.coulomb_friction && form.identifier.rows != "projected" {
-        let message = "expected false with identifier.rows = \"pointwise\", since a friction that jumps has no derivative to be measured, got true; \
-                       identifier.rows = \"projected\" has none either and needs none";
-        check.wrong(check.culprit(&["model.coulomb_friction", "identifier.rows"]), message);
-        return None;
-    }
-    let extended = ExtendedManipulator::new(plant, terms);
-    Some(match delay(form) {
-        None if terms.is_none() => ModelConfig::Manipulator { plant, known },
-        None => ModelConfig::ExtendedManipulator { plant: extended, known },
-        Some((start_s, limit_s)) => ModelConfig::DelayedManipulator {
-            plant: Delayed::new(extended, start_s, limit_s),
-            known,
-        },
-    })
-}
-
-/// A plant that the caller brings along.
-fn own_model(own: &PlantDefinition, check: &mut Check<'_>) -> Option<ModelConfig> {
-    let valid = own.validate();
-    if let Err(message) = &valid {
-        check.wrong("model", format!("the plant {} of this program: {message}", own.name));
-    }
-    valid.ok().map(|()| ModelConfig::Own(own.clone()))
-}
-
-fn servo_axis(form: &FileForm, check: &mut Check<'_>) -> Option<ModelConfig> {
-    let section = &form.servo_axis;
-    let motion = chosen(&Motion::NAMES, &section.motion);
-    let Some(plant) = ServoAxis::new(motion, chosen(&DriveInput::NAMES, &section.input), section.gain) else {
-        let message = format!("expected a number that is not 0, got {}", section.gain);
-        check.wrong("model.servo_axis.gain", message);
-        return None;
-    };
-    Some(match delay(form) {
-        None => ModelConfig::ServoAxis { plant },
-        Some((start_s, limit_s)) => ModelConfig::DelayedServoAxis {
-            plant: Delayed::new(plant, start_s, limit_s),
-        },
-    })
-}
-
-/// Start and limit of a delay that is to be identified \[s\].
-fn delay(form: &FileForm) -> Option<(f64, f64)> {
-    let section = &form.projected;
-    let wanted = form.identifier.rows == "projected" && section.estimate_input_delay;
-    wanted.then_some((section.input_delay_s, section.input_delay_limit_s))
-}
-
-/// The value of a name that the schema has let through.
-fn chosen<T: Copy + Default>(names: &[(T, &'static str)], name: &str) -> T {
-    names
-        .iter()
-        .find(|(_, n)| *n == name)
-        .map_or_else(T::default, |(value, _)| *value)
 }
 
 /// A list with one number per joint, or one for all.
@@ -487,11 +383,11 @@ fn realtime(form: &FileForm) -> RealtimeConfig {
     }
 }
 
-fn log(form: &FileForm, own: Option<&PlantDefinition>, check: &mut Check<'_>) -> LogColumns {
+fn log(form: &FileForm, model: Option<&SharedModel>, check: &mut Check<'_>) -> LogColumns {
     let section = &form.log;
     // Metres taken for radians would be used as they are, and nothing in the result would show it.
-    if own.is_none() && !section.q.is_empty() {
-        let linear = form.model.kind == "servo_axis" && form.servo_axis.motion == "linear";
+    if let Some(model) = model.filter(|_| !section.q.is_empty()) {
+        let linear = model.definition().position_unit == "m";
         let is_length = matches!(section.position_unit.as_str(), "m" | "mm" | "um");
         if linear != is_length {
             let (axis, units) = match linear {
@@ -537,8 +433,8 @@ fn identifier(form: &FileForm, check: &mut Check<'_>) -> Option<IdentifierConfig
             check.wrong(check.culprit(&["identifier.input", "identifier.rows"]), message);
             return None;
         }
-        "projected" => Rows::Projected(projected(form, check)?),
-        _ => Rows::Pointwise,
+        "projected" => RowForm::Projected(projected(form, check)?),
+        _ => RowForm::Pointwise,
     };
     let input = match form.identifier.input.as_str() {
         "controller" => {
@@ -567,7 +463,7 @@ fn identifier(form: &FileForm, check: &mut Check<'_>) -> Option<IdentifierConfig
     })
 }
 
-fn estimator(form: &FileForm, model: &ModelConfig, check: &mut Check<'_>) -> Option<EstimatorConfig> {
+fn estimator(form: &FileForm, model: &SharedModel, check: &mut Check<'_>) -> Option<EstimatorConfig> {
     let section = &form.estimator;
     let before = check.problems.len();
     let parameters = model.parameters();
@@ -611,7 +507,7 @@ fn estimator(form: &FileForm, model: &ModelConfig, check: &mut Check<'_>) -> Opt
         ),
         _ => (vec![f64::NEG_INFINITY; params], vec![f64::INFINITY; params]),
     };
-    let names: Vec<&str> = parameters.iter().map(|parameter| parameter.name).collect();
+    let names: Vec<&str> = parameters.iter().map(|parameter| &*parameter.name).collect();
     for name in section.fixed.iter().filter(|name| !names.contains(&name.as_str())) {
         check.wrong(
             "estimator.fixed",
@@ -650,7 +546,7 @@ fn estimator(form: &FileForm, model: &ModelConfig, check: &mut Check<'_>) -> Opt
         lower,
         upper,
         relations: match section.relations.as_str() {
-            "model" => model.definition().relations,
+            "model" => model.definition().relations.clone(),
             _ => Vec::new(),
         },
         fixed,

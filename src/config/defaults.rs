@@ -84,6 +84,13 @@ impl Default for FileForm {
                 input_limit: axis.input_limit,
                 position_resolution: axis.position_resolution,
             },
+            model_plant: schema::ModelPlant {
+                theta: Vec::new(),
+                change_s: None,
+                theta_after: Vec::new(),
+                proportional_gain: Vec::new(),
+                derivative_gain: Vec::new(),
+            },
             controller: schema::Controller {
                 kind: word(&ControllerKind::NAMES, sim.controller.kind),
                 feedback: word(&PositionFeedback::NAMES, sim.controller.feedback),

@@ -440,7 +440,7 @@ fn unknown(path: &str) -> String {
 }
 
 /// The word that differs least, if that is little enough to be a slip of the finger.
-fn nearest<'a>(word: &str, words: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+pub(super) fn nearest<'a>(word: &str, words: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     words
         .map(|candidate| (edit_distance(word, candidate), candidate))
         .min()

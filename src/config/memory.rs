@@ -4,7 +4,8 @@
 
 use super::error::{ConfigError, Origin, Problem};
 use super::layers::Layers;
-use super::sections::{Config, Rows};
+use super::sections::Config;
+use crate::rows::RowForm;
 
 /// The keys that the size of a block's rows depends on.
 const KEYS: [&str; 5] = [
@@ -41,8 +42,8 @@ impl Config {
             LIMIT >> 20,
             self.estimator.block_len,
             match &self.identifier.rows {
-                Rows::Pointwise => String::new(),
-                Rows::Projected(options) => format!(
+                RowForm::Pointwise => String::new(),
+                RowForm::Projected(options) => format!(
                     ", a window of {} s each {} s with a sample period of {} s",
                     options.window_s, options.stride_s, options.sample_period_s
                 ),
@@ -64,8 +65,8 @@ impl Config {
         let block_len = self.estimator.block_len as u64;
         let sample = 8 * (20 * joints + 24);
         match &self.identifier.rows {
-            Rows::Pointwise => block_len.saturating_mul(sample + 8 * (params + 1) * equations),
-            Rows::Projected(options) => {
+            RowForm::Pointwise => block_len.saturating_mul(sample + 8 * (params + 1) * equations),
+            RowForm::Projected(options) => {
                 let samples = |time_s: f64| (time_s / options.sample_period_s).round().max(1.0) as u64;
                 let (window, stride) = (samples(options.window_s), samples(options.stride_s));
                 let reach = window + 4 * options.velocity_half_width as u64;

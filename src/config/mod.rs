@@ -10,6 +10,7 @@
 //! `config/default.toml` lists every key with its default, unit, range and meaning.
 
 mod build;
+mod catalog;
 mod check;
 mod defaults;
 mod error;
@@ -21,20 +22,18 @@ mod schema;
 mod sections;
 mod setpoint_csv;
 
+pub use catalog::Catalog;
 pub use error::{ConfigError, Origin, Problem};
 #[cfg(feature = "service")]
 pub(crate) use kind::Short;
 pub use kind::{Interval, Key, Kind, Len};
 pub use layers::Source;
 pub use schema::{FileForm, RealOrWord, keys};
-#[cfg(feature = "service")]
-pub(crate) use sections::with_plant;
 pub use sections::{
-    BusConfig, CheckpointConfig, Config, Delivery, EstimatorConfig, IdentifierConfig, LogColumns, ModelConfig,
-    MonitorConfig, PlantConfig, RealtimeConfig, RealtimeSettings, Rows, Speed, SupervisionConfig,
+    BusConfig, CheckpointConfig, Config, Delivery, EstimatorConfig, IdentifierConfig, LogColumns, MonitorConfig,
+    PlantConfig, RealtimeConfig, RealtimeSettings, Speed, SupervisionConfig,
 };
 
-use crate::model::PlantDefinition;
 use layers::Layers;
 use serde::Deserialize;
 use std::fmt::Write as _;
@@ -56,24 +55,20 @@ impl Config {
     /// # Errors
     /// Everything that is wrong with any of them.
     pub fn load(sources: &[Source], arguments: &[String]) -> Result<Self, ConfigError> {
-        Self::load_for(None, sources, arguments)
+        Self::load_for(&Catalog::default(), sources, arguments)
     }
 
-    /// The same for a plant of the caller's own, which takes the place of what section `[model]` chooses.
+    /// The same with models of the caller's own, by name in `model.kind`; without that key the first of them is meant.
     ///
     /// # Errors
-    /// Everything that is wrong with any of them, and with the definition.
-    pub fn load_for(
-        own: Option<&PlantDefinition>,
-        sources: &[Source],
-        arguments: &[String],
-    ) -> Result<Self, ConfigError> {
+    /// Everything that is wrong with any of them, and with the models.
+    pub fn load_for(catalog: &Catalog, sources: &[Source], arguments: &[String]) -> Result<Self, ConfigError> {
         let mut layers = Layers::default();
         sources.iter().for_each(|source| layers.source(source));
         layers.arguments(arguments);
         let mut problems = std::mem::take(&mut layers.problems);
         // What is right so far is checked on, so that one run of a program tells everything.
-        let config = resolve(&layers).and_then(|form| build::config(form, own, &layers));
+        let config = resolve(&layers).and_then(|form| build::config(form, catalog, &layers));
         match config {
             Ok(config) if problems.is_empty() => Ok(config),
             Ok(_) => Err(ConfigError { problems }),
@@ -132,11 +127,7 @@ impl Config {
             name: "the configuration in force".to_owned(),
             text: base.unwrap_or_default(),
         };
-        let own = match &self.model {
-            ModelConfig::Own(definition) => Some(definition),
-            _ => None,
-        };
-        let config = Self::load_for(own, &[source], &[format!("{path}={}", literal(&value))])?;
+        let config = Self::load_for(&self.catalog, &[source], &[format!("{path}={}", literal(&value))])?;
         let useless = |problem: &&Problem| problem.key == path && problem.to_string().contains("has no effect");
         match config.warnings.iter().find(useless) {
             Some(problem) => Err(ConfigError {
@@ -144,6 +135,11 @@ impl Config {
             }),
             None => Ok(config),
         }
+    }
+
+    /// The models that it was chosen from.
+    pub fn catalog(&self) -> &Catalog {
+        &self.catalog
     }
 
     /// What is legal but suspicious.
@@ -196,7 +192,7 @@ impl Default for Config {
     /// The paper's experiment: the values of `config/default.toml`.
     fn default() -> Self {
         let layers = Layers::default();
-        build::config(FileForm::default(), None, &layers)
+        build::config(FileForm::default(), &Catalog::default(), &layers)
             .unwrap_or_else(|problems| unreachable!("the built-in defaults are tested to be valid: {problems:?}"))
     }
 }

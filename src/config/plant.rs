@@ -5,10 +5,12 @@ use super::layers::cut;
 use super::schema::{FaultForm, FileForm, RealOrWord};
 use super::sections::{PlantConfig, Speed};
 use super::setpoint_csv;
+use crate::model::PlantDefinition;
+use crate::node::model::SharedModel;
 use crate::sim::{
     ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, Fault, FaultKind, FaultSignal, Interpolation,
-    Machine, MassSchedule, MoveProfile, Moves, PositionFeedback, SensorOptions, ServoAxisOptions, Setpoint, SimError,
-    SimOptions, Tone, Unmodelled,
+    Machine, MassSchedule, MoveProfile, Moves, PlantMachine, PositionFeedback, SensorOptions, ServoAxisOptions,
+    Setpoint, SimError, SimOptions, Tone, Unmodelled,
 };
 use std::path::Path;
 
@@ -36,7 +38,7 @@ fn schedule(section: &str, masses: &str, t_s: &[f64], mass: &[f64], check: &mut 
     None
 }
 
-pub(super) fn plant(form: &FileForm, check: &mut Check<'_>) -> Option<PlantConfig> {
+pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Check<'_>) -> Option<PlantConfig> {
     let mass_2 = schedule("plant.mass_2", "mass_kg", &form.mass_2.t_s, &form.mass_2.mass_kg, check)?;
     let axis = &form.servo_plant;
     let machine = if form.plant.machine == "servo_axis" {
@@ -54,6 +56,8 @@ pub(super) fn plant(form: &FileForm, check: &mut Check<'_>) -> Option<PlantConfi
             input_limit: axis.input_limit,
             position_resolution: axis.position_resolution,
         })
+    } else if form.plant.machine == "model" {
+        Machine::Plant(own_machine(form, model?.definition(), check)?)
     } else {
         Machine::Arm
     };
@@ -165,6 +169,60 @@ pub(super) fn plant(form: &FileForm, check: &mut Check<'_>) -> Option<PlantConfi
         RealOrWord::Real(factor) => Speed::Factor(factor),
     };
     Some(PlantConfig { sim, speed })
+}
+
+/// True values are this much above the start values unless the configuration has others: a machine with something to find out.
+const TRUE_SHARE: f64 = 1.25;
+
+/// The machine of the model's own equations.
+fn own_machine(form: &FileForm, definition: &PlantDefinition, check: &mut Check<'_>) -> Option<PlantMachine> {
+    let section = &form.model_plant;
+    let (joints, params) = (definition.joints, definition.parameters.len());
+    let mut ok = true;
+    let mut count = |key: &str, got: usize, wanted: usize, what: &str| {
+        if got != 0 && got != wanted {
+            let message = format!(
+                "expected {wanted} numbers, one per {what} of {}, or none, got {got}",
+                definition.name
+            );
+            check.wrong(&format!("plant.model.{key}"), message);
+            ok = false;
+        }
+    };
+    count("theta", section.theta.len(), params, "parameter");
+    count("theta_after", section.theta_after.len(), params, "parameter");
+    count("proportional_gain", section.proportional_gain.len(), joints, "joint");
+    count("derivative_gain", section.derivative_gain.len(), joints, "joint");
+    let truth = match section.theta.is_empty() {
+        true => definition
+            .parameters
+            .iter()
+            .map(|p| (TRUE_SHARE * p.start).clamp(p.lower, p.upper))
+            .collect(),
+        false => section.theta.clone(),
+    };
+    let mut truth = vec![(0.0, truth)];
+    match (section.change_s, section.theta_after.is_empty()) {
+        (None, true) => {}
+        (Some(change_s), false) => truth.push((change_s, section.theta_after.clone())),
+        _ => {
+            let message = "expected both plant.model.change_s and plant.model.theta_after, or neither, got one";
+            check.wrong(
+                check.culprit(&["plant.model.change_s", "plant.model.theta_after"]),
+                message,
+            );
+            ok = false;
+        }
+    }
+    ok.then(|| PlantMachine {
+        model: definition.name.clone(),
+        joints,
+        order: definition.equations.iter().map(|e| e.order).max().unwrap_or(0),
+        names: definition.parameters.iter().map(|p| p.name.to_string()).collect(),
+        truth,
+        proportional_gain: section.proportional_gain.clone(),
+        derivative_gain: section.derivative_gain.clone(),
+    })
 }
 
 /// The schema has let only known words through.

@@ -222,8 +222,8 @@ sections! {
     plant: Plant = "plant", "The simulated machine" {
         duration_s: f64, Kind::Real(Interval::above(0.0, LONGEST_S)), "s",
             "Length of the run in simulated time";
-        machine: String, Kind::Choice(&["arm", "servo_axis"]), "",
-            "arm: two joints, sections plant.arm, plant.mass_2, plant.controller. servo_axis: one joint, section plant.servo_axis; the first joint's values of lists count, in m for a linear axis";
+        machine: String, Kind::Choice(&["arm", "servo_axis", "model"]), "",
+            "arm: two joints, sections plant.arm, plant.mass_2, plant.controller. servo_axis: one joint, section plant.servo_axis; the first joint's values of lists count, in m for a linear axis. model: the equations of the model itself, section plant.model; what a program with a model of its own simulates by default";
         speed: RealOrWord, Kind::RealOr(Interval::closed(1e-3, 1e3), "max"), "",
             "Simulated seconds per second; \"max\" is as fast as it can be computed and consumed";
         seed: u64, Kind::Whole(0, i64::MAX as u64), "",
@@ -284,6 +284,18 @@ sections! {
             "Most that the drive gives, either sign; inf: no limit";
         position_resolution: f64, Kind::Real(NOT_NEGATIVE), "m or rad",
             "One count of the position sensor, and no measured derivatives; 0: as plant.sensors.encoder_bits says";
+    }
+    model_plant: ModelPlant = "plant.model", "The simulated machine of the model's own equations; joint j follows the setpoint of joint j mod 2" {
+        theta: Vec<f64>, parameters(FINITE), "the parameters' own",
+            "True values of the parameters in their order; none: a quarter above their start values";
+        change_s: Option<f64>, Kind::Real(Interval::above(0.0, LONGEST_S)), "s",
+            "Time of a change of the true values";
+        theta_after: Vec<f64>, parameters(FINITE), "the parameters' own",
+            "True values from change_s on";
+        proportional_gain: Vec<f64>, equations(NOT_NEGATIVE), "input per rad or m",
+            "Gain Kp of each joint's controller u = Kp (setpoint - q) - Kd dq, sampled and held; none: from the joint's inertia";
+        derivative_gain: Vec<f64>, equations(NOT_NEGATIVE), "input per rad/s or m/s",
+            "Gain Kd of each joint; none: from the joint's inertia";
     }
     controller: Controller = "plant.controller", "The PD controllers (13): u = Kp (setpoint − q) − Kd dq" {
         kind: String, Kind::Choice(&["analog", "sampled"]), "",
@@ -434,8 +446,8 @@ sections! {
             "Between two rows the setpoint keeps the value of the first (step) or follows the straight line (linear)";
     }
     model: Model = "model", "The equations whose parameters are identified" {
-        kind: String, Kind::Choice(&["manipulator", "servo_axis"]), "",
-            "manipulator: the two-joint arm with DC motors of equations (24) to (27), parameters theta_1 to theta_9. servo_axis: mass, viscous_friction, coulomb_friction, offset of one axis";
+        kind: String, Kind::Name, "",
+            "manipulator: the two-joint arm with DC motors of equations (24) to (27), parameters theta_1 to theta_9. servo_axis: mass, viscous_friction, coulomb_friction, offset of one axis. A program with models of its own knows their names, too, and means the first of them unless this says otherwise";
         gravity_m_s2: f64, Kind::Real(NOT_NEGATIVE), "m/s²",
             "Acceleration of gravity g in the equations";
         coulomb_friction: bool, Kind::Flag, "",

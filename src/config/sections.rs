@@ -1,13 +1,12 @@
 //! The sections of a configuration as core types.
 
+use super::catalog::Catalog;
 use super::error::{Origin, Problem};
 use super::schema::FileForm;
-use crate::estimator::{EstimatorOptions, Structure};
-use crate::model::{
-    Delayed, ExtendedManipulator, ExtraTerms, KnownConstants, MAX_JOINTS, Manipulator, Parameter, Plant as _,
-    PlantDefinition, ServoAxis,
-};
-use crate::rows::{InputSource, ProjectedOptions};
+use crate::estimator::EstimatorOptions;
+use crate::model::{KnownConstants, MAX_JOINTS};
+use crate::node::model::SharedModel;
+use crate::rows::{InputSource, RowForm};
 use crate::sim::SimOptions;
 use std::path::PathBuf;
 
@@ -66,120 +65,11 @@ pub struct PlantConfig {
     pub speed: Speed,
 }
 
-/// Section `[model]`: which equations.
-#[derive(Debug, Clone, PartialEq)]
-pub enum ModelConfig {
-    /// The paper's two-joint arm.
-    Manipulator {
-        /// The equations.
-        plant: Manipulator,
-        /// Motor constants, where they are known: physical values are derived with them.
-        known: Option<KnownConstants>,
-    },
-    /// The same with Coulomb friction or offsets.
-    ExtendedManipulator {
-        /// The equations.
-        plant: ExtendedManipulator,
-        /// As above.
-        known: Option<KnownConstants>,
-    },
-    /// Either of them with the delay of its input as one more parameter.
-    DelayedManipulator {
-        /// The equations.
-        plant: Delayed<ExtendedManipulator>,
-        /// As above.
-        known: Option<KnownConstants>,
-    },
-    /// One servo axis.
-    ServoAxis {
-        /// The equation.
-        plant: ServoAxis,
-    },
-    /// The same with the delay of its input as one more parameter.
-    DelayedServoAxis {
-        /// The equation.
-        plant: Delayed<ServoAxis>,
-    },
-    /// A plant of the caller's own, which is not in this library.
-    Own(PlantDefinition),
-}
-
-/// The same expression for the plant of every model, and another one for what is known of a caller's own.
-macro_rules! with_plant {
-    ($model:expr, $plant:ident => $body:expr, $own:ident => $otherwise:expr) => {
-        match $model {
-            $crate::config::ModelConfig::Manipulator { plant: $plant, .. } => $body,
-            $crate::config::ModelConfig::ExtendedManipulator { plant: $plant, .. } => $body,
-            $crate::config::ModelConfig::DelayedManipulator { plant: $plant, .. } => $body,
-            $crate::config::ModelConfig::ServoAxis { plant: $plant } => $body,
-            $crate::config::ModelConfig::DelayedServoAxis { plant: $plant } => $body,
-            $crate::config::ModelConfig::Own($own) => $otherwise,
-        }
-    };
-}
-#[cfg(feature = "service")]
-pub(crate) use with_plant;
-
-impl ModelConfig {
-    /// The parameters to be identified.
-    pub fn parameters(&self) -> &[Parameter] {
-        with_plant!(self, plant => plant.parameters(), own => &own.parameters)
-    }
-
-    /// Everything about the plant but its terms.
-    pub fn definition(&self) -> PlantDefinition {
-        with_plant!(self, plant => PlantDefinition::of(plant), own => own.clone())
-    }
-
-    /// Which equation has which parameters.
-    pub fn structure(&self) -> Structure {
-        let definition = self.definition();
-        Structure {
-            params: definition.parameters.len(),
-            equations: definition.equations.into_iter().map(|e| e.parameters).collect(),
-        }
-    }
-
-    /// Name of the model.
-    pub fn name(&self) -> &'static str {
-        with_plant!(self, plant => plant.name(), own => own.name)
-    }
-
-    /// Terms of an arm beyond the paper's.
-    pub fn extra_terms(&self) -> ExtraTerms {
-        match self {
-            Self::ExtendedManipulator { plant, .. } => plant.extra_terms(),
-            Self::DelayedManipulator { plant, .. } => plant.plant().extra_terms(),
-            _ => ExtraTerms::default(),
-        }
-    }
-
-    /// Motor constants of an arm, where they are known.
-    pub fn known(&self) -> Option<KnownConstants> {
-        match self {
-            Self::Manipulator { known, .. }
-            | Self::ExtendedManipulator { known, .. }
-            | Self::DelayedManipulator { known, .. } => *known,
-            Self::ServoAxis { .. } | Self::DelayedServoAxis { .. } | Self::Own(_) => None,
-        }
-    }
-}
-
-/// How samples become rows.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[allow(clippy::large_enum_variant, reason = "one per process")]
-pub enum Rows {
-    /// One row per sample and equation.
-    Pointwise,
-    /// One row per window and equation, from positions and inputs.
-    Projected(ProjectedOptions),
-}
-
 /// Section `[identifier]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdentifierConfig {
     /// Form of the rows.
-    pub rows: Rows,
+    pub rows: RowForm,
     /// Whether the window of projected rows is chosen from the signals; the stride and the velocity filter of `rows` are upper limits then, and its
     /// window is the one to begin with.
     pub auto_window: bool,
@@ -282,7 +172,7 @@ pub struct Config {
     /// The simulated machine.
     pub plant: PlantConfig,
     /// The equations.
-    pub model: ModelConfig,
+    pub model: SharedModel,
     /// From samples to rows.
     pub identifier: IdentifierConfig,
     /// The recursion.
@@ -297,7 +187,10 @@ pub struct Config {
     pub realtime: RealtimeConfig,
     /// How a log file is read.
     pub log: LogColumns,
+    /// Constants of the built-in arm from which physical values follow, if they are known.
+    pub known: Option<KnownConstants>,
     pub(super) file: FileForm,
+    pub(super) catalog: Catalog,
     pub(super) warnings: Vec<Problem>,
     /// Keys of a recording that decide on memory.
     pub(super) recorded: Vec<(&'static str, Origin)>,

@@ -72,7 +72,7 @@ impl ParameterNames {
     pub fn of(plant: &impl crate::model::Plant) -> Self {
         Self {
             model_hash: crate::model::PlantDefinition::of(plant).hash(),
-            ..Self::new(plant.parameters().iter().map(|p| p.name))
+            ..Self::new(plant.parameters().iter().map(|p| &*p.name))
         }
     }
 

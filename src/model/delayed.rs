@@ -8,7 +8,7 @@
 //! nobody modelled biases an inertia by 10 % at 1 kHz, so where it is not known it is estimated. Projected rows only: a delay needs the input's
 //! derivatives, which no pointwise row has.
 
-use super::{Equation, Parameter, Plant, Scalar};
+use super::{DerivedQuantity, Equation, Parameter, Plant, Scalar};
 
 /// A plant whose input acts with an unknown delay, its last parameter.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,14 +23,14 @@ impl<P: Plant> Delayed<P> {
     pub fn new(plant: P, start_s: f64, limit_s: f64) -> Self {
         let mut parameters = plant.parameters().to_vec();
         let mut equations = plant.equations().to_vec();
-        parameters.push(Parameter {
-            name: "input_delay",
-            unit: "s",
-            meaning: "time from the recorded input to its effect",
-            start: start_s,
-            lower: -limit_s,
-            upper: limit_s,
-        });
+        parameters.push(Parameter::within(
+            "input_delay",
+            "s",
+            "time from the recorded input to its effect",
+            start_s,
+            -limit_s,
+            limit_s,
+        ));
         for equation in &mut equations {
             equation.parameters.end = parameters.len();
         }
@@ -50,7 +50,7 @@ impl<P> Delayed<P> {
 }
 
 impl<P: Plant> Plant for Delayed<P> {
-    fn name(&self) -> &'static str {
+    fn name(&self) -> &str {
         self.plant.name()
     }
 
@@ -58,8 +58,12 @@ impl<P: Plant> Plant for Delayed<P> {
         self.plant.joints()
     }
 
-    fn input_unit(&self) -> &'static str {
+    fn input_unit(&self) -> &str {
         self.plant.input_unit()
+    }
+
+    fn position_unit(&self) -> &str {
+        self.plant.position_unit()
     }
 
     fn parameters(&self) -> &[Parameter] {
@@ -76,6 +80,14 @@ impl<P: Plant> Plant for Delayed<P> {
 
     fn input_delay(&self) -> Option<usize> {
         Some(self.parameters.len() - 1)
+    }
+
+    fn derived(&self) -> &[DerivedQuantity] {
+        self.plant.derived()
+    }
+
+    fn derived_value<D: Scalar>(&self, index: usize, theta: &[D]) -> D {
+        self.plant.derived_value(index, &theta[..self.parameters.len() - 1])
     }
 
     fn terms<D: Scalar>(&self, equation: usize, q: &[D], dq: &[D], theta: &[D], g: &mut [D]) {

@@ -161,7 +161,7 @@ impl ExtendedManipulator {
 }
 
 impl Plant for ExtendedManipulator {
-    fn name(&self) -> &'static str {
+    fn name(&self) -> &str {
         self.arm.name()
     }
 
@@ -169,7 +169,7 @@ impl Plant for ExtendedManipulator {
         self.arm.joints()
     }
 
-    fn input_unit(&self) -> &'static str {
+    fn input_unit(&self) -> &str {
         self.arm.input_unit()
     }
 

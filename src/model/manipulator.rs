@@ -23,58 +23,47 @@ use super::{Equation, JointSample, Parameter, Plant, PointwiseModel, Scalar};
 /// Number of parameters of the arm.
 pub const MANIPULATOR_PARAMS: usize = 9;
 
-const fn parameter(name: &'static str, unit: &'static str, meaning: &'static str, start: f64) -> Parameter {
-    Parameter {
-        name,
-        unit,
-        meaning,
-        start,
-        lower: 0.0,
-        upper: f64::INFINITY,
-    }
-}
-
 /// θ₁…θ₉ of (25). All are positive for every physical arm; the starts are orders of magnitude, and a round number for the length.
 pub static PARAMETERS: [Parameter; MANIPULATOR_PARAMS] = [
-    parameter(
+    Parameter::positive(
         "theta_1",
         "V s^3/rad",
         "l1^2 L1 m1 / km1: inductance times inertia of link 1",
         0.01,
     ),
-    parameter(
+    Parameter::positive(
         "theta_2",
         "V s^3/rad",
         "l2^2 L1 m2 / km1: inductance 1 times inertia of link 2",
         0.01,
     ),
-    parameter(
+    Parameter::positive(
         "theta_3",
         "V s^2/rad",
         "l1^2 m1 R1 / km1: resistance times inertia of link 1",
         0.1,
     ),
-    parameter(
+    Parameter::positive(
         "theta_4",
         "V s^2/rad",
         "l2^2 m2 R1 / km1: resistance 1 times inertia of link 2",
         0.1,
     ),
-    parameter("theta_5", "V s/rad", "ke1: back-EMF constant of motor 1", 10.0),
-    parameter(
+    Parameter::positive("theta_5", "V s/rad", "ke1: back-EMF constant of motor 1", 10.0),
+    Parameter::positive(
         "theta_6",
         "V s^3/(rad m)",
         "l2 L2 m2 / km2: inductance 2 times static moment of link 2",
         0.01,
     ),
-    parameter(
+    Parameter::positive(
         "theta_7",
         "V s^2/(rad m)",
         "l2 m2 R2 / km2: resistance 2 times static moment of link 2",
         0.1,
     ),
-    parameter("theta_8", "V s/rad", "ke2: back-EMF constant of motor 2", 10.0),
-    parameter("theta_9", "m", "l2: length of link 2", 1.0),
+    Parameter::positive("theta_8", "V s/rad", "ke2: back-EMF constant of motor 2", 10.0),
+    Parameter::positive("theta_9", "m", "l2: length of link 2", 1.0),
 ];
 
 static EQUATIONS: [Equation; 2] = [
@@ -111,7 +100,7 @@ impl Default for Manipulator {
 }
 
 impl Plant for Manipulator {
-    fn name(&self) -> &'static str {
+    fn name(&self) -> &str {
         "manipulator"
     }
 
@@ -119,7 +108,7 @@ impl Plant for Manipulator {
         2
     }
 
-    fn input_unit(&self) -> &'static str {
+    fn input_unit(&self) -> &str {
         "V"
     }
 

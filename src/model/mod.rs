@@ -14,6 +14,7 @@
 mod autodiff;
 mod controller;
 mod delayed;
+mod derived;
 mod extended_manipulator;
 mod manipulator;
 mod physical;
@@ -22,12 +23,14 @@ mod servo_axis;
 
 pub use controller::PdController;
 pub use delayed::Delayed;
+pub use derived::PlantDerived;
 pub use extended_manipulator::{ExtendedManipulator, ExtraTerms};
 pub use manipulator::{MANIPULATOR_PARAMS, Manipulator, ManipulatorFeatures};
 pub use physical::{ExtendedDerived, KnownConstants, ManipulatorDerived, PhysicalParameters, RecoveryError};
 pub use raw_manipulator::RawManipulator;
 pub use servo_axis::{DriveInput, Motion, SERVO_PARAMS, ServoAxis};
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 /// The most joints that a sample, and so a plant, can have.
@@ -62,11 +65,11 @@ pub struct JointSample {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
     /// Short name as in messages, files and tables: `theta_1`, `mass`.
-    pub name: &'static str,
-    /// SI unit, `"1"` where there is none.
-    pub unit: &'static str,
+    pub name: Cow<'static, str>,
+    /// SI unit, `"1"` if it has none.
+    pub unit: Cow<'static, str>,
     /// What it is, in a few words.
-    pub meaning: &'static str,
+    pub meaning: Cow<'static, str>,
     /// Value to start from where the configuration gives none.
     pub start: f64,
     /// Physical lower bound, `-inf` where there is none.
@@ -78,22 +81,31 @@ pub struct Parameter {
 impl Parameter {
     /// A parameter of either sign.
     pub const fn new(name: &'static str, unit: &'static str, meaning: &'static str, start: f64) -> Self {
+        Self::within(name, unit, meaning, start, f64::NEG_INFINITY, f64::INFINITY)
+    }
+
+    /// A parameter within physical bounds.
+    pub const fn within(
+        name: &'static str,
+        unit: &'static str,
+        meaning: &'static str,
+        start: f64,
+        lower: f64,
+        upper: f64,
+    ) -> Self {
         Self {
-            name,
-            unit,
-            meaning,
+            name: Cow::Borrowed(name),
+            unit: Cow::Borrowed(unit),
+            meaning: Cow::Borrowed(meaning),
             start,
-            lower: f64::NEG_INFINITY,
-            upper: f64::INFINITY,
+            lower,
+            upper,
         }
     }
 
     /// A parameter that physics keeps from being negative: a mass, an inertia, a friction.
     pub const fn positive(name: &'static str, unit: &'static str, meaning: &'static str, start: f64) -> Self {
-        Self {
-            lower: 0.0,
-            ..Self::new(name, unit, meaning, start)
-        }
+        Self::within(name, unit, meaning, start, 0.0, f64::INFINITY)
     }
 }
 
@@ -101,7 +113,7 @@ impl Parameter {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Equation {
     /// Short name for tables: `joint_1`.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Joint whose input drives this equation, counted from 0.
     pub input: usize,
     /// Scale s_e of the input; the residual has the input's unit times this scale.
@@ -124,7 +136,7 @@ impl Equation {
         parameters: Range<usize>,
     ) -> Self {
         Self {
-            name,
+            name: Cow::Borrowed(name),
             input,
             input_scale,
             order,
@@ -154,29 +166,35 @@ impl Equation {
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlantDefinition {
     /// See [`Plant::name`].
-    pub name: &'static str,
+    pub name: String,
     /// See [`Plant::joints`].
     pub joints: usize,
     /// See [`Plant::input_unit`].
-    pub input_unit: &'static str,
+    pub input_unit: String,
+    /// See [`Plant::position_unit`].
+    pub position_unit: String,
     /// See [`Plant::parameters`].
     pub parameters: Vec<Parameter>,
     /// See [`Plant::equations`].
     pub equations: Vec<Equation>,
     /// See [`Plant::relations`].
     pub relations: Vec<[usize; 4]>,
+    /// See [`DerivedValues::quantities`]; empty if nothing follows from θ.
+    pub derived: Vec<DerivedQuantity>,
 }
 
 impl PlantDefinition {
     /// Of a plant.
     pub fn of(plant: &impl Plant) -> Self {
         Self {
-            name: plant.name(),
+            name: plant.name().to_owned(),
             joints: plant.joints(),
-            input_unit: plant.input_unit(),
+            input_unit: plant.input_unit().to_owned(),
+            position_unit: plant.position_unit().to_owned(),
             parameters: plant.parameters().to_vec(),
             equations: plant.equations().to_vec(),
             relations: plant.relations().to_vec(),
+            derived: plant.derived().to_vec(),
         }
     }
 
@@ -190,7 +208,7 @@ impl PlantDefinition {
                 e.name, e.input, e.input_scale, e.order, e.parameters
             )
         });
-        let text = std::iter::once(self.name.to_owned()).chain(parameters).chain(equations);
+        let text = std::iter::once(self.name.clone()).chain(parameters).chain(equations);
         text.flat_map(|line| line.into_bytes().into_iter().chain([b'\n']))
             .fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
                 (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
@@ -279,11 +297,15 @@ impl PlantDefinition {
 /// A plant, defined once: names, units, bounds, and the terms of its equations.
 pub trait Plant {
     /// Name as in configuration files: `manipulator`.
-    fn name(&self) -> &'static str;
+    fn name(&self) -> &str;
     /// Number of joints, 1 to [`MAX_JOINTS`].
     fn joints(&self) -> usize;
     /// Unit of the input u, for tables and `describe`.
-    fn input_unit(&self) -> &'static str;
+    fn input_unit(&self) -> &str;
+    /// Unit of the positions q, for tables and `describe`: `"rad"`, the default, or `"m"`.
+    fn position_unit(&self) -> &str {
+        "rad"
+    }
     /// The parameters θ, at most [`MAX_PARAMS`].
     fn parameters(&self) -> &[Parameter];
     /// The equations.
@@ -296,6 +318,16 @@ pub trait Plant {
     /// parameters. `None`, the default, where the delay is not estimated.
     fn input_delay(&self) -> Option<usize> {
         None
+    }
+    /// Values that follow from θ, such as a mass from two parameters. None by default.
+    fn derived(&self) -> &[DerivedQuantity] {
+        &[]
+    }
+    /// The derived value `index`, in the order of [`derived`](Self::derived); its gradient, and so its standard deviation, follows from it.
+    /// Never called by default, for there is none.
+    fn derived_value<D: Scalar>(&self, index: usize, theta: &[D]) -> D {
+        let _ = (index, theta);
+        D::from(f64::NAN)
     }
     /// Writes the terms `g[d]`, d = 0..=order, of one equation; `theta` holds all parameters of the plant.
     fn terms<D: Scalar>(&self, equation: usize, q: &[D], dq: &[D], theta: &[D], g: &mut [D]);
@@ -320,14 +352,25 @@ pub trait PointwiseModel {
 pub struct AutoDiff<P>(pub P);
 
 /// A value that follows from θ once some constants are known.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DerivedQuantity {
     /// Short name as in messages, files and tables: `mass_2`.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// SI unit.
-    pub unit: &'static str,
+    pub unit: Cow<'static, str>,
     /// What it is, in a few words.
-    pub meaning: &'static str,
+    pub meaning: Cow<'static, str>,
+}
+
+impl DerivedQuantity {
+    /// A value under a name, with its SI unit and what it is in a few words.
+    pub const fn new(name: &'static str, unit: &'static str, meaning: &'static str) -> Self {
+        Self {
+            name: Cow::Borrowed(name),
+            unit: Cow::Borrowed(unit),
+            meaning: Cow::Borrowed(meaning),
+        }
+    }
 }
 
 /// Values that follow from θ̂, with their standard deviations.

@@ -165,15 +165,11 @@ pub struct ManipulatorDerived {
     known: KnownConstants,
 }
 
-const fn quantity(name: &'static str, unit: &'static str, meaning: &'static str) -> DerivedQuantity {
-    DerivedQuantity { name, unit, meaning }
-}
-
 static QUANTITIES: [DerivedQuantity; 4] = [
-    quantity("mass_2", "kg", "mass of link 2 with its payload"),
-    quantity("mass_1", "kg", "mass of link 1"),
-    quantity("inductance_1", "H", "winding inductance of motor 1"),
-    quantity("inductance_2", "H", "winding inductance of motor 2"),
+    DerivedQuantity::new("mass_2", "kg", "mass of link 2 with its payload"),
+    DerivedQuantity::new("mass_1", "kg", "mass of link 1"),
+    DerivedQuantity::new("inductance_1", "H", "winding inductance of motor 1"),
+    DerivedQuantity::new("inductance_2", "H", "winding inductance of motor 2"),
 ];
 
 impl ManipulatorDerived {

@@ -12,31 +12,20 @@ pub struct RawManipulator {
     arm: Manipulator,
 }
 
-const fn parameter(name: &'static str, unit: &'static str, meaning: &'static str, start: f64) -> Parameter {
-    Parameter {
-        name,
-        unit,
-        meaning,
-        start,
-        lower: 0.0,
-        upper: f64::INFINITY,
-    }
-}
-
 /// Joint 1's own parameters, the shared ones of link 2, joint 2's own.
 static PARAMETERS: [Parameter; 12] = [
-    parameter("length_1", "m", "length of link 1", 1.0),
-    parameter("mass_1", "kg", "mass of link 1", 50.0),
-    parameter("resistance_1", "ohm", "winding resistance of motor 1", 0.1),
-    parameter("inductance_1", "H", "winding inductance of motor 1", 0.01),
-    parameter("torque_constant_1", "N m/A", "torque constant of motor 1", 30.0),
-    parameter("back_emf_constant_1", "V s/rad", "back-EMF constant of motor 1", 10.0),
-    parameter("length_2", "m", "length of link 2", 0.5),
-    parameter("mass_2", "kg", "mass of link 2 with its payload", 100.0),
-    parameter("resistance_2", "ohm", "winding resistance of motor 2", 0.1),
-    parameter("inductance_2", "H", "winding inductance of motor 2", 0.01),
-    parameter("torque_constant_2", "N m/A", "torque constant of motor 2", 30.0),
-    parameter("back_emf_constant_2", "V s/rad", "back-EMF constant of motor 2", 10.0),
+    Parameter::positive("length_1", "m", "length of link 1", 1.0),
+    Parameter::positive("mass_1", "kg", "mass of link 1", 50.0),
+    Parameter::positive("resistance_1", "ohm", "winding resistance of motor 1", 0.1),
+    Parameter::positive("inductance_1", "H", "winding inductance of motor 1", 0.01),
+    Parameter::positive("torque_constant_1", "N m/A", "torque constant of motor 1", 30.0),
+    Parameter::positive("back_emf_constant_1", "V s/rad", "back-EMF constant of motor 1", 10.0),
+    Parameter::positive("length_2", "m", "length of link 2", 0.5),
+    Parameter::positive("mass_2", "kg", "mass of link 2 with its payload", 100.0),
+    Parameter::positive("resistance_2", "ohm", "winding resistance of motor 2", 0.1),
+    Parameter::positive("inductance_2", "H", "winding inductance of motor 2", 0.01),
+    Parameter::positive("torque_constant_2", "N m/A", "torque constant of motor 2", 30.0),
+    Parameter::positive("back_emf_constant_2", "V s/rad", "back-EMF constant of motor 2", 10.0),
 ];
 
 static EQUATIONS: [Equation; 2] = [
@@ -52,7 +41,7 @@ impl RawManipulator {
 }
 
 impl Plant for RawManipulator {
-    fn name(&self) -> &'static str {
+    fn name(&self) -> &str {
         "raw_manipulator"
     }
 
@@ -60,7 +49,7 @@ impl Plant for RawManipulator {
         2
     }
 
-    fn input_unit(&self) -> &'static str {
+    fn input_unit(&self) -> &str {
         "V"
     }
 

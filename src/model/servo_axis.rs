@@ -58,41 +58,18 @@ impl DriveInput {
     ];
 }
 
-const fn parameter(name: &'static str, unit: &'static str, meaning: &'static str, start: f64, lower: f64) -> Parameter {
-    Parameter {
-        name,
-        unit,
-        meaning,
-        start,
-        lower,
-        upper: f64::INFINITY,
-    }
-}
-
 static LINEAR: [Parameter; SERVO_PARAMS] = [
-    parameter("mass", "kg", "everything that moves with the axis", 50.0, 0.0),
-    parameter(
-        "viscous_friction",
-        "N s/m",
-        "friction that grows with speed",
-        100.0,
-        0.0,
-    ),
-    parameter("coulomb_friction", "N", "friction that does not", 10.0, 0.0),
-    parameter("offset", "N", "constant force on the axis", 0.0, f64::NEG_INFINITY),
+    Parameter::positive("mass", "kg", "everything that moves with the axis", 50.0),
+    Parameter::positive("viscous_friction", "N s/m", "friction that grows with speed", 100.0),
+    Parameter::positive("coulomb_friction", "N", "friction that does not", 10.0),
+    Parameter::new("offset", "N", "constant force on the axis", 0.0),
 ];
 
 static ROTARY: [Parameter; SERVO_PARAMS] = [
-    parameter("mass", "kg m^2", "moment of inertia of everything that moves", 1.0, 0.0),
-    parameter(
-        "viscous_friction",
-        "N m s/rad",
-        "friction that grows with speed",
-        1.0,
-        0.0,
-    ),
-    parameter("coulomb_friction", "N m", "friction that does not", 1.0, 0.0),
-    parameter("offset", "N m", "constant torque on the axis", 0.0, f64::NEG_INFINITY),
+    Parameter::positive("mass", "kg m^2", "moment of inertia of everything that moves", 1.0),
+    Parameter::positive("viscous_friction", "N m s/rad", "friction that grows with speed", 1.0),
+    Parameter::positive("coulomb_friction", "N m", "friction that does not", 1.0),
+    Parameter::new("offset", "N m", "constant torque on the axis", 0.0),
 ];
 
 /// One servo axis; known is what its input does.
@@ -116,7 +93,7 @@ impl ServoAxis {
 }
 
 impl Plant for ServoAxis {
-    fn name(&self) -> &'static str {
+    fn name(&self) -> &str {
         "servo_axis"
     }
 
@@ -124,12 +101,19 @@ impl Plant for ServoAxis {
         1
     }
 
-    fn input_unit(&self) -> &'static str {
+    fn input_unit(&self) -> &str {
         match (self.input, self.motion) {
             (DriveInput::Voltage, _) => "V",
             (DriveInput::Current, _) => "A",
             (DriveInput::Force, Motion::Linear) => "N",
             (DriveInput::Force, Motion::Rotary) => "N m",
+        }
+    }
+
+    fn position_unit(&self) -> &str {
+        match self.motion {
+            Motion::Linear => "m",
+            Motion::Rotary => "rad",
         }
     }
 

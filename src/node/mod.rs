@@ -10,6 +10,7 @@ pub mod identifier;
 mod identifier_options;
 mod lacking;
 mod misfit;
+pub mod model;
 pub mod monitor;
 pub mod plant;
 mod replayed;

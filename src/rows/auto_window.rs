@@ -270,7 +270,7 @@ impl<P: Plant + Clone> SampleBlock for AutoWindowBlock<P> {
         self.own().replaced()
     }
 
-    fn suspect(&self, index: usize) -> Option<Suspect> {
+    fn suspect(&self, index: usize) -> Option<Suspect<'_>> {
         self.own().suspect(index)
     }
 

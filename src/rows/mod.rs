@@ -3,6 +3,7 @@
 mod advice;
 mod auto_window;
 mod error_weights;
+mod form;
 mod intake;
 mod kernel;
 mod noise;
@@ -22,6 +23,7 @@ mod whitening;
 
 pub use advice::{WindowAdvice, window_advice};
 pub use auto_window::{AutoWindowBlock, auto_window_first, auto_window_lengths};
+pub use form::RowForm;
 pub use kernel::InputTiming;
 pub use pointwise::{InputSource, PointwiseBlock, structure};
 pub use projected::{ProjectedBlock, ProjectedError, ProjectedOptions, SensorNoise};
@@ -45,7 +47,7 @@ pub trait SampleBlock: Residuals {
         0
     }
     /// What the error `index` of [`suspects`](Residuals::suspects) is, for words.
-    fn suspect(&self, _index: usize) -> Option<Suspect> {
+    fn suspect(&self, _index: usize) -> Option<Suspect<'_>> {
         None
     }
     /// Length of the windows that rows are made over \[s\]; `None` for rows of single samples.

@@ -238,7 +238,7 @@ impl ProjectedOptions {
 }
 
 /// Options or a plant that projected rows cannot work with.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ProjectedError {
     /// An option is out of its range.
     #[error("{field}: expected {expected}, got {got}")]
@@ -254,7 +254,7 @@ pub enum ProjectedError {
     #[error("equation {equation}: expected terms differentiated at most {expected} times, got {got}")]
     Order {
         /// Name of the equation.
-        equation: &'static str,
+        equation: String,
         /// Highest order there is.
         expected: usize,
         /// Order of the equation.
@@ -398,7 +398,7 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
         let order = plant.equations().iter().map(|e| e.order).max().unwrap_or(0);
         if let Some(equation) = plant.equations().iter().find(|e| e.order >= MAX_ORDER) {
             return Err(ProjectedError::Order {
-                equation: equation.name,
+                equation: equation.name.to_string(),
                 expected: MAX_ORDER - 1,
                 got: equation.order,
             });
@@ -1556,7 +1556,7 @@ impl<P: Plant> SampleBlock for ProjectedBlock<P> {
         self.core.repair.replaced()
     }
 
-    fn suspect(&self, index: usize) -> Option<Suspect> {
+    fn suspect(&self, index: usize) -> Option<Suspect<'_>> {
         self.core.suspects.describe(index, self.core.plant.input_unit())
     }
 

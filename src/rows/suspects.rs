@@ -93,7 +93,7 @@ pub enum SuspectKind {
 
 /// An error that the rows have a column for.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Suspect {
+pub struct Suspect<'a> {
     /// What it is.
     pub kind: SuspectKind,
     /// Joint, counted from 0; `None` for the whole machine.
@@ -101,10 +101,10 @@ pub struct Suspect {
     /// The estimator's amplitude times this is in `unit`.
     pub scale: f64,
     /// Unit of the amplitude.
-    pub unit: &'static str,
+    pub unit: &'a str,
 }
 
-impl fmt::Display for Suspect {
+impl fmt::Display for Suspect<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let words = match self.kind {
             SuspectKind::InputDelay => "an input delay",
@@ -249,7 +249,7 @@ impl SuspectColumns {
     }
 
     /// What an error is.
-    pub fn describe(&self, suspect: usize, input_unit: &'static str) -> Option<Suspect> {
+    pub fn describe<'a>(&self, suspect: usize, input_unit: &'a str) -> Option<Suspect<'a>> {
         if suspect >= self.count() {
             return None;
         }

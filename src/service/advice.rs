@@ -1,8 +1,8 @@
 //! What the motion of an off-line run says about the configured windows.
 
-use crate::config::{Config, Rows};
+use crate::config::Config;
 use crate::messages::Sample;
-use crate::rows::window_advice;
+use crate::rows::{RowForm, window_advice};
 
 /// Samples that the advice is taken from.
 const ENOUGH: usize = 20_000;
@@ -21,8 +21,8 @@ impl Advisor {
     /// For samples of `joints` joints, at most [`crate::model::MAX_JOINTS`].
     pub(super) fn new(config: &Config, joints: usize) -> Self {
         let window_s = match &config.identifier.rows {
-            Rows::Projected(rows) => Some(rows.window_s),
-            Rows::Pointwise => None,
+            RowForm::Projected(rows) => Some(rows.window_s),
+            RowForm::Pointwise => None,
         };
         Self {
             period_s: config.plant.sim.sample_period_s,

@@ -1,9 +1,8 @@
 //! Command lines. What overrides the configuration becomes an argument of its loader, so that one place checks everything.
 
 use super::Failure;
-use super::own_plant::OwnPlant;
 use crate::bus::{Domain, ICEORYX2_VERSION};
-use crate::config::{Config, Source};
+use crate::config::{Catalog, Config, Source};
 use crate::messages::SCHEMA_VERSION;
 use crate::recording::Span;
 use crate::runner::Stay;
@@ -19,7 +18,7 @@ pub static VERSION: LazyLock<String> = LazyLock::new(|| {
     )
 });
 
-/// The configuration that every program takes if no file is named; a program with its own plant takes `own_plant`.
+/// The configuration that every program takes if no file is named; what a program with models of its own lays below is `own_plant`.
 pub(super) const BUILT_IN: &str = "encoder_only";
 
 /// Form of the logs on standard error.
@@ -52,9 +51,9 @@ pub struct CommonArgs {
     pub log_format: LogFormat,
     #[command(flatten)]
     pub(super) launched: Launched,
-    /// The plant of a program of the user's own.
+    /// The models that `model.kind` may name.
     #[arg(skip)]
-    pub(super) own_plant: Option<OwnPlant>,
+    pub(super) catalog: Catalog,
 }
 
 /// What `thetabus run` tells the processes that it starts.
@@ -86,6 +85,13 @@ impl CommonArgs {
         }
     }
 
+    /// With these models.
+    #[must_use]
+    pub(super) fn with_models(mut self, catalog: Catalog) -> Self {
+        self.catalog = catalog;
+        self
+    }
+
     /// True in a process that `thetabus run` has started.
     pub(super) fn is_launched(&self) -> bool {
         self.launched.launched_by.is_some()
@@ -103,8 +109,7 @@ impl CommonArgs {
     /// neither sources nor files it is [`BUILT_IN`], so that programs which are started one by one mean the same as `thetabus run`.
     pub(super) fn load(&self, sources: Vec<Source>, own: &[(&str, Option<String>)]) -> Result<Config, Failure> {
         let files = self.config.iter().cloned().map(Source::File);
-        let own_plant = self.own_plant.as_ref();
-        let basis = match own_plant {
+        let basis = match self.catalog.preferred() {
             Some(_) => Config::embedded("own_plant"),
             None if sources.is_empty() && self.config.is_empty() => Config::embedded(BUILT_IN),
             None => None,
@@ -119,7 +124,7 @@ impl CommonArgs {
             .chain(own)
             .filter_map(|(key, value)| value.as_ref().map(|value| format!("{key}={value}")));
         let arguments: Vec<String> = self.set.iter().cloned().chain(own).collect();
-        let config = Config::load_for(own_plant.map(OwnPlant::definition), &sources, &arguments)?;
+        let config = Config::load_for(&self.catalog, &sources, &arguments)?;
         // A launcher has told them already, with the user's own file and line.
         if !self.is_launched() {
             config.warnings().iter().for_each(|warning| tracing::warn!("{warning}"));

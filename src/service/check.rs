@@ -1,6 +1,6 @@
 //! `thetabus config check`.
 
-use super::{Exit, Failure, logging};
+use super::{CommonArgs, Exit, Failure, logging};
 use crate::config::{Config, Source};
 use std::path::Path;
 
@@ -8,8 +8,8 @@ use std::path::Path;
 ///
 /// # Errors
 /// Everything that is wrong with it.
-pub fn config_check(file: &Path, set: &[String]) -> Result<Exit, Failure> {
-    let config = Config::load(&[Source::File(file.to_owned())], set)?;
+pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<Exit, Failure> {
+    let config = Config::load_for(&common.catalog, &[Source::File(file.to_owned())], set)?;
     for warning in config.warnings() {
         logging::result(&format!("warning: {warning}"))?;
     }

@@ -1,8 +1,7 @@
 //! From a request to a change of the node: the one place that knows what a command means, for a running identifier and for a recording alike.
 
 use super::Failure;
-use super::own_plant::OwnPlant;
-use super::wiring::{fresh_estimator, identifier_node, identity, plant_description};
+use super::wiring::{fresh_estimator, identifier_node, identity};
 use crate::checkpoint::{self, Identity};
 use crate::config::{Config, ConfigError, Kind, keys};
 use crate::estimator::StateMachine;
@@ -31,7 +30,6 @@ const LONGEST_LIVE_BLOCK: usize = 500_000;
 /// Makes changes out of requests; follows the configuration as tunables are set.
 pub(super) struct Commands {
     config: Config,
-    own: Option<OwnPlant>,
     /// The one before the last tunable was set.
     before: Option<Config>,
     /// The stream that tunables were set for, and the configuration that holds again after it.
@@ -58,9 +56,8 @@ pub(super) enum Wanted {
 
 impl Commands {
     /// For the configuration that the identifier starts with.
-    pub(super) fn new(config: &Config, own: Option<OwnPlant>) -> Self {
+    pub(super) fn new(config: &Config) -> Self {
         Self {
-            own,
             identity: identity(config),
             config: config.clone(),
             before: None,
@@ -221,7 +218,7 @@ impl Commands {
         let rows = match block_len == self.config.estimator.block_len {
             true => None,
             false => {
-                let node = identifier_node(&config, self.own.as_ref()).map_err(|e: Failure| e.to_string())?;
+                let node = identifier_node(&config).map_err(|e: Failure| e.to_string())?;
                 Some(node.into_rows())
             }
         };
@@ -244,18 +241,18 @@ impl Commands {
     fn parameter(&self, name: &str) -> Result<usize, String> {
         let parameters = self.config.model.parameters();
         parameters.iter().position(|p| p.name == name).ok_or_else(|| {
-            let names: Vec<&str> = parameters.iter().map(|p| p.name).collect();
+            let names: Vec<&str> = parameters.iter().map(|p| &*p.name).collect();
             format!("expected a parameter out of {}, got {name:?}", names.join(", "))
         })
     }
 
     fn describe(&self) -> Response {
-        let plant = plant_description(&self.config);
+        let plant = self.config.model.definition();
         let options = &self.config.estimator.options;
         let none = (f64::NEG_INFINITY, f64::INFINITY);
         let parameters = self.config.model.parameters().iter().enumerate().map(|(i, p)| {
             let bounds = (options.lower[i], options.upper[i]);
-            Item::new(item_kind::PARAMETER, p.name, p.unit, options.theta_start[i], bounds)
+            Item::new(item_kind::PARAMETER, &p.name, &p.unit, options.theta_start[i], bounds)
         });
         let form = &self.config.file_form().estimator;
         let tunables = keys()

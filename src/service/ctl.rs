@@ -13,7 +13,7 @@ use std::time::Duration;
 ///
 /// # Errors
 /// A request that is refused, no identifier, no answer in time, a bus that fails.
-pub fn run(args: &CtlArgs) -> Result<Exit, Failure> {
+pub fn run(args: &CtlArgs, common: &CommonArgs) -> Result<Exit, Failure> {
     let request = request(&args.command)?;
     let limit = Duration::try_from_secs_f64(args.timeout)
         .ok()
@@ -23,7 +23,7 @@ pub fn run(args: &CtlArgs) -> Result<Exit, Failure> {
         config: args.config.clone(),
         robot: args.robot.clone(),
         domain: args.domain.clone(),
-        ..CommonArgs::default()
+        ..common.clone()
     };
     let config = common.load(Vec::new(), &[])?;
     let bus = Bus::join(&super::args::domain(&config)?, &config.bus.robot, "ctl")?;

@@ -3,7 +3,6 @@
 
 use super::Failure;
 use super::commands::{Commands, Wanted};
-use super::own_plant::OwnPlant;
 use super::sparse::Sparse;
 use crate::bus::{Bus, BusError, ControlServer, Domain, Publisher};
 use crate::checkpoint;
@@ -43,13 +42,7 @@ impl Desk {
     ///
     /// # Errors
     /// A control service that is taken, or a bus that fails.
-    pub(super) fn open(
-        domain: &Domain,
-        config: &Config,
-        own: Option<OwnPlant>,
-        end: DeskEnd,
-        warm: Option<Vec<u8>>,
-    ) -> Result<Self, Failure> {
+    pub(super) fn open(domain: &Domain, config: &Config, end: DeskEnd, warm: Option<Vec<u8>>) -> Result<Self, Failure> {
         let stop = Arc::new(AtomicBool::new(false));
         let (told, ready) = sync_channel::<Result<(), BusError>>(1);
         let (domain, config, stopped) = (domain.clone(), config.clone(), stop.clone());
@@ -57,7 +50,7 @@ impl Desk {
             .name("desk".to_owned())
             .spawn(move || {
                 // Ports belong to the thread that makes them.
-                match Clerk::new(&domain, &config, own, end, stopped) {
+                match Clerk::new(&domain, &config, end, stopped) {
                     Ok(mut clerk) => {
                         clerk.begin(warm.as_deref());
                         let _ = told.send(Ok(()));
@@ -128,13 +121,7 @@ struct Work {
 }
 
 impl Clerk {
-    fn new(
-        domain: &Domain,
-        config: &Config,
-        own: Option<OwnPlant>,
-        end: DeskEnd,
-        stop: Arc<AtomicBool>,
-    ) -> Result<Self, BusError> {
+    fn new(domain: &Domain, config: &Config, end: DeskEnd, stop: Arc<AtomicBool>) -> Result<Self, BusError> {
         let robot = &config.bus.robot;
         let bus = Bus::join(domain, robot, "identifier_desk")?;
         let checkpoint = config.checkpoint.dir.as_ref().map(|dir| checkpoint::path(dir, robot));
@@ -147,7 +134,7 @@ impl Clerk {
             server: ControlServer::new(&bus)?,
             desk: Work {
                 journal: Publisher::new(&bus)?,
-                commands: Commands::new(config, own),
+                commands: Commands::new(config),
                 end,
                 waiting: HashMap::new(),
                 next_id: 1,

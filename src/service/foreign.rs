@@ -2,7 +2,7 @@
 
 use super::Failure;
 use crate::bus::{Bus, ControlClient};
-use crate::config::Config;
+use crate::config::{Catalog, Config};
 use crate::messages::{Command, Request, item_kind, response_code, text_of};
 use crate::node::monitor::Label;
 use crate::recording::RunInfo;
@@ -25,7 +25,7 @@ fn of_config(config: &Config) -> String {
     let parameters = config.model.parameters().iter();
     described(
         config.model.name(),
-        parameters.map(|p| (p.name.to_owned(), p.unit.to_owned())),
+        parameters.map(|p| (p.name.to_string(), p.unit.to_string())),
     )
 }
 
@@ -66,12 +66,13 @@ pub(super) fn estimates(bus: &Bus, config: &Config) -> Failure {
 ///
 /// # Errors
 /// The recording is of another model than its own configuration gives in this program, and nobody chose one.
-pub(super) fn check_recording(info: &RunInfo, as_recorded: &Config, config: &Config) -> Result<(), Failure> {
-    let (own, recorded) = (config.model.definition().hash(), as_recorded.model.definition().hash());
-    if info.model_hash == recorded {
+pub(super) fn check_recording(info: &RunInfo, as_recorded: Option<&Config>, config: &Config) -> Result<(), Failure> {
+    let own = config.model.definition().hash();
+    let recorded = as_recorded.map(|config| config.model.definition().hash());
+    if recorded == Some(info.model_hash) {
         return Ok(());
     }
-    if own != recorded {
+    if recorded != Some(own) {
         tracing::warn!(
             "the recording is of {}; it is identified as {}, as the command line says",
             of_recording(info),
@@ -84,6 +85,19 @@ pub(super) fn check_recording(info: &RunInfo, as_recorded: &Config, config: &Con
          model that is to be identified instead, --set model.kind=... or --config FILE; this would be {}",
         of_recording(info),
         of_config(config)
+    )))
+}
+
+/// Why a recording cannot be identified with its own configuration: its model is none of this program's. `None` if it is one.
+pub(super) fn unknown_model(info: &RunInfo, catalog: &Catalog) -> Option<Failure> {
+    if catalog.names().any(|name| name == info.model) {
+        return None;
+    }
+    Some(Failure::Usage(format!(
+        "the recording is of {}, whose equations this program does not have: identify it with the program that has them, or name the \
+         model that is to be identified instead, --set model.kind=...; this program has {}",
+        of_recording(info),
+        catalog.names().collect::<Vec<_>>().join(", ")
     )))
 }
 

@@ -22,7 +22,7 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
     let domain = domain(&config)?;
     let robot = &config.bus.robot;
     let _only_one = RoleLock::acquire(&domain, robot, Role::Identifier)?;
-    let mut node = identifier_node(&config, common.own_plant.as_ref())?;
+    let mut node = identifier_node(&config)?;
     let (loop_end, desk_end) = desk();
     let warm = match args.warm {
         true => warm::start(&config, &mut *node, Some(&desk_end.board))?,
@@ -37,7 +37,7 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
         estimates.await_receipts(&bus, limit, shutdown.flag())?;
     }
     await_readers(&mut estimates, common.launched.await_consumers, limit, shutdown)?;
-    let desk = Desk::open(&domain, &config, common.own_plant.clone(), desk_end, warm)?;
+    let desk = Desk::open(&domain, &config, desk_end, warm)?;
     // Last: in lockstep the plant starts when this one listens.
     let samples = SampleSubscriber::new(&bus)?;
     tracing::info!(

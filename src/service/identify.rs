@@ -2,7 +2,6 @@
 
 use super::commands::Commands;
 use super::offline_run::OfflineRun;
-use super::own_plant::OwnPlant;
 use super::record::{recording_at, run_info};
 use super::script::Script;
 use super::wiring::monitor_node;
@@ -32,14 +31,18 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let start = Instant::now();
     let recording = recording_at(&args.input);
     let mut reader = report::open(&recording, args.span.span()?)?;
-    let config = args.common.load(vec![report::source_of(reader.info())], &[])?;
+    let source = || vec![report::source_of(reader.info())];
+    let config = args.common.load(source(), &[]).map_err(|failure| {
+        // the recording's own model is not one of this program, and nobody chose another
+        foreign::unknown_model(reader.info(), &args.common.catalog).unwrap_or(failure)
+    })?;
     config
         .limit_recorded_memory()
         .map_err(|e| in_recording(&recording, &e))?;
-    foreign::check_recording(reader.info(), &as_recorded(args, reader.info())?, &config)?;
-    let mut script = Script::read(&recording, Commands::new(&config, args.common.own_plant.clone()))?;
+    foreign::check_recording(reader.info(), as_recorded(args, reader.info())?.as_ref(), &config)?;
+    let mut script = Script::read(&recording, Commands::new(&config))?;
     let truth = reader.info().simulated.then_some(&config.plant.sim);
-    let monitor = monitor_node(&config, truth)?;
+    let monitor = monitor_node(&config, truth);
     let recorded = reader.info();
     // the command line may have chosen another model for the same samples
     let info = RunInfo {
@@ -67,10 +70,11 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     Ok(if missing.is_none() { exit } else { Exit::DataLoss })
 }
 
-/// The recording's configuration in this program, before the command line lays anything over it.
-fn as_recorded(args: &IdentifyArgs, info: &RunInfo) -> Result<Config, Failure> {
-    let own = args.common.own_plant.as_ref().map(OwnPlant::definition);
-    Ok(Config::load_for(own, &[report::source_of(info)], &[])?)
+/// The recording's configuration in this program, before the command line lays anything over it; none if its model is another program's.
+fn as_recorded(args: &IdentifyArgs, info: &RunInfo) -> Result<Option<Config>, Failure> {
+    let catalog = &args.common.catalog;
+    let known = catalog.names().any(|name| name == info.model);
+    Ok(known.then(|| report::config_of(info, catalog)).transpose()?)
 }
 
 fn in_recording(path: &Path, error: &ConfigError) -> Failure {

@@ -2,9 +2,9 @@
 
 use super::offline_run::OfflineRun;
 use super::record::run_info;
-use super::wiring::{monitor_node, plant_description};
+use super::wiring::monitor_node;
 use super::{Exit, Failure, IdentifyArgs};
-use crate::config::{Config, ModelConfig};
+use crate::config::Config;
 use crate::messages::Sample;
 use crate::offline::{Configured, LineError, LogError, LogReader, judge_bounds, judge_profile};
 use crate::recording::{Loss, SamplesCsvReader, is_samples_csv};
@@ -38,7 +38,7 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
         LogError::Read(LineError::Io { .. }) => Failure::Failed(place(&error)),
         _ => Failure::Usage(place(&error)),
     };
-    let monitor = monitor_node(&config, None)?;
+    let monitor = monitor_node(&config, None);
     let info = run_info(&config, &monitor, false);
     let mut source = BufReader::new(file);
     let beginning = source.fill_buf().map_err(|e| Failure::Failed(place(&e)))?;
@@ -89,7 +89,7 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
 /// What was read, and what is probably wrong with it.
 fn tell(input: &Path, config: &Config, log: &LogReader<BufReader<File>>, line: &OfflineRun<'_>) {
     let input = input.display();
-    let definition = plant_description(config);
+    let definition = config.model.definition();
     for line in log.profile().lines(&definition.position_unit, &definition.input_unit) {
         tracing::info!("{input}: {line}");
     }
@@ -109,7 +109,7 @@ fn tell(input: &Path, config: &Config, log: &LogReader<BufReader<File>>, line: &
             let bounds = [*options.lower.get(i)?, *options.upper.get(i)?];
             let free = !options.fixed.get(i)?;
             let estimate = *theta.get(i)?;
-            free.then_some((parameter.name, *options.theta_start.get(i)?, bounds, estimate))
+            free.then_some((&*parameter.name, *options.theta_start.get(i)?, bounds, estimate))
         });
     let found = judge_profile(log.profile(), &configured, &log.input_correlations());
     for suspicion in found
@@ -123,13 +123,9 @@ fn tell(input: &Path, config: &Config, log: &LogReader<BufReader<File>>, line: &
 
 /// Sign of the acceleration that a positive input gives; 0 for a plant that does not say.
 fn input_sign(config: &Config) -> f64 {
-    match config.model {
-        ModelConfig::Own(_) => 0.0,
-        ModelConfig::ServoAxis { .. } | ModelConfig::DelayedServoAxis { .. } => {
-            config.file_form().servo_axis.gain.signum()
-        }
-        ModelConfig::Manipulator { .. }
-        | ModelConfig::ExtendedManipulator { .. }
-        | ModelConfig::DelayedManipulator { .. } => 1.0,
+    match config.model.name() {
+        "servo_axis" => config.file_form().servo_axis.gain.signum(),
+        "manipulator" => 1.0,
+        _ => 0.0,
     }
 }

@@ -16,7 +16,7 @@ use super::record::RECORDING;
 use super::wiring::simulates;
 use super::{Exit, Failure, RunArgs, TableFormat, logging, out_dir, report, warm};
 use crate::bus::{Bus, Role, RoleLock, Subscriber};
-use crate::config::{Config, Source};
+use crate::config::{Catalog, Config, Source};
 use crate::files;
 use crate::messages::Status;
 use crate::recording::Span;
@@ -39,7 +39,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let config = load(args)?;
     if !simulates(&config, &config.plant.sim) {
         return Err(Failure::Usage(format!(
-            "the simulated machine is not one that the model {} describes: set plant.machine = \"servo_axis\" for a servo axis, \"arm\" for the manipulator",
+            "the simulated machine is not one that the model {} describes: set plant.machine = \"servo_axis\" for a servo axis, \"arm\" for the manipulator, \"model\" for the equations of any model",
             config.model.name()
         )));
     }
@@ -88,7 +88,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 
     let restarts = children.restarts();
     let restarted = restarts.values().any(|&count| count > 0);
-    let result = show_result(&dir, start, restarts, args.format);
+    let result = show_result(&dir, start, restarts, args.format, config.catalog());
     let lost = outcome?;
     let summary = result?;
     if restarted {
@@ -130,6 +130,7 @@ fn show_result(
     start: Instant,
     restarts: BTreeMap<String, u64>,
     format: TableFormat,
+    catalog: &Catalog,
 ) -> Result<Summary, Failure> {
     let path = dir.join(SUMMARY_JSON);
     let read = || -> std::io::Result<Summary> { Ok(serde_json::from_str(&std::fs::read_to_string(&path)?)?) };
@@ -140,19 +141,19 @@ fn show_result(
             summary.restarts = Some(restarts);
             write_summary(dir, &summary)?;
             let told = logging::table(&summary, format);
-            make_report(dir, &summary)?;
+            make_report(dir, &summary, catalog)?;
             told.map(|()| summary)
         });
     logging::note(format, &format!("results in {}", dir.display())).and(result)
 }
 
 /// Figures and page, where there is a recording.
-fn make_report(dir: &Path, summary: &Summary) -> Result<(), Failure> {
+fn make_report(dir: &Path, summary: &Summary, catalog: &Catalog) -> Result<(), Failure> {
     let recording = dir.join(RECORDING);
     if !recording.exists() {
         return Ok(());
     }
-    let run = report::read(&recording, Span::default())?;
+    let run = report::read(&recording, Span::default(), catalog)?;
     report::write(dir, &run, summary)?;
     Ok(())
 }

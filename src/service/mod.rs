@@ -3,6 +3,7 @@
 //! The files in `bins/` call these and nothing else, and `thetabus` offers the same three roles to `thetabus run`.
 
 mod advice;
+mod app;
 mod args;
 mod check;
 mod child;
@@ -26,8 +27,6 @@ mod logging;
 mod monitor;
 mod offline_run;
 mod out_dir;
-mod own;
-mod own_plant;
 mod plant;
 mod progress;
 mod record;
@@ -41,6 +40,7 @@ mod supervision;
 mod warm;
 mod wiring;
 
+pub use app::{app, main_for};
 pub use args::{
     CommonArgs, CtlArgs, CtlCommand, DoctorArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat, MonitorArgs,
     PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION,
@@ -55,7 +55,6 @@ pub use identifier::run as identifier;
 pub use identify::run as identify;
 pub use launcher::run as launch;
 pub use monitor::run as monitor;
-pub use own::main_for;
 pub use plant::run as plant;
 pub use replay::run as replay;
 pub use report::run as report;

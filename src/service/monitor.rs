@@ -2,7 +2,7 @@
 
 use super::args::{domain, quoted};
 use super::record::{Records, recorder};
-use super::wiring::{model_name, monitor_node};
+use super::wiring::monitor_node;
 use super::{Exit, Failure, MonitorArgs, child, foreign, logging, out_dir};
 use crate::bus::{Bus, SampleSubscriber, Subscriber};
 use crate::files;
@@ -39,7 +39,7 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     }
     // Beside a launched plant the truth is known; what publishes otherwise may be a real machine.
     let truth = args.common.is_launched().then_some(&config.plant.sim);
-    let mut node = monitor_node(&config, truth)?;
+    let mut node = monitor_node(&config, truth);
     let resume = args.common.launched.resume;
     if let Some(path) = args.record.as_deref().filter(|_| resume) {
         remember(&mut node, path);
@@ -83,7 +83,7 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let outcome = run_monitor(&mut node, &mut ports, args.common.stay(), shutdown, &mut records);
     let recorded = records.finish();
 
-    let summary = Summary::new(&node, robot, model_name(&config));
+    let summary = Summary::new(&node, robot, config.model.name());
     if let Some(dir) = dir {
         write_summary(dir, &summary)?;
     }

@@ -38,7 +38,7 @@ impl<'a> OfflineRun<'a> {
         if let Some(dir) = &args.out {
             out_dir::check(dir)?;
         }
-        let mut node = identifier_node(config, args.common.own_plant.as_ref())?;
+        let mut node = identifier_node(config)?;
         if args.warm {
             warm::start(config, &mut *node, None)?;
         }

@@ -4,7 +4,7 @@ use super::args::domain;
 use super::{Exit, Failure, PlantArgs, child, logging};
 use crate::bus::{Bus, Delivery, Role, RoleLock, SamplePublisher};
 use crate::config::{Config, Speed};
-use crate::node::simulated_plant::sample_stream;
+use crate::node::simulated_plant::sample_stream_of;
 use crate::runner::{Pace, Shutdown, apply_realtime, run_plant};
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::Duration;
@@ -22,7 +22,7 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 
     let sim = &config.plant.sim;
     let samples = sim.sample_count();
-    let mut node = sample_stream(sim, boot_id()).map_err(|e| Failure::Usage(e.to_string()))?;
+    let mut node = sample_stream_of(&*config.model, sim, boot_id()).map_err(Failure::Usage)?;
 
     let bus = Bus::join(&domain, robot, "plant_simulator")?;
     let delivery = delivery(&config);

@@ -1,7 +1,6 @@
 //! The monitor's sink: a line in the log and in estimates.csv per estimate, everything in the recording.
 
 use super::Failure;
-use super::wiring::{self, plant_description};
 use crate::bus::{Bus, ControlClient};
 use crate::config::Config;
 use crate::messages::{Command, ErrorCode, Estimate, Journal, LastError, Request, Sample, Status};
@@ -200,19 +199,19 @@ pub(super) fn run_info(config: &Config, node: &MonitorNode, simulated: bool) -> 
     let now = SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .map_or(0, |since| since.as_nanos());
-    let plant = plant_description(config);
+    let plant = config.model.definition();
     RunInfo {
         recording_id: format!("{now}-{}", std::process::id()),
         robot: config.bus.robot.clone(),
-        model: wiring::model_name(config).to_owned(),
-        model_hash: plant.model_hash,
+        model: plant.name.clone(),
+        model_hash: plant.hash(),
         config_hash: config.config_hash(),
         simulated,
         config_toml: config.to_toml(),
         joints: plant.joints,
-        position_unit: plant.position_unit,
-        input_unit: plant.input_unit,
-        equations: plant.equations,
+        position_unit: plant.position_unit.clone(),
+        input_unit: plant.input_unit.clone(),
+        equations: plant.equations.iter().map(|e| e.name.to_string()).collect(),
         parameters: node.parameters().to_vec(),
         derived: node.derived().to_vec(),
     }

@@ -3,8 +3,8 @@
 use super::monitor::{SUMMARY_JSON, write_summary};
 use super::record::recording_at;
 use super::wiring::monitor_node;
-use super::{Exit, Failure, ReportArgs, foreign, logging, out_dir};
-use crate::config::{Config, Source};
+use super::{CommonArgs, Exit, Failure, ReportArgs, foreign, logging, out_dir};
+use crate::config::{Catalog, Config, Source};
 use crate::node::monitor::MonitorNode;
 use crate::recording::{Loss, ReadError, RecordingReader, RunInfo, Span};
 use crate::report::{RunData, Summary, write_report};
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 /// No recording there, one that cannot be read, a directory that cannot be written.
-pub fn run(args: &ReportArgs) -> Result<Exit, Failure> {
+pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
     let path = &args.input;
     let default_out = || match path.is_dir() {
         true => path.clone(),
@@ -26,7 +26,7 @@ pub fn run(args: &ReportArgs) -> Result<Exit, Failure> {
     if !in_place {
         out_dir::check(&out)?;
     }
-    let run = read(&recording_at(path), args.span.span()?)?;
+    let run = read(&recording_at(path), args.span.span()?, &common.catalog)?;
     // A run that ended before its first sample has a report; a part that was asked for and is not there has none.
     if args.span.is_cut() && run.samples == 0 && run.estimates.is_empty() && run.loss.is_none() {
         return Err(args.span.nothing(path));
@@ -46,12 +46,16 @@ pub fn run(args: &ReportArgs) -> Result<Exit, Failure> {
 }
 
 /// Reads a recording; of a simulated run the configuration tells the truth as well.
-pub(super) fn read(recording: &Path, span: Span) -> Result<RunData, Failure> {
+pub(super) fn read(recording: &Path, span: Span, catalog: &Catalog) -> Result<RunData, Failure> {
     let reader = open(recording, span)?;
     let info = reader.info();
-    let simulated = info.simulated.then(|| config_of(info)).transpose()?;
-    let node = match simulated.filter(|config| config.model.definition().hash() == info.model_hash) {
-        Some(config) => monitor_node(&config, Some(&config.plant.sim))?,
+    let has_equations = catalog.names().any(|name| name == info.model);
+    let simulated = (info.simulated && has_equations).then(|| config_of(info, catalog));
+    let node = match simulated
+        .transpose()?
+        .filter(|config| config.model.definition().hash() == info.model_hash)
+    {
+        Some(config) => monitor_node(&config, Some(&config.plant.sim)),
         // The plant may be one that this program does not know.
         None => MonitorNode::new(info.parameters.clone(), info.derived.clone(), None).of_model(info.model_hash),
     };
@@ -67,8 +71,8 @@ pub(super) fn open(recording: &Path, span: Span) -> Result<RecordingReader, Fail
 }
 
 /// The configuration that a recording was made with.
-pub(super) fn config_of(info: &RunInfo) -> Result<Config, Failure> {
-    Ok(Config::load(&[source_of(info)], &[])?)
+pub(super) fn config_of(info: &RunInfo, catalog: &Catalog) -> Result<Config, Failure> {
+    Ok(Config::load_for(catalog, &[source_of(info)], &[])?)
 }
 
 /// The same before anything is laid over it.

@@ -1,4 +1,4 @@
-//! Simulated machines: a two-joint arm with DC motors under PD control, equations (12) to (23) of the paper, and a servo axis with friction.
+//! Simulated machines: a two-joint arm with DC motors under PD control, equations (12) to (23) of the paper, a servo axis with friction, and any plant from its own equations.
 //!
 //! [`SimOptions`] say what to simulate, [`MachineSimulator`] gives the samples. The parts are usable on their own: [`Motor`], [`ArmDynamics`], [`rk4_step`].
 
@@ -13,6 +13,7 @@ mod motor;
 mod moves;
 mod noise;
 mod options;
+mod plant_simulator;
 mod resonance;
 mod schedule;
 mod sensors;
@@ -31,7 +32,8 @@ pub use instants::SampleInstants;
 pub use integrator::rk4_step;
 pub use motor::Motor;
 pub use moves::{MoveProfile, Moves};
-pub use options::{Machine, SimOptions};
+pub use options::{Machine, PlantMachine, SimOptions};
+pub use plant_simulator::PlantSimulator;
 pub use schedule::{Interpolation, MassSchedule};
 pub use sensors::{Losses, SensorOptions};
 pub use servo_axis::ServoAxisSimulator;

@@ -20,6 +20,55 @@ pub enum Machine {
     Arm,
     /// One servo axis; setpoint, initial position and sensors are those of joint 1, in the unit of its motion, and its controller has gains of its own.
     ServoAxis(ServoAxisOptions),
+    /// Whatever the model's equations describe, see [`PlantSimulator`](super::PlantSimulator); joint j follows the setpoint of joint j mod 2 and starts at its
+    /// initial position.
+    Plant(PlantMachine),
+}
+
+/// A machine of the model's own equations.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlantMachine {
+    /// Name of the model.
+    pub model: String,
+    /// Number of joints.
+    pub joints: usize,
+    /// r, the order of the equations' terms.
+    pub order: usize,
+    /// Names of the parameters.
+    pub names: Vec<String>,
+    /// θ as it really is from a time on \[s\], a value per name; times rise from 0. At least one.
+    pub truth: Vec<(f64, Vec<f64>)>,
+    /// K_p of each joint, in the input's unit per rad or m; none: chosen from the joint's inertia.
+    pub proportional_gain: Vec<f64>,
+    /// K_d of each joint, in the input's unit per rad/s or m/s; none: chosen from the joint's inertia.
+    pub derivative_gain: Vec<f64>,
+}
+
+impl PlantMachine {
+    /// θ as it really is at time `t_s` \[s\]; `t_s` ≥ 0.
+    pub fn theta(&self, t_s: f64) -> &[f64] {
+        let from = self.truth.partition_point(|(from_s, _)| *from_s <= t_s);
+        &self.truth[from.saturating_sub(1)].1
+    }
+
+    fn validate(&self) -> Result<(), SimError> {
+        let rising = self.truth.windows(2).all(|pair| pair[0].0 < pair[1].0);
+        if self.truth.first().is_none_or(|first| first.0 != 0.0) || !rising {
+            let got = self.truth.iter().map(|(t_s, _)| *t_s).collect::<Vec<_>>();
+            return Err(SimError::new(
+                "model.t_s",
+                "rising times, the first one 0",
+                format!("{got:?}"),
+            ));
+        }
+        for (_, theta) in &self.truth {
+            if theta.len() != self.names.len() || theta.iter().any(|x| !x.is_finite()) {
+                let expected = format!("{} finite numbers, one per parameter", self.names.len());
+                return Err(SimError::new("model.theta", expected, format!("{theta:?}")));
+            }
+        }
+        Ok(())
+    }
 }
 
 /// A whole simulation. The same options give the same samples, bit by bit; a longer duration only adds samples.
@@ -95,11 +144,21 @@ impl SimOptions {
         }
     }
 
+    /// Name of the model that describes this machine.
+    pub fn model(&self) -> &str {
+        match &self.machine {
+            Machine::Arm => "manipulator",
+            Machine::ServoAxis(_) => "servo_axis",
+            Machine::Plant(plant) => &plant.model,
+        }
+    }
+
     /// Number of the machine's joints.
     pub fn joints(&self) -> usize {
-        match self.machine {
+        match &self.machine {
             Machine::Arm => ARM_JOINTS,
             Machine::ServoAxis(_) => 1,
+            Machine::Plant(plant) => plant.joints,
         }
     }
 
@@ -108,21 +167,27 @@ impl SimOptions {
         match &self.machine {
             Machine::Arm => self.true_theta(t_s).to_vec(),
             Machine::ServoAxis(axis) => axis.true_theta(t_s).to_vec(),
+            Machine::Plant(plant) => plant.theta(t_s).to_vec(),
         }
     }
 
     /// The true values of parameters by their names at time `t_s` \[s\], whatever terms the model has; `NaN` for a name that this machine has no value
     /// for. `t_s` ≥ 0.
     pub fn true_values(&self, names: &[&str], t_s: f64) -> Vec<f64> {
+        let arm = Manipulator::default();
         let own: Vec<(&str, f64)> = match &self.machine {
-            Machine::Arm => {
-                let arm = Manipulator::default();
-                arm.parameters()
-                    .iter()
-                    .map(|p| p.name)
-                    .zip(self.true_theta(t_s))
-                    .collect()
-            }
+            Machine::Arm => arm
+                .parameters()
+                .iter()
+                .map(|p| &*p.name)
+                .zip(self.true_theta(t_s))
+                .collect(),
+            Machine::Plant(plant) => plant
+                .names
+                .iter()
+                .map(String::as_str)
+                .zip(plant.theta(t_s).iter().copied())
+                .collect(),
             Machine::ServoAxis(axis) => ["mass", "viscous_friction", "coulomb_friction", "offset"]
                 .into_iter()
                 .zip(axis.true_theta(t_s))
@@ -164,6 +229,8 @@ impl SimOptions {
                 signals::Q | signals::SETPOINT | signals::INPUT
             }
             Machine::ServoAxis(_) => self.sensors.signals() & !signals::DDDQ,
+            Machine::Plant(plant) if plant.order < 2 => self.sensors.signals() & !signals::DDDQ,
+            Machine::Plant(_) => self.sensors.signals(),
         }
     }
 
@@ -203,8 +270,10 @@ impl SimOptions {
         if !(1..=1000).contains(&self.substeps) {
             return Err(SimError::new("substeps", "1 to 1000", self.substeps));
         }
-        if let Machine::ServoAxis(axis) = &self.machine {
-            axis.validate()?;
+        match &self.machine {
+            Machine::Arm => {}
+            Machine::ServoAxis(axis) => axis.validate()?,
+            Machine::Plant(plant) => plant.validate()?,
         }
         self.arm.validate()?;
         self.mass_2.validate()?;

@@ -153,7 +153,7 @@ impl SensorOptions {
 
 /// Turns exact samples into measured ones.
 #[derive(Debug, Clone)]
-pub(super) struct Sensors {
+pub(super) struct Sensors<const N: usize = ARM_JOINTS> {
     options: SensorOptions,
     /// One count of the positions, 0 where they are not rounded.
     resolution: f64,
@@ -162,10 +162,10 @@ pub(super) struct Sensors {
     positions: Noise,
     position_spikes: Noise,
     jitter: Noise,
-    resonances: Option<[Resonance; ARM_JOINTS]>,
+    resonances: Option<[Resonance; N]>,
 }
 
-impl Sensors {
+impl<const N: usize> Sensors<N> {
     pub fn new(options: SensorOptions, seed: u64) -> Self {
         Self {
             options,
@@ -176,7 +176,7 @@ impl Sensors {
             position_spikes: Noise::new(seed, Noise::POSITION_SPIKES),
             jitter: Noise::new(seed, Noise::JITTER),
             resonances: (options.resonance_hz > 0.0)
-                .then(|| [Resonance::new(options.resonance_hz, options.resonance_damping); ARM_JOINTS]),
+                .then(|| [Resonance::new(options.resonance_hz, options.resonance_damping); N]),
         }
     }
 
@@ -194,12 +194,7 @@ impl Sensors {
     }
 
     /// The positions as this sample's sensors show them, from positions, velocities and accelerations.
-    pub fn positions(
-        &mut self,
-        q: [f64; ARM_JOINTS],
-        dq: [f64; ARM_JOINTS],
-        ddq: [f64; ARM_JOINTS],
-    ) -> [f64; ARM_JOINTS] {
+    pub fn positions(&mut self, q: [f64; N], dq: [f64; N], ddq: [f64; N]) -> [f64; N] {
         if self.exact_positions() {
             return q;
         }
@@ -234,7 +229,7 @@ impl Sensors {
     }
 
     /// Tells how the machine got from one sample to the next: positions and velocities at both, `h` seconds apart.
-    pub fn advance(&mut self, from: [[f64; 2]; ARM_JOINTS], to: [[f64; 2]; ARM_JOINTS], h: f64) {
+    pub fn advance(&mut self, from: [[f64; 2]; N], to: [[f64; 2]; N], h: f64) {
         for (joint, resonance) in self.resonances.iter_mut().flatten().enumerate() {
             resonance.advance(from[joint], to[joint], h);
         }
@@ -244,7 +239,7 @@ impl Sensors {
     /// change the draws of another. Derivatives are blanked where the positions are measured.
     pub fn measure(&mut self, sample: &mut JointSample) {
         let options = &self.options;
-        for joint in 0..ARM_JOINTS {
+        for joint in 0..N {
             if options.input_noise_v > 0.0 {
                 sample.input[joint] += options.input_noise_v * self.noise.normal();
             }

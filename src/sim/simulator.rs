@@ -233,6 +233,10 @@ impl MachineSimulator {
         Ok(match &options.machine {
             Machine::Arm => Self::Arm(ArmSimulator::new(options)?),
             Machine::ServoAxis(axis) => Self::ServoAxis(ServoAxisSimulator::new(options, axis)?),
+            Machine::Plant(plant) => {
+                let expected = "a machine whose equations this library has; see PlantSimulator";
+                return Err(SimError::new("machine", expected, &plant.model));
+            }
         })
     }
 }

@@ -2,8 +2,10 @@
 
 use proptest::prelude::*;
 use std::path::Path;
-use thetabus::config::{Config, Delivery, Kind, Rows, Source, Speed, keys};
+use thetabus::config::{Catalog, Config, Delivery, Kind, Source, Speed, keys};
 use thetabus::estimator::cedro2022_estimator;
+use thetabus::model::{Equation, Parameter, Plant, PlantDefinition, Scalar};
+use thetabus::rows::RowForm;
 use thetabus::sim::SimOptions;
 
 fn root(path: &str) -> std::path::PathBuf {
@@ -689,31 +691,69 @@ fn fault_a_fault_that_is_wrong_itself_is_named_with_its_table_and_key() {
     assert!(warned.unwrap().warnings()[0].message.contains("has no effect"));
 }
 
+/// A plant that is nothing but its definition.
+#[derive(Clone)]
+struct Own {
+    name: &'static str,
+    parameters: Vec<Parameter>,
+    equations: Vec<Equation>,
+}
+
+impl Plant for Own {
+    fn name(&self) -> &str {
+        self.name
+    }
+    fn joints(&self) -> usize {
+        1
+    }
+    fn input_unit(&self) -> &str {
+        "N m"
+    }
+    fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+    fn equations(&self) -> &[Equation] {
+        &self.equations
+    }
+    fn terms<D: Scalar>(&self, _equation: usize, _q: &[D], dq: &[D], theta: &[D], g: &mut [D]) {
+        g[0] = theta[1];
+        g[1] = theta[0] * dq[0];
+    }
+}
+
 #[test]
-fn prop_a_users_own_plant_takes_the_place_of_the_model() {
-    use thetabus::model::{Equation, Parameter, PlantDefinition};
-    let pendulum = PlantDefinition {
+fn prop_a_users_own_plant_is_a_model_beside_those_of_the_library() {
+    let pendulum = Own {
         name: "pendulum",
-        joints: 1,
-        input_unit: "N m",
         parameters: vec![
             Parameter::positive("inertia", "kg m^2", "about the axis", 1.5),
             Parameter::new("bias", "N m", "constant torque", -0.5),
         ],
         equations: vec![Equation::new("axis", 0, 1.0, 1, 0..2)],
-        relations: Vec::new(),
     };
-    let load = |own: &PlantDefinition, sets: &[&str]| {
+    let load = |own: &Own, sets: &[&str]| {
         let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
         let basis = Config::embedded("own_plant").unwrap();
-        Config::load_for(Some(own), &[basis], &sets).map_err(|e| e.to_string())
+        let catalog = Catalog::default().with(own.clone());
+        Config::load_for(&catalog, &[basis], &sets).map_err(|e| e.to_string())
     };
     let config = load(&pendulum, &[]).unwrap();
     let options = &config.estimator.options;
-    assert_eq!(config.model.definition(), pendulum);
+    assert_eq!(config.model.definition(), &PlantDefinition::of(&pendulum));
     assert_eq!(options.theta_start, [1.5, -0.5]);
     assert_eq!(options.lower, [0.0, f64::NEG_INFINITY]);
     assert!(config.warnings().is_empty(), "{:?}", config.warnings());
+    // its own equations are what is simulated, and the configuration that is written out says so
+    assert_eq!(config.plant.sim.model(), "pendulum");
+    assert_eq!(config.plant.sim.true_parameters(0.0), [1.875, -0.625]);
+    let written = Catalog::default().with(pendulum.clone());
+    let source = Source::Embedded {
+        name: "written".to_owned(),
+        text: config.to_toml(),
+    };
+    let again = Config::load_for(&written, &[source], &[]).unwrap();
+    assert_eq!((&again.model, &again.plant), (&config.model, &config.plant));
+    assert_eq!(again.config_hash(), config.config_hash());
 
     let options = load(
         &pendulum,
@@ -722,11 +762,23 @@ fn prop_a_users_own_plant_takes_the_place_of_the_model() {
     .unwrap();
     assert_eq!(options.estimator.options.theta_start, [2.0, 0.1]);
     assert_eq!(options.estimator.options.fixed, [false, true]);
-    let ignored = load(&pendulum, &["model.kind=servo_axis"]).unwrap();
-    assert!(ignored.warnings()[0].message.contains("own plant, pendulum"));
+    // models of the library stay within reach
+    let servo = load(&pendulum, &["model.kind=servo_axis", "plant.machine=servo_axis"]).unwrap();
+    assert_eq!(servo.model.name(), "servo_axis");
+    let ignored = load(&pendulum, &["model.gravity_m_s2=1.6"]).unwrap();
+    assert!(ignored.warnings()[0].message.contains("no effect on pendulum"));
+    let message = load(&pendulum, &["model.kind=pendulun"]).unwrap_err();
+    assert!(message.contains("did you mean \"pendulum\"?"), "{message}");
 
     let message = load(&pendulum, &["estimator.theta_start=[1.0]"]).unwrap_err();
     assert!(message.contains("expected 2 numbers"), "{message}");
+    let message = load(&pendulum, &["plant.model.theta=[1.0]"]).unwrap_err();
+    assert!(
+        message.contains("expected 2 numbers, one per parameter of pendulum"),
+        "{message}"
+    );
+    let message = load(&pendulum, &["plant.model.change_s=3"]).unwrap_err();
+    assert!(message.contains("theta_after"), "{message}");
     let mut broken = pendulum.clone();
     broken.equations[0].parameters = 0..3;
     let message = load(&broken, &[]).unwrap_err();
@@ -734,10 +786,24 @@ fn prop_a_users_own_plant_takes_the_place_of_the_model() {
         message.contains("equation axis") && message.contains("0..2, got 0..3"),
         "{message}"
     );
-    let mut broken = pendulum;
-    broken.parameters[1].name = "inertia";
+    let mut broken = pendulum.clone();
+    broken.parameters[1].name = "inertia".into();
     let message = load(&broken, &[]).unwrap_err();
     assert!(message.contains("two parameters are called inertia"), "{message}");
+    for (name, problem) in [
+        ("manipulator", "another model has this name"),
+        ("My Arm", "a-z 0-9 _ -"),
+    ] {
+        let message = load(
+            &Own {
+                name,
+                ..pendulum.clone()
+            },
+            &[],
+        )
+        .unwrap_err();
+        assert!(message.contains(problem), "{message}");
+    }
 }
 
 #[test]
@@ -745,8 +811,8 @@ fn regress_noise_is_learnt_if_nobody_states_any_and_the_decision_is_written_out(
     use thetabus::rows::ProjectedOptions;
     let rows = |config: &Config| -> ProjectedOptions {
         match config.identifier.rows {
-            Rows::Projected(rows) => rows,
-            Rows::Pointwise => panic!("projected rows were asked for"),
+            RowForm::Projected(rows) => rows,
+            RowForm::Pointwise => panic!("projected rows were asked for"),
         }
     };
     let projected = "identifier.rows=projected";
@@ -782,8 +848,8 @@ fn regress_noise_is_learnt_if_nobody_states_any_and_the_decision_is_written_out(
 #[test]
 fn regress_the_velocity_filter_has_a_time_and_recordings_of_before_keep_theirs() {
     let samples = |config: &Config| match config.identifier.rows {
-        Rows::Projected(rows) => rows.velocity_half_width,
-        Rows::Pointwise => 0,
+        RowForm::Projected(rows) => rows.velocity_half_width,
+        RowForm::Pointwise => 0,
     };
     for (period_s, expected) in [(0.5e-3, 20), (1e-3, 10), (2e-3, 5), (0.01, 3)] {
         let period = format!("plant.sample_period_s={period_s:?}");
@@ -810,7 +876,7 @@ fn regress_terms_of_the_arm_are_switched_on_by_configuration() {
     let rows = "identifier.rows=projected";
     let names = |sets: &[&str]| {
         let config = load("", sets).unwrap();
-        let names: Vec<_> = config.model.parameters().iter().map(|p| p.name).collect();
+        let names: Vec<_> = config.model.parameters().iter().map(|p| p.name.to_string()).collect();
         (names, config.model.definition().hash(), config.config_hash())
     };
     let (plain, plain_model, plain_config) = names(&[rows]);
@@ -822,7 +888,10 @@ fn regress_terms_of_the_arm_are_switched_on_by_configuration() {
     assert_ne!(plain_config, friction_config);
     let delay = "identifier.projected.estimate_input_delay=true";
     let (all, ..) = names(&[rows, "model.coulomb_friction=true", "model.offset=true", delay]);
-    assert_eq!((all.len(), all[7], all[15]), (16, "offset_1", "input_delay"));
+    assert_eq!(
+        (all.len(), all[7].as_str(), all[15].as_str()),
+        (16, "offset_1", "input_delay")
+    );
     // an offset has a derivative, which is 0
     assert_eq!(names(&["model.offset=true"]).0.len(), 11);
     let servo = load("", &["model.kind=servo_axis", "model.offset=true"]).unwrap();

@@ -1,7 +1,7 @@
 //! Whole configurations on simulated machines: terms that can be switched on, sample rates, noise that nobody stated.
 
 use std::f64::consts::TAU;
-use thetabus::config::{Config, ModelConfig, Rows};
+use thetabus::config::{Catalog, Config};
 use thetabus::estimator::BlockEstimator;
 use thetabus::messages::Sample;
 use thetabus::model::{
@@ -9,7 +9,7 @@ use thetabus::model::{
     ManipulatorDerived, Parameter, Plant, Scalar,
 };
 use thetabus::node::simulated_plant::sample_stream;
-use thetabus::rows::{AutoWindowBlock, SampleBlock, structure};
+use thetabus::rows::{AutoWindowBlock, RowForm, SampleBlock, structure};
 use thetabus::sim::{ArmParameters, SimOptions, rk4_step};
 
 fn encoder_only(sets: &[String]) -> Config {
@@ -27,7 +27,7 @@ struct Last {
 
 /// Samples through the rows and the estimator of a configuration.
 fn identify<P: Plant + Clone>(config: &Config, plant: P, samples: impl Iterator<Item = (u64, JointSample)>) -> Last {
-    let Rows::Projected(rows) = config.identifier.rows else {
+    let RowForm::Projected(rows) = config.identifier.rows else {
         panic!("projected rows are what these tests are about");
     };
     let (len, options) = (config.estimator.block_len, config.estimator.options.clone());
@@ -63,11 +63,14 @@ fn simulated(sim: &SimOptions) -> impl Iterator<Item = (u64, JointSample)> {
 
 fn identify_arm(config: &Config) -> Last {
     let samples = simulated(&config.plant.sim);
-    match &config.model {
-        ModelConfig::Manipulator { plant, .. } => identify(config, *plant, samples),
-        ModelConfig::ExtendedManipulator { plant, .. } => identify(config, plant.clone(), samples),
-        _ => panic!("no such case here"),
-    }
+    let section = &config.file_form().model;
+    let terms = ExtraTerms {
+        coulomb_friction: section.coulomb_friction,
+        offset: section.offset,
+    };
+    let plant = ExtendedManipulator::new(Manipulator::new(section.gravity_m_s2).unwrap(), terms);
+    assert_eq!(plant.parameters(), config.model.parameters());
+    identify(config, plant, samples)
 }
 
 const BOTH: ExtraTerms = ExtraTerms {
@@ -83,7 +86,7 @@ fn val_extra_terms_are_those_of_the_motor_equation_and_none_are_the_papers_arm()
     assert_eq!(paper.relations(), Manipulator::default().relations());
 
     let arm = ExtendedManipulator::new(Manipulator::default(), BOTH);
-    let names: Vec<_> = arm.parameters().iter().map(|p| p.name).collect();
+    let names: Vec<&str> = arm.parameters().iter().map(|p| &*p.name).collect();
     let sim = SimOptions::cedro2022();
     let theta: Vec<f64> = sim.true_theta(0.0).to_vec();
     let all = [&theta[..5], &[3.0, 0.3, -2.0], &theta[5..], &[5.0, 0.5, 7.0]].concat();
@@ -153,7 +156,7 @@ fn ident_with_the_friction_term_an_arm_with_friction_is_known_as_well_as_one_wit
         for (joint, percent) in [(1, 2.0), (1, 10.0), (2, 2.0), (2, 10.0)] {
             let config = with_friction(motion, joint, percent, 3);
             let last = identify_arm(&config);
-            let names: Vec<&str> = config.model.parameters().iter().map(|p| p.name).collect();
+            let names: Vec<&str> = config.model.parameters().iter().map(|p| &*p.name).collect();
             let truth = config.plant.sim.true_values(&names, 0.0);
             let mut table = String::new();
             for (i, name) in names.iter().enumerate() {
@@ -279,14 +282,14 @@ fn pendulum(bits: i32, noise: f64, seed: u64, samples: u64) -> impl Iterator<Ite
 
 #[test]
 fn ident_a_plant_of_ones_own_needs_no_word_about_its_sensors() {
-    let definition = thetabus::model::PlantDefinition::of(&Pendulum);
+    let own = Catalog::default().with(Pendulum);
     let truth = [2.5, 0.8, 12.0];
     let (mut covered, mut all, mut changes) = (0, 0, 0);
     // from a coarse encoder with a quiet drive to a fine one with a noisy drive: none is what any default would guess
     for (bits, noise) in [(13, 0.1), (14, 0.5), (20, 1.0)] {
         for seed in 0..6 {
             let basis = Config::embedded("own_plant").unwrap();
-            let config = Config::load_for(Some(&definition), &[basis], &[]).unwrap();
+            let config = Config::load_for(&own, &[basis], &[]).unwrap();
             let last = identify(&config, Pendulum, pendulum(bits, noise, seed, 12 * 1900));
             changes += last.changes;
             println!("{bits} bits {noise} N m, seed {seed}: {} changes", last.changes);
@@ -342,7 +345,7 @@ fn ident_windows_that_the_identifier_chooses_are_as_good_as_configured_ones() {
 #[test]
 fn ident_a_slow_sample_rate_gets_windows_that_resolve_their_bump() {
     // 10 ms: the configured 100 ms are ten samples
-    let definition = thetabus::model::PlantDefinition::of(&Pendulum);
+    let own = Catalog::default().with(Pendulum);
     let basis = Config::embedded("own_plant").unwrap();
     let sets = [
         "plant.sample_period_s=0.01",
@@ -350,7 +353,7 @@ fn ident_a_slow_sample_rate_gets_windows_that_resolve_their_bump() {
         "estimator.block_len=600",
     ];
     let sets: Vec<String> = sets.iter().map(|&set| set.to_owned()).collect();
-    let config = Config::load_for(Some(&definition), &[basis], &sets).unwrap();
+    let config = Config::load_for(&own, &[basis], &sets).unwrap();
     let last = identify(&config, Pendulum, slow_pendulum(3));
     assert_eq!(last.window_s, 0.2);
     for (i, truth) in [2.5, 0.8, 12.0].into_iter().enumerate() {

@@ -5,12 +5,12 @@
 use crate::estimator_study::Gauss;
 use crate::support::TestRng;
 use std::path::Path;
-use thetabus::config::{Config, ModelConfig, Rows, Source};
+use thetabus::config::{Config, Source};
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, Residuals, Structure};
 use thetabus::messages::{Estimate, Sample, State, signals};
 use thetabus::model::{JointSample, MAX_JOINTS, Manipulator, Plant, ServoAxis};
 use thetabus::node::identifier::{Identifier, IdentifierNode, IdentifierOptions};
-use thetabus::rows::{InputSource, PointwiseBlock, ProjectedBlock, SampleBlock, structure};
+use thetabus::rows::{InputSource, PointwiseBlock, ProjectedBlock, RowForm, SampleBlock, structure};
 use thetabus::sim::{Interpolation, MachineSimulator, MassSchedule, Setpoint};
 
 const N: usize = 1900;
@@ -42,12 +42,13 @@ fn node<B: SampleBlock + Send + 'static>(
 fn identifier(config: &Config) -> Box<dyn Identifier> {
     let start = &config.estimator.options.theta_start;
     let len = config.estimator.block_len;
-    match (&config.model, &config.identifier.rows) {
-        (ModelConfig::Manipulator { plant, .. }, Rows::Pointwise) => {
+    match (config.model.name(), &config.identifier.rows) {
+        ("manipulator", RowForm::Pointwise) => {
+            let plant = &Manipulator::default();
             let rows = PointwiseBlock::new(*plant, InputSource::Measured, len);
             node(config, plant, signals::ALL & !signals::SETPOINT, rows)
         }
-        (ModelConfig::Manipulator { .. }, Rows::Projected(options)) => {
+        ("manipulator", RowForm::Projected(options)) => {
             let plant = Manipulator::default();
             let rows = ProjectedBlock::new(plant, *options, len)
                 .unwrap()
@@ -55,7 +56,7 @@ fn identifier(config: &Config) -> Box<dyn Identifier> {
                 .unwrap();
             node(config, &plant, signals::Q | signals::INPUT, rows)
         }
-        (ModelConfig::ServoAxis { .. }, Rows::Projected(options)) => {
+        ("servo_axis", RowForm::Projected(options)) => {
             let plant = axis();
             let rows = ProjectedBlock::new(plant.clone(), *options, len)
                 .unwrap()
@@ -178,10 +179,7 @@ fn identify(
 ) -> Outcome {
     let mut node = identifier(config);
     let period_ns = (config.plant.sim.sample_period_s * 1e9).round() as u64;
-    let joints = match config.model {
-        ModelConfig::ServoAxis { .. } => 1,
-        _ => 2,
-    };
+    let joints = config.model.definition().joints;
     let mut outcome = Outcome {
         name: name.to_owned(),
         ..Outcome::default()

@@ -319,7 +319,7 @@ impl Plant for Rooted {
     fn joints(&self) -> usize {
         self.0.joints()
     }
-    fn input_unit(&self) -> &'static str {
+    fn input_unit(&self) -> &str {
         self.0.input_unit()
     }
     fn parameters(&self) -> &[Parameter] {

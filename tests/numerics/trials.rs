@@ -1,11 +1,11 @@
 //! The harness of the trials: its bound against an independent program, its settings against the simulator.
 
-use thetabus::config::{Config, Rows, Source};
+use thetabus::config::{Config, Source};
 use thetabus::estimator::BlockEstimator;
 use thetabus::messages::{Estimate, estimate_flags, signals};
 use thetabus::model::{Manipulator, ManipulatorDerived, Plant};
 use thetabus::node::identifier::{IdentifierNode, IdentifierOptions};
-use thetabus::rows::{ProjectedBlock, structure};
+use thetabus::rows::{ProjectedBlock, RowForm, structure};
 use thetabus::sim::{ArmSimulator, SimOptions};
 use thetabus::studies::trials::{
     Arm, CramerRaoBound, Disturbance, Motion, Trial, TrialResult, TrialSpec, full_cases, quick_cases, rest_instant,
@@ -114,25 +114,25 @@ fn scored(change: impl Fn(&mut Estimate, &[f64; 9])) -> TrialResult {
     };
     let config = Config::load(&sources(), &spec.settings()).unwrap();
     let plant = Manipulator::default();
-    let Rows::Projected(rows) = config.identifier.rows else {
+    let RowForm::Projected(rows) = config.identifier.rows else {
         panic!("encoder_only has projected rows");
     };
     let options = &config.estimator.options;
     let rows = ProjectedBlock::new(plant, rows, 1900).and_then(|rows| rows.starting_at(&options.theta_start));
     let estimator = BlockEstimator::new(structure(&plant), options.clone()).unwrap();
-    let derived = ManipulatorDerived::new(config.model.known().unwrap()).unwrap();
+    let derived = ManipulatorDerived::new(config.known.unwrap()).unwrap();
     let node_options = IdentifierOptions {
         sample_period_ns: 1_000_000,
         ..IdentifierOptions::new(1900, 2, signals::Q | signals::INPUT)
     };
     let mut node = IdentifierNode::new(node_options, rows.unwrap(), estimator, Some(Box::new(derived)), 1);
-    let names: Vec<&'static str> = plant.parameters().iter().map(|p| p.name).collect();
+    let names: Vec<String> = plant.parameters().iter().map(|p| p.name.to_string()).collect();
     let sim = &config.plant.sim;
     let trial = Trial {
         sim,
         block_len: 1900,
         names: &names,
-        known: config.model.known(),
+        known: config.known,
     };
     let publish = |estimate: &Estimate| {
         let mut changed = *estimate;

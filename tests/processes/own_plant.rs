@@ -60,3 +60,52 @@ fn e2e_the_examples_identify_a_users_own_plant_over_the_bus() {
         assert!(std < 0.01 * truth, "{name}: {theta} +- {std}");
     }
 }
+
+#[test]
+fn e2e_a_users_own_plant_has_the_whole_command_line() {
+    let Some(own_plant) = example("own_plant") else {
+        return;
+    };
+    let site = Site::new();
+    let dir = site.dir.path();
+    let program = |args: &[&str]| {
+        let mut command = Command::new(&own_plant);
+        command.current_dir(dir).args(args);
+        Process::start(command)
+    };
+    let domain = site.domain.name();
+    // its equations are what is simulated, from true values a quarter above the start values of 1
+    program(&["run", "--domain", domain, "--duration", "20", "--out", "own"]).expect_code(0);
+    let csv = dir.join("own").join("estimates.csv");
+    for name in ["inertia", "damping", "weight"] {
+        let (theta, std) = (column(&csv, name), column(&csv, &format!("{name}_std")));
+        let (theta, std) = (theta[theta.len() - 1], std[std.len() - 1]);
+        // Exceeded once in a million runs: noise is learnt from ten blocks, so twice five standard deviations.
+        assert!((theta - 1.25).abs() < 10.0 * std, "{name}: {theta} +- {std}");
+        assert!(std < 0.01, "{name}: {std}");
+    }
+    // off line, from its own recording, to the bit
+    program(&["identify", "own", "--out", "again"]).expect_code(0);
+    let again = dir.join("again").join("estimates.csv");
+    assert_eq!(column(&csv, "inertia"), column(&again, "inertia"));
+    program(&["report", "own/recording.mcap", "--out", "report"]).expect_code(0);
+    let page = std::fs::read_to_string(dir.join("report").join("report.html")).expect("a page");
+    assert!(page.contains("damping") && page.contains("N m s/rad"));
+    // an identifier of its own tells its parameters
+    let identifier = program(&["identifier", "--domain", domain]);
+    identifier.wait_for_log("no plant yet");
+    let mut ctl = Command::new(&own_plant);
+    let described = ctl.args(["ctl", "describe", "--domain", domain]).output().expect("ctl");
+    let text = String::from_utf8_lossy(&described.stdout).into_owned();
+    assert!(text.contains("weight") && text.contains("kg m^2"), "{text}");
+    // who does not have the equations says so
+    let mut foreign = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+    let refused = foreign
+        .current_dir(dir)
+        .args(["identify", "own"])
+        .output()
+        .expect("identify");
+    assert_eq!(refused.status.code(), Some(2));
+    let text = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(text.contains("pendulum (inertia [kg m^2]"), "{text}");
+}

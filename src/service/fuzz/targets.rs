@@ -2,7 +2,7 @@
 
 use super::mutate::Random;
 use crate::checkpoint;
-use crate::config::{Config, Source, keys};
+use crate::config::{Catalog, Config, Source, keys};
 use crate::messages::{Command, Estimate, Journal, Request, Sample, Status, sample_flags};
 use crate::node::command::{NodeState, Order};
 use crate::node::identifier::Identifier;
@@ -64,7 +64,7 @@ impl Corpora {
             bytes
         });
         let states = configs.iter().zip(&samples).map(|(config, samples)| {
-            let mut node = identifier_node(config, None).expect("a node");
+            let mut node = identifier_node(config).expect("a node");
             samples.iter().for_each(|sample| node.on_sample(sample, &mut |_| {}));
             let mut state = NodeState::default();
             node.save(&mut state);
@@ -95,7 +95,7 @@ fn simulated(config: &Config) -> Vec<Sample> {
 }
 
 fn info(config: &Config) -> RunInfo {
-    run_info(config, &monitor_node(config, None).expect("a monitor"), true)
+    run_info(config, &monitor_node(config, None), true)
 }
 
 /// Columns as in `config/servo_axis.toml`.
@@ -293,7 +293,7 @@ fn mcap(random: &mut Random, corpora: &Corpora) {
     }
     let _ = advisor.line(None);
     let _ = read_journal(&path);
-    if let Ok(run) = report::read(&path, Span::default()) {
+    if let Ok(run) = report::read(&path, Span::default(), &Catalog::default()) {
         show(&run, random);
     }
     identified(&path, None, random);
@@ -427,7 +427,7 @@ fn checkpoints(random: &mut Random, corpora: &Corpora) {
     let Ok(state) = checkpoint::decode(&read, &identity) else {
         return;
     };
-    let mut node = identifier_node(config, None).expect("a node");
+    let mut node = identifier_node(config).expect("a node");
     if node.load(&state).is_err() {
         return;
     }
@@ -459,11 +459,9 @@ fn samples(random: &mut Random, corpora: &Corpora) {
             _ => hostile_sample(random, &mut samples[at]),
         }
     }
-    follow(&mut *identifier_node(config, None).expect("a node"), &samples);
+    follow(&mut *identifier_node(config).expect("a node"), &samples);
     // hostile estimates claim any model: taken as they come, so that they reach the figures
-    let monitor = monitor_node(config, Some(&config.plant.sim))
-        .expect("a monitor")
-        .of_model(0);
+    let monitor = monitor_node(config, Some(&config.plant.sim)).of_model(0);
     let mut run = RunData::new(info(config), monitor);
     for (k, sample) in samples.iter().enumerate() {
         run.sample(sample, random.whole());
@@ -490,8 +488,8 @@ fn control(random: &mut Random, corpora: &Corpora) {
     let which = random.below(corpora.configs.len());
     let (config, samples) = (&corpora.configs[which], &corpora.samples[which]);
     let requests: Vec<Request> = (0..random.below(60)).map(|_| hostile_request(random, config)).collect();
-    let mut node = identifier_node(config, None).expect("a node");
-    let mut commands = Commands::new(config, None);
+    let mut node = identifier_node(config).expect("a node");
+    let mut commands = Commands::new(config);
     for (k, request) in requests.iter().enumerate() {
         if let Ok(Wanted::Order(change, what)) = commands.prepare(request) {
             assert!(!what.is_empty());
@@ -523,7 +521,9 @@ fn hostile_request(random: &mut Random, config: &Config) -> Request {
         0 => random.whole() as u32,
         _ => 1 + random.below(10) as u32,
     };
-    let parameter = config.model.parameters()[random.below(config.model.parameters().len())].name;
+    let parameter = config.model.parameters()[random.below(config.model.parameters().len())]
+        .name
+        .as_ref();
     let names = [
         parameter,
         "forgetting_factor",

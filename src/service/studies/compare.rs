@@ -1,10 +1,12 @@
 //! `studies compare`.
 
 use super::CompareArgs;
-use crate::config::{Config, ModelConfig, Rows, Source};
+use crate::config::{Config, Source};
 use crate::messages::Sample;
+use crate::model::MANIPULATOR_PARAMS;
 use crate::node::plant::PlantNode;
 use crate::recording::{Entry, Span};
+use crate::rows::RowForm;
 use crate::runner::Shutdown;
 use crate::service::record::recorder;
 use crate::service::wiring::{identifier_node, monitor_node};
@@ -28,9 +30,9 @@ impl From<CompareError> for Failure {
 /// The configuration is wrong or gives nothing to compare, a signal came, or the file cannot be written.
 pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let config = args.common.load(vec![Source::File(args.file.clone())], &[])?;
-    if !matches!(config.model, ModelConfig::Manipulator { .. }) {
+    if config.model.name() != "manipulator" || config.model.parameters().len() != MANIPULATOR_PARAMS {
         return Err(Failure::Usage(format!(
-            "compare runs the simulated arm: expected model.kind = \"manipulator\" without a delay, got {}",
+            "compare runs the simulated arm: expected model.kind = \"manipulator\" without a delay or other terms, got {}",
             config.model.name()
         )));
     }
@@ -46,7 +48,7 @@ pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
             seeds,
             calibration_runs: 10 * seeds,
         };
-        if let Rows::Projected(rows) = config.identifier.rows {
+        if let RowForm::Projected(rows) = config.identifier.rows {
             let setup = EncoderSetup {
                 sim: sim.clone(),
                 rows,
@@ -112,14 +114,14 @@ fn recording_section(config: &Config) -> Result<Section, Failure> {
         let mut plant = PlantNode::new(simulator, 1, sim.joints(), sim.signals(), period_ns, count);
         let samples: Vec<Sample> = std::iter::from_fn(|| plant.next_sample()).collect();
         let start = Instant::now();
-        let mut recorder = recorder(&path, config, &monitor_node(config, None)?, true, false)?;
+        let mut recorder = recorder(&path, config, &monitor_node(config, None), true, false)?;
         for sample in &samples {
             recorder.sample(sample, 0).map_err(|e| failed(&e))?;
         }
         recorder.finish().map_err(|e| failed(&e))?;
         let wrote_s = start.elapsed().as_secs_f64();
         let bytes = std::fs::metadata(&path).map_err(|e| failed(&e))?.len();
-        let mut node = identifier_node(config, None)?;
+        let mut node = identifier_node(config)?;
         let start = Instant::now();
         let mut reader = report::open(&path, Span::default())?;
         while let Some(entry) = reader.next_entry().map_err(report::unreadable)? {

@@ -18,18 +18,18 @@ use std::time::Instant;
 /// A setting is wrong.
 pub fn trial(spec: &Spec, more: &[String]) -> Result<TrialResult, Failure> {
     let config = configuration(spec, more)?;
-    let mut node = identifier_node(&config, None)?;
-    let names: Vec<&'static str> = config
+    let mut node = identifier_node(&config)?;
+    let names: Vec<String> = config
         .model
         .parameters()
         .iter()
-        .map(|parameter| parameter.name)
+        .map(|parameter| parameter.name.to_string())
         .collect();
     let trial = Trial {
         sim: &config.plant.sim,
         block_len: config.estimator.block_len as u64,
         names: &names,
-        known: config.model.known(),
+        known: config.known,
     };
     let mut cause = None;
     let mut result = trial.run(|sample, estimates| {

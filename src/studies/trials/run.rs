@@ -23,7 +23,7 @@ pub struct Trial<'a> {
     /// N of the identifier.
     pub block_len: u64,
     /// Names of the identifier's parameters.
-    pub names: &'a [&'static str],
+    pub names: &'a [String],
     /// Constants that the identifier derives physical values with.
     pub known: Option<KnownConstants>,
 }
@@ -89,7 +89,8 @@ impl Trial<'_> {
 
     /// θ as it is, in the order of the identifier's parameters.
     fn true_theta(&self, t_s: f64) -> Vec<f64> {
-        self.sim.true_values(self.names, t_s)
+        let names: Vec<&str> = self.names.iter().map(String::as_str).collect();
+        self.sim.true_values(&names, t_s)
     }
 
     /// When the mass changes.
@@ -97,6 +98,10 @@ impl Trial<'_> {
         let schedule = match &self.sim.machine {
             Machine::Arm => &self.sim.mass_2,
             Machine::ServoAxis(axis) => &axis.mass,
+            Machine::Plant(plant) => {
+                let changes = plant.truth.iter().skip(1);
+                return changes.map(|(t_s, _)| (t_s * 1e9).round() as u64).collect();
+            }
         };
         let changes = schedule.points.windows(2).filter(|pair| pair[0].1 != pair[1].1);
         changes.map(|pair| (pair[1].0 * 1e9).round() as u64).collect()
@@ -109,8 +114,8 @@ impl Trial<'_> {
         let sampled = sim.controller.kind == ControllerKind::Sampled;
         // the bound is that of the paper's nine parameters, which a delay leaves in their places
         let arm = Manipulator::default();
-        let nine = arm.parameters().iter().map(|p| p.name);
-        let nine = nine.eq(self.names.iter().copied().take(arm.parameters().len()));
+        let nine = arm.parameters().iter().map(|p| &*p.name);
+        let nine = nine.eq(self.names.iter().map(String::as_str).take(arm.parameters().len()));
         if sim.machine != Machine::Arm || !sampled || sensors.encoder_bits == 0 || !nine {
             return Ok(None);
         }
@@ -144,12 +149,17 @@ impl Reference {
     }
 }
 
-fn derived_truth(derived: Option<&ManipulatorDerived>, theta: &[f64]) -> Vec<(&'static str, f64)> {
+fn derived_truth(derived: Option<&ManipulatorDerived>, theta: &[f64]) -> Vec<(String, f64)> {
     let mut gradient = theta.to_vec();
     derived.map_or_else(Vec::new, |derived| {
         let quantities = derived.quantities().iter().enumerate();
         quantities
-            .map(|(i, quantity)| (quantity.name, derived.value_and_gradient(i, theta, &mut gradient)))
+            .map(|(i, quantity)| {
+                (
+                    quantity.name.to_string(),
+                    derived.value_and_gradient(i, theta, &mut gradient),
+                )
+            })
             .collect()
     })
 }

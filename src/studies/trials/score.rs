@@ -89,11 +89,11 @@ pub struct TrialResult {
 /// The truth beside one estimate.
 pub(super) struct Truth<'a> {
     /// Names of the parameters.
-    pub names: &'a [&'static str],
+    pub names: &'a [String],
     /// θ at the block's end.
     pub theta: &'a [f64],
     /// Derived values at the block's end, with their names.
-    pub derived: &'a [(&'static str, f64)],
+    pub derived: &'a [(String, f64)],
     /// Least standard deviations, where there is a bound.
     pub bound: Option<&'a [f64]>,
     /// The truth changed within this block.
@@ -170,11 +170,18 @@ impl TrialResult {
     fn look_for_danger(&mut self, estimate: &Estimate, truth: &Truth<'_>, params: usize) {
         let usable = (0..params.min(truth.names.len()))
             .filter(|i| estimate.usable >> i & 1 == 1)
-            .map(|i| (truth.names[i], estimate.theta[i], estimate.theta_std[i], truth.theta[i]));
+            .map(|i| {
+                (
+                    truth.names[i].as_str(),
+                    estimate.theta[i],
+                    estimate.theta_std[i],
+                    truth.theta[i],
+                )
+            });
         let derived = truth.derived.iter().zip(&estimate.derived).zip(&estimate.derived_std);
         let derived = derived
             .take(estimate.derived_len as usize)
-            .map(|((&(name, true_value), &value), &std)| (name, value, std, true_value));
+            .map(|(((name, true_value), &value), &std)| (name.as_str(), value, std, *true_value));
         let mut worst: Option<Danger> = None;
         for (name, value, std, true_value) in usable.chain(derived) {
             let error = ((value - true_value) / true_value).abs();

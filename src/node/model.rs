@@ -1,0 +1,281 @@
+//! A model as the programs see it: one value behind one trait, whatever the equations.
+//!
+//! ```text
+//! Plant (generic, statically dispatched) ──PlantModel──▶ dyn Model ──identifier()──▶ dyn Identifier
+//! ```
+//!
+//! Generics end here: a configuration holds a [`SharedModel`], and what it gives, an identifier or a simulator, is one boxed value per robot. The step from
+//! sample to row stays compiled for its plant; one virtual call per sample leads there.
+
+use super::identifier::{Identifier, IdentifierNode, IdentifierOptions};
+use crate::estimator::{BlockEstimator, EstimatorOptions, Structure};
+use crate::messages::signals;
+use crate::model::{
+    AutoDiff, DerivedQuantity, DerivedValues, JointSample, Parameter, Plant, PlantDefinition, PlantDerived,
+    PointwiseModel,
+};
+use crate::rows::{AutoWindowBlock, InputSource, PointwiseBlock, RowForm, SampleBlock};
+use std::fmt;
+use std::sync::Arc;
+
+/// What an identifier is built from beside its model.
+#[derive(Debug, Clone)]
+pub struct NodeSettings {
+    /// Form of the rows.
+    pub rows: RowForm,
+    /// Whether the window of projected rows is chosen from the signals.
+    pub auto_window: bool,
+    /// Source of u.
+    pub input: InputSource,
+    /// The recursion; its block length is that of `options`.
+    pub estimator: EstimatorOptions,
+    /// Streams and their faults. Joints, signals and model hash are the model's own and need not be set.
+    pub options: IdentifierOptions,
+    /// Process that the status names.
+    pub pid: u32,
+}
+
+/// Why a model gives no identifier or no simulator with these settings.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ModelError {
+    /// A setting does not fit: the configuration's section or key, and what is wrong.
+    #[error("{section}: {problem}")]
+    Setting {
+        /// Section or key of the configuration.
+        section: &'static str,
+        /// What is wrong, in words.
+        problem: String,
+    },
+    /// There is no simulator of this model.
+    #[error("the model {0} brings no simulator")]
+    NotSimulated(String),
+}
+
+impl ModelError {
+    fn setting(section: &'static str, problem: impl fmt::Display) -> Self {
+        let problem = problem.to_string();
+        Self::Setting { section, problem }
+    }
+}
+
+/// A model: what its numbers mean, and how its identifier is made.
+pub trait Model: fmt::Debug + Send + Sync {
+    /// Names, units, bounds, equations.
+    fn definition(&self) -> &PlantDefinition;
+
+    /// Values that follow from θ, if there are any.
+    fn derived(&self) -> Option<Arc<dyn DerivedValues + Send + Sync>>;
+
+    /// An identifier that has seen nothing. The only place that allocates.
+    ///
+    /// # Errors
+    /// The setting that does not fit this model.
+    fn identifier(&self, settings: &NodeSettings) -> Result<Box<dyn Identifier>, ModelError>;
+
+    /// Name as in configuration files.
+    fn name(&self) -> &str {
+        &self.definition().name
+    }
+
+    /// The parameters θ.
+    fn parameters(&self) -> &[Parameter] {
+        &self.definition().parameters
+    }
+
+    /// Which equation has which parameters.
+    fn structure(&self) -> Structure {
+        let definition = self.definition();
+        Structure {
+            params: definition.parameters.len(),
+            equations: definition.equations.iter().map(|e| e.parameters.clone()).collect(),
+        }
+    }
+
+    /// The machine of these equations, simulated: samples k = 0, 1, 2, … without end.
+    ///
+    /// # Errors
+    /// The model cannot be simulated with these options.
+    #[cfg(feature = "sim")]
+    fn simulator(&self, _options: &crate::sim::SimOptions) -> Result<SampleSource, ModelError> {
+        Err(ModelError::NotSimulated(self.name().to_owned()))
+    }
+}
+
+/// Samples of a simulated machine.
+#[cfg(feature = "sim")]
+pub type SampleSource = Box<dyn Iterator<Item = JointSample> + Send>;
+
+/// A model that a configuration and all that is made of it share; equal if the definitions are.
+#[derive(Debug, Clone)]
+pub struct SharedModel(Arc<dyn Model>);
+
+impl SharedModel {
+    /// Of any model.
+    pub fn new(model: impl Model + 'static) -> Self {
+        Self(Arc::new(model))
+    }
+}
+
+impl std::ops::Deref for SharedModel {
+    type Target = dyn Model;
+
+    fn deref(&self) -> &Self::Target {
+        &*self.0
+    }
+}
+
+impl PartialEq for SharedModel {
+    fn eq(&self, other: &Self) -> bool {
+        self.definition() == other.definition()
+    }
+}
+
+/// Any [`Plant`] as a [`Model`]; `M` is its pointwise form.
+pub struct PlantModel<P, M = AutoDiff<P>> {
+    plant: P,
+    pointwise: M,
+    definition: PlantDefinition,
+    derived: Option<Arc<dyn DerivedValues + Send + Sync>>,
+}
+
+impl<P: Plant + Clone + Send + Sync + 'static> PlantModel<P> {
+    /// A plant with the values that it [derives](Plant::derived) itself and the pointwise form by automatic differentiation.
+    pub fn new(plant: P) -> Self {
+        let derives = !plant.derived().is_empty();
+        Self {
+            pointwise: AutoDiff(plant.clone()),
+            definition: PlantDefinition::of(&plant),
+            derived: derives.then(|| Arc::new(PlantDerived(plant.clone())) as _),
+            plant,
+        }
+    }
+}
+
+impl<P, M> PlantModel<P, M> {
+    /// The same with a faster pointwise form of its own, tested equal.
+    pub fn with_pointwise<N>(self, pointwise: N) -> PlantModel<P, N> {
+        PlantModel {
+            plant: self.plant,
+            pointwise,
+            definition: self.definition,
+            derived: self.derived,
+        }
+    }
+
+    /// The same with values that need more than θ, known constants for instance.
+    #[must_use]
+    pub fn deriving(mut self, derived: impl DerivedValues + Send + Sync + 'static) -> Self {
+        self.definition.derived = derived.quantities().to_vec();
+        self.derived = Some(Arc::new(derived));
+        self
+    }
+}
+
+impl<P, M> fmt::Debug for PlantModel<P, M> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("PlantModel").field(&self.definition.name).finish()
+    }
+}
+
+impl<P, M> Model for PlantModel<P, M>
+where
+    P: Plant + Clone + Send + Sync + 'static,
+    M: PointwiseModel + Clone + Send + Sync + 'static,
+    M::Features: Send,
+{
+    fn definition(&self) -> &PlantDefinition {
+        &self.definition
+    }
+
+    fn derived(&self) -> Option<Arc<dyn DerivedValues + Send + Sync>> {
+        self.derived.clone()
+    }
+
+    fn identifier(&self, settings: &NodeSettings) -> Result<Box<dyn Identifier>, ModelError> {
+        let block_len = settings.options.block_len as usize;
+        match &settings.rows {
+            RowForm::Pointwise => {
+                let rows = PointwiseBlock::new(self.pointwise.clone(), settings.input, block_len)
+                    .leaving_out_standstill(&self.plant);
+                self.node(settings, pointwise_signals(settings.input, &self.definition), rows)
+            }
+            RowForm::Projected(options) => {
+                let rows = match settings.auto_window {
+                    true => AutoWindowBlock::chosen(&self.plant, *options, block_len),
+                    false => AutoWindowBlock::fixed(self.plant.clone(), *options, block_len),
+                };
+                let rows = rows
+                    .and_then(|rows| rows.starting_at(&settings.estimator.theta_start))
+                    .map_err(|e| ModelError::setting("identifier.projected", e))?;
+                self.node(settings, signals::Q | signals::INPUT, rows)
+            }
+        }
+    }
+
+    #[cfg(feature = "sim")]
+    fn simulator(&self, options: &crate::sim::SimOptions) -> Result<SampleSource, ModelError> {
+        let simulator = crate::sim::PlantSimulator::new(self.plant.clone(), options)
+            .map_err(|e| ModelError::setting("plant", e))?;
+        Ok(Box::new(simulator))
+    }
+}
+
+impl<P, M> PlantModel<P, M> {
+    fn node<B: SampleBlock + Send + 'static>(
+        &self,
+        settings: &NodeSettings,
+        signals: u32,
+        rows: B,
+    ) -> Result<Box<dyn Identifier>, ModelError> {
+        let structure = Structure {
+            params: self.definition.parameters.len(),
+            equations: self.definition.equations.iter().map(|e| e.parameters.clone()).collect(),
+        };
+        let estimator = BlockEstimator::new(structure, settings.estimator.clone())
+            .map_err(|e| ModelError::setting("estimator", e))?;
+        let options = IdentifierOptions {
+            model_hash: self.definition.hash(),
+            joints: self.definition.joints,
+            signals,
+            ..settings.options
+        };
+        let derived = self
+            .derived
+            .clone()
+            .map(|derived| Box::new(Shared(derived)) as Box<dyn DerivedValues + Send>);
+        Ok(Box::new(IdentifierNode::new(
+            options,
+            rows,
+            estimator,
+            derived,
+            settings.pid,
+        )))
+    }
+}
+
+/// Signals that pointwise rows need: derivatives up to one more than the equations' terms are differentiated, for these hold q̇.
+fn pointwise_signals(input: InputSource, definition: &PlantDefinition) -> u32 {
+    let source = match input {
+        InputSource::Measured => signals::INPUT,
+        InputSource::Controller(_) => signals::SETPOINT,
+    };
+    let derivatives = [signals::DQ, signals::DDQ, signals::DDDQ];
+    let order = definition.equations.iter().map(|e| e.order).max().unwrap_or(0);
+    derivatives
+        .iter()
+        .take(order + 1)
+        .fold(signals::Q | source, |mask, signal| mask | signal)
+}
+
+/// Derived values that several nodes read.
+struct Shared(Arc<dyn DerivedValues + Send + Sync>);
+
+impl DerivedValues for Shared {
+    fn quantities(&self) -> &[DerivedQuantity] {
+        self.0.quantities()
+    }
+
+    fn value_and_gradient(&self, index: usize, theta: &[f64], gradient: &mut [f64]) -> f64 {
+        self.0.value_and_gradient(index, theta, gradient)
+    }
+}

@@ -1,0 +1,161 @@
+//! The whole command line, for the models of this library and for those that a program brings along.
+//!
+//! ```text
+//! run ─┬─ plant ── sample ──▶ identifier ── estimate ──▶ monitor ─▶ result table, files
+//!      └─ one signal, one result
+//! ```
+//!
+//! The three roles are the same program, so that `run` finds everything that it needs, a user's own model included.
+
+use super::{
+    CommonArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, MonitorArgs, PlantArgs,
+    ReplayArgs, ReportArgs, RunArgs, VERSION, main_with,
+};
+use crate::config::Catalog;
+use crate::model::Plant;
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// On-line identification of a running machine's physical parameters
+#[derive(Parser)]
+#[command(name = "thetabus", version = VERSION.as_str(), after_help = EXIT_CODES, propagate_version = true)]
+struct Program {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Run plant, identifier and monitor, then print the result beside the truth
+    #[command(after_help = EXIT_CODES)]
+    Run(RunArgs),
+    /// Identify off line from a recording or a log
+    #[command(after_help = EXIT_CODES)]
+    Identify(IdentifyArgs),
+    /// Publish a recording's samples again; identifier and monitor follow as ever
+    #[command(after_help = EXIT_CODES)]
+    Replay(ReplayArgs),
+    /// Make figures and a page of a run that was recorded
+    #[command(after_help = EXIT_CODES)]
+    Report(ReportArgs),
+    /// Write a recording's samples as CSV, units in the header; `identify` reads it back to the same bits
+    #[command(after_help = EXIT_CODES)]
+    Export(ExportArgs),
+    /// Pause, resume, reset, tune, fix, free, save or describe a running identifier
+    #[command(after_help = EXIT_CODES)]
+    Ctl(CtlArgs),
+    /// Show what is on the bus: domains, programs, services, locks, memory
+    #[command(after_help = EXIT_CODES)]
+    Doctor(DoctorArgs),
+    /// Tools for configuration files
+    #[command(subcommand)]
+    Config(ConfigCommand),
+    /// The simulated machine on its own: samples onto the bus
+    #[command(after_help = EXIT_CODES)]
+    Plant(PlantArgs),
+    /// The identification service on its own: samples from the bus in, estimates out
+    #[command(after_help = EXIT_CODES)]
+    Identifier(IdentifierArgs),
+    /// The monitor on its own: logs the estimates, and keeps them
+    #[command(after_help = EXIT_CODES)]
+    Monitor(MonitorArgs),
+}
+
+#[derive(Subcommand)]
+enum ConfigCommand {
+    /// Check a configuration file and tell everything that is wrong or suspicious
+    #[command(after_help = EXIT_CODES)]
+    Check {
+        /// The file
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+        /// Override a key, as the programs do; repeatable
+        #[arg(long, value_name = "SECTION.KEY=VALUE")]
+        set: Vec<String>,
+    },
+}
+
+/// The whole `main` of a program: every command of `thetabus`, with the models of `catalog`.
+///
+/// ```no_run
+/// # use thetabus::model::Manipulator as Pendulum;
+/// use thetabus::config::Catalog;
+///
+/// fn main() -> std::process::ExitCode {
+///     thetabus::service::app(Catalog::default().with(Pendulum::default()))
+/// }
+/// ```
+///
+/// A program with models of its own begins with the first of them, configured as `config/own_plant.toml` says: rows from positions and inputs, so that
+/// nothing else has to be measured. `run` simulates its equations, see section `[plant.model]`; a machine of your own publishes instead if you start
+/// `identifier` and `monitor` beside it. What the programs refuse ends with exit code 2 and the reason on standard error.
+pub fn app(catalog: Catalog) -> ExitCode {
+    let matches = Program::command().bin_name(program_name()).get_matches();
+    let command = match Program::from_arg_matches(&matches) {
+        Ok(program) => program.command,
+        Err(error) => error.exit(),
+    };
+    command.execute(catalog)
+}
+
+/// [`app`] for one plant: its program, in one line.
+pub fn main_for(plant: impl Plant + Clone + Send + Sync + 'static) -> ExitCode {
+    app(Catalog::default().with(plant))
+}
+
+/// What the user typed to start this program.
+fn program_name() -> String {
+    let started_as = std::env::args_os().next().unwrap_or_default();
+    let stem = Path::new(&started_as).file_stem().unwrap_or_default();
+    match stem.to_string_lossy().into_owned() {
+        name if name.is_empty() => "thetabus".to_owned(),
+        name => name,
+    }
+}
+
+impl Command {
+    fn execute(self, catalog: Catalog) -> ExitCode {
+        let tool = |log_format| CommonArgs::with_logs(log_format).with_models(catalog.clone());
+        match self {
+            Self::Run(mut args) => {
+                args.plant.common.catalog = catalog;
+                main_with(&args.plant.common, |shutdown| super::launch(&args, shutdown))
+            }
+            Self::Identify(mut args) => {
+                args.common.catalog = catalog;
+                main_with(&args.common, |shutdown| super::identify(&args, shutdown))
+            }
+            Self::Replay(mut args) => {
+                args.common.catalog = catalog;
+                main_with(&args.common, |shutdown| super::replay(&args, shutdown))
+            }
+            Self::Report(args) => {
+                let common = tool(args.log_format);
+                main_with(&common, |_| super::report(&args, &common))
+            }
+            Self::Export(args) => main_with(&tool(args.log_format), |_| super::export(&args)),
+            Self::Ctl(args) => {
+                let common = tool(args.log_format);
+                main_with(&common, |_| super::ctl(&args, &common))
+            }
+            Self::Doctor(args) => main_with(&tool(args.log_format), |_| super::doctor(&args)),
+            Self::Config(ConfigCommand::Check { file, set }) => {
+                let common = CommonArgs::default().with_models(catalog);
+                main_with(&common, |_| super::config_check(&file, &set, &common))
+            }
+            Self::Plant(mut args) => {
+                args.common.catalog = catalog;
+                main_with(&args.common, |shutdown| super::plant(&args, shutdown))
+            }
+            Self::Identifier(mut args) => {
+                args.common.catalog = catalog;
+                main_with(&args.common, |shutdown| super::identifier(&args, shutdown))
+            }
+            Self::Monitor(mut args) => {
+                args.common.catalog = catalog;
+                main_with(&args.common, |shutdown| super::monitor(&args, shutdown))
+            }
+        }
+    }
+}

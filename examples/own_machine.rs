@@ -49,12 +49,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let mut machine = Pendulum { q: 0.3, dq: 0.0 };
     // A number that no earlier start of this machine had tells consumers that a new stream begins.
-    let boot_id = std::time::UNIX_EPOCH.elapsed()?.as_nanos() as u64;
+    let stream_id = std::time::UNIX_EPOCH.elapsed()?.as_nanos() as u64;
     let (samples, start) = ((seconds * 1e3) as u64, Instant::now());
     for seq in 0..samples {
         let t_ns = seq * PERIOD.as_nanos() as u64;
         let joints = machine.sample(t_ns as f64 * 1e-9);
-        let mut sample = Sample::new(boot_id, seq, t_ns, 1, signals::Q | signals::INPUT, &joints);
+        let mut sample = Sample::new(stream_id, seq, t_ns, 1, signals::Q | signals::INPUT, &joints);
         if seq + 1 == samples {
             sample.flags |= sample_flags::END;
         }

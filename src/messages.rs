@@ -3,11 +3,19 @@
 //! This is the only place that translates between messages and core types. The derive of `ZeroCopySend` is the one mention of
 //! iceoryx2 outside `bus/`: a trait can be derived only where its type is declared.
 //!
-//! Bit-identity of two runs covers every field except `boot_id`.
+//! Each message is one [table of fields](Layout); the structure, its empty value, the schema of recordings and the layouts for other languages follow
+//! from it.
+//!
+//! Bit-identity of two runs covers every field except `stream_id`.
 
 mod control;
+mod description;
+mod estimate;
+mod parameter_set;
 mod passage;
+mod sample;
 mod status;
+pub(crate) mod table;
 mod text;
 mod usable;
 
@@ -16,22 +24,22 @@ pub use control::{
     request_flags, response_code, stream_tag,
 };
 
+pub use description::{DerivedInfo, Description, JointInfo, MEANING, ParameterInfo};
+pub use estimate::{Estimate, State};
+pub use parameter_set::ParameterSet;
 pub use passage::Passage;
+pub use sample::{Header, Sample};
 pub use status::{
     ERROR_TEXT, ErrorCode, LastError, ProcessStatus, RealtimeStatus, Status, StreamFaults, Timing, status_flags,
 };
+pub use table::{Field, Kind, Layout, Message, Per, Visit};
 pub use text::{put_text, text_of};
 pub use usable::{ParameterNames, Usable};
 
-use crate::model::{JointSample, MAX_JOINTS, MAX_PARAMS};
-#[cfg(feature = "bus")]
-use iceoryx2::prelude::ZeroCopySend;
-use std::mem::{offset_of, size_of};
-
 /// Version of all payloads below; part of each type name and of the user header.
-pub const SCHEMA_VERSION: u32 = 2;
+pub const SCHEMA_VERSION: u32 = 3;
 /// The most derived values that an estimate can carry.
-pub const MAX_DERIVED: usize = 8;
+pub const MAX_DERIVED: usize = 32;
 
 /// Flags of a [`Header`].
 pub mod header_flags {
@@ -81,258 +89,148 @@ pub mod estimate_flags {
     pub const SENSOR: u32 = 1 << 5;
 }
 
-/// User header of every message.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusHeaderV2"))]
-pub struct Header {
-    /// [`SCHEMA_VERSION`] of the sender.
-    pub schema: u32,
-    /// [`header_flags`].
-    pub flags: u32,
-    /// CLOCK_MONOTONIC at sending \[ns\]; latency is measured from it.
-    pub sent_ns: u64,
+/// The layouts of everything that the bus carries, in the order of the documentation.
+pub fn layouts() -> [&'static Layout; 10] {
+    [
+        Header::LAYOUT,
+        Sample::LAYOUT,
+        Estimate::LAYOUT,
+        Status::LAYOUT,
+        Description::LAYOUT,
+        Request::LAYOUT,
+        Response::LAYOUT,
+        Journal::LAYOUT,
+        Item::LAYOUT,
+        LastError::LAYOUT,
+    ]
 }
 
-/// Topic `sample`: joints, setpoint and input of one instant.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusSampleV2"))]
-pub struct Sample {
-    /// Random number drawn at each start of the publisher.
-    pub boot_id: u64,
-    /// Counts from 0, one per sample period.
-    pub seq: u64,
-    /// Stream time \[ns\]: simulated time, or CLOCK_MONOTONIC on a machine.
-    pub t_ns: u64,
-    /// [`sample_flags`].
-    pub flags: u32,
-    /// Number of joints, 1 to [`MAX_JOINTS`].
-    pub joints: u32,
-    /// [`signals`].
-    pub signals: u32,
-    /// Zero.
-    pub pad: u32,
-    /// Position \[rad or m\].
-    pub q: [f64; MAX_JOINTS],
-    /// Velocity \[rad/s or m/s\].
-    pub dq: [f64; MAX_JOINTS],
-    /// Acceleration \[rad/s² or m/s²\].
-    pub ddq: [f64; MAX_JOINTS],
-    /// Jerk \[rad/s³ or m/s³\].
-    pub dddq: [f64; MAX_JOINTS],
-    /// Commanded position \[rad or m\].
-    pub setpoint: [f64; MAX_JOINTS],
-    /// Voltage, current, torque or force, as the model says.
-    pub input: [f64; MAX_JOINTS],
-}
-
-impl Sample {
-    /// The joints' signals as the core types have them.
-    pub fn joint_sample(&self) -> JointSample {
-        JointSample {
-            q: self.q,
-            dq: self.dq,
-            ddq: self.ddq,
-            dddq: self.dddq,
-            setpoint: self.setpoint,
-            input: self.input,
-        }
-    }
-
-    /// A message from the core type.
-    pub fn new(boot_id: u64, seq: u64, t_ns: u64, joints: usize, signals: u32, sample: &JointSample) -> Self {
-        Self {
-            boot_id,
-            seq,
-            t_ns,
-            flags: 0,
-            joints: joints as u32,
-            signals,
-            pad: 0,
-            q: sample.q,
-            dq: sample.dq,
-            ddq: sample.ddq,
-            dddq: sample.dddq,
-            setpoint: sample.setpoint,
-            input: sample.input,
-        }
-    }
-
-    /// True for the last sample of a stream.
-    pub fn is_end(&self) -> bool {
-        self.flags & sample_flags::END != 0
-    }
-}
-
-/// What the identifier is doing; `state` of [`Estimate`] and [`Status`].
-#[repr(u32)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum State {
-    /// Fewer data than one block.
-    #[default]
-    Collecting = 0,
-    /// Estimates exist and still move.
-    Converging = 1,
-    /// Estimates have settled within their deviations.
-    Converged = 2,
-    /// Stopped by a command.
-    Paused = 3,
-    /// The data carry too little information.
-    PoorlyExcited = 4,
-    /// A change of the plant is being tracked.
-    Changing = 5,
-    /// Samples are missing or rejected.
-    Degraded = 6,
-    /// The estimate must not be used.
-    Invalid = 7,
-    /// The stream ended and everything received has been processed (status only).
-    Ended = 8,
-    /// The model does not fit the block: residuals beyond the noise, signals that it does not explain, or a bound that the data push against.
-    Misfit = 9,
-}
-
-impl State {
-    const ALL: [(Self, &'static str); 10] = [
-        (Self::Collecting, "collecting"),
-        (Self::Converging, "converging"),
-        (Self::Converged, "converged"),
-        (Self::Paused, "paused"),
-        (Self::PoorlyExcited, "poorly_excited"),
-        (Self::Changing, "changing"),
-        (Self::Degraded, "degraded"),
-        (Self::Invalid, "invalid"),
-        (Self::Ended, "ended"),
-        (Self::Misfit, "misfit"),
-    ];
-
-    /// The name as in files and tables.
-    pub fn name(self) -> &'static str {
-        Self::ALL[self as usize].1
-    }
-
-    /// The state with this wire value; `None` for a value that this schema does not have.
-    pub fn from_wire(value: u32) -> Option<Self> {
-        Self::ALL.get(value as usize).map(|&(state, _)| state)
-    }
-}
-
-/// Topic `estimate`: θ̂ with its evidence, once per block.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusEstimateV2"))]
-pub struct Estimate {
-    /// `boot_id` of the sample stream.
-    pub boot_id: u64,
-    /// The paper's m: block = seq div N + 1.
-    pub block: u64,
-    /// Stream time of the first sample of the block \[ns\].
-    pub t_first_ns: u64,
-    /// Stream time of the last sample of the block \[ns\].
-    pub t_last_ns: u64,
-    /// Identifies the model: name, parameters, equations.
-    pub model_hash: u64,
-    /// Identifies the configuration that determines estimates.
-    pub config_hash: u64,
-    /// Samples used since the start of the stream.
-    pub accepted: u64,
-    /// Samples lost since the start of the stream, gaps in `seq`.
-    pub missing: u64,
-    /// Samples refused since the start of the stream: not finite, out of range, out of order.
-    pub rejected: u64,
-    /// Bit i: the block's data informed on parameter i.
-    pub excited: u64,
-    /// Bit i: parameter i is known from data and well enough to be used, if `use_ok` is 1, too. What both mean stands at [`Self::is_usable`].
-    pub usable: u64,
-    /// Bit i: parameter i is held by configuration or command.
-    pub fixed: u64,
-    /// Located time of the last change \[ns of stream time\], 0 where none was found.
-    pub t_change_ns: u64,
-    /// [`State`].
-    pub state: u32,
-    /// 1 if controllers may use what is marked in `usable`, else 0; see [`Self::is_usable`].
-    pub use_ok: u32,
-    /// [`estimate_flags`].
-    pub flags: u32,
-    /// Number of parameters, at most [`MAX_PARAMS`].
-    pub params: u32,
-    /// Number of equations, at most [`MAX_JOINTS`].
-    pub equations: u32,
-    /// Number of derived values, at most [`MAX_DERIVED`].
-    pub derived_len: u32,
-    /// Gauss-Newton iterations of this block.
-    pub iterations: u32,
-    /// Rows of this block treated as outliers, and samples replaced because they were spikes.
-    pub outliers: u32,
-    /// Condition number of the column-scaled information, `inf` where singular.
-    pub condition: f64,
-    /// Root mean square of the innovation f(θ̂ before the update), per equation.
-    pub innovation_rms: [f64; MAX_JOINTS],
-    /// Root mean square of the residual f(θ̂ after the update), per equation.
-    pub residual_rms: [f64; MAX_JOINTS],
-    /// χ² of the whitened residuals over their number, per equation: 1 on average if the block fits.
-    pub fit: [f64; MAX_JOINTS],
-    /// Share of the signal's power that the model explains, per equation, in the last block in which the signal stood out of the noise.
-    pub explained: [f64; MAX_JOINTS],
-    /// Probability of residuals as large as these, in the block or in its last part, if the model is right: below 1e-4 it is a misfit.
-    pub fit_probability: f64,
-    /// θ̂, in the units of the model.
-    pub theta: [f64; MAX_PARAMS],
-    /// Standard deviation of θ̂; `NaN` where the estimator gives none.
-    pub theta_std: [f64; MAX_PARAMS],
-    /// Physical values computed from θ̂ where the configuration knows the motor constants.
-    pub derived: [f64; MAX_DERIVED],
-    /// Their standard deviations.
-    pub derived_std: [f64; MAX_DERIVED],
-}
-
-impl Estimate {
-    /// An estimate of nothing: zeros, to be filled.
-    pub const EMPTY: Self = Self {
-        boot_id: 0,
-        block: 0,
-        t_first_ns: 0,
-        t_last_ns: 0,
-        model_hash: 0,
-        config_hash: 0,
-        accepted: 0,
-        missing: 0,
-        rejected: 0,
-        excited: 0,
-        usable: 0,
-        fixed: 0,
-        t_change_ns: 0,
-        state: 0,
-        use_ok: 0,
-        flags: 0,
-        params: 0,
-        equations: 0,
-        derived_len: 0,
-        iterations: 0,
-        outliers: 0,
-        condition: 0.0,
-        innovation_rms: [0.0; MAX_JOINTS],
-        residual_rms: [0.0; MAX_JOINTS],
-        fit: [0.0; MAX_JOINTS],
-        explained: [0.0; MAX_JOINTS],
-        fit_probability: 0.0,
-        theta: [0.0; MAX_PARAMS],
-        theta_std: [0.0; MAX_PARAMS],
-        derived: [0.0; MAX_DERIVED],
-        derived_std: [0.0; MAX_DERIVED],
-    };
-}
-
-// The layout is a contract with readers in other languages: a change here is a new schema version.
+// Sizes are a contract with readers in other languages: a change here is a new schema version.
 const _: () = {
     assert!(size_of::<Header>() == 16);
-    assert!(size_of::<Sample>() == 40 + 6 * 8 * MAX_JOINTS);
-    assert!(offset_of!(Sample, q) == 40);
-    assert!(
-        size_of::<Estimate>() == 13 * 8 + 8 * 4 + 2 * 8 + 4 * 8 * MAX_JOINTS + 2 * 8 * MAX_PARAMS + 2 * 8 * MAX_DERIVED
-    );
-    assert!(offset_of!(Estimate, state) == 104);
-    assert!(offset_of!(Estimate, condition) == 136);
-    assert!(offset_of!(Estimate, fit) == 144 + 2 * 8 * MAX_JOINTS);
-    assert!(offset_of!(Estimate, theta) == 152 + 4 * 8 * MAX_JOINTS);
+    assert!(size_of::<Sample>() == 424);
+    assert!(size_of::<Estimate>() == 2992);
+    assert!(size_of::<Status>() == 504);
 };
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Fields follow each other without a gap, nested ones included.
+    fn check(layout: &Layout) {
+        let mut end = 0;
+        for field in layout.fields {
+            assert_eq!(
+                field.offset, end,
+                "{}.{}: implicit padding before it",
+                layout.name, field.name
+            );
+            assert_eq!(
+                field.per == Per::Padding,
+                field.name.starts_with("pad"),
+                "{}.{}",
+                layout.name,
+                field.name
+            );
+            assert!(
+                !field.meaning.is_empty() && !field.meaning.ends_with('.'),
+                "{}.{}",
+                layout.name,
+                field.name
+            );
+            if let Kind::Struct(inner) = field.kind {
+                check(inner);
+                assert!(
+                    inner.type_name.is_empty() == layout.type_name.is_empty(),
+                    "{}",
+                    inner.name
+                );
+            }
+            end += field.kind.size() * field.len;
+        }
+        assert_eq!(layout.size, end, "{}: implicit padding at its end", layout.name);
+        let version = format!("V{SCHEMA_VERSION}");
+        assert!(
+            layout.type_name.ends_with(&version),
+            "{}: the type name lacks {version}",
+            layout.name
+        );
+    }
+
+    #[test]
+    fn prop_no_message_has_implicit_padding_and_each_name_has_the_version() {
+        layouts().into_iter().for_each(check);
+    }
+
+    /// Adds up what the walk shows.
+    #[derive(Default)]
+    struct Count {
+        bytes: usize,
+        depth: usize,
+        names: Vec<String>,
+    }
+
+    impl Visit for Count {
+        type Error = std::convert::Infallible;
+        fn u8s(&mut self, field: &Field, values: &mut [u8]) -> Result<(), Self::Error> {
+            self.add(field, size_of_val(values))
+        }
+        fn u32s(&mut self, field: &Field, values: &mut [u32]) -> Result<(), Self::Error> {
+            values.fill(1);
+            self.add(field, size_of_val(values))
+        }
+        fn u64s(&mut self, field: &Field, values: &mut [u64]) -> Result<(), Self::Error> {
+            self.add(field, size_of_val(values))
+        }
+        fn f64s(&mut self, field: &Field, values: &mut [f64]) -> Result<(), Self::Error> {
+            self.add(field, size_of_val(values))
+        }
+        fn enter(&mut self, _: &Field, _: usize) {
+            self.depth += 1;
+        }
+        fn leave(&mut self) {
+            self.depth -= 1;
+        }
+    }
+
+    impl Count {
+        fn add(&mut self, field: &Field, bytes: usize) -> Result<(), std::convert::Infallible> {
+            self.bytes += bytes;
+            if self.depth == 0 {
+                self.names.push(field.name.to_owned());
+            }
+            Ok(())
+        }
+    }
+
+    fn walked<M: Message>() {
+        let mut count = Count::default();
+        let mut message = M::EMPTY;
+        let Ok(()) = message.visit(&mut count);
+        assert_eq!((count.bytes, count.depth), (size_of::<M>(), 0), "{}", M::LAYOUT.name);
+        let plain = M::LAYOUT
+            .fields
+            .iter()
+            .filter(|field| !matches!(field.kind, Kind::Struct(_)));
+        assert!(
+            plain.map(|field| field.name).eq(count.names.iter()),
+            "{}",
+            M::LAYOUT.name
+        );
+    }
+
+    #[test]
+    fn prop_the_walk_shows_every_byte_of_a_message_and_may_change_it() {
+        walked::<Header>();
+        walked::<Sample>();
+        walked::<Estimate>();
+        walked::<Status>();
+        walked::<Description>();
+        walked::<Response>();
+        walked::<Journal>();
+        let mut sample = Sample::EMPTY;
+        let Ok(()) = sample.visit(&mut Count::default());
+        assert_eq!((sample.flags, sample.joints, sample.signals), (1, 1, 1));
+    }
+}

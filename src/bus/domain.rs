@@ -35,6 +35,32 @@ pub struct Domain {
     name: String,
     root: PathBuf,
     prefix: String,
+    limits: Limits,
+}
+
+/// How many can be on a topic at a time. Whoever makes a topic decides; everybody else takes it as it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Samples that a consumer may be behind in real time before it loses the oldest.
+    pub sample_buffer: usize,
+    /// Subscribers of samples.
+    pub sample_subscribers: usize,
+    /// Subscribers of estimates, and as many of status, journal and description.
+    pub estimate_subscribers: usize,
+    /// Programs that have a topic open.
+    pub programs: usize,
+}
+
+impl Default for Limits {
+    /// 4 s at 1 kHz, 16 and 32 subscribers, 64 programs.
+    fn default() -> Self {
+        Self {
+            sample_buffer: 4096,
+            sample_subscribers: 16,
+            estimate_subscribers: 32,
+            programs: 64,
+        }
+    }
 }
 
 impl Domain {
@@ -69,6 +95,7 @@ impl Domain {
             name: name.into(),
             root,
             prefix,
+            limits: Limits::default(),
         })
     }
 
@@ -100,6 +127,18 @@ impl Domain {
     fn is_own_directory(&self) -> bool {
         let uid = nix::unistd::geteuid().as_raw();
         std::fs::symlink_metadata(&self.root).is_ok_and(|found| found.is_dir() && found.uid() == uid)
+    }
+
+    /// The same with other limits for the topics that this program makes.
+    #[must_use]
+    pub fn with_limits(mut self, limits: Limits) -> Self {
+        self.limits = limits;
+        self
+    }
+
+    /// The limits of topics that this program makes.
+    pub fn limits(&self) -> Limits {
+        self.limits
     }
 
     /// Its name.

@@ -7,13 +7,14 @@
 //!
 //! | topic | who publishes | QoS |
 //! |---|---|---|
-//! | `sample` + event | one | by [`Delivery`]; 4 subscribers, 16 nodes |
-//! | `estimate` + event | one, and a spare for bridges | overflow on, buffer 64, history 1; 16 subscribers |
-//! | `status` | one, and a spare for bridges | overflow on, buffer 64, history 1; 16 subscribers |
-//! | `journal` | one, and a spare for bridges | overflow on, buffer 64, history 64; 16 subscribers |
+//! | `sample` + event | one | by [`Delivery`]; 16 subscribers; in real time buffer 4096, history 256 |
+//! | `estimate` + event | one, and a spare for bridges | overflow on, buffer 64, history 1; 32 subscribers |
+//! | `status` | one, and a spare for bridges | overflow on, buffer 64, history 1; 32 subscribers |
+//! | `description` | one, and a spare for bridges | overflow on, buffer 1, history 1; 32 subscribers |
+//! | `journal` | one, and a spare for bridges | overflow on, buffer 64, history 64; 32 subscribers |
 //! | `control` + event | request-response: one server, 8 clients | one request at a time per client |
 //!
-//! Service names are `thetabus/<robot>/<topic>`, isolated from other runs by a [`Domain`]. Every message has the user header
+//! Numbers of subscribers and the buffer of samples are defaults: [`Limits`]. Service names are `thetabus/<robot>/<topic>`, isolated from other runs by a [`Domain`]. Every message has the user header
 //! [`Header`]. Ports belong to the thread that made them. What a killed process leaves behind is
 //! cleaned up by the next one that joins.
 //!
@@ -60,7 +61,7 @@ mod topic;
 mod watch;
 
 pub use control::{ControlClient, ControlServer};
-pub use domain::Domain;
+pub use domain::{Domain, Limits};
 pub use error::{BusError, ICEORYX2_VERSION};
 pub use inspect::{
     Cleaned, DomainReport, LockReport, MemoryReport, NodeReport, ServiceReport, clean, domains, inspect,

@@ -115,22 +115,20 @@ impl Bus {
     }
 
     fn event_named(&self, topic: Topic, name: &ServiceName) -> Result<EventService, BusError> {
+        let programs = self.domain().limits().programs;
         let (nodes, notifiers) = match topic {
-            Topic::Sample => (sample::MAX_NODES, 2),
             Topic::Control => (control::MAX_NODES, control::MAX_CLIENTS),
-            _ => (latched::MAX_NODES, 2),
+            _ => (programs, 2),
         };
+        let builder = || self.0.membership.node.service_builder(name).event();
         self.persist(
-            || {
-                self.0
-                    .membership
-                    .node
-                    .service_builder(name)
-                    .event()
+            || match builder().open() {
+                Err(EventOpenError::DoesNotExist) => builder()
                     .max_notifiers(notifiers)
                     .max_listeners(nodes)
                     .max_nodes(nodes)
-                    .open_or_create()
+                    .open_or_create(),
+                opened => opened.map_err(EventOpenOrCreateError::EventOpenError),
             },
             |e| {
                 matches!(
@@ -140,6 +138,9 @@ impl Bus {
                             EventOpenError::Interrupt
                                 | EventOpenError::HangsInCreation
                                 | EventOpenError::IsMarkedForDestruction
+                                | EventOpenError::DoesNotSupportRequestedAmountOfNotifiers
+                                | EventOpenError::DoesNotSupportRequestedAmountOfListeners
+                                | EventOpenError::DoesNotSupportRequestedAmountOfNodes
                         )
                         | EventOpenOrCreateError::EventCreateError(
                             EventCreateError::Interrupt | EventCreateError::IsBeingCreatedByAnotherInstance
@@ -155,27 +156,31 @@ impl Bus {
         })
     }
 
-    /// `estimate` or `status`; made by whoever comes first.
+    /// `estimate`, `status`, `description` or `journal`; made by whoever comes first, with its [`Limits`](super::Limits), and taken as it is by
+    /// whoever comes later.
     pub(super) fn latched<T: Latched>(&self) -> Result<PubSubService<T>, BusError> {
         let name = self.service_name(T::TOPIC)?;
+        let limits = self.domain().limits();
+        let builder = || {
+            let service = self.0.membership.node.service_builder(&name);
+            service
+                .publish_subscribe::<T>()
+                .user_header::<Header>()
+                .enable_safe_overflow(true)
+        };
         self.persist(
-            || {
-                self.0
-                    .membership
-                    .node
-                    .service_builder(&name)
-                    .publish_subscribe::<T>()
-                    .user_header::<Header>()
-                    .enable_safe_overflow(true)
-                    .subscriber_max_buffer_size(latched::BUFFER)
+            || match builder().open() {
+                Err(PublishSubscribeOpenError::DoesNotExist) => builder()
+                    .subscriber_max_buffer_size(T::BUFFER)
                     .subscriber_max_borrowed_samples(latched::MAX_BORROWED)
                     .history_size(T::HISTORY)
                     .max_publishers(latched::MAX_PUBLISHERS)
-                    .max_subscribers(latched::MAX_SUBSCRIBERS)
-                    .max_nodes(latched::MAX_NODES)
-                    .open_or_create()
+                    .max_subscribers(limits.estimate_subscribers)
+                    .max_nodes(limits.programs)
+                    .open_or_create(),
+                opened => opened.map_err(PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError),
             },
-            in_flux,
+            |e| in_flux(e) || has_other_limits(e),
         )
         .map_err(|e| self.pub_sub_error::<T>(T::TOPIC, &e))
     }
@@ -184,6 +189,9 @@ impl Bus {
     /// once they notice that it is gone, so a mismatch gets a second look.
     pub(super) fn create_sample(&self, overflow: bool, buffer: usize) -> Result<PubSubService<Sample>, BusError> {
         let name = self.service_name(Topic::Sample)?;
+        let limits = self.domain().limits();
+        // In lockstep nobody who counts comes later.
+        let history = if overflow { sample::HISTORY.min(buffer) } else { 0 };
         self.persist(
             || {
                 self.0
@@ -195,19 +203,21 @@ impl Bus {
                     .enable_safe_overflow(overflow)
                     .subscriber_max_buffer_size(buffer)
                     .subscriber_max_borrowed_samples(sample::MAX_BORROWED)
-                    .history_size(0)
+                    .history_size(history)
                     .max_publishers(sample::MAX_PUBLISHERS)
-                    .max_subscribers(sample::MAX_SUBSCRIBERS)
-                    .max_nodes(sample::MAX_NODES)
+                    .max_subscribers(limits.sample_subscribers)
+                    .max_nodes(limits.programs)
                     .open_or_create()
             },
             |e| {
                 in_flux(e)
+                    || has_other_limits(e)
                     || matches!(
                         e,
                         PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
                             PublishSubscribeOpenError::IncompatibleOverflowBehavior
                                 | PublishSubscribeOpenError::DoesNotSupportRequestedMinBufferSize
+                                | PublishSubscribeOpenError::DoesNotSupportRequestedMinHistorySize
                         )
                     )
             },
@@ -336,7 +346,7 @@ impl Bus {
                 Open::IncompatibleTypes => {
                     let expected = TypeDetail::new::<T>(TypeVariant::FixedSize);
                     format!(
-                        "expected messages {} of {} bytes with ThetabusHeaderV2, found {}; build both programs from the same version of \
+                        "expected messages {} of {} bytes with ThetabusHeaderV3, found {}; build both programs from the same version of \
                          thetabus",
                         expected.type_name(),
                         expected.size(),
@@ -352,7 +362,7 @@ impl Bus {
                      programs and use the same version, or use another --domain"
                 ),
                 Open::InsufficientPermissions => "it belongs to another user; use another --domain".into(),
-                Open::ExceedsMaxNumberOfNodes => "too many programs use it already".into(),
+                Open::ExceedsMaxNumberOfNodes => "as many programs use it as it was made for: stop one of them, or raise bus.max_programs and start the programs of this robot anew".into(),
                 other => format!("cannot be opened ({other:?}); {}", advice()),
             },
             PublishSubscribeOpenOrCreateError::PublishSubscribeCreateError(create) => {
@@ -422,5 +432,16 @@ fn in_flux(error: &PublishSubscribeOpenOrCreateError) -> bool {
                     | PublishSubscribeCreateError::IsBeingCreatedByAnotherInstance
                     | PublishSubscribeCreateError::HangsInCreation
             )
+    )
+}
+
+/// Made by somebody with other limits. Where the topic is there already, it is taken as it is at the next attempt.
+fn has_other_limits(error: &PublishSubscribeOpenOrCreateError) -> bool {
+    matches!(
+        error,
+        PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
+            PublishSubscribeOpenError::DoesNotSupportRequestedAmountOfSubscribers
+                | PublishSubscribeOpenError::DoesNotSupportRequestedAmountOfNodes
+        )
     )
 }

@@ -19,10 +19,15 @@ pub struct Publisher<T: Latched> {
     receipts: Option<ReceiptBook>,
 }
 
+/// Bytes that a publisher takes at worst.
+pub(super) const fn bytes_of<T: Latched>(subscribers: usize) -> u64 {
+    latched::segment_bytes(subscribers, T::BUFFER, size_of::<T>(), T::HISTORY)
+}
+
 impl<T: Latched> Publisher<T> {
     /// Becomes a publisher of the topic.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
-        let claim = memory::claim(bus, T::TOPIC, latched::segment_bytes(size_of::<T>(), T::HISTORY))?;
+        let claim = memory::claim(bus, T::TOPIC, bytes_of::<T>(bus.domain().limits().estimate_subscribers))?;
         let service = bus.latched::<T>()?;
         let port = service
             .publisher_builder()

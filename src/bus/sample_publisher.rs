@@ -106,13 +106,16 @@ pub struct SamplePublisher {
 impl SamplePublisher {
     /// Makes the topic; `stop` shortens every wait once it is set.
     pub fn new(bus: &Bus, delivery: Delivery, stop: Arc<AtomicBool>) -> Result<Self, BusError> {
-        let (overflow, buffer, required) = match delivery {
-            Delivery::Realtime => (true, sample::REALTIME_BUFFER, 0),
-            Delivery::Lockstep { consumers, .. } => (false, sample::LOCKSTEP_BUFFER, consumers),
+        let limits = bus.domain().limits();
+        let (buffer, required) = match delivery {
+            Delivery::Realtime => (limits.sample_buffer, 0),
+            Delivery::Lockstep { consumers, .. } => (sample::LOCKSTEP_BUFFER, consumers),
         };
-        let needed = sample::segment_bytes(buffer) + sample::MAX_SUBSCRIBERS as u64 * sample::connection_bytes(buffer);
+        let subscribers = limits.sample_subscribers;
+        let needed = sample::segment_bytes(subscribers, buffer)
+            + subscribers as u64 * sample::connection_bytes(subscribers, buffer);
         memory::check(bus, Topic::Sample, needed + memory::SPARE)?;
-        let service = bus.create_sample(overflow, buffer)?;
+        let service = bus.create_sample(delivery == Delivery::Realtime, buffer)?;
         // Consumers of a publisher that has gone let go within an idle tick and come back to this one, connected from the start.
         let start = Instant::now();
         while service.dynamic_config().number_of_subscribers() > 0 && start.elapsed() < 3 * IDLE_TICK {

@@ -2,7 +2,7 @@
 
 use super::memory;
 use super::strangers::ForeignSchemas;
-use super::subscriber::{listener, wait};
+use super::subscriber::{listener, no_place, wait};
 use super::topic::sample;
 use super::{Bus, BusError, Listener, PubSubService, SubscriberPort, Topic};
 use crate::messages::{Sample, header_flags};
@@ -20,7 +20,7 @@ pub struct SampleSubscriber {
     connection: Option<Connection>,
     /// That there is too little shared memory to connect has been said.
     is_told: bool,
-    /// boot_id and seq of the last sample handed over.
+    /// stream_id and seq of the last sample handed over.
     last: Option<(u64, u64)>,
     schemas: ForeignSchemas,
 }
@@ -92,12 +92,13 @@ impl SampleSubscriber {
         if service.dynamic_config().number_of_publishers() == 0 {
             return Ok(());
         }
-        let buffer = service.static_config().subscriber_max_buffer_size();
-        let claim = memory::claim(&self.bus, Topic::Sample, sample::connection_bytes(buffer))?;
-        let port = service
-            .subscriber_builder()
-            .create()
-            .map_err(|e| self.bus.topic_error(Topic::Sample, format!("cannot subscribe: {e:?}")))?;
+        let settings = service.static_config();
+        let bytes = sample::connection_bytes(settings.max_subscribers(), settings.subscriber_max_buffer_size());
+        let claim = memory::claim(&self.bus, Topic::Sample, bytes)?;
+        let port = service.subscriber_builder().create().map_err(|e| {
+            self.bus
+                .topic_error(Topic::Sample, no_place(&e, "bus.max_sample_subscribers"))
+        })?;
         claim.take()?;
         self.connection = Some(Connection { port, service });
         Ok(())
@@ -133,7 +134,7 @@ impl SampleSubscriber {
                 continue;
             }
             let sample = message.payload();
-            let place = Some((sample.boot_id, sample.seq));
+            let place = Some((sample.stream_id, sample.seq));
             if message.user_header().flags & header_flags::RESENT != 0 && place == self.last {
                 continue;
             }

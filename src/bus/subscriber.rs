@@ -5,6 +5,7 @@ use super::receipts::Receipts;
 use super::strangers::{ForeignSchemas, Speaker};
 use super::{Bus, BusError, Latched, Listener, PubSubService, SubscriberPort, Topic};
 use iceoryx2::port::listener::Listener as ListenerPort;
+use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::prelude::ipc;
 use std::time::Duration;
 
@@ -32,7 +33,7 @@ impl<T: Latched> Subscriber<T> {
         let port = service
             .subscriber_builder()
             .create()
-            .map_err(|e| bus.topic_error(T::TOPIC, format!("cannot subscribe: {e:?}")))?;
+            .map_err(|e| bus.topic_error(T::TOPIC, no_place(&e, "bus.max_estimate_subscribers")))?;
         claim.take()?;
         Ok(Self {
             listener,
@@ -100,6 +101,16 @@ impl<T: Latched> Subscriber<T> {
             }
             count += 1;
         }
+    }
+}
+
+/// Why a subscriber cannot be made; `key` sets how many there can be.
+pub(super) fn no_place(error: &SubscriberCreateError, key: &str) -> String {
+    match error {
+        SubscriberCreateError::ExceedsMaxSupportedSubscribers => format!(
+            "it has as many subscribers as it was made for: stop one of them, or raise {key} and start the programs of this robot anew"
+        ),
+        other => format!("cannot subscribe: {other:?}"),
     }
 }
 

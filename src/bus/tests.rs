@@ -1,5 +1,5 @@
 use super::*;
-use crate::messages::{Estimate, Journal, Sample, State, Status};
+use crate::messages::{Description, Estimate, Journal, Sample, State, Status};
 use crate::model::JointSample;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -170,7 +170,7 @@ fn realtime_never_waits_and_the_consumer_keeps_the_newest() {
     }
     let mut seqs = Vec::new();
     subscriber.drain(usize::MAX, |s| seqs.push(s.seq)).expect("drain");
-    assert_eq!(seqs, (10_000 - 8_192..10_000).collect::<Vec<_>>());
+    assert_eq!(seqs, (10_000 - 4_096..10_000).collect::<Vec<_>>());
 }
 
 #[test]
@@ -254,13 +254,13 @@ fn a_topic_with_other_messages_is_refused_with_expected_and_found() {
         "topic sample",
         "\"arm\"",
         bus.domain().name(),
-        "ThetabusSampleV2",
-        "ThetabusStatusV2",
+        "ThetabusSampleV3",
+        "ThetabusStatusV3",
     ] {
         assert!(refused.contains(part), "{part}: {refused}");
     }
     let error = SampleSubscriber::new(&bus).expect_err("another type").to_string();
-    assert!(error.contains("expected messages ThetabusSampleV2"), "{error}");
+    assert!(error.contains("expected messages ThetabusSampleV3"), "{error}");
 }
 
 #[test]
@@ -392,8 +392,10 @@ fn bytes(domain: &Domain, ending: &str) -> u64 {
 
 #[test]
 fn prop_what_a_port_asks_for_is_what_it_takes_at_most_and_not_much_more() {
-    use super::topic::{control, latched, sample};
+    use super::publisher::bytes_of;
+    use super::topic::{control, sample};
     let domain = TestDomain::new();
+    let limits = domain.0.limits();
     let bus = Bus::join(&domain.0, "arm", "all").expect("join");
     let mut before = 0;
     let mut took = |asked: u64| {
@@ -403,13 +405,15 @@ fn prop_what_a_port_asks_for_is_what_it_takes_at_most_and_not_much_more() {
         assert!(taken <= asked && asked < 2 * taken, "{taken} of {asked}");
     };
     let _sample = SamplePublisher::new(&bus, Delivery::Realtime, never()).expect("publish");
-    took(sample::segment_bytes(sample::REALTIME_BUFFER));
+    took(sample::segment_bytes(limits.sample_subscribers, limits.sample_buffer));
     let _estimate = Publisher::<Estimate>::new(&bus).expect("publish");
-    took(latched::segment_bytes(size_of::<Estimate>(), Estimate::HISTORY));
+    took(bytes_of::<Estimate>(limits.estimate_subscribers));
     let _status = Publisher::<Status>::new(&bus).expect("publish");
-    took(latched::segment_bytes(size_of::<Status>(), Status::HISTORY));
+    took(bytes_of::<Status>(limits.estimate_subscribers));
+    let _description = Publisher::<Description>::new(&bus).expect("publish");
+    took(bytes_of::<Description>(limits.estimate_subscribers));
     let _journal = Publisher::<Journal>::new(&bus).expect("publish");
-    took(latched::segment_bytes(size_of::<Journal>(), Journal::HISTORY));
+    took(bytes_of::<Journal>(limits.estimate_subscribers));
     let _server = ControlServer::new(&bus).expect("serve");
     took(control::server_bytes());
     let _client = ControlClient::new(&bus).expect("ask");
@@ -417,7 +421,7 @@ fn prop_what_a_port_asks_for_is_what_it_takes_at_most_and_not_much_more() {
     let connections = bytes(&domain.0, ".connection");
     let _subscriber = SampleSubscriber::new(&bus).expect("subscribe");
     let connection = bytes(&domain.0, ".connection") - connections;
-    let asked = sample::connection_bytes(sample::REALTIME_BUFFER);
+    let asked = sample::connection_bytes(limits.sample_subscribers, limits.sample_buffer);
     assert!(connection <= asked && asked < 2 * connection, "{connection} of {asked}");
     // What is left is small beside what every port asks for in addition.
     let small: u64 = [".dynamic", ".event_mgmt"]
@@ -431,4 +435,45 @@ fn prop_what_a_port_asks_for_is_what_it_takes_at_most_and_not_much_more() {
         let found = entry.metadata().expect("there");
         assert!(found.blocks() * 512 >= found.len(), "{}", entry.path().display());
     }
+}
+
+#[test]
+fn prop_a_consumer_that_connects_late_gets_what_was_sent_in_real_time() {
+    let domain = TestDomain::new();
+    let bus = Bus::join(&domain.0, "arm", "all").expect("join");
+    let kept = super::topic::sample::HISTORY as u64;
+    let mut publisher = SamplePublisher::new(&bus, Delivery::Realtime, never()).expect("publish");
+    for seq in 0..kept + 10 {
+        publisher.send(&sample(seq)).expect("sent");
+    }
+    let mut late = SampleSubscriber::new(&bus).expect("subscribe");
+    publisher.send(&sample(kept + 10)).expect("sent");
+    let mut seqs = Vec::new();
+    late.drain(1000, |s| seqs.push(s.seq)).expect("drained");
+    assert!(
+        seqs.iter().copied().eq(10..=kept + 10) || seqs.iter().copied().eq(11..=kept + 10),
+        "{seqs:?}"
+    );
+}
+
+#[test]
+fn prop_a_topic_is_taken_as_it_is_by_who_comes_later_and_says_which_key_makes_room() {
+    let domain = TestDomain::new();
+    let small = Limits {
+        estimate_subscribers: 2,
+        sample_subscribers: 1,
+        sample_buffer: 300,
+        ..Limits::default()
+    };
+    let narrow = domain.0.clone().with_limits(small);
+    let bus = Bus::join(&narrow, "arm", "first").expect("join");
+    let _plant = SamplePublisher::new(&bus, Delivery::Realtime, never()).expect("publish");
+    let _first = Subscriber::<Estimate>::new(&bus).expect("subscribe");
+    let wide = Bus::join(&domain.0, "arm", "second").expect("join");
+    let _second = Subscriber::<Estimate>::new(&wide).expect("subscribe");
+    let error = Subscriber::<Estimate>::new(&wide).expect_err("no place").to_string();
+    assert!(error.contains("bus.max_estimate_subscribers"), "{error}");
+    let _sample = SampleSubscriber::new(&wide).expect("subscribe");
+    let error = SampleSubscriber::new(&wide).expect_err("no place").to_string();
+    assert!(error.contains("bus.max_sample_subscribers"), "{error}");
 }

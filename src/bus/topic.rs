@@ -1,6 +1,6 @@
 //! Names and sizes of the topics: the contract with every other program on the bus.
 
-use crate::messages::{Estimate, Journal, Sample, Status};
+use crate::messages::{Description, Estimate, Journal, Sample, Status};
 use iceoryx2::prelude::ZeroCopySend;
 use std::fmt;
 
@@ -13,6 +13,8 @@ pub enum Topic {
     Estimate,
     /// [`Status`] of the identifier.
     Status,
+    /// [`Description`] of what is identified.
+    Description,
     /// [`Journal`] of the commands that took effect.
     Journal,
     /// Requests to the identifier.
@@ -26,6 +28,7 @@ impl Topic {
             Self::Sample => "sample",
             Self::Estimate => "estimate",
             Self::Status => "status",
+            Self::Description => "description",
             Self::Journal => "journal",
             Self::Control => "control",
         }
@@ -44,6 +47,8 @@ pub trait Latched: ZeroCopySend + fmt::Debug + Copy + 'static {
     const TOPIC: Topic;
     /// How many of the last messages a late joiner gets.
     const HISTORY: usize = latched::HISTORY;
+    /// How many messages a reader may be behind.
+    const BUFFER: usize = latched::BUFFER;
     /// Whether a message wakes its readers; they look once per tick where it does not.
     const WAKES: bool = true;
 }
@@ -57,36 +62,41 @@ impl Latched for Status {
     const WAKES: bool = false;
 }
 
+impl Latched for Description {
+    const TOPIC: Topic = Topic::Description;
+    // 40 KB each, and only the last one says anything
+    const BUFFER: usize = 1;
+    const WAKES: bool = false;
+}
+
 impl Latched for Journal {
     const TOPIC: Topic = Topic::Journal;
     const HISTORY: usize = latched::BUFFER;
     const WAKES: bool = false;
 }
 
-/// Sizes of `sample`.
+/// Sizes of `sample`; how many subscribers there can be, and the buffer in real time, is in [`Limits`](super::Limits).
 pub(super) mod sample {
     use super::Sample;
 
     pub const MAX_PUBLISHERS: usize = 1;
-    pub const MAX_SUBSCRIBERS: usize = 4;
-    pub const MAX_NODES: usize = 16;
     pub const MAX_BORROWED: usize = 2;
-    /// Realtime: 8 s at 1 kHz for a consumer that was held up.
-    pub const REALTIME_BUFFER: usize = 8192;
+    /// Realtime: what a consumer gets that connects later, 256 ms at 1 kHz.
+    pub const HISTORY: usize = 256;
     /// Lockstep: the publisher waits, so this needs only to bridge the scheduler's pauses; small enough to stay in the cache.
     pub const LOCKSTEP_BUFFER: usize = 1024;
     /// Bytes of a publisher's data segment at worst.
-    pub const fn segment_bytes(buffer: usize) -> u64 {
+    pub const fn segment_bytes(subscribers: usize, buffer: usize) -> u64 {
         // Headers and alignment take less than 128 bytes.
-        (chunks(buffer) * (size_of::<Sample>() + 128)) as u64
+        (chunks(subscribers, buffer) * (size_of::<Sample>() + 128)) as u64
     }
     /// Bytes of the connection of a publisher and a subscriber at worst: a word per place in the queues to and fro, a byte per
     /// sample that may be on loan, and a page for what describes it.
-    pub const fn connection_bytes(buffer: usize) -> u64 {
-        (2 * 8 * (buffer + MAX_BORROWED + 2) + chunks(buffer) + 4096) as u64
+    pub const fn connection_bytes(subscribers: usize, buffer: usize) -> u64 {
+        (2 * 8 * (buffer + MAX_BORROWED + 2) + chunks(subscribers, buffer) + 4096) as u64
     }
-    const fn chunks(buffer: usize) -> usize {
-        MAX_SUBSCRIBERS * (buffer + MAX_BORROWED) + 2
+    const fn chunks(subscribers: usize, buffer: usize) -> usize {
+        subscribers * (buffer + MAX_BORROWED) + HISTORY + 2
     }
 }
 
@@ -108,16 +118,15 @@ pub(super) mod control {
     }
 }
 
-/// Sizes of `estimate`, `status` and `journal`.
+/// Sizes of `estimate`, `status`, `description` and `journal`.
 pub(super) mod latched {
     pub const MAX_PUBLISHERS: usize = 2;
-    pub const MAX_SUBSCRIBERS: usize = 16;
-    pub const MAX_NODES: usize = 20;
     pub const BUFFER: usize = 64;
     pub const HISTORY: usize = 1;
     pub const MAX_BORROWED: usize = 2;
-    /// Bytes of a publisher's data segment at worst, for messages of this size and so many of them for late joiners.
-    pub const fn segment_bytes(message: usize, history: usize) -> u64 {
-        ((MAX_SUBSCRIBERS * (BUFFER + MAX_BORROWED) + history + 2) * (message + 128)) as u64
+    /// Bytes of a publisher's data segment at worst, for so many subscribers with this buffer, messages of this size and so many of them for late
+    /// joiners.
+    pub const fn segment_bytes(subscribers: usize, buffer: usize, message: usize, history: usize) -> u64 {
+        ((subscribers * (buffer + MAX_BORROWED) + history + 2) * (message + 128)) as u64
     }
 }

@@ -51,6 +51,10 @@ pub(super) fn config(mut form: FileForm, catalog: &Catalog, layers: &Layers) -> 
         },
         lockstep_consumers: form.bus.lockstep_consumers as usize,
         lockstep_limit_s: form.bus.lockstep_limit_s,
+        sample_buffer: form.bus.sample_buffer as usize,
+        max_sample_subscribers: form.bus.max_sample_subscribers as usize,
+        max_estimate_subscribers: form.bus.max_estimate_subscribers as usize,
+        max_programs: form.bus.max_programs as usize,
     };
     let monitor = MonitorConfig {
         out_dir: form.monitor.out_dir.as_ref().map(PathBuf::from),

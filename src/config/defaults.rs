@@ -46,6 +46,10 @@ impl Default for FileForm {
                 delivery: "auto".to_owned(),
                 lockstep_consumers: 1,
                 lockstep_limit_s: 10.0,
+                sample_buffer: 4096,
+                max_sample_subscribers: 16,
+                max_estimate_subscribers: 32,
+                max_programs: 64,
             },
             plant: schema::Plant {
                 duration_s: sim.duration_s,

@@ -34,6 +34,14 @@ pub struct BusConfig {
     pub lockstep_consumers: usize,
     /// Longest wait for a consumer \[s\].
     pub lockstep_limit_s: f64,
+    /// Samples that a consumer may be behind in real time.
+    pub sample_buffer: usize,
+    /// Subscribers of samples.
+    pub max_sample_subscribers: usize,
+    /// Subscribers of estimates, status, journal and description.
+    pub max_estimate_subscribers: usize,
+    /// Programs with a topic open.
+    pub max_programs: usize,
 }
 
 impl BusConfig {

@@ -226,8 +226,8 @@ impl BlockEstimator {
         if let Some(index) = state.reals.iter().position(|v| !v.is_finite()) {
             return Err(StateError::NotFinite { index });
         }
-        // Without a list of its own, because a running identifier loads, too. There are at most 64 parameters.
-        let fixed = (0..self.options.fixed.len()).fold(0u64, |bits, i| bits | u64::from(self.options.fixed[i]) << i);
+        // Without a list of its own, because a running identifier loads, too. There are at most 128 parameters.
+        let fixed = (0..self.options.fixed.len()).fold(0u128, |bits, i| bits | u128::from(self.options.fixed[i]) << i);
         let mut load = Load::new(state);
         self.visit(&mut load);
         judge.visit(&mut load);
@@ -865,7 +865,7 @@ impl BlockEstimator {
             };
             self.report.theta_std[i] = std;
             let small = 3.0 * std < Self::USABLE * self.published.theta[i].abs();
-            usable |= u64::from(small && quiet && fits && free) << i;
+            usable |= u128::from(small && quiet && fits && free) << i;
         }
         let report = &mut self.report;
         report.theta.copy_from_slice(&self.published.theta);
@@ -878,14 +878,14 @@ impl BlockEstimator {
             report.outliers,
         ) = (0, 0, 0, 1.0, 0);
         for (i, fixed) in self.options.fixed.iter().enumerate() {
-            report.fixed |= u64::from(*fixed) << i;
+            report.fixed |= u128::from(*fixed) << i;
         }
         for group in &self.groups {
             let start = group.parameters.start;
             for i in 0..group.n {
                 let share = group.excitation.share(i);
                 report.excitation[start + i] = share;
-                report.excited |= u64::from(share > Self::EXCITED) << (start + i);
+                report.excited |= u128::from(share > Self::EXCITED) << (start + i);
             }
             report.rank += group.excitation.rank;
             report.condition = report.condition.max(group.condition);

@@ -63,7 +63,7 @@ pub use wrls::{Wrls, WrlsError};
 use std::ops::Range;
 
 /// The most parameters that an estimator can have: masks are 64 bits wide.
-pub const MAX_PARAMS: usize = 64;
+pub const MAX_PARAMS: usize = 128;
 
 /// Which parameters each equation depends on; the estimator's whole knowledge of a plant.
 #[derive(Debug, Clone, PartialEq)]

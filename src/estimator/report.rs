@@ -51,11 +51,11 @@ pub struct Report {
     /// Per parameter the share of the variance of a parameter known to within 100 % that this block alone would remove, 0 to 1.
     pub excitation: Vec<f64>,
     /// Bit i: the block informed on parameter i, to a third of its size at least.
-    pub excited: u64,
+    pub excited: u128,
     /// Bit i: parameter i is known from data. Three standard deviations of it are below 5 %, by what the data since the last change say; its group of
     /// equations showed no change in this block or the one before, and both fit in each of its equations; no parameter of its group is
     /// held by a bound against the data. A fixed parameter is nobody's finding and never usable.
-    pub usable: u64,
+    pub usable: u128,
     /// χ² of the whitened residuals over their number, per equation, see `fit_statistic.rs`: 1 on average if the block fits. Relative to the noise
     /// that was told, otherwise to the level that was learnt before the block.
     pub fit: Vec<f64>,
@@ -66,11 +66,11 @@ pub struct Report {
     /// Share of the power of the equation's signal that the model explains, of the last block in which it stood out of the noise; 0 before.
     pub explained: Vec<f64>,
     /// Bit i: parameter i sits on a bound and the data push it outwards, or another one of its group does.
-    pub pressed: u64,
+    pub pressed: u128,
     /// True once the data have informed on more than half of the directions of the free parameters, in every group of equations.
     pub informed: bool,
     /// Bit i: parameter i is fixed.
-    pub fixed: u64,
+    pub fixed: u128,
     /// Blocks taken so far, this one included.
     pub blocks: u64,
     /// Rows per equation in this block.

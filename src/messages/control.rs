@@ -1,9 +1,9 @@
 //! Service `control` and topic `journal`: what an identifier is told, and what became of it.
 
+use super::table::message;
 use super::text::{put_text, text_of};
 #[cfg(feature = "bus")]
 use iceoryx2::prelude::ZeroCopySend;
-use std::mem::{offset_of, size_of};
 
 /// Bytes of a name in a [`Request`].
 pub const NAME: usize = 64;
@@ -15,8 +15,8 @@ pub const RESPONSE_TEXT: usize = 256;
 pub const DATA: usize = 1024;
 /// Most parts of a state.
 pub const MAX_PARTS: u32 = 1024;
-/// Most items that a [`Response`] describes: 64 parameters, tunables, positions and inputs.
-pub const MAX_ITEMS: usize = 96;
+/// Most items that a [`Response`] describes: 128 parameters, tunables, positions and inputs.
+pub const MAX_ITEMS: usize = 160;
 
 /// What an identifier can be told.
 #[repr(u32)]
@@ -85,36 +85,27 @@ pub mod request_flags {
 }
 
 /// What a [`Request`] knows a stream by; never 0. Two of some 10⁵ streams would have to meet for two tags to agree by chance.
-pub fn stream_tag(boot_id: u64) -> u32 {
-    ((boot_id ^ (boot_id >> 32)) as u32).max(1)
+pub fn stream_tag(stream_id: u64) -> u32 {
+    ((stream_id ^ (stream_id >> 32)) as u32).max(1)
 }
 
-/// A request of service `control`.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusRequestV2"))]
-pub struct Request {
-    /// [`Command`].
-    pub command: u32,
-    /// [`request_flags`].
-    pub flags: u32,
-    /// Not before this sample of the stream; 0: at the next border between two blocks.
-    pub from_seq: u64,
-    /// Value of a tunable or parameter, in its unit; lost samples of a recorder.
-    pub value: f64,
-    /// Tunable or parameter, UTF-8, filled up with zeros.
-    pub name: [u8; NAME],
-    /// Number of this part of a state, from 0.
-    pub part: u32,
-    /// Parts of the state.
-    pub parts: u32,
-    /// Bytes of the state in this part.
-    pub data_len: u32,
-    /// [`stream_tag`] of the only stream that this is for: it waits for that stream, and what it did is undone when another one
-    /// begins. 0: for whichever is open, and to stay.
-    pub stream: u32,
-    /// The part.
-    pub data: [u8; DATA],
+message! {
+    /// A request of service `control`.
+    pub struct Request = "ThetabusRequestV3" {
+        /// See [`Command`].
+        command: u32, One, "", "1 pause, 2 resume, 3 reset, 4 set, 5 fix, 6 free, 7 save, 8 describe, 9 restore, 10 recorder";
+        /// See [`request_flags`].
+        flags: u32, One, "", "Bit 0: value holds";
+        from_seq: u64, One, "", "Not before this sample of the stream; 0: at the next border between two blocks";
+        value: f64, One, "", "Value of a tunable or parameter, in its unit; lost samples of a recorder";
+        name: [u8; NAME], Text, "", "Tunable or parameter";
+        part: u32, One, "", "Number of this part of a state, from 0";
+        parts: u32, One, "", "Parts of the state";
+        data_len: u32, One, "bytes", "Length of this part";
+        /// See [`stream_tag`]. It waits for that stream, and what it did is undone when another one begins.
+        stream: u32, One, "", "Tag of the only stream that this is for; 0: for whichever is open, and to stay";
+        data: [u8; DATA], Byte, "", "The part";
+    }
 }
 
 impl Request {
@@ -122,15 +113,7 @@ impl Request {
     pub fn new(command: Command) -> Self {
         Self {
             command: command as u32,
-            flags: 0,
-            from_seq: 0,
-            value: 0.0,
-            name: [0; NAME],
-            part: 0,
-            parts: 0,
-            data_len: 0,
-            stream: 0,
-            data: [0; DATA],
+            ..Self::default()
         }
     }
 
@@ -214,25 +197,18 @@ pub mod item_kind {
     pub const FIGURE: u32 = 5;
 }
 
-/// What `describe` tells of a parameter, a tunable or a signal.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusItemV2"))]
-pub struct Item {
-    /// [`item_kind`].
-    pub kind: u32,
-    /// Zero.
-    pub pad: u32,
-    /// Value of a tunable; start value of a parameter.
-    pub value: f64,
-    /// Lower bound, `-inf` for none.
-    pub lower: f64,
-    /// Upper bound, `inf` for none.
-    pub upper: f64,
-    /// Name.
-    pub name: [u8; NAME],
-    /// Unit.
-    pub unit: [u8; UNIT],
+message! {
+    /// What `describe` tells of a parameter, a tunable or a signal.
+    pub struct Item = "ThetabusItemV3" {
+        /// See [`item_kind`].
+        kind: u32, One, "", "1 parameter, 2 tunable, 3 position, 4 input, 5 figure";
+        pad: u32, Padding, "", "Zero";
+        value: f64, One, "{item}", "Value of a tunable; start value of a parameter";
+        lower: f64, One, "{item}", "Lower bound, -inf for none";
+        upper: f64, One, "{item}", "Upper bound, inf for none";
+        name: [u8; NAME], Text, "", "Name";
+        unit: [u8; UNIT], Text, "", "Unit";
+    }
 }
 
 impl Item {
@@ -240,12 +216,10 @@ impl Item {
     pub fn new(kind: u32, name: &str, unit: &str, value: f64, (lower, upper): (f64, f64)) -> Self {
         let mut item = Self {
             kind,
-            pad: 0,
             value,
             lower,
             upper,
-            name: [0; NAME],
-            unit: [0; UNIT],
+            ..Self::default()
         };
         put_text(&mut item.name, name);
         put_text(&mut item.unit, unit);
@@ -263,38 +237,28 @@ pub mod response_code {
     pub const FAILED: u32 = 2;
 }
 
-/// The answer to a [`Request`].
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusResponseV2"))]
-pub struct Response {
-    /// [`response_code`].
-    pub code: u32,
-    /// Items in use.
-    pub items_len: u32,
-    /// First sample that the command holds for, as far as it is known.
-    pub from_seq: u64,
-    /// Block that begins there.
-    pub block: u64,
-    /// What was done, or why not.
-    pub text: [u8; RESPONSE_TEXT],
-    /// What `describe` tells.
-    pub items: [Item; MAX_ITEMS],
+message! {
+    /// The answer to a [`Request`].
+    pub struct Response = "ThetabusResponseV3" {
+        /// See [`response_code`].
+        code: u32, One, "", "0 done, 1 refused, 2 failed";
+        items_len: u32, One, "", "Items in use";
+        from_seq: u64, One, "", "First sample that the command holds for, as far as it is known";
+        block: u64, One, "", "Block that begins there";
+        text: [u8; RESPONSE_TEXT], Text, "", "What was done, or why not";
+        items: [Item; MAX_ITEMS], Item, "", "What describe tells";
+    }
 }
 
 impl Response {
     /// An answer without items.
     pub fn new(code: u32, words: &str) -> Self {
-        let mut text = [0; RESPONSE_TEXT];
-        put_text(&mut text, words);
-        Self {
+        let mut response = Self {
             code,
-            items_len: 0,
-            from_seq: 0,
-            block: 0,
-            text,
-            items: [Item::new(0, "", "", 0.0, (0.0, 0.0)); MAX_ITEMS],
-        }
+            ..Self::default()
+        };
+        put_text(&mut response.text, words);
+        response
     }
 
     /// The words.
@@ -308,29 +272,14 @@ impl Response {
     }
 }
 
-/// Topic `journal`: a command that took effect, with the place where it did. A recording keeps them, so that a replay repeats them.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusJournalV2"))]
-pub struct Journal {
-    /// The sample stream; 0 before the first one.
-    pub boot_id: u64,
-    /// Number of the block that begins at `request.from_seq`.
-    pub block: u64,
-    /// What was asked for; `from_seq` is the first sample that it holds for.
-    pub request: Request,
+message! {
+    /// Topic `journal`: a command that took effect, with the place where it did. A recording keeps them, so that a replay repeats them.
+    pub struct Journal = "ThetabusJournalV3" {
+        stream_id: u64, One, "", "The sample stream; 0 before the first one";
+        block: u64, One, "", "Number of the block that begins at the first sample that the command holds for";
+        request: Request, One, "", "What was asked for; from_seq is the first sample that it holds for";
+    }
 }
-
-// The layout is a contract with readers in other languages: a change here is a new schema version.
-const _: () = {
-    assert!(offset_of!(Request, name) == 24);
-    assert!(offset_of!(Request, data) == 24 + NAME + 16);
-    assert!(size_of::<Request>() == 40 + NAME + DATA);
-    assert!(size_of::<Item>() == 32 + NAME + UNIT);
-    assert!(offset_of!(Response, items) == 24 + RESPONSE_TEXT);
-    assert!(size_of::<Response>() == 24 + RESPONSE_TEXT + MAX_ITEMS * size_of::<Item>());
-    assert!(size_of::<Journal>() == 16 + size_of::<Request>());
-};
 
 #[cfg(test)]
 mod tests {

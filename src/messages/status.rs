@@ -1,10 +1,10 @@
 //! Topic `status`: what the identifier does, has seen, costs and was granted.
 
+use super::table::message;
 use super::text::{put_text, text_of};
 #[cfg(feature = "bus")]
 use iceoryx2::prelude::ZeroCopySend;
 use std::fmt;
-use std::mem::{offset_of, size_of};
 
 /// Bytes of [`LastError::text`].
 pub const ERROR_TEXT: usize = 112;
@@ -25,33 +25,23 @@ pub mod status_flags {
     pub const REPLAY: u32 = 1 << 5;
 }
 
-/// What was wrong with a stream, counted since it began.
-///
-/// Each refused sample counts in [`Status::rejected`] and in one of the fields from `duplicates` to `frozen`.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusStreamFaultsV2"))]
-pub struct StreamFaults {
-    /// Holes in `seq`; [`Status::missing`] counts the samples in them.
-    pub gaps: u64,
-    /// Samples that came twice.
-    pub duplicates: u64,
-    /// Samples that came after their successor.
-    pub reordered: u64,
-    /// Samples whose time does not follow from the one before.
-    pub clock_jumps: u64,
-    /// Samples with another number of joints.
-    pub wrong_joints: u64,
-    /// Samples without a signal that is needed.
-    pub wrong_signals: u64,
-    /// Samples with NaN, infinity, or a number that no machine has.
-    pub not_finite: u64,
-    /// Samples whose input lies at the limit of its measurement.
-    pub saturated: u64,
-    /// Samples of a signal that does not move although it must.
-    pub frozen: u64,
-    /// Blocks that were left out because of `saturated` or `frozen`.
-    pub blocks_held: u64,
+message! {
+    /// What was wrong with a stream, counted since it began.
+    ///
+    /// Each refused sample counts in [`Status::rejected`] and in one of the fields from `duplicates` to `frozen`.
+    #[derive(Eq)]
+    pub struct StreamFaults = "ThetabusStreamFaultsV3" {
+        gaps: u64, One, "", "Holes in seq; missing counts the samples in them";
+        duplicates: u64, One, "", "Samples that came twice";
+        reordered: u64, One, "", "Samples that came after their successor";
+        clock_jumps: u64, One, "", "Samples whose time does not follow from the one before";
+        wrong_joints: u64, One, "", "Samples with another number of joints";
+        wrong_signals: u64, One, "", "Samples without a signal that is needed";
+        not_finite: u64, One, "", "Samples with NaN, infinity, or a number that no machine has";
+        saturated: u64, One, "", "Samples whose input lies at the limit of its measurement";
+        frozen: u64, One, "", "Samples of a signal that does not move although it must";
+        blocks_held: u64, One, "", "Blocks left out because of saturated or frozen signals";
+    }
 }
 
 impl StreamFaults {
@@ -94,63 +84,44 @@ impl fmt::Display for StreamFaults {
     }
 }
 
-/// How long something took, since the process began.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusTimingV2"))]
-pub struct Timing {
-    /// How often.
-    pub count: u64,
-    /// Mean \[ns\].
-    pub mean_ns: u64,
-    /// 99 of 100 took at most this \[ns\], to 1/16.
-    pub p99_ns: u64,
-    /// Longest \[ns\].
-    pub max_ns: u64,
+message! {
+    /// How long something took, since the process began.
+    #[derive(Eq)]
+    pub struct Timing = "ThetabusTimingV3" {
+        count: u64, One, "", "How often";
+        mean_ns: u64, One, "ns", "Mean";
+        p99_ns: u64, One, "ns", "99 of 100 took at most this, to 1/16";
+        max_ns: u64, One, "ns", "Longest";
+    }
 }
 
-/// The process, its files and its commands. Times are of CLOCK_MONOTONIC.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusProcessV2"))]
-pub struct ProcessStatus {
-    /// When the program began \[ns\].
-    pub started_ns: u64,
-    /// When its first sample had been processed \[ns\]; 0 before.
-    pub first_sample_ns: u64,
-    /// Memory in use (resident set) \[bytes\]; 0 where it is not known.
-    pub resident_bytes: u64,
-    /// For how long no sample has come \[ns\], while a stream is open.
-    pub silent_ns: u64,
-    /// How often a stream was silent for a second or more.
-    pub pauses: u64,
-    /// Commands that took effect.
-    pub commands: u64,
-    /// Requests that were refused.
-    pub refused: u64,
-    /// Checkpoints written.
-    pub checkpoints: u64,
-    /// Checkpoints that could not be written, or were found unusable.
-    pub checkpoints_failed: u64,
-    /// Samples that a recorder has told it lost.
-    pub recorder_missing: u64,
+message! {
+    /// The process, its files and its commands. Times are of CLOCK_MONOTONIC.
+    #[derive(Eq)]
+    pub struct ProcessStatus = "ThetabusProcessV3" {
+        started_ns: u64, One, "ns", "When the program began";
+        first_sample_ns: u64, One, "ns", "When its first sample had been processed; 0 before";
+        resident_bytes: u64, One, "bytes", "Memory in use (resident set); 0 if it is not known";
+        silent_ns: u64, One, "ns", "For how long no sample has come, while a stream is open";
+        pauses: u64, One, "", "How often a stream was silent for a second or more";
+        commands: u64, One, "", "Commands that took effect";
+        refused: u64, One, "", "Requests that were refused";
+        checkpoints: u64, One, "", "Checkpoints written";
+        checkpoints_failed: u64, One, "", "Checkpoints that could not be written, or were found unusable";
+        recorder_missing: u64, One, "", "Samples that a recorder has told it lost";
+    }
 }
 
-/// Real-time settings that the system granted.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusRealtimeV2"))]
-pub struct RealtimeStatus {
-    /// Scheduling policy: 0 the system's default, 1 SCHED_FIFO, 2 SCHED_RR.
-    pub policy: u32,
-    /// Priority of SCHED_FIFO and SCHED_RR, 1 to 99.
-    pub priority: u32,
-    /// Bit i: may run on CPU i of the first 64; 0 where no choice was made.
-    pub affinity: u64,
-    /// 1 where memory is locked.
-    pub memory_locked: u32,
-    /// What was asked for and refused: bit 0 priority, 1 affinity, 2 memory.
-    pub refused: u32,
+message! {
+    /// Real-time settings that the system granted.
+    #[derive(Eq)]
+    pub struct RealtimeStatus = "ThetabusRealtimeV3" {
+        policy: u32, One, "", "Scheduling policy: 0 the system's default, 1 SCHED_FIFO, 2 SCHED_RR";
+        priority: u32, One, "", "Priority of SCHED_FIFO and SCHED_RR, 1 to 99";
+        affinity: u64, One, "", "Bit i: may run on CPU i of the first 64; 0 if no choice was made";
+        memory_locked: u32, One, "", "1 if memory is locked";
+        refused: u32, One, "", "What was asked for and refused: bit 0 priority, 1 affinity, 2 memory";
+    }
 }
 
 /// What went wrong last.
@@ -247,19 +218,16 @@ impl ErrorCode {
     }
 }
 
-/// The last thing that went wrong; it stays until something else does.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusLastErrorV2"))]
-pub struct LastError {
-    /// [`ErrorCode`].
-    pub code: u32,
-    /// Zero.
-    pub pad: u32,
-    /// `seq` of the sample that it happened at.
-    pub seq: u64,
-    /// UTF-8, filled up with zeros.
-    pub text: [u8; ERROR_TEXT],
+message! {
+    /// The last thing that went wrong; it stays until something else does.
+    #[derive(Eq)]
+    pub struct LastError = "ThetabusLastErrorV3" {
+        /// See [`ErrorCode`].
+        code: u32, One, "", "What went wrong, 0 nothing";
+        pad: u32, Padding, "", "Zero";
+        seq: u64, One, "", "seq of the sample that it happened at";
+        text: [u8; ERROR_TEXT], Text, "", "The same in words";
+    }
 }
 
 impl LastError {
@@ -274,9 +242,9 @@ impl LastError {
         put_text(&mut text, words);
         Self {
             code: code as u32,
-            pad: 0,
             seq,
             text,
+            ..Self::default()
         }
     }
 
@@ -286,90 +254,37 @@ impl LastError {
     }
 }
 
-impl Default for LastError {
-    /// Nothing went wrong.
-    fn default() -> Self {
-        Self {
-            code: 0,
-            pad: 0,
-            seq: 0,
-            text: [0; ERROR_TEXT],
-        }
+message! {
+    /// Topic `status`: the identifier's heartbeat, twice a second even when nothing else happens.
+    pub struct Status = "ThetabusStatusV3" {
+        stream_id: u64, One, "", "stream_id of the samples, 0 before the first sample";
+        accepted: u64, One, "", "Samples used since the start of the stream";
+        missing: u64, One, "", "Samples lost since the start of the stream";
+        rejected: u64, One, "", "Samples refused since the start of the stream";
+        last_seq: u64, One, "", "seq of the last sample received";
+        last_t_ns: u64, One, "ns", "Stream time of the last sample used";
+        estimates: u64, One, "", "Estimates published since the start of the stream";
+        last_block: u64, One, "", "Block of the last estimate published, 0 before the first";
+        streams: u64, One, "", "Streams seen since this process started; one more than the publisher was restarted";
+        /// See [`State`](super::State).
+        state: u32, One, "", "As in the estimate; 8 ended";
+        pid: u32, One, "", "Process id of the identifier";
+        /// See [`status_flags`].
+        flags: u32, One, "", "Bits: 0 warm, 1 paused, 2 silent, 3 commanded, 4 checkpoints, 5 replay";
+        pad: u32, Padding, "", "Zero";
+        faults: StreamFaults, One, "", "What was wrong with the stream";
+        step: Timing, One, "", "Computing time of a sample that completes no block";
+        block: Timing, One, "", "Computing time of a sample that completes a block";
+        process: ProcessStatus, One, "", "The process";
+        realtime: RealtimeStatus, One, "", "Real-time settings";
+        fit: f64, One, "", "chi^2 of the whitened residuals of the last block over their number, the largest of any equation: 1 on average if the block fits";
+        fit_probability: f64, One, "", "Probability of residuals as large as these if the model is right; below 1e-4 it is a misfit";
+        condition: f64, One, "", "Condition number of the column-scaled information after the last block";
+        information_ln: f64, One, "", "Sum of the logarithms of its diagonal over the free parameters: constant, but for noise, once as much is forgotten as is learnt";
+        asymmetry: f64, One, "", "Largest difference across its diagonal, relative to the diagonal: 0, or the recursion loses its symmetry";
+        error: LastError, One, "", "What went wrong last";
     }
 }
-
-/// Topic `status`: the identifier's heartbeat, twice a second even when nothing else happens.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "bus", derive(ZeroCopySend), type_name("ThetabusStatusV2"))]
-pub struct Status {
-    /// `boot_id` of the sample stream, 0 before the first sample.
-    pub boot_id: u64,
-    /// Samples used since the start of the stream.
-    pub accepted: u64,
-    /// Samples lost since the start of the stream.
-    pub missing: u64,
-    /// Samples refused since the start of the stream.
-    pub rejected: u64,
-    /// `seq` of the last sample received.
-    pub last_seq: u64,
-    /// Stream time of the last sample used \[ns\].
-    pub last_t_ns: u64,
-    /// Estimates published since the start of the stream.
-    pub estimates: u64,
-    /// Block of the last estimate published, 0 before the first.
-    pub last_block: u64,
-    /// Streams (values of `boot_id`) seen since this process started; one more than the publisher was restarted.
-    pub streams: u64,
-    /// [`State`](super::State).
-    pub state: u32,
-    /// Process id of the identifier.
-    pub pid: u32,
-    /// [`status_flags`].
-    pub flags: u32,
-    /// Zero.
-    pub pad: u32,
-    /// What was wrong with the stream.
-    pub faults: StreamFaults,
-    /// A sample off the bus, validated and taken into its block.
-    pub step: Timing,
-    /// The same for a sample that ends a block, up to its estimate.
-    pub block: Timing,
-    /// The process.
-    pub process: ProcessStatus,
-    /// Real-time settings.
-    pub realtime: RealtimeStatus,
-    /// Condition number of the column-scaled information after the last block.
-    pub condition: f64,
-    /// Σ ln Γ⁻¹ᵢᵢ over the free parameters: constant, but for noise, once as much is forgotten as is learnt.
-    pub information_ln: f64,
-    /// Largest |Γ⁻¹ᵢⱼ − Γ⁻¹ⱼᵢ| relative to √(Γ⁻¹ᵢᵢ Γ⁻¹ⱼⱼ): 0, or the recursion loses its symmetry.
-    pub asymmetry: f64,
-    /// χ² of the whitened residuals of the last block over their number, the largest of any equation: 1 on average if the block fits.
-    pub fit: f64,
-    /// Probability of residuals as large as these if the model is right, see [`Estimate`](super::Estimate); below 1e-4 it is a misfit.
-    pub fit_probability: f64,
-    /// What went wrong last.
-    pub error: LastError,
-}
-
-// The layout is a contract with readers in other languages: a change here is a new schema version.
-const _: () = {
-    assert!(size_of::<StreamFaults>() == 80);
-    assert!(size_of::<Timing>() == 32);
-    assert!(size_of::<ProcessStatus>() == 80);
-    assert!(size_of::<RealtimeStatus>() == 24);
-    assert!(size_of::<LastError>() == 16 + ERROR_TEXT);
-    assert!(offset_of!(Status, state) == 72);
-    assert!(offset_of!(Status, faults) == 88);
-    assert!(offset_of!(Status, step) == 168);
-    assert!(offset_of!(Status, process) == 232);
-    assert!(offset_of!(Status, realtime) == 312);
-    assert!(offset_of!(Status, condition) == 336);
-    assert!(offset_of!(Status, fit) == 360);
-    assert!(offset_of!(Status, error) == 376);
-    assert!(size_of::<Status>() == 504);
-};
 
 #[cfg(test)]
 mod tests {

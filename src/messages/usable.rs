@@ -1,6 +1,6 @@
 //! What a reader may take from an estimate: one rule, by index or by name.
 
-use super::Estimate;
+use super::{Description, Estimate};
 use crate::model::MAX_PARAMS;
 
 /// A value that may be used, with its standard deviation, in the model's units.
@@ -22,7 +22,7 @@ impl Estimate {
     ///
     /// A parameter that is fixed is not usable in this sense: its value is the operator's, see `fixed`. False for an index that the model does not have.
     pub fn is_usable(&self, index: usize) -> bool {
-        index < (self.params as usize).min(MAX_PARAMS) && self.use_ok == 1 && self.usable >> index & 1 == 1
+        index < (self.params as usize).min(MAX_PARAMS) && self.use_ok == 1 && self.usable.contains(index)
     }
 
     /// Parameter `index` with its standard deviation, if it [may be used](Self::is_usable).
@@ -59,12 +59,20 @@ pub struct ParameterNames {
 }
 
 impl ParameterNames {
-    /// These names, in the order of θ: of `thetabus ctl describe`, or of a recording. Which model they are of is not known, so that they
+    /// These names, in the order of θ: of a recording, for example. Which model they are of is not known, so that they
     /// [fit](Self::fit) every estimate.
     pub fn new(names: impl IntoIterator<Item = impl Into<String>>) -> Self {
         Self {
             names: names.into_iter().map(Into::into).collect(),
             model_hash: 0,
+        }
+    }
+
+    /// The names that an identifier has published, for its estimates alone.
+    pub fn described(description: &Description) -> Self {
+        Self {
+            model_hash: description.model_hash,
+            ..Self::new(description.parameters().iter().map(super::ParameterInfo::name))
         }
     }
 
@@ -102,7 +110,7 @@ mod tests {
         let mut estimate = Estimate {
             params: 2,
             use_ok: 1,
-            usable: 0b110,
+            usable: [1, 2].into_iter().collect(),
             ..Estimate::EMPTY
         };
         (estimate.theta[1], estimate.theta_std[1]) = (3.0, 0.01);
@@ -131,7 +139,7 @@ mod tests {
         let mut estimate = Estimate {
             params: axis.parameters().len() as u32,
             use_ok: 1,
-            usable: 1,
+            usable: [0].into_iter().collect(),
             model_hash: own,
             ..Estimate::EMPTY
         };

@@ -36,7 +36,7 @@ use std::ops::Range;
 /// The most joints that a sample, and so a plant, can have.
 pub const MAX_JOINTS: usize = 8;
 /// The most parameters that an estimate, and so a plant, can have.
-pub const MAX_PARAMS: usize = 64;
+pub const MAX_PARAMS: usize = 128;
 
 /// The numbers that a plant's equations are written in: `f64` itself, dual numbers, truncated series in time.
 pub trait Scalar: num_dual::DualNum<Primitive = f64> + Copy {}

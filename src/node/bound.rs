@@ -209,11 +209,11 @@ mod tests {
     }
 
     /// Feeds a stream and gives its estimates.
-    fn feed(node: &mut IdentifierNode<Spring>, boot_id: u64, seqs: std::ops::Range<u64>, end: bool) -> Vec<Estimate> {
+    fn feed(node: &mut IdentifierNode<Spring>, stream_id: u64, seqs: std::ops::Range<u64>, end: bool) -> Vec<Estimate> {
         let mut estimates = Vec::new();
         let last = seqs.end - 1;
         for seq in seqs {
-            let mut sample = sample(boot_id, seq);
+            let mut sample = sample(stream_id, seq);
             if end && seq == last {
                 sample.flags |= sample_flags::END;
             }
@@ -227,7 +227,7 @@ mod tests {
         status: &Status,
         node: &IdentifierNode<Spring>,
         estimate: &Estimate,
-    ) -> (u32, f64, Vec<bool>, u64, u64, u32, u64) {
+    ) -> (u32, f64, Vec<bool>, u64, u64, u32, u128) {
         let options = node.estimator().options();
         let length = (estimate.t_last_ns - estimate.t_first_ns) / 1_000_000 + 1;
         let flags = estimate.flags & (estimate_flags::HELD | estimate_flags::COMMANDED);
@@ -238,7 +238,7 @@ mod tests {
             length,
             estimate.config_hash,
             flags,
-            estimate.fixed,
+            estimate.fixed.bits(),
         )
     }
 
@@ -292,7 +292,7 @@ mod tests {
                 let from_seq = if below(4) == 0 { u64::MAX - below(2) } else { below(100) };
                 match node.offer(Order::new(id, from_seq, change).for_stream(tag)) {
                     Ok(border) => {
-                        assert_eq!(border.boot_id, 0, "its stream has not begun");
+                        assert_eq!(border.stream_id, 0, "its stream has not begun");
                         offered += 1;
                     }
                     Err(order) => panic!("case {case}: {order:?}"),
@@ -356,7 +356,7 @@ mod tests {
         }
         feed(&mut node, 3, 15..25, false);
         let live = feed(&mut node, 4, 0..N, false)[0];
-        assert_eq!((live.fixed, live.theta[0], live.config_hash), (1, 3.0, 80));
+        assert_eq!((live.fixed.bits(), live.theta[0], live.config_hash), (1, 3.0, 80));
         assert_eq!(live.flags & estimate_flags::HELD, 0);
         assert_eq!(node.estimator().options().forgetting_factor, 0.6);
     }

@@ -136,7 +136,7 @@ impl Order {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Border {
     /// The stream; 0 before the first one.
-    pub boot_id: u64,
+    pub stream_id: u64,
     /// First sample behind the border.
     pub from_seq: u64,
     /// Number of the block that begins there; of the one after it where the border lies within a block that is skipped.
@@ -149,7 +149,7 @@ pub struct NodeState {
     /// Estimator and judge.
     pub estimator: EstimatorState,
     /// The stream, 0 for none.
-    pub boot_id: u64,
+    pub stream_id: u64,
     /// The last block with an estimate, 0 for none.
     pub block: u64,
     /// Stream time of the last sample \[ns\].
@@ -163,7 +163,7 @@ impl NodeState {
     pub(super) fn copy_from(&mut self, other: &Self) {
         self.estimator.reals.clone_from(&other.estimator.reals);
         self.estimator.counts.clone_from(&other.estimator.counts);
-        (self.boot_id, self.block) = (other.boot_id, other.block);
+        (self.stream_id, self.block) = (other.stream_id, other.block);
         (self.t_ns, self.blocks) = (other.t_ns, other.blocks);
     }
 }

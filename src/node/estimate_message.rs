@@ -1,7 +1,7 @@
 //! From the estimator's report to the message.
 
 use crate::estimator::{BlockEstimator, Phase, Report, Verdict};
-use crate::messages::{Estimate, MAX_DERIVED, State, estimate_flags};
+use crate::messages::{Estimate, MAX_DERIVED, ParameterSet, State, estimate_flags};
 use crate::model::DerivedValues;
 
 /// The estimator's answer as a message; what only the stream knows is zero.
@@ -17,9 +17,9 @@ pub(super) fn message(report: &Report, verdict: Verdict) -> Estimate {
         Phase::Misfit => State::Misfit,
     };
     let mut estimate = Estimate {
-        excited: report.excited,
-        usable: report.usable,
-        fixed: report.fixed,
+        excited: ParameterSet::from_bits(report.excited),
+        usable: ParameterSet::from_bits(report.usable),
+        fixed: ParameterSet::from_bits(report.fixed),
         state: state as u32,
         use_ok: u32::from(verdict.use_ok),
         flags: if report.held.is_some() { estimate_flags::HELD } else { 0 },

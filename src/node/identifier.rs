@@ -171,7 +171,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
     /// Takes a sample in; calls `emit` for each estimate that this completes: none, one, or two where the end of the previous
     /// block was lost and this sample ends the next.
     pub fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate)) {
-        match self.cursor.advance(sample.boot_id, sample.seq) {
+        match self.cursor.advance(sample.stream_id, sample.seq) {
             SamplePlace::First => self.start_stream(sample),
             SamplePlace::Next => {}
             SamplePlace::Gap { missing } => {
@@ -258,7 +258,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
         if tag != 0 && tag != self.open_tag() {
             let (seq, block) = BlockGrid::new(self.grid.len).border(from_seq);
             return Ok(Border {
-                boot_id: 0,
+                stream_id: 0,
                 from_seq: seq,
                 block,
             });
@@ -272,7 +272,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             self.grid.border(from_seq.max(next))
         };
         Ok(Border {
-            boot_id: if between { 0 } else { self.status.boot_id },
+            stream_id: if between { 0 } else { self.status.stream_id },
             from_seq: seq,
             block,
         })
@@ -308,7 +308,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
     /// A new stream: counters start over. θ̂ and its information stay, for the machine is the same; only its publisher was
     /// started again. What a replay has taught goes with the replay.
     fn start_stream(&mut self, sample: &Sample) {
-        self.enter_stream(stream_tag(sample.boot_id));
+        self.enter_stream(stream_tag(sample.stream_id));
         self.change_teacher(sample);
         self.rows.reset();
         self.gate.reset();
@@ -317,7 +317,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
         self.first_seq = sample.seq;
         self.t_change_ns = 0;
         self.status = Status {
-            boot_id: sample.boot_id,
+            stream_id: sample.stream_id,
             streams: self.cursor.streams(),
             state: if self.paused { State::Paused } else { State::Collecting } as u32,
             accepted: 0,
@@ -423,7 +423,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             let mut estimate = message(self.estimator.report(), Verdict::default());
             estimate.state = State::Paused as u32;
             estimate.flags |= estimate_flags::HELD;
-            (estimate.excited, estimate.iterations, estimate.outliers) = (0, 0, 0);
+            (estimate.excited, estimate.iterations, estimate.outliers) = (crate::messages::ParameterSet::EMPTY, 0, 0);
             estimate
         } else {
             if open.spoilt {
@@ -454,7 +454,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             estimate
         };
         estimate.t_change_ns = self.t_change_ns;
-        estimate.boot_id = self.status.boot_id;
+        estimate.stream_id = self.status.stream_id;
         estimate.block = open.block;
         estimate.t_first_ns = open.t_first_ns;
         estimate.t_last_ns = self.status.last_t_ns;
@@ -508,7 +508,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             self.before_replay
                 .follow(&order, &mut self.estimator, &mut self.machine, &self.status);
             order.border = Border {
-                boot_id: self.status.boot_id,
+                stream_id: self.status.stream_id,
                 from_seq: begin,
                 block: self.grid.border(begin).1,
             };
@@ -522,7 +522,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
     }
 
     fn is_between_streams(&self) -> bool {
-        self.status.boot_id == 0 || self.status.state == State::Ended as u32
+        self.status.stream_id == 0 || self.status.state == State::Ended as u32
     }
 
     /// Of the stream that is open; 0 between two.
@@ -530,13 +530,13 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
         if self.is_between_streams() {
             0
         } else {
-            stream_tag(self.status.boot_id)
+            stream_tag(self.status.stream_id)
         }
     }
 
     /// At the END of a stream: what was for it alone goes with it.
     fn leave_stream(&mut self) {
-        let over = stream_tag(self.status.boot_id);
+        let over = stream_tag(self.status.stream_id);
         self.drop_orders(self.cursor.streams() + 1, |order| order.tag == over);
         self.undo_for(0);
     }

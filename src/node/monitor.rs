@@ -2,7 +2,7 @@
 
 use super::stream::{Place, StreamCursor};
 use crate::estimator::{LEAST_EXPLAINED, MISFIT};
-use crate::messages::{ErrorCode, Estimate, LastError, State, Status, estimate_flags};
+use crate::messages::{Description, ErrorCode, Estimate, LastError, State, Status, estimate_flags};
 use std::fmt::Write as _;
 
 /// Name and unit of a column: a parameter or a derived value.
@@ -104,6 +104,13 @@ impl MonitorNode {
         self
     }
 
+    /// Whether the labels are those of a description: the same model, the same derived values.
+    pub fn is_described_by(&self, description: &Description) -> bool {
+        let (own, its) = (self.model_hash, description.model_hash);
+        let derived = description.derived().iter().map(|d| (d.name(), d.unit()));
+        (own == 0 || its == 0 || own == its) && self.derived.iter().map(|d| (&*d.name, &*d.unit)).eq(derived)
+    }
+
     /// The model of the first estimate that was left out because the labels are not its own.
     pub fn foreign_model(&self) -> Option<u64> {
         self.foreign
@@ -117,7 +124,7 @@ impl MonitorNode {
             self.foreign.get_or_insert(its);
             return false;
         }
-        match self.cursor.advance(estimate.boot_id, estimate.block) {
+        match self.cursor.advance(estimate.stream_id, estimate.block) {
             Place::Duplicate => return false,
             // A new stream: what the record says of the previous one no longer belongs to this run.
             Place::First => {
@@ -159,7 +166,7 @@ impl MonitorNode {
 
     /// Takes a status in.
     pub fn on_status(&mut self, status: &Status) {
-        if self.status.is_some_and(|last| last.boot_id != status.boot_id) {
+        if self.status.is_some_and(|last| last.stream_id != status.stream_id) {
             self.misfit = None;
         }
         if status.error.code == ErrorCode::Misfit as u32 {
@@ -171,7 +178,7 @@ impl MonitorNode {
     /// True once the identifier has said that the stream ended and its last estimate has arrived.
     pub fn is_complete(&self) -> bool {
         self.status.is_some_and(|status| {
-            let arrived = |last: Estimate| last.boot_id == status.boot_id && last.block >= status.last_block;
+            let arrived = |last: Estimate| last.stream_id == status.stream_id && last.block >= status.last_block;
             status.state == State::Ended as u32 && (status.last_block == 0 || self.last.is_some_and(arrived))
         })
     }
@@ -303,7 +310,7 @@ fn blocks_to_settle(records: &[BlockRecord], limit: f64) -> Option<u64> {
 }
 
 fn worst_relative_error(estimate: &Estimate, truth: &[f64]) -> f64 {
-    let judged = |i: usize| estimate.usable == 0 || estimate.usable & (1 << i) != 0;
+    let judged = |i: usize| estimate.usable.is_empty() || estimate.usable.contains(i);
     truth
         .iter()
         .enumerate()
@@ -352,12 +359,12 @@ pub(crate) mod tests {
     /// An estimate of one parameter.
     pub(crate) fn estimate(block: u64, theta: f64) -> Estimate {
         let mut message = Estimate {
-            boot_id: 1,
+            stream_id: 1,
             block,
             t_first_ns: (block - 1) * 1_000_000_000,
             t_last_ns: block * 1_000_000_000 - 1_000_000,
             accepted: block * 1000,
-            excited: 1,
+            excited: [0].into_iter().collect(),
             state: State::Converging as u32,
             params: 1,
             equations: 1,
@@ -459,7 +466,7 @@ pub(crate) mod tests {
         assert!(monitor.on_estimate(&estimate(9, 10.0)));
         assert_eq!(monitor.lost_estimates(), 1);
         let mut restarted = estimate(1, 10.0);
-        restarted.boot_id = 2;
+        restarted.stream_id = 2;
         assert!(monitor.on_estimate(&restarted));
         assert_eq!((monitor.records().len(), monitor.lost_estimates()), (1, 0));
     }
@@ -504,7 +511,7 @@ pub(crate) mod tests {
     fn prop_complete_means_ended_and_the_last_estimate_here() {
         let mut monitor = monitor();
         let mut status = Status {
-            boot_id: 1,
+            stream_id: 1,
             accepted: 2000,
             missing: 0,
             rejected: 0,

@@ -6,7 +6,7 @@ use crate::model::JointSample;
 /// Turns a simulated machine into the sample stream seq 0, 1, 2, …, t = seq·Δ unless stamps say otherwise, the last one flagged `END`.
 pub struct PlantNode<S> {
     source: S,
-    boot_id: u64,
+    stream_id: u64,
     joints: usize,
     signals: u32,
     period_ns: u64,
@@ -23,10 +23,10 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
     /// A stream of at most `samples` samples from `source`, `period_ns` apart.
     ///
     /// `signals` states which of the sample's arrays hold data ([`crate::messages::signals`]).
-    pub fn new(source: S, boot_id: u64, joints: usize, signals: u32, period_ns: u64, samples: u64) -> Self {
+    pub fn new(source: S, stream_id: u64, joints: usize, signals: u32, period_ns: u64, samples: u64) -> Self {
         Self {
             source,
-            boot_id,
+            stream_id,
             joints,
             signals,
             period_ns,
@@ -66,7 +66,7 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
             let joints = self.source.next()?;
             let offset_ns = self.stamps.as_mut().map_or(0, |stamps| stamps());
             let t_ns = (self.seq * self.period_ns).saturating_add_signed(offset_ns);
-            let mut sample = Sample::new(self.boot_id, self.seq, t_ns, self.joints, self.signals, &joints);
+            let mut sample = Sample::new(self.stream_id, self.seq, t_ns, self.joints, self.signals, &joints);
             self.seq += 1;
             let is_last = self.seq == self.samples;
             // Both draw for every sample but the last, so that neither changes the other's.

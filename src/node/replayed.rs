@@ -93,7 +93,7 @@ pub(super) fn copy_out(
     into: &mut NodeState,
 ) {
     estimator.save(judge, &mut into.estimator);
-    into.boot_id = status.boot_id;
+    into.stream_id = status.stream_id;
     into.block = status.last_block;
     into.t_ns = status.last_t_ns;
     into.blocks = estimator.report().blocks;
@@ -110,10 +110,16 @@ mod tests {
     const N: u64 = 10;
 
     /// Feeds blocks of a stream whose spring has this stiffness.
-    fn feed(node: &mut IdentifierNode<Spring>, boot_id: u64, stiffness: f64, blocks: u64, flags: u32) -> Vec<Estimate> {
+    fn feed(
+        node: &mut IdentifierNode<Spring>,
+        stream_id: u64,
+        stiffness: f64,
+        blocks: u64,
+        flags: u32,
+    ) -> Vec<Estimate> {
         let mut estimates = Vec::new();
         for seq in 0..blocks * N + 3 {
-            let mut sample = sample(boot_id, seq);
+            let mut sample = sample(stream_id, seq);
             sample.input[0] = stiffness * sample.q[0];
             sample.flags |= flags & sample_flags::REPLAY;
             if seq == blocks * N + 2 {
@@ -170,10 +176,10 @@ mod tests {
         assert!(node.offer(Order::new(1, 0, fix)).is_ok());
         feed(&mut node, 2, 8.0, 4, sample_flags::REPLAY | sample_flags::END);
         let held = feed(&mut node, 3, 3.0, 2, 0)[1];
-        assert_eq!((held.theta[0], held.fixed), (5.0, 1));
+        assert_eq!((held.theta[0], held.fixed.bits()), (5.0, 1));
         assert!(node.offer(Order::new(2, 0, Change::Free { index: 0 })).is_ok());
         let free = feed(&mut node, 4, 3.0, 5, 0)[4];
-        assert!((free.theta[0] - 3.0).abs() < 0.1 && free.fixed == 0, "{free:?}");
+        assert!((free.theta[0] - 3.0).abs() < 0.1 && free.fixed.is_empty(), "{free:?}");
 
         feed(&mut node, 5, 8.0, 2, sample_flags::REPLAY | sample_flags::END);
         let fresh = super::super::tests::node(N);

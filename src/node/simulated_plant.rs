@@ -5,12 +5,12 @@ use super::plant::PlantNode;
 use crate::model::JointSample;
 use crate::sim::{Faults, Losses, Machine, MachineSimulator, SampleInstants, SimError, SimOptions};
 
-/// All samples of a run of a machine that this library knows, from seq 0 to END; `boot_id` names the stream.
+/// All samples of a run of a machine that this library knows, from seq 0 to END; `stream_id` names the stream.
 ///
 /// # Errors
 /// The options are not valid, see [`SimOptions::validate`].
-pub fn sample_stream(options: &SimOptions, boot_id: u64) -> Result<PlantNode<MachineSimulator>, SimError> {
-    Ok(dressed(MachineSimulator::new(options)?, options, boot_id))
+pub fn sample_stream(options: &SimOptions, stream_id: u64) -> Result<PlantNode<MachineSimulator>, SimError> {
+    Ok(dressed(MachineSimulator::new(options)?, options, stream_id))
 }
 
 /// The same of whichever machine the options name; `model` has the equations if they are what is simulated.
@@ -20,20 +20,20 @@ pub fn sample_stream(options: &SimOptions, boot_id: u64) -> Result<PlantNode<Mac
 pub fn sample_stream_of(
     model: &dyn Model,
     options: &SimOptions,
-    boot_id: u64,
+    stream_id: u64,
 ) -> Result<PlantNode<SampleSource>, String> {
     let source: SampleSource = match options.machine {
         Machine::Plant(_) => model.simulator(options).map_err(|e| e.to_string())?,
         _ => Box::new(MachineSimulator::new(options).map_err(|e| e.to_string())?),
     };
-    Ok(dressed(source, options, boot_id))
+    Ok(dressed(source, options, stream_id))
 }
 
 /// What the samples of a machine go through on their way.
-fn dressed<S: Iterator<Item = JointSample>>(source: S, options: &SimOptions, boot_id: u64) -> PlantNode<S> {
+fn dressed<S: Iterator<Item = JointSample>>(source: S, options: &SimOptions, stream_id: u64) -> PlantNode<S> {
     let period_ns = (options.sample_period_s * 1e9).round() as u64;
     let (joints, signals) = (options.joints(), options.signals());
-    let mut node = PlantNode::new(source, boot_id, joints, signals, period_ns, options.sample_count());
+    let mut node = PlantNode::new(source, stream_id, joints, signals, period_ns, options.sample_count());
     if options.sensors.loss_probability > 0.0 {
         let mut losses = Losses::new(&options.sensors, options.seed);
         node = node.with_losses(move || losses.next_is_lost());

@@ -1,6 +1,6 @@
 //! Order of a stream: which sample comes next, what is missing, where a new stream begins.
 
-/// What a message's `boot_id` and `seq` say about its place in the stream.
+/// What a message's `stream_id` and `seq` say about its place in the stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
     /// The first message of a stream: of all that this consumer sees, or of a publisher that was started again.
@@ -16,9 +16,9 @@ pub enum Place {
     Duplicate,
 }
 
-/// Follows `boot_id` and `seq` of a stream.
+/// Follows `stream_id` and `seq` of a stream.
 ///
-/// A new `boot_id`, or a `seq` that goes back, starts a new stream and is never taken for a huge gap. What was sent before the
+/// A new `stream_id`, or a `seq` that goes back, starts a new stream and is never taken for a huge gap. What was sent before the
 /// first message that this consumer received is not missing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct StreamCursor {
@@ -33,10 +33,10 @@ impl StreamCursor {
     }
 
     /// Places the next message and moves on to it.
-    pub fn advance(&mut self, boot_id: u64, seq: u64) -> Place {
+    pub fn advance(&mut self, stream_id: u64, seq: u64) -> Place {
         let ahead = self
             .last
-            .and_then(|(boot, last)| if boot == boot_id { seq.checked_sub(last) } else { None });
+            .and_then(|(boot, last)| if boot == stream_id { seq.checked_sub(last) } else { None });
         let place = match ahead {
             Some(0) => Place::Duplicate,
             Some(1) => Place::Next,
@@ -46,7 +46,7 @@ impl StreamCursor {
                 Place::First
             }
         };
-        self.last = Some((boot_id, seq));
+        self.last = Some((stream_id, seq));
         place
     }
 
@@ -56,7 +56,7 @@ impl StreamCursor {
     }
 }
 
-/// What `boot_id` and `seq` of a sample say about its place in the stream.
+/// What `stream_id` and `seq` of a sample say about its place in the stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SamplePlace {
     /// The first sample of a stream.
@@ -76,7 +76,7 @@ pub enum SamplePlace {
 
 /// Follows the samples of a stream; tells a late sample from a new stream by the holes that were seen.
 ///
-/// `seq` that goes back under the same `boot_id` is a late sample where that one was missing, a new stream where it is 0 or goes on and on,
+/// `seq` that goes back under the same `stream_id` is a late sample where that one was missing, a new stream where it is 0 or goes on and on,
 /// and otherwise a sample that came again.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SampleCursor {
@@ -100,16 +100,16 @@ impl SampleCursor {
     }
 
     /// Places the next sample and moves on to it.
-    pub fn advance(&mut self, boot_id: u64, seq: u64) -> SamplePlace {
+    pub fn advance(&mut self, stream_id: u64, seq: u64) -> SamplePlace {
         let Some((boot, last)) = self.last else {
-            return self.begin(boot_id, seq);
+            return self.begin(stream_id, seq);
         };
-        if boot != boot_id {
-            return self.begin(boot_id, seq);
+        if boot != stream_id {
+            return self.begin(stream_id, seq);
         }
         if let Some(ahead) = seq.checked_sub(last) {
             self.back = (0, 0);
-            self.last = Some((boot_id, seq));
+            self.last = Some((stream_id, seq));
             return match ahead {
                 0 => SamplePlace::Duplicate,
                 1 => SamplePlace::Next,
@@ -126,7 +126,7 @@ impl SampleCursor {
         );
         let hole = self.holes.iter_mut().find(|hole| (hole.0..hole.1).contains(&seq));
         match hole {
-            _ if self.back.1 > Self::RUN => self.begin(boot_id, seq),
+            _ if self.back.1 > Self::RUN => self.begin(stream_id, seq),
             Some(hole) => {
                 // of a hole with a sample in its middle the later part is kept
                 *hole = if seq + 1 == hole.1 {
@@ -136,14 +136,14 @@ impl SampleCursor {
                 };
                 SamplePlace::Late
             }
-            None if seq == 0 => self.begin(boot_id, seq),
+            None if seq == 0 => self.begin(stream_id, seq),
             None => SamplePlace::Duplicate,
         }
     }
 
-    fn begin(&mut self, boot_id: u64, seq: u64) -> SamplePlace {
+    fn begin(&mut self, stream_id: u64, seq: u64) -> SamplePlace {
         *self = Self {
-            last: Some((boot_id, seq)),
+            last: Some((stream_id, seq)),
             streams: self.streams + 1,
             ..Self::default()
         };
@@ -235,7 +235,7 @@ mod tests {
             (1, 8, Place::Duplicate),
             (1, 12, Place::Gap { missing: 3 }),
             (1, 13, Place::Next),
-            // seq goes back under the same boot_id
+            // seq goes back under the same stream_id
             (1, 0, Place::First),
             (1, 1, Place::Next),
             // the publisher was started again
@@ -273,7 +273,7 @@ mod tests {
             (6, Duplicate),
             (7, Duplicate),
             (8, Next),
-            // a publisher that begins again under the same boot_id
+            // a publisher that begins again under the same stream_id
             (0, First),
             (1, Next),
         ];

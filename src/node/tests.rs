@@ -44,11 +44,11 @@ pub(super) fn node(block_len: u64) -> IdentifierNode<Spring> {
     IdentifierNode::new(options, Spring::default(), estimator, None, 77)
 }
 
-pub(super) fn sample(boot_id: u64, seq: u64) -> Sample {
+pub(super) fn sample(stream_id: u64, seq: u64) -> Sample {
     let mut joints = JointSample::default();
     joints.q[0] = 1.0 + (seq % 3) as f64;
     joints.input[0] = 5.0 * joints.q[0];
-    Sample::new(boot_id, seq, seq * 1_000_000, 1, signals::Q | signals::INPUT, &joints)
+    Sample::new(stream_id, seq, seq * 1_000_000, 1, signals::Q | signals::INPUT, &joints)
 }
 
 /// Feeds samples and gives (block, accepted, missing, rejected, flags) of every estimate.
@@ -63,8 +63,8 @@ fn run(node: &mut IdentifierNode<Spring>, samples: &[Sample]) -> Vec<(u64, u64, 
     estimates
 }
 
-fn stream(boot_id: u64, seqs: impl IntoIterator<Item = u64>) -> Vec<Sample> {
-    seqs.into_iter().map(|seq| sample(boot_id, seq)).collect()
+fn stream(stream_id: u64, seqs: impl IntoIterator<Item = u64>) -> Vec<Sample> {
+    seqs.into_iter().map(|seq| sample(stream_id, seq)).collect()
 }
 
 #[test]
@@ -187,8 +187,8 @@ fn fault_a_restarted_publisher_is_a_new_stream_that_keeps_what_was_learnt() {
         [(1, 10, 0, 0, 0)],
         "the open block of the old stream gives nothing, its counters are gone"
     );
-    assert_eq!((node.status().boot_id, node.status().streams), (2, 2));
-    // seq goes back under the same boot_id: a new stream, too
+    assert_eq!((node.status().stream_id, node.status().streams), (2, 2));
+    // seq goes back under the same stream_id: a new stream, too
     assert_eq!(run(&mut node, &stream(2, 0..10)), [(1, 10, 0, 0, 0)]);
     assert_eq!(node.status().streams, 3);
 }

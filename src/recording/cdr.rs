@@ -1,50 +1,59 @@
 //! CDR, little-endian, as ROS 2 uses it: four bytes of encapsulation, then each scalar aligned to its size from there.
 
-use super::layout::Visit;
-use crate::messages::{put_text, text_of};
+use super::layout::Counts;
+use crate::messages::{Field, Per, Visit, put_text, text_of};
 
 /// Encapsulation: plain CDR, little-endian, no options.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 
-/// Appends scalars to a buffer that is kept between messages.
-pub(super) struct CdrWriter<'a>(&'a mut Vec<u8>);
+/// Appends messages to a buffer that is kept between them.
+pub(super) struct CdrWriter<'a> {
+    buffer: &'a mut Vec<u8>,
+    counts: &'a Counts,
+}
 
 impl<'a> CdrWriter<'a> {
-    pub(super) fn new(buffer: &'a mut Vec<u8>) -> Self {
+    pub(super) fn new(buffer: &'a mut Vec<u8>, counts: &'a Counts) -> Self {
         buffer.clear();
         buffer.extend_from_slice(&HEADER);
-        Self(buffer)
+        Self { buffer, counts }
     }
 
-    fn align(&mut self, size: usize) {
-        let body = self.0.len() - HEADER.len();
-        self.0.resize(HEADER.len() + body.next_multiple_of(size), 0);
+    fn put<const N: usize>(&mut self, bytes: [u8; N]) {
+        let body = self.buffer.len() - HEADER.len();
+        self.buffer.resize(HEADER.len() + body.next_multiple_of(N), 0);
+        self.buffer.extend_from_slice(&bytes);
     }
 }
 
 impl Visit for CdrWriter<'_> {
     type Error = std::convert::Infallible;
-    fn u32(&mut self, _: &str, _: &str, value: &mut u32) -> Result<(), Self::Error> {
-        self.align(4);
-        self.0.extend_from_slice(&value.to_le_bytes());
+    fn u8s(&mut self, field: &Field, values: &mut [u8]) -> Result<(), Self::Error> {
+        if field.per == Per::Text {
+            let text = text_of(values);
+            // The length counts the closing zero.
+            self.put((text.len() as u32 + 1).to_le_bytes());
+            self.buffer.extend_from_slice(text.as_bytes());
+            self.buffer.push(0);
+        } else {
+            let count = self.counts.values(field, values.len());
+            self.buffer.extend_from_slice(&values[..count]);
+        }
         Ok(())
     }
-    fn u64(&mut self, _: &str, _: &str, value: &mut u64) -> Result<(), Self::Error> {
-        self.align(8);
-        self.0.extend_from_slice(&value.to_le_bytes());
+    fn u32s(&mut self, field: &Field, values: &mut [u32]) -> Result<(), Self::Error> {
+        let count = self.counts.values(field, values.len());
+        values[..count].iter().for_each(|value| self.put(value.to_le_bytes()));
         Ok(())
     }
-    fn f64(&mut self, _: &str, _: &str, value: &mut f64) -> Result<(), Self::Error> {
-        self.align(8);
-        self.0.extend_from_slice(&value.to_le_bytes());
+    fn u64s(&mut self, field: &Field, values: &mut [u64]) -> Result<(), Self::Error> {
+        let count = self.counts.values(field, values.len());
+        values[..count].iter().for_each(|value| self.put(value.to_le_bytes()));
         Ok(())
     }
-    fn text(&mut self, name: &str, comment: &str, value: &mut [u8]) -> Result<(), Self::Error> {
-        let text = text_of(value);
-        // The length counts the closing zero.
-        let Ok(()) = self.u32(name, comment, &mut (text.len() as u32 + 1));
-        self.0.extend_from_slice(text.as_bytes());
-        self.0.push(0);
+    fn f64s(&mut self, field: &Field, values: &mut [f64]) -> Result<(), Self::Error> {
+        let count = self.counts.values(field, values.len());
+        values[..count].iter().for_each(|value| self.put(value.to_le_bytes()));
         Ok(())
     }
 }
@@ -53,16 +62,21 @@ impl Visit for CdrWriter<'_> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct NotThisMessage;
 
-/// Takes scalars from a message.
+/// Fills messages; what is not in the file stays as it is.
 pub(super) struct CdrReader<'a> {
     body: &'a [u8],
     position: usize,
+    counts: &'a Counts,
 }
 
 impl<'a> CdrReader<'a> {
-    pub(super) fn new(message: &'a [u8]) -> Result<Self, NotThisMessage> {
+    pub(super) fn new(message: &'a [u8], counts: &'a Counts) -> Result<Self, NotThisMessage> {
         match message.split_first_chunk::<4>() {
-            Some((&[0, 1, _, _], body)) => Ok(Self { body, position: 0 }),
+            Some((&[0, 1, _, _], body)) => Ok(Self {
+                body,
+                position: 0,
+                counts,
+            }),
             _ => Err(NotThisMessage),
         }
     }
@@ -73,60 +87,126 @@ impl<'a> CdrReader<'a> {
         self.position = start + N;
         bytes.copied().ok_or(NotThisMessage)
     }
+
+    fn bytes(&mut self, len: usize) -> Result<&'a [u8], NotThisMessage> {
+        let end = self.position.checked_add(len).ok_or(NotThisMessage)?;
+        let bytes = self.body.get(self.position..end).ok_or(NotThisMessage)?;
+        self.position = end;
+        Ok(bytes)
+    }
 }
 
 impl Visit for CdrReader<'_> {
     type Error = NotThisMessage;
-    fn u32(&mut self, _: &str, _: &str, value: &mut u32) -> Result<(), NotThisMessage> {
-        *value = u32::from_le_bytes(self.take()?);
+    fn u8s(&mut self, field: &Field, values: &mut [u8]) -> Result<(), NotThisMessage> {
+        if field.per == Per::Text {
+            let len = u32::from_le_bytes(self.take()?) as usize;
+            put_text(values, text_of(self.bytes(len)?));
+        } else {
+            let count = self.counts.values(field, values.len());
+            values[..count].copy_from_slice(self.bytes(count)?);
+        }
         Ok(())
     }
-    fn u64(&mut self, _: &str, _: &str, value: &mut u64) -> Result<(), NotThisMessage> {
-        *value = u64::from_le_bytes(self.take()?);
-        Ok(())
+    fn u32s(&mut self, field: &Field, values: &mut [u32]) -> Result<(), NotThisMessage> {
+        let count = self.counts.values(field, values.len());
+        values[..count].iter_mut().try_for_each(|value| {
+            *value = u32::from_le_bytes(self.take()?);
+            Ok(())
+        })
     }
-    fn f64(&mut self, _: &str, _: &str, value: &mut f64) -> Result<(), NotThisMessage> {
-        *value = f64::from_le_bytes(self.take()?);
-        Ok(())
+    fn u64s(&mut self, field: &Field, values: &mut [u64]) -> Result<(), NotThisMessage> {
+        let count = self.counts.values(field, values.len());
+        values[..count].iter_mut().try_for_each(|value| {
+            *value = u64::from_le_bytes(self.take()?);
+            Ok(())
+        })
     }
-    fn text(&mut self, _: &str, _: &str, value: &mut [u8]) -> Result<(), NotThisMessage> {
-        let len = u32::from_le_bytes(self.take()?) as usize;
-        let end = self.position.checked_add(len).ok_or(NotThisMessage)?;
-        let bytes = self.body.get(self.position..end).ok_or(NotThisMessage)?;
-        put_text(value, text_of(bytes));
-        self.position = end;
-        Ok(())
+    fn f64s(&mut self, field: &Field, values: &mut [f64]) -> Result<(), NotThisMessage> {
+        let count = self.counts.values(field, values.len());
+        values[..count].iter_mut().try_for_each(|value| {
+            *value = f64::from_le_bytes(self.take()?);
+            Ok(())
+        })
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::info::tests::arm;
     use super::*;
+    use crate::messages::Message as _;
+    use crate::messages::table::message;
+
+    message! {
+        /// One field of each kind, in an order that needs alignment.
+        struct Mixed {
+            a: u32, One, "", "a";
+            pad: u32, Padding, "", "Zero";
+            b: f64, One, "", "b";
+            c: u32, One, "", "c";
+            pad2: u32, Padding, "", "Zero";
+            d: u64, One, "", "d";
+            text: [u8; 8], Text, "", "text";
+        }
+    }
 
     #[test]
     fn prop_scalars_are_aligned_from_behind_the_encapsulation_and_come_back_to_the_bit() {
+        let counts = Counts::of(&arm());
         let mut buffer = Vec::new();
-        let nan = f64::from_bits(0x7ff8_0000_dead_beef);
-        let mut writer = CdrWriter::new(&mut buffer);
-        let Ok(()) = writer.u32("", "", &mut 7);
-        let Ok(()) = writer.f64("", "", &mut nan.clone());
-        let Ok(()) = writer.u32("", "", &mut 8);
-        let Ok(()) = writer.u64("", "", &mut u64::MAX.clone());
-        let Ok(()) = writer.text("", "", &mut b"gap\0\0".to_owned());
+        let mut sent = Mixed {
+            a: 7,
+            b: f64::from_bits(0x7ff8_0000_dead_beef),
+            c: 8,
+            d: u64::MAX,
+            text: *b"gap\0\0\0\0\0",
+            ..Mixed::EMPTY
+        };
+        let Ok(()) = sent.visit(&mut CdrWriter::new(&mut buffer, &counts));
         // 4 encapsulation, 4 + 4 padding, 8, 4 + 4 padding, 8, a length and a text of 4
         assert_eq!(buffer.len(), 4 + 8 + 8 + 8 + 8 + 8);
 
-        let mut reader = CdrReader::new(&buffer).unwrap();
-        let (mut a, mut b, mut c, mut d) = (0, 0.0, 0, 0);
-        reader.u32("", "", &mut a).unwrap();
-        reader.f64("", "", &mut b).unwrap();
-        reader.u32("", "", &mut c).unwrap();
-        reader.u64("", "", &mut d).unwrap();
-        assert_eq!((a, b.to_bits(), c, d), (7, nan.to_bits(), 8, u64::MAX));
-        let mut text = [9; 6];
-        reader.text("", "", &mut text).unwrap();
-        assert_eq!(&text, b"gap\0\0\0");
-        assert_eq!(reader.u32("", "", &mut a), Err(NotThisMessage));
-        assert!(CdrReader::new(&[0, 0, 0, 0]).is_err(), "big-endian is refused");
+        let mut got = Mixed {
+            text: [9; 8],
+            ..Mixed::EMPTY
+        };
+        got.visit(&mut CdrReader::new(&buffer, &counts).unwrap()).unwrap();
+        assert_eq!(
+            (got.a, got.b.to_bits(), got.c, got.d),
+            (7, sent.b.to_bits(), 8, u64::MAX)
+        );
+        assert_eq!(got.text, sent.text);
+        let cut = &buffer[..buffer.len() - 1];
+        assert_eq!(
+            got.visit(&mut CdrReader::new(cut, &counts).unwrap()),
+            Err(NotThisMessage)
+        );
+        assert!(CdrReader::new(&[0, 0, 0, 0], &counts).is_err(), "big-endian is refused");
+    }
+
+    #[test]
+    fn prop_one_scalar_is_written_per_joint_and_parameter_and_sets_of_schema_2_have_one_word() {
+        use crate::messages::Estimate;
+        let mut info = arm();
+        let mut lengths = Vec::new();
+        for schema in [2, 3] {
+            info.schema = schema;
+            let counts = Counts::of(&info);
+            let mut sent = Estimate {
+                usable: [0, 5].into_iter().collect(),
+                fit_probability: 0.5,
+                ..Estimate::EMPTY
+            };
+            (sent.theta[8], sent.theta[9], sent.derived[0]) = (1.5, 99.0, 2.5);
+            let mut buffer = Vec::new();
+            let Ok(()) = sent.visit(&mut CdrWriter::new(&mut buffer, &counts));
+            let mut got = Estimate::EMPTY;
+            got.visit(&mut CdrReader::new(&buffer, &counts).unwrap()).unwrap();
+            assert_eq!((got.usable, got.fit_probability), (sent.usable, 0.5));
+            assert_eq!((got.theta[8], got.theta[9], got.derived[0]), (1.5, 0.0, 2.5));
+            lengths.push(buffer.len());
+        }
+        assert_eq!(lengths[1] - lengths[0], 3 * 8);
     }
 }

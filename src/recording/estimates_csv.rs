@@ -96,7 +96,7 @@ impl<W: Write> EstimatesCsv<W> {
         record.extend(estimate.fit[..self.equations].iter().map(known));
         record.push(known(&estimate.fit_probability));
         for mask in [estimate.excited, estimate.usable] {
-            record.extend((0..self.parameters).map(|i| flag(mask >> i & 1 == 1)));
+            record.extend((0..self.parameters).map(|i| flag(mask.contains(i))));
         }
         record.extend(estimate.derived[..self.derived].iter().map(known));
         record.extend(estimate.derived_std[..self.derived].iter().map(known));

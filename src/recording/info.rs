@@ -8,6 +8,8 @@ use std::collections::BTreeMap;
 /// The metadata of a recording.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RunInfo {
+    /// Schema version of the messages; a recorder writes its own, whatever stands here.
+    pub schema: u32,
     /// Tells recordings apart; all files of one recording have the same.
     pub recording_id: String,
     /// Robot name.
@@ -36,9 +38,11 @@ pub struct RunInfo {
     pub derived: Vec<Label>,
 }
 
+/// Schema versions that this program reads. In 2 a set of parameters has one word, everything else is the same.
+const READABLE: [u32; 2] = [2, SCHEMA_VERSION];
 /// Longest configuration in a recording \[bytes\]: what a configuration may be with its setpoints.
 const MAX_CONFIG_BYTES: usize = 4 << 20;
-/// Longest other value \[bytes\]: 64 names with their units are far below.
+/// Longest other value \[bytes\]: 128 names with their units are far below.
 const MAX_VALUE_BYTES: usize = 1 << 16;
 /// Longest name or unit \[bytes\].
 const MAX_NAME_BYTES: usize = 128;
@@ -49,6 +53,16 @@ pub enum InfoError {
     /// A key is missing.
     #[error("the metadata has no `{0}`")]
     Missing(&'static str),
+    /// The messages have another schema.
+    #[error(
+        "`schema_version`: expected 2 or {SCHEMA_VERSION}, got {found}: thetabus {writer} wrote it; read it with that version"
+    )]
+    Schema {
+        /// Schema version of the recording.
+        found: String,
+        /// Version of the program that wrote it.
+        writer: String,
+    },
     /// A value is not what its key needs.
     #[error("metadata `{key}`: expected {expected}, got {got:?}")]
     Invalid {
@@ -109,10 +123,14 @@ impl RunInfo {
             u64::from_str_radix(got, 16).map_err(|_| InfoError::invalid(key, "16 hexadecimal digits", got))
         };
         let version = get("schema_version")?;
-        if *version != SCHEMA_VERSION.to_string() {
-            const EXPECTED: &str = "2 (this program's; open the file with the version that wrote it)";
-            return Err(InfoError::invalid("schema_version", EXPECTED, version));
-        }
+        let schema = version.parse().ok().filter(|found| READABLE.contains(found));
+        let schema = schema.ok_or_else(|| {
+            let writer = map.get("thetabus_version").map_or("unknown", String::as_str);
+            InfoError::Schema {
+                found: version.chars().take(60).collect(),
+                writer: writer.chars().take(60).collect(),
+            }
+        })?;
         let joints = get("joints")?;
         let joints = joints
             .parse()
@@ -124,6 +142,7 @@ impl RunInfo {
             .parse()
             .map_err(|_| InfoError::invalid("simulated", "true or false", simulated))?;
         let info = Self {
+            schema,
             simulated,
             recording_id: text("recording_id")?,
             robot: text("robot")?,
@@ -150,8 +169,8 @@ impl RunInfo {
         let counts = [
             ("joints", self.joints, MAX_JOINTS, "1 to 8"),
             ("equations", self.equations.len(), MAX_JOINTS, "at most 8"),
-            ("parameters", self.parameters.len(), MAX_PARAMS, "at most 64"),
-            ("derived", self.derived.len(), MAX_DERIVED, "at most 8"),
+            ("parameters", self.parameters.len(), MAX_PARAMS, "at most 128"),
+            ("derived", self.derived.len(), MAX_DERIVED, "at most 32"),
         ];
         for (key, count, limit, expected) in counts {
             if count > limit || (key == "joints" && count == 0) {
@@ -223,6 +242,7 @@ pub(crate) mod tests {
             unit: unit.to_string(),
         };
         RunInfo {
+            schema: SCHEMA_VERSION,
             recording_id: "1-2".into(),
             robot: "arm".into(),
             model: "manipulator".into(),
@@ -257,7 +277,7 @@ pub(crate) mod tests {
             ("joints", "9"),
             ("joints", "-1"),
             ("schema_version", "1"),
-            ("schema_version", "3"),
+            ("schema_version", "4"),
             ("model_hash", "no"),
             ("parameters", "name without unit"),
         ] {

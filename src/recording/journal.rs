@@ -10,7 +10,7 @@ pub(super) fn journal_to_map(entry: &Journal) -> BTreeMap<String, String> {
     let command = Command::from_wire(request.command).map_or("unknown", Command::name);
     let mut pairs = vec![
         ("command", command.to_owned()),
-        ("boot_id", entry.boot_id.to_string()),
+        ("stream_id", entry.stream_id.to_string()),
         ("from_seq", request.from_seq.to_string()),
         ("block", entry.block.to_string()),
         ("name", request.name().to_owned()),
@@ -61,7 +61,8 @@ pub(super) fn journal_from_map(map: &BTreeMap<String, String>) -> Option<Journal
         }
     }
     Some(Journal {
-        boot_id: number("boot_id")?,
+        // schema 2 called it so
+        stream_id: number("stream_id").or_else(|| number("boot_id"))?,
         block: number("block")?,
         request,
     })
@@ -84,13 +85,13 @@ mod tests {
             .chain([set, Request::new(Command::Pause)]);
         for request in requests {
             let entry = Journal {
-                boot_id: u64::MAX,
+                stream_id: u64::MAX,
                 block: 2,
                 request,
             };
             let map = journal_to_map(&entry);
             assert_eq!(journal_from_map(&map), Some(entry));
-            for key in ["command", "boot_id", "from_seq", "block"] {
+            for key in ["command", "stream_id", "from_seq", "block"] {
                 let mut damaged = map.clone();
                 damaged.insert(key.into(), "x".into());
                 assert_eq!(journal_from_map(&damaged), None, "{key}");

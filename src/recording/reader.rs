@@ -6,11 +6,11 @@
 use super::cdr::CdrReader;
 use super::info::RunInfo;
 use super::journal::journal_from_map;
-use super::layout::{Layout, NameCollision, RecorderStatus, no_estimate, no_sample};
+use super::layout::{Counts, RecorderStatus, check_names};
 use super::loss::{Loss, ReadError};
 use super::names::{END_METADATA, JOURNAL_METADATA, channel, numbered, series};
 use super::record_file::{Next, RecordFile, decompress};
-use crate::messages::{Estimate, Journal, Sample, Status};
+use crate::messages::{Estimate, Journal, Message as _, Sample, Status};
 use mcap::records::{MessageHeader, op};
 use std::path::{Path, PathBuf};
 
@@ -64,7 +64,7 @@ impl Default for Span {
 /// Reads the messages of a recording in the order of the file; a recording that was rotated goes on in the next file.
 pub struct RecordingReader {
     info: RunInfo,
-    layout: Layout,
+    counts: Counts,
     span: Span,
     file: RecordFile,
     next_number: u32,
@@ -94,11 +94,11 @@ impl RecordingReader {
             path: path.to_path_buf(),
             reason,
         };
-        let layout = Layout::new(&info).map_err(|e: NameCollision| not_ours(e.to_string()))?;
+        check_names(&info).map_err(|e| not_ours(e.to_string()))?;
         let (first, number) = series(path);
         Ok(Self {
+            counts: Counts::of(&info),
             info,
-            layout,
             span,
             file,
             next_number: number + 1,
@@ -109,8 +109,8 @@ impl RecordingReader {
             file_ended: false,
             at_end: false,
             loss: Loss::default(),
-            sample: no_sample(),
-            estimate: no_estimate(),
+            sample: Sample::EMPTY,
+            estimate: Estimate::EMPTY,
             status: Status::default(),
         })
     }
@@ -136,18 +136,18 @@ impl RecordingReader {
                 if header.log_time < self.span.from_ns || header.log_time > self.span.to_ns {
                     continue;
                 }
-                let Ok(mut reader) = CdrReader::new(body) else {
+                let Ok(mut reader) = CdrReader::new(body, &self.counts) else {
                     self.loss.messages += 1;
                     continue;
                 };
                 let sent_ns = header.publish_time;
                 let decoded = match header.channel_id {
-                    channel::SAMPLE => self.layout.sample(&mut reader, &mut self.sample),
-                    channel::ESTIMATE => self.layout.estimate(&mut reader, &mut self.estimate),
-                    channel::STATUS => self.layout.status(&mut reader, &mut self.status),
+                    channel::SAMPLE => self.sample.visit(&mut reader),
+                    channel::ESTIMATE => self.estimate.visit(&mut reader),
+                    channel::STATUS => self.status.visit(&mut reader),
                     channel::RECORDER => {
                         let mut recorder = RecorderStatus::default();
-                        match Layout::recorder(&mut reader, &mut recorder) {
+                        match recorder.visit(&mut reader) {
                             Ok(()) => {
                                 self.loss.samples_not_recorded = recorder.samples_missing;
                                 return Ok(Some(Entry::Recorder(recorder)));

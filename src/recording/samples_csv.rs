@@ -3,7 +3,7 @@
 //! Numbers are written with as many digits as bring the same bits back; a signal that was not measured is an empty cell.
 
 use super::info::RunInfo;
-use super::layout::{field_name, no_sample};
+use super::layout::field_name;
 use crate::messages::{Sample, signals};
 use std::io::{self, Read, Write};
 
@@ -155,7 +155,7 @@ fn cut(text: &str) -> String {
     }
 }
 
-/// Reads what [`SamplesCsv`] wrote, sample by sample; `boot_id` is 0.
+/// Reads what [`SamplesCsv`] wrote, sample by sample; `stream_id` is 0.
 pub struct SamplesCsvReader<R> {
     reader: csv::Reader<Bounded<R>>,
     columns: Vec<String>,
@@ -204,7 +204,7 @@ impl<R: Read> SamplesCsvReader<R> {
         };
         let integer = |column: usize| cell(column).parse::<u64>().map_err(|_| bad(column));
         let small = |column: usize| u32::try_from(integer(column)?).map_err(|_| bad(column));
-        let mut sample = no_sample();
+        let mut sample = Sample::EMPTY;
         (sample.seq, sample.t_ns) = (integer(0)?, integer(1)?);
         (sample.flags, sample.signals) = (small(2)?, small(3)?);
         sample.joints = self.joints as u32;
@@ -241,7 +241,7 @@ mod tests {
     fn prop_samples_come_back_to_the_bit() {
         let mut sink = Vec::new();
         let mut csv = SamplesCsv::new(&mut sink, &arm()).unwrap();
-        let mut sample = no_sample();
+        let mut sample = Sample::EMPTY;
         sample.joints = 2;
         sample.signals = signals::Q | signals::INPUT;
         (sample.seq, sample.t_ns) = (3, 3_000_000);

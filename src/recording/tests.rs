@@ -1,17 +1,16 @@
 //! Recordings written, read, cut and damaged.
 
 use super::info::tests::arm;
-use super::layout::{no_estimate, no_sample};
 use super::names::{RUN_METADATA, numbered};
 use super::*;
-use crate::messages::{ErrorCode, Estimate, LastError, Sample, Status};
+use crate::messages::{ErrorCode, Estimate, LastError, ParameterSet, Sample, Status};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// A sample with values that differ from each other and do not compress away.
 fn sample(seq: u64) -> Sample {
-    let mut s = no_sample();
-    (s.boot_id, s.seq, s.t_ns) = (77, seq, seq * 1_000_000);
+    let mut s = Sample::EMPTY;
+    (s.stream_id, s.seq, s.t_ns) = (77, seq, seq * 1_000_000);
     (s.joints, s.signals, s.flags) = (2, 0b111111, 0);
     for (k, array) in [
         &mut s.q,
@@ -32,10 +31,11 @@ fn sample(seq: u64) -> Sample {
 }
 
 fn estimate(block: u64) -> Estimate {
-    let mut e = no_estimate();
-    (e.boot_id, e.block, e.t_last_ns) = (77, block, block * 1_900_000_000);
+    let mut e = Estimate::EMPTY;
+    (e.stream_id, e.block, e.t_last_ns) = (77, block, block * 1_900_000_000);
     (e.params, e.equations, e.derived_len, e.state, e.flags) = (9, 2, 1, 1, 0b101);
-    (e.excited, e.usable, e.fixed, e.condition) = (0b1_0101_0101, 0b11, 0b100, f64::INFINITY);
+    (e.excited, e.usable) = (ParameterSet::from_bits(0b1_0101_0101), ParameterSet::from_bits(0b11));
+    (e.fixed, e.condition) = (ParameterSet::from_bits(1 << 2 | 1 << 127), f64::INFINITY);
     for i in 0..9 {
         (e.theta[i], e.theta_std[i]) = (0.1 * i as f64 + block as f64, f64::NAN);
     }
@@ -48,7 +48,7 @@ fn estimate(block: u64) -> Estimate {
 /// Messages as bits: NaN compares, too.
 fn bits(e: &Estimate) -> Vec<u64> {
     let scalars = [
-        e.boot_id,
+        e.stream_id,
         e.block,
         e.t_first_ns,
         e.t_last_ns,
@@ -59,9 +59,10 @@ fn bits(e: &Estimate) -> Vec<u64> {
     ];
     let more = [
         e.rejected,
-        e.excited,
-        e.usable,
-        e.fixed,
+        e.excited.bits() as u64,
+        e.usable.bits() as u64,
+        e.fixed.bits() as u64,
+        (e.fixed.bits() >> 64) as u64,
         e.t_change_ns,
         e.condition.to_bits(),
     ];

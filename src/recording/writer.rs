@@ -6,10 +6,10 @@
 use super::cdr::CdrWriter;
 use super::info::{InfoError, RunInfo};
 use super::journal::journal_to_map;
-use super::layout::{Layout, NameCollision, RecorderStatus};
+use super::layout::{Counts, NameCollision, RecorderStatus, check_names, schema};
 use super::names::{END_METADATA, JOURNAL_METADATA, RUN_METADATA, channel, existing_files, numbered};
 use crate::files::{Temporary, vacant};
-use crate::messages::{Estimate, Journal, Sample, Status};
+use crate::messages::{Estimate, Journal, Message, SCHEMA_VERSION, Sample, Status};
 use crate::node::stream::{Place, StreamCursor};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, McapError, WriteOptions};
@@ -54,7 +54,7 @@ pub enum RecordError {
 /// Writes samples, estimates and status of one run.
 pub struct Recorder {
     info: RunInfo,
-    layout: Layout,
+    counts: Counts,
     limits: RecordingLimits,
     first: PathBuf,
     kept: std::collections::VecDeque<PathBuf>,
@@ -79,12 +79,16 @@ impl Recorder {
     /// # Errors
     /// Where the file exists or cannot be made, or where the plant's names cannot be told apart in a recording.
     pub fn create(path: &Path, info: RunInfo, limits: RecordingLimits) -> Result<Self, RecordError> {
+        let info = RunInfo {
+            schema: SCHEMA_VERSION,
+            ..info
+        };
         info.check()?;
-        let layout = Layout::new(&info)?;
-        let file = OpenFile::create(path, &info, &layout)?;
+        check_names(&info)?;
+        let file = OpenFile::create(path, &info)?;
         Ok(Self {
+            counts: Counts::of(&info),
             info,
-            layout,
             limits,
             first: path.to_path_buf(),
             kept: [path.to_path_buf()].into(),
@@ -123,16 +127,14 @@ impl Recorder {
     /// # Errors
     /// Where the file cannot be written.
     pub fn sample(&mut self, sample: &Sample, sent_ns: u64) -> Result<(), RecordError> {
-        match self.cursor.advance(sample.boot_id, sample.seq) {
+        match self.cursor.advance(sample.stream_id, sample.seq) {
             Place::Gap { missing } => {
                 self.written.samples_missing = self.written.samples_missing.saturating_add(missing);
             }
             Place::First | Place::Next | Place::Duplicate => {}
         }
         self.last_t_ns = sample.t_ns;
-        let Ok(()) = self
-            .layout
-            .sample(&mut CdrWriter::new(&mut self.buffer), &mut sample.clone());
+        self.encode(*sample);
         self.put(channel::SAMPLE, sample.t_ns, sent_ns)?;
         self.written.samples += 1;
         Ok(())
@@ -143,9 +145,7 @@ impl Recorder {
     /// # Errors
     /// Where the file cannot be written.
     pub fn estimate(&mut self, estimate: &Estimate, sent_ns: u64) -> Result<(), RecordError> {
-        let Ok(()) = self
-            .layout
-            .estimate(&mut CdrWriter::new(&mut self.buffer), &mut estimate.clone());
+        self.encode(*estimate);
         self.put(channel::ESTIMATE, estimate.t_last_ns, sent_ns)?;
         self.written.estimates += 1;
         Ok(())
@@ -156,9 +156,7 @@ impl Recorder {
     /// # Errors
     /// Where the file cannot be written.
     pub fn status(&mut self, status: &Status, sent_ns: u64) -> Result<(), RecordError> {
-        let Ok(()) = self
-            .layout
-            .status(&mut CdrWriter::new(&mut self.buffer), &mut status.clone());
+        self.encode(*status);
         self.put(channel::STATUS, status.last_t_ns, sent_ns)?;
         self.written.statuses += 1;
         Ok(())
@@ -184,7 +182,7 @@ impl Recorder {
     /// Where the file cannot be written.
     pub fn flush(&mut self) -> Result<(), RecordError> {
         self.written.file_bytes = self.file.bytes.load(Ordering::Relaxed);
-        let Ok(()) = Layout::recorder(&mut CdrWriter::new(&mut self.buffer), &mut self.written.clone());
+        self.encode(self.written);
         self.put(channel::RECORDER, self.last_t_ns, 0)?;
         let flushed = self.file.writer.flush();
         self.file.check(flushed)
@@ -210,6 +208,10 @@ impl Recorder {
         &self.file.path
     }
 
+    fn encode(&mut self, mut message: impl Message) {
+        let Ok(()) = message.visit(&mut CdrWriter::new(&mut self.buffer, &self.counts));
+    }
+
     fn put(&mut self, channel: u16, t_ns: u64, sent_ns: u64) -> Result<(), RecordError> {
         let header = MessageHeader {
             channel_id: channel,
@@ -230,7 +232,7 @@ impl Recorder {
     fn rotate(&mut self) -> Result<(), RecordError> {
         self.rotations += 1;
         let path = numbered(&self.first, self.rotations);
-        let next = OpenFile::create(&path, &self.info, &self.layout)?;
+        let next = OpenFile::create(&path, &self.info)?;
         std::mem::replace(&mut self.file, next).finish(&self.written)?;
         self.kept.push_back(path);
         self.make_room()
@@ -249,7 +251,7 @@ impl Recorder {
 
 impl OpenFile {
     /// The file gets its name once its definitions are in it, so that a recorder killed at any time leaves files that can be read, or none.
-    fn create(path: &Path, info: &RunInfo, layout: &Layout) -> Result<Self, RecordError> {
+    fn create(path: &Path, info: &RunInfo) -> Result<Self, RecordError> {
         let bytes = Arc::new(AtomicU64::new(0));
         let failed = |source| RecordError::Io {
             path: path.to_path_buf(),
@@ -275,22 +277,27 @@ impl OpenFile {
             bytes,
             sequence: [0; 5],
         };
-        let defined = open.begin(info, layout);
+        let defined = open.begin(info);
         open.check(defined)?;
         begun.appear().map_err(failed)?;
         Ok(open)
     }
 
-    fn begin(&mut self, info: &RunInfo, layout: &Layout) -> Result<(), McapError> {
+    fn begin(&mut self, info: &RunInfo) -> Result<(), McapError> {
         self.writer.write_metadata(&Metadata {
             name: RUN_METADATA.into(),
             metadata: info.to_map(),
         })?;
         let channels = [
-            (channel::SAMPLE, "sample", "Sample", layout.sample_schema()),
-            (channel::ESTIMATE, "estimate", "Estimate", layout.estimate_schema()),
-            (channel::STATUS, "status", "Status", layout.status_schema()),
-            (channel::RECORDER, "recorder", "Recorder", Layout::recorder_schema()),
+            (channel::SAMPLE, "sample", "Sample", schema::<Sample>(info)),
+            (channel::ESTIMATE, "estimate", "Estimate", schema::<Estimate>(info)),
+            (channel::STATUS, "status", "Status", schema::<Status>(info)),
+            (
+                channel::RECORDER,
+                "recorder",
+                "Recorder",
+                schema::<RecorderStatus>(info),
+            ),
         ];
         for (id, topic, message, schema) in channels {
             let name = format!("thetabus/msg/{message}");

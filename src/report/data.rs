@@ -198,8 +198,8 @@ impl RunData {
 
     /// Takes an estimate in; `sent_ns` is the clock at sending, 0 where it is not known.
     pub fn estimate(&mut self, estimate: &Estimate, sent_ns: u64) {
-        let boot = self.estimates.last().map(|e| e.boot_id);
-        if boot.is_some_and(|boot| boot != estimate.boot_id) {
+        let boot = self.estimates.last().map(|e| e.stream_id);
+        if boot.is_some_and(|boot| boot != estimate.stream_id) {
             self.estimates.clear();
             self.timing.clear();
         }

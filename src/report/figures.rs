@@ -155,9 +155,9 @@ fn value(run: &RunData, label: &Label, index: usize, kind: Kind) -> Figure {
         })
         .collect();
     // Filled where the estimate says that it may be used; all of them where it never says so.
-    let marks_usable = kind == Kind::Parameter && run.estimates.iter().any(|e| e.usable != 0);
+    let marks_usable = kind == Kind::Parameter && run.estimates.iter().any(|e| !e.usable.is_empty());
     let dots: Vec<(f64, f64, bool)> = blocks()
-        .map(|(m, e)| (m, of(e).0, !marks_usable || e.usable & (1 << index) != 0))
+        .map(|(m, e)| (m, of(e).0, !marks_usable || e.usable.contains(index)))
         .collect();
     let (x_label, x_range) = block_axis(run);
     let truth = truth_line(run, x_range, |theta, derived| match kind {
@@ -367,8 +367,7 @@ fn excitation(run: &RunData) -> Figure {
     let mut cells = Vec::new();
     for e in &run.estimates {
         for row in 0..parameters.len() {
-            let bit = 1u64 << row;
-            let shade = match (e.fixed & bit != 0, e.excited & bit != 0) {
+            let shade = match (e.fixed.contains(row), e.excited.contains(row)) {
                 (true, _) => 0,
                 (_, false) => 1,
                 (_, true) => 2,

@@ -105,7 +105,7 @@ impl Summary {
         let last = monitor.last_estimate();
         let status = monitor
             .last_status()
-            .filter(|s| last.is_none_or(|e| e.boot_id == s.boot_id));
+            .filter(|s| last.is_none_or(|e| e.stream_id == s.stream_id));
         // The status after the last estimate counts the samples of a partial last block, too.
         let samples = match (status, last) {
             (Some(s), _) => SampleCounts {
@@ -175,8 +175,8 @@ fn parameters(monitor: &MonitorNode, last: Option<&Estimate>) -> Vec<ParameterSu
                 relative_error: estimate
                     .zip(truth)
                     .and_then(|(value, truth)| finite(relative_error(value, truth))),
-                excited: last.map(|e| e.excited & (1 << i) != 0),
-                fixed: last.map(|e| e.fixed & (1 << i) != 0),
+                excited: last.map(|e| e.excited.contains(i)),
+                fixed: last.map(|e| e.fixed.contains(i)),
             }
         })
         .collect()

@@ -168,7 +168,7 @@ impl Vitals {
         status.process.started_ns = self.started_ns;
         status.process.first_sample_ns = self.first_sample_ns;
         ports.desk.complete(&mut status);
-        let open = status.boot_id != 0 && status.state != State::Ended as u32;
+        let open = status.stream_id != 0 && status.state != State::Ended as u32;
         let silence = self
             .heard
             .filter(|_| open)
@@ -267,8 +267,8 @@ impl News {
     }
 
     fn losses(&mut self, status: &Status) {
-        if status.boot_id != self.stream {
-            (self.stream, self.missing, self.rejected) = (status.boot_id, 0, 0);
+        if status.stream_id != self.stream {
+            (self.stream, self.missing, self.rejected) = (status.stream_id, 0, 0);
         }
         if (status.missing, status.rejected) != (self.missing, self.rejected) {
             let missing = status.missing.saturating_sub(self.missing);

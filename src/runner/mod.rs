@@ -27,6 +27,7 @@ pub use realtime::apply_realtime;
 pub use shutdown::{Shutdown, TOGETHER};
 
 use crate::bus::BusError;
+use crate::messages::Description;
 use std::time::Duration;
 use thiserror::Error;
 
@@ -66,7 +67,7 @@ pub enum RunError {
     Sink(#[from] std::io::Error),
     /// The estimates are of another model than the monitor's labels.
     #[error("the estimates are of another model than the monitor's names and units")]
-    ForeignModel,
+    ForeignModel(Option<Box<Description>>),
     /// Signals cannot be handled.
     #[error("cannot handle signals: {0}")]
     Signals(String),

@@ -2,14 +2,14 @@
 
 use super::{RunError, Shutdown, Stay, TICK};
 use crate::bus::{SampleSubscriber, Subscriber};
-use crate::messages::{Estimate, Journal, Sample, Status};
+use crate::messages::{Description, Estimate, Journal, Sample, Status};
 use crate::node::monitor::MonitorNode;
 use std::io;
 use std::time::{Duration, Instant};
 
 /// Samples taken in before the other topics are looked at again.
 const BATCH: usize = 4096;
-/// How long samples may lie in their queue of 8192: a recorder is awake often enough for a million samples a second, and seldom
+/// How long samples may lie in their queue, of 4096 by default: a recorder is awake often enough for a million samples a second, and seldom
 /// enough to cost nothing at a thousand.
 const SAMPLE_TICK: Duration = Duration::from_millis(4);
 
@@ -20,6 +20,8 @@ pub struct MonitorPorts {
     pub estimates: Subscriber<Estimate>,
     /// Heartbeat in.
     pub status: Subscriber<Status>,
+    /// What the identifier says of its model, in.
+    pub description: Subscriber<Description>,
     /// What the identifier was told, in.
     pub journal: Subscriber<Journal>,
     /// Samples in, where they are wanted.
@@ -79,6 +81,17 @@ pub fn run_monitor(
         // A status is read before the estimates and told after them: what it speaks of has arrived then.
         let mut failure = None;
         let mut last_status = None;
+        let mut described = None;
+        ports
+            .description
+            .drain(|description| described = Some(Box::new(*description)))?;
+        // Names that do not fit are found before a number stands under them; later the first estimate tells.
+        if let Some(description) = described
+            && node.blocks() == 0
+            && !node.is_described_by(&description)
+        {
+            return Err(RunError::ForeignModel(Some(description)));
+        }
         ports.status.drain_timed(|status, sent_ns| {
             keep_first(&mut failure, || sink.status(status, sent_ns));
             last_status = Some(*status);
@@ -119,7 +132,7 @@ pub fn run_monitor(
             return Err(e.into());
         }
         if node.foreign_model().is_some() {
-            return Err(RunError::ForeignModel);
+            return Err(RunError::ForeignModel(None));
         }
         if ending {
             return Ok(());

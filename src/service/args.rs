@@ -1,7 +1,7 @@
 //! Command lines. What overrides the configuration becomes an argument of its loader, so that one place checks everything.
 
 use super::Failure;
-use crate::bus::{Domain, ICEORYX2_VERSION};
+use crate::bus::{Domain, ICEORYX2_VERSION, Limits};
 use crate::config::{Catalog, Config, Source};
 use crate::messages::SCHEMA_VERSION;
 use crate::recording::Span;
@@ -140,7 +140,12 @@ pub(super) fn quoted(value: Option<impl Into<String>>) -> Option<String> {
 
 /// The domain of a configuration.
 pub(super) fn domain(config: &Config) -> Result<Domain, Failure> {
-    Ok(Domain::new(&config.bus.domain)?)
+    Ok(Domain::new(&config.bus.domain)?.with_limits(Limits {
+        sample_buffer: config.bus.sample_buffer,
+        sample_subscribers: config.bus.max_sample_subscribers,
+        estimate_subscribers: config.bus.max_estimate_subscribers,
+        programs: config.bus.max_programs,
+    }))
 }
 
 /// `plant_simulator`.

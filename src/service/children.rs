@@ -131,7 +131,7 @@ impl Children {
         let mut streaming = false;
         loop {
             status.drain(|status| {
-                streaming |= status.boot_id != 0;
+                streaming |= status.stream_id != 0;
                 progress.show(status);
             })?;
             for process in &mut self.processes {

@@ -3,13 +3,16 @@
 
 use super::Failure;
 use super::commands::{Commands, Wanted};
+use super::description::description;
 use super::sparse::Sparse;
 use crate::bus::{Bus, BusError, ControlServer, Domain, Publisher};
 use crate::checkpoint;
 use crate::config::Config;
-use crate::messages::{Command, ErrorCode, Item, Journal, LastError, Request, Response, item_kind, response_code};
+use crate::messages::{
+    Command, Description, ErrorCode, Item, Journal, LastError, Request, Response, item_kind, response_code,
+};
 use crate::node::command::{Border, Change, Fate, NodeState, Order};
-use crate::runner::{Board, DeskEnd, FromLoop, ToLoop};
+use crate::runner::{Board, DeskEnd, FromLoop, TICK, ToLoop};
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -46,6 +49,7 @@ impl Desk {
         let stop = Arc::new(AtomicBool::new(false));
         let (told, ready) = sync_channel::<Result<(), BusError>>(1);
         let (domain, config, stopped) = (domain.clone(), config.clone(), stop.clone());
+        let description = description(&config);
         let thread = std::thread::Builder::new()
             .name("desk".to_owned())
             .spawn(move || {
@@ -53,8 +57,12 @@ impl Desk {
                 match Clerk::new(&domain, &config, end, stopped) {
                     Ok(mut clerk) => {
                         clerk.begin(warm.as_deref());
-                        let _ = told.send(Ok(()));
-                        clerk.work();
+                        let begun = clerk.desk.description.send(&description);
+                        let is_well = begun.is_ok();
+                        let _ = told.send(begun);
+                        if is_well {
+                            clerk.work();
+                        }
                     }
                     Err(e) => _ = told.send(Err(e)),
                 }
@@ -99,6 +107,8 @@ struct Clerk {
 /// Everything but the server, which lends out each request while it is answered.
 struct Work {
     journal: Publisher<Journal>,
+    description: Publisher<Description>,
+    description_due: Instant,
     commands: Commands,
     end: DeskEnd,
     /// Requests of the orders that have not taken effect.
@@ -134,6 +144,8 @@ impl Clerk {
             server: ControlServer::new(&bus)?,
             desk: Work {
                 journal: Publisher::new(&bus)?,
+                description: Publisher::new(&bus)?,
+                description_due: now,
                 commands: Commands::new(config),
                 end,
                 waiting: HashMap::new(),
@@ -355,7 +367,7 @@ impl Work {
     fn journalise(&mut self, requests: &[Request], border: Border) {
         for request in requests {
             let mut entry = Journal {
-                boot_id: border.boot_id,
+                stream_id: border.stream_id,
                 block: border.block,
                 request: *request,
             };
@@ -370,6 +382,12 @@ impl Work {
     fn keep(&mut self) {
         let now = Instant::now();
         self.tell_rest(now, false);
+        if now >= self.description_due {
+            self.description_due = now + TICK;
+            if let Err(e) = self.description.serve_late_joiners() {
+                tracing::error!("{e}");
+            }
+        }
         if now >= self.memory_due {
             self.memory_due = now + MEMORY_PERIOD;
             let bytes = resident_bytes().unwrap_or(0);

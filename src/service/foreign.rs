@@ -3,7 +3,7 @@
 use super::Failure;
 use crate::bus::{Bus, ControlClient};
 use crate::config::{Catalog, Config};
-use crate::messages::{Command, Request, item_kind, response_code, text_of};
+use crate::messages::{Command, DerivedInfo, Description, Request, item_kind, response_code, text_of};
 use crate::node::monitor::Label;
 use crate::recording::RunInfo;
 use std::time::Duration;
@@ -54,11 +54,26 @@ pub(super) fn estimates(bus: &Bus, config: &Config) -> Failure {
         |(model, parameters)| described(&model, parameters),
     );
     Failure::Usage(format!(
-        "the identifier of robot {} identifies {theirs}, but this monitor's configuration names the parameters of {}: give it the identifier's \
+        "the identifier of robot {} identifies {theirs}, but this monitor's configuration names the parameters of {}, and a recording needs the right one: give it the identifier's \
          configuration (--config FILE), or start the monitor of the program that has that plant",
         config.bus.robot,
         of_config(config)
     ))
+}
+
+/// Says that a monitor takes names and units from the identifier, because its own configuration has others.
+pub(super) fn warn_of_description(description: &Description, config: &Config) {
+    let theirs = description.parameters().iter();
+    let theirs = theirs.map(|p| (p.name().to_owned(), p.unit().to_owned()));
+    let derived: Vec<&str> = description.derived().iter().map(DerivedInfo::name).collect();
+    tracing::warn!(
+        derived = derived.join(", "),
+        "the identifier of robot {} identifies {}, but this monitor's configuration names the parameters of {}: names and units are taken from the \
+         identifier, and nothing is known of true values",
+        config.bus.robot,
+        described(description.model(), theirs),
+        of_config(config)
+    );
 }
 
 /// Refuses to identify a recording of a plant whose equations this program does not have. Whoever names another model on the command line may

@@ -10,6 +10,7 @@ mod child;
 mod children;
 mod commands;
 mod ctl;
+mod description;
 mod desk;
 mod doctor;
 mod exit;

@@ -1,23 +1,28 @@
 //! The monitor as a process: a readable line per estimate, estimates.csv, summary.json.
 
 use super::args::{domain, quoted};
+use super::description::monitor_of;
 use super::record::{Records, recorder};
 use super::wiring::monitor_node;
 use super::{Exit, Failure, MonitorArgs, child, foreign, logging, out_dir};
 use crate::bus::{Bus, SampleSubscriber, Subscriber};
 use crate::files;
+use crate::messages::Description;
 use crate::node::monitor::MonitorNode;
 use crate::recording::{Entry, EstimatesCsv, RecordingReader, Span, oldest_file};
 use crate::report::Summary;
-use crate::runner::{MonitorPorts, RunError, Shutdown, apply_realtime, run_monitor};
+use crate::runner::{MonitorPorts, RunError, Shutdown, TICK, apply_realtime, run_monitor};
 use nix::fcntl::OFlag;
 use std::fs::File;
 use std::io::{self, Read};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 /// Name of the file with one line per block.
 pub(super) const ESTIMATES_CSV: &str = "estimates.csv";
+/// How long an identifier may take to say what it identifies.
+const DESCRIBED_WITHIN: Duration = Duration::from_secs(1);
 /// Name of the file with the end of the run.
 pub(super) const SUMMARY_JSON: &str = "summary.json";
 
@@ -68,6 +73,7 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         journal: Subscriber::new(&bus)?,
         estimates: Subscriber::new(&bus)?,
         status: Subscriber::new(&bus)?,
+        description: Subscriber::new(&bus)?,
         samples: None,
     };
     if args.common.launched.receipts {
@@ -80,15 +86,42 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let mut records = Records::new(csv, recorder, Some(bus.clone()));
     tracing::info!(robot, domain = domain.name(), "monitor");
     apply_realtime(&config.realtime.monitor);
-    let outcome = run_monitor(&mut node, &mut ports, args.common.stay(), shutdown, &mut records);
+    let mut model = config.model.name().to_owned();
+    let outcome = loop {
+        let outcome = run_monitor(&mut node, &mut ports, args.common.stay(), shutdown, &mut records);
+        let Err(RunError::ForeignModel(description)) = outcome else {
+            break outcome;
+        };
+        // A recording holds this monitor's configuration, with which it is identified again: it must be the right one.
+        if node.blocks() > 0 || records.is_recording() {
+            break Err(RunError::ForeignModel(description));
+        }
+        let description = match description {
+            Some(description) => description,
+            None => match await_description(&mut ports)? {
+                Some(description) => {
+                    // the estimate that came first is given again to who subscribes anew
+                    ports.estimates = Subscriber::new(&bus)?;
+                    description
+                }
+                None => break Err(RunError::ForeignModel(None)),
+            },
+        };
+        foreign::warn_of_description(&description, &config);
+        node = monitor_of(&description);
+        model = description.model().to_owned();
+        if let Some(dir) = dir {
+            records.csv = Some(renamed_csv(&dir.join(ESTIMATES_CSV), &node, description.equations)?);
+        }
+    };
     let recorded = records.finish();
 
-    let summary = Summary::new(&node, robot, config.model.name());
+    let summary = Summary::new(&node, robot, &model);
     if let Some(dir) = dir {
         write_summary(dir, &summary)?;
     }
     match outcome {
-        Err(RunError::ForeignModel) => return Err(foreign::estimates(&bus, &config)),
+        Err(RunError::ForeignModel(_)) => return Err(foreign::estimates(&bus, &config)),
         outcome => outcome?,
     }
     if !args.common.is_launched() {
@@ -124,6 +157,28 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     } else {
         Exit::Done
     })
+}
+
+/// What the identifier says of its model, if it does so within a second.
+fn await_description(ports: &mut MonitorPorts) -> Result<Option<Box<Description>>, Failure> {
+    let start = Instant::now();
+    let mut found = None;
+    while found.is_none() && start.elapsed() < DESCRIBED_WITHIN {
+        ports.description.wait(TICK / 4)?;
+        ports
+            .description
+            .drain(|description| found = Some(Box::new(*description)))?;
+    }
+    Ok(found)
+}
+
+/// The table under other names; so far it has only its header.
+fn renamed_csv(path: &Path, node: &MonitorNode, equations: u32) -> Result<EstimatesCsv<File>, Failure> {
+    let begin = || {
+        std::fs::remove_file(path)?;
+        EstimatesCsv::new(create(path)?, node.parameters(), equations as usize, node.derived())
+    };
+    begin().map_err(|e| unwritable(ESTIMATES_CSV, &e))
 }
 
 /// A new file with its header, or the one of a monitor that died.

@@ -22,7 +22,7 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 
     let sim = &config.plant.sim;
     let samples = sim.sample_count();
-    let mut node = sample_stream_of(&*config.model, sim, boot_id()).map_err(Failure::Usage)?;
+    let mut node = sample_stream_of(&*config.model, sim, stream_id()).map_err(Failure::Usage)?;
 
     let bus = Bus::join(&domain, robot, "plant_simulator")?;
     let delivery = delivery(&config);
@@ -77,6 +77,6 @@ pub(super) fn limit(config: &Config) -> Duration {
 }
 
 /// A number that no earlier start of a plant had; 0 means "none yet" in status.
-pub(super) fn boot_id() -> u64 {
+pub(super) fn stream_id() -> u64 {
     RandomState::new().build_hasher().finish().max(1)
 }

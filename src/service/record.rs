@@ -3,7 +3,7 @@
 use super::Failure;
 use crate::bus::{Bus, ControlClient};
 use crate::config::Config;
-use crate::messages::{Command, ErrorCode, Estimate, Journal, LastError, Request, Sample, Status};
+use crate::messages::{Command, ErrorCode, Estimate, Journal, LastError, Request, SCHEMA_VERSION, Sample, Status};
 use crate::node::monitor::MonitorNode;
 use crate::recording::{
     EstimatesCsv, RecordError, Recorder, RecorderStatus, RecordingLimits, RecordingReader, RunInfo, Span, oldest_file,
@@ -60,6 +60,11 @@ impl Records {
             bus,
             told: LastError::default(),
         }
+    }
+
+    /// Whether samples are recorded.
+    pub(super) fn is_recording(&self) -> bool {
+        self.recorder.is_some()
     }
 
     /// Ends the recording; `None` where there was none, an error where it is not whole.
@@ -201,6 +206,7 @@ pub(super) fn run_info(config: &Config, node: &MonitorNode, simulated: bool) -> 
         .map_or(0, |since| since.as_nanos());
     let plant = config.model.definition();
     RunInfo {
+        schema: SCHEMA_VERSION,
         recording_id: format!("{now}-{}", std::process::id()),
         robot: config.bus.robot.clone(),
         model: plant.name.clone(),

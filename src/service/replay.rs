@@ -1,7 +1,7 @@
 //! `thetabus replay`: a recording's samples on the bus again, as a plant that has done all this before.
 
 use super::args::domain;
-use super::plant::{boot_id, delivery, limit};
+use super::plant::{delivery, limit, stream_id};
 use super::record::recording_at;
 use super::{Exit, Failure, ReplayArgs, foreign, logging, report};
 use crate::bus::{Bus, BusError, ControlClient, Delivery, Role, RoleLock, SamplePublisher};
@@ -34,7 +34,7 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let domain = domain(&config)?;
     let robot = &config.bus.robot;
     let _only_one = RoleLock::acquire(&domain, robot, Role::Plant)?;
-    let mut source = Replay::new(reader, boot_id(), args.teach).map_err(report::unreadable)?;
+    let mut source = Replay::new(reader, stream_id(), args.teach).map_err(report::unreadable)?;
     if source.next.is_none() && source.reader.loss().is_none() {
         return Err(args.span.nothing(&args.input));
     }
@@ -71,14 +71,14 @@ fn repeat_commands(
     limit: Duration,
     shutdown: &Shutdown,
 ) -> Result<(), Failure> {
-    let stream = source.boot_id_recorded();
+    let stream = source.stream_id_recorded();
     let journal = read_journal(recording).map_err(report::unreadable)?;
     // A replay ends with the first stream.
     let requests: Vec<_> = journal
         .iter()
-        .filter(|entry| entry.boot_id == 0 || Some(entry.boot_id) == stream)
+        .filter(|entry| entry.stream_id == 0 || Some(entry.stream_id) == stream)
         .map(|entry| Request {
-            stream: stream_tag(source.boot_id),
+            stream: stream_tag(source.stream_id),
             ..entry.request
         })
         .collect();
@@ -115,7 +115,7 @@ fn repeat_commands(
 /// one flagged END.
 struct Replay {
     reader: RecordingReader,
-    boot_id: u64,
+    stream_id: u64,
     /// Flag that its samples get: what they teach goes when the stream is over, unless it shall stay.
     flag: u32,
     /// That of the recorded stream.
@@ -127,10 +127,10 @@ struct Replay {
 }
 
 impl Replay {
-    fn new(reader: RecordingReader, boot_id: u64, teaches: bool) -> Result<Self, ReadError> {
+    fn new(reader: RecordingReader, stream_id: u64, teaches: bool) -> Result<Self, ReadError> {
         let mut replay = Self {
             reader,
-            boot_id,
+            stream_id,
             flag: if teaches { 0 } else { sample_flags::REPLAY },
             recorded: None,
             next: None,
@@ -141,7 +141,7 @@ impl Replay {
         Ok(replay)
     }
 
-    fn boot_id_recorded(&self) -> Option<u64> {
+    fn stream_id_recorded(&self) -> Option<u64> {
         self.recorded
     }
 
@@ -149,8 +149,8 @@ impl Replay {
         while let Some(entry) = self.reader.next_entry()? {
             if let Entry::Sample { sample, .. } = entry {
                 let mut sample = *sample;
-                self.recorded.get_or_insert(sample.boot_id);
-                sample.boot_id = self.boot_id;
+                self.recorded.get_or_insert(sample.stream_id);
+                sample.stream_id = self.stream_id;
                 sample.flags = sample.flags & !sample_flags::REPLAY | self.flag;
                 return Ok(Some(sample));
             }

@@ -43,11 +43,11 @@ impl Script {
         if self.entries.is_empty() {
             return;
         }
-        let new_stream = self.now != sample.boot_id;
+        let new_stream = self.now != sample.stream_id;
         while let Some(entry) = self.entries.front() {
-            let due = match entry.boot_id {
+            let due = match entry.stream_id {
                 0 => true,
-                boot if boot == sample.boot_id => sample.seq >= entry.request.from_seq,
+                boot if boot == sample.stream_id => sample.seq >= entry.request.from_seq,
                 // of a stream that is over; one that has not begun is waited for
                 boot => self.seen.contains(&boot),
             };
@@ -57,8 +57,8 @@ impl Script {
             self.give(node);
         }
         if new_stream {
-            self.now = sample.boot_id;
-            self.seen.insert(sample.boot_id);
+            self.now = sample.stream_id;
+            self.seen.insert(sample.stream_id);
         }
         while node.take_done().is_some() {}
     }

@@ -15,7 +15,7 @@ pub struct BlockResult {
     /// Standard deviation of θ̂; `NaN` where there is none.
     pub std: [f64; MANIPULATOR_PARAMS],
     /// Bit i: the estimator marks parameter i usable.
-    pub usable: u64,
+    pub usable: u128,
     /// Controllers may use θ̂.
     pub use_ok: bool,
     /// A change that was announced; its time is stream time in ns.

@@ -29,7 +29,7 @@ pub struct Answer {
     /// Its deviations.
     pub std: Vec<f64>,
     /// Bit i: parameter i is marked usable.
-    pub usable: u64,
+    pub usable: u128,
     /// A change that was announced.
     pub change: Option<Change>,
     /// θ as it is at the end of the block.

@@ -20,7 +20,7 @@ fn encoder_only(sets: &[String]) -> Config {
 struct Last {
     theta: Vec<f64>,
     std: Vec<f64>,
-    usable: u64,
+    usable: u128,
     changes: usize,
     window_s: f64,
 }

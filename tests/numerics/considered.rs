@@ -59,8 +59,8 @@ struct Answer {
     theta: Vec<f64>,
     std: Vec<f64>,
     truth: Vec<f64>,
-    usable: u64,
-    excited: u64,
+    usable: u128,
+    excited: u128,
     changed: bool,
     /// What it is in words with its size, its kind and joint.
     named: Option<(String, SuspectKind, Option<usize>, Suspicion)>,
@@ -155,7 +155,7 @@ fn dangerous(answers: &[Answer]) -> Vec<usize> {
 
 /// Usable parameters per excited one; θ₁ and θ₃ are hardly to be known through 16 bits.
 fn useful(answers: &[Answer]) -> f64 {
-    const KNOWABLE: u64 = !0b101;
+    const KNOWABLE: u128 = !0b101;
     let settled = &answers[3..];
     let both: u32 = settled
         .iter()

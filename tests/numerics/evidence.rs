@@ -129,7 +129,7 @@ impl Outcome {
     fn usable_share(&self, from: u64) -> f64 {
         let (mut excited, mut usable) = (0, 0);
         for (e, truth) in self.blocks.iter().filter(|(e, _)| e.block >= from) {
-            for i in (0..truth.len()).filter(|i| e.excited >> i & 1 == 1) {
+            for i in (0..truth.len()).filter(|&i| e.excited.contains(i)) {
                 excited += 1;
                 usable += usize::from(e.is_usable(i));
             }

@@ -172,7 +172,7 @@ fn fault_every_fault_of_a_stream_is_counted_flagged_and_leaves_the_estimate_righ
             spoil: |s| {
                 s.iter_mut()
                     .skip(4000)
-                    .for_each(|s| (s.boot_id, s.seq) = (2, s.seq - 4000))
+                    .for_each(|s| (s.stream_id, s.seq) = (2, s.seq - 4000))
             },
             counters: |s| vec![s.streams, s.accepted, s.missing],
             expected: &[2, 4000, 0],
@@ -323,7 +323,7 @@ fn fault_ten_thousand_seeded_corrupt_samples_give_no_panic_and_no_nan() {
         let sample = &mut samples[at];
         let index = (random.bits() % 8) as usize;
         match random.bits() % 12 {
-            0 => sample.boot_id = word % 3,
+            0 => sample.stream_id = word % 3,
             1 => sample.seq = word,
             2 => sample.seq = sample.seq.wrapping_add(word % 7).wrapping_sub(3),
             3 => sample.t_ns = word,
@@ -358,7 +358,7 @@ fn bits(estimates: &[Estimate]) -> Vec<u64> {
             u64::from(e.use_ok),
             u64::from(e.flags),
             e.config_hash,
-            e.fixed,
+            e.fixed.bits() as u64,
         ];
         head.into_iter()
             .chain(e.theta.iter().chain(&e.theta_std).map(|v| v.to_bits()))
@@ -514,7 +514,7 @@ fn prop_commands_take_effect_at_a_border_whole_and_the_estimate_says_so() {
         assert_eq!(at(block).theta, at(3).theta);
     }
     assert_ne!(at(6).state, paused);
-    assert_eq!((at(7).fixed, at(8).fixed, at(9).fixed, at(10).fixed), (0, 4, 4, 0));
+    assert_eq!([7, 8, 9, 10].map(|block| at(block).fixed.bits()), [0, 4, 4, 0]);
     assert_eq!(at(8).theta[2], 4.0);
     assert_eq!((at(13).config_hash, at(14).config_hash), (0, 99));
     let commanded: Vec<u64> = estimates

@@ -65,7 +65,7 @@ struct Run {
     std: Vec<Vec<f64>>,
     truth: Vec<Vec<f64>>,
     noise: Vec<Vec<f64>>,
-    usable: Vec<u64>,
+    usable: Vec<u128>,
     change: Vec<Option<u64>>,
 }
 

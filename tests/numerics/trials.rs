@@ -2,7 +2,7 @@
 
 use thetabus::config::{Config, Source};
 use thetabus::estimator::BlockEstimator;
-use thetabus::messages::{Estimate, estimate_flags, signals};
+use thetabus::messages::{Estimate, ParameterSet, estimate_flags, signals};
 use thetabus::model::{Manipulator, ManipulatorDerived, Plant};
 use thetabus::node::identifier::{IdentifierNode, IdentifierOptions};
 use thetabus::rows::{ProjectedBlock, RowForm, structure};
@@ -152,7 +152,7 @@ fn perfect(estimate: &mut Estimate, truth: &[f64; 9]) {
     }
     estimate.derived_len = 0;
     estimate.flags = 0;
-    (estimate.use_ok, estimate.usable, estimate.excited) = (1, 511, 511);
+    (estimate.use_ok, estimate.usable, estimate.excited) = (1, (0..9).collect(), (0..9).collect());
 }
 
 #[test]
@@ -181,12 +181,12 @@ fn prop_the_score_tells_the_truth_from_lies() {
     );
 
     // 6 σ and 0.6 %: dangerous, and only if it is usable and may be used.
-    let off = |share: f64, std: f64, usable: u64, use_ok: u32| {
+    let off = |share: f64, std: f64, usable: u128, use_ok: u32| {
         scored(move |estimate, truth| {
             perfect(estimate, truth);
             estimate.theta[6] = truth[6] * (1.0 + share);
             estimate.theta_std[6] = std * truth[6];
-            (estimate.usable, estimate.use_ok) = (usable, use_ok);
+            (estimate.usable, estimate.use_ok) = (ParameterSet::from_bits(usable), use_ok);
         })
     };
     let lie = off(0.006, 1e-3, 511, 1);

@@ -60,9 +60,9 @@ fn e2e_every_command_is_acknowledged_takes_effect_and_shows_in_estimate_and_stat
     observer.estimate("blocks of 250 samples", |e| e.t_last_ns - e.t_first_ns == 249_000_000);
 
     ask(&site, &["fix", "theta_3", "4.5"], 0);
-    observer.estimate("theta_3 held", |e| e.fixed == 4 && e.theta[2] == 4.5);
+    observer.estimate("theta_3 held", |e| e.fixed.bits() == 4 && e.theta[2] == 4.5);
     ask(&site, &["free", "theta_3"], 0);
-    observer.estimate("theta_3 estimated", |e| e.fixed == 0 && e.theta[2] != 4.5);
+    observer.estimate("theta_3 estimated", |e| e.fixed.is_empty() && e.theta[2] != 4.5);
     ask(&site, &["reset"], 0);
     let status = observer.status("six commands more", |s| s.process.commands == 7);
     assert_ne!(status.flags & status_flags::COMMANDED, 0);

@@ -55,7 +55,7 @@ fn e2e_doctor_shows_programs_services_locks_and_memory() {
         .iter()
         .find(|service| service["name"] == "thetabus/arm/sample" && service["pattern"] == "publish-subscribe")
         .expect("the topic");
-    assert_eq!(sample["type"], "ThetabusSampleV2");
+    assert_eq!(sample["type"], "ThetabusSampleV3");
     assert_eq!(sample["message_bytes"], size_of::<thetabus::messages::Sample>());
     assert_eq!(sample["programs"], 2, "{sample}");
     for (role, pid) in [("plant", plant.pid()), ("identifier", identifier.pid())] {
@@ -66,8 +66,8 @@ fn e2e_doctor_shows_programs_services_locks_and_memory() {
             (&Value::from("arm"), &Value::from(pid.to_string()))
         );
     }
-    // The plant's buffer of 8192 samples for four consumers alone takes 15 MB.
-    assert!(domain(&report)["memory"]["bytes"].as_u64().expect("a number") > 15_000_000);
+    // The plant's buffer of 4096 samples for 16 consumers alone takes 27 MB.
+    assert!(domain(&report)["memory"]["bytes"].as_u64().expect("a number") > 27_000_000);
     assert_eq!(domain(&report)["memory"]["unused_objects"], 0);
     assert!(report["shared_memory"]["free_bytes"].as_u64().expect("a number") > 0);
     // People get the same in words.
@@ -103,7 +103,7 @@ fn fault_doctor_clean_frees_the_dead_among_the_living_who_notice_nothing() {
     // Again there is nothing to do, and the living go on.
     assert_eq!(doctor(&site, &["--clean"])["removed"], Value::Array(Vec::new()));
     let after = observer.estimate("later blocks", |estimate| estimate.block > before.block + 3);
-    assert_eq!((after.boot_id, after.missing), (before.boot_id, 0));
+    assert_eq!((after.stream_id, after.missing), (before.stream_id, 0));
     assert!(plant.is_running() && identifier.is_running());
 }
 
@@ -133,7 +133,7 @@ fn fault_doctor_clean_removes_an_abandoned_domain_altogether_and_no_other() {
         .collect();
     assert!(left.is_empty(), "{left:?}");
     let after = watched.estimate("later blocks", |estimate| estimate.block > before.block + 3);
-    assert_eq!((after.boot_id, after.missing), (before.boot_id, 0));
+    assert_eq!((after.stream_id, after.missing), (before.stream_id, 0));
     assert!(living.iter_mut().all(Process::is_running));
     // And the next run finds clean ground, and leaves its own in good order.
     site.start_run(&[&["--duration", "2"], &QUICK[..]].concat())

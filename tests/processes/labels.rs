@@ -1,8 +1,12 @@
 //! Estimates and recordings of one model never appear under the names of another.
 
 use crate::support::{Process, Program, SERVO, Site, column};
+use nix::sys::signal::Signal;
 use std::path::Path;
 use std::process::Command;
+use thetabus::bus::{Bus, Subscriber};
+use thetabus::config::{Config, Source};
+use thetabus::messages::Description;
 use thetabus::node::monitor::Label;
 use thetabus::recording::{Entry, Recorder, RecordingLimits, RecordingReader, RunInfo, Span};
 
@@ -31,29 +35,90 @@ fn described_as(from: &Path, to: &Path, change: impl FnOnce(&mut RunInfo)) {
 }
 
 #[test]
-fn fault_a_monitor_refuses_the_estimates_of_another_model_and_names_both() {
+fn e2e_a_monitor_takes_the_names_of_another_model_from_the_identifier() {
     let site = Site::new();
     let out = site.out();
-    let mut monitor = site.start(Program::Monitor, &["--out", text(&out)]);
-    monitor.wait_for_log("monitor");
-    let own = site.dir.path().join("own");
-    let own_monitor = site.start(Program::Monitor, &["--config", SERVO, "--out", text(&own)]);
-    own_monitor.wait_for_log("monitor");
+    // both have the arm's names in their configuration; one is there before the identifier, the other comes late
+    let mut first = site.start(Program::Monitor, &["--out", text(&out)]);
+    first.wait_for_log("monitor");
     let _identifier = site.start(Program::Identifier, &["--config", SERVO]);
     site.start(Program::Plant, &["--config", SERVO, "--duration", "6"])
         .expect_code(0);
-    monitor.expect_code(2);
-    monitor.expect_stderr(&[
+    let late = site.start(Program::Monitor, &[]);
+    for monitor in [&first, &late] {
+        monitor.expect_stderr(&[
+            "identifies servo_axis (mass [kg], viscous_friction [N s/m]",
+            "names the parameters of manipulator (theta_1 [V s^3/rad]",
+            "  mass=",
+        ]);
+        // no line under a wrong name
+        assert!(!monitor.said().contains("theta_1="), "{}", monitor.said());
+    }
+    first.signal(Signal::SIGTERM);
+    first.expect_code(0);
+    // nor a row or a table
+    assert!(!column(&out.join("estimates.csv"), "mass").is_empty());
+    let summary = site.summary();
+    assert_eq!((&*summary.model, &*summary.parameters[0].name), ("servo_axis", "mass"));
+}
+
+#[test]
+fn fault_a_recorder_with_the_configuration_of_another_model_refuses_and_names_both() {
+    let site = Site::new();
+    let recording = site.dir.path().join("wrong.mcap");
+    let mut recorder = site.start(Program::Monitor, &["--record", text(&recording)]);
+    recorder.wait_for_log("monitor");
+    let _identifier = site.start(Program::Identifier, &["--config", SERVO]);
+    recorder.expect_code(2);
+    recorder.expect_stderr(&[
         "identifies servo_axis (mass [kg], viscous_friction [N s/m]",
         "names the parameters of manipulator (theta_1 [V s^3/rad]",
         "--config FILE",
     ]);
-    // no line, no row, no table under a wrong name
-    assert!(!monitor.said().contains("theta_1="), "{}", monitor.said());
-    assert_eq!(column(&out.join("estimates.csv"), "theta_1").len(), 0);
-    crate::support::eventually("the monitor with the identifier's configuration shows it", || {
-        own_monitor.stderr().contains("mass=").then_some(())
+}
+
+#[test]
+fn e2e_an_identifier_describes_its_model_to_whoever_comes() {
+    let site = Site::new();
+    let _identifier = site.start(Program::Identifier, &["--config", SERVO]);
+    let bus = Bus::join(&site.domain, "arm", "reader").expect("join");
+    let mut descriptions = Subscriber::<Description>::new(&bus).expect("subscribe");
+    let description = crate::support::eventually("a description", || {
+        let mut found = None;
+        descriptions.drain(|d| found = Some(*d)).expect("drain");
+        found
     });
+    let config = Config::load(&[Source::File(SERVO.into())], &[]).expect("valid");
+    assert_eq!(description.model(), "servo_axis");
+    assert_eq!(description.config_hash, config.config_hash());
+    assert_eq!(description.model_hash, config.model.definition().hash());
+    assert_eq!(description.block_len, config.estimator.block_len as u64);
+    assert_eq!(description.sample_period_ns, 1_000_000);
+    assert_eq!(
+        (
+            description.input_kind(),
+            description.joints().len(),
+            description.equations
+        ),
+        ("voltage", 1, 1)
+    );
+    let joint = description.joints()[0];
+    assert_eq!(
+        (joint.name(), joint.position_unit(), joint.input_unit()),
+        ("joint_1", "m", "V")
+    );
+    let mass = description.parameters()[0];
+    assert_eq!(
+        (mass.name(), mass.unit(), mass.lower, mass.upper),
+        ("mass", "kg", 0.0, f64::INFINITY)
+    );
+    assert!(
+        !mass.meaning().is_empty() && mass.start > 0.0,
+        "{} {}",
+        mass.meaning(),
+        mass.start
+    );
+    assert_eq!(description.parameters().len(), config.model.parameters().len());
 }
 
 #[test]

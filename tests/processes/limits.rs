@@ -75,7 +75,7 @@ fn fault_shared_memory_that_somebody_fills_during_a_run_kills_nobody() {
         "12",
         "--no-record",
     ];
-    let mut run = with_small_memory(&site, "40m", script, &[&args[..], &QUICK].concat());
+    let mut run = with_small_memory(&site, "80m", script, &[&args[..], &QUICK].concat());
     run.expect_code(0);
     assert!(
         run.stdout().contains("left: 0") || run.stdout().contains("left:     0"),
@@ -129,7 +129,7 @@ fn fault_joining_programs_are_refused_with_the_numbers_however_little_is_left() 
             env!("CARGO_BIN_EXE_thetabus"),
             left,
         ];
-        let mut all = with_small_memory(&site, "64m", script.trim(), &args);
+        let mut all = with_small_memory(&site, "96m", script.trim(), &args);
         all.expect_code(0);
         let told = all.stdout();
         for line in [

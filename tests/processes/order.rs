@@ -46,6 +46,29 @@ fn e2e_identifier_first_then_monitor_then_plant() {
     identifier.expect_code(0);
 }
 
+/// 60 samples in a quarter of a second: fewer than the plant keeps for who connects late.
+#[test]
+fn e2e_started_by_hand_in_real_time_the_first_block_is_never_lost() {
+    let site = Site::new();
+    let mut observer = site.observer();
+    let keys = ["--set", "estimator.block_len=50"];
+    let identifier = site.start(Program::Identifier, &keys);
+    identifier.wait_for_log("waiting for its samples");
+    std::thread::sleep(Duration::from_millis(50));
+    for start in 1..=20 {
+        let short = ["--speed", "0.25", "--duration", "0.06"];
+        site.start(Program::Plant, &[&short[..], &keys].concat()).expect_code(0);
+        let status = observer.status("the end of this stream", |status| {
+            status.streams == start && status.state == thetabus::messages::State::Ended as u32
+        });
+        assert_eq!(
+            (status.accepted, status.missing, status.estimates, status.last_block),
+            (60, 0, 1, 1),
+            "start {start}"
+        );
+    }
+}
+
 #[test]
 fn e2e_identifier_last() {
     let site = Site::new();
@@ -73,7 +96,7 @@ fn fault_an_identifier_killed_and_restarted_goes_on_with_the_next_whole_block() 
         status.pid == pid && status.estimates > 0
     });
     let after = observer.estimate("a later block", |estimate| estimate.block > before.block);
-    assert_eq!(after.boot_id, before.boot_id, "the plant is the same");
+    assert_eq!(after.stream_id, before.stream_id, "the plant is the same");
     // Blocks are cut by seq, so the restart has not moved their borders: block m ends with sample 200 m − 1.
     assert_eq!(after.t_last_ns, (200 * after.block - 1) * 1_000_000);
     // What was sent before it listened is not missing.
@@ -111,7 +134,7 @@ fn fault_a_plant_killed_and_restarted_starts_a_new_stream() {
     // The other delivery mode, too: the identifier has let go of the topic.
     plant(&site, &SHORT).expect_code(0);
     let status = observer.end();
-    assert_ne!(status.boot_id, before.boot_id);
+    assert_ne!(status.stream_id, before.stream_id);
     assert_eq!((status.streams, status.accepted, status.missing), (2, 5_000, 0));
 }
 

@@ -52,7 +52,7 @@ fn rt_a_stopped_identifier_never_slows_the_plant_and_its_loss_is_counted() {
     identifier.signal(Signal::SIGCONT);
     let status = observer.end();
     assert_eq!(status.last_seq, 19_999);
-    assert_eq!(status.boot_id, before.boot_id);
+    assert_eq!(status.stream_id, before.stream_id);
     assert!(status.missing > 5_000, "{status:?}");
     // Whatever was not taken in was counted, but for what was sent before it listened.
     assert!(

@@ -12,7 +12,7 @@ fn text(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
 
-/// All samples of a recording as bits, without the `boot_id`.
+/// All samples of a recording as bits, without the `stream_id`.
 fn samples(recording: &Path) -> (Vec<Vec<u64>>, Loss) {
     let bits = |s: &Sample| {
         let arrays = [s.q, s.dq, s.ddq, s.dddq, s.setpoint, s.input];
@@ -243,7 +243,7 @@ fn fault_a_stopped_recorder_loses_samples_and_says_so() {
     );
     let size = || fs::metadata(&recording).map_or(0, |file| file.len());
     eventually("something has been recorded", || (size() > 200_000).then_some(()));
-    // More than its queue of 8192 holds; the plant must not notice.
+    // More than its queue of 4096 holds; the plant must not notice.
     monitor.signal(Signal::SIGSTOP);
     plant.expect_code(0);
     monitor.signal(Signal::SIGCONT);

@@ -127,7 +127,7 @@ fn fault_an_overloaded_identifier_ends_within_a_second_and_leaves_its_checkpoint
     let site = Site::new();
     let dir = format!("checkpoint.dir=\"{}\"", site.dir.path().display());
     let mut observer = site.observer();
-    // Blocks of one sample from a plant that waits for nobody: its queue of 8192 is never empty.
+    // Blocks of one sample from a plant that waits for nobody: its queue of 4096 is never empty.
     let keys = ["--set", "estimator.block_len=1", "--set", "bus.delivery=\"realtime\""];
     let own = ["--set", &dir, "--set", "checkpoint.period_s=3600"];
     let mut identifier = site.start(Program::Identifier, &[&["--config", PAPER], &keys[..], &own].concat());

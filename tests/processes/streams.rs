@@ -53,9 +53,9 @@ fn replay_broken_off_leaves_no_command_to_the_next_stream() {
     let machine = |observer: &mut crate::support::Observer| {
         let start = [&config[..], &["--speed", "4", "--duration", "1000"], &QUICK].concat();
         let plant = site.start(Program::Plant, &start);
-        let boot = observer.last_estimate.map_or(0, |e| e.boot_id);
-        let first = observer.estimate("the machine's first estimate", |e| e.boot_id != boot);
-        let later = observer.estimate("its third block", |e| e.boot_id == first.boot_id && e.block >= 3);
+        let boot = observer.last_estimate.map_or(0, |e| e.stream_id);
+        let first = observer.estimate("the machine's first estimate", |e| e.stream_id != boot);
+        let later = observer.estimate("its third block", |e| e.stream_id == first.stream_id && e.block >= 3);
         (plant, first, later)
     };
     let (mut plant, _, before) = machine(&mut observer);
@@ -64,7 +64,7 @@ fn replay_broken_off_leaves_no_command_to_the_next_stream() {
 
     let broken_at: [(&str, fn(&Estimate) -> bool); 3] = [
         // the pause still waits
-        ("held", |e| e.fixed != 0),
+        ("held", |e| !e.fixed.is_empty()),
         ("blocks of 100", |e| e.t_last_ns - e.t_first_ns == 99_000_000),
         ("paused", |e| e.state == State::Paused as u32),
     ];
@@ -72,17 +72,17 @@ fn replay_broken_off_leaves_no_command_to_the_next_stream() {
         for signal in [Signal::SIGKILL, Signal::SIGTERM] {
             let replay = ["replay", recording, "--speed", "8"];
             let mut replay = site.start(Program::Thetabus, &replay);
-            let last = observer.last_estimate.expect("estimates").boot_id;
-            let replayed = observer.estimate(what, |e| e.boot_id != last && there(e));
+            let last = observer.last_estimate.expect("estimates").stream_id;
+            let replayed = observer.estimate(what, |e| e.stream_id != last && there(e));
             observer.status("the mark of a replay", |s| s.flags & status_flags::REPLAY != 0);
             replay.signal(signal);
             replay.wait();
             let (mut plant, first, later) = machine(&mut observer);
             for estimate in [&first, &later] {
                 let told = format!("{what}, {signal}: {estimate:?}");
-                assert_ne!(estimate.boot_id, replayed.boot_id, "{told}");
+                assert_ne!(estimate.stream_id, replayed.stream_id, "{told}");
                 assert_eq!(
-                    (estimate.fixed, estimate.config_hash),
+                    (estimate.fixed.bits(), estimate.config_hash),
                     (0, before.config_hash),
                     "{told}"
                 );
@@ -94,7 +94,7 @@ fn replay_broken_off_leaves_no_command_to_the_next_stream() {
                 );
                 assert_eq!(estimate.t_last_ns - estimate.t_first_ns, 199_000_000, "{told}");
             }
-            let status = observer.status("a heartbeat", |s| s.boot_id == first.boot_id);
+            let status = observer.status("a heartbeat", |s| s.stream_id == first.stream_id);
             assert_eq!(
                 status.flags & (status_flags::COMMANDED | status_flags::PAUSED | status_flags::REPLAY),
                 0,
@@ -255,7 +255,7 @@ fn fault_a_second_publisher_of_estimates_is_told_apart_by_readers() {
     });
     let mut forged = genuine.expect("an estimate");
     forged.config_hash = 0xbad;
-    forged.boot_id ^= 1;
+    forged.stream_id ^= 1;
     let mut seen = 0;
     for i in 0..300 {
         forged.block += i % 2;

@@ -49,7 +49,7 @@ fn check(estimate: &Estimate, truth: &[f64; MANIPULATOR_PARAMS]) {
     if estimate.use_ok != 0 {
         for (i, (value, truth)) in theta.iter().zip(truth).enumerate() {
             // Where a parameter may be used it is known to 1 % at least; exact signals give far more.
-            if estimate.usable & (1 << i) != 0 {
+            if estimate.usable.contains(i) {
                 assert!(
                     (value / truth - 1.0).abs() < 0.01,
                     "block {}: theta_{} = {value}",
@@ -195,7 +195,7 @@ fn fault_an_identifier_that_somebody_else_ends_is_started_again_and_a_plant_that
     let before = observer.estimate("a second block", |estimate| estimate.block >= 2);
     kill(site.child(&run, "identifier"), Signal::SIGTERM).expect("it lives");
     observer.estimate("its successor's estimates", |estimate| {
-        estimate.block > before.block + 3 && estimate.boot_id == before.boot_id
+        estimate.block > before.block + 3 && estimate.stream_id == before.stream_id
     });
     kill(site.child(&run, "plant"), Signal::SIGTERM).expect("it lives");
     run.expect_code(1);
@@ -240,7 +240,7 @@ fn fault_a_plant_started_again_begins_a_new_stream_that_runs_to_its_end() {
     kill(site.child(&run, "plant"), Signal::SIGKILL).expect("it lives");
     run.expect_code(3);
     let status = observer.end();
-    assert_ne!(status.boot_id, before.boot_id);
+    assert_ne!(status.stream_id, before.stream_id);
     assert_eq!((status.streams, status.last_seq), (2, 3_999));
     assert_eq!(site.summary().restarts.expect("counted")["plant"], 1);
 }
@@ -261,8 +261,8 @@ fn fault_each_process_stopped_for_three_seconds_goes_on() {
             check(estimate, &truth);
             estimate.block > before.block + 2 && estimate.use_ok != 0
         });
-        // 3 s are 3000 samples, and each queue holds 8192.
-        assert_eq!((after.missing, after.boot_id), (0, before.boot_id), "{role}");
+        // 3 s are 3000 samples, and each queue holds 4096.
+        assert_eq!((after.missing, after.stream_id), (0, before.stream_id), "{role}");
     }
     run.signal(Signal::SIGTERM);
     run.expect_code(0);

@@ -122,7 +122,7 @@ fn fault_samples_that_come_late_all_come() {
 /// A message of a later schema, larger than ours.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, ZeroCopySend)]
-#[type_name("ThetabusSampleV2")]
+#[type_name("ThetabusSampleV3")]
 struct LaterSample {
     sample: [u64; 53],
     more: u64,
@@ -161,8 +161,8 @@ fn fault_a_topic_of_another_schema_version_is_refused_naming_both() {
         let mut process = site.start(program, &QUICK);
         process.expect_code(1);
         process.expect_stderr(&[
-            &format!("ThetabusSampleV2 of {} bytes", size_of::<Sample>()),
-            &format!("ThetabusSampleV2 of {} bytes", size_of::<LaterSample>()),
+            &format!("ThetabusSampleV3 of {} bytes", size_of::<Sample>()),
+            &format!("ThetabusSampleV3 of {} bytes", size_of::<LaterSample>()),
             "same version of thetabus",
         ]);
     }

@@ -61,7 +61,7 @@ fn eventful_stream() -> Vec<Sample> {
     samples.drain(1850..1853);
     samples.drain(1000..1010);
     samples.drain(1180..1620);
-    let restarted: Vec<Sample> = samples[..900].iter().map(|s| Sample { boot_id: 2, ..*s }).collect();
+    let restarted: Vec<Sample> = samples[..900].iter().map(|s| Sample { stream_id: 2, ..*s }).collect();
     samples.extend(restarted);
     samples
 }

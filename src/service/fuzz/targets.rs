@@ -3,7 +3,7 @@
 use super::mutate::Random;
 use crate::checkpoint;
 use crate::config::{Catalog, Config, Source, keys};
-use crate::messages::{Command, Estimate, Journal, Request, Sample, Status, sample_flags};
+use crate::messages::{Command, Estimate, Journal, ParameterSet, Request, Sample, Status, sample_flags};
 use crate::node::command::{NodeState, Order};
 use crate::node::identifier::Identifier;
 use crate::offline::LogReader;
@@ -339,7 +339,7 @@ fn hostile_sample(random: &mut Random, sample: &mut Sample) {
     for _ in 0..=random.below(3) {
         let (whole, real, joint) = (random.whole(), random.real(), random.below(8));
         match random.below(12) {
-            0 => sample.boot_id = whole,
+            0 => sample.stream_id = whole,
             1 => sample.seq = whole,
             2 => sample.t_ns = whole,
             3 => sample.flags = whole as u32,
@@ -356,10 +356,10 @@ fn hostile_sample(random: &mut Random, sample: &mut Sample) {
 }
 
 fn hostile_estimate(random: &mut Random, block: u64) -> Estimate {
-    let reals: [f64; 64] = std::array::from_fn(|_| random.real());
+    let reals: [f64; crate::model::MAX_PARAMS] = std::array::from_fn(|_| random.real());
     let mut wholes = || random.whole();
     Estimate {
-        boot_id: 7,
+        stream_id: 7,
         block: if wholes() % 2 == 0 { block } else { wholes() },
         t_first_ns: wholes(),
         t_last_ns: wholes(),
@@ -368,9 +368,9 @@ fn hostile_estimate(random: &mut Random, block: u64) -> Estimate {
         accepted: wholes(),
         missing: wholes(),
         rejected: wholes(),
-        excited: wholes(),
-        usable: wholes(),
-        fixed: wholes(),
+        excited: ParameterSet::from_bits(u128::from(wholes()) << 31),
+        usable: ParameterSet::from_bits(u128::from(wholes())),
+        fixed: ParameterSet::from_bits(u128::from(wholes()) << 64),
         t_change_ns: wholes(),
         state: wholes() as u32,
         use_ok: wholes() as u32,
@@ -407,7 +407,8 @@ fn checkpoints(random: &mut Random, corpora: &Corpora) {
                     counts[at] = count;
                 }
                 4 => {
-                    (state.block, state.t_ns, state.blocks, state.boot_id) = (count, random.whole(), random.whole(), 7)
+                    (state.block, state.t_ns, state.blocks, state.stream_id) =
+                        (count, random.whole(), random.whole(), 7)
                 }
                 _ if !reals.is_empty() => {
                     let at = random.below(reals.len());
@@ -470,7 +471,7 @@ fn samples(random: &mut Random, corpora: &Corpora) {
             let _ = run.monitor.line(&estimate);
             run.estimate(&estimate, random.whole());
             run.status(&Status {
-                boot_id: 7,
+                stream_id: 7,
                 state: random.whole() as u32,
                 accepted: random.whole(),
                 missing: random.whole(),
@@ -503,7 +504,7 @@ fn control(random: &mut Random, corpora: &Corpora) {
     follow(&mut *node, samples);
     if random.once_in(4) {
         let journal = |request| Journal {
-            boot_id: if random.once_in(2) { 7 } else { random.whole() },
+            stream_id: if random.once_in(2) { 7 } else { random.whole() },
             block: random.whole(),
             request,
         };

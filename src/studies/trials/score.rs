@@ -134,16 +134,15 @@ impl TrialResult {
             let (value, std) = (estimate.theta[i], estimate.theta_std[i]);
             let error = value - truth.theta[i];
             let bound = truth.bound.and_then(|bound| bound.get(i)).copied();
-            let bit = |mask: u64| mask >> i & 1 == 1;
             let score = &mut self.parameters[i];
             score.end_error = (error / truth.theta[i]).abs();
             score.end_sigmas = (error / std).abs();
-            if settled && bit(estimate.excited) {
+            if settled && estimate.excited.contains(i) {
                 self.excited += 1;
-                self.usable += u64::from(bit(estimate.usable));
+                self.usable += u64::from(estimate.usable.contains(i));
                 if bound.is_some_and(|bound| bound < KNOWABLE * truth.theta[i].abs()) {
                     self.knowable += 1;
-                    self.knowable_usable += u64::from(bit(estimate.usable));
+                    self.knowable_usable += u64::from(estimate.usable.contains(i));
                 }
             }
             if settled && !truth.changed {
@@ -152,7 +151,7 @@ impl TrialResult {
                     score.intervals += 1;
                     score.covered += u64::from(covered);
                 }
-                if bit(estimate.usable) {
+                if estimate.usable.contains(i) {
                     self.usable_intervals += 1;
                     self.usable_covered += u64::from(covered);
                 }
@@ -169,7 +168,7 @@ impl TrialResult {
 
     fn look_for_danger(&mut self, estimate: &Estimate, truth: &Truth<'_>, params: usize) {
         let usable = (0..params.min(truth.names.len()))
-            .filter(|i| estimate.usable >> i & 1 == 1)
+            .filter(|&i| estimate.usable.contains(i))
             .map(|i| {
                 (
                     truth.names[i].as_str(),

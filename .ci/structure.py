@@ -16,6 +16,7 @@ LAYERS = [
     ["rows", "messages", "robot"],
     ["sim"],
     ["node"],
+    ["identify"],
     ["config"],
     ["offline", "bus", "recording", "checkpoint", "studies"],
     ["report", "runner"],

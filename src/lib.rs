@@ -8,21 +8,21 @@
 //! Without any bus it is a library. A two-joint arm, simulated and identified:
 #![cfg_attr(feature = "sim", doc = "```")]
 #![cfg_attr(not(feature = "sim"), doc = "```ignore")]
-//! use thetabus::estimator::{BlockEstimator, EstimatorOptions};
+//! use thetabus::identify::Identifier;
 //! use thetabus::model::Manipulator;
-//! use thetabus::rows::{InputSource, PointwiseBlock, SampleBlock, structure};
 //! use thetabus::sim::{ArmSimulator, SimOptions};
 //!
+//! let mut identifier = Identifier::builder(Manipulator::default())
+//!     .exact_derivatives()
+//!     .block_len(1900)
+//!     .build()?;
 //! let arm = SimOptions::cedro2022();
-//! let mut block = PointwiseBlock::new(Manipulator::default(), InputSource::Measured, 1900);
-//! for (seq, sample) in ArmSimulator::new(&arm)?.enumerate().take(1900) {
-//!     assert!(block.push(seq as u64 * 1_000_000, &sample));
-//! }
-//! let start = vec![0.01, 0.01, 0.1, 0.1, 10.0, 0.01, 0.1, 10.0, 0.5];
-//! let mut estimator = BlockEstimator::new(structure(block.model()), EstimatorOptions::recommended(start, 2))?;
-//! for (theta_hat, theta) in estimator.update(&block).theta.iter().zip(arm.true_theta(0.0)) {
-//!     println!("{theta_hat:.9} is {theta:.9}");
-//! #   assert!((theta_hat / theta - 1.0).abs() < 1e-6);
+//! for sample in ArmSimulator::new(&arm)?.take(1900) {
+//!     let Some(estimate) = identifier.push(&sample) else { continue };
+//!     for (name, (theta_hat, theta)) in identifier.names().as_slice().iter().zip(estimate.theta.iter().zip(arm.true_theta(0.0))) {
+//!         println!("{name} = {theta_hat:.9}, true {theta:.9}");
+//! #       assert!((theta_hat / theta - 1.0).abs() < 1e-6);
+//!     }
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -42,6 +42,7 @@
 //! | [`rows`] | samples → rows | |
 //! | [`estimator`] | WRLS (2)–(4), the block recursion (6)–(11) and what lies beyond it | |
 //! | [`messages`] | the bus payloads | |
+//! | [`identify`] | identification in a few lines: a plant, samples in, estimates out | |
 //! | [`node`] | plant, identifier and monitor as values: messages in, messages out, no I/O, no clock | |
 //! | `sim` | the simulated arm (12)–(23) and servo axis, their sensors and faults | `sim` |
 //! | `config` | TOML files ⇄ validated core types | `config` |
@@ -67,6 +68,7 @@ pub mod config;
 pub mod estimator;
 #[cfg(feature = "recording")]
 mod files;
+pub mod identify;
 pub mod messages;
 pub mod model;
 pub mod node;

@@ -38,7 +38,7 @@ pub(super) fn config(mut form: FileForm, catalog: &Catalog, layers: &Layers) -> 
     // what is wrong with them has been told with the model
     let known = model.as_ref().and_then(|_| catalog::known(&form, &mut check)).flatten();
     let plant = plant::plant(&form, model.as_ref(), &mut check);
-    let identifier = identifier(&form, &mut check);
+    let identifier = identifier(&form, model.as_ref(), &mut check);
     let log = log(&form, model.as_ref(), &mut check);
     let estimator = model.as_ref().and_then(|model| estimator(&form, model, &mut check));
     let bus = BusConfig {
@@ -246,17 +246,17 @@ fn per_joint(list: &[f64], otherwise: f64) -> [f64; MAX_JOINTS] {
 }
 
 /// What the model does not say. Positions along a line have no period of one turn.
-fn considered(form: &FileForm) -> Considered {
+fn considered(form: &FileForm, linear: bool) -> Considered {
     let section = &form.considered;
-    let linear = form.model.kind == "servo_axis" && form.servo_axis.motion == "linear";
-    Considered {
+    let all = Considered {
         input_delay_s: section.input_delay_s,
         gain: section.gain,
         coulomb: section.coulomb,
         resonance_hz: section.resonance_hz,
-        zero_rad: if linear { 0.0 } else { section.zero_rad },
-        eccentricity_rad: (!linear).then_some(section.eccentricity_rad),
-    }
+        zero_rad: section.zero_rad,
+        eccentricity_rad: Some(section.eccentricity_rad),
+    };
+    if linear { all.without_turns() } else { all }
 }
 
 /// Samples on either side of the velocity filter. Its time is what matters: a filter of as many samples at a lower rate smooths away the fastest
@@ -306,7 +306,7 @@ fn decide_on_noise(form: &mut FileForm, check: &mut Check<'_>) {
 }
 
 /// The projected rows' options; `None` with a problem where they do not go together.
-fn projected(form: &FileForm, check: &mut Check<'_>) -> Option<ProjectedOptions> {
+fn projected(form: &FileForm, linear: bool, check: &mut Check<'_>) -> Option<ProjectedOptions> {
     let section = &form.projected;
     let per_joint = |list: &Option<Vec<f64>>| per_joint(list.as_deref().unwrap_or(&[]), 0.0);
     let options = ProjectedOptions {
@@ -326,7 +326,7 @@ fn projected(form: &FileForm, check: &mut Check<'_>) -> Option<ProjectedOptions>
             input_resolution: per_joint(&section.input_resolution),
         },
         learn_noise: section.learn_noise.unwrap_or(true),
-        considered: considered(form),
+        considered: considered(form, linear),
     };
     let checked = match section.window_s {
         RealOrWord::Real(_) => options,
@@ -430,14 +430,15 @@ fn log(form: &FileForm, model: Option<&SharedModel>, check: &mut Check<'_>) -> L
     }
 }
 
-fn identifier(form: &FileForm, check: &mut Check<'_>) -> Option<IdentifierConfig> {
+fn identifier(form: &FileForm, model: Option<&SharedModel>, check: &mut Check<'_>) -> Option<IdentifierConfig> {
+    let linear = model.is_some_and(|model| model.definition().position_unit == "m");
     let rows = match form.identifier.rows.as_str() {
         "projected" if form.identifier.input == "controller" => {
             let message = "expected \"measured\" with projected rows, which have no velocity to put into a controller, got \"controller\"";
             check.wrong(check.culprit(&["identifier.input", "identifier.rows"]), message);
             return None;
         }
-        "projected" => RowForm::Projected(projected(form, check)?),
+        "projected" => RowForm::Projected(projected(form, linear, check)?),
         _ => RowForm::Pointwise,
     };
     let input = match form.identifier.input.as_str() {

@@ -56,6 +56,16 @@ impl Considered {
         zero_rad: 0.0,
         eccentricity_rad: Some(0.0),
     };
+
+    /// The same for joints that move along lines, whose sensors have no turn.
+    #[must_use]
+    pub fn without_turns(self) -> Self {
+        Self {
+            zero_rad: 0.0,
+            eccentricity_rad: None,
+            ..self
+        }
+    }
 }
 
 impl Default for Considered {

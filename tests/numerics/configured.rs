@@ -3,11 +3,14 @@
 use std::f64::consts::TAU;
 use thetabus::config::{Catalog, Config};
 use thetabus::estimator::BlockEstimator;
-use thetabus::messages::Sample;
+use thetabus::identify::{Identifier, IdentifierBuilder, ParameterPrior};
+use thetabus::messages::{Sample, signals};
 use thetabus::model::{
     DerivedValues, Equation, ExtendedDerived, ExtendedManipulator, ExtraTerms, JointSample, Manipulator,
     ManipulatorDerived, Parameter, Plant, Scalar,
 };
+use thetabus::node::identifier::IdentifierOptions;
+use thetabus::node::model::NodeSettings;
 use thetabus::node::simulated_plant::sample_stream;
 use thetabus::rows::{AutoWindowBlock, RowForm, SampleBlock, structure};
 use thetabus::sim::{ArmParameters, SimOptions, rk4_step};
@@ -340,6 +343,60 @@ fn ident_windows_that_the_identifier_chooses_are_as_good_as_configured_ones() {
             assert!(ratio < 1.15, "{period_s} s: theta_{} {ratio}", i + 1);
         }
     }
+}
+
+#[test]
+fn prop_the_builder_makes_the_identifier_of_own_plant_toml() {
+    let basis = Config::embedded("own_plant").unwrap();
+    let config = Config::load_for(&Catalog::default().with(Pendulum), &[basis], &[]).unwrap();
+    let settings = NodeSettings {
+        rows: config.identifier.rows,
+        auto_window: config.identifier.auto_window,
+        input: config.identifier.input,
+        estimator: config.estimator.options.clone(),
+        options: IdentifierOptions {
+            sample_period_ns: 1_000_000,
+            ..IdentifierOptions::new(config.estimator.block_len as u64, 0, 0)
+        },
+        pid: std::process::id(),
+    };
+    let mut node = config.model.identifier(&settings).unwrap();
+    let mut identifier = Identifier::builder(Pendulum).build().unwrap();
+    let mut blocks = 0;
+    for (seq, (t_ns, joints)) in pendulum(16, 0.05, 3, 6 * 1900).enumerate() {
+        let sample = Sample::new(1, seq as u64, t_ns, 1, signals::Q | signals::INPUT, &joints);
+        let mut expected = None;
+        node.on_sample(&sample, &mut |estimate| expected = Some(*estimate));
+        let got = identifier.push(&joints);
+        // Debug tells NaN from NaN, unlike equality
+        assert_eq!(format!("{got:?}"), format!("{expected:?}"));
+        blocks += usize::from(got.is_some());
+    }
+    assert_eq!((blocks, identifier.names().as_slice()[2].as_str()), (6, "weight"));
+
+    let message = |builder: IdentifierBuilder| builder.build().unwrap_err().to_string();
+    let builder = || Identifier::builder(Pendulum);
+    let unknown = message(builder().prior("mass", ParameterPrior::new(1.0)));
+    assert!(
+        unknown.contains("inertia, damping, weight") && unknown.contains("\"mass\""),
+        "{unknown}"
+    );
+    let outside = message(builder().prior("inertia", ParameterPrior::new(-1.0).within(0.0, 9.0)));
+    assert!(outside.contains("theta_start"), "{outside}");
+    for (wrong, named) in [
+        (builder().block_len(0), "block_len"),
+        (builder().sample_period_s(f64::NAN), "sample_period_s"),
+        (builder().window_s(1e-3), "window_s"),
+        (builder().forgetting_factor(2.0), "forgetting_factor"),
+    ] {
+        let text = message(wrong);
+        assert!(text.contains(named), "{text}");
+    }
+    let held = builder()
+        .prior("weight", ParameterPrior::new(12.0).fixed())
+        .build()
+        .unwrap();
+    assert_eq!(held.status().estimates, 0);
 }
 
 #[test]

@@ -16,7 +16,7 @@ LAYERS = [
     ["rows", "messages", "robot"],
     ["sim"],
     ["node"],
-    ["identify"],
+    ["identify", "control"],
     ["config"],
     ["offline", "bus", "recording", "checkpoint", "studies"],
     ["report", "runner"],

@@ -43,6 +43,7 @@
 //! | [`estimator`] | WRLS (2)–(4), the block recursion (6)–(11) and what lies beyond it | |
 //! | [`messages`] | the bus payloads | |
 //! | [`identify`] | identification in a few lines: a plant, samples in, estimates out | |
+//! | [`control`] | feed-forward from estimates that may be used | |
 //! | [`node`] | plant, identifier and monitor as values: messages in, messages out, no I/O, no clock | |
 //! | `sim` | the simulated arm (12)–(23) and servo axis, their sensors and faults | `sim` |
 //! | `config` | TOML files ⇄ validated core types | `config` |
@@ -65,6 +66,7 @@ pub mod bus;
 pub mod checkpoint;
 #[cfg(feature = "config")]
 pub mod config;
+pub mod control;
 pub mod estimator;
 #[cfg(feature = "recording")]
 mod files;

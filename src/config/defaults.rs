@@ -100,6 +100,7 @@ impl Default for FileForm {
                 feedback: word(&PositionFeedback::NAMES, sim.controller.feedback),
                 proportional_gain_v_per_rad: kp.clone(),
                 derivative_gain_v_s_per_rad: kd.clone(),
+                voltage_limit_v: sim.controller.voltage_limit_v,
             },
             sensors: schema::Sensors {
                 input_noise_v: sim.sensors.input_noise_v,

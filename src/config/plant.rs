@@ -95,6 +95,7 @@ pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Ch
             },
             proportional_gain_v_per_rad: joints(&form.controller.proportional_gain_v_per_rad),
             derivative_gain_v_s_per_rad: joints(&form.controller.derivative_gain_v_s_per_rad),
+            voltage_limit_v: form.controller.voltage_limit_v,
         },
         setpoint,
         initial_q_rad: joints(&form.plant.initial_q_rad),

@@ -314,6 +314,8 @@ sections! {
             "Gain Kp of each joint";
         derivative_gain_v_s_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V s/rad",
             "Gain Kd of each joint";
+        voltage_limit_v: f64, Kind::Real(POSITIVE.or_infinite()), "V",
+            "Most that each drive gives, either sign, feed-forward included; inf: no limit";
     }
     sensors: Sensors = "plant.sensors", "What stands between the machine's exact signals and its samples" {
         input_noise_v: f64, Kind::Real(NOT_NEGATIVE), "V",

@@ -11,8 +11,8 @@ use super::identifier::{Identifier, IdentifierNode, IdentifierOptions};
 use crate::estimator::{BlockEstimator, EstimatorOptions, Structure};
 use crate::messages::signals;
 use crate::model::{
-    AutoDiff, DerivedQuantity, DerivedValues, JointSample, Parameter, Plant, PlantDefinition, PlantDerived,
-    PointwiseModel,
+    AutoDiff, DerivedQuantity, DerivedValues, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter, Plant, PlantDefinition,
+    PlantDerived, PointwiseModel,
 };
 use crate::rows::{AutoWindowBlock, InputSource, PointwiseBlock, RowForm, SampleBlock};
 use std::fmt;
@@ -72,6 +72,10 @@ pub trait Model: fmt::Debug + Send + Sync {
     /// The setting that does not fit this model.
     fn identifier(&self, settings: &NodeSettings) -> Result<Box<dyn Identifier>, ModelError>;
 
+    /// The input at which the equations hold along a motion: q, q̇, q̈ and, if they ask for it, q⃛ of `motion`, in the input's unit per joint. 0 for a joint that no
+    /// equation drives.
+    fn input_for(&self, motion: &JointSample, theta: &[f64], input: &mut [f64; MAX_JOINTS]);
+
     /// Name as in configuration files.
     fn name(&self) -> &str {
         &self.definition().name
@@ -103,7 +107,7 @@ pub trait Model: fmt::Debug + Send + Sync {
 
 /// Samples of a simulated machine.
 #[cfg(feature = "sim")]
-pub type SampleSource = Box<dyn Iterator<Item = JointSample> + Send>;
+pub type SampleSource = Box<dyn crate::sim::Commanded + Send>;
 
 /// A model that a configuration and all that is made of it share; equal if the definitions are.
 #[derive(Debug, Clone)]
@@ -193,6 +197,8 @@ where
 
     fn identifier(&self, settings: &NodeSettings) -> Result<Box<dyn Identifier>, ModelError> {
         let block_len = settings.options.block_len as usize;
+        let estimator = settings.estimator.validate(&self.structure());
+        estimator.map_err(|e| ModelError::setting("estimator", e))?;
         match &settings.rows {
             RowForm::Pointwise => {
                 let rows = PointwiseBlock::new(self.pointwise.clone(), settings.input, block_len)
@@ -209,6 +215,21 @@ where
                     .map_err(|e| ModelError::setting("identifier.projected", e))?;
                 self.node(settings, signals::Q | signals::INPUT, rows)
             }
+        }
+    }
+
+    fn input_for(&self, motion: &JointSample, theta: &[f64], input: &mut [f64; MAX_JOINTS]) {
+        *input = [0.0; MAX_JOINTS];
+        let still = JointSample {
+            input: [0.0; MAX_JOINTS],
+            ..*motion
+        };
+        let features = self.pointwise.features(&still);
+        let mut regressor = [0.0; MAX_PARAMS];
+        for (e, equation) in self.definition.equations.iter().enumerate() {
+            // f = s u − Σ …, so that u = −f(u = 0)/s
+            let own = &mut regressor[..equation.parameters.len()];
+            input[equation.input] = -self.pointwise.row(e, &features, theta, own) / equation.input_scale;
         }
     }
 

@@ -1,7 +1,8 @@
 //! Options of the PD controllers (13).
 
 use super::arm_parameters::ARM_JOINTS;
-use super::error::{SimError, not_negative};
+use super::error::{SimError, not_negative, positive};
+use crate::model::{JointSample, MAX_JOINTS};
 
 /// When the controller computes its voltage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -44,6 +45,8 @@ pub struct ControllerOptions {
     pub proportional_gain_v_per_rad: [f64; ARM_JOINTS],
     /// K_d of each joint \[V s/rad\], ≥ 0.
     pub derivative_gain_v_s_per_rad: [f64; ARM_JOINTS],
+    /// Most that each drive gives \[V\], either sign, > 0; `inf` for no limit.
+    pub voltage_limit_v: f64,
 }
 
 impl ControllerOptions {
@@ -54,6 +57,7 @@ impl ControllerOptions {
             feedback: PositionFeedback::True,
             proportional_gain_v_per_rad: [191.304; ARM_JOINTS],
             derivative_gain_v_s_per_rad: [31.6957; ARM_JOINTS],
+            voltage_limit_v: f64::INFINITY,
         }
     }
 
@@ -65,6 +69,9 @@ impl ControllerOptions {
         if self.kind == ControllerKind::Analog && self.feedback == PositionFeedback::Measured {
             let (expected, got) = ("true for an analog controller, which no sample reaches", "measured");
             return Err(SimError::new("controller.feedback", expected, got));
+        }
+        if self.voltage_limit_v != f64::INFINITY {
+            positive("controller.voltage_limit_v", self.voltage_limit_v)?;
         }
         for joint in 0..ARM_JOINTS {
             not_negative(
@@ -78,4 +85,10 @@ impl ControllerOptions {
         }
         Ok(())
     }
+}
+
+/// A simulated machine that takes feed-forward from a controller outside.
+pub trait Commanded: Iterator<Item = JointSample> {
+    /// Adds this to what the machine's own loop gives, from the next sample on; in the input's unit, held until the next call.
+    fn command(&mut self, feed_forward: &[f64; MAX_JOINTS]);
 }

@@ -25,7 +25,7 @@ mod unmodelled;
 
 pub use arm::ArmDynamics;
 pub use arm_parameters::{ARM_JOINTS, ArmParameters};
-pub use controller::{ControllerKind, ControllerOptions, PositionFeedback};
+pub use controller::{Commanded, ControllerKind, ControllerOptions, PositionFeedback};
 pub use error::SimError;
 pub use faults::{Fault, FaultKind, FaultSignal, Faults};
 pub use instants::SampleInstants;
@@ -38,6 +38,6 @@ pub use schedule::{Interpolation, MassSchedule};
 pub use sensors::{Losses, SensorOptions};
 pub use servo_axis::ServoAxisSimulator;
 pub use servo_axis_options::ServoAxisOptions;
-pub use setpoint::{Setpoint, Tone};
+pub use setpoint::{Setpoint, SetpointPath, Tone};
 pub use simulator::{ArmSimulator, MachineSimulator};
 pub use unmodelled::Unmodelled;

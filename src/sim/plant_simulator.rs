@@ -12,6 +12,7 @@
 //! Gains that are not given are those of a loop at [`LOOP_RAD_PER_S`] with damping 1 around the joint's own inertia ∂f/∂q̈ at the start.
 
 use super::arm_parameters::ARM_JOINTS;
+use super::controller::Commanded;
 use super::error::SimError;
 use super::noise::Noise;
 use super::options::{Machine, PlantMachine, SimOptions};
@@ -33,6 +34,7 @@ pub struct PlantSimulator<P> {
     sample_period_s: f64,
     substeps: usize,
     gains: [[f64; 2]; MAX_JOINTS],
+    feed_forward: [f64; MAX_JOINTS],
     setpoints: Vec<SetpointSource>,
     sensors: Sensors<MAX_JOINTS>,
     theta: Vec<f64>,
@@ -79,6 +81,7 @@ impl<P: Plant> PlantSimulator<P> {
             sample_period_s: options.sample_period_s,
             substeps: options.substeps,
             gains: [[0.0; 2]; MAX_JOINTS],
+            feed_forward: [0.0; MAX_JOINTS],
             setpoints: setpoints.collect(),
             sensors: Sensors::new(options.sensors, options.seed),
             state,
@@ -182,7 +185,8 @@ impl<P: Plant> PlantSimulator<P> {
             source.begin_sample(self.k);
             state.setpoint[joint] = source.value(0.0);
             let [proportional, derivative] = self.gains[joint];
-            state.input[joint] = proportional * (state.setpoint[joint] - state.q[joint]) - derivative * state.dq[joint];
+            state.input[joint] = proportional * (state.setpoint[joint] - state.q[joint]) - derivative * state.dq[joint]
+                + self.feed_forward[joint];
         }
         if !self.solve(&mut state) {
             return None;
@@ -233,6 +237,12 @@ impl<P: Plant> PlantSimulator<P> {
             }
         }
         Some(())
+    }
+}
+
+impl<P: Plant> Commanded for PlantSimulator<P> {
+    fn command(&mut self, feed_forward: &[f64; MAX_JOINTS]) {
+        self.feed_forward = *feed_forward;
     }
 }
 

@@ -10,7 +10,7 @@
 //! jump: a Runge-Kutta step that would carry v through zero is cut at the zero, where the axis sticks or sets off the other way.
 //! While it sticks, friction may be anything up to F_c, so such samples do not obey the model's F_c sign v, as on a real machine.
 
-use super::controller::{ControllerKind, PositionFeedback};
+use super::controller::{Commanded, ControllerKind, PositionFeedback};
 use super::error::SimError;
 use super::instants::SampleInstants;
 use super::integrator::rk4_step;
@@ -19,11 +19,11 @@ use super::options::SimOptions;
 use super::sensors::Sensors;
 use super::servo_axis_options::ServoAxisOptions;
 use super::setpoint::SetpointSource;
-use crate::model::JointSample;
+use crate::model::{JointSample, MAX_JOINTS};
 
 impl ServoAxisOptions {
-    fn input(&self, setpoint: f64, q: f64, v: f64) -> f64 {
-        let u = self.proportional_gain * (setpoint - q) - self.derivative_gain * v;
+    fn input(&self, setpoint: f64, q: f64, v: f64, feed_forward: f64) -> f64 {
+        let u = self.proportional_gain * (setpoint - q) - self.derivative_gain * v + feed_forward;
         u.clamp(-self.input_limit, self.input_limit)
     }
 
@@ -75,6 +75,7 @@ pub struct ServoAxisSimulator {
     state: [f64; 2],
     motion: Motion,
     mass: f64,
+    feed_forward: f64,
     k: u64,
 }
 
@@ -102,6 +103,7 @@ impl ServoAxisSimulator {
             state: [options.initial_q_rad[0], 0.0],
             motion: Motion::Stuck,
             mass: axis.mass.mass_kg(0.0),
+            feed_forward: 0.0,
             k: 0,
         })
     }
@@ -117,15 +119,18 @@ impl ServoAxisSimulator {
         let setpoint = self.setpoint.value(self.offset_s[0] / self.sample_period_s);
         // The reading instant's shift needs the acceleration, which needs the input, which may need the reading: the true position
         // stands in for it, whose error here is below a count.
-        let ddq = self
-            .axis
-            .acceleration(self.mass, self.motion, self.axis.input(setpoint, q, v), v);
+        let ddq = self.axis.acceleration(
+            self.mass,
+            self.motion,
+            self.axis.input(setpoint, q, v, self.feed_forward),
+            v,
+        );
         let [measured_q, _] = self.sensors.positions([q, 0.0], [v, 0.0], [ddq, 0.0]);
         let seen_q = match self.feedback {
             PositionFeedback::True => q,
             PositionFeedback::Measured => measured_q,
         };
-        let u = self.axis.input(setpoint, seen_q, v);
+        let u = self.axis.input(setpoint, seen_q, v, self.feed_forward);
         if v == 0.0 {
             self.motion = self.axis.set_off(u);
         }
@@ -158,7 +163,7 @@ impl ServoAxisSimulator {
                     let setpoint = self.setpoint.value(at(from, self.substeps));
                     let u = match self.kind {
                         ControllerKind::Sampled => held,
-                        ControllerKind::Analog => self.axis.input(setpoint, self.state[0], 0.0),
+                        ControllerKind::Analog => self.axis.input(setpoint, self.state[0], 0.0, self.feed_forward),
                     };
                     self.motion = self.axis.set_off(u);
                 }
@@ -205,6 +210,7 @@ impl ServoAxisSimulator {
             state,
             motion,
             mass,
+            feed_forward,
             ..
         } = self;
         rk4_step(state, step_s, |fraction, &[q, v]| {
@@ -212,11 +218,17 @@ impl ServoAxisSimulator {
                 ControllerKind::Sampled => held,
                 ControllerKind::Analog => {
                     let at = start + whole * ((substep as f64 + from + fraction * length) / substeps);
-                    axis.input(setpoint.value(at.min(end)), q, v)
+                    axis.input(setpoint.value(at.min(end)), q, v, *feed_forward)
                 }
             };
             [v, axis.acceleration(*mass, *motion, u, v)]
         })
+    }
+}
+
+impl Commanded for ServoAxisSimulator {
+    fn command(&mut self, feed_forward: &[f64; MAX_JOINTS]) {
+        self.feed_forward = feed_forward[0];
     }
 }
 

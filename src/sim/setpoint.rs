@@ -225,6 +225,32 @@ impl Setpoint {
     }
 }
 
+/// The setpoints of one joint of a run, value by value, as its simulator sees them.
+#[derive(Debug, Clone)]
+pub struct SetpointPath {
+    source: SetpointSource,
+    begun: Option<u64>,
+}
+
+impl SetpointPath {
+    /// A valid setpoint of joint `joint`, counted from 0, in a run with this sample period \[s\] and seed.
+    pub fn new(setpoint: &Setpoint, joint: usize, sample_period_s: f64, seed: u64) -> Self {
+        let noise = Noise::new(seed, Noise::setpoint_stream(joint));
+        Self {
+            source: SetpointSource::new(setpoint, sample_period_s, noise),
+            begun: None,
+        }
+    }
+
+    /// The setpoint at sample `k` and a fraction, 0 to 1, of a period. Samples must not go back.
+    pub fn value(&mut self, k: u64, fraction: f64) -> f64 {
+        let from = self.begun.map_or(0, |begun| begun + 1);
+        (from..=k).for_each(|k| self.source.begin_sample(k));
+        self.begun = Some(k.max(self.begun.unwrap_or(0)));
+        self.source.value(fraction)
+    }
+}
+
 /// A [`Setpoint`] at work: call [`begin_sample`](Self::begin_sample) for k = 0, 1, 2 …, then [`value`](Self::value) within that sample.
 #[derive(Debug, Clone)]
 pub(super) struct SetpointSource {

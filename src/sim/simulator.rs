@@ -8,7 +8,7 @@
 use super::ArmParameters;
 use super::arm::ArmDynamics;
 use super::arm_parameters::ARM_JOINTS;
-use super::controller::{ControllerKind, PositionFeedback};
+use super::controller::{Commanded, ControllerKind, PositionFeedback};
 use super::error::SimError;
 use super::instants::SampleInstants;
 use super::integrator::rk4_step;
@@ -20,7 +20,7 @@ use super::sensors::Sensors;
 use super::servo_axis::ServoAxisSimulator;
 use super::setpoint::SetpointSource;
 use super::unmodelled::Unmodelled;
-use crate::model::{JointSample, PdController};
+use crate::model::{JointSample, MAX_JOINTS, PdController};
 use std::array::from_fn;
 
 /// The closed loop as an endless iterator: sample k = 0, 1, 2, … at t = k Δ.
@@ -37,6 +37,9 @@ pub struct ArmSimulator {
     controllers: [PdController; ARM_JOINTS],
     motors: [Motor; ARM_JOINTS],
     setpoints: [SetpointSource; ARM_JOINTS],
+    /// Added to the controllers' voltages, until the next.
+    feed_forward: [f64; ARM_JOINTS],
+    voltage_limit: f64,
     sensors: Sensors,
     unmodelled: Unmodelled,
     instants: SampleInstants,
@@ -85,6 +88,8 @@ impl ArmSimulator {
                 let noise = Noise::new(options.seed, Noise::setpoint_stream(joint));
                 SetpointSource::new(&options.setpoint[joint], options.sample_period_s, noise)
             }),
+            feed_forward: [0.0; ARM_JOINTS],
+            voltage_limit: options.controller.voltage_limit_v,
             sensors: Sensors::new(options.sensors, options.seed),
             unmodelled: options.unmodelled,
             instants,
@@ -137,7 +142,7 @@ impl ArmSimulator {
         };
         // (13)
         let voltage: [f64; ARM_JOINTS] =
-            from_fn(|joint| self.controllers[joint].voltage(setpoint[joint], seen_q[joint], dq[joint]));
+            from_fn(|joint| self.voltage(joint, setpoint[joint], seen_q[joint], dq[joint]));
         let torque_rate = [
             motor_1.torque(motor_1.current_rate(voltage[0], i1, dq1)) - slope_1 * ddq[0],
             motor_2.torque(motor_2.current_rate(voltage[1], i2, dq2)) - slope_2 * ddq[1],
@@ -160,6 +165,12 @@ impl ArmSimulator {
         Some(sample)
     }
 
+    /// (13), what is commanded beside it, and what the drive gives at most.
+    fn voltage(&self, joint: usize, setpoint: f64, q: f64, dq: f64) -> f64 {
+        let wanted = self.controllers[joint].voltage(setpoint, q, dq) + self.feed_forward[joint];
+        wanted.clamp(-self.voltage_limit, self.voltage_limit)
+    }
+
     /// Carries the state on to the next sample instant and tells how far that is \[s\]; `held` is the voltage of this instant \[V\].
     fn integrate(&mut self, held: [f64; ARM_JOINTS]) -> f64 {
         let [from, to] = self.offset_s.map(|offset_s| offset_s / self.sample_period_s);
@@ -173,6 +184,8 @@ impl ArmSimulator {
             setpoints,
             dynamics,
             unmodelled,
+            feed_forward,
+            voltage_limit,
             ..
         } = self;
         for substep in 0..self.substeps {
@@ -181,10 +194,11 @@ impl ArmSimulator {
                     ControllerKind::Sampled => held,
                     ControllerKind::Analog => {
                         let at = from + length * ((substep as f64 + fraction) / self.substeps as f64);
-                        [
-                            controllers[0].voltage(setpoints[0].value(at), q1, dq1),
-                            controllers[1].voltage(setpoints[1].value(at), q2, dq2),
-                        ]
+                        let wanted = [
+                            controllers[0].voltage(setpoints[0].value(at), q1, dq1) + feed_forward[0],
+                            controllers[1].voltage(setpoints[1].value(at), q2, dq2) + feed_forward[1],
+                        ];
+                        wanted.map(|voltage| voltage.clamp(-*voltage_limit, *voltage_limit))
                     }
                 };
                 let [(friction_1, _), (friction_2, _)] = unmodelled.friction([dq1, dq2]);
@@ -211,6 +225,21 @@ impl Iterator for ArmSimulator {
         let mut sample = self.exact_sample()?;
         self.sensors.measure(&mut sample);
         Some(sample)
+    }
+}
+
+impl Commanded for ArmSimulator {
+    fn command(&mut self, feed_forward: &[f64; MAX_JOINTS]) {
+        self.feed_forward = from_fn(|joint| feed_forward[joint]);
+    }
+}
+
+impl Commanded for MachineSimulator {
+    fn command(&mut self, feed_forward: &[f64; MAX_JOINTS]) {
+        match self {
+            Self::Arm(arm) => arm.command(feed_forward),
+            Self::ServoAxis(axis) => axis.command(feed_forward),
+        }
     }
 }
 

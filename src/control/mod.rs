@@ -1,0 +1,13 @@
+//! The loop that the method is for: a controller that uses θ̂.
+//!
+//! ```text
+//! estimates ─▶ gate (use_ok, σ) ─▶ bumpless θ ─▶ u_ff = the input that the equations ask for along the trajectory ─▶ machine, on top of its PD loop
+//! ```
+
+mod adaptive;
+#[cfg(feature = "sim")]
+mod trajectory;
+
+pub use adaptive::{AdaptiveFeedForward, AdaptiveOptions, Knowledge};
+#[cfg(feature = "sim")]
+pub use trajectory::Trajectory;

@@ -8,7 +8,7 @@
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
-use thetabus::service::studies::{self, CompareArgs, TrialsArgs};
+use thetabus::service::studies::{self, CompareArgs, TrackArgs, TrialsArgs};
 use thetabus::service::{EXIT_CODES, VERSION, main_with};
 
 /// Compares estimators and tries the published evidence on simulated machines
@@ -27,11 +27,15 @@ enum Command {
     /// Try the evidence on other arms, motions, sensors and disturbances; the tables of docs/trials.md
     #[command(after_help = EXIT_CODES)]
     Trials(TrialsArgs),
+    /// Follow a trajectory with feed-forward from estimates; the table of docs/adaptive.md
+    #[command(after_help = EXIT_CODES)]
+    Track(TrackArgs),
 }
 
 fn main() -> ExitCode {
     match Program::parse().command {
         Command::Compare(args) => main_with(&args.common, |shutdown| studies::compare(&args, shutdown)),
         Command::Trials(args) => main_with(&args.common, |shutdown| studies::trials(&args, shutdown)),
+        Command::Track(args) => main_with(&args.common, |shutdown| studies::track(&args, shutdown)),
     }
 }

@@ -2,6 +2,7 @@
 
 use super::catalog::{self, Catalog};
 use super::check::{Check, chosen};
+use super::controller;
 use super::error::{Origin, Problem};
 use super::layers::Layers;
 use super::memory;
@@ -71,8 +72,14 @@ pub(super) fn config(mut form: FileForm, catalog: &Catalog, layers: &Layers) -> 
         backoff_limit_s: form.supervision.backoff_limit_s,
         healthy_s: form.supervision.healthy_s,
     };
-    match (plant, model, identifier, estimator) {
-        (Some(plant), Some(model), Some(identifier), Some(estimator)) if check.problems.is_empty() => {
+    let controller = match (&model, &estimator) {
+        (Some(model), Some(estimator)) => controller::controller(&form, model, estimator, &mut check),
+        _ => None,
+    };
+    match (plant, model, identifier, estimator, controller) {
+        (Some(plant), Some(model), Some(identifier), Some(estimator), Some(controller))
+            if check.problems.is_empty() =>
+        {
             check.suspicious(&form, own, &bus, &plant, &estimator);
             let warnings = check.warnings;
             let recorded = memory::recorded(layers);
@@ -82,6 +89,7 @@ pub(super) fn config(mut form: FileForm, catalog: &Catalog, layers: &Layers) -> 
                 model,
                 identifier,
                 estimator,
+                controller,
                 monitor,
                 checkpoint,
                 supervision,

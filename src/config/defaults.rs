@@ -1,6 +1,7 @@
 //! The built-in defaults: the paper's experiment, from the presets of the core types into the form of the file.
 
 use super::schema::{self, FileForm, RealOrWord};
+use crate::control::AdaptiveOptions;
 use crate::estimator::{CEDRO2022_BLOCK_LEN, ChangeDetection, cedro2022_estimator};
 use crate::model::{DriveInput, Motion};
 use crate::rows::{InputTiming, ProjectedOptions};
@@ -16,6 +17,7 @@ impl Default for FileForm {
         let rows = ProjectedOptions::recommended();
         let arm = &sim.arm;
         let axis = ServoAxisOptions::emps();
+        let follow = AdaptiveOptions::default();
         let [kp, kd] = [
             &sim.controller.proportional_gain_v_per_rad,
             &sim.controller.derivative_gain_v_s_per_rad,
@@ -285,6 +287,16 @@ impl Default for FileForm {
                 out_dir: None,
                 record_file_mib: 1024,
                 record_files: 16,
+            },
+            control: schema::Control {
+                feed_forward: "none".to_owned(),
+                theta: Vec::new(),
+                max_std: follow.max_std,
+                blend_s: follow.blend_s,
+                silence_s: follow.silence_s,
+                deadline_s: 0.005,
+                input_limit: Vec::new(),
+                derivative_gain: Vec::new(),
             },
             checkpoint: schema::Checkpoint {
                 dir: None,

@@ -12,6 +12,7 @@
 mod build;
 mod catalog;
 mod check;
+mod controller;
 mod defaults;
 mod error;
 mod kind;
@@ -30,8 +31,8 @@ pub use kind::{Interval, Key, Kind, Len};
 pub use layers::Source;
 pub use schema::{FileForm, RealOrWord, keys};
 pub use sections::{
-    BusConfig, CheckpointConfig, Config, Delivery, EstimatorConfig, IdentifierConfig, LogColumns, MonitorConfig,
-    PlantConfig, RealtimeConfig, RealtimeSettings, Speed, SupervisionConfig,
+    BusConfig, CheckpointConfig, Config, ControllerConfig, Delivery, EstimatorConfig, FeedForward, IdentifierConfig,
+    LogColumns, MonitorConfig, PlantConfig, RealtimeConfig, RealtimeSettings, Speed, SupervisionConfig,
 };
 
 use layers::Layers;
@@ -47,6 +48,7 @@ const EMBEDDED: &[(&str, &str)] = &[
     ("servo_axis", include_str!("../../config/servo_axis.toml")),
     ("cedro2022_best", include_str!("../../config/cedro2022_best.toml")),
     ("own_plant", include_str!("../../config/own_plant.toml")),
+    ("adaptive", include_str!("../../config/adaptive.toml")),
 ];
 
 impl Config {

@@ -646,6 +646,24 @@ sections! {
         record_files: u64, Kind::Whole(0, 1_000_000), "",
             "Files of a recording that are kept, the oldest making room for a new one; 0 for all";
     }
+    control: Control = "controller", "The controller that uses estimates: feed-forward beside the machine's own loop" {
+        feed_forward: String, Kind::Choice(&["none", "fixed", "adaptive"]), "",
+            "adaptive: from estimates that may be used. fixed: from controller.theta throughout. none: no controller; `run` starts one otherwise";
+        theta: Vec<f64>, parameters(FINITE), "the parameters' own",
+            "Parameters that the controller begins with; none: estimator.theta_start";
+        max_std: f64, Kind::Real(Interval::closed(1e-6, 10.0)), "",
+            "Largest standard deviation of a parameter that is taken, as a share of it";
+        blend_s: f64, Kind::Real(Interval::closed(1e-3, 1e3)), "s",
+            "Time in which a parameter may move by its own size: a new estimate never steps the input";
+        silence_s: f64, Kind::Real(Interval::closed(0.1, 1e6)), "s",
+            "An identifier that has not been heard for so long is silent; the last estimates hold";
+        deadline_s: f64, Kind::Real(Interval::closed(1e-3, 10.0)), "s",
+            "Stream time for which a command holds; without a newer one the machine goes on with its own loop alone";
+        input_limit: Vec<f64>, equations(POSITIVE.or_infinite()), "unit of the input",
+            "Most feed-forward of each joint, either sign; none: no limit";
+        derivative_gain: Vec<f64>, equations(NOT_NEGATIVE), "input per rad/s or m/s",
+            "Gain Kd of each joint's own loop, which brakes the wanted velocity, too; none: that of plant.controller for an arm, else 0";
+    }
     checkpoint: Checkpoint = "checkpoint", "What the identifier keeps, so that its next start can be warm" {
         dir: Option<String>, Kind::Path, "",
             "Directory of the checkpoints, which must exist; not set: none are written, and --warm is refused";

@@ -3,6 +3,7 @@
 use super::catalog::Catalog;
 use super::error::{Origin, Problem};
 use super::schema::FileForm;
+use crate::control::AdaptiveOptions;
 use crate::estimator::EstimatorOptions;
 use crate::model::{KnownConstants, MAX_JOINTS};
 use crate::node::model::SharedModel;
@@ -98,6 +99,30 @@ pub struct EstimatorConfig {
     pub options: EstimatorOptions,
 }
 
+/// How a controller makes its feed-forward.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FeedForward {
+    /// There is no controller.
+    None,
+    /// From the parameters that it began with.
+    Fixed,
+    /// From estimates that may be used.
+    Adaptive,
+}
+
+/// Section `[controller]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ControllerConfig {
+    /// Where the feed-forward comes from.
+    pub feed_forward: FeedForward,
+    /// Parameters to begin with, one per parameter of the model.
+    pub theta: Vec<f64>,
+    /// How estimates become feed-forward.
+    pub options: AdaptiveOptions,
+    /// Stream time for which a command holds \[s\].
+    pub deadline_s: f64,
+}
+
 /// Section `[monitor]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MonitorConfig {
@@ -185,6 +210,8 @@ pub struct Config {
     pub identifier: IdentifierConfig,
     /// The recursion.
     pub estimator: EstimatorConfig,
+    /// The controller.
+    pub controller: ControllerConfig,
     /// What is kept.
     pub monitor: MonitorConfig,
     /// What the identifier keeps for its next start.

@@ -61,3 +61,20 @@ pub struct TrialsArgs {
     #[allow(missing_docs, reason = "flattened")]
     pub common: CommonArgs,
 }
+
+/// `studies track`.
+#[derive(Debug, Clone, Args)]
+pub struct TrackArgs {
+    /// Configuration file with smooth setpoints and a change of the machine, such as config/adaptive.toml
+    #[arg(value_name = "CONFIG")]
+    pub file: PathBuf,
+    /// Runs with other seeds
+    #[arg(long, value_name = "COUNT", default_value_t = 8, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    pub seeds: u64,
+    /// File to write the table to; standard output without it
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+}

@@ -2,8 +2,10 @@
 
 mod args;
 mod compare;
+mod track;
 mod trials;
 
-pub use args::{CompareArgs, TrialsArgs};
+pub use args::{CompareArgs, TrackArgs, TrialsArgs};
 pub use compare::run as compare;
+pub use track::run as track;
 pub use trials::{run as trials, trial};

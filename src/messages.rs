@@ -11,6 +11,7 @@
 mod control;
 mod description;
 mod estimate;
+mod machine_command;
 mod parameter_set;
 mod passage;
 mod sample;
@@ -26,6 +27,7 @@ pub use control::{
 
 pub use description::{DerivedInfo, Description, JointInfo, MEANING, ParameterInfo};
 pub use estimate::{Estimate, State};
+pub use machine_command::MachineCommand;
 pub use parameter_set::ParameterSet;
 pub use passage::Passage;
 pub use sample::{Header, Sample};

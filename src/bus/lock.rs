@@ -19,6 +19,8 @@ pub enum Role {
     Identifier,
     /// Launched the others.
     Run,
+    /// Publishes commands to the machine.
+    Controller,
 }
 
 impl Role {
@@ -27,6 +29,7 @@ impl Role {
             Self::Plant => "plant",
             Self::Identifier => "identifier",
             Self::Run => "run",
+            Self::Controller => "controller",
         }
     }
 
@@ -35,6 +38,7 @@ impl Role {
             Self::Plant => "a plant",
             Self::Identifier => "an identifier",
             Self::Run => "a run",
+            Self::Controller => "a controller",
         }
     }
 }

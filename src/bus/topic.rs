@@ -1,6 +1,6 @@
 //! Names and sizes of the topics: the contract with every other program on the bus.
 
-use crate::messages::{Description, Estimate, Journal, Sample, Status};
+use crate::messages::{Description, Estimate, Journal, MachineCommand, Sample, Status};
 use iceoryx2::prelude::ZeroCopySend;
 use std::fmt;
 
@@ -19,6 +19,8 @@ pub enum Topic {
     Journal,
     /// Requests to the identifier.
     Control,
+    /// [`MachineCommand`]s of a controller to the machine.
+    Command,
 }
 
 impl Topic {
@@ -31,6 +33,7 @@ impl Topic {
             Self::Description => "description",
             Self::Journal => "journal",
             Self::Control => "control",
+            Self::Command => "command",
         }
     }
 }
@@ -67,6 +70,12 @@ impl Latched for Description {
     // 40 KB each, and only the last one says anything
     const BUFFER: usize = 1;
     const WAKES: bool = false;
+}
+
+impl Latched for MachineCommand {
+    const TOPIC: Topic = Topic::Command;
+    // the newest one counts
+    const BUFFER: usize = 16;
 }
 
 impl Latched for Journal {

@@ -17,6 +17,8 @@ pub struct PlantNode<S> {
     stamps: Option<Box<dyn FnMut() -> i64 + Send>>,
     /// When the last sample given is due \[ns of stream time\].
     due_ns: u64,
+    /// Stream time up to which the last command holds \[ns\]; none if none does.
+    commanded_until_ns: Option<u64>,
 }
 
 impl<S: Iterator<Item = JointSample>> PlantNode<S> {
@@ -36,6 +38,7 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
             faults: None,
             stamps: None,
             due_ns: 0,
+            commanded_until_ns: None,
         }
     }
 
@@ -110,6 +113,34 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
     /// True for a stream without samples.
     pub fn is_empty(&self) -> bool {
         self.samples == 0
+    }
+}
+
+#[cfg(feature = "sim")]
+impl<S: crate::sim::Commanded> PlantNode<S> {
+    /// Takes a controller's command for the samples that come; false if it is for another stream, late, or not a number.
+    pub fn command(&mut self, command: &crate::messages::MachineCommand) -> bool {
+        let now_ns = self.seq * self.period_ns;
+        let fits = command.stream_id == self.stream_id
+            && command.until_ns > now_ns
+            && command.feed_forward.iter().all(|input| input.is_finite());
+        if fits {
+            self.source.command(&command.feed_forward);
+            self.commanded_until_ns = Some(command.until_ns);
+        }
+        fits
+    }
+
+    /// Lets go of a command that nothing newer has followed: the machine's own loop goes on alone.
+    pub fn forget_late_command(&mut self) {
+        let now_ns = self.seq * self.period_ns;
+        if self
+            .commanded_until_ns
+            .take_if(|until_ns| *until_ns <= now_ns)
+            .is_some()
+        {
+            self.source.command(&[0.0; crate::model::MAX_JOINTS]);
+        }
     }
 }
 

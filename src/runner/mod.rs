@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! plant:       node.next_sample ─▶ pace ─▶ send, wake
+//! controller:  wait ─▶ drain ─▶ feed-forward ─▶ send commands
 //! identifier:  wait ─▶ drain ─▶ node.on_sample ─▶ send estimates; heartbeat; serve late joiners
 //! monitor:     wait ─▶ drain ─▶ node.on_estimate, node.on_status ─▶ the caller's sink
 //! ```
@@ -9,6 +10,7 @@
 //! Each loop ends when the process is asked to stop, or with the stream where it was told so. Between a sample's arrival and the
 //! sending of its estimate nothing here allocates, locks or logs.
 
+mod controller;
 mod desk;
 mod identifier;
 mod monitor;
@@ -18,11 +20,12 @@ mod realtime;
 mod shutdown;
 mod stopwatch;
 
+pub use controller::{ControllerPorts, Follower, run_controller};
 pub use desk::{Board, DeskEnd, FromLoop, LoopEnd, ToLoop, desk};
 pub use identifier::{IdentifierPorts, run_identifier};
 pub use monitor::{MonitorPorts, MonitorSink, run_monitor};
 pub use pace::{Pace, PaceReport};
-pub use plant::{PlantReport, SampleSource, run_plant};
+pub use plant::{CommandPort, PlantReport, SampleSource, run_plant};
 pub use realtime::apply_realtime;
 pub use shutdown::{Shutdown, TOGETHER};
 

@@ -1,11 +1,11 @@
 //! The plant's loop.
 
 use super::{Pace, PaceReport, RunError, Shutdown, TICK};
-use crate::bus::{Attached, Loss, SamplePublisher};
-use crate::messages::{Sample, sample_flags};
-use crate::model::JointSample;
+use crate::bus::{Attached, BusError, Loss, SamplePublisher, Subscriber};
+use crate::messages::{MachineCommand, Sample, sample_flags};
 use crate::node::plant::PlantNode;
-use std::time::Instant;
+use crate::sim::Commanded;
+use std::time::{Duration, Instant};
 
 /// At full speed consumers are woken once per this many samples: waking costs more than sending.
 const SAMPLES_PER_WAKE: u64 = 64;
@@ -27,6 +27,10 @@ pub trait SampleSource {
     fn next_sample(&mut self) -> Option<Sample>;
     /// Makes the next sample the last one.
     fn end_early(&mut self);
+    /// Takes a controller's command; for machines that have none it says nothing.
+    fn command(&mut self, _command: &MachineCommand) {}
+    /// Lets go of a command that is too old.
+    fn forget_late_command(&mut self) {}
     /// When the last sample given is due \[ns of stream time\], where that is not its time stamp.
     fn due_ns(&self) -> Option<u64> {
         None
@@ -41,12 +45,18 @@ pub trait SampleSource {
     }
 }
 
-impl<S: Iterator<Item = JointSample>> SampleSource for PlantNode<S> {
+impl<S: Commanded> SampleSource for PlantNode<S> {
     fn next_sample(&mut self) -> Option<Sample> {
         Self::next_sample(self)
     }
     fn end_early(&mut self) {
         Self::end_early(self);
+    }
+    fn command(&mut self, command: &MachineCommand) {
+        Self::command(self, command);
+    }
+    fn forget_late_command(&mut self) {
+        Self::forget_late_command(self);
     }
     fn due_ns(&self) -> Option<u64> {
         Some(Self::due_ns(self))
@@ -59,6 +69,70 @@ impl<S: Iterator<Item = JointSample>> SampleSource for PlantNode<S> {
     }
 }
 
+/// Where a machine hears its controller.
+#[derive(Debug)]
+pub struct CommandPort {
+    commands: Subscriber<MachineCommand>,
+    /// How long an answer to each sample is waited for; `None` for a machine that never waits.
+    limit: Option<Duration>,
+    /// The controller did not answer, and is waited for no more until it does.
+    silent: bool,
+}
+
+impl CommandPort {
+    /// A port; with a `limit` the machine waits so long for the answer to each sample, as in lockstep.
+    pub fn new(commands: Subscriber<MachineCommand>, limit: Option<Duration>) -> Self {
+        Self {
+            commands,
+            limit,
+            silent: false,
+        }
+    }
+
+    fn is_awaited(&self) -> bool {
+        self.limit.is_some() && !self.silent
+    }
+
+    /// Takes what has come.
+    fn take(&mut self, node: &mut impl SampleSource) -> Result<(), BusError> {
+        let taken = self.commands.drain(|command| node.command(command))?;
+        self.silent &= taken == 0;
+        node.forget_late_command();
+        Ok(())
+    }
+
+    /// Waits for the answer to a sample, so that a simulation faster than real time is controlled as a real one is.
+    fn await_answer(
+        &mut self,
+        sample: &Sample,
+        node: &mut impl SampleSource,
+        shutdown: &Shutdown,
+    ) -> Result<(), BusError> {
+        let Some(limit) = self.limit else { return Ok(()) };
+        let begun = Instant::now();
+        loop {
+            let mut answered = false;
+            self.commands.drain(|command| {
+                answered |= command.stream_id == sample.stream_id && command.seq >= sample.seq;
+                node.command(command);
+            })?;
+            if answered || shutdown.requested() {
+                return Ok(());
+            }
+            let left = limit.saturating_sub(begun.elapsed());
+            if left.is_zero() {
+                self.silent = true;
+                tracing::warn!(
+                    seq = sample.seq,
+                    "the controller does not answer; the machine goes on with its own loop"
+                );
+                return Ok(());
+            }
+            self.commands.wait(left.min(TICK))?;
+        }
+    }
+}
+
 /// Publishes the stream of `node`, from its first sample to the one flagged `END`. A stop makes the next sample the last one.
 ///
 /// # Errors
@@ -66,11 +140,12 @@ impl<S: Iterator<Item = JointSample>> SampleSource for PlantNode<S> {
 pub fn run_plant(
     node: &mut impl SampleSource,
     publisher: &mut SamplePublisher,
+    mut commands: Option<CommandPort>,
     mut pace: Pace,
     shutdown: &Shutdown,
 ) -> Result<PlantReport, RunError> {
     if publisher.wait_for_consumers()? == Attached::Yes {
-        stream(node, publisher, &mut pace, shutdown)?;
+        stream(node, publisher, commands.as_mut(), &mut pace, shutdown)?;
     }
     Ok(PlantReport {
         sent: node.position(),
@@ -82,12 +157,16 @@ pub fn run_plant(
 fn stream(
     node: &mut impl SampleSource,
     publisher: &mut SamplePublisher,
+    mut commands: Option<&mut CommandPort>,
     pace: &mut Pace,
     shutdown: &Shutdown,
 ) -> Result<(), RunError> {
     loop {
         if shutdown.requested() {
             node.end_early();
+        }
+        if let Some(commands) = &mut commands {
+            commands.take(node)?;
         }
         let Some(mut sample) = node.next_sample() else {
             // The last sample was flagged END unless the source ran dry.
@@ -109,8 +188,12 @@ fn stream(
             }
         }
         publisher.send(&sample)?;
-        if !pace.is_max() || sample.seq % SAMPLES_PER_WAKE == 0 || sample.is_end() {
+        let awaited = commands.as_ref().is_some_and(|commands| commands.is_awaited());
+        if awaited || !pace.is_max() || sample.seq % SAMPLES_PER_WAKE == 0 || sample.is_end() {
             publisher.wake();
+        }
+        if let Some(commands) = commands.as_mut().filter(|_| awaited && !sample.is_end()) {
+            commands.await_answer(&sample, node, shutdown)?;
         }
         if sample.is_end() {
             break;

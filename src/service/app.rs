@@ -8,8 +8,8 @@
 //! The three roles are the same program, so that `run` finds everything that it needs, a user's own model included.
 
 use super::{
-    CommonArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, MonitorArgs, PlantArgs,
-    ReplayArgs, ReportArgs, RunArgs, VERSION, main_with,
+    CommonArgs, ControllerArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, MonitorArgs,
+    PlantArgs, ReplayArgs, ReportArgs, RunArgs, VERSION, main_with,
 };
 use crate::config::Catalog;
 use crate::model::Plant;
@@ -57,6 +57,9 @@ enum Command {
     /// The identification service on its own: samples from the bus in, estimates out
     #[command(after_help = EXIT_CODES)]
     Identifier(IdentifierArgs),
+    /// The controller on its own: feed-forward from estimates onto the bus
+    #[command(after_help = EXIT_CODES)]
+    Controller(ControllerArgs),
     /// The monitor on its own: logs the estimates, and keeps them
     #[command(after_help = EXIT_CODES)]
     Monitor(MonitorArgs),
@@ -151,6 +154,10 @@ impl Command {
             Self::Identifier(mut args) => {
                 args.common.catalog = catalog;
                 main_with(&args.common, |shutdown| super::identifier(&args, shutdown))
+            }
+            Self::Controller(mut args) => {
+                args.common.catalog = catalog;
+                main_with(&args.common, |shutdown| super::controller(&args, shutdown))
             }
             Self::Monitor(mut args) => {
                 args.common.catalog = catalog;

@@ -186,6 +186,14 @@ pub struct IdentifierArgs {
     pub warm: bool,
 }
 
+/// `controller`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct ControllerArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+}
+
 /// `thetabus ctl`.
 #[derive(Debug, Clone, Args)]
 pub struct CtlArgs {

@@ -56,23 +56,27 @@ pub(super) struct Plan {
     /// There may be one to start from.
     pub(super) checkpoints: bool,
     pub(super) supervision: SupervisionConfig,
+    /// The machine is controlled by what is known of it.
+    pub(super) controller: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Part {
     Monitor,
     Identifier,
+    Controller,
     Plant,
 }
 
 impl Part {
     /// In the order of starting: each waits for the one before it.
-    const ALL: [Self; 3] = [Self::Monitor, Self::Identifier, Self::Plant];
+    const ALL: [Self; 4] = [Self::Monitor, Self::Identifier, Self::Controller, Self::Plant];
 
     fn name(self) -> &'static str {
         match self {
             Self::Monitor => "monitor",
             Self::Identifier => "identifier",
+            Self::Controller => "controller",
             Self::Plant => "plant",
         }
     }
@@ -94,20 +98,23 @@ struct Process {
     due: Option<Instant>,
 }
 
-/// The three, from their start to the end of the last.
+/// All of them, from their start to the end of the last.
 pub(super) struct Children {
     processes: Vec<Process>,
     killed: bool,
 }
 
 impl Children {
-    /// Starts all three, or none.
+    /// Starts all, or none.
     pub(super) fn start(plan: &Plan, progress: &Arc<Progress>) -> Result<Self, Failure> {
         let mut children = Self {
             processes: Vec::new(),
             killed: false,
         };
-        for part in Part::ALL {
+        for part in Part::ALL
+            .into_iter()
+            .filter(|part| *part != Part::Controller || plan.controller)
+        {
             match Process::start(part, plan, progress, false) {
                 Ok(process) => children.processes.push(process),
                 Err(e) => {
@@ -263,7 +270,7 @@ impl Process {
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped());
-        if plan.lockstep && part != Part::Plant {
+        if plan.lockstep && matches!(part, Part::Monitor | Part::Identifier) {
             command.arg("--receipts");
         }
         match part {
@@ -284,6 +291,7 @@ impl Process {
                 }
                 command.args(["--until-end", "--await-consumers", "1"])
             }
+            Part::Controller => command.arg("--until-end"),
             Part::Plant => command.arg("--await-consumers").arg(plan.consumers.to_string()),
         };
         let mut child = command.spawn()?;

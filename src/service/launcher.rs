@@ -3,6 +3,7 @@
 //! ```text
 //! run ─┬─ thetabus monitor      waits for estimates
 //!      ├─ thetabus identifier   waits for the monitor
+//!      ├─ thetabus controller   where one is configured
 //!      └─ thetabus plant        waits for the identifier; END ends the identifier, its last status the monitor
 //! ```
 //!
@@ -16,7 +17,7 @@ use super::record::RECORDING;
 use super::wiring::simulates;
 use super::{Exit, Failure, RunArgs, TableFormat, logging, out_dir, report, warm};
 use crate::bus::{Bus, Role, RoleLock, Subscriber};
-use crate::config::{Catalog, Config, Source};
+use crate::config::{Catalog, Config, FeedForward, Source};
 use crate::files;
 use crate::messages::Status;
 use crate::recording::Span;
@@ -74,7 +75,8 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         log_format: args.plant.common.log_format,
         lockstep,
         record: !args.no_record,
-        consumers: consumers(!args.no_record),
+        consumers: config.bus.lockstep_consumers,
+        controller: config.controller.feed_forward != FeedForward::None,
         warm: args.warm,
         checkpoints: config.checkpoint.dir.is_some(),
         supervision: config.supervision,
@@ -111,17 +113,17 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 fn load(args: &RunArgs) -> Result<Config, Failure> {
     let file = args.file.iter().cloned().map(Source::File).collect();
     let out = quoted(args.out.as_ref().map(|dir| dir.display().to_string()));
-    let own = [
-        ("bus.lockstep_consumers", Some(consumers(!args.no_record).to_string())),
-        ("monitor.out_dir", out),
-    ];
+    let own = [("monitor.out_dir", out)];
     let own: Vec<_> = args.plant.overrides().into_iter().chain(own).collect();
-    args.plant.common.load(file, &own)
+    let config = args.plant.common.load(file, &own)?;
+    let consumers = consumers(&config, !args.no_record);
+    Ok(config.with_number("bus.lockstep_consumers", consumers as f64)?)
 }
 
-/// Who takes samples: the identifier, and the monitor where it records.
-fn consumers(record: bool) -> usize {
-    if record { 2 } else { 1 }
+/// Who takes samples: the identifier, the monitor where it records, and a controller.
+fn consumers(config: &Config, record: bool) -> usize {
+    let controller = config.controller.feed_forward != FeedForward::None;
+    1 + usize::from(record) + usize::from(controller)
 }
 
 /// Reads what the monitor has written, adds the wall time, prints the table and names the directory last.

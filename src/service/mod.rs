@@ -9,6 +9,7 @@ mod check;
 mod child;
 mod children;
 mod commands;
+mod controller;
 mod ctl;
 mod description;
 mod desk;
@@ -43,10 +44,11 @@ mod wiring;
 
 pub use app::{app, main_for};
 pub use args::{
-    CommonArgs, CtlArgs, CtlCommand, DoctorArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat, MonitorArgs,
-    PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION,
+    CommonArgs, ControllerArgs, CtlArgs, CtlCommand, DoctorArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat,
+    MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION,
 };
 pub use check::config_check;
+pub use controller::run as controller;
 pub use ctl::run as ctl;
 pub use doctor::run as doctor;
 pub use exit::{EXIT_CODES, main_with};

@@ -2,10 +2,10 @@
 
 use super::args::domain;
 use super::{Exit, Failure, PlantArgs, child, logging};
-use crate::bus::{Bus, Delivery, Role, RoleLock, SamplePublisher};
-use crate::config::{Config, Speed};
+use crate::bus::{Bus, Delivery, Role, RoleLock, SamplePublisher, Subscriber};
+use crate::config::{Config, FeedForward, Speed};
 use crate::node::simulated_plant::sample_stream_of;
-use crate::runner::{Pace, Shutdown, apply_realtime, run_plant};
+use crate::runner::{CommandPort, Pace, Shutdown, apply_realtime, run_plant};
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::Duration;
 
@@ -42,7 +42,14 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         Speed::Factor(factor) => Some(factor),
     });
     apply_realtime(&config.realtime.plant);
-    let report = run_plant(&mut node, &mut publisher, pace, shutdown)?;
+    let commands = match config.controller.feed_forward {
+        FeedForward::None => None,
+        _ => {
+            let awaited = (delivery != Delivery::Realtime).then(|| limit(&config));
+            Some(CommandPort::new(Subscriber::new(&bus)?, awaited))
+        }
+    };
+    let report = run_plant(&mut node, &mut publisher, commands, pace, shutdown)?;
     if report.pace.restarts > 0 {
         tracing::warn!(
             times = report.pace.restarts,

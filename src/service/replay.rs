@@ -52,7 +52,7 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         Speed::Max => None,
         Speed::Factor(factor) => Some(factor),
     });
-    let sent = run_plant(&mut source, &mut publisher, pace, shutdown)?;
+    let sent = run_plant(&mut source, &mut publisher, None, pace, shutdown)?;
     if let Some(error) = source.failure {
         return Err(report::unreadable(error));
     }

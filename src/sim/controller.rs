@@ -92,3 +92,9 @@ pub trait Commanded: Iterator<Item = JointSample> {
     /// Adds this to what the machine's own loop gives, from the next sample on; in the input's unit, held until the next call.
     fn command(&mut self, feed_forward: &[f64; MAX_JOINTS]);
 }
+
+impl<C: Commanded + ?Sized> Commanded for Box<C> {
+    fn command(&mut self, feed_forward: &[f64; MAX_JOINTS]) {
+        (**self).command(feed_forward);
+    }
+}

@@ -5,6 +5,7 @@
 
 mod config;
 mod control;
+mod controller;
 mod doctor;
 mod hostile;
 mod isolation;

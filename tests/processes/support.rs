@@ -40,6 +40,7 @@ pub enum Program {
     Plant,
     Identifier,
     Monitor,
+    Controller,
     Thetabus,
 }
 
@@ -49,6 +50,7 @@ impl Program {
             Self::Plant => env!("CARGO_BIN_EXE_plant_simulator"),
             Self::Identifier => env!("CARGO_BIN_EXE_identifier"),
             Self::Monitor => env!("CARGO_BIN_EXE_monitor"),
+            Self::Controller => env!("CARGO_BIN_EXE_controller"),
             Self::Thetabus => env!("CARGO_BIN_EXE_thetabus"),
         }
     }

@@ -20,6 +20,7 @@ LAYERS = [
     ["config"],
     ["offline", "bus", "recording", "checkpoint", "studies"],
     ["report", "runner"],
+    ["live"],
     ["service"],
 ]
 

@@ -52,6 +52,7 @@
 //! | `bus` | topics on shared memory, the only place that names iceoryx2 | `bus` |
 //! | `recording` | MCAP and CSV files of a run | `recording` |
 //! | `report` | summary, figures and page of a run | `report` |
+//! | `live` | what a running identification looks like: table in the terminal, page in the browser | `live`, `web` |
 //! | `runner`, `service` | pace, wait, drain, publish, signals; the programs | `service` |
 //! | `checkpoint` | what an identifier knows, kept for its next start | `service` |
 //! | `studies` | estimators side by side, and trials of the evidence: the tables in `docs/` | `studies` |
@@ -71,6 +72,8 @@ pub mod estimator;
 #[cfg(feature = "recording")]
 mod files;
 pub mod identify;
+#[cfg(feature = "live")]
+pub mod live;
 pub mod messages;
 pub mod model;
 pub mod node;

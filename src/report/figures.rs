@@ -1,4 +1,4 @@
-//! The figures of a run: setpoints (the paper's Fig. 3), each parameter over the block number (Figs. 4 to 12), residuals, excitation,
+//! The figures of a run: setpoints (the paper's Fig. 3), each parameter over time (Figs. 4 to 12), residuals, excitation,
 //! accuracy and timing.
 
 use super::data::RunData;
@@ -45,7 +45,7 @@ enum Kind {
 }
 
 /// Name as in a text: `θ₁`, `viscous friction`.
-pub(super) fn symbol(name: &str) -> String {
+pub fn symbol(name: &str) -> String {
     let subscript = |digits: &str| -> Option<String> {
         let digit = |c: char| c.to_digit(10).and_then(|d| char::from_u32(0x2080 + d));
         digits.chars().map(digit).collect()
@@ -59,31 +59,32 @@ pub(super) fn symbol(name: &str) -> String {
 }
 
 /// Unit as in a text: a real exponent and a middle dot.
-pub(super) fn pretty_unit(unit: &str) -> String {
+pub fn pretty_unit(unit: &str) -> String {
     unit.replace("^2", "²").replace("^3", "³").replace(' ', "\u{b7}")
 }
 
-fn block_axis(run: &RunData) -> (String, (f64, f64)) {
+/// Stream time: an estimate stands at the end of its interval.
+fn time_axis(run: &RunData) -> (String, (f64, f64)) {
     let label = match run.block_s() {
-        Some(length) => format!("number of the interval m, each {} s long", trim(length)),
-        None => "number of the interval m".to_string(),
+        Some(length) => format!("time (s), one estimate every {} s", trim(length)),
+        None => "time (s)".to_string(),
     };
-    let first = run.estimates.first().map_or(1, |e| e.block) as f64;
-    let last = run.estimates.last().map_or(1, |e| e.block) as f64;
+    let first = run.estimates.first().map_or(0.0, time_of);
+    let last = run.estimates.last().map_or(1.0, time_of);
+    let block_s = run.block_s().unwrap_or(1.0);
     // From the beginning where the run was seen from its beginning.
-    let from = if first <= 3.0 { 0.0 } else { first - 1.0 };
-    (label, (from, last + ((last - from) * 0.015).max(0.5)))
+    let is_whole = run.estimates.first().is_none_or(|e| e.block <= 3) && first <= 4.0 * block_s;
+    let from = if is_whole { 0.0 } else { first - block_s };
+    (label, (from, last + ((last - from) * 0.015).max(0.5 * block_s)))
+}
+
+fn time_of(estimate: &Estimate) -> f64 {
+    seconds(estimate.t_last_ns)
 }
 
 fn trim(value: f64) -> String {
     let text = format!("{value:.4}");
     text.trim_end_matches('0').trim_end_matches('.').to_string()
-}
-
-/// Where a stream time lies on the axis of blocks: the estimate of block m stands at m, the end of its interval.
-fn block_of(run: &RunData, t_s: f64) -> Option<f64> {
-    let last = run.estimates.last()?;
-    Some(last.block as f64 - (seconds(last.t_last_ns) - t_s) / run.block_s()?)
 }
 
 /// Vertical lines at the changes that were found.
@@ -94,9 +95,9 @@ fn changes(run: &RunData, labelled: bool) -> Vec<Layer> {
             true => format!("change found at {} s", trim(c.t_s)),
             false => String::new(),
         };
-        block_of(run, c.t_s).map(|x| Layer::Mark { x, label })
+        Layer::Mark { x: c.t_s, label }
     };
-    found.iter().filter_map(mark).collect()
+    found.iter().map(mark).collect()
 }
 
 fn setpoints(run: &RunData) -> Option<Figure> {
@@ -146,20 +147,20 @@ fn value(run: &RunData, label: &Label, index: usize, kind: Kind) -> Figure {
         Kind::Parameter => (e.theta[index], e.theta_std[index]),
         Kind::Derived => (e.derived[index], e.derived_std[index]),
     };
-    let blocks = || run.estimates.iter().map(|e| (e.block as f64, e));
-    let line: Vec<(f64, f64)> = blocks().map(|(m, e)| (m, of(e).0)).collect();
-    let band: Vec<(f64, f64, f64)> = blocks()
-        .map(|(m, e)| {
+    let times = || run.estimates.iter().map(|e| (time_of(e), e));
+    let line: Vec<(f64, f64)> = times().map(|(t_s, e)| (t_s, of(e).0)).collect();
+    let band: Vec<(f64, f64, f64)> = times()
+        .map(|(t_s, e)| {
             let (value, std) = of(e);
-            (m, value - TWO_SIDED_95 * std, value + TWO_SIDED_95 * std)
+            (t_s, value - TWO_SIDED_95 * std, value + TWO_SIDED_95 * std)
         })
         .collect();
     // Filled where the estimate says that it may be used; all of them where it never says so.
     let marks_usable = kind == Kind::Parameter && run.estimates.iter().any(|e| !e.usable.is_empty());
-    let dots: Vec<(f64, f64, bool)> = blocks()
-        .map(|(m, e)| (m, of(e).0, !marks_usable || e.usable.contains(index)))
+    let dots: Vec<(f64, f64, bool)> = times()
+        .map(|(t_s, e)| (t_s, of(e).0, !marks_usable || e.usable.contains(index)))
         .collect();
-    let (x_label, x_range) = block_axis(run);
+    let (x_label, x_range) = time_axis(run);
     let truth = truth_line(run, x_range, |theta, derived| match kind {
         Kind::Parameter => theta.get(index).copied(),
         Kind::Derived => derived.get(index).copied(),
@@ -216,7 +217,7 @@ fn value(run: &RunData, label: &Label, index: usize, kind: Kind) -> Figure {
 fn caption(run: &RunData, shown: &str, kind: Kind) -> String {
     let mut text = match kind {
         Kind::Parameter => format!(
-            "{shown} over the number of the interval, with the band that holds the true value in 95 of 100 cases where the estimator's assumptions hold."
+            "{shown} over time, with the band that holds the true value in 95 of 100 cases where the estimator's assumptions hold."
         ),
         Kind::Derived => {
             format!("{shown}, computed from the parameters by the constants that the configuration knows.")
@@ -229,20 +230,15 @@ fn caption(run: &RunData, shown: &str, kind: Kind) -> String {
     text
 }
 
-/// The truth at a fine grid over the axis of blocks; empty where nobody knows it.
+/// The truth at a fine grid over the axis of time; empty where nobody knows it.
 fn truth_line(run: &RunData, x: (f64, f64), pick: impl Fn(&[f64], &[f64]) -> Option<f64>) -> Vec<(f64, f64)> {
-    let (Some(truth), Some(block_s)) = (run.monitor.truth(), run.block_s()) else {
+    let Some(truth) = run.monitor.truth() else {
         return Vec::new();
     };
-    let Some(last) = run.estimates.last() else {
-        return Vec::new();
-    };
-    let end = seconds(last.t_last_ns);
     let mut points: Vec<(f64, f64)> = Vec::new();
     let steps = 2000;
     for i in 0..=steps {
-        let m = x.0 + (x.1 - x.0) * f64::from(i) / f64::from(steps);
-        let t_s = end - (last.block as f64 - m) * block_s;
+        let t_s = x.0 + (x.1 - x.0) * f64::from(i) / f64::from(steps);
         if t_s < 0.0 {
             continue;
         }
@@ -254,7 +250,7 @@ fn truth_line(run: &RunData, x: (f64, f64), pick: impl Fn(&[f64], &[f64]) -> Opt
         if held {
             points.pop();
         }
-        points.push((m, value));
+        points.push((t_s, value));
     }
     points
 }
@@ -273,12 +269,12 @@ fn accuracy(run: &RunData) -> Option<Figure> {
         errors.sort_by(f64::total_cmp);
         if let (Some(&largest), Some(&middle)) = (errors.last(), errors.get(errors.len() / 2)) {
             // Zero has no place on a logarithmic axis; it is drawn at the rounding of a double.
-            worst.push((e.block as f64, largest.max(f64::EPSILON)));
-            median.push((e.block as f64, middle.max(f64::EPSILON)));
+            worst.push((time_of(e), largest.max(f64::EPSILON)));
+            median.push((time_of(e), middle.max(f64::EPSILON)));
         }
     }
     let all: Vec<f64> = worst.iter().chain(&median).map(|p| p.1).collect();
-    let (x_label, x_range) = block_axis(run);
+    let (x_label, x_range) = time_axis(run);
     let mut layers = vec![Layer::Line {
         points: vec![(x_range.0, 0.01), (x_range.1, 0.01)],
         stroke: Stroke::dashed(GREY, 1.2, "2 3"),
@@ -318,10 +314,7 @@ fn residuals(run: &RunData) -> Figure {
     let mut panels = Vec::new();
     for equation in 0..equations.min(crate::model::MAX_JOINTS) {
         let series = |of: &dyn Fn(&Estimate) -> f64| -> Vec<(f64, f64)> {
-            run.estimates
-                .iter()
-                .map(|e| (e.block as f64, positive(of(e))))
-                .collect()
+            run.estimates.iter().map(|e| (time_of(e), positive(of(e)))).collect()
         };
         let before = series(&|e| e.innovation_rms[equation]);
         let after = series(&|e| e.residual_rms[equation]);
@@ -345,13 +338,18 @@ fn residuals(run: &RunData) -> Figure {
             .map_or_else(|| format!("equation {}", equation + 1), |n| symbol(n));
         panels.push(Panel {
             y_label: format!("rms, {name}"),
-            unit: pretty_unit(&run.info.input_unit),
+            // Rows are divided by their standard deviation if the estimator knows one, and have the input's unit if not.
+            unit: if run.notes.whitened {
+                "1".into()
+            } else {
+                pretty_unit(&run.info.input_unit)
+            },
             scale: decades(&all),
             height: SMALL_PANEL,
             layers,
         });
     }
-    let (x_label, x_range) = block_axis(run);
+    let (x_label, x_range) = time_axis(run);
     Figure {
         name: "residuals".into(),
         title: "What the model leaves unexplained".into(),
@@ -372,22 +370,25 @@ fn excitation(run: &RunData) -> Figure {
                 (_, false) => 1,
                 (_, true) => 2,
             };
-            cells.push((e.block as f64, row, shade));
+            cells.push((time_of(e), row, shade));
         }
     }
     let names: Vec<String> = parameters.iter().map(|p| symbol(&p.name)).collect();
     let condition: Vec<(f64, f64)> = run
         .estimates
         .iter()
-        .map(|e| (e.block as f64, positive(e.condition)))
+        .map(|e| (time_of(e), positive(e.condition)))
         .collect();
     let values: Vec<f64> = condition.iter().map(|p| p.1).collect();
-    let (x_label, x_range) = block_axis(run);
+    let (x_label, x_range) = time_axis(run);
     let mut panels = vec![Panel {
         y_label: String::new(),
         unit: String::new(),
         height: 22.0 * names.len() as f64,
-        layers: vec![Layer::Cells { cells }],
+        layers: vec![Layer::Cells {
+            cells,
+            width: run.block_s().unwrap_or(1.0),
+        }],
         scale: Scale::Rows(names),
     }];
     if values.iter().any(|v| v.is_finite()) {
@@ -419,13 +420,13 @@ fn timing(run: &RunData) -> Option<Figure> {
     if run.timing.len() < 2 {
         return None;
     }
-    let latency: Vec<(f64, f64)> = run.timing.iter().map(|t| (t.block as f64, t.latency_s * 1e3)).collect();
+    let latency: Vec<(f64, f64)> = run.timing.iter().map(|t| (t.t_s, t.latency_s * 1e3)).collect();
     let speed: Vec<(f64, f64)> = run
         .timing
         .windows(2)
         .map(|pair| {
             let wall = pair[1].sample_sent_ns.saturating_sub(pair[0].sample_sent_ns) as f64 * 1e-9;
-            (pair[1].block as f64, (pair[1].t_s - pair[0].t_s) / wall)
+            (pair[1].t_s, (pair[1].t_s - pair[0].t_s) / wall)
         })
         .collect();
     let panel = |y_label: &str, unit: &str, points: Vec<(f64, f64)>, legend: &str| {
@@ -446,7 +447,7 @@ fn timing(run: &RunData) -> Option<Figure> {
             }],
         }
     };
-    let (x_label, x_range) = block_axis(run);
+    let (x_label, x_range) = time_axis(run);
     Some(Figure {
         name: "timing".into(),
         title: "Time from sample to estimate, and pace of the stream".into(),
@@ -488,7 +489,7 @@ fn padded(from: f64, to: f64, part: f64) -> Scale {
     }
 }
 
-/// An axis for a value over the blocks: the truth always within, and the estimates, except for a few that lie so far off that nothing
+/// An axis for a value over time: the truth always within, and the estimates, except for a few that lie so far off that nothing
 /// else could be seen.
 fn value_scale(estimates: &[f64], truths: &[f64]) -> Scale {
     let mut sorted = estimates.to_vec();

@@ -6,13 +6,15 @@ mod page;
 mod plot;
 mod raster;
 mod summary;
+mod words;
 
-pub use data::{RunData, Timing, Trace};
-pub use figures::figures;
+pub use data::{Notes, RunData, Timing, Trace};
+pub use figures::{figures, pretty_unit, symbol};
 pub use page::page;
 pub use plot::Figure;
 pub use raster::{RasterError, png};
 pub use summary::{ChangeSummary, DerivedSummary, ParameterSummary, SampleCounts, Summary};
+pub use words::{DERIVED_USABLE, Known, Rounded, headline, with_unit};
 
 use crate::files;
 use std::io;
@@ -22,6 +24,8 @@ use std::path::{Path, PathBuf};
 pub const REPORT_HTML: &str = "report.html";
 /// Name of the directory with the figures.
 pub const FIGURES: &str = "figures";
+/// Files that may lie beside the page, for its links.
+const BESIDE: [&str; 4] = ["recording.mcap", "estimates.csv", "summary.json", "config.toml"];
 /// Pixels of a PNG per unit of its SVG.
 const PNG_SCALE: f32 = 2.0;
 
@@ -40,6 +44,7 @@ pub fn write_report(dir: &Path, run: &RunData, summary: &Summary) -> io::Result<
         files::write(&figures_dir.join(&figure.name).with_extension("png"), &png)?;
     }
     let path = dir.join(REPORT_HTML);
-    files::write(&path, page(run, summary, &figures).as_bytes())?;
+    let beside: Vec<&str> = BESIDE.into_iter().filter(|name| dir.join(name).exists()).collect();
+    files::write(&path, page(run, summary, &figures, &beside).as_bytes())?;
     Ok(path)
 }

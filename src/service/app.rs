@@ -9,7 +9,7 @@
 
 use super::{
     CommonArgs, ControllerArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, MonitorArgs,
-    PlantArgs, ReplayArgs, ReportArgs, RunArgs, VERSION, main_with,
+    PlantArgs, ReplayArgs, ReportArgs, RunArgs, VERSION, WatchArgs, main_with,
 };
 use crate::config::Catalog;
 use crate::model::Plant;
@@ -30,6 +30,9 @@ enum Command {
     /// Run plant, identifier and monitor, then print the result beside the truth
     #[command(after_help = EXIT_CODES)]
     Run(RunArgs),
+    /// Watch a running identification as a table on the terminal
+    #[command(after_help = EXIT_CODES)]
+    Watch(WatchArgs),
     /// Identify off line from a recording or a log
     #[command(after_help = EXIT_CODES)]
     Identify(IdentifyArgs),
@@ -124,6 +127,10 @@ impl Command {
             Self::Run(mut args) => {
                 args.plant.common.catalog = catalog;
                 main_with(&args.plant.common, |shutdown| super::launch(&args, shutdown))
+            }
+            Self::Watch(mut args) => {
+                args.common.catalog = catalog;
+                main_with(&args.logs(), |shutdown| super::watch(&args, shutdown))
             }
             Self::Identify(mut args) => {
                 args.common.catalog = catalog;

@@ -3,10 +3,12 @@
 use super::Failure;
 use crate::bus::{Domain, ICEORYX2_VERSION, Limits};
 use crate::config::{Catalog, Config, Source};
+use crate::live::Screen;
 use crate::messages::SCHEMA_VERSION;
 use crate::recording::Span;
 use crate::runner::Stay;
 use clap::{Args, ValueEnum};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
@@ -51,6 +53,9 @@ pub struct CommonArgs {
     pub log_format: LogFormat,
     #[command(flatten)]
     pub(super) launched: Launched,
+    /// The program draws on the terminal: only errors may come between.
+    #[arg(skip)]
+    pub(super) draws: bool,
     /// The models that `model.kind` may name.
     #[arg(skip)]
     pub(super) catalog: Catalog,
@@ -262,6 +267,35 @@ pub enum CtlCommand {
     Describe,
 }
 
+/// The page in a browser.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub struct WebArgs {
+    /// Show it live as a page in a browser, on this machine only unless another address is named; port 0 for any that is free
+    #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8080")]
+    pub web: Option<SocketAddr>,
+    /// Let the page pause, resume, reset, fix and free, for whoever knows the token in the address that is printed
+    #[arg(long, requires = "web")]
+    pub web_control: bool,
+}
+
+/// `thetabus watch`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct WatchArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+}
+
+impl WatchArgs {
+    /// What logging may say while the terminal is drawn on.
+    pub fn logs(&self) -> CommonArgs {
+        CommonArgs {
+            draws: Screen::is_possible(),
+            ..self.common.clone()
+        }
+    }
+}
+
 /// `monitor`.
 #[derive(Debug, Clone, Default, Args)]
 pub struct MonitorArgs {
@@ -274,6 +308,9 @@ pub struct MonitorArgs {
     /// Record samples, estimates and status as MCAP; the file must not exist
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub web: WebArgs,
     /// Form of the result table on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,
@@ -297,6 +334,9 @@ pub struct RunArgs {
     /// The identifier goes on from the checkpoint in checkpoint.dir where there is one that fits
     #[arg(long)]
     pub warm: bool,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub web: WebArgs,
     /// Form of the result table on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,

@@ -13,10 +13,10 @@ use super::exit::INTERRUPTED;
 use super::progress::Progress;
 use super::record::RECORDING;
 use super::supervision::Restarts;
-use super::{Failure, LogFormat, logging};
+use super::{Failure, LogFormat, WebArgs, logging};
 use crate::bus::{Bus, Subscriber};
 use crate::config::SupervisionConfig;
-use crate::messages::Status;
+use crate::messages::{Estimate, Status};
 use crate::runner::Shutdown;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -58,6 +58,8 @@ pub(super) struct Plan {
     pub(super) supervision: SupervisionConfig,
     /// The machine is controlled by what is known of it.
     pub(super) controller: bool,
+    /// Whether the monitor serves a page.
+    pub(super) web: WebArgs,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -131,15 +133,18 @@ impl Children {
         &mut self,
         plan: &Plan,
         bus: &Bus,
-        mut status: Subscriber<Status>,
+        (mut status, mut estimates): (Subscriber<Status>, Option<Subscriber<Estimate>>),
         progress: &Arc<Progress>,
         shutdown: &Shutdown,
     ) -> Result<bool, Failure> {
         let mut streaming = false;
         loop {
-            status.drain(|status| {
+            if let Some(estimates) = &mut estimates {
+                estimates.drain_timed(|estimate, sent_ns| progress.found(estimate, sent_ns))?;
+            }
+            status.drain_timed(|status, sent_ns| {
                 streaming |= status.stream_id != 0;
-                progress.show(status);
+                progress.show(status, sent_ns);
             })?;
             for process in &mut self.processes {
                 process.poll();
@@ -281,6 +286,12 @@ impl Process {
                 }
                 if resume {
                     command.arg("--resume");
+                }
+                if let Some(address) = plan.web.web {
+                    command.arg("--web").arg(address.to_string());
+                }
+                if plan.web.web_control {
+                    command.arg("--web-control");
                 }
                 &mut command
             }

@@ -22,7 +22,12 @@ const LAUNCHED_TOGETHER: Duration = Duration::from_secs(10);
 
 /// Logging, signals, the program, its exit code.
 pub fn main_with(common: &CommonArgs, program: impl FnOnce(&Shutdown) -> Result<Exit, Failure>) -> ExitCode {
-    logging::start(common.log_format, common.is_launched());
+    let quietest = match (common.draws, common.is_launched()) {
+        (true, _) => "error",
+        (_, true) => "warn",
+        _ => "info",
+    };
+    logging::start(common.log_format, quietest);
     let together = match common.is_launched() {
         true => LAUNCHED_TOGETHER,
         false => TOGETHER,

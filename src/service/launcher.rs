@@ -11,6 +11,7 @@
 
 use super::args::{domain, quoted};
 use super::children::{Children, Plan};
+use super::live::live_state;
 use super::monitor::{SUMMARY_JSON, write_summary};
 use super::progress::Progress;
 use super::record::RECORDING;
@@ -66,7 +67,9 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let progress = Arc::new(Progress::new(
         config.plant.sim.sample_count(),
         config.estimator.block_len as u64,
+        live_state(&config),
     ));
+    let estimates = progress.is_terminal().then(|| Subscriber::new(&bus)).transpose()?;
     let lockstep = config.bus.lockstep(config.plant.speed);
     let plan = Plan {
         program: std::env::current_exe().map_err(|e| Failure::Failed(format!("cannot find this program: {e}")))?,
@@ -77,12 +80,13 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         record: !args.no_record,
         consumers: config.bus.lockstep_consumers,
         controller: config.controller.feed_forward != FeedForward::None,
+        web: args.web,
         warm: args.warm,
         checkpoints: config.checkpoint.dir.is_some(),
         supervision: config.supervision,
     };
     let mut children = Children::start(&plan, &progress)?;
-    let outcome = children.supervise(&plan, &bus, status, &progress, shutdown);
+    let outcome = children.supervise(&plan, &bus, (status, estimates), &progress, shutdown);
     progress.clear();
     if children.has_killed() {
         bus.clean_up_dead();
@@ -116,14 +120,15 @@ fn load(args: &RunArgs) -> Result<Config, Failure> {
     let own = [("monitor.out_dir", out)];
     let own: Vec<_> = args.plant.overrides().into_iter().chain(own).collect();
     let config = args.plant.common.load(file, &own)?;
-    let consumers = consumers(&config, !args.no_record);
+    let consumers = consumers(&config, args);
     Ok(config.with_number("bus.lockstep_consumers", consumers as f64)?)
 }
 
-/// Who takes samples: the identifier, the monitor where it records, and a controller.
-fn consumers(config: &Config, record: bool) -> usize {
+/// Who takes samples: the identifier, the monitor if it records or shows them, and a controller.
+fn consumers(config: &Config, args: &RunArgs) -> usize {
+    let monitor = !args.no_record || args.web.web.is_some();
     let controller = config.controller.feed_forward != FeedForward::None;
-    1 + usize::from(record) + usize::from(controller)
+    1 + usize::from(monitor) + usize::from(controller)
 }
 
 /// Reads what the monitor has written, adds the wall time, prints the table and names the directory last.

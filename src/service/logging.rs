@@ -5,9 +5,9 @@ use crate::report::Summary;
 use std::io::{ErrorKind, IsTerminal, Write};
 use tracing_subscriber::EnvFilter;
 
-/// Starts logging; `RUST_LOG` chooses what, `info` without it, and `warn` below a launcher that shows progress itself.
-pub(super) fn start(format: LogFormat, launched: bool) {
-    let default = if launched { "warn" } else { "info" };
+/// Starts logging; `RUST_LOG` chooses what, and `default` without it: `warn` below a launcher that shows progress itself, `error` beside a
+/// table on the terminal, else `info`.
+pub(super) fn start(format: LogFormat, default: &str) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
     let builder = tracing_subscriber::fmt()
         .with_env_filter(filter)

@@ -25,6 +25,7 @@ mod identify;
 mod identify_log;
 mod identify_robot;
 mod launcher;
+mod live;
 mod logging;
 mod monitor;
 mod offline_run;
@@ -40,12 +41,14 @@ mod sparse;
 pub mod studies;
 mod supervision;
 mod warm;
+mod watch;
+mod web_control;
 mod wiring;
 
 pub use app::{app, main_for};
 pub use args::{
     CommonArgs, ControllerArgs, CtlArgs, CtlCommand, DoctorArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat,
-    MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION,
+    MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION, WatchArgs, WebArgs,
 };
 pub use check::config_check;
 pub use controller::run as controller;
@@ -61,3 +64,4 @@ pub use monitor::run as monitor;
 pub use plant::run as plant;
 pub use replay::run as replay;
 pub use report::run as report;
+pub use watch::run as watch;

@@ -2,6 +2,7 @@
 
 use super::args::{domain, quoted};
 use super::description::monitor_of;
+use super::live::Live;
 use super::record::{Records, recorder};
 use super::wiring::monitor_node;
 use super::{Exit, Failure, MonitorArgs, child, foreign, logging, out_dir};
@@ -67,6 +68,7 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         .map(|path| recorder(path, &config, &node, args.common.is_launched(), resume))
         .transpose()?;
 
+    let live = Live::start(&config, args.common.log_format, &args.web)?;
     let bus = Bus::join(&domain, robot, "monitor")?;
     let mut ports = MonitorPorts {
         // First: an identifier that waits for a reader of its estimates speaks here before.
@@ -80,10 +82,10 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         ports.estimates.give_receipts(&bus)?;
     }
     // Last: in lockstep the plant starts when this one listens, and the identifier may have found another reader to wait for.
-    if recorder.is_some() {
+    if recorder.is_some() || args.web.web.is_some() {
         ports.samples = Some(SampleSubscriber::new(&bus)?);
     }
-    let mut records = Records::new(csv, recorder, Some(bus.clone()));
+    let mut records = Records::new(csv, recorder, Some(bus.clone()), live);
     tracing::info!(robot, domain = domain.name(), "monitor");
     apply_realtime(&config.realtime.monitor);
     let mut model = config.model.name().to_owned();

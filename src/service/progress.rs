@@ -1,6 +1,8 @@
 //! How far a run is, on standard error: in place on a terminal, else a line every few seconds.
 
-use crate::messages::{State, Status};
+use crate::bus::monotonic_ns;
+use crate::live::{LiveState, columns, progress_line};
+use crate::messages::{Estimate, State, Status};
 use std::io::{IsTerminal, Write};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -18,6 +20,8 @@ pub(super) struct Progress {
     block_len: u64,
     start: Instant,
     line: Mutex<Line>,
+    /// What the line in place says of the result.
+    live: Mutex<LiveState>,
 }
 
 #[derive(Debug)]
@@ -28,13 +32,14 @@ struct Line {
 
 impl Progress {
     /// Progress towards `samples` samples in blocks of `block_len`.
-    pub(super) fn new(samples: u64, block_len: u64) -> Self {
+    pub(super) fn new(samples: u64, block_len: u64, live: LiveState) -> Self {
         let now = Instant::now();
         Self {
             terminal: std::io::stderr().is_terminal(),
             samples,
             block_len: block_len.max(1),
             start: now,
+            live: Mutex::new(live),
             line: Mutex::new(Line {
                 last: now,
                 shown: false,
@@ -42,15 +47,42 @@ impl Progress {
         }
     }
 
+    /// Whether there is a line in place, which says what was found so far.
+    pub(super) fn is_terminal(&self) -> bool {
+        self.terminal
+    }
+
+    /// Takes an estimate in.
+    pub(super) fn found(&self, estimate: &Estimate, sent_ns: u64) {
+        let mut live = self.live.lock().unwrap_or_else(PoisonError::into_inner);
+        live.on_estimate(estimate, None, sent_ns);
+    }
+
     /// Shows a status where it is time to.
-    pub(super) fn show(&self, status: &Status) {
+    pub(super) fn show(&self, status: &Status, sent_ns: u64) {
+        let mut live = self.live.lock().unwrap_or_else(PoisonError::into_inner);
+        live.on_status(status, sent_ns);
+        let view = self.terminal.then(|| live.view(monotonic_ns()));
+        drop(live);
         let mut line = self.line.lock().unwrap_or_else(PoisonError::into_inner);
         let period = if self.terminal { IN_PLACE_PERIOD } else { LINE_PERIOD };
         if line.last.elapsed() < period {
             return;
         }
         line.last = Instant::now();
-        let text = self.text(status, self.start.elapsed());
+        let text = match view {
+            Some(view) => {
+                let percent = format!("{:3.0} %  ", self.percent(status));
+                let lost = match view.missing.saturating_add(view.rejected) {
+                    0 => String::new(),
+                    _ => format!("  {} missing, {} rejected", view.missing, view.rejected),
+                };
+                // A line that is wider than the terminal would not be written over.
+                let room = columns().saturating_sub(percent.len() + lost.len() + 1);
+                format!("{percent}{}{lost}", progress_line(&view, room))
+            }
+            None => self.text(status, self.start.elapsed()),
+        };
         let mut stderr = std::io::stderr().lock();
         if self.terminal {
             line.shown = true;
@@ -61,13 +93,17 @@ impl Progress {
         let _ = stderr.flush();
     }
 
-    fn text(&self, status: &Status, elapsed: Duration) -> String {
+    fn percent(&self, status: &Status) -> f64 {
         // Whatever was received: a sum of counters that somebody else sent must not overflow.
         let taken = status
             .accepted
             .saturating_add(status.rejected)
             .saturating_add(status.missing);
-        let percent = 100.0 * taken as f64 / self.samples.max(1) as f64;
+        100.0 * taken as f64 / self.samples.max(1) as f64
+    }
+
+    fn text(&self, status: &Status, elapsed: Duration) -> String {
+        let percent = self.percent(status);
         let blocks = self.samples / self.block_len;
         format!(
             "{percent:3.0} %  block {} of {blocks}  {}  {} accepted, {} missing, {} rejected  {:.1} s",

@@ -1,6 +1,7 @@
 //! The monitor's sink: a line in the log and in estimates.csv per estimate, everything in the recording.
 
 use super::Failure;
+use super::live::Live;
 use crate::bus::{Bus, ControlClient};
 use crate::config::Config;
 use crate::messages::{Command, ErrorCode, Estimate, Journal, LastError, Request, SCHEMA_VERSION, Sample, Status};
@@ -47,10 +48,17 @@ pub(super) struct Records {
     bus: Option<Bus>,
     /// The identifier's last error as far as the log has it.
     told: LastError,
+    /// What people see.
+    live: Live,
 }
 
 impl Records {
-    pub(super) fn new(csv: Option<EstimatesCsv<File>>, recorder: Option<Recorder>, bus: Option<Bus>) -> Self {
+    pub(super) fn new(
+        csv: Option<EstimatesCsv<File>>,
+        recorder: Option<Recorder>,
+        bus: Option<Bus>,
+        live: Live,
+    ) -> Self {
         Self {
             csv,
             recorder,
@@ -59,6 +67,7 @@ impl Records {
             broken: false,
             bus,
             told: LastError::default(),
+            live,
         }
     }
 
@@ -68,7 +77,8 @@ impl Records {
     }
 
     /// Ends the recording; `None` where there was none, an error where it is not whole.
-    pub(super) fn finish(self) -> Option<Result<RecorderStatus, ()>> {
+    pub(super) fn finish(mut self) -> Option<Result<RecorderStatus, ()>> {
+        self.live.finish();
         if self.broken {
             return Some(Err(()));
         }
@@ -100,12 +110,13 @@ impl Records {
 
 impl MonitorSink for Records {
     fn sample(&mut self, sample: &Sample, sent_ns: u64) -> io::Result<()> {
+        self.live.sample(sample);
         self.record(|recorder| recorder.sample(sample, sent_ns));
         Ok(())
     }
 
     fn estimate(&mut self, node: &MonitorNode, estimate: &Estimate, sent_ns: u64) -> io::Result<()> {
-        tracing::info!("{}", node.line(estimate));
+        self.live.estimate(node, estimate, sent_ns);
         self.record(|recorder| recorder.estimate(estimate, sent_ns));
         self.csv.as_mut().map_or(Ok(()), |csv| csv.write(estimate))
     }
@@ -126,6 +137,7 @@ impl MonitorSink for Records {
             );
         }
         self.told = status.error;
+        self.live.status(status, sent_ns);
         self.record(|recorder| recorder.status(status, sent_ns));
         Ok(())
     }
@@ -148,6 +160,7 @@ impl MonitorSink for Records {
     }
 
     fn round(&mut self) -> io::Result<()> {
+        self.live.round();
         if self.flushed.elapsed() < FLUSH_PERIOD {
             return Ok(());
         }

@@ -1,0 +1,29 @@
+//! What is shown: names, units, meanings.
+
+/// A parameter or a derived value.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Quantity {
+    /// Short name: `theta_1`, `mass_2`.
+    pub name: String,
+    /// SI unit, `"1"` if there is none.
+    pub unit: String,
+    /// What it is, in a few words; may be empty.
+    pub meaning: String,
+}
+
+/// Whose identification it is.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct About {
+    /// Name of the machine.
+    pub robot: String,
+    /// Domain of the bus.
+    pub domain: String,
+    /// Name of the model.
+    pub model: String,
+    /// Number of joints, at most [`MAX_JOINTS`](crate::model::MAX_JOINTS).
+    pub joints: usize,
+    /// Unit of the positions: rad or m.
+    pub position_unit: String,
+    /// Unit of the inputs: V, A, N m or N.
+    pub input_unit: String,
+}

@@ -1,0 +1,508 @@
+//! The state that all views share: fed by messages, of bounded size.
+
+use super::history::{History, Point};
+use super::quantity::{About, Quantity};
+use super::signals::Signals;
+use super::view::{Health, Row, Times, Trend, View};
+use crate::messages::{Estimate, Sample, State, Status, Timing, estimate_flags, status_flags};
+use crate::node::monitor::{Truth, misfit_words, seconds};
+use crate::report::{DERIVED_USABLE, Known, Rounded, headline, pretty_unit};
+use std::collections::VecDeque;
+
+/// An identifier that was silent for so long is gone; it speaks twice a second.
+const GONE_NS: u64 = 2_500_000_000;
+/// Statuses that a rate is taken over.
+const RATE_OVER: usize = 8;
+/// Blocks that a trend is taken over.
+const TREND_OVER: usize = 8;
+/// Changes that are kept.
+const CHANGES: usize = 64;
+
+/// What an identification looks like. Times called `now_ns` and `sent_ns` are of CLOCK_MONOTONIC.
+#[derive(Debug, Clone)]
+pub struct LiveState {
+    about: About,
+    /// Parameters, then derived values.
+    quantities: Vec<Quantity>,
+    parameters: usize,
+    history: History,
+    signals: Signals,
+    estimate: Option<(Estimate, u64)>,
+    status: Option<(Status, u64)>,
+    /// Clock, samples and estimates of the last statuses of the stream.
+    counts: VecDeque<(u64, u64, u64)>,
+    /// Located times \[s\].
+    changes: VecDeque<f64>,
+    /// Of each quantity, before the last change.
+    before: Vec<Option<(f64, f64)>>,
+    lost_estimates: u64,
+    generation: u64,
+}
+
+impl LiveState {
+    /// A state that knows names and units only.
+    pub fn new(about: About, parameters: Vec<Quantity>, derived: Vec<Quantity>) -> Self {
+        let count = parameters.len();
+        let quantities: Vec<Quantity> = parameters.into_iter().chain(derived).collect();
+        Self {
+            about,
+            history: History::new(quantities.len()),
+            before: vec![None; quantities.len()],
+            parameters: count,
+            quantities,
+            signals: Signals::default(),
+            estimate: None,
+            status: None,
+            counts: VecDeque::new(),
+            changes: VecDeque::new(),
+            lost_estimates: 0,
+            generation: 0,
+        }
+    }
+
+    /// Takes an estimate in, each of them once; `truth` where somebody knows it.
+    pub fn on_estimate(&mut self, estimate: &Estimate, truth: Option<&dyn Truth>, sent_ns: u64) {
+        match self.estimate.as_ref().map(|(last, _)| (last.boot_id, last.block)) {
+            Some((boot_id, block)) if boot_id == estimate.boot_id && block < estimate.block => {
+                self.lost_estimates += estimate.block - block - 1;
+            }
+            Some(_) => self.begin(),
+            None => {}
+        }
+        if estimate.flags & estimate_flags::CHANGED != 0 {
+            self.on_change(seconds(estimate.t_change_ns));
+        }
+        let t_s = seconds(estimate.t_last_ns);
+        let truth = truth.map_or_else(Vec::new, |truth| {
+            let mut values = truth.theta(t_s);
+            values.resize(self.parameters, f64::NAN);
+            values.extend(truth.derived(t_s));
+            values.resize(self.quantities.len(), f64::NAN);
+            values
+        });
+        let of = |index: usize| self.known(estimate, index);
+        let known: Vec<(f64, f64, bool)> = (0..self.quantities.len()).map(of).collect();
+        self.history.push(Point {
+            block: estimate.block,
+            t_s,
+            values: known.iter().map(|k| k.0).collect(),
+            stds: known.iter().map(|k| k.1).collect(),
+            usable: known.iter().map(|k| k.2).collect(),
+            truth,
+        });
+        self.estimate = Some((*estimate, sent_ns));
+    }
+
+    /// Takes a status in.
+    pub fn on_status(&mut self, status: &Status, sent_ns: u64) {
+        if self
+            .status
+            .as_ref()
+            .is_some_and(|(last, _)| last.boot_id != status.boot_id)
+        {
+            self.counts.clear();
+        }
+        let seen = [status.accepted, status.missing, status.rejected];
+        let seen = seen.into_iter().fold(0, u64::saturating_add);
+        if self.counts.len() == RATE_OVER {
+            self.counts.pop_front();
+        }
+        self.counts.push_back((sent_ns, seen, status.estimates));
+        self.status = Some((*status, sent_ns));
+    }
+
+    /// Takes a sample in.
+    pub fn on_sample(&mut self, sample: &Sample) {
+        self.signals.push(sample);
+    }
+
+    /// Whose it is.
+    pub fn about(&self) -> &About {
+        &self.about
+    }
+
+    /// Parameters, then derived values.
+    pub fn quantities(&self) -> &[Quantity] {
+        &self.quantities
+    }
+
+    /// The estimates so far, thinned.
+    pub fn history(&self) -> &History {
+        &self.history
+    }
+
+    /// The last seconds of the joints' signals.
+    pub fn signals(&self) -> &Signals {
+        &self.signals
+    }
+
+    /// Counts the streams: what was shown of another generation is of another run.
+    pub fn generation(&self) -> u64 {
+        self.generation
+    }
+
+    /// Everything as it is now.
+    pub fn view(&self, now_ns: u64) -> View {
+        let estimate = self.estimate.as_ref().map(|(estimate, _)| estimate);
+        let status = self.status.as_ref().map(|(status, _)| status);
+        let flags = status.map_or(0, |status| status.flags);
+        let heard_ns = self.status.as_ref().map(|&(_, sent_ns)| now_ns.saturating_sub(sent_ns));
+        let alive = heard_ns.is_some_and(|age| age < GONE_NS);
+        let state = self.state();
+        let rows = self.rows(estimate);
+        let usable = rows[..self.parameters].iter().filter(|row| row.usable).count();
+        let (samples_per_s, estimates_per_s) = self.rates(alive);
+        let counts = self.counts_of(estimate, status);
+        let (words, health) = self.words(state, alive, heard_ns, usable, flags);
+        let equations = estimate.map_or(0, |e| (e.equations as usize).min(e.fit.len()));
+        View {
+            headline: self
+                .headline(estimate, state)
+                .unwrap_or_else(|| "no value may be used yet".into()),
+            words,
+            state: state.name().to_owned(),
+            health,
+            alive,
+            paused: flags & status_flags::PAUSED != 0,
+            heartbeat_s: heard_ns.map_or(f64::NAN, |age| age as f64 / 1e9),
+            pid: status.map_or(0, |status| status.pid),
+            block: estimate.map_or(0, |e| e.block),
+            t_s: estimate.map_or(f64::NAN, |e| seconds(e.t_last_ns)),
+            usable,
+            parameters: self.parameters,
+            rows,
+            accepted: counts.0,
+            missing: counts.1,
+            rejected: counts.2,
+            lost_estimates: self.lost_estimates,
+            samples_per_s,
+            estimates_per_s,
+            fit: estimate.map_or_else(Vec::new, |e| e.fit[..equations].to_vec()),
+            fit_probability: estimate.map_or(f64::NAN, |e| e.fit_probability),
+            step: status.map_or_else(Times::default, |s| times(&s.step)),
+            block_step: status.map_or_else(Times::default, |s| times(&s.block)),
+            resident_bytes: status.map_or(0, |s| s.process.resident_bytes),
+            error: status.map_or_else(String::new, |s| s.error.words().to_owned()),
+            changes: self.changes.iter().copied().collect(),
+        }
+    }
+
+    /// A new stream: what is known is of the one before.
+    fn begin(&mut self) {
+        self.history.clear();
+        self.changes.clear();
+        self.before.fill(None);
+        self.lost_estimates = 0;
+        self.generation += 1;
+    }
+
+    /// Remembers what was known before: of each quantity the last value that could be used.
+    fn on_change(&mut self, t_s: f64) {
+        for (index, before) in self.before.iter_mut().enumerate() {
+            let last = self.history.points().rev().filter(|point| point.t_s <= t_s);
+            let known = last.map(|p| (p.usable[index], p.values[index], p.stds[index]));
+            *before = known.filter(|known| known.0).map(|(_, value, std)| (value, std)).next();
+        }
+        if self.changes.len() == CHANGES {
+            self.changes.pop_front();
+        }
+        self.changes.push_back(t_s);
+    }
+
+    /// Value, standard deviation and whether it may be used.
+    fn known(&self, estimate: &Estimate, index: usize) -> (f64, f64, bool) {
+        let unknown = (f64::NAN, f64::NAN, false);
+        match index.checked_sub(self.parameters) {
+            None if index < estimate.params as usize => {
+                let numbers = estimate.theta.get(index).zip(estimate.theta_std.get(index));
+                numbers.map_or(unknown, |(&value, &std)| (value, std, estimate.is_usable(index)))
+            }
+            Some(derived) if derived < estimate.derived_len as usize => {
+                let numbers = estimate.derived.get(derived).zip(estimate.derived_std.get(derived));
+                numbers.map_or(unknown, |(&value, &std)| {
+                    let usable = estimate.use_ok == 1 && 3.0 * std < DERIVED_USABLE * value.abs();
+                    (value, std, usable)
+                })
+            }
+            _ => unknown,
+        }
+    }
+
+    fn rows(&self, estimate: Option<&Estimate>) -> Vec<Row> {
+        let row = |(index, quantity): (usize, &Quantity)| {
+            let known = estimate.map(|estimate| self.known(estimate, index));
+            let (value, std, usable) = known.unwrap_or((f64::NAN, f64::NAN, false));
+            let derived = index >= self.parameters;
+            let rounded = Rounded::new(value, std);
+            let marked = |mask: fn(&Estimate) -> u64| !derived && estimate.is_some_and(|e| mask(e) >> index & 1 == 1);
+            Row {
+                name: quantity.name.clone(),
+                unit: match quantity.unit.as_str() {
+                    "1" => String::new(),
+                    unit => pretty_unit(unit),
+                },
+                value,
+                std,
+                value_text: rounded.value,
+                std_text: rounded.std,
+                trend: self.trend(index),
+                usable,
+                excited: derived || marked(|e| e.excited),
+                fixed: marked(|e| e.fixed),
+                derived,
+            }
+        };
+        self.quantities.iter().enumerate().map(row).collect()
+    }
+
+    /// Over the last blocks, against the standard deviations at both ends.
+    fn trend(&self, index: usize) -> Trend {
+        let at = |point: &Point| (point.values[index], point.stds[index]);
+        let mut points = self.history.points().rev().take(TREND_OVER);
+        let (Some((now, std)), Some((then, std_then))) = (points.next().map(at), points.next_back().map(at)) else {
+            return Trend::Unknown;
+        };
+        let sigma = std.hypot(std_then);
+        let noise = if sigma.is_finite() {
+            2.0 * sigma
+        } else {
+            1e-3 * now.abs()
+        };
+        match now - then {
+            step if step > noise => Trend::Rising,
+            step if step < -noise => Trend::Falling,
+            step if step.is_finite() => Trend::Steady,
+            _ => Trend::Unknown,
+        }
+    }
+
+    fn headline(&self, estimate: Option<&Estimate>, state: State) -> Option<String> {
+        let estimate = estimate?;
+        let known = |(index, quantity): (usize, &'_ Quantity)| (index, self.known(estimate, index), quantity.clone());
+        let all: Vec<_> = self.quantities.iter().enumerate().map(known).collect();
+        let known: Vec<Known<'_>> = all
+            .iter()
+            .map(|(index, (value, std, usable), quantity)| Known {
+                name: &quantity.name,
+                unit: &quantity.unit,
+                value: *value,
+                std: *std,
+                usable: *usable,
+                derived: *index >= self.parameters,
+                before: self.before[*index],
+            })
+            .collect();
+        let change = self.changes.back().copied();
+        match (change, state) {
+            (Some(t_s), State::Changing) => {
+                Some(format!("changed at {t_s:.2} s; the new values are not confirmed yet"))
+            }
+            _ => headline(&known, change),
+        }
+    }
+
+    /// The newer of what estimate and status say.
+    fn state(&self) -> State {
+        let estimate = self.estimate.as_ref().map(|(e, sent_ns)| (*sent_ns, e.state));
+        let status = self.status.as_ref().map(|(s, sent_ns)| (*sent_ns, s.state));
+        let newest = estimate.into_iter().chain(status).max_by_key(|said| said.0);
+        newest
+            .and_then(|(_, state)| State::from_wire(state))
+            .unwrap_or_default()
+    }
+
+    fn counts_of(&self, estimate: Option<&Estimate>, status: Option<&Status>) -> (u64, u64, u64) {
+        match (estimate, status) {
+            (Some(e), Some(s)) if e.boot_id != s.boot_id => (e.accepted, e.missing, e.rejected),
+            (_, Some(s)) => (s.accepted, s.missing, s.rejected),
+            (Some(e), None) => (e.accepted, e.missing, e.rejected),
+            (None, None) => (0, 0, 0),
+        }
+    }
+
+    fn rates(&self, alive: bool) -> (f64, f64) {
+        let (Some(first), Some(last)) = (self.counts.front(), self.counts.back()) else {
+            return (f64::NAN, f64::NAN);
+        };
+        let span_s = last.0.saturating_sub(first.0) as f64 / 1e9;
+        match (alive, span_s > 0.2) {
+            (false, _) => (0.0, 0.0),
+            (true, false) => (f64::NAN, f64::NAN),
+            (true, true) => (
+                last.1.saturating_sub(first.1) as f64 / span_s,
+                last.2.saturating_sub(first.2) as f64 / span_s,
+            ),
+        }
+    }
+
+    fn words(&self, state: State, alive: bool, heard_ns: Option<u64>, usable: usize, flags: u32) -> (String, Health) {
+        let all = self.parameters;
+        let so_far = format!("{usable} of {all} parameters may be used");
+        if !alive && state != State::Ended {
+            let words = match heard_ns {
+                None => "waiting for an identifier".to_owned(),
+                Some(age) => format!(
+                    "the identifier has been silent for {:.0} s; these are its last values",
+                    age as f64 / 1e9
+                ),
+            };
+            return (words, if heard_ns.is_some() { Health::Bad } else { Health::Wait });
+        }
+        if flags & status_flags::PAUSED != 0 && state != State::Ended {
+            return ("paused by a command".into(), Health::Warn);
+        }
+        if flags & status_flags::SILENT != 0 && state != State::Ended {
+            return ("the machine sends no samples".into(), Health::Warn);
+        }
+        match state {
+            State::Collecting => ("collecting the first block of samples".into(), Health::Wait),
+            State::Converging => (format!("the estimate still moves; {so_far}"), Health::Wait),
+            State::Converged if usable < all => (format!("settled; {so_far}"), Health::Good),
+            State::Converged => (format!("settled; all {all} parameters may be used"), Health::Good),
+            State::Paused => ("paused by a command".into(), Health::Warn),
+            State::PoorlyExcited => (format!("the motion says too little; {so_far}"), Health::Warn),
+            State::Changing => (
+                "the machine has changed; its new values are being found".into(),
+                Health::Warn,
+            ),
+            State::Degraded => ("samples are missing or refused".into(), Health::Warn),
+            State::Invalid => ("the estimate must not be used".into(), Health::Bad),
+            State::Ended => (format!("the stream has ended; {so_far}"), Health::Good),
+            State::Misfit => {
+                let why = self.estimate.as_ref().map_or("", |(e, _)| misfit_words(e));
+                (format!("the model does not fit: {why}"), Health::Bad)
+            }
+        }
+    }
+}
+
+fn times(timing: &Timing) -> Times {
+    let us = |ns: u64| ns as f64 / 1e3;
+    Times {
+        mean_us: us(timing.mean_ns),
+        p99_us: us(timing.p99_ns),
+        max_us: us(timing.max_ns),
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::node::monitor::tests::estimate;
+
+    /// A mass, which jumps, and a derived inertia.
+    pub(crate) fn state() -> LiveState {
+        let quantity = |name: &str, unit: &str| Quantity {
+            name: name.into(),
+            unit: unit.into(),
+            meaning: format!("{name} of the load"),
+        };
+        let about = About {
+            robot: "arm".into(),
+            domain: "default".into(),
+            model: "test".into(),
+            joints: 1,
+            position_unit: "rad".into(),
+            input_unit: "V".into(),
+        };
+        LiveState::new(about, vec![quantity("mass", "kg")], vec![quantity("inertia", "kg m^2")])
+    }
+
+    /// One that may be used.
+    pub(crate) fn known(block: u64, mass: f64, std: f64) -> Estimate {
+        let mut message = estimate(block, mass);
+        message.theta_std[0] = std;
+        message.derived_len = 1;
+        (message.derived[0], message.derived_std[0]) = (2.0 * mass, 2.0 * std);
+        (message.use_ok, message.usable) = (1, 1);
+        message.state = State::Converged as u32;
+        message
+    }
+
+    fn status(accepted: u64, state: State) -> Status {
+        Status {
+            boot_id: 1,
+            accepted,
+            state: state as u32,
+            estimates: accepted / 1000,
+            ..Status::default()
+        }
+    }
+
+    const S: u64 = 1_000_000_000;
+
+    #[test]
+    fn prop_a_state_without_messages_waits() {
+        let view = state().view(5 * S);
+        assert_eq!((view.health, view.alive, view.block), (Health::Wait, false, 0));
+        assert_eq!(view.words, "waiting for an identifier");
+        assert_eq!(view.rows[0].value_text, "–");
+        let json = serde_json::to_string(&view).unwrap();
+        assert!(json.contains("\"heartbeat_s\":null"), "{json}");
+    }
+
+    #[test]
+    fn prop_a_jump_is_told_from_what_to_what_and_when() {
+        let mut state = state();
+        for block in 1..=5 {
+            state.on_estimate(&known(block, 150.1123, 0.09), None, block * S);
+        }
+        let mut change = known(6, 160.0, 0.04);
+        change.flags |= estimate_flags::CHANGED;
+        change.t_change_ns = 4_990_000_000;
+        change.state = State::Changing as u32;
+        change.usable = 0;
+        change.use_ok = 0;
+        state.on_estimate(&change, None, 6 * S);
+        assert!(state.view(6 * S).headline.starts_with("changed at 4.99 s"));
+        state.on_estimate(&known(7, 170.0412, 0.04), None, 7 * S);
+        state.on_status(&status(7000, State::Converged), 7 * S);
+        let view = state.view(7 * S);
+        // The derived value speaks: people know it by its name.
+        assert_eq!(
+            view.headline,
+            "inertia: 340.08 ± 0.08 kg·m², changed from 300.22 kg·m² at 4.99 s"
+        );
+        assert_eq!((view.changes.clone(), view.usable), (vec![4.99], 1));
+        assert_eq!((view.rows[0].trend, view.rows[0].note()), (Trend::Rising, "usable"));
+        assert_eq!(view.words, "settled; all 1 parameters may be used");
+    }
+
+    #[test]
+    fn prop_an_identifier_that_dies_is_told_and_its_values_stay() {
+        let mut state = state();
+        state.on_estimate(&known(1, 150.0, 0.1), None, S);
+        state.on_status(&status(1000, State::Converged), S);
+        assert!(state.view(S + GONE_NS - 1).alive);
+        let view = state.view(10 * S);
+        assert!(!view.alive && view.health == Health::Bad);
+        assert!(view.words.contains("silent for 9 s"), "{}", view.words);
+        assert_eq!(view.rows[0].value, 150.0);
+        assert_eq!(view.samples_per_s, 0.0);
+    }
+
+    #[test]
+    fn prop_rates_come_from_the_clock_and_a_new_stream_begins_anew() {
+        let mut state = state();
+        for k in 0..20 {
+            state.on_status(&status(500 * k, State::Converged), k * S / 2);
+        }
+        assert_eq!(state.view(10 * S).samples_per_s, 1000.0);
+        state.on_estimate(&known(3, 1.0, 0.1), None, S);
+        state.on_estimate(&known(6, 1.0, 0.1), None, S);
+        assert_eq!((state.view(S).lost_estimates, state.history().points().len()), (2, 2));
+        let mut other = known(1, 2.0, 0.1);
+        other.boot_id = 2;
+        state.on_estimate(&other, None, S);
+        assert_eq!((state.generation(), state.history().points().len()), (1, 1));
+    }
+
+    #[test]
+    fn prop_an_estimate_of_more_parameters_than_there_are_names_is_no_panic() {
+        let mut state = state();
+        let mut wild = known(1, 1.0, f64::NAN);
+        (wild.params, wild.derived_len, wild.equations) = (u32::MAX, u32::MAX, u32::MAX);
+        state.on_estimate(&wild, None, S);
+        assert_eq!(state.view(S).rows.len(), 2);
+    }
+}

@@ -1,0 +1,151 @@
+//! What all views show at one instant: words and numbers, ready to be drawn.
+
+use serde::Serialize;
+
+/// How things are, as a colour would tell it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Health {
+    /// Estimates may be used.
+    Good,
+    /// Nothing is wrong; the answer is not there yet.
+    Wait,
+    /// Something asks for attention.
+    Warn,
+    /// Nobody estimates, or what is estimated must not be used.
+    Bad,
+}
+
+/// Where an estimate moves, beyond its standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Trend {
+    /// Too few estimates to tell.
+    Unknown,
+    /// It stays.
+    Steady,
+    /// It grows.
+    Rising,
+    /// It falls.
+    Falling,
+}
+
+impl Trend {
+    /// One character for a table.
+    pub fn arrow(self) -> &'static str {
+        match self {
+            Self::Unknown => " ",
+            Self::Steady => "→",
+            Self::Rising => "↑",
+            Self::Falling => "↓",
+        }
+    }
+}
+
+/// One quantity.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// Short name.
+    pub name: String,
+    /// Unit as in a text; empty if there is none.
+    pub unit: String,
+    /// The estimate; `NaN` before the first.
+    pub value: f64,
+    /// Its standard deviation; `NaN` if there is none.
+    pub std: f64,
+    /// The value, rounded to its standard deviation.
+    pub value_text: String,
+    /// The standard deviation as text; empty if there is none.
+    pub std_text: String,
+    /// Where it moves.
+    pub trend: Trend,
+    /// Whether controllers may use it.
+    pub usable: bool,
+    /// Whether the last block informed on it.
+    pub excited: bool,
+    /// Whether it is held by configuration or command.
+    pub fixed: bool,
+    /// Whether it is computed from the parameters.
+    pub derived: bool,
+}
+
+impl Row {
+    /// What to know about it in a word: `usable`, `fixed`, `not excited`, `uncertain`.
+    pub fn note(&self) -> &'static str {
+        match (self.fixed, self.usable, self.excited) {
+            (true, ..) => "fixed",
+            (_, true, _) => "usable",
+            _ if !self.value.is_finite() => "",
+            (_, _, false) => "not excited",
+            _ => "uncertain",
+        }
+    }
+}
+
+/// Duration of a step of the identifier \[µs\].
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Times {
+    /// Mean.
+    pub mean_us: f64,
+    /// 99 of 100 took at most this.
+    pub p99_us: f64,
+    /// Longest.
+    pub max_us: f64,
+}
+
+/// Everything at one instant. What is not known is `NaN`, which JSON shows as null.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct View {
+    /// The result in a sentence.
+    pub headline: String,
+    /// The state in a sentence.
+    pub words: String,
+    /// The state's name as in files: `converged`.
+    pub state: String,
+    /// The state as a colour.
+    pub health: Health,
+    /// Whether an identifier is heard.
+    pub alive: bool,
+    /// Whether a command has stopped it.
+    pub paused: bool,
+    /// Seconds since its last heartbeat.
+    pub heartbeat_s: f64,
+    /// Process id of the identifier, 0 if it is not known.
+    pub pid: u32,
+    /// Block of the last estimate, 0 before the first.
+    pub block: u64,
+    /// Stream time of the last estimate \[s\].
+    pub t_s: f64,
+    /// Parameters, then derived values.
+    pub rows: Vec<Row>,
+    /// Parameters that may be used.
+    pub usable: usize,
+    /// Parameters.
+    pub parameters: usize,
+    /// Samples used since the start of the stream.
+    pub accepted: u64,
+    /// Samples lost since then.
+    pub missing: u64,
+    /// Samples refused since then.
+    pub rejected: u64,
+    /// Blocks without an estimate.
+    pub lost_estimates: u64,
+    /// Samples per second of the clock.
+    pub samples_per_s: f64,
+    /// Estimates per second of the clock.
+    pub estimates_per_s: f64,
+    /// χ² of the residuals over their number, per equation: 1 on average if the block fits.
+    pub fit: Vec<f64>,
+    /// Probability of residuals as large as these if the model is right.
+    pub fit_probability: f64,
+    /// A sample taken in.
+    pub step: Times,
+    /// A block estimated.
+    pub block_step: Times,
+    /// Memory of the identifier in use \[bytes\], 0 if it is not known.
+    pub resident_bytes: u64,
+    /// What went wrong last, in words.
+    pub error: String,
+    /// Located times of the last changes \[s\].
+    pub changes: Vec<f64>,
+}

@@ -1,0 +1,240 @@
+//! The state as events: the whole of it for a browser that comes, what is new for those that are there.
+
+use crate::live::history::Point;
+use crate::live::signals::SignalPoint;
+use crate::live::state::LiveState;
+use hyper::body::Bytes;
+use serde_json::{Value, json};
+use std::sync::{Arc, Mutex, PoisonError};
+use tokio::sync::broadcast;
+
+/// Updates that wait for a browser at most; the oldest go first, for all together.
+const WAITING: usize = 16;
+/// New points above which browsers get the whole, thinned state instead.
+const MANY: usize = 100;
+
+/// Where the caller puts the state, and the server takes it.
+#[derive(Clone)]
+pub struct Feed(Arc<Inner>);
+
+struct Inner {
+    state: Mutex<LiveState>,
+    /// Says what time it is on CLOCK_MONOTONIC \[ns\].
+    now_ns: fn() -> u64,
+    place: Mutex<Place>,
+    /// As of the last update, for all who come before the next.
+    whole: Mutex<Option<Bytes>>,
+    events: broadcast::Sender<Update>,
+    /// Whether the page shows controls to those who know the token.
+    control: bool,
+}
+
+/// How far the updates have come.
+#[derive(Default)]
+struct Place {
+    generation: u64,
+    block: u64,
+    t_ns: u64,
+}
+
+/// What is sent to all.
+#[derive(Debug, Clone)]
+pub(super) enum Update {
+    /// What is new.
+    Part(Bytes),
+    /// Too much is new: take the whole.
+    Renew,
+}
+
+impl Feed {
+    /// A feed of a state; `now_ns` is the clock of its times.
+    pub fn new(state: LiveState, now_ns: fn() -> u64, control: bool) -> Self {
+        Self(Arc::new(Inner {
+            state: Mutex::new(state),
+            now_ns,
+            place: Mutex::default(),
+            whole: Mutex::new(None),
+            events: broadcast::Sender::new(WAITING),
+            control,
+        }))
+    }
+
+    /// Changes the state, or looks at it.
+    pub fn with<T>(&self, act: impl FnOnce(&mut LiveState) -> T) -> T {
+        act(&mut self.0.state.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Sends what is new to whoever listens; to be called a few times per second.
+    pub fn publish(&self) {
+        // Before the update is made: whoever still gets the old whole is subscribed to the update already.
+        *self.0.whole.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        if self.0.events.receiver_count() == 0 {
+            return;
+        }
+        let mut place = self.0.place.lock().unwrap_or_else(PoisonError::into_inner);
+        let update = self.with(|state| {
+            let is_new = place.generation != state.generation();
+            let points = state.history().after(place.block);
+            let renew = is_new || points.len() > MANY;
+            let update = match renew {
+                true => Update::Renew,
+                false => Update::Part(event(
+                    "update",
+                    &json!({
+                        "view": state.view((self.0.now_ns)()),
+                        "points": points.map(point).collect::<Vec<_>>(),
+                        "signals": signals(state, place.t_ns),
+                    }),
+                )),
+            };
+            place.generation = state.generation();
+            place.block = state.history().points().next_back().map_or(0, |point| point.block);
+            place.t_ns = state.signals().points().next_back().map_or(0, |point| point.t_ns);
+            update
+        });
+        let _ = self.0.events.send(update);
+    }
+
+    pub(super) fn subscribe(&self) -> broadcast::Receiver<Update> {
+        self.0.events.subscribe()
+    }
+
+    /// The whole state as an event, no older than the last update. A reader subscribes first: what comes twice is known by its number.
+    pub(super) fn whole(&self) -> Bytes {
+        let mut whole = self.0.whole.lock().unwrap_or_else(PoisonError::into_inner);
+        let make = || event("whole", &self.with(|state| self.as_json(state)));
+        whole.get_or_insert_with(make).clone()
+    }
+
+    fn as_json(&self, state: &LiveState) -> Value {
+        let about = state.about();
+        let quantities: Vec<Value> = state
+            .quantities()
+            .iter()
+            .map(|q| json!({ "name": q.name, "unit": q.unit, "meaning": q.meaning }))
+            .collect();
+        json!({
+            "about": {
+                "robot": about.robot, "domain": about.domain, "model": about.model, "joints": about.joints,
+                "position_unit": about.position_unit, "input_unit": about.input_unit,
+            },
+            "control": self.0.control,
+            "quantities": quantities,
+            "limit": state.history().limit(),
+            "view": state.view((self.0.now_ns)()),
+            "points": state.history().points().map(point).collect::<Vec<_>>(),
+            "signals": signals(state, 0),
+        })
+    }
+}
+
+/// An event of the stream that `EventSource` reads.
+fn event(name: &str, data: &Value) -> Bytes {
+    format!("event: {name}\ndata: {data}\n\n").into()
+}
+
+fn point(point: &Point) -> Value {
+    let row = |values: &[f64]| values.iter().map(|&value| short(value)).collect::<Vec<_>>();
+    json!({
+        "b": point.block, "t": short(point.t_s), "v": row(&point.values), "s": row(&point.stds), "w": row(&point.truth),
+    })
+}
+
+/// The signals after a time, as columns: time, then position, setpoint and input of each joint.
+fn signals(state: &LiveState, after_ns: u64) -> Value {
+    let joints = state.about().joints;
+    let row = |point: &SignalPoint| {
+        let mut row = vec![short(point.t_ns as f64 / 1e9)];
+        for joint in 0..joints.min(point.position.len()) {
+            row.extend([point.position[joint], point.setpoint[joint], point.input[joint]].map(short));
+        }
+        row
+    };
+    // 0 stands for "from the beginning", and a first sample may have the time 0.
+    let rows: Vec<Vec<Value>> = match after_ns {
+        0 => state.signals().points().map(row).collect(),
+        _ => state.signals().after(after_ns).map(row).collect(),
+    };
+    json!(rows)
+}
+
+/// Seven significant digits: a plot needs no more. What is not finite is null.
+fn short(value: f64) -> Value {
+    format!("{value:.6e}")
+        .parse::<f64>()
+        .ok()
+        .filter(|v| v.is_finite())
+        .map_or(Value::Null, |v| json!(v))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::live::state::tests::{known, state};
+
+    fn parsed(bytes: &Bytes) -> (String, Value) {
+        let text = std::str::from_utf8(bytes).unwrap();
+        let (name, data) = text.split_once('\n').unwrap();
+        let data = data.strip_prefix("data: ").unwrap().trim_end();
+        (name.replace("event: ", ""), serde_json::from_str(data).unwrap())
+    }
+
+    #[test]
+    fn prop_updates_hold_what_is_new_and_a_flood_or_a_new_stream_asks_for_the_whole() {
+        let feed = Feed::new(state(), || 0, false);
+        feed.publish();
+        let mut listener = feed.subscribe();
+        for block in 1..=3 {
+            feed.with(|state| state.on_estimate(&known(block, 170.04, 0.04), None, block));
+        }
+        feed.publish();
+        let Update::Part(part) = listener.try_recv().unwrap() else {
+            panic!("three points are not many")
+        };
+        let (name, data) = parsed(&part);
+        assert_eq!(
+            (name.as_str(), data["points"].as_array().map(Vec::len)),
+            ("update", Some(3))
+        );
+        assert_eq!(data["view"]["rows"][0]["value"], 170.04);
+        assert_eq!(data["points"][2]["v"][1], 340.08);
+        assert_eq!(data["points"][2]["w"].as_array().map(Vec::len), Some(0));
+        feed.with(|state| state.on_estimate(&known(4, 171.0, f64::NAN), None, 4));
+        feed.publish();
+        let Update::Part(part) = listener.try_recv().unwrap() else {
+            panic!("one point is not many")
+        };
+        let (_, data) = parsed(&part);
+        assert_eq!(data["points"].as_array().map(Vec::len), Some(1));
+        assert_eq!(data["points"][0]["s"][0], Value::Null);
+        for block in 5..=200 {
+            feed.with(|state| state.on_estimate(&known(block, 171.0, 0.1), None, block));
+        }
+        feed.publish();
+        assert!(matches!(listener.try_recv(), Ok(Update::Renew)));
+        let (name, data) = parsed(&feed.whole());
+        assert_eq!(
+            (name.as_str(), data["points"].as_array().map(Vec::len)),
+            ("whole", Some(200))
+        );
+        assert_eq!(
+            (&data["about"]["robot"], &data["control"]),
+            (&json!("arm"), &json!(false))
+        );
+    }
+
+    #[test]
+    fn prop_a_listener_that_never_listens_holds_nothing_up() {
+        let feed = Feed::new(state(), || 0, false);
+        let mut listener = feed.subscribe();
+        for block in 1..=10_000 {
+            feed.with(|state| state.on_estimate(&known(block, 1.0, 0.1), None, block));
+            feed.publish();
+        }
+        assert!(matches!(
+            listener.try_recv(),
+            Err(broadcast::error::TryRecvError::Lagged(_))
+        ));
+        assert!(listener.len() <= WAITING);
+    }
+}

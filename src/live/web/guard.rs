@@ -1,0 +1,154 @@
+//! Who may see the page, and who may do something by it.
+//!
+//! A page of somebody else's, opened in a browser on this machine, can send requests here. It cannot choose `Host` and `Origin`, and it
+//! does not know the token.
+
+use hyper::HeaderMap;
+use hyper::header::{CONTENT_TYPE, HOST, ORIGIN};
+use std::collections::hash_map::RandomState;
+use std::hash::{BuildHasher, Hasher};
+use std::net::{IpAddr, SocketAddr};
+
+/// The rules of one server.
+#[derive(Debug, Clone)]
+pub(super) struct Guard {
+    loopback: bool,
+    token: String,
+}
+
+impl Guard {
+    pub(super) fn new(address: SocketAddr) -> Self {
+        Self {
+            loopback: address.ip().is_loopback(),
+            token: token(),
+        }
+    }
+
+    /// What the address of the page must hold to see it from elsewhere, and to control by it.
+    pub(super) fn token(&self) -> &str {
+        &self.token
+    }
+
+    /// Whether one must know the token to see anything.
+    pub(super) fn is_closed(&self) -> bool {
+        !self.loopback
+    }
+
+    /// A request must be meant for this server, and come from its own page if it comes from a page.
+    pub(super) fn admits(&self, headers: &HeaderMap) -> Result<(), &'static str> {
+        let mut hosts = headers.get_all(HOST).iter();
+        let host = hosts.next().and_then(|host| host.to_str().ok()).unwrap_or("");
+        if host.is_empty() || hosts.next().is_some() {
+            return Err("expected one Host header");
+        }
+        // A name that somebody points to 127.0.0.1 makes their page one of the same origin: DNS rebinding.
+        if self.loopback && !is_loopback_name(host_name(host)) {
+            return Err("expected localhost, 127.0.0.1 or [::1] as Host");
+        }
+        match headers.get(ORIGIN) {
+            None => Ok(()),
+            Some(origin) => {
+                let origin = origin.to_str().unwrap_or("");
+                let authority = origin
+                    .strip_prefix("http://")
+                    .or_else(|| origin.strip_prefix("https://"));
+                match authority.is_some_and(|authority| authority.eq_ignore_ascii_case(host)) {
+                    true => Ok(()),
+                    false => Err("the request comes from a page of another origin"),
+                }
+            }
+        }
+    }
+
+    /// Whether the token is this server's; the time does not tell how much of it is right.
+    pub(super) fn knows(&self, token: Option<&str>) -> bool {
+        let given = token.unwrap_or("").as_bytes();
+        let own = self.token.as_bytes();
+        let differences = own.iter().zip(given).fold(0, |all, (a, b)| all | (a ^ b));
+        given.len() == own.len() && differences == 0
+    }
+
+    /// No form of another page can send this without asking first.
+    pub(super) fn is_json(headers: &HeaderMap) -> bool {
+        let kind = headers
+            .get(CONTENT_TYPE)
+            .and_then(|kind| kind.to_str().ok())
+            .unwrap_or("");
+        let kind = kind.split(';').next().unwrap_or("").trim();
+        kind.eq_ignore_ascii_case("application/json")
+    }
+}
+
+/// The name without its port.
+fn host_name(host: &str) -> &str {
+    match host.strip_prefix('[') {
+        Some(rest) => rest.split(']').next().unwrap_or(""),
+        None => host.split(':').next().unwrap_or(""),
+    }
+}
+
+fn is_loopback_name(name: &str) -> bool {
+    name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
+}
+
+/// 128 random bits: the keys of `RandomState` come from the system's random numbers.
+fn token() -> String {
+    let mut text = String::new();
+    for round in 0..2_u64 {
+        let mut hasher = RandomState::new().build_hasher();
+        hasher.write_u64(round);
+        text.push_str(&format!("{:016x}", hasher.finish()));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn headers(list: &[(&'static str, &str)]) -> HeaderMap {
+        let mut map = HeaderMap::new();
+        for (name, value) in list {
+            map.append(*name, value.parse().unwrap());
+        }
+        map
+    }
+
+    #[test]
+    fn fault_requests_for_others_and_from_pages_of_others_are_refused() {
+        let guard = Guard::new("127.0.0.1:8080".parse().unwrap());
+        for (list, admitted) in [
+            (&[("host", "127.0.0.1:8080")][..], true),
+            (&[("host", "localhost:9000")], true),
+            (&[("host", "[::1]:8080")], true),
+            (&[("host", "127.0.0.1:8080"), ("origin", "http://127.0.0.1:8080")], true),
+            (&[], false),
+            (&[("host", "evil.example:8080")], false),
+            (&[("host", "127.0.0.1.evil.example")], false),
+            (&[("host", "localhost"), ("host", "localhost")], false),
+            (&[("host", "127.0.0.1:8080"), ("origin", "http://evil.example")], false),
+            (&[("host", "127.0.0.1:8080"), ("origin", "null")], false),
+            (
+                &[("host", "127.0.0.1:8080"), ("origin", "http://127.0.0.1:9999")],
+                false,
+            ),
+        ] {
+            assert_eq!(guard.admits(&headers(list)).is_ok(), admitted, "{list:?}");
+        }
+        // Elsewhere any name may lead here: the token decides.
+        let open = Guard::new("0.0.0.0:8080".parse().unwrap());
+        assert!(open.is_closed() && open.admits(&headers(&[("host", "robot.lab:8080")])).is_ok());
+    }
+
+    #[test]
+    fn prop_tokens_are_long_and_new_each_time_and_only_the_own_one_opens() {
+        let address = "127.0.0.1:0".parse().unwrap();
+        let (one, other) = (Guard::new(address), Guard::new(address));
+        assert_eq!(one.token().len(), 32);
+        assert_ne!(one.token(), other.token());
+        assert!(one.knows(Some(one.token())));
+        for wrong in [None, Some(""), Some(other.token()), Some(&one.token()[1..])] {
+            assert!(!one.knows(wrong));
+        }
+    }
+}

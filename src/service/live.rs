@@ -1,0 +1,132 @@
+//! What a monitor shows while it runs: lines, and a page if one is asked for.
+
+use super::args::{WebArgs, domain};
+use super::{Failure, LogFormat, web_control};
+use crate::bus::monotonic_ns;
+use crate::config::Config;
+use crate::live::web::{Feed, WebOptions, WebServer};
+use crate::live::{About, LiveState, Quantity, block_line};
+use crate::messages::{Estimate, Sample, Status, estimate_flags};
+use crate::node::monitor::{MonitorNode, seconds};
+use std::io::{ErrorKind, Write as _};
+use std::time::{Duration, Instant};
+
+/// Period of updates of the page.
+const PERIOD: Duration = Duration::from_millis(200);
+
+/// What the configuration says of whatever will be seen.
+pub(super) fn live_state(config: &Config) -> LiveState {
+    let plant = config.model.definition();
+    let about = About {
+        robot: config.bus.robot.clone(),
+        domain: config.bus.domain.clone(),
+        model: plant.name.clone(),
+        joints: plant.joints,
+        position_unit: plant.position_unit.clone(),
+        input_unit: plant.input_unit.clone(),
+    };
+    let quantity = |name: &str, unit: &str, meaning: &str| Quantity {
+        name: name.to_owned(),
+        unit: unit.to_owned(),
+        meaning: meaning.to_owned(),
+    };
+    let parameters = plant.parameters.iter().map(|p| quantity(&p.name, &p.unit, &p.meaning));
+    let derived = plant.derived.iter().map(|d| quantity(&d.name, &d.unit, "computed from the parameters"));
+    LiveState::new(about, parameters.collect(), derived.collect())
+}
+
+/// A monitor's views.
+pub(super) struct Live {
+    feed: Feed,
+    server: Option<WebServer>,
+    published: Instant,
+    /// Lines for people instead of lines with every digit.
+    readable: bool,
+}
+
+impl Live {
+    /// The views of a monitor; the page is served from here on, if it is wanted.
+    ///
+    /// # Errors
+    /// The address is in use or not of this machine.
+    pub(super) fn start(
+        config: &Config,
+        node: &MonitorNode,
+        format: LogFormat,
+        web: &WebArgs,
+    ) -> Result<Self, Failure> {
+        let feed = Feed::new(live_state(config), monotonic_ns, web.web_control);
+        let server = web
+            .web
+            .map(|address| {
+                let control = match web.web_control {
+                    true => Some(web_control::start(domain(config)?, config.bus.robot.clone())?),
+                    false => None,
+                };
+                WebServer::start(feed.clone(), WebOptions { address, control })
+                    .map_err(|e| Failure::Usage(format!("--web {address}: {}", why(&e))))
+            })
+            .transpose()?;
+        if let Some(server) = &server {
+            // Whatever RUST_LOG says: without this line nobody knows where to look.
+            let _ = writeln!(std::io::stderr().lock(), "see it live at {}", server.url());
+        }
+        Ok(Self {
+            feed,
+            server,
+            published: Instant::now(),
+            readable: matches!(format, LogFormat::Text),
+        })
+    }
+
+    pub(super) fn sample(&mut self, sample: &Sample) {
+        if self.server.is_some() {
+            self.feed.with(|state| state.on_sample(sample));
+        }
+    }
+
+    pub(super) fn estimate(&mut self, node: &MonitorNode, estimate: &Estimate, sent_ns: u64) {
+        self.feed
+            .with(|state| state.on_estimate(estimate, node.truth(), sent_ns));
+        if !tracing::enabled!(tracing::Level::INFO) {
+            return;
+        }
+        if !self.readable {
+            tracing::info!("{}", node.line(estimate));
+            return;
+        }
+        let changed = estimate.flags & estimate_flags::CHANGED != 0;
+        let changed_t_s = changed.then(|| seconds(estimate.t_change_ns));
+        let view = self.feed.with(|state| state.view(sent_ns));
+        tracing::info!("{}", block_line(&view, changed_t_s));
+    }
+
+    pub(super) fn status(&mut self, status: &Status, sent_ns: u64) {
+        self.feed.with(|state| state.on_status(status, sent_ns));
+    }
+
+    /// To be called often.
+    pub(super) fn round(&mut self) {
+        if self.server.is_some() && self.published.elapsed() >= PERIOD {
+            self.published = Instant::now();
+            self.feed.publish();
+        }
+    }
+
+    /// The last word to all who look.
+    pub(super) fn finish(&mut self) {
+        if self.server.is_some() {
+            self.feed.publish();
+        }
+    }
+}
+
+/// Why an address cannot be had, and what to do.
+fn why(error: &std::io::Error) -> String {
+    match error.kind() {
+        ErrorKind::AddrInUse => "the port is in use; name another one, or 0 for any that is free".to_owned(),
+        ErrorKind::AddrNotAvailable => "this machine has no such address".to_owned(),
+        ErrorKind::PermissionDenied => "ports below 1024 need rights; name one above".to_owned(),
+        _ => error.to_string(),
+    }
+}

@@ -1,8 +1,9 @@
 //! A run, reduced to what its figures need: every estimate, the samples thinned out.
 
 use super::summary::Summary;
+use super::words::{DERIVED_USABLE, Known, headline};
 use crate::messages::{Estimate, Sample, Status, sample_flags};
-use crate::node::monitor::{MonitorNode, seconds};
+use crate::node::monitor::{Label, MonitorNode, seconds};
 use crate::recording::{Entry, Loss, ReadError, RecordingReader, RunInfo};
 use std::collections::VecDeque;
 
@@ -110,6 +111,19 @@ pub struct Timing {
     pub latency_s: f64,
 }
 
+/// What the configuration and the machine say of a run, beyond its recording.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Notes {
+    /// What each parameter is, in the order of θ, then each derived value; may be shorter or empty.
+    pub meanings: Vec<String>,
+    /// Rows are divided by their standard deviation, so that residuals have no unit.
+    pub whitened: bool,
+    /// When the recording began, for people; empty if it is not known.
+    pub begun: String,
+    /// Where the report was made; empty if it is not known.
+    pub host: String,
+}
+
 /// Everything that a report shows of a run.
 pub struct RunData {
     /// Names, units, configuration.
@@ -128,6 +142,8 @@ pub struct RunData {
     pub loss: Loss,
     /// Samples seen.
     pub samples: u64,
+    /// What else is known.
+    pub notes: Notes,
     ended: bool,
     /// Stream time and clock time of the last samples.
     sent: VecDeque<(u64, u64)>,
@@ -148,6 +164,7 @@ impl RunData {
             timing: Vec::new(),
             loss: Loss::default(),
             samples: 0,
+            notes: Notes::default(),
             ended: false,
             sent: VecDeque::new(),
             waiting: Vec::new(),
@@ -225,6 +242,47 @@ impl RunData {
     /// The summary of the run.
     pub fn summary(&self) -> Summary {
         Summary::new(&self.monitor, &self.info.robot, &self.info.model)
+    }
+
+    /// The result in a sentence: what changed, else what is known best; `None` if nothing may be used.
+    pub fn headline(&self) -> Option<String> {
+        let last = self.estimates.last()?;
+        let change_t_s = self.monitor.changes().last().map(|change| change.t_s);
+        let before = |t_s: f64| self.estimates.iter().rev().filter(move |e| seconds(e.t_last_ns) <= t_s);
+        let numbers = |index: usize, derived: bool| {
+            let of = move |e: &Estimate| match derived {
+                false => (e.theta[index], e.theta_std[index], e.is_usable(index)),
+                true => {
+                    let (value, std) = (e.derived[index], e.derived_std[index]);
+                    (value, std, e.use_ok == 1 && 3.0 * std < DERIVED_USABLE * value.abs())
+                }
+            };
+            let earlier = change_t_s.and_then(|t_s| before(t_s).map(of).find(|known| known.2));
+            (of(last), earlier.map(|(value, std, _)| (value, std)))
+        };
+        let known = |(index, label): (usize, &'_ Label), derived: bool| {
+            let ((value, std, usable), before) = numbers(index, derived);
+            (label.clone(), value, std, usable, derived, before)
+        };
+        let parameters = self.monitor.parameters().iter().take(last.theta.len()).enumerate();
+        let derived = self.monitor.derived().iter().take(last.derived.len()).enumerate();
+        let all: Vec<_> = parameters
+            .map(|item| known(item, false))
+            .chain(derived.map(|item| known(item, true)))
+            .collect();
+        let all: Vec<Known<'_>> = all
+            .iter()
+            .map(|(label, value, std, usable, derived, before)| Known {
+                name: &label.name,
+                unit: &label.unit,
+                value: *value,
+                std: *std,
+                usable: *usable,
+                derived: *derived,
+                before: *before,
+            })
+            .collect();
+        headline(&all, change_t_s)
     }
 
     /// Length of a block in stream time \[s\]; `None` with fewer than two estimates.

@@ -8,51 +8,59 @@ use super::summary::{Summary, significant};
 use std::fmt::Write as _;
 
 const STYLE: &str = "
-:root{--ink:#1b1b1b;--soft:#5c5c5c;--line:#dcdcdc;--blue:#0072B2;--warn:#C04A00}
+:root{--paper:#f6f6f4;--card:#fff;--ink:#1b1b1b;--soft:#5c5c5c;--line:#dcdcdc;--rule:#b5b5b5;--blue:#0072B2;--warn:#C04A00}
+@media screen and (prefers-color-scheme:dark){:root{--paper:#14171a;--card:#1d2125;--ink:#e8e8e6;--soft:#a5abb1;--line:#373d43;--rule:#565d64;--blue:#5ab4e5;--warn:#f0894a}
+figure svg{filter:invert(.885) hue-rotate(180deg)}}
+@media screen and (max-width:640px){main{padding:20px 12px 40px!important}h1{font-size:22px!important}figure{overflow-x:auto;padding:8px!important}figure svg{min-width:600px}figcaption{position:sticky;left:0}}
 *{box-sizing:border-box}
-body{margin:0;background:#f6f6f4;color:var(--ink);font:15px/1.5 Roboto,'Helvetica Neue',Arial,sans-serif}
+body{margin:0;background:var(--paper);color:var(--ink);font:15px/1.5 Roboto,'Helvetica Neue',Arial,sans-serif}
 main{max-width:960px;margin:0 auto;padding:36px 24px 60px}
 h1{font-size:28px;font-weight:500;line-height:1.2;margin:0 0 4px}
 h2{font-size:19px;font-weight:500;margin:40px 0 12px}
 p{margin:0 0 12px}
 .soft{color:var(--soft)}
 .facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(140px,1fr));gap:12px;margin:24px 0 0}
-.facts div{background:#fff;border:1px solid var(--line);border-radius:6px;padding:12px 14px}
+.facts div{background:var(--card);border:1px solid var(--line);border-radius:6px;padding:12px 14px}
 .facts b{display:block;font-size:21px;font-weight:500;line-height:1.25}
 .facts span{color:var(--soft);font-size:13px}
-.warn{border-left:4px solid var(--warn);background:#fff;padding:10px 14px;margin:16px 0 0}
-.scroll{overflow-x:auto;background:#fff;border:1px solid var(--line);border-radius:6px}
+.warn{border-left:4px solid var(--warn);background:var(--card);padding:10px 14px;margin:16px 0 0}
+.scroll{overflow-x:auto;background:var(--card);border:1px solid var(--line);border-radius:6px}
 table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums lining-nums}
 th,td{padding:7px 14px;text-align:right;white-space:nowrap;border-bottom:1px solid var(--line)}
 tr:last-child td{border-bottom:0}
-th{font-weight:500;color:var(--soft);font-size:13px;border-bottom:1px solid #b5b5b5}
-th:first-child,td:first-child,th:last-child,td:last-child,#result th:nth-child(6),#result td:nth-child(6){text-align:left}
+th{font-weight:500;color:var(--soft);font-size:13px;border-bottom:1px solid var(--rule)}
+th:first-child,td:first-child,th:last-child,td:last-child,#result th:nth-child(n+6),#result td:nth-child(n+6){text-align:left}
 nav{display:flex;flex-wrap:wrap;gap:6px 14px;font-size:14px}
 a{color:var(--blue)}
-figure{margin:0 0 26px;background:#fff;border:1px solid var(--line);border-radius:6px;padding:14px 16px}
+figure{margin:0 0 26px;background:var(--card);border:1px solid var(--line);border-radius:6px;padding:14px 16px}
 figure svg{display:block;width:100%;height:auto}
 figcaption{color:var(--soft);font-size:14px;margin-top:8px}
-details{background:#fff;border:1px solid var(--line);border-radius:6px;padding:10px 14px}
+details{background:var(--card);border:1px solid var(--line);border-radius:6px;padding:10px 14px}
 summary{cursor:pointer;font-weight:500}
 pre{overflow-x:auto;font:13px/1.45 ui-monospace,'DejaVu Sans Mono',monospace;margin:12px 0 0}
 @media print{body{background:#fff}figure,details,.facts div{break-inside:avoid}nav{display:none}}
 ";
 
 /// The page of a run.
-pub fn page(run: &RunData, summary: &Summary, figures: &[Figure]) -> String {
+///
+/// `beside` are files in the same directory.
+pub fn page(run: &RunData, summary: &Summary, figures: &[Figure], beside: &[&str]) -> String {
     let title = format!("{}, robot {}", escape(&symbol(&summary.model)), escape(&summary.robot));
     let mut html = String::with_capacity(1 << 20);
     let _ = write!(
         html,
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><meta name=\"color-scheme\" content=\"light dark\">\
          <title>{title} — thetabus</title><style>{}{STYLE}</style></head>\n<body><main data-figures=\"{}\">\n\
-         <h1>Identification of the {title}</h1>\n<p class=\"soft\">thetabus {}, model {:016x}, configuration {}</p>\n",
+         <p class=\"soft\">Identification of the {title}</p>\n<h1>{}</h1>\n<p class=\"soft\">{}thetabus {}, model {:016x}, configuration {}</p>\n",
         fonts(),
         figures.len(),
+        escape(&run.headline().unwrap_or_else(|| "no value may be used".to_owned())),
+        made(run),
         env!("CARGO_PKG_VERSION"),
         run.info.model_hash,
         summary.config_hash.as_deref().unwrap_or("unknown"),
     );
+    links(&mut html, beside);
     facts(&mut html, summary);
     if !run.loss.is_none() {
         let _ = writeln!(
@@ -61,7 +69,7 @@ pub fn page(run: &RunData, summary: &Summary, figures: &[Figure]) -> String {
             escape(&run.loss.to_string())
         );
     }
-    results(&mut html, summary);
+    results(&mut html, summary, &run.notes.meanings);
     changes(&mut html, summary);
     html.push_str("<h2>Figures</h2>\n<nav>");
     for figure in figures {
@@ -102,6 +110,29 @@ fn fonts() -> String {
         .concat()
 }
 
+/// When and where, with a comma behind.
+fn made(run: &RunData) -> String {
+    let mut text = String::new();
+    for (words, what) in [("recorded ", &run.notes.begun), ("reported on ", &run.notes.host)] {
+        if !what.is_empty() {
+            let _ = write!(text, "{words}{}, ", escape(what));
+        }
+    }
+    text
+}
+
+/// The files beside the page.
+fn links(html: &mut String, beside: &[&str]) {
+    if beside.is_empty() {
+        return;
+    }
+    html.push_str("<nav>");
+    for name in beside {
+        let _ = write!(html, "<a href=\"{0}\">{0}</a>", escape(name));
+    }
+    html.push_str("</nav>\n");
+}
+
 fn facts(html: &mut String, summary: &Summary) {
     html.push_str("<div class=\"facts\">");
     let mut fact = |value: &str, what: &str| {
@@ -118,16 +149,16 @@ fn facts(html: &mut String, summary: &Summary) {
     html.push_str("</div>\n");
 }
 
-fn results(html: &mut String, summary: &Summary) {
+fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
     html.push_str(
         "<h2>Result</h2>\n<div class=\"scroll\"><table id=\"result\"><thead><tr><th>value</th><th>estimate</th><th>standard deviation</th>\
-         <th>truth</th><th>error</th><th>unit</th><th>note</th></tr></thead><tbody>\n",
+         <th>truth</th><th>error</th><th>unit</th><th>note</th><th>meaning</th></tr></thead><tbody>\n",
     );
     let number = |value: Option<f64>| value.map_or_else(|| "–".to_string(), |v| minus(&significant(v)));
     let deviation = |value: Option<f64>| value.map_or_else(|| "–".to_string(), two_digits);
     let percent =
         |value: Option<f64>| value.map_or_else(|| "–".to_string(), |v| minus(&format!("{:+.3} %", v * 100.0)));
-    let mut row = |name: &str, values: [String; 4], unit: &str, note: &str| {
+    let mut row = |name: &str, values: [String; 4], unit: &str, note: &str, meaning: &str| {
         let cells = values.map(|value| format!("<td>{value}</td>")).concat();
         let unit = if unit == "1" {
             String::new()
@@ -136,11 +167,12 @@ fn results(html: &mut String, summary: &Summary) {
         };
         let _ = writeln!(
             html,
-            "<tr><td>{}</td>{cells}<td>{unit}</td><td>{note}</td></tr>",
-            escape(&symbol(name))
+            "<tr><td>{}</td>{cells}<td>{unit}</td><td>{note}</td><td>{}</td></tr>",
+            escape(&symbol(name)),
+            escape(meaning)
         );
     };
-    for p in &summary.parameters {
+    for (index, p) in summary.parameters.iter().enumerate() {
         let note = match (p.fixed, p.excited) {
             (Some(true), _) => "held fixed",
             (_, Some(false)) => "not excited in the last interval",
@@ -152,15 +184,17 @@ fn results(html: &mut String, summary: &Summary) {
             number(p.truth),
             percent(p.relative_error),
         ];
-        row(&p.name, values, &p.unit, note);
+        let meaning = meanings.get(index).map_or("", String::as_str);
+        row(&p.name, values, &p.unit, note, meaning);
     }
-    for d in &summary.derived {
+    for (index, d) in summary.derived.iter().enumerate() {
         let error = d
             .estimate
             .zip(d.truth)
             .map(|(value, truth)| crate::node::monitor::relative_error(value, truth));
         let values = [number(d.estimate), deviation(d.std), number(d.truth), percent(error)];
-        row(&d.name, values, &d.unit, "derived");
+        let meaning = meanings.get(summary.parameters.len() + index).map_or("", String::as_str);
+        row(&d.name, values, &d.unit, "derived", meaning);
     }
     html.push_str("</tbody></table></div>\n");
 }

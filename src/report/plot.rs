@@ -16,6 +16,8 @@ const MARK_LABELS: f64 = 18.0;
 /// Room below the last panel: ticks and the axis' label.
 const BELOW: f64 = 50.0;
 const TITLE: f64 = 30.0;
+/// The most dots of a line that have their numbers under the pointer.
+const HOVER: usize = 400;
 /// Families by preference; the first is embedded in the program and in the page.
 pub(super) const FONT: &str = "Roboto, 'Helvetica Neue', Arial, sans-serif";
 
@@ -69,8 +71,8 @@ pub(super) enum Layer {
     },
     /// A vertical line with words above it.
     Mark { x: f64, label: String },
-    /// Rows of cells: x and row from above, 0 blank, 1 light, 2 dark.
-    Cells { cells: Vec<(f64, usize, u8)> },
+    /// Rows of cells that end at x: x and row from above, 0 blank, 1 light, 2 dark.
+    Cells { cells: Vec<(f64, usize, u8)>, width: f64 },
 }
 
 /// The vertical axis.
@@ -455,11 +457,17 @@ fn draw_layer(svg: &mut String, frame: &Frame, layer: &Layer) {
         }
         Layer::Dots { points, colour, .. } => {
             let radius = if points.len() > 150 { 1.6 } else { 2.6 };
+            // Words under the pointer cost as much as the dot itself.
+            let hover = points.len() <= HOVER;
             for &(x, y, filled) in points.iter().filter(|p| p.1.is_finite()) {
+                let title = match hover {
+                    true => format!("><title>{} s: {}</title></circle>", short(x), short(y)),
+                    false => "/>".to_owned(),
+                };
                 let fill = if filled { colour } else { "#fff" };
                 let _ = write!(
                     svg,
-                    r#"<circle cx="{:.1}" cy="{:.1}" r="{radius}" fill="{fill}" stroke="{colour}" stroke-width="1.3"/>"#,
+                    r#"<circle cx="{:.1}" cy="{:.1}" r="{radius}" fill="{fill}" stroke="{colour}" stroke-width="1.3"{title}"#,
                     frame.x(x),
                     frame.y(y)
                 );
@@ -474,9 +482,9 @@ fn draw_layer(svg: &mut String, frame: &Frame, layer: &Layer) {
                 frame.bottom()
             );
         }
-        Layer::Cells { cells } => {
+        Layer::Cells { cells, width } => {
             for &(x, row, shade) in cells {
-                let (left, right) = (frame.x(x - 0.5), frame.x(x + 0.5));
+                let (left, right) = (frame.x(x - width), frame.x(x));
                 let (top, bottom) = (frame.y(row as f64), frame.y(row as f64 + 1.0));
                 // A hair of white between the cells, where they are wide enough to spare it.
                 let gap = if right - left > 4.0 { 0.8 } else { 0.0 };
@@ -491,6 +499,12 @@ fn draw_layer(svg: &mut String, frame: &Frame, layer: &Layer) {
             }
         }
     }
+}
+
+/// Six significant digits without zeros at the end.
+fn short(value: f64) -> String {
+    let text = format!("{value:.5e}");
+    text.parse::<f64>().map_or(text, |value| value.to_string())
 }
 
 fn cell_colour(shade: u8) -> &'static str {

@@ -31,7 +31,7 @@ pub(super) fn live_state(config: &Config) -> LiveState {
         meaning: meaning.to_owned(),
     };
     let parameters = plant.parameters.iter().map(|p| quantity(&p.name, &p.unit, &p.meaning));
-    let derived = plant.derived.iter().map(|d| quantity(&d.name, &d.unit, "computed from the parameters"));
+    let derived = plant.derived.iter().map(|d| quantity(&d.name, &d.unit, &d.meaning));
     LiveState::new(about, parameters.collect(), derived.collect())
 }
 

@@ -41,6 +41,15 @@ pub(super) fn default_dir() -> PathBuf {
         .unwrap_or_else(|| base.join(&name))
 }
 
+/// `2026-01-02 03:04:05 UTC` of seconds since 1970.
+pub(super) fn date(seconds: u64) -> String {
+    let digits = utc(seconds);
+    let part = |range: std::ops::Range<usize>| digits.get(range).unwrap_or("");
+    let date = [part(0..4), part(4..6), part(6..8)].join("-");
+    let time = [part(9..11), part(11..13), part(13..15)].join(":");
+    format!("{date} {time} UTC")
+}
+
 /// `20260102-030405` of seconds since 1970.
 fn utc(seconds: u64) -> String {
     let (days, of_day) = (seconds / 86_400, seconds % 86_400);
@@ -76,6 +85,10 @@ mod tests {
             (1_795_248_000, "20261121-080000"),
         ] {
             assert_eq!(utc(seconds), text);
+            assert_eq!(
+                date(seconds).replace(['-', ':'], "").replace(' ', "-"),
+                format!("{text}-UTC")
+            );
         }
     }
 

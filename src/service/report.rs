@@ -7,7 +7,7 @@ use super::{CommonArgs, Exit, Failure, ReportArgs, foreign, logging, out_dir};
 use crate::config::{Catalog, Config, Source};
 use crate::node::monitor::MonitorNode;
 use crate::recording::{Loss, ReadError, RecordingReader, RunInfo, Span};
-use crate::report::{RunData, Summary, write_report};
+use crate::report::{Notes, RunData, Summary, write_report};
 use std::path::{Path, PathBuf};
 
 /// Makes the report of a directory of results, or of a recording.
@@ -59,10 +59,31 @@ pub(super) fn read(recording: &Path, span: Span, catalog: &Catalog) -> Result<Ru
         // The plant may be one that this program does not know.
         None => MonitorNode::new(info.parameters.clone(), info.derived.clone(), None).of_model(info.model_hash),
     };
-    let run = RunData::read(reader, node).map_err(unreadable)?;
+    let notes = notes(info, catalog);
+    let mut run = RunData::read(reader, node).map_err(unreadable)?;
+    run.notes = notes;
     match run.monitor.foreign_model() {
         Some(_) => Err(foreign::report(&run.info)),
         None => Ok(run),
+    }
+}
+
+/// What the recorded configuration and this machine say of a run.
+fn notes(info: &RunInfo, catalog: &Catalog) -> Notes {
+    let config = config_of(info, catalog).ok();
+    let config = config.filter(|config| config.model.definition().hash() == info.model_hash);
+    let begun_ns = info.recording_id.split_once('-').and_then(|(ns, _)| ns.parse::<u64>().ok());
+    let meanings = config.as_ref().map_or_else(Vec::new, |config| {
+        let plant = config.model.definition();
+        let parameters = plant.parameters.iter().map(|p| p.meaning.to_string());
+        parameters.chain(plant.derived.iter().map(|d| d.meaning.to_string())).collect()
+    });
+    Notes {
+        meanings,
+        whitened: config.is_some_and(|config| matches!(config.identifier.rows, RowsForm::Projected(_))),
+        begun: begun_ns.map_or_else(String::new, |ns| out_dir::date(ns / 1_000_000_000)),
+        host: std::fs::read_to_string("/proc/sys/kernel/hostname")
+            .map_or_else(|_| String::new(), |name| name.trim().to_owned()),
     }
 }
 

@@ -13,6 +13,7 @@ mod kills;
 mod labels;
 mod late;
 mod limits;
+mod live;
 mod lockstep;
 mod log;
 mod order;

@@ -311,7 +311,7 @@ fn show(run: &RunData, random: &mut Random) {
     if random.once_in(5) {
         let figures = figures(run);
         figures.iter().for_each(|figure| _ = figure.svg());
-        let _ = page(run, &summary, &figures);
+        let _ = page(run, &summary, &figures, &[]);
     }
 }
 

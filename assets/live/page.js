@@ -70,7 +70,7 @@
         legend: { show: false },
         cursor: { y: false, drag: { x: true, y: false }, points: { size: 6 }, sync: { key: this.options.sync } },
         scales: { x: { time: false }, y: { range: this.options.range } },
-        axes: [{ ...axis, size: 26, space: 70, values: seconds }, { ...axis, size: (u, values) => 14 + 7 * Math.max(3, ...(values || []).map(text => text.length)), space: 24, values: (u, values) => values.map(tick) }],
+        axes: [{ ...axis, size: 26, space: 70, values: seconds }, { ...axis, size: (u, values) => 14 + 7 * Math.max(3, ...(values || []).map(text => text.length)), space: 19, values: (u, values) => values.map(tick) }],
         series: [{}, ...this.options.series()],
         bands: this.options.bands ? [{ series: [2, 1], fill: color('--band') }] : [],
         hooks: { drawClear: [marks], setCursor: [u => this.options.hover(u.cursor.idx)] },
@@ -90,6 +90,8 @@
       if (this.u) this.u.destroy();
     }
   }
+
+  const plots = () => [...cards.filter(c => c.derived), ...cards.filter(c => !c.derived)].map(card => card.plot).concat(joints);
 
   function shown(points) {
     if (!span || !points.length) return points;
@@ -163,7 +165,7 @@
   // ---- what there is to show
 
   function build() {
-    for (const plot of [...cards.map(card => card.plot), ...joints]) plot.forget();
+    for (const plot of plots()) plot.forget();
     const { about, quantities } = run;
     document.title = `${about.robot} – thetabus`;
     set($('about'), `${about.robot} · ${about.model.replaceAll('_', ' ')} · domain ${about.domain}`);
@@ -278,17 +280,17 @@
     requestAnimationFrame(() => {
       dirty = false;
       if (!run) return;
-      for (const plot of [...cards.map(card => card.plot), ...joints]) plot.draw();
+      for (const plot of plots()) plot.draw();
     });
   }
 
   function stale() {
-    for (const plot of [...cards.map(card => card.plot), ...joints]) plot.dirty = true;
+    for (const plot of plots()) plot.dirty = true;
     paint();
   }
 
   function rebuild() {
-    for (const plot of [...cards.map(card => card.plot), ...joints]) if (plot.u) { plot.u.destroy(); plot.u = null; }
+    for (const plot of plots()) if (plot.u) { plot.u.destroy(); plot.u = null; }
     stale();
   }
 
@@ -300,10 +302,14 @@
   }
 
   function whole(data) {
+    const kind = state => JSON.stringify([state.about, state.quantities, state.control]);
+    const same = run && kind(run) === kind(data);
     run = data;
-    build();
+    if (!same) build();
     words();
     stale();
+    // What is on the first screen is drawn at once.
+    if (!same) for (const plot of plots().slice(0, 6)) { plot.visible = true; plot.draw(); }
   }
 
   function update(data) {
@@ -337,6 +343,9 @@
     source.addEventListener('whole', event => { alive(); whole(JSON.parse(event.data)); });
     source.addEventListener('update', event => { alive(); update(JSON.parse(event.data)); });
   }
+  // The page comes with the state as it was then.
+  const first = $('first');
+  if (first) { alive(); whole(JSON.parse(first.textContent)); }
   connect();
 
   setInterval(() => {

@@ -360,7 +360,10 @@ impl LiveState {
             State::Converged if usable < all => (format!("settled; {so_far}"), Health::Good),
             State::Converged => (format!("settled; all {all} parameters may be used"), Health::Good),
             State::Paused => ("paused by a command".into(), Health::Warn),
-            State::PoorlyExcited => (format!("the motion says too little; {so_far}"), Health::Warn),
+            State::PoorlyExcited => (
+                format!("the motion of this block says too little; {so_far}"),
+                Health::Warn,
+            ),
             State::Changing => (
                 "the machine has changed; its new values are being found".into(),
                 Health::Warn,

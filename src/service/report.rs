@@ -8,6 +8,7 @@ use crate::config::{Catalog, Config, Source};
 use crate::node::monitor::MonitorNode;
 use crate::recording::{Loss, ReadError, RecordingReader, RunInfo, Span};
 use crate::report::{Notes, RunData, Summary, write_report};
+use crate::rows::RowForm;
 use std::path::{Path, PathBuf};
 
 /// Makes the report of a directory of results, or of a recording.
@@ -80,7 +81,7 @@ fn notes(info: &RunInfo, catalog: &Catalog) -> Notes {
     });
     Notes {
         meanings,
-        whitened: config.is_some_and(|config| matches!(config.identifier.rows, RowsForm::Projected(_))),
+        whitened: config.is_some_and(|config| matches!(config.identifier.rows, RowForm::Projected(_))),
         begun: begun_ns.map_or_else(String::new, |ns| out_dir::date(ns / 1_000_000_000)),
         host: std::fs::read_to_string("/proc/sys/kernel/hostname")
             .map_or_else(|_| String::new(), |name| name.trim().to_owned()),

@@ -106,6 +106,14 @@ impl Feed {
         whole.get_or_insert_with(make).clone()
     }
 
+    /// The same as JSON alone.
+    pub(super) fn whole_json(&self) -> String {
+        let whole = self.whole();
+        let text = std::str::from_utf8(&whole).unwrap_or("");
+        let data = text.split_once("data: ").map_or("", |(_, data)| data);
+        data.trim_end().to_owned()
+    }
+
     fn as_json(&self, state: &LiveState) -> Value {
         let about = state.about();
         let quantities: Vec<Value> = state

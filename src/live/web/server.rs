@@ -214,7 +214,11 @@ async fn answer(request: Request<Incoming>, shared: &Shared) -> Response<Answer>
         )
     };
     match (request.method(), request.uri().path()) {
-        (&Method::GET, "/") if open => file(PAGE, "text/html; charset=utf-8"),
+        (&Method::GET, "/") if open => with_headers(
+            StatusCode::OK,
+            "text/html; charset=utf-8",
+            Answer::of(page(&shared.feed)),
+        ),
         (&Method::GET, "/page.js") => file(SCRIPT, "text/javascript; charset=utf-8"),
         (&Method::GET, "/page.css") => file(STYLE, "text/css; charset=utf-8"),
         (&Method::GET, "/uplot.js") => file(CHARTS, "text/javascript; charset=utf-8"),
@@ -287,6 +291,16 @@ fn events(feed: &Feed) -> Response<Answer> {
         }
     });
     with_headers(StatusCode::OK, "text/event-stream", Answer::Events(receive))
+}
+
+/// The page with the state inside, so that it shows something before the first event.
+fn page(feed: &Feed) -> String {
+    // No text of the state may end its element.
+    let state = feed.whole_json().replace('<', "\\u003c");
+    PAGE.replace(
+        "<!--state-->",
+        &format!("<script type=\"application/json\" id=\"first\">{state}</script>"),
+    )
 }
 
 fn file(text: &'static str, kind: &'static str) -> Response<Answer> {

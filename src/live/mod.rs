@@ -8,6 +8,8 @@
 //!
 //! [`LiveState`] is plain: messages in, a [`View`] out, no I/O and no clock. All views show the same words and numbers.
 
+#[cfg(feature = "foxglove")]
+mod foxglove;
 mod history;
 mod line;
 mod quantity;
@@ -19,6 +21,8 @@ mod view;
 #[cfg(feature = "web")]
 pub mod web;
 
+#[cfg(feature = "foxglove")]
+pub use foxglove::{FoxgloveServer, FoxgloveStartError};
 pub use history::{History, Point};
 pub use line::{block_line, progress_line};
 pub use quantity::{About, Quantity};

@@ -26,7 +26,7 @@ pub struct SignalPoint {
 #[derive(Debug, Clone, Default)]
 pub struct Signals {
     points: VecDeque<SignalPoint>,
-    boot_id: u64,
+    stream_id: u64,
 }
 
 impl Signals {
@@ -43,8 +43,8 @@ impl Signals {
 
     pub(super) fn push(&mut self, sample: &Sample) {
         let last = self.points.back().map(|point| point.t_ns);
-        if self.boot_id != sample.boot_id || last.is_some_and(|last| sample.t_ns < last) {
-            self.boot_id = sample.boot_id;
+        if self.stream_id != sample.stream_id || last.is_some_and(|last| sample.t_ns < last) {
+            self.stream_id = sample.stream_id;
             self.points.clear();
         } else if last.is_some_and(|last| sample.t_ns - last < STEP_NS) {
             return;

@@ -62,8 +62,8 @@ impl LiveState {
 
     /// Takes an estimate in, each of them once; `truth` where somebody knows it.
     pub fn on_estimate(&mut self, estimate: &Estimate, truth: Option<&dyn Truth>, sent_ns: u64) {
-        match self.estimate.as_ref().map(|(last, _)| (last.boot_id, last.block)) {
-            Some((boot_id, block)) if boot_id == estimate.boot_id && block < estimate.block => {
+        match self.estimate.as_ref().map(|(last, _)| (last.stream_id, last.block)) {
+            Some((stream_id, block)) if stream_id == estimate.stream_id && block < estimate.block => {
                 self.lost_estimates += estimate.block - block - 1;
             }
             Some(_) => self.begin(),
@@ -98,7 +98,7 @@ impl LiveState {
         if self
             .status
             .as_ref()
-            .is_some_and(|(last, _)| last.boot_id != status.boot_id)
+            .is_some_and(|(last, _)| last.stream_id != status.stream_id)
         {
             self.counts.clear();
         }
@@ -313,7 +313,7 @@ impl LiveState {
 
     fn counts_of(&self, estimate: Option<&Estimate>, status: Option<&Status>) -> (u64, u64, u64) {
         match (estimate, status) {
-            (Some(e), Some(s)) if e.boot_id != s.boot_id => (e.accepted, e.missing, e.rejected),
+            (Some(e), Some(s)) if e.stream_id != s.stream_id => (e.accepted, e.missing, e.rejected),
             (_, Some(s)) => (s.accepted, s.missing, s.rejected),
             (Some(e), None) => (e.accepted, e.missing, e.rejected),
             (None, None) => (0, 0, 0),
@@ -424,7 +424,7 @@ pub(crate) mod tests {
 
     fn status(accepted: u64, state: State) -> Status {
         Status {
-            boot_id: 1,
+            stream_id: 1,
             accepted,
             state: state as u32,
             estimates: accepted / 1000,
@@ -495,7 +495,7 @@ pub(crate) mod tests {
         state.on_estimate(&known(6, 1.0, 0.1), None, S);
         assert_eq!((state.view(S).lost_estimates, state.history().points().len()), (2, 2));
         let mut other = known(1, 2.0, 0.1);
-        other.boot_id = 2;
+        other.stream_id = 2;
         state.on_estimate(&other, None, S);
         assert_eq!((state.generation(), state.history().points().len()), (1, 1));
     }

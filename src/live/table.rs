@@ -282,7 +282,7 @@ mod tests {
         }
         state.on_estimate(&wild, None, 9 * S);
         let mut status = Status {
-            boot_id: 1,
+            stream_id: 1,
             accepted: u64::MAX,
             missing: u64::MAX,
             ..Status::default()

@@ -5,8 +5,9 @@
 //! `^(?!.*__)(?!.*_$)[a-z][a-z0-9_]*$`, so names are brought into that form, and two names that meet there are refused.
 
 use super::info::RunInfo;
+use super::names::channel;
 use crate::messages::table::message;
-use crate::messages::{Estimate, Field, Message, Per, Sample, Visit};
+use crate::messages::{Estimate, Field, Message, Per, Sample, Status, Visit};
 use std::collections::BTreeSet;
 use std::convert::Infallible;
 use std::fmt::Write as _;
@@ -103,6 +104,40 @@ pub(super) fn schema<M: Message>(info: &RunInfo) -> String {
     };
     let Ok(()) = { M::EMPTY }.visit(&mut text);
     text.text
+}
+
+/// A topic with its schema, encoded as `cdr` and `ros2msg`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Channel {
+    /// Number in a file.
+    pub(super) id: u16,
+    /// `/thetabus/ROBOT/estimate`.
+    pub topic: String,
+    /// `thetabus/msg/Estimate`.
+    pub schema_name: String,
+    /// Fields with their units, as a ROS 2 message definition.
+    pub schema: String,
+}
+
+/// The topics of a recording, the recorder's own last.
+pub(super) fn channels(info: &RunInfo) -> [Channel; 4] {
+    [
+        (channel::SAMPLE, "sample", "Sample", schema::<Sample>(info)),
+        (channel::ESTIMATE, "estimate", "Estimate", schema::<Estimate>(info)),
+        (channel::STATUS, "status", "Status", schema::<Status>(info)),
+        (
+            channel::RECORDER,
+            "recorder",
+            "Recorder",
+            schema::<RecorderStatus>(info),
+        ),
+    ]
+    .map(|(id, topic, message, schema)| Channel {
+        id,
+        topic: format!("/thetabus/{}/{topic}", info.robot),
+        schema_name: format!("thetabus/msg/{message}"),
+        schema,
+    })
 }
 
 /// A name in the form that ROS 2 wants of a field.
@@ -215,7 +250,6 @@ impl Visit for SchemaText<'_> {
 mod tests {
     use super::super::info::tests::arm;
     use super::*;
-    use crate::messages::Status;
 
     #[test]
     fn prop_field_names_have_the_form_that_ros_2_wants() {
@@ -284,6 +318,28 @@ mod tests {
         check::<Estimate>();
         check::<Status>();
         check::<RecorderStatus>();
+    }
+
+    #[test]
+    fn regress_the_layouts_for_plotjuggler_and_foxglove_name_fields_of_recordings() {
+        let channels = channels(&arm());
+        for text in [
+            include_str!("../../docs/layouts/plotjuggler.xml"),
+            include_str!("../../docs/layouts/foxglove.json"),
+        ] {
+            let mut fields = 0;
+            for rest in text.split("\"/thetabus/arm/").skip(1) {
+                let path = rest.split('"').next().unwrap_or("");
+                let (topic, field) = path.split_once(['/', '.']).unwrap();
+                let topic = format!("/thetabus/arm/{topic}");
+                let channel = channels.iter().find(|channel| channel.topic == topic);
+                let schema = &channel.unwrap_or_else(|| panic!("no topic {topic}")).schema;
+                let is_there = schema.lines().any(|line| line.split_whitespace().nth(1) == Some(field));
+                assert!(is_there, "{path} is not in\n{schema}");
+                fields += 1;
+            }
+            assert!(fields > 15, "{fields}");
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! every sample, the configuration, and what the identifier was told meanwhile.
 
 mod cdr;
+mod encoder;
 mod estimates_csv;
 mod info;
 mod journal;
@@ -18,9 +19,10 @@ mod samples_csv;
 mod tests;
 mod writer;
 
+pub use encoder::Encoder;
 pub use estimates_csv::EstimatesCsv;
 pub use info::{InfoError, RunInfo};
-pub use layout::{NameCollision, RecorderStatus};
+pub use layout::{Channel, NameCollision, RecorderStatus};
 pub use loss::{Loss, ReadError};
 pub use names::oldest_file;
 pub use reader::{Entry, RecordingReader, Span, read_journal};

@@ -6,7 +6,7 @@
 use super::cdr::CdrWriter;
 use super::info::{InfoError, RunInfo};
 use super::journal::journal_to_map;
-use super::layout::{Counts, NameCollision, RecorderStatus, check_names, schema};
+use super::layout::{Counts, NameCollision, RecorderStatus, channels, check_names};
 use super::names::{END_METADATA, JOURNAL_METADATA, RUN_METADATA, channel, existing_files, numbered};
 use crate::files::{Temporary, vacant};
 use crate::messages::{Estimate, Journal, Message, SCHEMA_VERSION, Sample, Status};
@@ -288,24 +288,12 @@ impl OpenFile {
             name: RUN_METADATA.into(),
             metadata: info.to_map(),
         })?;
-        let channels = [
-            (channel::SAMPLE, "sample", "Sample", schema::<Sample>(info)),
-            (channel::ESTIMATE, "estimate", "Estimate", schema::<Estimate>(info)),
-            (channel::STATUS, "status", "Status", schema::<Status>(info)),
-            (
-                channel::RECORDER,
-                "recorder",
-                "Recorder",
-                schema::<RecorderStatus>(info),
-            ),
-        ];
-        for (id, topic, message, schema) in channels {
-            let name = format!("thetabus/msg/{message}");
+        for channel in channels(info) {
+            let id = channel.id;
             self.writer
-                .add_schema_with_id(id, &name, "ros2msg", schema.as_bytes())?;
-            let topic = format!("/thetabus/{}/{topic}", info.robot);
+                .add_schema_with_id(id, &channel.schema_name, "ros2msg", channel.schema.as_bytes())?;
             self.writer
-                .add_channel_with_id(id, id, &topic, "cdr", &BTreeMap::new())?;
+                .add_channel_with_id(id, id, &channel.topic, "cdr", &BTreeMap::new())?;
         }
         // The definitions in a chunk of their own: small, so seldom hit by damage.
         self.writer.flush()

@@ -3,6 +3,7 @@
 
 use super::data::RunData;
 use super::plot::{BLUE, Figure, GREY, INK, Layer, ORANGE, Panel, Scale, Stroke};
+use super::words::{pretty_unit, symbol};
 use crate::messages::Estimate;
 use crate::node::monitor::{Label, relative_error, seconds};
 
@@ -42,25 +43,6 @@ pub fn figures(run: &RunData) -> Vec<Figure> {
 enum Kind {
     Parameter,
     Derived,
-}
-
-/// Name as in a text: `θ₁`, `viscous friction`.
-pub fn symbol(name: &str) -> String {
-    let subscript = |digits: &str| -> Option<String> {
-        let digit = |c: char| c.to_digit(10).and_then(|d| char::from_u32(0x2080 + d));
-        digits.chars().map(digit).collect()
-    };
-    match name.rsplit_once('_') {
-        Some(("theta", digits)) if !digits.is_empty() => {
-            subscript(digits).map_or_else(|| name.to_string(), |digits| format!("θ{digits}"))
-        }
-        _ => name.replace('_', " "),
-    }
-}
-
-/// Unit as in a text: a real exponent and a middle dot.
-pub fn pretty_unit(unit: &str) -> String {
-    unit.replace("^2", "²").replace("^3", "³").replace(' ', "\u{b7}")
 }
 
 /// Stream time: an estimate stands at the end of its interval.

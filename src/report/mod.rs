@@ -9,12 +9,12 @@ mod summary;
 mod words;
 
 pub use data::{Notes, RunData, Timing, Trace};
-pub use figures::{figures, pretty_unit, symbol};
+pub use figures::figures;
 pub use page::page;
 pub use plot::Figure;
 pub use raster::{RasterError, png};
 pub use summary::{ChangeSummary, DerivedSummary, ParameterSummary, SampleCounts, Summary};
-pub use words::{DERIVED_USABLE, Known, Rounded, headline, with_unit};
+pub use words::{DERIVED_USABLE, Known, Rounded, headline, pretty_unit, symbol, with_unit};
 
 use crate::files;
 use std::io;

@@ -1,10 +1,10 @@
 //! One HTML page with the table, the figures and the configuration of a run; it loads nothing from anywhere.
 
 use super::data::RunData;
-use super::figures::{pretty_unit, symbol};
 use super::plot::{Figure, escape, power_of_ten};
 use super::raster::{MEDIUM, REGULAR};
 use super::summary::{Summary, significant};
+use super::words::{pretty_unit, symbol};
 use std::fmt::Write as _;
 
 const STYLE: &str = "
@@ -193,7 +193,9 @@ fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
             .zip(d.truth)
             .map(|(value, truth)| crate::node::monitor::relative_error(value, truth));
         let values = [number(d.estimate), deviation(d.std), number(d.truth), percent(error)];
-        let meaning = meanings.get(summary.parameters.len() + index).map_or("", String::as_str);
+        let meaning = meanings
+            .get(summary.parameters.len() + index)
+            .map_or("", String::as_str);
         row(&d.name, values, &d.unit, "derived", meaning);
     }
     html.push_str("</tbody></table></div>\n");

@@ -1,7 +1,5 @@
 //! A result in words: values rounded to their standard deviation, and the sentence that a page, a table and a terminal begin with.
 
-use super::figures::pretty_unit;
-
 /// A change counts in the headline if it is so many standard deviations large.
 const CLEAR: f64 = 5.0;
 /// A derived value may be used if three standard deviations are below this share of it, as for parameters.
@@ -159,6 +157,25 @@ pub fn headline(known: &[Known<'_>], change_t_s: Option<f64>) -> Option<String> 
 
 fn relative(known: &Known<'_>) -> f64 {
     known.std / known.value.abs()
+}
+
+/// Name as in a text: `θ₁`, `viscous friction`.
+pub fn symbol(name: &str) -> String {
+    let subscript = |digits: &str| -> Option<String> {
+        let digit = |c: char| c.to_digit(10).and_then(|d| char::from_u32(0x2080 + d));
+        digits.chars().map(digit).collect()
+    };
+    match name.rsplit_once('_') {
+        Some(("theta", digits)) if !digits.is_empty() => {
+            subscript(digits).map_or_else(|| name.to_string(), |digits| format!("θ{digits}"))
+        }
+        _ => name.replace('_', " "),
+    }
+}
+
+/// Unit as in a text: a real exponent and a middle dot.
+pub fn pretty_unit(unit: &str) -> String {
+    unit.replace("^2", "²").replace("^3", "³").replace(' ', "\u{b7}")
 }
 
 #[cfg(test)]

@@ -276,6 +276,21 @@ pub struct WebArgs {
     /// Let the page pause, resume, reset, fix and free, for whoever knows the token in the address that is printed
     #[arg(long, requires = "web")]
     pub web_control: bool,
+    /// Stream samples, estimates and status to Foxglove or Lichtblick, ws://ADDRESS:PORT; without a token, so keep to this machine
+    #[cfg(feature = "foxglove")]
+    #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
+    pub foxglove: Option<SocketAddr>,
+}
+
+impl WebArgs {
+    /// Whether anything here shows samples.
+    pub(super) fn takes_samples(&self) -> bool {
+        #[cfg(feature = "foxglove")]
+        if self.foxglove.is_some() {
+            return true;
+        }
+        self.web.is_some()
+    }
 }
 
 /// `thetabus watch`.

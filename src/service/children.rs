@@ -290,6 +290,10 @@ impl Process {
                 if let Some(address) = plan.web.web {
                     command.arg("--web").arg(address.to_string());
                 }
+                #[cfg(feature = "foxglove")]
+                if let Some(address) = plan.web.foxglove {
+                    command.arg("--foxglove").arg(address.to_string());
+                }
                 if plan.web.web_control {
                     command.arg("--web-control");
                 }

@@ -126,7 +126,7 @@ fn load(args: &RunArgs) -> Result<Config, Failure> {
 
 /// Who takes samples: the identifier, the monitor if it records or shows them, and a controller.
 fn consumers(config: &Config, args: &RunArgs) -> usize {
-    let monitor = !args.no_record || args.web.web.is_some();
+    let monitor = !args.no_record || args.web.takes_samples();
     let controller = config.controller.feed_forward != FeedForward::None;
     1 + usize::from(monitor) + usize::from(controller)
 }

@@ -1,14 +1,18 @@
 //! What a monitor shows while it runs: lines, and a page if one is asked for.
 
-use super::args::{WebArgs, domain};
-use super::{Failure, LogFormat, web_control};
+use super::args::domain;
+use super::{Failure, LogFormat, MonitorArgs, web_control};
 use crate::bus::monotonic_ns;
 use crate::config::Config;
+#[cfg(feature = "foxglove")]
+use crate::live::FoxgloveServer;
 use crate::live::web::{Feed, WebOptions, WebServer};
 use crate::live::{About, LiveState, Quantity, block_line};
 use crate::messages::{Estimate, Sample, Status, estimate_flags};
 use crate::node::monitor::{MonitorNode, seconds};
 use std::io::{ErrorKind, Write as _};
+#[cfg(feature = "foxglove")]
+use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
 /// Period of updates of the page.
@@ -39,6 +43,8 @@ pub(super) fn live_state(config: &Config) -> LiveState {
 pub(super) struct Live {
     feed: Feed,
     server: Option<WebServer>,
+    #[cfg(feature = "foxglove")]
+    foxglove: Option<FoxgloveServer>,
     published: Instant,
     /// Lines for people instead of lines with every digit.
     readable: bool,
@@ -49,12 +55,8 @@ impl Live {
     ///
     /// # Errors
     /// The address is in use or not of this machine.
-    pub(super) fn start(
-        config: &Config,
-        node: &MonitorNode,
-        format: LogFormat,
-        web: &WebArgs,
-    ) -> Result<Self, Failure> {
+    pub(super) fn start(config: &Config, node: &MonitorNode, args: &MonitorArgs) -> Result<Self, Failure> {
+        let web = &args.web;
         let feed = Feed::new(live_state(config), monotonic_ns, web.web_control);
         let server = web
             .web
@@ -71,15 +73,28 @@ impl Live {
             // Whatever RUST_LOG says: without this line nobody knows where to look.
             let _ = writeln!(std::io::stderr().lock(), "see it live at {}", server.url());
         }
+        #[cfg(feature = "foxglove")]
+        let foxglove = web
+            .foxglove
+            .map(|address| foxglove(config, node, args, address))
+            .transpose()?;
+        #[cfg(not(feature = "foxglove"))]
+        let _ = node;
         Ok(Self {
+            #[cfg(feature = "foxglove")]
+            foxglove,
             feed,
             server,
             published: Instant::now(),
-            readable: matches!(format, LogFormat::Text),
+            readable: matches!(args.common.log_format, LogFormat::Text),
         })
     }
 
     pub(super) fn sample(&mut self, sample: &Sample) {
+        #[cfg(feature = "foxglove")]
+        if let Some(server) = &mut self.foxglove {
+            server.sample(sample);
+        }
         if self.server.is_some() {
             self.feed.with(|state| state.on_sample(sample));
         }
@@ -103,6 +118,10 @@ impl Live {
 
     pub(super) fn status(&mut self, status: &Status, sent_ns: u64) {
         self.feed.with(|state| state.on_status(status, sent_ns));
+        #[cfg(feature = "foxglove")]
+        if let Some(server) = &mut self.foxglove {
+            server.status(status);
+        }
     }
 
     /// To be called often.
@@ -119,6 +138,26 @@ impl Live {
             self.feed.publish();
         }
     }
+}
+
+/// The same topics as in a recording, over the Foxglove protocol.
+#[cfg(feature = "foxglove")]
+fn foxglove(
+    config: &Config,
+    node: &MonitorNode,
+    args: &MonitorArgs,
+    address: SocketAddr,
+) -> Result<FoxgloveServer, Failure> {
+    let info = super::record::run_info(config, node, args.common.is_launched());
+    let server =
+        FoxgloveServer::start(&info, address).map_err(|e| Failure::Usage(format!("--foxglove {address}: {e}")))?;
+    let _ = writeln!(
+        std::io::stderr().lock(),
+        "connect Foxglove to ws://{}:{}",
+        address.ip(),
+        server.port()
+    );
+    Ok(server)
 }
 
 /// Why an address cannot be had, and what to do.

@@ -68,7 +68,7 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         .map(|path| recorder(path, &config, &node, args.common.is_launched(), resume))
         .transpose()?;
 
-    let live = Live::start(&config, args.common.log_format, &args.web)?;
+    let live = Live::start(&config, &node, args)?;
     let bus = Bus::join(&domain, robot, "monitor")?;
     let mut ports = MonitorPorts {
         // First: an identifier that waits for a reader of its estimates speaks here before.
@@ -82,7 +82,7 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         ports.estimates.give_receipts(&bus)?;
     }
     // Last: in lockstep the plant starts when this one listens, and the identifier may have found another reader to wait for.
-    if recorder.is_some() || args.web.web.is_some() {
+    if recorder.is_some() || args.web.takes_samples() {
         ports.samples = Some(SampleSubscriber::new(&bus)?);
     }
     let mut records = Records::new(csv, recorder, Some(bus.clone()), live);

@@ -73,11 +73,16 @@ pub(super) fn read(recording: &Path, span: Span, catalog: &Catalog) -> Result<Ru
 fn notes(info: &RunInfo, catalog: &Catalog) -> Notes {
     let config = config_of(info, catalog).ok();
     let config = config.filter(|config| config.model.definition().hash() == info.model_hash);
-    let begun_ns = info.recording_id.split_once('-').and_then(|(ns, _)| ns.parse::<u64>().ok());
+    let begun_ns = info
+        .recording_id
+        .split_once('-')
+        .and_then(|(ns, _)| ns.parse::<u64>().ok());
     let meanings = config.as_ref().map_or_else(Vec::new, |config| {
         let plant = config.model.definition();
         let parameters = plant.parameters.iter().map(|p| p.meaning.to_string());
-        parameters.chain(plant.derived.iter().map(|d| d.meaning.to_string())).collect()
+        parameters
+            .chain(plant.derived.iter().map(|d| d.meaning.to_string()))
+            .collect()
     });
     Notes {
         meanings,

@@ -4,7 +4,7 @@ use super::history::{History, Point};
 use super::quantity::{About, Quantity};
 use super::signals::Signals;
 use super::view::{Health, Row, Times, Trend, View};
-use crate::messages::{Estimate, Sample, State, Status, Timing, estimate_flags, status_flags};
+use crate::messages::{Estimate, ParameterSet, Sample, State, Status, Timing, estimate_flags, status_flags};
 use crate::node::monitor::{Truth, misfit_words, seconds};
 use crate::report::{DERIVED_USABLE, Known, Rounded, headline, pretty_unit};
 use std::collections::VecDeque;
@@ -58,6 +58,15 @@ impl LiveState {
             lost_estimates: 0,
             generation: 0,
         }
+    }
+
+    /// Forgets everything: what comes is of another model.
+    pub fn rename(&mut self, about: About, parameters: Vec<Quantity>, derived: Vec<Quantity>) {
+        let generation = self.generation + 1;
+        *self = Self {
+            generation,
+            ..Self::new(about, parameters, derived)
+        };
     }
 
     /// Takes an estimate in, each of them once; `truth` where somebody knows it.
@@ -234,7 +243,8 @@ impl LiveState {
             let (value, std, usable) = known.unwrap_or((f64::NAN, f64::NAN, false));
             let derived = index >= self.parameters;
             let rounded = Rounded::new(value, std);
-            let marked = |mask: fn(&Estimate) -> u64| !derived && estimate.is_some_and(|e| mask(e) >> index & 1 == 1);
+            let marked =
+                |set: fn(&Estimate) -> ParameterSet| !derived && estimate.is_some_and(|e| set(e).contains(index));
             Row {
                 name: quantity.name.clone(),
                 unit: match quantity.unit.as_str() {
@@ -417,7 +427,8 @@ pub(crate) mod tests {
         message.theta_std[0] = std;
         message.derived_len = 1;
         (message.derived[0], message.derived_std[0]) = (2.0 * mass, 2.0 * std);
-        (message.use_ok, message.usable) = (1, 1);
+        message.use_ok = 1;
+        message.usable.insert(0);
         message.state = State::Converged as u32;
         message
     }
@@ -454,7 +465,7 @@ pub(crate) mod tests {
         change.flags |= estimate_flags::CHANGED;
         change.t_change_ns = 4_990_000_000;
         change.state = State::Changing as u32;
-        change.usable = 0;
+        change.usable = ParameterSet::default();
         change.use_ok = 0;
         state.on_estimate(&change, None, 6 * S);
         assert!(state.view(6 * S).headline.starts_with("changed at 4.99 s"));

@@ -2,7 +2,8 @@
 
 use super::commands::Commands;
 use super::offline_run::OfflineRun;
-use super::record::{recording_at, run_info};
+use super::record::recording_at;
+use super::run_info::run_info;
 use super::script::Script;
 use super::wiring::monitor_node;
 use super::{Exit, Failure, IdentifyArgs, foreign, identify_log, identify_robot, report};

@@ -1,7 +1,7 @@
 //! `thetabus identify LOG.csv`: the very same node off line, on the user's own data or on what `thetabus export` wrote.
 
 use super::offline_run::OfflineRun;
-use super::record::run_info;
+use super::run_info::run_info;
 use super::wiring::monitor_node;
 use super::{Exit, Failure, IdentifyArgs};
 use crate::config::Config;

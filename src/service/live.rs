@@ -8,7 +8,7 @@ use crate::config::Config;
 use crate::live::FoxgloveServer;
 use crate::live::web::{Feed, WebOptions, WebServer};
 use crate::live::{About, LiveState, Quantity, block_line};
-use crate::messages::{Estimate, Sample, Status, estimate_flags};
+use crate::messages::{Description, Estimate, Sample, Status, estimate_flags};
 use crate::node::monitor::{MonitorNode, seconds};
 use std::io::{ErrorKind, Write as _};
 #[cfg(feature = "foxglove")]
@@ -37,6 +37,28 @@ pub(super) fn live_state(config: &Config) -> LiveState {
     let parameters = plant.parameters.iter().map(|p| quantity(&p.name, &p.unit, &p.meaning));
     let derived = plant.derived.iter().map(|d| quantity(&d.name, &d.unit, &d.meaning));
     LiveState::new(about, parameters.collect(), derived.collect())
+}
+
+/// What an identifier says of itself.
+pub(super) fn rename(state: &mut LiveState, description: &Description) {
+    let joint = description.joint.first().filter(|_| description.joints > 0);
+    let about = About {
+        model: description.model().to_owned(),
+        joints: description.joints as usize,
+        position_unit: joint.map_or("", |joint| joint.position_unit()).to_owned(),
+        input_unit: joint.map_or("", |joint| joint.input_unit()).to_owned(),
+        ..state.about().clone()
+    };
+    let quantity = |name: &str, unit: &str, meaning: &str| Quantity {
+        name: name.to_owned(),
+        unit: unit.to_owned(),
+        meaning: meaning.to_owned(),
+    };
+    let parameters = description.parameters().iter();
+    let parameters = parameters.map(|p| quantity(p.name(), p.unit(), p.meaning()));
+    let derived = description.derived().iter();
+    let derived = derived.map(|d| quantity(d.name(), d.unit(), d.meaning()));
+    state.rename(about, parameters.collect(), derived.collect());
 }
 
 /// A monitor's views.
@@ -124,6 +146,11 @@ impl Live {
         }
     }
 
+    /// The identifier has another model than the configuration: its own names hold.
+    pub(super) fn rename(&mut self, description: &Description) {
+        self.feed.with(|state| rename(state, description));
+    }
+
     /// To be called often.
     pub(super) fn round(&mut self) {
         if self.server.is_some() && self.published.elapsed() >= PERIOD {
@@ -148,7 +175,7 @@ fn foxglove(
     args: &MonitorArgs,
     address: SocketAddr,
 ) -> Result<FoxgloveServer, Failure> {
-    let info = super::record::run_info(config, node, args.common.is_launched());
+    let info = super::run_info::run_info(config, node, args.common.is_launched());
     let server =
         FoxgloveServer::start(&info, address).map_err(|e| Failure::Usage(format!("--foxglove {address}: {e}")))?;
     let _ = writeln!(

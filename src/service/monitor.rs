@@ -111,6 +111,7 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         };
         foreign::warn_of_description(&description, &config);
         node = monitor_of(&description);
+        records.rename(&description);
         model = description.model().to_owned();
         if let Some(dir) = dir {
             records.csv = Some(renamed_csv(&dir.join(ESTIMATES_CSV), &node, description.equations)?);
@@ -162,7 +163,7 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 }
 
 /// What the identifier says of its model, if it does so within a second.
-fn await_description(ports: &mut MonitorPorts) -> Result<Option<Box<Description>>, Failure> {
+pub(super) fn await_description(ports: &mut MonitorPorts) -> Result<Option<Box<Description>>, Failure> {
     let start = Instant::now();
     let mut found = None;
     while found.is_none() && start.elapsed() < DESCRIBED_WITHIN {

@@ -2,18 +2,19 @@
 
 use super::Failure;
 use super::live::Live;
+use super::run_info::run_info;
 use crate::bus::{Bus, ControlClient};
 use crate::config::Config;
-use crate::messages::{Command, ErrorCode, Estimate, Journal, LastError, Request, SCHEMA_VERSION, Sample, Status};
+use crate::messages::{Command, Description, ErrorCode, Estimate, Journal, LastError, Request, Sample, Status};
 use crate::node::monitor::MonitorNode;
 use crate::recording::{
-    EstimatesCsv, RecordError, Recorder, RecorderStatus, RecordingLimits, RecordingReader, RunInfo, Span, oldest_file,
+    EstimatesCsv, RecordError, Recorder, RecorderStatus, RecordingLimits, RecordingReader, Span, oldest_file,
 };
 use crate::runner::MonitorSink;
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 /// Name of the recording in a directory of results.
 pub(super) const RECORDING: &str = "recording.mcap";
@@ -74,6 +75,11 @@ impl Records {
     /// Whether samples are recorded.
     pub(super) fn is_recording(&self) -> bool {
         self.recorder.is_some()
+    }
+
+    /// Names and units are the identifier's own from here on.
+    pub(super) fn rename(&mut self, description: &Description) {
+        self.live.rename(description);
     }
 
     /// Ends the recording; `None` where there was none, an error where it is not whole.
@@ -210,28 +216,4 @@ pub(super) fn recorder(
         )),
         e => Failure::Failed(e.to_string()),
     })
-}
-
-/// What a recording says of its run.
-pub(super) fn run_info(config: &Config, node: &MonitorNode, simulated: bool) -> RunInfo {
-    let now = SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .map_or(0, |since| since.as_nanos());
-    let plant = config.model.definition();
-    RunInfo {
-        schema: SCHEMA_VERSION,
-        recording_id: format!("{now}-{}", std::process::id()),
-        robot: config.bus.robot.clone(),
-        model: plant.name.clone(),
-        model_hash: plant.hash(),
-        config_hash: config.config_hash(),
-        simulated,
-        config_toml: config.to_toml(),
-        joints: plant.joints,
-        position_unit: plant.position_unit.clone(),
-        input_unit: plant.input_unit.clone(),
-        equations: plant.equations.iter().map(|e| e.name.to_string()).collect(),
-        parameters: node.parameters().to_vec(),
-        derived: node.derived().to_vec(),
-    }
 }

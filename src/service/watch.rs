@@ -1,7 +1,9 @@
 //! `thetabus watch`: a running identification in place on a terminal, one readable line per block elsewhere.
 
 use super::args::domain;
-use super::live::live_state;
+use super::description::monitor_of;
+use super::live::{live_state, rename};
+use super::monitor::await_description;
 use super::wiring::monitor_node;
 use super::{Exit, Failure, WatchArgs, foreign, logging};
 use crate::bus::{Bus, ControlClient, Subscriber, monotonic_ns};
@@ -29,6 +31,7 @@ pub fn run(args: &WatchArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         journal: Subscriber::new(&bus)?,
         estimates: Subscriber::new(&bus)?,
         status: Subscriber::new(&bus)?,
+        description: Subscriber::new(&bus)?,
         samples: None,
     };
     let screen = match Screen::is_possible() {
@@ -43,11 +46,28 @@ pub fn run(args: &WatchArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         answer: String::new(),
         drawn: None,
     };
-    let outcome = run_monitor(&mut node, &mut ports, Stay::Forever, shutdown, &mut watch);
+    let outcome = loop {
+        let outcome = run_monitor(&mut node, &mut ports, Stay::Forever, shutdown, &mut watch);
+        let Err(RunError::ForeignModel(description)) = outcome else {
+            break outcome;
+        };
+        // Another model than the configuration's: the identifier's own names hold.
+        let description = match description {
+            Some(description) => Some(description),
+            None => await_description(&mut ports)?,
+        };
+        let Some(description) = description else {
+            break Err(RunError::ForeignModel(None));
+        };
+        node = monitor_of(&description);
+        rename(&mut watch.state, &description);
+        // The estimate that came first is given again to whoever subscribes anew.
+        ports.estimates = Subscriber::new(&bus)?;
+    };
     // Gives the terminal back before anything else is said.
     drop(watch);
     match outcome {
-        Err(RunError::ForeignModel) => Err(foreign::estimates(&bus, &config)),
+        Err(RunError::ForeignModel(_)) => Err(foreign::estimates(&bus, &config)),
         outcome => outcome.map(|()| Exit::Done).map_err(Failure::from),
     }
 }

@@ -7,6 +7,8 @@ mod config;
 mod control;
 mod controller;
 mod doctor;
+#[cfg(feature = "foxglove")]
+mod foxglove;
 mod hostile;
 mod isolation;
 mod kills;

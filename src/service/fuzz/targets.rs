@@ -14,7 +14,7 @@ use crate::report::{RunData, figures, page};
 use crate::runner::Shutdown;
 use crate::service::advice::Advisor;
 use crate::service::commands::{Commands, Wanted};
-use crate::service::record::run_info;
+use crate::service::run_info::run_info;
 use crate::service::wiring::{identifier_node, identity, monitor_node};
 use crate::service::{CommonArgs, IdentifyArgs, SpanArgs, TableFormat, identify, report};
 use crate::sim::MachineSimulator;

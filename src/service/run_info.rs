@@ -1,0 +1,31 @@
+//! What a recording says of its run.
+
+use crate::config::Config;
+use crate::messages::SCHEMA_VERSION;
+use crate::node::monitor::MonitorNode;
+use crate::recording::RunInfo;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// What a recording says of its run.
+pub(super) fn run_info(config: &Config, node: &MonitorNode, simulated: bool) -> RunInfo {
+    let now = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.as_nanos());
+    let plant = config.model.definition();
+    RunInfo {
+        schema: SCHEMA_VERSION,
+        recording_id: format!("{now}-{}", std::process::id()),
+        robot: config.bus.robot.clone(),
+        model: plant.name.clone(),
+        model_hash: plant.hash(),
+        config_hash: config.config_hash(),
+        simulated,
+        config_toml: config.to_toml(),
+        joints: plant.joints,
+        position_unit: plant.position_unit.clone(),
+        input_unit: plant.input_unit.clone(),
+        equations: plant.equations.iter().map(|e| e.name.to_string()).collect(),
+        parameters: node.parameters().to_vec(),
+        derived: node.derived().to_vec(),
+    }
+}

@@ -220,7 +220,7 @@
   function words() {
     const view = run.view;
     set($('headline'), view.headline);
-    set($('words'), view.words);
+    set($('words'), view.lacks ? `${view.words}. The model lacks something: ${view.lacks}` : view.words);
     const truth = run.points.length && run.points[run.points.length - 1].w.length;
     set($('legend'), 'Line: estimate. Band: ± 2 standard deviations. Vertical: a change that was found.' + (truth ? ' Dashed: what the simulator really has.' : ''));
     const state = $('state');

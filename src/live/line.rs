@@ -6,7 +6,8 @@ use std::fmt::Write as _;
 /// Columns after which a line names no more values.
 const COLUMNS: usize = 150;
 
-/// A line of a log: block, time, state, how many parameters may be used, the values that may, what is wrong.
+/// A line of a log: block, time, state, how many parameters may be used, values, what is wrong. What may not be used stands behind the
+/// rest, with a question mark.
 pub fn block_line(view: &View, changed_t_s: Option<f64>) -> String {
     let mut line = format!(
         "block {:>4}  {:>9.3} s  {:<14}{}/{} usable",
@@ -16,15 +17,23 @@ pub fn block_line(view: &View, changed_t_s: Option<f64>) -> String {
         let _ = write!(line, "  changed at {t_s:.3} s");
     }
     // Derived values first: they are what people know by name.
-    let of = |derived: bool| view.rows.iter().filter(move |row| row.derived == derived && row.usable);
+    let of = |derived: bool, usable: bool| {
+        let rows = view.rows.iter();
+        rows.filter(move |row| row.derived == derived && (row.usable || row.fixed) == usable)
+    };
+    let usable = of(true, true).chain(of(false, true));
+    let others = of(false, false).chain(of(true, false));
     let mut left = 0;
-    for row in of(true).chain(of(false)) {
+    for row in usable.chain(others).filter(|row| row.value.is_finite()) {
         let mut value = format!("  {}={}", row.name, row.value_text);
         if !row.std_text.is_empty() {
             let _ = write!(value, "±{}", row.std_text);
         }
         if !row.unit.is_empty() {
             let _ = write!(value, " {}", row.unit);
+        }
+        if !row.usable && !row.fixed {
+            value.push('?');
         }
         match left == 0 && line.chars().count() + value.chars().count() <= COLUMNS {
             true => line.push_str(&value),
@@ -36,6 +45,9 @@ pub fn block_line(view: &View, changed_t_s: Option<f64>) -> String {
     }
     if view.state == "misfit" {
         let _ = write!(line, "  [{}]", view.words);
+    }
+    if !view.lacks.is_empty() {
+        let _ = write!(line, "  [{}]", view.lacks);
     }
     if view.missing.saturating_add(view.rejected) > 0 {
         let _ = write!(line, "  [missing {}, rejected {}]", view.missing, view.rejected);
@@ -74,6 +86,19 @@ mod tests {
         assert_eq!(
             line,
             "block   45     44.999 s  converged     1/1 usable  changed at 44.990 s  inertia=340.08±0.08 kg·m²  mass=170.04±0.04 kg"
+        );
+    }
+
+    #[test]
+    fn regress_what_may_not_be_used_has_a_question_mark() {
+        let mut state = state();
+        let mut message = known(1, 170.0412, 0.0387);
+        message.use_ok = 0;
+        state.on_estimate(&message, None, 1);
+        let line = block_line(&state.view(1), None);
+        assert!(
+            line.ends_with("0/1 usable  mass=170.04±0.04 kg?  inertia=340.08±0.08 kg·m²?"),
+            "{line}"
         );
     }
 

@@ -4,7 +4,7 @@ use super::history::{History, Point};
 use super::quantity::{About, Quantity};
 use super::signals::Signals;
 use super::view::{Health, Row, Times, Trend, View};
-use crate::messages::{Estimate, ParameterSet, Sample, State, Status, Timing, estimate_flags, status_flags};
+use crate::messages::{ErrorCode, Estimate, ParameterSet, Sample, State, Status, Timing, estimate_flags, status_flags};
 use crate::node::monitor::{Truth, misfit_words, seconds};
 use crate::report::{DERIVED_USABLE, Known, Rounded, headline, pretty_unit};
 use std::collections::VecDeque;
@@ -37,6 +37,8 @@ pub struct LiveState {
     before: Vec<Option<(f64, f64)>>,
     lost_estimates: u64,
     generation: u64,
+    /// What the model lacks, in the identifier's words.
+    lacks: String,
 }
 
 impl LiveState {
@@ -57,6 +59,7 @@ impl LiveState {
             changes: VecDeque::new(),
             lost_estimates: 0,
             generation: 0,
+            lacks: String::new(),
         }
     }
 
@@ -110,6 +113,10 @@ impl LiveState {
             .is_some_and(|(last, _)| last.stream_id != status.stream_id)
         {
             self.counts.clear();
+            self.lacks.clear();
+        }
+        if status.error.code == ErrorCode::Misfit as u32 {
+            self.lacks = status.error.words().to_owned();
         }
         let seen = [status.accepted, status.missing, status.rejected];
         let seen = seen.into_iter().fold(0, u64::saturating_add);
@@ -191,6 +198,7 @@ impl LiveState {
             step: status.map_or_else(Times::default, |s| times(&s.step)),
             block_step: status.map_or_else(Times::default, |s| times(&s.block)),
             resident_bytes: status.map_or(0, |s| s.process.resident_bytes),
+            lacks: self.lacks.clone(),
             error: status.map_or_else(String::new, |s| s.error.words().to_owned()),
             changes: self.changes.iter().copied().collect(),
         }

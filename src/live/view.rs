@@ -144,6 +144,8 @@ pub struct View {
     pub block_step: Times,
     /// Memory of the identifier in use \[bytes\], 0 if it is not known.
     pub resident_bytes: u64,
+    /// What the model lacks, in the identifier's words; empty if the residuals speak for nothing.
+    pub lacks: String,
     /// What went wrong last, in words.
     pub error: String,
     /// Located times of the last changes \[s\].

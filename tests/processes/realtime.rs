@@ -17,7 +17,7 @@ fn rt_a_stopped_monitor_never_slows_the_plant() {
         Program::Plant,
         &[&["--speed", "4", "--duration", "20"], &QUICK[..]].concat(),
     );
-    monitor.wait_for_log("theta_1=");
+    monitor.wait_for_log(" usable");
     monitor.signal(Signal::SIGSTOP);
     plant.expect_code(0);
     let wall = start.elapsed();

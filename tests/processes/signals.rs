@@ -13,7 +13,7 @@ fn at_work(site: &Site) -> [Process; 3] {
     let identifier = site.start(Program::Identifier, &QUICK);
     let monitor = site.start(Program::Monitor, &QUICK);
     let plant = site.start(Program::Plant, &[&["--speed", "2"], &QUICK[..]].concat());
-    monitor.wait_for_log("theta_1=");
+    monitor.wait_for_log(" usable");
     observer.estimate("a second block", |estimate| estimate.block >= 2);
     [plant, identifier, monitor]
 }

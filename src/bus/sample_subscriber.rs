@@ -4,10 +4,10 @@ use super::memory;
 use super::strangers::ForeignSchemas;
 use super::subscriber::{listener, no_place, wait};
 use super::topic::sample;
-use super::{Bus, BusError, Listener, PubSubService, SubscriberPort, Topic};
+use super::{Bus, BusError, IDLE_TICK, Listener, PubSubService, SubscriberPort, Topic};
 use crate::messages::{Sample, header_flags};
 use iceoryx2::service::port_factory::PortFactory as _;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Receives [`Sample`]s.
 ///
@@ -142,6 +142,32 @@ impl SampleSubscriber {
             take(sample, message.user_header().sent_ns);
         }
         Ok(limit)
+    }
+
+    /// Waits for the next sample, at most for `limit`; gives a copy with the time of sending \[ns of CLOCK_MONOTONIC\], `None` past the limit.
+    /// [Connects](Self::refresh) on the way.
+    ///
+    /// # Errors
+    /// The bus fails.
+    pub fn next(&mut self, limit: Duration) -> Result<Option<(Sample, u64)>, BusError> {
+        let start = Instant::now();
+        let mut found = None;
+        loop {
+            let seen = self.drain_timed(1, |sample, sent_ns| found = Some((*sample, sent_ns)))?;
+            if found.is_some() {
+                return Ok(found);
+            }
+            if seen > 0 {
+                // one that was not for this reader
+                continue;
+            }
+            self.refresh()?;
+            let left = limit.saturating_sub(start.elapsed());
+            if left.is_zero() {
+                return Ok(None);
+            }
+            self.wait(left.min(IDLE_TICK))?;
+        }
     }
 }
 

@@ -3,11 +3,14 @@
 use super::memory;
 use super::receipts::Receipts;
 use super::strangers::{ForeignSchemas, Speaker};
-use super::{Bus, BusError, Latched, Listener, PubSubService, SubscriberPort, Topic};
+use super::{Bus, BusError, IDLE_TICK, Latched, Listener, PubSubService, SubscriberPort, Topic};
 use iceoryx2::port::listener::Listener as ListenerPort;
 use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::prelude::ipc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+/// How often one who waits for a message looks, on a topic whose messages wake nobody.
+const LOOK: Duration = Duration::from_millis(5);
 
 /// Receives [`Latched`] messages, the last one before it joined included. Works in any order of starting.
 #[derive(Debug)]
@@ -82,13 +85,40 @@ impl<T: Latched> Subscriber<T> {
     /// As [`drain`](Self::drain), with the time of sending \[ns of CLOCK_MONOTONIC\] beside each message.
     pub fn drain_timed(&mut self, mut take: impl FnMut(&T, u64)) -> Result<usize, BusError> {
         let mut count = 0;
+        while self.take_one(&mut take)? {
+            count += 1;
+        }
+        Ok(count)
+    }
+
+    /// Waits for the next message, at most for `limit`; gives a copy with the time of sending \[ns of CLOCK_MONOTONIC\], `None` past the limit.
+    ///
+    /// # Errors
+    /// The bus fails.
+    pub fn next(&mut self, limit: Duration) -> Result<Option<(T, u64)>, BusError> {
+        let start = Instant::now();
+        let mut found = None;
+        loop {
+            if self.take_one(&mut |message: &T, sent_ns| found = Some((*message, sent_ns)))? {
+                return Ok(found);
+            }
+            let left = limit.saturating_sub(start.elapsed());
+            if left.is_zero() {
+                return Ok(None);
+            }
+            self.wait(left.min(if T::WAKES { IDLE_TICK } else { LOOK }))?;
+        }
+    }
+
+    /// Hands one message over that is for this reader; false if none is left.
+    fn take_one(&mut self, take: &mut impl FnMut(&T, u64)) -> Result<bool, BusError> {
         loop {
             let message = self.port.receive().map_err(|e| BusError::Transfer {
                 topic: T::TOPIC,
                 action: "receiving",
                 cause: format!("{e:?}"),
             })?;
-            let Some(message) = message else { return Ok(count) };
+            let Some(message) = message else { return Ok(false) };
             let publisher = message.header().publisher_id().value();
             if !self.schemas.admits(T::TOPIC, message.user_header().schema)
                 || !self.speaker.admits(&self.bus, &self.service, publisher)
@@ -99,7 +129,7 @@ impl<T: Latched> Subscriber<T> {
             if let Some(receipts) = &self.receipts {
                 receipts.give();
             }
-            count += 1;
+            return Ok(true);
         }
     }
 }

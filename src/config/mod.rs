@@ -18,6 +18,7 @@ mod error;
 mod kind;
 mod layers;
 mod memory;
+mod nodes;
 mod plant;
 mod schema;
 mod sections;

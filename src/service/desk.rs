@@ -3,7 +3,6 @@
 
 use super::Failure;
 use super::commands::{Commands, Wanted};
-use super::description::description;
 use super::sparse::Sparse;
 use crate::bus::{Bus, BusError, ControlServer, Domain, Publisher};
 use crate::checkpoint;
@@ -49,7 +48,7 @@ impl Desk {
         let stop = Arc::new(AtomicBool::new(false));
         let (told, ready) = sync_channel::<Result<(), BusError>>(1);
         let (domain, config, stopped) = (domain.clone(), config.clone(), stop.clone());
-        let description = description(&config);
+        let description = config.description();
         let thread = std::thread::Builder::new()
             .name("desk".to_owned())
             .spawn(move || {

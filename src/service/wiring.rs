@@ -5,8 +5,8 @@ use crate::checkpoint::Identity;
 use crate::config::Config;
 use crate::estimator::BlockEstimator;
 use crate::model::DerivedValues;
-use crate::node::identifier::{Identifier, IdentifierOptions};
-use crate::node::model::{ModelError, NodeSettings};
+use crate::node::identifier::Identifier;
+use crate::node::model::ModelError;
 use crate::node::monitor::{Label, MonitorNode, Truth};
 use crate::sim::SimOptions;
 use std::sync::Arc;
@@ -43,22 +43,7 @@ pub(super) fn simulates(config: &Config, sim: &SimOptions) -> bool {
 
 /// The identifier of the configured model.
 pub(super) fn identifier_node(config: &Config) -> Result<Box<dyn Identifier>, Failure> {
-    let period_s = config.plant.sim.sample_period_s;
-    let settings = NodeSettings {
-        rows: config.identifier.rows,
-        auto_window: config.identifier.auto_window,
-        input: config.identifier.input,
-        estimator: config.estimator.options.clone(),
-        options: IdentifierOptions {
-            config_hash: config.config_hash(),
-            sample_period_ns: (period_s * 1e9).round() as u64,
-            input_limit: config.identifier.input_limit,
-            frozen_after: (config.identifier.frozen_after_s / period_s).round() as u64,
-            ..IdentifierOptions::new(config.estimator.block_len as u64, 0, 0)
-        },
-        pid: std::process::id(),
-    };
-    Ok(config.model.identifier(&settings)?)
+    Ok(config.identifier()?)
 }
 
 /// An estimator at its start values.

@@ -17,7 +17,7 @@ pub use reader::*;
 use std::ffi::{CStr, c_char};
 use std::time::Duration;
 use thetabus::bus::{Bus, Domain};
-use thetabus::messages::{Description, Estimate, MAX_PARAMS};
+use thetabus::messages::{Description, Estimate};
 
 /// Version of the library, `0.2.0`.
 #[unsafe(no_mangle)]
@@ -59,9 +59,7 @@ pub unsafe extern "C" fn thetabus_find_parameter(description: *const Description
         return -1;
     };
     let found = description.parameters().iter().position(|p| p.name() == name);
-    found
-        .filter(|&index| index < MAX_PARAMS)
-        .map_or(-1, |index| index as i32)
+    found.map_or(-1, |index| index as i32)
 }
 
 /// A text of the caller's.

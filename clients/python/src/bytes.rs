@@ -39,3 +39,53 @@ pub(crate) fn of<M: Message>(message: M) -> Vec<u8> {
     append(&mut bytes, message);
     bytes
 }
+
+/// Takes fields from the bytes of a message.
+struct Taken<'a>(&'a [u8]);
+
+impl Taken<'_> {
+    fn take<const N: usize>(&mut self) -> Result<[u8; N], TooShort> {
+        let (head, rest) = self.0.split_first_chunk::<N>().ok_or(TooShort)?;
+        self.0 = rest;
+        Ok(*head)
+    }
+}
+
+/// Fewer bytes than a message has.
+#[derive(Debug)]
+pub(crate) struct TooShort;
+
+impl Visit for Taken<'_> {
+    type Error = TooShort;
+    fn u8s(&mut self, _: &Field, values: &mut [u8]) -> Result<(), TooShort> {
+        values.iter_mut().try_for_each(|value| {
+            *value = self.take::<1>()?[0];
+            Ok(())
+        })
+    }
+    fn u32s(&mut self, _: &Field, values: &mut [u32]) -> Result<(), TooShort> {
+        values.iter_mut().try_for_each(|value| {
+            *value = u32::from_ne_bytes(self.take()?);
+            Ok(())
+        })
+    }
+    fn u64s(&mut self, _: &Field, values: &mut [u64]) -> Result<(), TooShort> {
+        values.iter_mut().try_for_each(|value| {
+            *value = u64::from_ne_bytes(self.take()?);
+            Ok(())
+        })
+    }
+    fn f64s(&mut self, _: &Field, values: &mut [f64]) -> Result<(), TooShort> {
+        values.iter_mut().try_for_each(|value| {
+            *value = f64::from_ne_bytes(self.take()?);
+            Ok(())
+        })
+    }
+}
+
+/// The message that begins with these bytes.
+pub(crate) fn read<M: Message>(bytes: &[u8]) -> Result<M, TooShort> {
+    let mut message = M::EMPTY;
+    message.visit(&mut Taken(bytes))?;
+    Ok(message)
+}

@@ -3,6 +3,7 @@
 mod bytes;
 mod confined;
 mod control;
+mod identify;
 mod machine;
 mod reader;
 mod recording;
@@ -81,6 +82,7 @@ fn _thetabus(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(tables, module)?)?;
     module.add_function(wrap_pyfunction!(monotonic_ns, module)?)?;
     module.add_function(wrap_pyfunction!(recording::recording, module)?)?;
+    module.add_function(wrap_pyfunction!(identify::identify, module)?)?;
     module.add_class::<reader::Reader>()?;
     module.add_class::<machine::Machine>()?;
     module.add_class::<control::Control>()?;

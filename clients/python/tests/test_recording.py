@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import csv
 
+import numpy as np
 import pytest
 
 import thetabus
+from conftest import ROOT
 
 
 def test_e2e_a_recording_has_the_run_in_arrays(site):
@@ -29,3 +31,35 @@ def test_e2e_a_recording_has_the_run_in_arrays(site):
     assert half.samples["seq"].tolist() == list(range(1000, 2000))
     with pytest.raises(thetabus.ThetabusError, match="no.mcap"):
         thetabus.Recording(out / "no.mcap")
+    # the same code off line: the same estimates to the bit
+    again = thetabus.identify(recording)
+    assert len(again.estimates) == len(rows) and again.status.missing == 0
+    for e, row in zip(again.estimates, rows):
+        assert [float(row[name]) for name in e.names] == e.values.tolist()
+
+
+def test_ident_arrays_are_identified_with_a_configuration(site):
+    """10 kg, 4 N s/m: x'' = (u - 4 x')/10, with the drive's gain of config/servo_axis.toml."""
+    x, v, q, u = 0.0, 0.0, [], []
+    for k in range(8000):
+        t = k * 1e-3
+        u.append(2.0 * np.sin(5 * t) + 1.5 * np.sin(17 * t) + np.sin(31 * t))
+        q.append(x)
+        for _ in range(10):
+            v += 1e-4 * (u[-1] - 4.0 * v) / 10.0
+            x += 1e-4 * v
+    config = ROOT / "config" / "servo_axis.toml"
+    keys = ["estimator.block_len=1000", 'identifier.projected.timing="held"']
+    found = thetabus.identify({"q": q, "input": u}, config, set=keys)
+    assert [e.block for e in found.estimates] == list(range(1, 9))
+    assert found.last["mass"] == pytest.approx(10 * 35.15065188, rel=5e-3)
+    # a hole is counted, not stretched
+    keep = np.r_[0:3500, 3600:8000]
+    holed = {"q": np.array(q)[keep], "input": np.array(u)[keep], "t_s": keep * 1e-3}
+    assert thetabus.identify(holed, config, set=keys).status.missing == 100
+    with pytest.raises(ValueError, match="configuration file"):
+        thetabus.identify({"q": q, "input": u})
+    with pytest.raises(ValueError, match="one shape"):
+        thetabus.identify({"q": q, "input": u[1:]}, config)
+    with pytest.raises(thetabus.ThetabusError, match="block_lenn"):
+        thetabus.identify({"q": q, "input": u}, config, set=["estimator.block_lenn=1"])

@@ -10,6 +10,7 @@ timeout in seconds, release the interpreter's lock while they wait, and end by C
 """
 
 from ._control import Answer, Control, Item, Refused
+from ._identify import Identification, identify
 from ._layout import DTYPES, dtype
 from ._machine import Machine
 from ._messages import (
@@ -35,6 +36,7 @@ __all__ = [
     "Descriptions",
     "Estimate",
     "Estimates",
+    "Identification",
     "Item",
     "Joint",
     "Machine",
@@ -51,5 +53,6 @@ __all__ = [
     "__version__",
     "describe",
     "dtype",
+    "identify",
     "monotonic_ns",
 ]

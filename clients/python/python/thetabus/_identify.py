@@ -1,0 +1,90 @@
+"""Identification off line."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any, Mapping, Optional, Sequence, Union
+
+import numpy as np
+
+from . import _thetabus
+from ._layout import DTYPES
+from ._messages import Description, Estimate, Status
+from ._recording import _SIGNALS, Recording
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What came out."""
+
+    estimates: list[Estimate]
+    """One per block."""
+    description: Description
+    """Names, units, meanings."""
+    status: Status
+    """Samples used, lost and refused, and the last error in words."""
+
+    @property
+    def last(self) -> Estimate:
+        """The last estimate; LookupError if there is none."""
+        if not self.estimates:
+            raise LookupError(f"no block was completed: {self.status!r} {self.status.error}")
+        return self.estimates[-1]
+
+
+def _samples(arrays: Mapping[str, Any], period_ns: int) -> bytes:
+    unknown = set(arrays) - {*_SIGNALS, "t_s"}
+    if unknown:
+        raise ValueError(f"expected signals out of {', '.join(_SIGNALS)} and t_s, got {', '.join(sorted(unknown))}")
+    signals = {name: np.asarray(values, dtype=np.float64) for name, values in arrays.items() if name != "t_s"}
+    signals = {name: values[:, None] if values.ndim == 1 else values for name, values in signals.items()}
+    if not signals or len({values.shape for values in signals.values()}) != 1:
+        shapes = ", ".join(f"{name} {values.shape}" for name, values in signals.items())
+        raise ValueError(f"expected arrays of one shape, samples by joints, got {shapes or 'none'}")
+    length, joints = next(iter(signals.values())).shape
+    samples = np.zeros(length, dtype=DTYPES["Sample"])
+    samples["stream_id"], samples["joints"] = 1, joints
+    times = arrays.get("t_s")
+    if times is None:
+        samples["seq"] = np.arange(length)
+        samples["t_ns"] = np.arange(length, dtype=np.uint64) * np.uint64(period_ns)
+    else:
+        seconds = np.asarray(times, dtype=np.float64)
+        if seconds.shape != (length,):
+            raise ValueError(f"t_s: expected {length} times, got {seconds.shape}")
+        t_ns = np.round((seconds - seconds[0]) * 1e9)
+        samples["t_ns"], samples["seq"] = t_ns, np.round(t_ns / period_ns)
+    for name, values in signals.items():
+        samples[name][:, :joints] = values
+        samples["signals"] |= np.uint32(1 << _SIGNALS.index(name))
+    samples["flags"][-1:] = 1
+    return samples.tobytes()
+
+
+def identify(
+    source: Union[Recording, str, os.PathLike[str], Mapping[str, Any]],
+    config: Optional[Union[str, os.PathLike[str]]] = None,
+    *,
+    set: Sequence[str] = (),
+) -> Identification:
+    """Identifies off line, with the identifier's own code.
+
+    `source`: a recording or its path, which has its configuration inside, or arrays by signal, samples by joints, SI and radians:
+    `{"q": q, "input": torque}`, with `t_s` if samples are missing. `config`: a configuration file, needed for arrays. `set`:
+    overrides, `"estimator.block_len=1000"`. Commands that a recorded run was given are not repeated; `thetabus identify` does.
+    """
+    overrides = list(set)
+    if not isinstance(source, (Recording, Mapping)):
+        source = Recording(source)
+    if isinstance(source, Recording):
+        recorded, samples = source.info["config"], source.raw_samples.tobytes()
+    else:
+        # the sample period stands in the configuration, which a first look without samples gives
+        described, _, _ = _thetabus.identify(config, None, overrides, b"")
+        recorded, samples = None, _samples(source, round(Description._of(described).sample_period_s * 1e9))
+    described, estimates, status = _thetabus.identify(config, recorded, overrides, samples)
+    description = Description._of(described)
+    size = DTYPES["Estimate"].itemsize
+    parts = (estimates[at : at + size] for at in range(0, len(estimates), size))
+    return Identification([Estimate(part, 0, description) for part in parts], description, Status(status))

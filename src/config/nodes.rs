@@ -1,0 +1,52 @@
+//! From a configuration to an identifier, and to what it says of itself.
+
+use super::Config;
+use crate::messages::{DerivedInfo, Description, JointInfo, ParameterInfo};
+use crate::node::identifier::{Identifier, IdentifierOptions};
+use crate::node::model::{ModelError, NodeSettings};
+
+impl Config {
+    /// The identifier of the configured model, as a value: samples in, estimates out.
+    ///
+    /// # Errors
+    /// A setting that the model does not take.
+    pub fn identifier(&self) -> Result<Box<dyn Identifier>, ModelError> {
+        let period_s = self.plant.sim.sample_period_s;
+        self.model.identifier(&NodeSettings {
+            rows: self.identifier.rows,
+            auto_window: self.identifier.auto_window,
+            input: self.identifier.input,
+            estimator: self.estimator.options.clone(),
+            options: IdentifierOptions {
+                config_hash: self.config_hash(),
+                sample_period_ns: (period_s * 1e9).round() as u64,
+                input_limit: self.identifier.input_limit,
+                frozen_after: (self.identifier.frozen_after_s / period_s).round() as u64,
+                ..IdentifierOptions::new(self.estimator.block_len as u64, 0, 0)
+            },
+            pid: std::process::id(),
+        })
+    }
+
+    /// Names, units, meanings, bounds and start values, as topic `description` carries them.
+    pub fn description(&self) -> Description {
+        let model = self.model.definition();
+        let options = &self.estimator.options;
+        let joints = (1..=model.joints)
+            .map(|joint| JointInfo::new(&format!("joint_{joint}"), &model.position_unit, &model.input_unit));
+        let parameters = model.parameters.iter().enumerate().map(|(i, p)| {
+            let bounds = (options.lower[i], options.upper[i]);
+            ParameterInfo::new(&p.name, &p.unit, &p.meaning, options.theta_start[i], bounds)
+        });
+        let derived = model.derived.iter();
+        let derived = derived.map(|d| DerivedInfo::new(&d.name, &d.unit, &d.meaning));
+        let mut description = Description::default()
+            .of_model(&model.name, model.hash(), &model.input_unit)
+            .with(joints, parameters, derived);
+        description.config_hash = self.config_hash();
+        description.block_len = self.estimator.block_len as u64;
+        description.sample_period_ns = (self.plant.sim.sample_period_s * 1e9).round() as u64;
+        description.equations = model.equations.len() as u32;
+        description
+    }
+}

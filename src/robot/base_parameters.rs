@@ -15,6 +15,7 @@
 //! fixed: the set depends on the URDF alone. Source: M. Gautier, J. of Robotic Systems 8 (1991); orthogonalisation twice after
 //! B. Parlett, *The Symmetric Eigenvalue Problem* (1980), 6-9.
 
+use super::random::Random;
 use super::regressor::EnergyRegressors;
 use super::spatial::{BODY_PARAMETERS, Placement};
 use super::tree::Robot;
@@ -292,19 +293,4 @@ fn idealised(robot: &Robot) -> Robot {
 
 fn norm(x: &[f64]) -> f64 {
     x.iter().map(|v| v * v).sum::<f64>().sqrt()
-}
-
-/// splitmix64: a fixed sequence for all times and machines.
-struct Random(u64);
-
-impl Random {
-    /// Uniform in (−limit, limit).
-    fn within(&mut self, limit: f64) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        let bits = (z ^ (z >> 31)) >> 11;
-        limit * (bits as f64 / (1u64 << 52) as f64 - 1.0)
-    }
 }

@@ -29,6 +29,7 @@
 //! | `base_parameters` | which combinations of parameters torques depend on |
 //! | `friction`, `model` | friction per joint; all of it as one linear model |
 //! | `rows`, `sums`, `identify` | samples → weak-form rows → estimates with standard deviations |
+//! | `reference`, `simulator` | motions within limits; a simulated robot in closed loop |
 //! | `config` | the TOML file of a robot (feature `config`) |
 //! | `log`, `fit` | logs in columns; measured against predicted torque |
 
@@ -43,8 +44,11 @@ mod friction;
 mod identify;
 mod log;
 mod model;
+mod random;
+mod reference;
 mod regressor;
 mod rows;
+mod simulator;
 mod spatial;
 mod state;
 mod sums;
@@ -63,8 +67,10 @@ pub use friction::{FrictionTerm, JointFriction};
 pub use identify::{IdentifyOptions, RobotIdentifier};
 pub use log::{Drives, LogColumns, LogError, read_log};
 pub use model::{RobotModel, RobotParameter};
+pub use reference::{MAX_HARMONICS, MotionLimits, Motions, Reference, Setpoint};
 pub use regressor::EnergyRegressors;
 pub use rows::{SampleFault, WeakRow, WeakRows, WindowOptions};
+pub use simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator, SimulatedDrive};
 pub use spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};
 pub use state::{FilteredSample, RobotSample};
 pub use tree::{Robot, RobotJoint, Selection};

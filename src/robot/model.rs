@@ -238,11 +238,12 @@ impl RobotModel {
     }
 }
 
-/// Sizes that a robot's parameters can have: mass and reach of what each joint carries.
+/// Sizes that a robot's parameters can have: mass and reach of what each joint carries, and what its drive can give.
 struct Scales {
     mass: Vec<f64>,
     reach: Vec<f64>,
     turns: Vec<bool>,
+    effort: Vec<f64>,
 }
 
 impl Scales {
@@ -262,6 +263,11 @@ impl Scales {
             mass,
             reach,
             turns: robot.joints.iter().map(|joint| joint.turns).collect(),
+            effort: robot
+                .joints
+                .iter()
+                .map(|j| j.limits.effort.unwrap_or(0.0).max(0.0))
+                .collect(),
         }
     }
 
@@ -271,8 +277,10 @@ impl Scales {
         match standard {
             Standard::Body { parameter: 0, .. } => mass,
             Standard::Body { parameter: 1..4, .. } => mass * reach,
-            Standard::Rotor { .. } if !self.turns[i] => mass,
-            Standard::Body { .. } | Standard::Rotor { .. } => mass * reach * reach,
+            // Seen through its gear, the rotor of a small joint is heavier than what the joint carries.
+            Standard::Rotor { .. } if !self.turns[i] => mass.max(self.mass[0]),
+            Standard::Rotor { .. } => (mass * reach * reach).max(0.1 * self.mass[0] * self.reach[0].powi(2)),
+            Standard::Body { .. } => mass * reach * reach,
         }
     }
 
@@ -281,8 +289,8 @@ impl Scales {
         let force = self.mass[joint] * G;
         match term {
             super::friction::FrictionTerm::Load => 1.0,
-            _ if self.turns[joint] => force * self.reach[joint],
-            _ => force,
+            _ if self.turns[joint] => (force * self.reach[joint]).max(self.effort[joint]),
+            _ => force.max(self.effort[joint]),
         }
     }
 }

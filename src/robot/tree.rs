@@ -50,6 +50,8 @@ pub struct Robot {
     pub bodies: Vec<BodyParameters>,
     /// Acceleration of gravity in the base's frame \[m/s²\].
     pub gravity: Vector3<f64>,
+    /// Where the flange is in the frame of the last joint's body: the tip, or the last link that is fixed to it.
+    pub flange: Placement,
     /// Joints that could move and are held at 0, because they are outside the selection.
     pub held: Vec<String>,
 }
@@ -81,7 +83,8 @@ impl Robot {
         let base = tree.base(selection)?;
         let order = tree.below(base);
         let moving = tree.moving(&order, base, selection)?;
-        tree.robot(&order, &moving)
+        let tip = selection.tip.as_ref().map(|name| tree.link("tip", name)).transpose()?;
+        tree.robot(&order, &moving, tip)
     }
 
     /// Number of moving joints.
@@ -376,7 +379,7 @@ impl<'a> Tree<'a> {
         Ok(())
     }
 
-    fn robot(&self, order: &[usize], moving: &[usize]) -> Result<Robot, UrdfError> {
+    fn robot(&self, order: &[usize], moving: &[usize], tip: Option<usize>) -> Result<Robot, UrdfError> {
         let Urdf { name, links, joints } = self.urdf;
         // Where each link is: behind which moving joint, and how placed in its frame. The base's body does not move.
         let mut place: Vec<(Option<usize>, Placement)> = vec![(None, Placement::identity()); links.len()];
@@ -428,7 +431,11 @@ impl<'a> Tree<'a> {
                 ));
             }
         }
+        let last = Some(moving.len() - 1);
+        let behind = order.iter().rev().map(|joint| joints[*joint].child);
+        let flange = tip.or_else(|| behind.into_iter().find(|link| place[*link].0 == last));
         Ok(Robot {
+            flange: flange.map_or_else(Placement::identity, |link| place[link].1),
             name: name.clone(),
             joints: found.into_iter().flatten().collect(),
             bodies,

@@ -4,6 +4,7 @@ mod dynamics;
 mod log;
 mod peers;
 mod simulated;
+mod simulator;
 mod ur10e;
 mod urdf;
 

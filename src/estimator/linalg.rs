@@ -198,6 +198,12 @@ impl Cholesky {
         true
     }
 
+    /// ln det A of the matrix factored last.
+    pub fn log_determinant(&self) -> f64 {
+        let n = self.n;
+        (0..n).map(|i| 2.0 * (self.lower[i * n + i] / self.scale[i]).ln()).sum()
+    }
+
     /// x ← A⁻¹ x.
     pub fn solve(&self, x: &mut [f64]) {
         let n = self.n;

@@ -33,14 +33,14 @@ mod line;
 mod offline;
 mod options;
 mod pass;
-mod persist;
+pub(crate) mod persist;
 mod presets;
 mod relation;
 mod report;
 mod robust;
 mod score_test;
 mod state;
-mod stats;
+pub(crate) mod stats;
 mod workspace;
 mod wrls;
 

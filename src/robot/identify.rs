@@ -16,24 +16,44 @@
 //!
 //! While the recording is short (1)–(3) are iterated over everything so far, since the A_j are kept per joint. After `settle_blocks` they are condensed into Λ
 //! and, with a friction walk, (4) lets friction follow its temperature: Q is (`friction_walk` · size)² per second, on friction only.
+//!
+//! With a payload (`IdentifyOptions::payload`) the last two seconds are kept apart from what is known: `watch.rs` looks whether the machine is still the same,
+//! and what came behind a change is learnt for the machine as it is then.
+//!
 //! Sources: H. White, Econometrica 48 (1980); K.-Y. Liang, S. Zeger, Biometrika 73 (1986), with time blocks as clusters.
 
-use super::model::RobotModel;
+use super::change::RobotChange;
+use super::figures::BlockFigures;
+use super::information::{Information, Solver};
+use super::model::{RobotModel, RobotParameter};
+use super::payload::Payload;
+use super::recent::{RowRing, SliceRing};
 use super::rows::{SampleFault, WeakRows, WindowOptions};
 use super::state::RobotSample;
 use super::sums::JointSums;
-use crate::estimator::linalg::Cholesky;
+use super::watch_room::Watch;
+use crate::estimator::StateError;
 
 /// Blocks that (3) is taken over.
 const RECENT: usize = 32;
 /// f_j² that is assumed before there are blocks, and the number of blocks that it counts for.
 const ASSUMED_INFLATION: (f64, f64) = (9.0, 2.0);
+/// Number of blocks that the f_j² of before a change counts for.
+const KEPT_INFLATION: f64 = 8.0;
 /// Times that (1) and (2) are repeated per block while settling.
 const ITERATIONS: usize = 4;
 /// σ_j² is followed over this many blocks after settling.
 const FOLLOWED_BLOCKS: f64 = 20.0;
 /// Smallest σ_j beside the joint's mean torque: a perfect simulation has no residual at all.
 const SMALLEST_STD: f64 = 1e-9;
+/// Length of a slice \[s\]: how often the machine is looked at.
+const SLICE_S: f64 = 0.25;
+/// Slices that are kept apart.
+const SLICES: usize = 8;
+/// Rows that are kept \[s\]: those of the slices and of the one that is open.
+const KEPT_S: f64 = (SLICES + 4) as f64 * SLICE_S;
+/// Least size of a parameter for its excitation, as a part of its prior.
+const SMALLEST_SIZE: f64 = 1e-3;
 
 /// How a robot is identified.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,6 +68,8 @@ pub struct IdentifyOptions {
     pub friction_walk: f64,
     /// Standard deviation by which [`widen_friction`](RobotIdentifier::widen_friction) widens the friction parameters, as a part of their size.
     pub friction_change: f64,
+    /// True if the flange may carry a payload that comes and goes: it is found and estimated apart from the arm.
+    pub payload: bool,
 }
 
 impl Default for IdentifyOptions {
@@ -59,6 +81,7 @@ impl Default for IdentifyOptions {
             settle_blocks: 60,
             friction_walk: 0.05,
             friction_change: 0.5,
+            payload: false,
         }
     }
 }
@@ -87,25 +110,54 @@ impl IdentifyOptions {
 /// Identifies a robot on line; memory is taken at the start only.
 #[derive(Debug, Clone)]
 pub struct RobotIdentifier {
-    model: RobotModel,
-    options: IdentifyOptions,
+    pub(super) model: RobotModel,
+    pub(super) options: IdentifyOptions,
     rows: WeakRows,
-    block: Vec<JointSums>,
+    parameters: Vec<RobotParameter>,
+    pub(super) payload: Option<Payload>,
+    /// True while the flange carries something.
+    pub(super) is_loaded: bool,
+    pub(super) slice: Vec<JointSums>,
+    slice_end: Option<f64>,
+    pub(super) slice_begin: f64,
+    pub(super) block: Vec<JointSums>,
+    /// Slices of the block that is open among those kept apart.
+    pub(super) block_slices: usize,
     total: Vec<JointSums>,
+    all: Vec<JointSums>,
+    pub(super) pending: SliceRing,
+    pub(super) ring: RowRing,
     recent: Vec<Vec<JointSums>>,
-    blocks: usize,
+    recent_blocks: usize,
+    /// f_j² that is assumed, and the number of blocks that it counts for.
+    assumed: (Vec<f64>, f64),
+    pub(super) blocks: usize,
     block_end: Option<f64>,
-    /// True after the sums have been condensed into the information.
-    condensed: bool,
-    prior: Vec<f64>,
-    theta: Vec<f64>,
-    information: Vec<f64>,
-    vector: Vec<f64>,
+    /// True after the sums have been condensed into `committed`.
+    pub(super) condensed: bool,
+    /// What is known without `pending`, once it is condensed.
+    pub(super) committed: Information,
+    /// What is known with it.
+    pub(super) system: Information,
+    pub(super) solver: Solver,
+    pub(super) theta: Vec<f64>,
+    /// The arm's parameters that act as arm and payload together.
+    pub(super) effective: Vec<f64>,
+    before: Vec<f64>,
     covariance: Vec<f64>,
-    factor: Cholesky,
-    work: Vec<f64>,
-    torque_std: Vec<f64>,
-    inflation: Vec<f64>,
+    /// Parameters that are held; those of the payload while there is none.
+    pub(super) fixed: Vec<bool>,
+    pub(super) frictions: Vec<usize>,
+    carried: Vec<usize>,
+    walk: Vec<f64>,
+    pub(super) torque_std: Vec<f64>,
+    pub(super) inflation: Vec<f64>,
+    pub(super) watch: Option<Watch>,
+    /// The change found in the block that is open, or in the last one.
+    pub(super) change: Option<RobotChange>,
+    pub(super) figures: BlockFigures,
+    gain: Information,
+    size: Vec<f64>,
 }
 
 impl RobotIdentifier {
@@ -115,47 +167,112 @@ impl RobotIdentifier {
     /// Options that are not valid, in words.
     pub fn new(model: RobotModel, options: IdentifyOptions) -> Result<Self, String> {
         options.validate()?;
-        let (n, joints) = (model.parameters().len(), model.robot().len());
+        let joints = model.robot().len();
+        let payload = options.payload.then(|| Payload::new(&model));
+        let mut parameters = model.parameters().to_vec();
+        let arm = parameters.len();
+        parameters.extend(payload.iter().flat_map(Payload::parameters));
+        let n = parameters.len();
+        let columns: Vec<usize> = (0..joints).map(|i| model.columns(i).len()).collect();
         let empty: Vec<JointSums> = (0..joints).map(|i| JointSums::new(model.columns(i))).collect();
-        let theta: Vec<f64> = model.parameters().iter().map(|p| p.nominal).collect();
-        let prior: Vec<f64> = model.parameters().iter().map(|p| p.scale.powi(-2)).collect();
-        let mut covariance = vec![0.0; n * n];
-        for (i, parameter) in model.parameters().iter().enumerate() {
-            covariance[i * n + i] = parameter.scale.powi(2);
-        }
-        Ok(Self {
+        let frictions: Vec<usize> = (0..joints).flat_map(|i| model.friction_of(i)).collect();
+        let windows = match options.payload {
+            true => (KEPT_S / options.windows.stride_s).ceil() as usize + 1,
+            false => 0,
+        };
+        let mut identifier = Self {
             rows: WeakRows::new(&model, options.windows)?,
+            is_loaded: false,
+            slice_end: None,
+            slice_begin: 0.0,
+            slice: empty.clone(),
             total: empty.clone(),
+            all: empty.clone(),
+            pending: SliceRing::new(if options.payload { SLICES } else { 0 }, &empty),
+            ring: RowRing::new(windows, &columns),
             recent: vec![empty.clone(); RECENT],
+            recent_blocks: 0,
+            assumed: (vec![0.0; joints], 0.0),
+            watch: payload.as_ref().map(|_| Watch::new(n, arm, frictions.len(), &empty)),
             block: empty,
             blocks: 0,
             block_end: None,
             condensed: false,
-            prior,
-            information: vec![0.0; n * n],
-            vector: vec![0.0; n],
-            covariance,
-            factor: Cholesky::new(n),
-            work: vec![0.0; n],
+            committed: Information::new(n),
+            system: Information::new(n),
+            solver: Solver::new(n),
+            theta: vec![0.0; n],
+            effective: vec![0.0; arm],
+            before: vec![0.0; arm],
+            covariance: vec![0.0; n * n],
+            fixed: vec![false; n],
+            walk: vec![0.0; frictions.len()],
+            frictions,
+            carried: payload.iter().flat_map(|payload| payload.indices()).collect(),
+            block_slices: 0,
             torque_std: vec![0.0; joints],
-            inflation: vec![ASSUMED_INFLATION.0.sqrt(); joints],
-            theta,
+            inflation: vec![0.0; joints],
+            change: None,
+            figures: BlockFigures::new(n),
+            gain: Information::new(n),
+            size: vec![0.0; n],
+            parameters,
+            payload,
             model,
             options,
-        })
+        };
+        identifier.reset();
+        Ok(identifier)
     }
 
-    /// The model.
+    /// Forgets everything that was learnt and held.
+    pub fn reset(&mut self) {
+        self.rows.restart();
+        self.clear_recording();
+        for sums in [&mut self.block, &mut self.total].into_iter().flatten() {
+            sums.clear();
+        }
+        (self.recent_blocks, self.blocks, self.condensed) = (0, 0, false);
+        self.is_loaded = false;
+        self.assumed.0.fill(ASSUMED_INFLATION.0);
+        self.assumed.1 = ASSUMED_INFLATION.1;
+        self.inflation.fill(ASSUMED_INFLATION.0.sqrt());
+        self.torque_std.fill(0.0);
+        self.fixed.fill(false);
+        self.covariance.fill(0.0);
+        self.change = None;
+        self.figures.clear();
+        let n = self.theta.len();
+        for (i, parameter) in self.parameters.iter().enumerate() {
+            self.theta[i] = parameter.nominal;
+            let is_held = self.payload.as_ref().is_some_and(|payload| i >= payload.first);
+            self.fixed[i] = is_held;
+            self.covariance[i * n + i] = if is_held { 0.0 } else { parameter.scale.powi(2) };
+        }
+        self.refresh_effective();
+    }
+
+    /// The model of the arm.
     pub fn model(&self) -> &RobotModel {
         &self.model
     }
 
-    /// Estimates θ̂ in the order of the model's parameters.
+    /// The parameters θ: the arm's, then those of the payload if there may be one.
+    pub fn parameters(&self) -> &[RobotParameter] {
+        &self.parameters
+    }
+
+    /// Estimates θ̂ in the order of [`parameters`](Self::parameters).
     pub fn theta(&self) -> &[f64] {
         &self.theta
     }
 
-    /// Standard deviation of one estimate; the prior's before the first block.
+    /// The arm's parameters that give the torques of arm and payload together, for [`RobotModel::torques`].
+    pub fn effective_theta(&self) -> &[f64] {
+        &self.effective
+    }
+
+    /// Standard deviation of one estimate; the prior's before the first block, 0 if it is held.
     pub fn theta_std(&self, parameter: usize) -> f64 {
         self.covariance(parameter, parameter).max(0.0).sqrt()
     }
@@ -180,15 +297,60 @@ impl RobotIdentifier {
         self.blocks
     }
 
-    /// Takes a sample; true if a block was completed and the estimates are new.
+    /// The change found in the last block.
+    pub fn change(&self) -> Option<RobotChange> {
+        self.change
+    }
+
+    /// True while the flange carries something, as far as is known.
+    pub fn is_loaded(&self) -> bool {
+        self.is_loaded
+    }
+
+    /// How well the last block was predicted and is fitted.
+    pub fn figures(&self) -> &BlockFigures {
+        &self.figures
+    }
+
+    /// True if a parameter is held.
+    pub fn is_fixed(&self, parameter: usize) -> bool {
+        self.fixed[parameter]
+    }
+
+    /// Holds a parameter at a value, or at its estimate. What rows say of it goes on being gathered.
+    pub fn fix(&mut self, parameter: usize, value: Option<f64>) {
+        self.fixed[parameter] = true;
+        self.theta[parameter] = value.unwrap_or(self.theta[parameter]);
+        self.solve_known();
+    }
+
+    /// Estimates a parameter that was held; one of the payload says that there is a payload.
+    pub fn free(&mut self, parameter: usize) {
+        let of_payload = self.payload.as_ref().is_some_and(|payload| parameter >= payload.first);
+        if of_payload && !self.is_loaded {
+            self.condense();
+            self.commit_pending(self.pending.len());
+            self.load();
+        } else {
+            self.fixed[parameter] = false;
+        }
+        self.solve_known();
+    }
+
+    /// θ̂ of what is known already, after something was held or set free.
+    fn solve_known(&mut self) {
+        self.assemble();
+        self.solver.solve(&self.system, &self.fixed, &mut self.theta);
+        self.solver.covariance(&self.system, &self.fixed, &mut self.covariance);
+        self.refresh_effective();
+    }
+
+    /// Takes a sample; true if a block of time was completed and the estimates are new.
     ///
     /// # Errors
     /// The sample cannot be used and was left out.
     pub fn push(&mut self, sample: &RobotSample) -> Result<bool, SampleFault> {
-        let block = &mut self.block;
-        self.rows.push(&self.model, sample, &mut |row| {
-            block[row.joint].add_row(row.regressor, row.torque);
-        })?;
+        self.take(sample)?;
         let end = *self.block_end.get_or_insert(sample.t_s + self.options.block_s);
         if sample.t_s < end {
             return Ok(false);
@@ -203,62 +365,143 @@ impl RobotIdentifier {
         Ok(self.close_block())
     }
 
+    /// Takes a sample whose block somebody else [closes](Self::close_block).
+    ///
+    /// # Errors
+    /// The sample cannot be used and was left out.
+    pub fn take(&mut self, sample: &RobotSample) -> Result<(), SampleFault> {
+        let (slice, ring, begin) = (&mut self.slice, &mut self.ring, &mut self.slice_begin);
+        self.rows.push(&self.model, sample, &mut |row| {
+            if slice.iter().all(|sums| sums.rows == 0) {
+                *begin = row.t_s;
+            }
+            slice[row.joint].add_row(row.regressor, row.torque);
+            ring.add(&row);
+        })?;
+        if self.payload.is_some() {
+            let end = *self.slice_end.get_or_insert(sample.t_s + SLICE_S);
+            if sample.t_s >= end {
+                self.slice_end = Some(if end + SLICE_S > sample.t_s { end } else { sample.t_s } + SLICE_S);
+                self.end_slice(sample.t_s);
+            }
+        }
+        Ok(())
+    }
+
     /// Ends a recording: learns what its last, shorter block holds. The next sample begins a new recording.
     pub fn end_of_recording(&mut self) -> bool {
         self.rows.restart();
         self.block_end = None;
-        self.close_block()
+        let closed = self.close_block();
+        self.slice_end = None;
+        closed
+    }
+
+    /// Windows begin anew with the next sample, and what came since the last block is dropped.
+    pub fn discard_block(&mut self) {
+        self.rows.restart();
+        self.slice.iter_mut().for_each(JointSums::clear);
+        self.block.iter_mut().for_each(JointSums::clear);
+        self.pending.drop_newest(self.block_slices);
+        self.block_slices = 0;
+    }
+
+    fn clear_recording(&mut self) {
+        self.slice.iter_mut().for_each(JointSums::clear);
+        self.pending.clear();
+        self.ring.clear();
+        (self.slice_end, self.block_end, self.block_slices) = (None, None, 0);
+    }
+
+    /// Windows begin anew with the next sample, because time has been lost.
+    pub fn restart_windows(&mut self) {
+        self.rows.restart();
     }
 
     /// Makes friction uncertain again, as after a pause in which drives and oil change their temperature; inertial parameters stay.
     pub fn widen_friction(&mut self) {
-        self.condensed = true;
-        let n = self.theta.len();
-        for joint in 0..self.model.robot().len() {
-            for i in self.model.friction_of(joint) {
-                let size = self.theta[i].abs().max(3.0 * self.theta_std(i));
-                self.covariance[i * n + i] += (self.options.friction_change * size).powi(2);
-            }
-        }
-        self.information_from_covariance();
+        self.condense();
+        self.commit_pending(self.pending.len());
+        self.widen(self.options.friction_change);
+        self.solve_known();
     }
 
-    /// Learns the block; false if it has no rows.
-    fn close_block(&mut self) -> bool {
+    /// Adds so much of their size to the standard deviations of the friction parameters.
+    pub(super) fn widen(&mut self, part: f64) {
+        for (k, &i) in self.frictions.iter().enumerate() {
+            let size = self.theta[i]
+                .abs()
+                .max(3.0 * self.covariance[i * self.theta.len() + i].max(0.0).sqrt());
+            self.walk[k] = (part * size).powi(2);
+        }
+        self.solver.walk(&mut self.committed, &self.frictions, &self.walk);
+    }
+
+    /// Learns the block; false if it has no rows, and then nothing changes.
+    pub fn close_block(&mut self) -> bool {
+        let t_s = self
+            .ring
+            .len()
+            .checked_sub(1)
+            .map_or(self.slice_begin, |last| self.ring.get(last).1.t_s);
+        self.change = None;
+        self.end_slice(t_s);
+        if let Some(watch) = &mut self.watch {
+            self.change = watch.found.take();
+        }
         if self.block.iter().all(|sums| sums.rows == 0) {
             return false;
         }
         self.blocks += 1;
-        for (joint, sums) in self.block.iter_mut().enumerate() {
-            sums.mirror();
-            self.recent[self.blocks % RECENT][joint].copy_from(sums);
+        self.before.copy_from_slice(&self.effective);
+        let changed = self.change.is_some();
+        if !changed {
+            for (joint, sums) in self.block.iter().enumerate() {
+                self.recent[self.recent_blocks % RECENT][joint].copy_from(sums);
+            }
+            self.recent_blocks += 1;
         }
+        self.figures
+            .of_innovation(&self.block, &self.effective, &self.torque_std, &self.options.windows);
         if !self.condensed {
-            for (total, block) in self.total.iter_mut().zip(&self.block) {
-                total.add(block);
+            if self.payload.is_none() {
+                for (total, block) in self.total.iter_mut().zip(&self.block) {
+                    total.add(block);
+                }
             }
             for _ in 0..ITERATIONS {
                 self.weigh_all();
                 self.solve_all();
             }
-            self.refresh_covariance();
+            self.solver.covariance(&self.system, &self.fixed, &mut self.covariance);
             if self.blocks >= self.options.settle_blocks {
-                self.condensed = true;
+                self.condense();
             }
         } else {
-            self.walk();
-            self.follow();
+            self.walk_friction();
+            self.follow(changed);
         }
+        self.figures.of_residual(&self.block, &self.effective, &self.torque_std);
+        self.note_excitation();
+        self.block_slices = 0;
         self.block.iter_mut().for_each(JointSums::clear);
         true
     }
 
     /// (2) and (3) over everything so far.
     fn weigh_all(&mut self) {
-        for (joint, sums) in self.total.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+        for (all, total) in self.all.iter_mut().zip(&self.total) {
+            all.copy_from(total);
+        }
+        for age in 0..self.pending.len() {
+            for (all, slice) in self.all.iter_mut().zip(&self.pending.get(age).sums) {
+                all.add(slice);
+            }
+        }
+        for (joint, sums) in self.all.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
             let rows = sums.rows as f64;
             let own = self.model.friction_of(joint).len().max(1) as f64;
-            let variance = sums.residual_square(&self.theta) / (rows - own).max(1.0); // (2)
+            let variance = sums.residual_square(&self.effective) / (rows - own).max(1.0); // (2)
             let floor = (sums.square / rows).sqrt() * SMALLEST_STD;
             self.torque_std[joint] = variance.sqrt().max(floor).max(f64::MIN_POSITIVE.sqrt());
         }
@@ -267,16 +510,16 @@ impl RobotIdentifier {
 
     /// (3) over the recent blocks.
     fn inflate(&mut self) {
-        let (assumed, weight) = ASSUMED_INFLATION;
         for joint in 0..self.model.robot().len() {
             let friction = self.model.friction_of(joint).len();
+            let (assumed, weight) = (self.assumed.0[joint], self.assumed.1);
             let (mut sum, mut count) = (assumed * weight, weight);
-            for block in self.recent.iter().take(self.blocks.min(RECENT) + 1) {
+            for block in self.recent.iter().take(self.recent_blocks) {
                 let sums = &block[joint];
                 if sums.rows == 0 || friction == 0 {
                     continue;
                 }
-                if let Some((square, directions)) = friction_misfit(sums, friction, &self.theta) {
+                if let Some((square, directions)) = friction_misfit(sums, friction, &self.effective) {
                     sum += square / (directions * self.torque_std[joint].powi(2)); // (3)
                     count += 1.0;
                 }
@@ -285,87 +528,207 @@ impl RobotIdentifier {
         }
     }
 
-    fn weight(&self, joint: usize) -> f64 {
+    /// The blocks so far are those of another machine: f_j is kept, but they are not looked at any more.
+    pub(super) fn forget_recent(&mut self) {
+        self.recent_blocks = 0;
+        for (assumed, inflation) in self.assumed.0.iter_mut().zip(&self.inflation) {
+            *assumed = inflation * inflation;
+        }
+        self.assumed.1 = KEPT_INFLATION;
+    }
+
+    pub(super) fn weight(&self, joint: usize) -> f64 {
         (self.inflation[joint] * self.torque_std[joint]).powi(-2)
+    }
+
+    /// The prior and `total` as information.
+    fn of_total(model: &RobotModel, total: &[JointSums], weight: impl Fn(usize) -> f64, into: &mut Information) {
+        into.clear();
+        for (i, parameter) in model.parameters().iter().enumerate() {
+            into.set_prior(i, parameter.nominal, parameter.scale);
+        }
+        let n = into.n;
+        for (joint, sums) in total.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+            sums.scatter(weight(joint), n, &mut into.matrix, &mut into.vector); // (1)
+        }
     }
 
     /// (1) over everything so far.
     fn solve_all(&mut self) {
-        let n = self.theta.len();
-        self.information.fill(0.0);
-        for (i, parameter) in self.model.parameters().iter().enumerate() {
-            self.information[i * n + i] = self.prior[i];
-            self.vector[i] = self.prior[i] * parameter.nominal;
+        let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
+        Self::of_total(&self.model, &self.all, weight, &mut self.system);
+        self.solver.solve(&self.system, &self.fixed, &mut self.theta); // (1)
+        self.refresh_effective();
+    }
+
+    /// Puts what has been summed up into the information; weights of what is past stay from here on.
+    pub(super) fn condense(&mut self) {
+        if !self.condensed {
+            self.condensed = true;
+            let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
+            Self::of_total(&self.model, &self.total, weight, &mut self.committed);
         }
-        for joint in 0..self.total.len() {
-            if self.total[joint].rows > 0 {
+    }
+
+    /// Puts what is known without the last `pending` slices into `system`: with none, without all of them.
+    pub(super) fn assemble_older(&mut self, slices: usize) {
+        if self.condensed {
+            self.system.copy_from(&self.committed);
+        } else {
+            let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
+            Self::of_total(&self.model, &self.total, weight, &mut self.system);
+        }
+        for age in 0..slices {
+            for joint in 0..self.block.len() {
                 let weight = self.weight(joint);
-                self.total[joint].scatter(weight, n, &mut self.information, &mut self.vector); // (1)
+                let sums = &self.pending.get(age).sums[joint];
+                if sums.rows > 0 {
+                    let load = self.payload.as_mut().filter(|_| self.is_loaded);
+                    learn(sums, weight, load, &mut self.system);
+                }
             }
         }
-        self.solve();
     }
 
-    /// θ̂ from the information; it stays as it is if rounding has spoilt this.
-    fn solve(&mut self) {
-        if self.factor.factor(self.theta.len(), &self.information) {
-            self.theta.copy_from_slice(&self.vector);
-            self.factor.solve(&mut self.theta); // (1)
-        }
+    /// What is known with all slices, in `system`.
+    pub(super) fn assemble(&mut self) {
+        self.assemble_older(self.pending.len());
     }
 
-    /// P = Λ⁻¹, which costs more than all else and is needed once per block.
-    fn refresh_covariance(&mut self) {
-        if self.factor.factor(self.theta.len(), &self.information) {
-            self.factor.inverse(&mut self.covariance, &mut self.work);
-        }
-    }
-
-    /// Λ = P⁻¹ and Λ θ̂, after P has been changed.
-    fn information_from_covariance(&mut self) {
-        let n = self.theta.len();
-        if self.factor.factor(n, &self.covariance) {
-            self.factor.inverse(&mut self.information, &mut self.work);
-            for i in 0..n {
-                let row = &self.information[i * n..(i + 1) * n];
-                self.vector[i] = row.iter().zip(&self.theta).map(|(a, x)| a * x).sum();
+    /// Makes the oldest slices part of what is known.
+    pub(super) fn commit_pending(&mut self, count: usize) {
+        for _ in 0..count {
+            let Some(slice) = self.pending.pop() else { return };
+            if !self.condensed {
+                for (total, sums) in self.total.iter_mut().zip(&slice.sums) {
+                    total.add(sums);
+                }
+                continue;
+            }
+            for (joint, sums) in slice.sums.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+                let weight = (self.inflation[joint] * self.torque_std[joint]).powi(-2);
+                let load = self.payload.as_mut().filter(|_| self.is_loaded);
+                learn(sums, weight, load, &mut self.committed);
             }
         }
     }
 
     /// (4).
-    fn walk(&mut self) {
+    fn walk_friction(&mut self) {
         if self.options.friction_walk == 0.0 {
             return;
         }
         let n = self.theta.len();
-        for joint in 0..self.model.robot().len() {
-            for i in self.model.friction_of(joint) {
-                let size = self.theta[i].abs().max(self.theta_std(i));
-                self.covariance[i * n + i] += (self.options.friction_walk * size).powi(2) * self.options.block_s; // (4)
-            }
+        for (k, &i) in self.frictions.iter().enumerate() {
+            let size = self.theta[i].abs().max(self.covariance[i * n + i].max(0.0).sqrt());
+            self.walk[k] = (self.options.friction_walk * size).powi(2) * self.options.block_s; // (4)
         }
-        self.information_from_covariance();
+        self.solver.walk(&mut self.committed, &self.frictions, &self.walk);
     }
 
     /// (1) for one more block, with σ_j followed.
-    fn follow(&mut self) {
-        let n = self.theta.len();
-        for joint in 0..self.block.len() {
-            if self.block[joint].rows > 0 {
-                let weight = self.weight(joint);
-                self.block[joint].scatter(weight, n, &mut self.information, &mut self.vector); // (1)
+    fn follow(&mut self, changed: bool) {
+        if self.payload.is_none() {
+            for joint in 0..self.block.len() {
+                if self.block[joint].rows > 0 {
+                    let weight = self.weight(joint);
+                    learn(&self.block[joint], weight, None, &mut self.committed); // (1)
+                }
             }
         }
-        self.solve();
-        self.refresh_covariance();
+        self.solve_known();
+        if changed {
+            return;
+        }
         for (joint, sums) in self.block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-            let variance = sums.residual_square(&self.theta) / sums.rows as f64;
+            let variance = sums.residual_square(&self.effective) / sums.rows as f64;
             let kept = self.torque_std[joint].powi(2);
             let floor = (sums.square / sums.rows as f64).sqrt() * SMALLEST_STD;
             self.torque_std[joint] = (kept + (variance - kept) / FOLLOWED_BLOCKS).sqrt().max(floor);
         }
         self.inflate();
+    }
+
+    /// The payload may be anything from now on; what was known of it is gone.
+    pub(super) fn load(&mut self) {
+        let Some(payload) = &self.payload else { return };
+        self.is_loaded = true;
+        for (p, i) in payload.indices().enumerate() {
+            self.fixed[i] = false;
+            self.committed.set_prior(i, 0.0, payload.prior[p]);
+        }
+    }
+
+    /// What is left of what is known when the payload may have been anything.
+    pub(super) fn marginalise_payload(&mut self) {
+        self.solver.marginalise(&mut self.committed, &self.carried);
+    }
+
+    /// There is no payload from now on.
+    pub(super) fn unload(&mut self) {
+        let Some(payload) = &self.payload else { return };
+        self.is_loaded = false;
+        for i in payload.indices() {
+            (self.fixed[i], self.theta[i]) = (true, 0.0);
+        }
+    }
+
+    pub(super) fn refresh_effective(&mut self) {
+        match self.payload.as_ref().filter(|_| self.is_loaded) {
+            Some(payload) => payload.effective(&self.theta, &mut self.effective),
+            None => {
+                let arm = self.effective.len();
+                self.effective.copy_from_slice(&self.theta[..arm]);
+            }
+        }
+    }
+
+    /// What the block alone says of each parameter that is known to within its size.
+    fn note_excitation(&mut self) {
+        let n = self.theta.len();
+        self.gain.clear();
+        for joint in 0..self.block.len() {
+            if self.block[joint].rows > 0 {
+                let weight = self.weight(joint);
+                let load = self.payload.as_mut().filter(|_| self.is_loaded);
+                learn(&self.block[joint], weight, load, &mut self.gain);
+            }
+        }
+        for i in 0..n {
+            self.size[i] = self.theta[i].abs().max(SMALLEST_SIZE * self.parameters[i].scale);
+            self.gain.matrix[i * n + i] += self.size[i].powi(-2);
+        }
+        self.figures
+            .of_gain(&mut self.solver, &self.gain, &self.fixed, &self.size);
+    }
+
+    /// After a state was copied in.
+    pub(super) fn go_on(&mut self) -> Result<(), StateError> {
+        self.condensed = true;
+        self.forget_recent();
+        self.assemble();
+        self.refresh_effective();
+        let positive = |x: &f64| *x >= 0.0;
+        if !self.torque_std.iter().chain(&self.inflation).all(positive)
+            || !self.solver.covariance(&self.system, &self.fixed, &mut self.covariance)
+        {
+            return Err(StateError::NotPositive);
+        }
+        Ok(())
+    }
+
+    /// Standard deviation of a parameter before anything was learnt.
+    pub fn prior_std(&self, parameter: usize) -> f64 {
+        self.parameters[parameter].scale
+    }
+}
+
+/// Adds weight · (A, b) of a joint's rows, of a robot with a payload or without.
+pub(super) fn learn(sums: &JointSums, weight: f64, load: Option<&mut Payload>, into: &mut Information) {
+    let n = into.n;
+    sums.scatter(weight, n, &mut into.matrix, &mut into.vector); // (1)
+    if let Some(payload) = load {
+        payload.scatter(sums, weight, into);
     }
 }
 

@@ -60,7 +60,8 @@ impl Drives {
         Ok(())
     }
 
-    fn torques(&self, input: &[f64; MAX_JOINTS]) -> [f64; MAX_JOINTS] {
+    /// Torques or forces at the joints from the inputs of the drives.
+    pub fn torques(&self, input: &[f64; MAX_JOINTS]) -> [f64; MAX_JOINTS] {
         let mut own = [0.0; MAX_JOINTS];
         for (i, gain) in self.gain.iter().enumerate() {
             own[i] = gain * input[i];

@@ -35,16 +35,23 @@
 
 mod base_parameters;
 mod butterworth;
+mod change;
 #[cfg(feature = "config")]
 mod config;
 mod dynamics;
 mod error;
+mod figures;
 mod fit;
 mod friction;
 mod identify;
+mod information;
 mod log;
 mod model;
+mod payload;
+mod persist;
+mod physical;
 mod random;
+mod recent;
 mod reference;
 mod regressor;
 mod rows;
@@ -54,19 +61,27 @@ mod state;
 mod sums;
 mod tree;
 mod urdf;
+mod velocity;
+mod watch;
+mod watch_room;
 mod xml;
 
 pub use base_parameters::{BaseParameter, BaseParameters, Standard};
 pub use butterworth::ZeroPhaseLowPass;
+pub use change::{ChangeCause, RobotChange};
 #[cfg(feature = "config")]
 pub use config::RobotConfig;
 pub use dynamics::{forward_dynamics, inverse_dynamics};
 pub use error::UrdfError;
+pub use figures::BlockFigures;
 pub use fit::{TorqueFit, filtered};
 pub use friction::{FrictionTerm, JointFriction};
 pub use identify::{IdentifyOptions, RobotIdentifier};
 pub use log::{Drives, LogColumns, LogError, read_log};
 pub use model::{RobotModel, RobotParameter};
+pub use physical::{
+    BodyInformation, controller_std, controller_values, information, is_physical, project, pseudo_inertia,
+};
 pub use reference::{MAX_HARMONICS, MotionLimits, Motions, Reference, Setpoint};
 pub use regressor::EnergyRegressors;
 pub use rows::{SampleFault, WeakRow, WeakRows, WindowOptions};
@@ -75,3 +90,4 @@ pub use spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};
 pub use state::{FilteredSample, RobotSample};
 pub use tree::{Robot, RobotJoint, Selection};
 pub use urdf::{Joint, JointKind, Limits, Link, Urdf};
+pub use velocity::Velocities;

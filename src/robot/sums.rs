@@ -16,6 +16,8 @@ pub(super) struct JointSums {
     pub moment: Vec<f64>,
     /// c.
     pub square: f64,
+    /// Σ τ.
+    pub sum: f64,
     /// Number of rows.
     pub rows: usize,
 }
@@ -29,6 +31,7 @@ impl JointSums {
             gram: vec![0.0; m * m],
             moment: vec![0.0; m],
             square: 0.0,
+            sum: 0.0,
             rows: 0,
         }
     }
@@ -43,6 +46,7 @@ impl JointSums {
         self.gram.fill(0.0);
         self.moment.fill(0.0);
         self.square = 0.0;
+        self.sum = 0.0;
         self.rows = 0;
     }
 
@@ -51,6 +55,7 @@ impl JointSums {
         self.gram.copy_from_slice(&other.gram);
         self.moment.copy_from_slice(&other.moment);
         self.square = other.square;
+        self.sum = other.sum;
         self.rows = other.rows;
     }
 
@@ -65,6 +70,7 @@ impl JointSums {
             self.moment[i] += x[i] * torque;
         }
         self.square += torque * torque;
+        self.sum += torque;
         self.rows += 1;
     }
 
@@ -83,6 +89,7 @@ impl JointSums {
         self.gram.iter_mut().zip(&other.gram).for_each(|(a, b)| *a += b);
         self.moment.iter_mut().zip(&other.moment).for_each(|(a, b)| *a += b);
         self.square += other.square;
+        self.sum += other.sum;
         self.rows += other.rows;
     }
 
@@ -106,6 +113,14 @@ impl JointSums {
         let row = &self.gram[column * m..(column + 1) * m];
         let predicted: f64 = row.iter().zip(&self.columns).map(|(a, &k)| a * theta[k]).sum();
         self.moment[column] - predicted
+    }
+
+    /// Takes θ for the origin: b becomes the gradient there, c the sum of squared residuals.
+    pub fn shift(&mut self, theta: &[f64]) {
+        self.square = self.residual_square(theta);
+        for column in 0..self.moment.len() {
+            self.moment[column] = self.gradient(column, theta);
+        }
     }
 
     /// Adds weight · A and weight · b to an n × n information matrix and vector.

@@ -1,0 +1,177 @@
+//! Has the machine changed within the last second, what is it, and when was it?
+//!
+//! With δ the error of what was known before the last rows, A and g the information and gradient of these, and x what may have changed at once:
+//!
+//! ```text
+//! δ ~ N(0, Λ⁻¹),  x ~ N(0, R):   L_E = ½ hᵀ H⁻¹ h − ½ ln det H − ½ ln det R                      (1)
+//! H = [Λ + A, A E; Eᵀ A, Eᵀ A E + R⁻¹],   h = (g, Eᵀ g)
+//! gain_E = L_E − L_0                         ln of the Bayes factor against "nothing has changed" (2)
+//! t_c = argmin Σ_{t < t_c} ‖r(θ)‖² + Σ_{t ≥ t_c} ‖r(θ')‖²                                         (3)
+//! ```
+//!
+//! E is M of [`payload`](super::payload) for a payload and picks columns for friction. (1) weighs how much each of them explains against how much it
+//! could explain anyway: the offsets of friction can imitate a weight for a second, but have no reason to do so at all joints at once in the proportion of one
+//! payload. The rows' weights hold f_j, so that friction's usual misfit raises no alarm. Source: R. Kass, A. Raftery, J. of the American Statistical Association 90
+//! (1995).
+
+use super::information::Information;
+use super::payload::Payload;
+use super::spatial::BODY_PARAMETERS;
+use crate::estimator::linalg::Cholesky;
+
+/// What has changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ChangeCause {
+    /// What the flange carries.
+    Payload,
+    /// The friction of joints.
+    Friction,
+    /// Neither of them explains it: a force from outside, or another machine.
+    Unexplained,
+}
+
+/// A change that was found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RobotChange {
+    /// What has changed.
+    pub cause: ChangeCause,
+    /// When \[s\].
+    pub t_s: f64,
+    /// Time of the last row that was needed to find it \[s\].
+    pub found_s: f64,
+}
+
+/// What may have changed at once.
+#[derive(Clone, Copy)]
+pub(super) enum Extra<'a> {
+    Nothing,
+    Payload(&'a Payload),
+    /// Parameters with the standard deviations of their change.
+    Parameters(&'a [usize], &'a [f64]),
+}
+
+/// Room for (1).
+#[derive(Debug, Clone)]
+pub(super) struct Evidence {
+    factor: Cholesky,
+    a: Vec<f64>,
+    h: Vec<f64>,
+    rhs: Vec<f64>,
+    columns: Vec<f64>,
+    free: Vec<usize>,
+    /// δ over all parameters, after [`weigh`](Self::weigh).
+    pub delta: Vec<f64>,
+    /// x.
+    pub extra: Vec<f64>,
+}
+
+impl Evidence {
+    /// For n parameters and up to `extra` that may change.
+    pub fn new(n: usize, extra: usize) -> Self {
+        let m = n + extra;
+        Self {
+            factor: Cholesky::new(m),
+            a: vec![0.0; m * m],
+            h: vec![0.0; m],
+            rhs: vec![0.0; m],
+            columns: vec![0.0; n * extra],
+            free: Vec::with_capacity(n),
+            delta: vec![0.0; n],
+            extra: vec![0.0; extra],
+        }
+    }
+
+    /// L_E of (1), and its δ and x; `known` is Λ, `data` holds A and g at the estimate of it. `None` if rounding has spoilt H.
+    pub fn weigh(&mut self, known: &Information, data: &Information, fixed: &[bool], extra: Extra<'_>) -> Option<f64> {
+        let n = known.n;
+        self.free.clear();
+        self.free.extend((0..n).filter(|i| !fixed[*i]));
+        let (f, k) = (self.free.len(), extra.len());
+        let m = f + k;
+        for i in 0..n {
+            for e in 0..k {
+                self.columns[i * k + e] = extra.product(&data.matrix[i * n..(i + 1) * n], e); // A E
+            }
+        }
+        for (r, &i) in self.free.iter().enumerate() {
+            for (c, &j) in self.free.iter().enumerate() {
+                self.a[r * m + c] = known.matrix[i * n + j] + data.matrix[i * n + j];
+            }
+            for e in 0..k {
+                self.a[r * m + f + e] = self.columns[i * k + e];
+                self.a[(f + e) * m + r] = self.columns[i * k + e];
+            }
+            self.h[r] = data.vector[i];
+        }
+        let mut spread = 0.0;
+        for e in 0..k {
+            for d in 0..k {
+                self.a[(f + d) * m + f + e] = extra.product_of(&self.columns, k, d, e); // Eᵀ A E
+            }
+            self.a[(f + e) * m + f + e] += extra.std(e).powi(-2);
+            spread += 2.0 * extra.std(e).ln();
+            self.h[f + e] = extra.product(&data.vector, e);
+        }
+        if !self.factor.factor(m, &self.a[..m * m]) {
+            return None;
+        }
+        self.rhs[..m].copy_from_slice(&self.h[..m]);
+        self.factor.solve(&mut self.rhs[..m]);
+        let explained: f64 = self.h[..m].iter().zip(&self.rhs[..m]).map(|(a, b)| a * b).sum();
+        self.delta.fill(0.0);
+        for (r, &i) in self.free.iter().enumerate() {
+            self.delta[i] = self.rhs[r];
+        }
+        self.extra[..k].copy_from_slice(&self.rhs[f..m]);
+        Some(0.5 * (explained - self.factor.log_determinant() - spread)) // (1)
+    }
+}
+
+impl Extra<'_> {
+    fn len(&self) -> usize {
+        match self {
+            Self::Nothing => 0,
+            Self::Payload(_) => BODY_PARAMETERS,
+            Self::Parameters(indices, _) => indices.len(),
+        }
+    }
+
+    fn std(&self, e: usize) -> f64 {
+        match self {
+            Self::Nothing => 1.0,
+            Self::Payload(payload) => payload.prior[e],
+            Self::Parameters(_, std) => std[e],
+        }
+    }
+
+    /// A row over the parameters times column e of E.
+    fn product(&self, row: &[f64], e: usize) -> f64 {
+        match self {
+            Self::Nothing => 0.0,
+            Self::Payload(payload) => (0..payload.first).map(|a| row[a] * payload.row(a)[e]).sum(),
+            Self::Parameters(indices, _) => row[indices[e]],
+        }
+    }
+
+    /// Entry (d, e) of Eᵀ (A E).
+    fn product_of(&self, columns: &[f64], k: usize, d: usize, e: usize) -> f64 {
+        match self {
+            Self::Nothing => 0.0,
+            Self::Payload(payload) => (0..payload.first).map(|a| payload.row(a)[d] * columns[a * k + e]).sum(),
+            Self::Parameters(indices, _) => columns[indices[d] * k + e],
+        }
+    }
+
+    /// step + E x, as a step of the arm's parameters.
+    pub fn add(&self, extra: &[f64], step: &mut [f64]) {
+        match self {
+            Self::Nothing => {}
+            Self::Payload(payload) => {
+                for (a, step) in step.iter_mut().enumerate() {
+                    *step += payload.row(a).iter().zip(extra).map(|(m, x)| m * x).sum::<f64>();
+                }
+            }
+            Self::Parameters(indices, _) => indices.iter().zip(extra).for_each(|(&i, x)| step[i] += x),
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! How well a block was predicted and is fitted, per joint, and what it says of each parameter.
+//!
+//! ```text
+//! innovation² = Σ r(θ̂ before)²/rows,   residual² = Σ r(θ̂)²/rows,   explained = 1 − Σ r(θ̂)²/Σ (τ − mean τ)²      (1)
+//! fit = residual²/σ_j²                                                                                             (2)
+//! ```
+//!
+//! Rows overlap, so that only stride/length of them count as independent in the probability of (2). σ_j is learnt from the same machine and holds
+//! friction's misfit, so three times its square is allowed, as for every noise level that is learnt.
+
+use super::information::{Information, Solver};
+use super::rows::WindowOptions;
+use super::sums::JointSums;
+use crate::estimator::stats::f_tail;
+use crate::model::MAX_JOINTS;
+
+/// Slack of a variance that was learnt.
+const SLACK: f64 = 3.0;
+/// Power of the signal over that of the residuals' level from which on a block shows what is explained.
+const STANDS_OUT: f64 = 30.0;
+
+/// Figures of the last block; arrays are per joint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BlockFigures {
+    /// Rows of the joint.
+    pub rows: [usize; MAX_JOINTS],
+    /// Root mean square of measured minus predicted torque before the block was learnt \[N m or N\].
+    pub innovation_rms: [f64; MAX_JOINTS],
+    /// The same afterwards.
+    pub residual_rms: [f64; MAX_JOINTS],
+    /// Root mean square of the torque \[N m or N\].
+    pub signal_rms: [f64; MAX_JOINTS],
+    /// σ_j that the block is compared with \[N m or N\]; 0 in the first block.
+    pub level: [f64; MAX_JOINTS],
+    /// Share of the torque's variance that is explained, of the last block in which the torque changed enough to tell.
+    pub explained: [f64; MAX_JOINTS],
+    /// (2); 1 on average.
+    pub fit: [f64; MAX_JOINTS],
+    /// Probability of residuals as large as these, of the joint that fits worst.
+    pub fit_probability: f64,
+    /// Share of the variance of a parameter known to within its size that this block alone would remove, 0 to 1.
+    pub excitation: Vec<f64>,
+    covariance: Vec<f64>,
+    independent: f64,
+}
+
+impl BlockFigures {
+    pub(super) fn new(parameters: usize) -> Self {
+        Self {
+            rows: [0; MAX_JOINTS],
+            innovation_rms: [0.0; MAX_JOINTS],
+            residual_rms: [0.0; MAX_JOINTS],
+            signal_rms: [0.0; MAX_JOINTS],
+            level: [0.0; MAX_JOINTS],
+            explained: [0.0; MAX_JOINTS],
+            fit: [0.0; MAX_JOINTS],
+            fit_probability: 1.0,
+            excitation: vec![0.0; parameters],
+            covariance: vec![0.0; parameters * parameters],
+            independent: 1.0,
+        }
+    }
+
+    pub(super) fn clear(&mut self) {
+        let excitation = std::mem::take(&mut self.excitation);
+        let covariance = std::mem::take(&mut self.covariance);
+        *self = Self {
+            excitation,
+            covariance,
+            ..Self::new(0)
+        };
+        self.excitation.fill(0.0);
+    }
+
+    /// Before the block is learnt.
+    pub(super) fn of_innovation(&mut self, block: &[JointSums], theta: &[f64], std: &[f64], windows: &WindowOptions) {
+        self.independent = (windows.stride_s / windows.length_s).min(1.0);
+        for (j, sums) in block.iter().enumerate() {
+            let rows = sums.rows.max(1) as f64;
+            self.rows[j] = sums.rows;
+            self.level[j] = std[j];
+            self.innovation_rms[j] = (sums.residual_square(theta) / rows).sqrt(); // (1)
+            self.signal_rms[j] = (sums.square / rows).sqrt();
+        }
+    }
+
+    /// Afterwards; `std` is the level by now.
+    pub(super) fn of_residual(&mut self, block: &[JointSums], theta: &[f64], std: &[f64]) {
+        let joints = block.len() as f64;
+        self.fit_probability = 1.0;
+        for (j, sums) in block.iter().enumerate() {
+            let rows = sums.rows.max(1) as f64;
+            let square = sums.residual_square(theta);
+            self.residual_rms[j] = (square / rows).sqrt(); // (1)
+            let spread = sums.square - sums.sum * sums.sum / rows;
+            if sums.rows > 0 && spread > STANDS_OUT * rows * std[j].powi(2) {
+                self.explained[j] = 1.0 - square / spread; // (1)
+            }
+            self.fit[j] = 1.0;
+            if sums.rows > 0 && self.level[j] > 0.0 {
+                self.fit[j] = square / (rows * self.level[j].powi(2)); // (2)
+                let tail = f_tail(self.fit[j] / (1.0 + SLACK), (rows * self.independent).max(1.0), 1e5);
+                self.fit_probability = self.fit_probability.min((joints * tail).min(1.0));
+            }
+        }
+    }
+
+    /// With what the block says and the parameters' sizes.
+    pub(super) fn of_gain(&mut self, solver: &mut Solver, gain: &Information, fixed: &[bool], size: &[f64]) {
+        let n = gain.n;
+        let solved = solver.covariance(gain, fixed, &mut self.covariance);
+        for i in 0..n {
+            let left = self.covariance[i * n + i] / size[i].powi(2);
+            self.excitation[i] = if solved && !fixed[i] {
+                (1.0 - left).clamp(0.0, 1.0)
+            } else {
+                0.0
+            };
+        }
+    }
+}

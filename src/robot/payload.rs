@@ -1,0 +1,142 @@
+//! What the flange carries: ten parameters of their own beside the arm's.
+//!
+//! ```text
+//! β' = β + M π,     M = K T                                                                       (1)
+//! x' = (x, x M),    A' = [A, A M; Mᵀ A, Mᵀ A M],   b' = (b, Mᵀ b)                                 (2)
+//! ```
+//!
+//! T moves a body from the flange into the frame of the last joint, K takes standard to base parameters. A rigid payload acts as if the last body were
+//! another one, so its columns are combinations of the arm's: no row has to be made anew, and rows alone cannot tell the payload from the arm. The arm
+//! as it was learnt without payload does.
+
+use super::information::Information;
+use super::model::{RobotModel, RobotParameter};
+use super::spatial::{BODY_PARAMETERS, BodyParameters};
+use super::sums::JointSums;
+
+/// Names of the ten, in the order of [`BODY_PARAMETERS`].
+const NAMES: [(&str, &str, &str); BODY_PARAMETERS] = [
+    ("payload_m", "kg", "mass of the payload"),
+    ("payload_hx", "kg m", "first moment of the payload about the flange, x"),
+    ("payload_hy", "kg m", "first moment of the payload about the flange, y"),
+    ("payload_hz", "kg m", "first moment of the payload about the flange, z"),
+    ("payload_Ixx", "kg m^2", "inertia of the payload about the flange, xx"),
+    ("payload_Ixy", "kg m^2", "inertia of the payload about the flange, xy"),
+    ("payload_Iyy", "kg m^2", "inertia of the payload about the flange, yy"),
+    ("payload_Ixz", "kg m^2", "inertia of the payload about the flange, xz"),
+    ("payload_Iyz", "kg m^2", "inertia of the payload about the flange, yz"),
+    ("payload_Izz", "kg m^2", "inertia of the payload about the flange, zz"),
+];
+/// Payload that a robot can have, as a part of its own mass, and its distance from the flange as a part of the robot's reach.
+const LARGEST: (f64, f64) = (0.25, 0.15);
+
+/// M with the prior of a payload.
+#[derive(Debug, Clone)]
+pub(super) struct Payload {
+    /// Index of its first parameter: the number of the arm's.
+    pub first: usize,
+    /// M, a row of ten per parameter of the arm.
+    map: Vec<[f64; BODY_PARAMETERS]>,
+    /// Standard deviations of the prior, about 0.
+    pub prior: [f64; BODY_PARAMETERS],
+    product: Vec<[f64; BODY_PARAMETERS]>,
+}
+
+impl Payload {
+    pub fn new(model: &RobotModel) -> Self {
+        let robot = model.robot();
+        let n = robot.len();
+        let mut bare = robot.clone();
+        bare.bodies
+            .iter_mut()
+            .for_each(|body| *body = BodyParameters::default());
+        let mut map = vec![[0.0; BODY_PARAMETERS]; model.parameters().len()];
+        for p in 0..BODY_PARAMETERS {
+            let mut unit = BodyParameters::default();
+            unit.0[p] = 1.0;
+            bare.bodies[n - 1] = unit.moved(&robot.flange);
+            // K of (1): what is linear in the bodies.
+            for (row, entry) in map
+                .iter_mut()
+                .zip(model.base().nominal(&bare, &[0.0; crate::model::MAX_JOINTS]))
+            {
+                row[p] = entry;
+            }
+        }
+        let mass: f64 = LARGEST.0 * robot.bodies.iter().map(BodyParameters::mass).sum::<f64>();
+        let reach: f64 = robot
+            .joints
+            .iter()
+            .map(|joint| joint.placement.translation.norm())
+            .sum();
+        let arm = LARGEST.1 * reach.max(0.1);
+        let prior = std::array::from_fn(|p| match p {
+            0 => mass,
+            1..4 => mass * arm,
+            _ => mass * arm * arm,
+        });
+        Self {
+            first: map.len(),
+            product: vec![[0.0; BODY_PARAMETERS]; map.len()],
+            map,
+            prior,
+        }
+    }
+
+    /// Its parameters.
+    pub fn parameters(&self) -> impl Iterator<Item = RobotParameter> + '_ {
+        NAMES
+            .iter()
+            .zip(self.prior)
+            .map(|((name, unit, meaning), scale)| RobotParameter {
+                name: (*name).to_owned(),
+                unit,
+                meaning: (*meaning).to_owned(),
+                nominal: 0.0,
+                scale,
+            })
+    }
+
+    /// Indices of its parameters.
+    pub fn indices(&self) -> std::ops::Range<usize> {
+        self.first..self.first + BODY_PARAMETERS
+    }
+
+    /// A row of M.
+    pub fn row(&self, parameter: usize) -> &[f64; BODY_PARAMETERS] {
+        &self.map[parameter]
+    }
+
+    /// (1): the arm's parameters that act as arm and payload do.
+    pub fn effective(&self, theta: &[f64], out: &mut [f64]) {
+        let payload = &theta[self.indices()];
+        for (i, row) in self.map.iter().enumerate() {
+            out[i] = theta[i] + row.iter().zip(payload).map(|(m, x)| m * x).sum::<f64>(); // (1)
+        }
+    }
+
+    /// (2): adds the payload's part of weight · (A, b) of a joint.
+    pub fn scatter(&mut self, sums: &JointSums, weight: f64, into: &mut Information) {
+        let (n, m) = (into.n, sums.columns().len());
+        for (i, product) in self.product.iter_mut().take(m).enumerate() {
+            *product = [0.0; BODY_PARAMETERS];
+            for (entry, &k) in sums.gram[i * m..(i + 1) * m].iter().zip(sums.columns()) {
+                for (product, factor) in product.iter_mut().zip(&self.map[k]) {
+                    *product += entry * factor; // (2): A M
+                }
+            }
+        }
+        for (i, &a) in sums.columns().iter().enumerate() {
+            for p in 0..BODY_PARAMETERS {
+                let entry = weight * self.product[i][p];
+                into.matrix[a * n + self.first + p] += entry; // (2)
+                into.matrix[(self.first + p) * n + a] += entry;
+                let factor = weight * self.map[a][p];
+                into.vector[self.first + p] += factor * sums.moment[i]; // (2)
+                for q in 0..BODY_PARAMETERS {
+                    into.matrix[(self.first + p) * n + self.first + q] += factor * self.product[i][q]; // (2)
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! What a robot's identification must keep to be continued by another process.
+//!
+//! The rows that are kept apart are taken as known then, and sums are condensed: what goes on from a state weighs what is past as it was weighed.
+
+use super::identify::RobotIdentifier;
+use crate::estimator::persist::{Load, Save, Visit};
+use crate::estimator::{EstimatorState, StateError};
+
+impl RobotIdentifier {
+    /// Copies the state out; allocates only where the lists have no room yet. The first numbers are θ̂.
+    pub fn save(&mut self, into: &mut EstimatorState) {
+        into.reals.clear();
+        into.counts.clear();
+        self.assemble();
+        let mut save = Save(into);
+        save.reals(&mut self.theta);
+        save.reals(&mut self.system.matrix);
+        save.reals(&mut self.system.vector);
+        self.visit_rest(&mut save);
+    }
+
+    /// Goes on from a state.
+    ///
+    /// # Errors
+    /// A state of another model, or one that no identification can be in; nothing is known then.
+    pub fn load_state(&mut self, state: &EstimatorState) -> Result<(), StateError> {
+        self.reset();
+        let checked = self.take_in(state);
+        if checked.is_err() {
+            self.reset();
+        }
+        checked
+    }
+
+    fn take_in(&mut self, state: &EstimatorState) -> Result<(), StateError> {
+        if let Some(index) = state.reals.iter().position(|x| !x.is_finite()) {
+            return Err(StateError::NotFinite { index });
+        }
+        let mut load = Load::new(state);
+        load.reals(&mut self.theta);
+        load.reals(&mut self.committed.matrix);
+        load.reals(&mut self.committed.vector);
+        self.visit_rest(&mut load);
+        load.finish(state)?;
+        self.go_on()
+    }
+
+    fn visit_rest(&mut self, v: &mut impl Visit) {
+        v.reals(&mut self.torque_std);
+        v.reals(&mut self.inflation);
+        v.reals(&mut self.figures.explained);
+        self.fixed.iter_mut().for_each(|fixed| v.flag(fixed));
+        v.flag(&mut self.is_loaded);
+        let mut blocks = self.blocks as u64;
+        v.count(&mut blocks);
+        self.blocks = blocks as usize;
+    }
+}

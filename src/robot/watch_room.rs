@@ -1,0 +1,45 @@
+//! Room for the watch over changes, taken at the start.
+
+use super::change::{Evidence, RobotChange};
+use super::information::Information;
+use super::sums::JointSums;
+
+/// What the watch works with.
+#[derive(Debug, Clone)]
+pub(super) struct Watch {
+    pub evidence: Evidence,
+    /// Sums of the last slices, with the gradient at what was known before them.
+    pub window: Vec<JointSums>,
+    /// The same as information.
+    pub data: Information,
+    /// What was known before: all parameters, and as those of the arm.
+    pub theta: Vec<f64>,
+    pub effective: Vec<f64>,
+    /// As those of the arm by what has changed.
+    pub changed: Vec<f64>,
+    /// Indices of the friction's parameters and the standard deviations of their change.
+    pub friction_std: Vec<f64>,
+    /// Slices since the machine first looked changed without it being clear how.
+    pub doubt: usize,
+    /// Begin of the window \[s\].
+    pub begin_s: f64,
+    /// The change found since the block began.
+    pub found: Option<RobotChange>,
+}
+
+impl Watch {
+    pub fn new(parameters: usize, arm: usize, frictions: usize, empty: &[JointSums]) -> Self {
+        Self {
+            evidence: Evidence::new(parameters, frictions.max(super::spatial::BODY_PARAMETERS)),
+            window: empty.to_vec(),
+            data: Information::new(parameters),
+            theta: vec![0.0; parameters],
+            effective: vec![0.0; arm],
+            changed: vec![0.0; arm],
+            friction_std: vec![0.0; frictions],
+            doubt: 0,
+            begin_s: 0.0,
+            found: None,
+        }
+    }
+}

@@ -34,7 +34,7 @@ pub struct Change {
 }
 
 /// The answer to a block with its evidence. Parameters in the plant's units and order, equations in the structure's order.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Report {
     /// θ̂, with [`EstimatorOptions::relations`](super::EstimatorOptions::relations) imposed.
     pub theta: Vec<f64>,

@@ -67,6 +67,7 @@ pub struct StateMachine {
     seen: bool,
     misfit: bool,
     informed: bool,
+    least_explained: f64,
 }
 
 impl StateMachine {
@@ -91,7 +92,15 @@ impl StateMachine {
             seen: false,
             misfit: false,
             informed: false,
+            least_explained: LEAST_EXPLAINED,
         }
+    }
+
+    /// The same for a machine of which a model can be expected to explain this share of each signal's power, 0 to 1.
+    #[must_use]
+    pub fn explaining(mut self, share: f64) -> Self {
+        self.least_explained = share;
+        self
     }
 
     /// Back to the start, for the estimator's start value.
@@ -103,7 +112,7 @@ impl StateMachine {
     }
 
     /// What goes from block to block; see `persist.rs`.
-    pub(super) fn visit(&mut self, v: &mut impl Visit) {
+    pub(crate) fn visit(&mut self, v: &mut impl Visit) {
         v.reals(&mut self.theta);
         for count in [&mut self.predicted, &mut self.poor, &mut self.clean] {
             v.small(count);
@@ -194,7 +203,7 @@ impl StateMachine {
             self.changing = false;
         }
         // before θ̂ predicts anything, a model that explains little is one that is still being learnt
-        let explains = report.explained.iter().all(|&share| share >= LEAST_EXPLAINED);
+        let explains = report.explained.iter().all(|&share| share >= self.least_explained);
         self.misfit = report.misfit != 0 || self.converged && !(explains && report.pressed == 0);
         self.informed = report.informed && report.usable != 0;
         if report.misfit != 0 {

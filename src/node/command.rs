@@ -28,6 +28,11 @@ pub enum Change {
         /// It continues from a checkpoint.
         warm: bool,
     },
+    /// Begin anew, or go on from a state: for a node that does so in its own memory.
+    Restart {
+        /// The state; `None` for the start.
+        state: Option<Box<NodeState>>,
+    },
     /// Other tunables; see [`BlockEstimator::retune`].
     Tune {
         /// With the new tunables.
@@ -58,7 +63,7 @@ pub enum Change {
 impl Change {
     /// True if the whole estimator is exchanged.
     pub(super) fn replaces(&self) -> bool {
-        matches!(self, Self::Replace { .. })
+        matches!(self, Self::Replace { .. } | Self::Restart { .. })
     }
 }
 
@@ -68,6 +73,7 @@ impl fmt::Debug for Change {
             Self::Pause => "Pause",
             Self::Resume => "Resume",
             Self::Replace { .. } => "Replace",
+            Self::Restart { .. } => "Restart",
             Self::Tune { .. } => "Tune",
             Self::Fix { .. } => "Fix",
             Self::Free { .. } => "Free",

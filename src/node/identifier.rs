@@ -242,6 +242,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
                 block_len, rows: None, ..
             } => *block_len != self.grid.len && !self.commands.will_resize_to(*block_len),
             Change::Fix { index, .. } | Change::Free { index } => *index >= self.estimator.structure().params,
+            Change::Restart { .. } => true,
             _ => false,
         };
         if foreign || !self.commands.has_room_for(&order) {
@@ -623,7 +624,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
                     self.grid = BlockGrid { seq, block, len };
                 }
             }
-            Change::Kept => {}
+            Change::Kept | Change::Restart { .. } => {}
             Change::Fix { index, value } => {
                 self.status.flags |= status_flags::COMMANDED;
                 let value = value.unwrap_or(self.estimator.report().theta[*index]);

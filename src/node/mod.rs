@@ -14,6 +14,10 @@ pub mod model;
 pub mod monitor;
 pub mod plant;
 mod replayed;
+#[cfg(feature = "robot")]
+pub mod robot;
+#[cfg(feature = "robot")]
+mod robot_evidence;
 mod sample_gate;
 #[cfg(feature = "sim")]
 pub mod simulated_plant;

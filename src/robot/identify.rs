@@ -302,6 +302,16 @@ impl RobotIdentifier {
         self.change
     }
 
+    /// Length of the windows of the rows \[s\].
+    pub fn window_s(&self) -> f64 {
+        self.options.windows.length_s
+    }
+
+    /// True if a payload is looked for.
+    pub fn estimates_payload(&self) -> bool {
+        self.payload.is_some()
+    }
+
     /// True while the flange carries something, as far as is known.
     pub fn is_loaded(&self) -> bool {
         self.is_loaded
@@ -416,6 +426,9 @@ impl RobotIdentifier {
     /// Windows begin anew with the next sample, because time has been lost.
     pub fn restart_windows(&mut self) {
         self.rows.restart();
+        self.commit_pending(self.pending.len());
+        self.ring.clear();
+        (self.slice_end, self.block_slices) = (None, 0);
     }
 
     /// Makes friction uncertain again, as after a pause in which drives and oil change their temperature; inertial parameters stay.

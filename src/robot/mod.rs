@@ -35,6 +35,7 @@
 
 mod base_parameters;
 mod butterworth;
+mod carried;
 mod change;
 #[cfg(feature = "config")]
 mod config;
@@ -68,6 +69,7 @@ mod xml;
 
 pub use base_parameters::{BaseParameter, BaseParameters, Standard};
 pub use butterworth::ZeroPhaseLowPass;
+pub use carried::{CarriedPayload, PAYLOAD_VALUES};
 pub use change::{ChangeCause, RobotChange};
 #[cfg(feature = "config")]
 pub use config::RobotConfig;

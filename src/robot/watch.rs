@@ -4,6 +4,7 @@ use super::change::{ChangeCause, Extra, RobotChange};
 use super::identify::{RobotIdentifier, learn};
 use super::recent::RowRing;
 use super::sums::JointSums;
+use super::watch_room::Watch;
 
 /// Slices that are held against what was known before them.
 const WINDOW: usize = 4;
@@ -14,16 +15,28 @@ const ALARM: f64 = 18.0;
 /// … by which a payload must be likelier than friction of one joint, and by how much less than friction of all joints it may be.
 const CLEAR: f64 = 5.0;
 const BROAD: f64 = 10.0;
+/// The same as a part of what friction of all joints gains: the rows during the change fit neither.
+const SHARE: f64 = 0.15;
 /// Slices that it may take to tell them apart; the first is always waited for, for a joint that sets off shakes for a moment.
 const DOUBTS: usize = 4;
 /// Least size of a friction parameter, as a part of its prior.
 const FRICTION_SIZE: f64 = 0.02;
 /// ln of the Bayes factor above which the flange is not empty.
 const CARRIES: f64 = 3.0;
+/// Length of time that a row's window and the velocities in it reach over, in windows.
+const REACH: f64 = 1.5;
 /// Residuals behind a change beyond so many σ_j f_j are not explained.
-const UNEXPLAINED: f64 = 3.0;
+const UNEXPLAINED: f64 = 6.0;
 /// A change of the payload shakes friction, too: the standard deviation of that, as a part of its size.
 const SHAKEN: f64 = 0.05;
+
+/// What may have changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Suspect {
+    Payload,
+    /// Friction of a joint, or of all of them.
+    Friction(Option<usize>),
+}
 
 impl RobotIdentifier {
     /// Ends the slice that is open: adds it to the block, keeps it apart, and looks whether the machine is still the same.
@@ -55,28 +68,40 @@ impl RobotIdentifier {
         if self.blocks < LEARNT_BLOCKS {
             return;
         }
-        let older = self.pending.len() - slices;
-        self.assemble_older(older);
         let Some(mut watch) = self.watch.take() else { return };
-        watch.theta.copy_from_slice(&self.theta);
-        watch.begin_s = self.pending.get(older).begin_s;
-        let found = if self.solver.solve(&self.system, &self.fixed, &mut watch.theta) {
-            self.effective_of(&watch.theta, &mut watch.effective);
-            for (joint, window) in watch.window.iter_mut().enumerate() {
-                window.clear();
-                for age in older..self.pending.len() {
-                    window.add(&self.pending.get(age).sums[joint]);
-                }
-            }
-            self.weigh_window(&mut watch);
-            self.judge(&mut watch)
-        } else {
-            None
+        let suspect = match self.prepare(&mut watch, slices) {
+            true => self.judge(&mut watch),
+            false => None,
         };
+        let found = suspect.filter(|(suspect, slices)| self.explain(&mut watch, *suspect, *slices).is_some());
         self.watch = Some(watch);
-        if let Some(cause) = found {
-            self.take_over(cause, now_s);
+        match found {
+            Some((Suspect::Payload, _)) => self.take_over(ChangeCause::Payload, now_s),
+            Some((Suspect::Friction(_), _)) => self.take_over(ChangeCause::Friction, now_s),
+            None => {}
         }
+    }
+
+    /// Holds the last slices against what was known before them; false if that cannot be solved.
+    fn prepare(&mut self, watch: &mut Watch, slices: usize) -> bool {
+        let older = self.pending.len().saturating_sub(slices);
+        self.assemble_older(older);
+        watch.theta.copy_from_slice(&self.theta);
+        if !self.solver.solve(&self.system, &self.fixed, &mut watch.theta) {
+            return false;
+        }
+        self.effective_of(&watch.theta, &mut watch.effective);
+        for (joint, window) in watch.window.iter_mut().enumerate() {
+            window.clear();
+            for age in older..self.pending.len() {
+                window.add(&self.pending.get(age).sums[joint]);
+            }
+        }
+        self.weigh_window(watch);
+        for (std, &i) in watch.friction_std.iter_mut().zip(&self.frictions) {
+            *std = self.options.friction_change * watch.theta[i].abs().max(FRICTION_SIZE * self.parameters()[i].scale);
+        }
+        true
     }
 
     /// What acts as these parameters do, as parameters of the arm.
@@ -88,7 +113,7 @@ impl RobotIdentifier {
     }
 
     /// Turns the sums of the window into information about the error of what was known before.
-    fn weigh_window(&mut self, watch: &mut super::watch_room::Watch) {
+    fn weigh_window(&mut self, watch: &mut Watch) {
         watch.data.clear();
         for joint in 0..watch.window.len() {
             if watch.window[joint].rows > 0 {
@@ -100,75 +125,91 @@ impl RobotIdentifier {
         }
     }
 
-    fn judge(&mut self, watch: &mut super::watch_room::Watch) -> Option<ChangeCause> {
-        let (known, fixed) = (&self.system, &self.fixed);
-        let payload = self.payload.as_ref()?;
-        for (std, &i) in watch.friction_std.iter_mut().zip(&self.frictions) {
-            *std = self.options.friction_change * watch.theta[i].abs().max(FRICTION_SIZE * self.parameters()[i].scale);
-        }
-        let nothing = watch.evidence.weigh(known, &watch.data, fixed, Extra::Nothing)?;
-        let all = Extra::Parameters(&self.frictions, &watch.friction_std);
-        let of_all = watch.evidence.weigh(known, &watch.data, fixed, all)? - nothing;
-        let of_payload = watch
-            .evidence
-            .weigh(known, &watch.data, fixed, Extra::Payload(payload))?
-            - nothing;
-        if of_payload.max(of_all) < 0.0 {
-            watch.doubt = 0;
-            return None;
-        }
-        // Of what happens at once, friction changes at one joint; at all of them it does by and by.
-        let (mut of_one, mut one) = (f64::NEG_INFINITY, all);
-        let mut first = 0;
-        for joint in 0..watch.window.len() {
-            let last = first + self.model.friction_of(joint).len();
-            let own = Extra::Parameters(&self.frictions[first..last], &watch.friction_std[first..last]);
-            let gain = watch.evidence.weigh(known, &watch.data, fixed, own)? - nothing;
-            if gain > of_one {
-                (of_one, one) = (gain, own);
+    /// What may have changed, as columns; `std` are those of the friction.
+    fn extra<'a>(&'a self, suspect: Suspect, std: &'a [f64]) -> Extra<'a> {
+        match (suspect, &self.payload) {
+            (Suspect::Payload, Some(payload)) => Extra::Payload(payload),
+            (Suspect::Payload, None) => Extra::Nothing,
+            (Suspect::Friction(None), _) => Extra::Parameters(&self.frictions, std),
+            (Suspect::Friction(Some(joint)), _) => {
+                let first: usize = (0..joint).map(|j| self.model.friction_of(j).len()).sum();
+                let own = first..first + self.model.friction_of(joint).len();
+                Extra::Parameters(&self.frictions[own.clone()], &std[own])
             }
-            first = last;
         }
-        if of_payload.max(of_all).max(of_one) < ALARM {
+    }
+
+    /// ln of the Bayes factor of a suspect on the window.
+    fn gain(&self, watch: &mut Watch, suspect: Suspect) -> Option<f64> {
+        let (known, fixed) = (&self.system, &self.fixed);
+        let nothing = watch.evidence.weigh(known, &watch.data, fixed, Extra::Nothing)?;
+        let extra = self.extra(suspect, &watch.friction_std);
+        Some(watch.evidence.weigh(known, &watch.data, fixed, extra)? - nothing)
+    }
+
+    /// The number of slices that speak most clearly for a suspect, with the gain: a window that begins before the change fits nothing well.
+    fn clearest(&mut self, watch: &mut Watch, suspect: Suspect) -> (f64, usize) {
+        let mut best = (f64::NEG_INFINITY, 1);
+        for slices in 1..=self.pending.len() {
+            if self.prepare(watch, slices)
+                && let Some(gain) = self.gain(watch, suspect)
+                && gain > best.0
+            {
+                best = (gain, slices);
+            }
+        }
+        best
+    }
+
+    /// What the last slices speak for, once that is clear, and how many of them.
+    fn judge(&mut self, watch: &mut Watch) -> Option<(Suspect, usize)> {
+        let payload = self.gain(watch, Suspect::Payload)?;
+        if payload.max(self.gain(watch, Suspect::Friction(None))?) < ALARM {
             watch.doubt = 0;
             return None;
         }
-        let is_payload = of_payload > of_one + CLEAR && of_payload > of_all - BROAD;
-        let is_friction = of_one.max(of_all) > of_payload + CLEAR;
         watch.doubt += 1;
-        if watch.doubt == 1 || !(is_payload || is_friction || watch.doubt > DOUBTS) {
+        if watch.doubt == 1 {
+            return None;
+        }
+        let (of_payload, loaded) = self.clearest(watch, Suspect::Payload);
+        let (of_all, rubbed) = self.clearest(watch, Suspect::Friction(None));
+        // Of what happens at once, friction changes at one joint; at all of them it does by and by.
+        let (mut of_one, mut one) = (f64::NEG_INFINITY, 0);
+        for joint in 0..watch.window.len() {
+            if self.prepare(watch, rubbed)
+                && let Some(gain) = self.gain(watch, Suspect::Friction(Some(joint)))
+                && gain > of_one
+            {
+                (of_one, one) = (gain, joint);
+            }
+        }
+        let is_payload = of_payload > of_one + CLEAR && of_payload > of_all - BROAD.max(SHARE * of_all);
+        let is_friction = of_one.max(of_all) > of_payload + CLEAR;
+        if !(is_payload || is_friction || watch.doubt > DOUBTS) {
             return None;
         }
         watch.doubt = 0;
-        let extra = match is_payload {
-            true => Extra::Payload(payload),
-            false if of_one > of_all => one,
-            false => all,
-        };
-        watch.evidence.weigh(known, &watch.data, fixed, extra)?;
-        // The step from what was known, as one of the arm's parameters.
-        let arm = watch.effective.len();
-        self.effective_of(&watch.evidence.delta, &mut watch.changed);
-        let step = &mut watch.changed;
-        extra.add(&watch.evidence.extra, step);
-        let worst = watch
-            .window
-            .iter()
-            .enumerate()
-            .filter(|(_, sums)| sums.rows > 0)
-            .map(|(j, sums)| {
-                let level = self.torque_std[j] * self.inflation[j];
-                (sums.residual_square(step) / sums.rows as f64).sqrt() / level
-            })
-            .fold(0.0, f64::max);
-        for i in 0..arm {
-            watch.changed[i] += watch.effective[i];
-        }
-        Some(match worst > UNEXPLAINED {
-            true => ChangeCause::Unexplained,
-            false if is_payload => ChangeCause::Payload,
-            false => ChangeCause::Friction,
+        Some(match is_payload {
+            true => (Suspect::Payload, loaded),
+            false => (Suspect::Friction((of_one > of_all).then_some(one)), rubbed),
         })
+    }
+
+    /// Finds what the machine is in the last slices.
+    fn explain(&mut self, watch: &mut Watch, suspect: Suspect, slices: usize) -> Option<()> {
+        if !self.prepare(watch, slices) {
+            return None;
+        }
+        let extra = self.extra(suspect, &watch.friction_std);
+        watch.evidence.weigh(&self.system, &watch.data, &self.fixed, extra)?;
+        // The step from what was known, as one of the arm's parameters.
+        self.effective_of(&watch.evidence.delta, &mut watch.changed);
+        extra.add(&watch.evidence.extra, &mut watch.changed);
+        for (changed, effective) in watch.changed.iter_mut().zip(&watch.effective) {
+            *changed += effective;
+        }
+        Some(())
     }
 
     /// The machine is another one from some instant on: what came before is learnt for the machine as it was, what came behind for what it is now.
@@ -183,13 +224,20 @@ impl RobotIdentifier {
             &self.torque_std,
             |j| self.model.columns(j),
         );
-        self.condense();
-        self.pending.clear();
-        self.block_slices = usize::from(cause != ChangeCause::Unexplained);
-        let half = 0.5 * self.options.windows.length_s;
+        let half = 0.5 * REACH * self.options.windows.length_s;
         // Windows that hold some of both are left out.
         let before = |t: f64| t >= begin && t < t_s - half;
         let behind = |t: f64| t >= t_s + half;
+        self.sum_up(&mut watch.window, behind);
+        let level = |j: usize| self.torque_std[j] * self.inflation[j];
+        let is_explained = watch.window.iter().enumerate().all(|(j, sums)| {
+            let allowed = (UNEXPLAINED * level(j)).powi(2) * sums.rows as f64;
+            sums.residual_square(&watch.changed) <= allowed
+        });
+        let cause = if is_explained { cause } else { ChangeCause::Unexplained };
+        self.condense();
+        self.pending.clear();
+        self.block_slices = usize::from(is_explained);
         self.sum_up(&mut watch.window, before);
         for joint in 0..watch.window.len() {
             if watch.window[joint].rows > 0 {
@@ -198,7 +246,7 @@ impl RobotIdentifier {
                 learn(&watch.window[joint], weight, load, &mut self.committed);
             }
         }
-        if cause != ChangeCause::Unexplained {
+        if is_explained {
             let kept = self.pending.push(t_s);
             let mut sums = std::mem::take(&mut kept.sums);
             self.sum_up(&mut sums, behind);
@@ -222,7 +270,7 @@ impl RobotIdentifier {
     }
 
     /// Another payload, or none any more.
-    fn change_payload(&mut self, watch: &mut super::watch_room::Watch) {
+    fn change_payload(&mut self, watch: &mut Watch) {
         let was_loaded = self.is_loaded;
         if was_loaded {
             self.marginalise_payload();

@@ -21,8 +21,6 @@ pub(super) struct Watch {
     pub friction_std: Vec<f64>,
     /// Slices since the machine first looked changed without it being clear how.
     pub doubt: usize,
-    /// Begin of the window \[s\].
-    pub begin_s: f64,
     /// The change found since the block began.
     pub found: Option<RobotChange>,
 }
@@ -38,7 +36,6 @@ impl Watch {
             changed: vec![0.0; arm],
             friction_std: vec![0.0; frictions],
             doubt: 0,
-            begin_s: 0.0,
             found: None,
         }
     }

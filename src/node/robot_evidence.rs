@@ -1,0 +1,110 @@
+//! A robot's figures of a block as the report that every model gives, so that states and messages mean the same.
+
+use crate::estimator::{Change, ChangeKind, Held, Report};
+use crate::messages::{ErrorCode, LastError};
+use crate::robot::{ChangeCause, RobotChange, RobotIdentifier};
+
+/// Share of each joint's torque that a model of a robot is expected to explain. Rigid-body models with friction reach 0.96 to 0.999 on geared arms; 0.9
+/// tells them from a log with exchanged columns or a wrong sign.
+pub(super) const LEAST_EXPLAINED: f64 = 0.9;
+/// Part of the prior's variance below which a parameter is known from data.
+const INFORMED: f64 = 1.0 / 9.0;
+/// Three standard deviations below this part of a parameter make it usable.
+const USABLE: f64 = 0.05;
+/// Share of the variance of a parameter known to within its size that a block must remove to have informed on it.
+const EXCITED: f64 = 0.9;
+
+/// A report of nothing, with room for these parameters and joints.
+pub(super) fn empty(parameters: usize, joints: usize) -> Report {
+    let (theta, joint) = (vec![0.0; parameters], vec![0.0; joints]);
+    Report {
+        theta_std: theta.clone(),
+        excitation: theta.clone(),
+        theta,
+        innovation_rms: joint.clone(),
+        residual_rms: joint.clone(),
+        noise_std: joint.clone(),
+        signal_rms: joint.clone(),
+        fit: joint.clone(),
+        explained: joint,
+        fit_probability: 1.0,
+        ..Report::default()
+    }
+}
+
+/// Fills the report after a block. `changed_before`: there was a change in the block before.
+pub(super) fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_before: bool) {
+    let n = robot.theta().len();
+    report.theta.copy_from_slice(robot.theta());
+    (0..n).for_each(|i| report.theta_std[i] = robot.theta_std(i));
+    report.excited = Default::default();
+    report.usable = Default::default();
+    report.fixed = Default::default();
+    report.held = (!learnt).then_some(Held::Empty);
+    report.change = robot.change().filter(|_| learnt).map(|change| Change {
+        kind: ChangeKind::Within,
+        row: 0,
+        time: (change.t_s.max(0.0) * 1e9) as u64,
+    });
+    let figures = robot.figures();
+    let joints = report.fit.len();
+    report.innovation_rms.copy_from_slice(&figures.innovation_rms[..joints]);
+    report.residual_rms.copy_from_slice(&figures.residual_rms[..joints]);
+    report.signal_rms.copy_from_slice(&figures.signal_rms[..joints]);
+    report.explained.copy_from_slice(&figures.explained[..joints]);
+    report.fit.copy_from_slice(&figures.fit[..joints]);
+    report.fit_probability = figures.fit_probability;
+    report.excitation.copy_from_slice(&figures.excitation);
+    report.misfit = u64::from(figures.fit_probability < crate::estimator::MISFIT);
+    for j in 0..joints {
+        // Friction's misfit is correlated: whole blocks are off by more than rows are.
+        report.noise_std[j] = robot.torque_std(j) * robot.inflation(j);
+    }
+    report.rows = figures.rows[..joints].iter().copied().max().unwrap_or(0);
+    report.blocks = robot.blocks() as u64;
+    (report.iterations, report.converged, report.outliers) = (1, true, 0);
+    let (mut rank, mut free) = (0, 0);
+    let quiet = learnt && report.misfit == 0 && report.change.is_none() && !changed_before;
+    for i in 0..n {
+        if robot.is_fixed(i) {
+            report.theta_std[i] = 0.0;
+            mark(&mut report.fixed, i);
+            continue;
+        }
+        free += 1;
+        let std = report.theta_std[i];
+        let informed = std * std <= INFORMED * robot.prior_std(i).powi(2);
+        rank += usize::from(informed);
+        if learnt && report.excitation[i] >= EXCITED {
+            mark(&mut report.excited, i);
+        }
+        if quiet && informed && 3.0 * std < USABLE * report.theta[i].abs() {
+            mark(&mut report.usable, i);
+        }
+    }
+    report.rank = rank;
+    report.informed = 2 * rank > free && free > 0;
+}
+
+fn mark(mask: &mut u64, i: usize) {
+    if let Some(bit) = u32::try_from(i).ok().and_then(|i| 1u64.checked_shl(i)) {
+        *mask |= bit;
+    }
+}
+
+/// A change that is no payload, in words.
+pub(super) fn words(change: &RobotChange, seq: u64) -> Option<LastError> {
+    match change.cause {
+        ChangeCause::Payload => None,
+        ChangeCause::Friction => Some(LastError::with_text(
+            ErrorCode::Misfit,
+            seq,
+            "friction has changed, and no payload explains it",
+        )),
+        ChangeCause::Unexplained => Some(LastError::with_text(
+            ErrorCode::Misfit,
+            seq,
+            "neither payload nor friction explains the torques: a force from outside, or another robot; not learnt",
+        )),
+    }
+}

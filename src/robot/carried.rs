@@ -1,0 +1,91 @@
+//! The payload as robot controllers take it.
+
+use super::identify::RobotIdentifier;
+use super::physical::{controller_std, controller_values, information, project};
+use super::spatial::{BODY_PARAMETERS, BodyParameters};
+
+/// Name, unit and meaning of what is derived of a payload, in the order of [`controller_values`].
+pub const PAYLOAD_VALUES: [(&str, &str, &str); BODY_PARAMETERS] = [
+    ("payload_mass", "kg", "mass of the payload"),
+    (
+        "payload_com_x",
+        "m",
+        "centre of mass of the payload in the flange's frame, x",
+    ),
+    (
+        "payload_com_y",
+        "m",
+        "centre of mass of the payload in the flange's frame, y",
+    ),
+    (
+        "payload_com_z",
+        "m",
+        "centre of mass of the payload in the flange's frame, z",
+    ),
+    (
+        "payload_ixx",
+        "kg m^2",
+        "inertia of the payload about its centre of mass, xx",
+    ),
+    (
+        "payload_ixy",
+        "kg m^2",
+        "inertia of the payload about its centre of mass, xy",
+    ),
+    (
+        "payload_iyy",
+        "kg m^2",
+        "inertia of the payload about its centre of mass, yy",
+    ),
+    (
+        "payload_ixz",
+        "kg m^2",
+        "inertia of the payload about its centre of mass, xz",
+    ),
+    (
+        "payload_iyz",
+        "kg m^2",
+        "inertia of the payload about its centre of mass, yz",
+    ),
+    (
+        "payload_izz",
+        "kg m^2",
+        "inertia of the payload about its centre of mass, zz",
+    ),
+];
+
+/// A payload as robot controllers take it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CarriedPayload {
+    /// Ten parameters at the flange, physically possible.
+    pub body: BodyParameters,
+    /// See [`controller_values`].
+    pub values: [f64; BODY_PARAMETERS],
+    /// Their standard deviations.
+    pub std: [f64; BODY_PARAMETERS],
+}
+
+impl RobotIdentifier {
+    /// The payload, the nearest one that is physically possible. `None` if nothing is carried, or while no such body is near, as in the first moments.
+    pub fn carried(&self) -> Option<CarriedPayload> {
+        let payload = self.payload.as_ref().filter(|_| self.is_loaded)?;
+        let first = payload.first;
+        let mut covariance = [0.0; BODY_PARAMETERS * BODY_PARAMETERS];
+        let mut estimate = BodyParameters::default();
+        for p in 0..BODY_PARAMETERS {
+            estimate.0[p] = self.theta[first + p];
+            for q in 0..BODY_PARAMETERS {
+                covariance[p * BODY_PARAMETERS + q] = self.covariance(first + p, first + q);
+            }
+            // What is held is known.
+            let least = (1e-6 * payload.prior[p]).powi(2);
+            covariance[p * (BODY_PARAMETERS + 1)] += least;
+        }
+        let body = project(&estimate, &information(&covariance)?)?;
+        Some(CarriedPayload {
+            values: controller_values(&body),
+            std: controller_std(&body, &covariance),
+            body,
+        })
+    }
+}

@@ -18,6 +18,8 @@ mod replayed;
 pub mod robot;
 #[cfg(feature = "robot")]
 mod robot_evidence;
+#[cfg(feature = "robot")]
+pub mod robot_model;
 mod sample_gate;
 #[cfg(feature = "sim")]
 pub mod simulated_plant;

@@ -76,6 +76,12 @@ pub trait Model: fmt::Debug + Send + Sync {
     /// equation drives.
     fn input_for(&self, motion: &JointSample, theta: &[f64], input: &mut [f64; MAX_JOINTS]);
 
+    /// True if its identifier has no estimator that could be exchanged: it begins anew by
+    /// [`Change::Restart`](super::command::Change::Restart) and has no tunables.
+    fn restarts_itself(&self) -> bool {
+        false
+    }
+
     /// Name as in configuration files.
     fn name(&self) -> &str {
         &self.definition().name

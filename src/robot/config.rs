@@ -6,11 +6,16 @@ use super::friction::{FrictionTerm, JointFriction};
 use super::identify::{IdentifyOptions, RobotIdentifier};
 use super::log::{Drives, LogColumns};
 use super::model::RobotModel;
+use super::reference::{MotionLimits, Motions};
 use super::rows::WindowOptions;
+use super::simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator};
 use super::tree::{Robot, Selection};
 use nalgebra::Vector3;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
+
+/// Time to either side over which velocities are formed from positions \[s\].
+const VELOCITY_S: f64 = 0.02;
 
 /// The file as it is written.
 #[derive(Debug, Deserialize)]
@@ -25,6 +30,16 @@ struct File {
     log: LogSection,
     #[serde(default)]
     identify: IdentifySection,
+    #[serde(default)]
+    simulate: SimulateSection,
+    // Sections that every configuration may have: they are read elsewhere.
+    bus: Option<toml::Table>,
+    plant: Option<toml::Table>,
+    estimator: Option<toml::Table>,
+    monitor: Option<toml::Table>,
+    checkpoint: Option<toml::Table>,
+    supervision: Option<toml::Table>,
+    realtime: Option<toml::Table>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -74,6 +89,66 @@ struct IdentifySection {
     block_s: Option<f64>,
     settle_blocks: Option<usize>,
     friction_walk: Option<f64>,
+    velocity: Option<Velocity>,
+    velocity_s: Option<f64>,
+    payload: Option<bool>,
+}
+
+/// Where velocities come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Velocity {
+    Measured,
+    Differentiated,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct SimulateSection {
+    motion: Option<Motion>,
+    harmonics: Option<usize>,
+    period_s: Option<f64>,
+    rest_s: Option<f64>,
+    part_of_limits: Option<f64>,
+    reach: Option<f64>,
+    acceleration: Option<f64>,
+    controller: Option<Controller>,
+    bandwidth_rad_per_s: Option<f64>,
+    difference: Option<f64>,
+    machine_seed: Option<u64>,
+    encoder_bits: Option<u32>,
+    torque_noise: Option<f64>,
+    viscous: Option<Vec<f64>>,
+    coulomb: Option<Vec<f64>>,
+    offset: Option<Vec<f64>>,
+    rotor_inertia: Option<Vec<f64>>,
+    payload: Vec<PayloadSection>,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Motion {
+    Rest,
+    Fourier,
+    Moves,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Controller {
+    ComputedTorque,
+    Pd,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PayloadSection {
+    t_s: f64,
+    mass_kg: f64,
+    #[serde(default)]
+    center_m: [f64; 3],
+    #[serde(default)]
+    inertia_kg_m2: [f64; 6],
 }
 
 /// All that identifying a robot from a log needs.
@@ -85,8 +160,16 @@ pub struct RobotConfig {
     pub columns: LogColumns,
     /// From a log's inputs to torques.
     pub drives: Drives,
-    /// How it is identified.
+    /// How it is identified from a log.
     pub options: IdentifyOptions,
+    /// True if a payload is looked for while it runs.
+    pub payload: bool,
+    /// Time to either side over which velocities are formed from positions while it runs \[s\]; `None` if they are measured.
+    pub velocity_s: Option<f64>,
+    /// The simulated robot; sample period and seed are those of section `[plant]`.
+    pub simulation: RobotSimOptions,
+    /// What else the file says, by section: `[bus]`, `[plant]`, …
+    pub ordinary: toml::Table,
 }
 
 impl RobotConfig {
@@ -104,7 +187,9 @@ impl RobotConfig {
     /// # Errors
     /// File, line or key, what is expected and what is there; also what is wrong with the URDF.
     pub fn from_file(path: &Path) -> Result<Self, String> {
-        let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+        let problem = |e: std::io::Error| format!("{}: {e}", path.display());
+        crate::pipe::refuse_named_pipe(path).map_err(problem)?;
+        let text = std::fs::read_to_string(path).map_err(problem)?;
         Self::parse(&text, path)
     }
 
@@ -148,14 +233,119 @@ impl RobotConfig {
         let options = options(&file.identify);
         // Says what is wrong with the options now, not when the log has been read.
         RobotIdentifier::new(model.clone(), options).map_err(|problem| at("identify", problem))?;
+        let velocity_s = match file.identify.velocity {
+            Some(Velocity::Measured) => None,
+            _ => Some(file.identify.velocity_s.unwrap_or(VELOCITY_S)),
+        };
+        if velocity_s.is_some_and(|half| !(half > 0.0 && half <= 1.0)) {
+            return Err(at(
+                "identify",
+                "velocity_s: expected a time above 0 and up to 1 [s]".to_owned(),
+            ));
+        }
+        let simulation =
+            simulation(&file.simulate, &model, velocity_s.is_none()).map_err(|problem| at("simulate", problem))?;
+        let sections = [
+            ("bus", file.bus),
+            ("plant", file.plant),
+            ("estimator", file.estimator),
+            ("monitor", file.monitor),
+            ("checkpoint", file.checkpoint),
+            ("supervision", file.supervision),
+            ("realtime", file.realtime),
+        ];
+        let ordinary = sections
+            .into_iter()
+            .filter_map(|(name, section)| Some((name.to_owned(), toml::Value::Table(section?))))
+            .collect();
+        let payload = file.identify.payload.unwrap_or(true);
         let columns = columns(file.log, n).map_err(|problem| at("log", problem))?;
         Ok(Self {
             model,
             columns,
             drives,
             options,
+            payload,
+            velocity_s,
+            simulation,
+            ordinary,
         })
     }
+}
+
+/// What the section says of a simulated robot.
+fn simulation(section: &SimulateSection, model: &RobotModel, has_velocity: bool) -> Result<RobotSimOptions, String> {
+    let default = RobotSimOptions::new(model.robot());
+    let mut drives = default.drives.clone();
+    let lists = [
+        ("viscous", &section.viscous),
+        ("coulomb", &section.coulomb),
+        ("offset", &section.offset),
+        ("rotor_inertia", &section.rotor_inertia),
+    ];
+    for (name, list) in lists {
+        let Some(list) = list else { continue };
+        if list.len() != drives.len() {
+            let n = drives.len();
+            return Err(format!(
+                "{name}: expected {n} numbers, one per joint, got {}",
+                list.len()
+            ));
+        }
+        for (drive, value) in drives.iter_mut().zip(list) {
+            match name {
+                "viscous" => drive.viscous = *value,
+                "coulomb" => drive.coulomb = *value,
+                "offset" => drive.offset = *value,
+                _ => drive.rotor_inertia = *value,
+            }
+        }
+    }
+    let options = RobotSimOptions {
+        motions: match section.motion.unwrap_or(Motion::Fourier) {
+            Motion::Rest => Motions::Rest,
+            Motion::Fourier => Motions::Fourier {
+                harmonics: section.harmonics.unwrap_or(5),
+                period_s: section.period_s.unwrap_or(20.0),
+            },
+            Motion::Moves => Motions::Moves {
+                rest_s: section.rest_s.unwrap_or(0.5),
+            },
+        },
+        limits: MotionLimits {
+            part: section.part_of_limits.unwrap_or(default.limits.part),
+            reach: section.reach.unwrap_or(default.limits.reach),
+            acceleration: section.acceleration.unwrap_or(default.limits.acceleration),
+        },
+        controller: match section.controller.unwrap_or(Controller::ComputedTorque) {
+            Controller::ComputedTorque => RobotController::ComputedTorque,
+            Controller::Pd => RobotController::Pd,
+        },
+        bandwidth_rad_per_s: section.bandwidth_rad_per_s.unwrap_or(default.bandwidth_rad_per_s),
+        drives,
+        difference: section.difference.unwrap_or(0.15),
+        machine_seed: section.machine_seed.unwrap_or(0),
+        encoder_bits: match has_velocity {
+            true => 0,
+            false => section.encoder_bits.unwrap_or(default.encoder_bits),
+        },
+        has_velocity,
+        torque_noise: section.torque_noise.unwrap_or(default.torque_noise),
+        payloads: section
+            .payload
+            .iter()
+            .map(|payload| PayloadChange {
+                t_s: payload.t_s,
+                mass_kg: payload.mass_kg,
+                center_m: payload.center_m,
+                inertia_kg_m2: payload.inertia_kg_m2,
+            })
+            .collect(),
+        ..default
+    };
+    // Says what is wrong now, not when the robot is simulated.
+    RobotSimulator::new(model.robot(), options.clone())?;
+    Ok(options)
 }
 
 fn friction(section: FrictionSection) -> Result<JointFriction, String> {

@@ -75,6 +75,26 @@ impl Drives {
     }
 }
 
+impl Drives {
+    /// Inputs of the drives that give these torques or forces; coupled joints are solved for, and get none if their matrix is singular.
+    pub fn inputs(&self, tau: &[f64; MAX_JOINTS]) -> [f64; MAX_JOINTS] {
+        let n = self.gain.len().min(MAX_JOINTS);
+        let mut own = *tau;
+        if let Some(rows) = &self.coupling {
+            let matrix = nalgebra::DMatrix::from_fn(n, n, |i, j| rows[i][j]);
+            let solved = matrix.lu().solve(&nalgebra::DVector::from_column_slice(&tau[..n]));
+            own[..n].fill(0.0);
+            if let Some(solved) = solved {
+                own[..n].copy_from_slice(solved.as_slice());
+            }
+        }
+        for (own, gain) in own.iter_mut().zip(&self.gain) {
+            *own /= gain;
+        }
+        own
+    }
+}
+
 /// What is wrong with a log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LogError {

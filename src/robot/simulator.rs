@@ -11,7 +11,8 @@
 //! between. What a sample holds of the torque is its mean before and behind the sample's instant.
 
 use super::dynamics::{forward_dynamics, inverse_dynamics};
-use super::friction::JointFriction;
+use super::friction::{FrictionTerm, JointFriction};
+use super::model::RobotModel;
 use super::random::Random;
 use super::reference::{MotionLimits, Motions, Reference};
 use super::spatial::{BodyParameters, Placement};
@@ -92,8 +93,10 @@ pub struct RobotSimOptions {
     pub control_steps: usize,
     /// Steps of the integration per period of the controller, 1 to 1000.
     pub substeps: usize,
-    /// Seed of the motion, the differences from the URDF and the noise.
+    /// Seed of the motion and the noise.
     pub seed: u64,
+    /// Seed of the differences from the URDF: which machine it is.
+    pub machine_seed: u64,
     /// The motion.
     pub motions: Motions,
     /// What it keeps to.
@@ -128,6 +131,7 @@ impl RobotSimOptions {
             control_steps: 1,
             substeps: 4,
             seed: 0,
+            machine_seed: 0,
             motions: Motions::Fourier {
                 harmonics: 5,
                 period_s: 20.0,
@@ -218,7 +222,7 @@ impl RobotSimulator {
     pub fn new(robot: &Robot, options: RobotSimOptions) -> Result<Self, String> {
         options.validate(robot)?;
         let reference = Reference::new(robot, options.motions, options.limits, options.seed)?;
-        let mut differences = Random(options.seed ^ 0x6469_6666_6572);
+        let mut differences = Random(options.machine_seed ^ 0x6469_6666_6572);
         let bodies: Vec<BodyParameters> = robot
             .bodies
             .iter()
@@ -285,6 +289,23 @@ impl RobotSimulator {
     /// The options.
     pub fn options(&self) -> &RobotSimOptions {
         &self.options
+    }
+
+    /// The parameters of a model of this robot as they really are at a time \[s\], its payload's behind the arm's.
+    pub fn truth(&self, model: &RobotModel, t_s: f64) -> Vec<f64> {
+        let mut machine = self.known.clone();
+        machine.bodies.clone_from(&self.bodies);
+        let mut theta = model.base().nominal(&machine, &self.rotors);
+        for (drive, friction) in self.options.drives.iter().zip(model.friction()) {
+            theta.extend(friction.terms.iter().map(|term| match term {
+                FrictionTerm::Viscous => drive.viscous,
+                FrictionTerm::Coulomb => drive.coulomb,
+                FrictionTerm::Offset => drive.offset,
+                FrictionTerm::Load | FrictionTerm::Stribeck => 0.0,
+            }));
+        }
+        theta.extend(self.payload(t_s).0);
+        theta
     }
 
     /// Positions and velocities as they are \[rad or m, per s\].
@@ -405,9 +426,6 @@ impl Iterator for RobotSimulator {
                 0 => self.q[i],
                 _ => (self.q[i] / step).round() * step,
             };
-            if self.options.has_velocity {
-                sample.dq[i] = self.dq[i];
-            }
             sample.setpoint[i] = setpoints[i][0];
             let size = self.effort[i].min(1e9);
             let size = if size < 1e9 { size } else { UNLIMITED_EFFORT };
@@ -416,6 +434,10 @@ impl Iterator for RobotSimulator {
             if noise > 0.0 {
                 sample.input[i] += noise * self.noise.normal();
             }
+        }
+        if self.options.has_velocity {
+            sample.dq = self.dq;
+            self.accelerations(&self.q, &self.dq, &mut sample.ddq);
         }
         let h = period / (self.options.control_steps * self.options.substeps) as f64;
         for step in 0..self.options.control_steps {

@@ -63,7 +63,12 @@ impl Robot {
     /// The file cannot be read, or see [`from_urdf`](Self::from_urdf).
     pub fn from_file(path: &Path, selection: &Selection) -> Result<Self, UrdfError> {
         let unreadable = |got: String| UrdfError::new(None, "the file", "a URDF that can be read", got).in_file(path);
-        let size = std::fs::metadata(path).map_err(|e| unreadable(e.to_string()))?.len();
+        let found = std::fs::metadata(path).map_err(|e| unreadable(e.to_string()))?;
+        // To open a named pipe waits for a writer, and a device may never end.
+        if !found.is_file() {
+            return Err(unreadable("something that is no regular file".to_owned()));
+        }
+        let size = found.len();
         if size > xml::MAX_BYTES as u64 {
             return Err(unreadable(format!("{size} bytes, more than {}", xml::MAX_BYTES)));
         }

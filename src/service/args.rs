@@ -113,8 +113,18 @@ impl CommonArgs {
     /// The configuration: built-in defaults, `sources`, the files, `--set`, then what the command line says with words of its own. With
     /// neither sources nor files it is [`BUILT_IN`], so that programs which are started one by one mean the same as `thetabus run`.
     pub(super) fn load(&self, sources: Vec<Source>, own: &[(&str, Option<String>)]) -> Result<Config, Failure> {
-        let files = self.config.iter().cloned().map(Source::File);
-        let basis = match self.catalog.preferred() {
+        let mut catalog = self.catalog.clone();
+        let mut files = Vec::new();
+        for path in &self.config {
+            files.push(match super::robot::source(path, &catalog)? {
+                Some((with_robot, source)) => {
+                    catalog = with_robot;
+                    source
+                }
+                None => Source::File(path.clone()),
+            });
+        }
+        let basis = match catalog.preferred() {
             Some(_) => Config::embedded("own_plant"),
             None if sources.is_empty() && self.config.is_empty() => Config::embedded(BUILT_IN),
             None => None,
@@ -129,7 +139,7 @@ impl CommonArgs {
             .chain(own)
             .filter_map(|(key, value)| value.as_ref().map(|value| format!("{key}={value}")));
         let arguments: Vec<String> = self.set.iter().cloned().chain(own).collect();
-        let config = Config::load_for(&self.catalog, &sources, &arguments)?;
+        let config = Config::load_for(&catalog, &sources, &arguments)?;
         // A launcher has told them already, with the user's own file and line.
         if !self.is_launched() {
             config.warnings().iter().for_each(|warning| tracing::warn!("{warning}"));

@@ -115,6 +115,9 @@ impl Commands {
         match command {
             Command::Pause => order(Change::Pause, "paused".to_owned()),
             Command::Resume => order(Change::Resume, "goes on".to_owned()),
+            Command::Reset if self.config.model.restarts_itself() => {
+                order(Change::Restart { state: None }, "back to the start values".to_owned())
+            }
             Command::Reset => {
                 let estimator = fresh_estimator(&self.config).map_err(|e| e.to_string())?;
                 let judge = Box::new(StateMachine::new(estimator.theta()));
@@ -172,6 +175,13 @@ impl Commands {
 
     /// An estimator that goes on from a state.
     fn restore(&self, state: &NodeState) -> Result<Change, String> {
+        if self.config.model.restarts_itself() {
+            // A state that does not fit is told now.
+            let mut node = identifier_node(&self.config).map_err(|e: Failure| e.to_string())?;
+            node.load(state).map_err(|e| format!("the state: {e}"))?;
+            let state = Some(Box::new(state.clone()));
+            return Ok(Change::Restart { state });
+        }
         let mut estimator = fresh_estimator(&self.config).map_err(|e| e.to_string())?;
         let mut judge = StateMachine::new(estimator.theta());
         estimator
@@ -185,6 +195,12 @@ impl Commands {
     }
 
     fn set(&mut self, name: &str, value: Option<f64>, stream: u32) -> Result<Wanted, String> {
+        if self.config.model.restarts_itself() {
+            return Err(
+                "a robot from a URDF has no tunables; section [identify] of its configuration has its options"
+                    .to_owned(),
+            );
+        }
         let own = name.strip_prefix("estimator.").unwrap_or(name);
         if !TUNABLES.contains(&own) {
             return Err(format!(
@@ -257,6 +273,7 @@ impl Commands {
         let form = &self.config.file_form().estimator;
         let tunables = keys()
             .filter(|key| key.section == "estimator" && TUNABLES.contains(&key.name))
+            .filter(|_| !self.config.model.restarts_itself())
             .filter_map(|key| {
                 let value = match key.name {
                     "block_len" => form.block_len as f64,

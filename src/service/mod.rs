@@ -35,6 +35,7 @@ mod progress;
 mod record;
 mod replay;
 mod report;
+mod robot;
 mod run_info;
 mod script;
 mod sparse;

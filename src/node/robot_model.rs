@@ -1,0 +1,245 @@
+//! A robot from its URDF as a [`Model`]: what programs need to identify it, to simulate it and to name its values.
+
+use super::identifier::{Identifier, IdentifierOptions};
+use super::model::{Model, ModelError, NodeSettings};
+use super::robot::RobotNode;
+use crate::messages::signals;
+use crate::model::{DerivedQuantity, DerivedValues, Equation, Parameter, PlantDefinition};
+use crate::robot::{
+    BODY_PARAMETERS, BodyParameters, Drives, IdentifyOptions, PAYLOAD_VALUES, RobotIdentifier, RobotModel,
+    RobotSimOptions, Velocities, controller_values,
+};
+use std::sync::Arc;
+
+/// Largest part of a name that is the robot's own; the rest tells robots of one name apart.
+const LONGEST_NAME: usize = 20;
+
+/// What a robot's identifier and its simulation are made from.
+#[derive(Debug, Clone)]
+pub struct RobotSettings {
+    /// The arm with its friction.
+    pub model: RobotModel,
+    /// From inputs to torques.
+    pub drives: Drives,
+    /// How it is identified.
+    pub options: IdentifyOptions,
+    /// Time to either side over which velocities are formed from positions \[s\]; `None` if samples hold them.
+    pub velocity_s: Option<f64>,
+    /// The simulated robot; sample period and seed are those of the simulation.
+    pub simulation: RobotSimOptions,
+}
+
+/// A robot as a model.
+#[derive(Debug)]
+pub struct RobotPlant {
+    settings: RobotSettings,
+    definition: PlantDefinition,
+    payload: Option<Arc<PayloadValues>>,
+}
+
+impl RobotPlant {
+    /// Of these settings.
+    ///
+    /// # Errors
+    /// Options that do not fit, in words; more parameters than an estimate holds.
+    pub fn new(settings: RobotSettings) -> Result<Self, String> {
+        let identifier = RobotIdentifier::new(settings.model.clone(), settings.options)?;
+        let robot = settings.model.robot();
+        let own = |text: &str| std::borrow::Cow::<'static, str>::Owned(text.to_owned());
+        let parameters: Vec<Parameter> = identifier
+            .parameters()
+            .iter()
+            .map(|p| Parameter {
+                name: own(&p.name),
+                unit: own(p.unit),
+                meaning: own(&p.meaning),
+                ..Parameter::new("", "", "", p.nominal)
+            })
+            .collect();
+        let equations = robot.joints.iter().enumerate().map(|(i, joint)| Equation {
+            name: own(&joint.name),
+            ..Equation::new("", i, 1.0, 1, 0..parameters.len())
+        });
+        let derived: Vec<DerivedQuantity> = PAYLOAD_VALUES
+            .iter()
+            .filter(|_| identifier.estimates_payload())
+            .map(|(name, unit, meaning)| DerivedQuantity::new(name, unit, meaning))
+            .collect();
+        let payload = settings.model.parameters().len();
+        let definition = PlantDefinition {
+            name: name(&settings),
+            joints: robot.len(),
+            input_unit: if settings.drives.gain.iter().all(|gain| *gain == 1.0) {
+                "N m"
+            } else {
+                "A"
+            }
+            .to_owned(),
+            position_unit: if robot.joints.iter().all(|joint| !joint.turns) {
+                "m"
+            } else {
+                "rad"
+            }
+            .to_owned(),
+            equations: equations.collect(),
+            parameters,
+            relations: Vec::new(),
+            derived: derived.clone(),
+        };
+        definition.validate()?;
+        Ok(Self {
+            payload: (!derived.is_empty()).then(|| {
+                Arc::new(PayloadValues {
+                    quantities: derived,
+                    first: payload,
+                })
+            }),
+            settings,
+            definition,
+        })
+    }
+
+    /// What it was made from.
+    pub fn settings(&self) -> &RobotSettings {
+        &self.settings
+    }
+}
+
+/// The robot's name, with a digest of what gives its parameters their meaning: combinations that follow from the URDF, terms of friction, windows.
+fn name(settings: &RobotSettings) -> String {
+    let model = &settings.model;
+    let mut own: String = model
+        .robot()
+        .name
+        .to_lowercase()
+        .chars()
+        .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })
+        .take(LONGEST_NAME)
+        .collect();
+    if own.is_empty() {
+        own.push_str("robot");
+    }
+    let meanings = model.parameters().iter().map(|p| format!("{} {}", p.name, p.meaning));
+    let rest = format!("{:?} {:?} {:?}", model.friction(), settings.options, settings.drives);
+    let digest = meanings.chain([rest]).flat_map(String::into_bytes);
+    let digest = digest.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+    });
+    format!("{own}_{:08x}", digest as u32)
+}
+
+impl Model for RobotPlant {
+    fn definition(&self) -> &PlantDefinition {
+        &self.definition
+    }
+
+    fn derived(&self) -> Option<Arc<dyn DerivedValues + Send + Sync>> {
+        self.payload.clone().map(|payload| payload as _)
+    }
+
+    fn restarts_itself(&self) -> bool {
+        true
+    }
+
+    fn identifier(&self, settings: &NodeSettings) -> Result<Box<dyn Identifier>, ModelError> {
+        let problem = |problem: String| ModelError::Setting {
+            section: "identify",
+            problem,
+        };
+        let own = &self.settings;
+        let robot = RobotIdentifier::new(own.model.clone(), own.options).map_err(problem)?;
+        let period_s = settings.options.sample_period_ns as f64 * 1e-9;
+        let velocities = own.velocity_s.map(|half_s| {
+            let half = if period_s > 0.0 {
+                (half_s / period_s).round()
+            } else {
+                0.0
+            };
+            Velocities::new(half as usize, own.options.windows.max_gap_s)
+        });
+        let speed = if velocities.is_some() { 0 } else { signals::DQ };
+        let options = IdentifierOptions {
+            model_hash: self.definition.hash(),
+            joints: self.definition.joints,
+            signals: signals::Q | signals::INPUT | speed,
+            ..settings.options
+        };
+        Ok(Box::new(RobotNode::new(
+            options,
+            own.drives.clone(),
+            robot,
+            velocities,
+            settings.pid,
+        )))
+    }
+
+    #[cfg(feature = "sim")]
+    fn simulator(&self, options: &crate::sim::SimOptions) -> Result<super::model::SampleSource, ModelError> {
+        let own = &self.settings;
+        let simulation = RobotSimOptions {
+            sample_period_s: options.sample_period_s,
+            seed: options.seed,
+            ..own.simulation.clone()
+        };
+        let simulator = crate::robot::RobotSimulator::new(own.model.robot(), simulation).map_err(|problem| {
+            ModelError::Setting {
+                section: "simulate",
+                problem,
+            }
+        })?;
+        Ok(Box::new(Driven {
+            simulator,
+            drives: own.drives.clone(),
+        }))
+    }
+}
+
+/// A simulated robot whose inputs are those of its drives.
+#[cfg(feature = "sim")]
+struct Driven {
+    simulator: crate::robot::RobotSimulator,
+    drives: Drives,
+}
+
+#[cfg(feature = "sim")]
+impl Iterator for Driven {
+    type Item = crate::model::JointSample;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let mut sample = self.simulator.next()?;
+        sample.input = self.drives.inputs(&sample.input);
+        Some(sample)
+    }
+}
+
+/// The payload of θ as robot controllers take it.
+#[derive(Debug)]
+struct PayloadValues {
+    quantities: Vec<DerivedQuantity>,
+    first: usize,
+}
+
+impl DerivedValues for PayloadValues {
+    fn quantities(&self) -> &[DerivedQuantity] {
+        &self.quantities
+    }
+
+    fn value_and_gradient(&self, index: usize, theta: &[f64], gradient: &mut [f64]) -> f64 {
+        gradient.fill(0.0);
+        let mut body = BodyParameters::default();
+        body.0.copy_from_slice(&theta[self.first..self.first + BODY_PARAMETERS]);
+        if body.mass() == 0.0 {
+            return 0.0;
+        }
+        for p in 0..BODY_PARAMETERS {
+            let h = 1e-6 * body.mass().abs();
+            let at = |step: f64| {
+                let mut moved = body;
+                moved.0[p] += step;
+                controller_values(&moved)[index]
+            };
+            gradient[self.first + p] = (at(h) - at(-h)) / (2.0 * h);
+        }
+        controller_values(&body)[index]
+    }
+}

@@ -1,0 +1,96 @@
+//! The configuration of a robot from its URDF as one that every program takes: its model for the catalog, and its other sections as an ordinary source.
+
+use super::Failure;
+use crate::config::{Catalog, Source};
+use crate::node::model::SharedModel;
+use crate::node::robot_model::{RobotPlant, RobotSettings};
+use crate::robot::{IdentifyOptions, RobotConfig, RobotSimulator};
+use std::path::Path;
+use toml::{Table, Value};
+
+/// Sample period if section `[plant]` names none \[s\].
+const PERIOD_S: f64 = 0.001;
+/// Length of a run if it names none \[s\].
+const DURATION_S: f64 = 60.0;
+
+/// The model and the rest of a file that is the configuration of a robot; `None` for another file.
+///
+/// # Errors
+/// What is wrong with the file or its URDF.
+pub(super) fn source(path: &Path, catalog: &Catalog) -> Result<Option<(Catalog, Source)>, Failure> {
+    // What cannot be read is told by who reads ordinary files.
+    let small = std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() <= 1 << 20);
+    let text = match small {
+        true => std::fs::read_to_string(path).unwrap_or_default(),
+        false => return Ok(None),
+    };
+    if !RobotConfig::is_robot(&text) {
+        return Ok(None);
+    }
+    let config = RobotConfig::parse(&text, path).map_err(Failure::Usage)?;
+    let in_file = |problem: String| Failure::Usage(format!("{}: {problem}", path.display()));
+    let settings = RobotSettings {
+        options: IdentifyOptions {
+            payload: config.payload,
+            ..config.options
+        },
+        model: config.model,
+        drives: config.drives,
+        velocity_s: config.velocity_s,
+        simulation: config.simulation,
+    };
+    let (block_s, simulation) = (settings.options.block_s, settings.simulation.clone());
+    let robot = RobotPlant::new(settings).map_err(in_file)?;
+    let mut table = config.ordinary;
+    let plant = section(&mut table, "plant");
+    let number = |value: Option<&Value>| value.and_then(|v| v.as_float().or(v.as_integer().map(|i| i as f64)));
+    let period_s = number(plant.get("sample_period_s")).unwrap_or(PERIOD_S);
+    state(plant, "sample_period_s", PERIOD_S);
+    state(plant, "duration_s", DURATION_S);
+    state(plant, "machine", "model");
+    let sensors = section(plant, "sensors");
+    sensors.insert(
+        "encoder_bits".to_owned(),
+        Value::from(i64::from(simulation.encoder_bits)),
+    );
+    // What the machine really is, for the table: at the start, and after the first change of its payload.
+    let machine = RobotSimulator::new(robot.settings().model.robot(), simulation.clone()).map_err(in_file)?;
+    let theta = |t_s: f64| -> Value {
+        let all = machine.truth(&robot.settings().model, t_s);
+        let count = crate::node::model::Model::parameters(&robot).len();
+        Value::Array(all.into_iter().take(count).map(Value::Float).collect())
+    };
+    let truth = section(plant, "model");
+    truth.insert("theta".to_owned(), theta(0.0));
+    if let Some(change) = simulation.payloads.iter().find(|change| change.t_s > 0.0) {
+        truth.insert("change_s".to_owned(), Value::Float(change.t_s));
+        truth.insert("theta_after".to_owned(), theta(change.t_s));
+    }
+    state(
+        section(&mut table, "estimator"),
+        "block_len",
+        ((block_s / period_s).round() as i64).max(1),
+    );
+    let source = Source::Embedded {
+        name: path.display().to_string(),
+        text: toml::to_string(&table).map_err(|e| in_file(e.to_string()))?,
+    };
+    Ok(Some((catalog.clone().with_model(SharedModel::new(robot)), source)))
+}
+
+/// A section, empty if there is none.
+fn section<'a>(table: &'a mut Table, name: &str) -> &'a mut Table {
+    let entry = table.entry(name).or_insert_with(|| Value::Table(Table::new()));
+    if !entry.is_table() {
+        *entry = Value::Table(Table::new());
+    }
+    match entry {
+        Value::Table(section) => section,
+        _ => unreachable!("it was just made one"),
+    }
+}
+
+/// A key that is not stated.
+fn state(section: &mut Table, key: &str, value: impl Into<Value>) {
+    section.entry(key).or_insert_with(|| value.into());
+}

@@ -122,7 +122,7 @@ impl RobotNode {
     }
 
     fn start_stream(&mut self, sample: &Sample) {
-        self.enter_stream(stream_tag(sample.boot_id));
+        self.enter_stream(stream_tag(sample.stream_id));
         self.change_teacher(sample);
         self.robot.discard_block();
         self.restart_rows();
@@ -132,7 +132,7 @@ impl RobotNode {
         self.first_seq = sample.seq;
         self.t_change_ns = 0;
         self.status = Status {
-            boot_id: sample.boot_id,
+            stream_id: sample.stream_id,
             streams: self.cursor.streams(),
             state: if self.paused { State::Paused } else { State::Collecting } as u32,
             accepted: 0,
@@ -286,7 +286,7 @@ impl RobotNode {
             estimate
         };
         estimate.t_change_ns = self.t_change_ns;
-        estimate.boot_id = self.status.boot_id;
+        estimate.stream_id = self.status.stream_id;
         estimate.block = open.block;
         estimate.t_first_ns = open.t_first_ns;
         estimate.t_last_ns = self.status.last_t_ns;
@@ -345,7 +345,7 @@ impl RobotNode {
             self.note(&order);
             self.carry_out(&order.change, order.tag);
             order.border = Border {
-                boot_id: self.status.boot_id,
+                stream_id: self.status.stream_id,
                 from_seq: begin,
                 block: self.grid.border(begin).1,
             };
@@ -419,20 +419,20 @@ impl RobotNode {
     }
 
     fn is_between_streams(&self) -> bool {
-        self.status.boot_id == 0 || self.status.state == State::Ended as u32
+        self.status.stream_id == 0 || self.status.state == State::Ended as u32
     }
 
     /// Of the stream that is open; 0 between two.
     fn open_tag(&self) -> u32 {
         match self.is_between_streams() {
             true => 0,
-            false => stream_tag(self.status.boot_id),
+            false => stream_tag(self.status.stream_id),
         }
     }
 
     /// At the END of a stream: what was for it alone goes with it.
     fn leave_stream(&mut self) {
-        let over = stream_tag(self.status.boot_id);
+        let over = stream_tag(self.status.stream_id);
         let next = self.cursor.streams() + 1;
         self.drop_orders(next, |order| order.tag == over);
         self.undo_for(0);
@@ -472,7 +472,7 @@ impl RobotNode {
 
     fn copy_out(&mut self, into: &mut NodeState) {
         self.robot.save(&mut into.estimator);
-        into.boot_id = self.status.boot_id;
+        into.stream_id = self.status.stream_id;
         into.block = self.status.last_block;
         into.t_ns = self.status.last_t_ns;
         into.blocks = self.robot.blocks() as u64;
@@ -488,7 +488,7 @@ impl RobotNode {
 
 impl Identifier for RobotNode {
     fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate)) {
-        match self.cursor.advance(sample.boot_id, sample.seq) {
+        match self.cursor.advance(sample.stream_id, sample.seq) {
             SamplePlace::First => self.start_stream(sample),
             SamplePlace::Next => {}
             SamplePlace::Gap { missing } => {
@@ -556,7 +556,7 @@ impl Identifier for RobotNode {
         if tag != 0 && tag != self.open_tag() {
             let (seq, block) = BlockGrid::new(self.grid.len).border(from_seq);
             return Ok(Border {
-                boot_id: 0,
+                stream_id: 0,
                 from_seq: seq,
                 block,
             });
@@ -570,7 +570,7 @@ impl Identifier for RobotNode {
             self.grid.border(from_seq.max(next))
         };
         Ok(Border {
-            boot_id: if between { 0 } else { self.status.boot_id },
+            stream_id: if between { 0 } else { self.status.stream_id },
             from_seq: seq,
             block,
         })

@@ -86,10 +86,8 @@ pub(super) fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, c
     report.informed = 2 * rank > free && free > 0;
 }
 
-fn mark(mask: &mut u64, i: usize) {
-    if let Some(bit) = u32::try_from(i).ok().and_then(|i| 1u64.checked_shl(i)) {
-        *mask |= bit;
-    }
+fn mark(mask: &mut u128, i: usize) {
+    *mask |= u32::try_from(i).ok().and_then(|i| 1u128.checked_shl(i)).unwrap_or(0);
 }
 
 /// A change that is no payload, in words.

@@ -4,10 +4,12 @@ use super::identifier::{Identifier, IdentifierOptions};
 use super::model::{Model, ModelError, NodeSettings};
 use super::robot::RobotNode;
 use crate::messages::signals;
-use crate::model::{DerivedQuantity, DerivedValues, Equation, Parameter, PlantDefinition};
+use crate::model::{
+    DerivedQuantity, DerivedValues, Equation, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter, PlantDefinition,
+};
 use crate::robot::{
-    BODY_PARAMETERS, BodyParameters, Drives, IdentifyOptions, PAYLOAD_VALUES, RobotIdentifier, RobotModel,
-    RobotSimOptions, Velocities, controller_values,
+    BODY_PARAMETERS, BodyParameters, Drives, FilteredSample, IdentifyOptions, PAYLOAD_VALUES, Payload, RobotIdentifier,
+    RobotModel, RobotSimOptions, Velocities, controller_values,
 };
 use std::sync::Arc;
 
@@ -35,6 +37,8 @@ pub struct RobotPlant {
     settings: RobotSettings,
     definition: PlantDefinition,
     payload: Option<Arc<PayloadValues>>,
+    /// Whose parameters stand behind the arm's.
+    group: Option<Payload>,
 }
 
 impl RobotPlant {
@@ -88,6 +92,7 @@ impl RobotPlant {
         };
         definition.validate()?;
         Ok(Self {
+            group: (!derived.is_empty()).then(|| Payload::new(&settings.model)),
             payload: (!derived.is_empty()).then(|| {
                 Arc::new(PayloadValues {
                     quantities: derived,
@@ -135,6 +140,27 @@ impl Model for RobotPlant {
 
     fn derived(&self) -> Option<Arc<dyn DerivedValues + Send + Sync>> {
         self.payload.clone().map(|payload| payload as _)
+    }
+
+    fn input_for(&self, motion: &JointSample, theta: &[f64], input: &mut [f64; MAX_JOINTS]) {
+        let model = &self.settings.model;
+        let (n, arm) = (model.robot().len(), model.parameters().len());
+        let mut effective = [0.0; MAX_PARAMS];
+        match &self.group {
+            Some(payload) => payload.effective(theta, &mut effective[..arm]),
+            None => effective[..arm].copy_from_slice(&theta[..arm]),
+        }
+        // A joint that rests has an engagement that a motion alone does not tell.
+        let state = FilteredSample {
+            q: motion.q,
+            dq: motion.dq,
+            ddq: motion.ddq,
+            engagement: motion.dq.map(|dq| if dq == 0.0 { 0.0 } else { dq.signum() }),
+            ..FilteredSample::default()
+        };
+        let mut tau = [0.0; MAX_JOINTS];
+        model.torques(&effective[..arm], &state, &mut tau[..n]);
+        *input = self.settings.drives.inputs(&tau);
     }
 
     fn restarts_itself(&self) -> bool {
@@ -209,6 +235,13 @@ impl Iterator for Driven {
         let mut sample = self.simulator.next()?;
         sample.input = self.drives.inputs(&sample.input);
         Some(sample)
+    }
+}
+
+#[cfg(feature = "sim")]
+impl crate::sim::Commanded for Driven {
+    fn command(&mut self, feed_forward: &[f64; MAX_JOINTS]) {
+        self.simulator.command(&self.drives.torques(feed_forward));
     }
 }
 

@@ -81,6 +81,7 @@ pub use friction::{FrictionTerm, JointFriction};
 pub use identify::{IdentifyOptions, RobotIdentifier};
 pub use log::{Drives, LogColumns, LogError, read_log};
 pub use model::{RobotModel, RobotParameter};
+pub use payload::Payload;
 pub use physical::{
     BodyInformation, controller_std, controller_values, information, is_physical, project, pseudo_inertia,
 };

@@ -32,17 +32,18 @@ const LARGEST: (f64, f64) = (0.25, 0.15);
 
 /// M with the prior of a payload.
 #[derive(Debug, Clone)]
-pub(super) struct Payload {
+pub struct Payload {
     /// Index of its first parameter: the number of the arm's.
-    pub first: usize,
+    pub(super) first: usize,
     /// M, a row of ten per parameter of the arm.
     map: Vec<[f64; BODY_PARAMETERS]>,
     /// Standard deviations of the prior, about 0.
-    pub prior: [f64; BODY_PARAMETERS],
+    pub(super) prior: [f64; BODY_PARAMETERS],
     product: Vec<[f64; BODY_PARAMETERS]>,
 }
 
 impl Payload {
+    /// Of a robot whose flange may carry something.
     pub fn new(model: &RobotModel) -> Self {
         let robot = model.robot();
         let n = robot.len();
@@ -103,11 +104,11 @@ impl Payload {
     }
 
     /// A row of M.
-    pub fn row(&self, parameter: usize) -> &[f64; BODY_PARAMETERS] {
+    pub(super) fn row(&self, parameter: usize) -> &[f64; BODY_PARAMETERS] {
         &self.map[parameter]
     }
 
-    /// (1): the arm's parameters that act as arm and payload do.
+    /// (1): writes the arm's parameters that act as arm and payload of `theta` do.
     pub fn effective(&self, theta: &[f64], out: &mut [f64]) {
         let payload = &theta[self.indices()];
         for (i, row) in self.map.iter().enumerate() {
@@ -116,7 +117,7 @@ impl Payload {
     }
 
     /// (2): adds the payload's part of weight · (A, b) of a joint.
-    pub fn scatter(&mut self, sums: &JointSums, weight: f64, into: &mut Information) {
+    pub(super) fn scatter(&mut self, sums: &JointSums, weight: f64, into: &mut Information) {
         let (n, m) = (into.n, sums.columns().len());
         for (i, product) in self.product.iter_mut().take(m).enumerate() {
             *product = [0.0; BODY_PARAMETERS];

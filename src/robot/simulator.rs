@@ -210,6 +210,7 @@ pub struct RobotSimulator {
     dq: [f64; MAX_JOINTS],
     z: [f64; MAX_JOINTS],
     tau: [f64; MAX_JOINTS],
+    feed_forward: [f64; MAX_JOINTS],
     next_payload: usize,
     k: u64,
 }
@@ -247,6 +248,7 @@ impl RobotSimulator {
             dq: [0.0; MAX_JOINTS],
             z: [0.0; MAX_JOINTS],
             tau: [0.0; MAX_JOINTS],
+            feed_forward: [0.0; MAX_JOINTS],
             next_payload: 0,
             k: 0,
             rotors,
@@ -274,6 +276,11 @@ impl RobotSimulator {
     fn inverse(&self, dq: &[f64], ddq: &[f64], tau: &mut [f64]) {
         let n = self.known.len();
         inverse_dynamics(&self.known, &self.known.bodies, &self.q[..n], dq, ddq, tau);
+    }
+
+    /// Adds torques or forces to those of the controller, from the next sample on until the next call \[N m or N\].
+    pub fn command(&mut self, feed_forward: &[f64; MAX_JOINTS]) {
+        self.feed_forward = *feed_forward;
     }
 
     /// Number of the next sample.
@@ -360,7 +367,7 @@ impl RobotSimulator {
             }
         }
         for i in 0..n {
-            self.tau[i] = tau[i].clamp(-self.effort[i], self.effort[i]);
+            self.tau[i] = (tau[i] + self.feed_forward[i]).clamp(-self.effort[i], self.effort[i]);
         }
     }
 

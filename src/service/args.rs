@@ -113,23 +113,29 @@ impl CommonArgs {
     /// The configuration: built-in defaults, `sources`, the files, `--set`, then what the command line says with words of its own. With
     /// neither sources nor files it is [`BUILT_IN`], so that programs which are started one by one mean the same as `thetabus run`.
     pub(super) fn load(&self, sources: Vec<Source>, own: &[(&str, Option<String>)]) -> Result<Config, Failure> {
-        let mut catalog = self.catalog.clone();
-        let mut files = Vec::new();
-        for path in &self.config {
-            files.push(match super::robot::source(path, &catalog)? {
-                Some((with_robot, source)) => {
-                    catalog = with_robot;
-                    source
-                }
-                None => Source::File(path.clone()),
-            });
-        }
-        let basis = match catalog.preferred() {
+        let basis = |catalog: &Catalog| match catalog.preferred() {
             Some(_) => Config::embedded("own_plant"),
             None if sources.is_empty() && self.config.is_empty() => Config::embedded(BUILT_IN),
             None => None,
         };
-        let sources: Vec<Source> = basis.into_iter().chain(sources).chain(files).collect();
+        let basis = basis(&self.catalog);
+        let mut catalog = self.catalog.clone();
+        let mut all: Vec<Source> = basis.into_iter().collect();
+        let files = self.config.iter().cloned().map(Source::File);
+        for source in sources.into_iter().chain(files) {
+            let robot = match &source {
+                Source::File(path) => super::robot::source(path, &catalog)?,
+                _ => None,
+            };
+            all.push(match robot {
+                Some((with_robot, own)) => {
+                    catalog = with_robot;
+                    own
+                }
+                None => source,
+            });
+        }
+        let sources = all;
         let names = [
             ("bus.robot", quoted(self.robot.as_ref())),
             ("bus.domain", quoted(self.domain.as_ref())),

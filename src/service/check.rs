@@ -9,7 +9,9 @@ use std::path::Path;
 /// # Errors
 /// Everything that is wrong with it.
 pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<Exit, Failure> {
-    let config = Config::load_for(&common.catalog, &[Source::File(file.to_owned())], set)?;
+    let (catalog, source) = super::robot::source(file, &common.catalog)?
+        .unwrap_or_else(|| (common.catalog.clone(), Source::File(file.to_owned())));
+    let config = Config::load_for(&catalog, &[source], set)?;
     for warning in config.warnings() {
         logging::result(&format!("warning: {warning}"))?;
     }

@@ -18,17 +18,23 @@ use std::time::Instant;
 /// # Errors
 /// A recording that cannot be read, a configuration that is wrong, results that cannot be written.
 pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
-    if let Some(robot) = identify_robot::configuration(args)? {
-        return identify_robot::run(args, robot, shutdown);
-    }
     // A log of the user's own has no configuration inside.
     let is_log = args
         .input
         .extension()
         .is_some_and(|name| name.eq_ignore_ascii_case("csv"));
-    if is_log && !args.input.is_dir() {
+    let is_log = is_log && !args.input.is_dir();
+    if is_log || args.validate.is_some() {
+        if let Some(robot) = identify_robot::configuration(args)? {
+            return identify_robot::run(args, robot, shutdown);
+        }
+    }
+    if is_log {
         return identify_log::run(args, shutdown);
     }
+    let mut own = args.clone();
+    own.common.catalog = super::robot::beside(&args.input, &args.common.catalog)?;
+    let args = &own;
     let start = Instant::now();
     let recording = recording_at(&args.input);
     let mut reader = report::open(&recording, args.span.span()?)?;

@@ -59,7 +59,9 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     }
     out_dir::create(&dir)?;
     let config_file = dir.join(CONFIG_TOML);
-    files::write_synced(&config_file, config.to_toml().as_bytes())
+    let files = args.file.iter().chain(&args.plant.common.config);
+    let own = super::robot::as_file(files, &config, &dir)?;
+    files::write_synced(&config_file, own.unwrap_or_else(|| config.to_toml()).as_bytes())
         .map_err(|e| Failure::Failed(format!("{} cannot be written: {e}", config_file.display())))?;
 
     let bus = Bus::join(&domain, &robot, "run")?;

@@ -27,7 +27,8 @@ pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
     if !in_place {
         out_dir::check(&out)?;
     }
-    let run = read(&recording_at(path), args.span.span()?, &common.catalog)?;
+    let catalog = super::robot::beside(path, &common.catalog)?;
+    let run = read(&recording_at(path), args.span.span()?, &catalog)?;
     // A run that ended before its first sample has a report; a part that was asked for and is not there has none.
     if args.span.is_cut() && run.samples == 0 && run.estimates.is_empty() && run.loss.is_none() {
         return Err(args.span.nothing(path));

@@ -1,15 +1,17 @@
 //! The configuration of a robot from its URDF as one that every program takes: its model for the catalog, and its other sections as an ordinary source.
 
 use super::Failure;
-use crate::config::{Catalog, Source};
+use crate::config::{Catalog, Config, Source};
 use crate::node::model::SharedModel;
 use crate::node::robot_model::{RobotPlant, RobotSettings};
 use crate::robot::{IdentifyOptions, RobotConfig, RobotSimulator};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
 /// Sample period if section `[plant]` names none \[s\].
 const PERIOD_S: f64 = 0.001;
+/// Name of the URDF in a directory of results.
+const URDF: &str = "robot.urdf";
 /// Length of a run if it names none \[s\].
 const DURATION_S: f64 = 60.0;
 
@@ -76,6 +78,59 @@ pub(super) fn source(path: &Path, catalog: &Catalog) -> Result<Option<(Catalog, 
         text: toml::to_string(&table).map_err(|e| in_file(e.to_string()))?,
     };
     Ok(Some((catalog.clone().with_model(SharedModel::new(robot)), source)))
+}
+
+/// The configuration of a run as a file in its directory, with the URDF beside it; `None` if no robot is among the files.
+///
+/// # Errors
+/// The URDF cannot be copied.
+pub(super) fn as_file<'a>(
+    files: impl Iterator<Item = &'a PathBuf>,
+    config: &Config,
+    dir: &Path,
+) -> Result<Option<String>, Failure> {
+    let mut robot = None;
+    for path in files {
+        let text = std::fs::read_to_string(path).unwrap_or_default();
+        if RobotConfig::is_robot(&text) {
+            robot = text.parse::<Table>().ok().map(|table| (path, table));
+        }
+    }
+    let Some((path, mut table)) = robot else {
+        return Ok(None);
+    };
+    let model = section(&mut table, "model");
+    let urdf = model.get("urdf").and_then(Value::as_str).unwrap_or_default();
+    let urdf = path.parent().unwrap_or(Path::new("")).join(urdf);
+    let failed = |e: &dyn std::fmt::Display| Failure::Failed(format!("{}: {e}", dir.join(URDF).display()));
+    let bytes = std::fs::read(&urdf).map_err(|e| failed(&e))?;
+    crate::files::write(&dir.join(URDF), &bytes).map_err(|e| failed(&e))?;
+    model.insert("urdf".to_owned(), Value::from(URDF));
+    let resolved: Table = config.to_toml().parse().map_err(|e| failed(&e))?;
+    for name in [
+        "bus",
+        "plant",
+        "estimator",
+        "monitor",
+        "checkpoint",
+        "supervision",
+        "realtime",
+    ] {
+        if let Some(section) = resolved.get(name) {
+            table.insert(name.to_owned(), section.clone());
+        }
+    }
+    toml::to_string(&table).map(Some).map_err(|e| failed(&e))
+}
+
+/// These models and, if results of a robot stand in this directory, the robot's.
+///
+/// # Errors
+/// What is wrong with the configuration in the directory.
+pub(super) fn beside(input: &Path, catalog: &Catalog) -> Result<Catalog, Failure> {
+    let dir = if input.is_dir() { Some(input) } else { input.parent() };
+    let found = dir.map(|dir| source(&dir.join("config.toml"), catalog)).transpose()?;
+    Ok(found.flatten().map_or_else(|| catalog.clone(), |(catalog, _)| catalog))
 }
 
 /// A section, empty if there is none.

@@ -2,6 +2,8 @@
 
 mod dynamics;
 mod log;
+mod node;
+mod payload;
 mod peers;
 mod simulated;
 mod simulator;

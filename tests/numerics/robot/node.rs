@@ -186,7 +186,7 @@ fn prop_pause_fix_free_and_restart_take_effect_between_blocks() {
         .is_err()
     );
     let mut estimates = Vec::new();
-    let mut go = |node: &mut RobotNode, range: std::ops::Range<usize>, estimates: &mut Vec<Estimate>| {
+    let go = |node: &mut RobotNode, range: std::ops::Range<usize>, estimates: &mut Vec<Estimate>| {
         for seq in range {
             node.on_sample(&message(1, seq as u64, &samples[seq]), &mut |e| estimates.push(*e));
         }

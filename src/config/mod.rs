@@ -105,6 +105,11 @@ impl Config {
         })
     }
 
+    /// Names of the configurations that are built in.
+    pub fn embedded_names() -> impl Iterator<Item = &'static str> {
+        EMBEDDED.iter().map(|(name, _)| *name)
+    }
+
     /// The same with one key set to a number, as while an identifier runs.
     ///
     /// # Errors

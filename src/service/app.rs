@@ -7,9 +7,10 @@
 //!
 //! The three roles are the same program, so that `run` finds everything that it needs, a user's own model included.
 
+use super::args::BUILT_IN;
 use super::{
-    CommonArgs, ControllerArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, MonitorArgs,
-    PlantArgs, ReplayArgs, ReportArgs, RunArgs, VERSION, WatchArgs, main_with,
+    CommonArgs, ControllerArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat,
+    MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, VERSION, WatchArgs, main_with,
 };
 use crate::config::Catalog;
 use crate::model::Plant;
@@ -54,6 +55,15 @@ enum Command {
     /// Tools for configuration files
     #[command(subcommand)]
     Config(ConfigCommand),
+    /// Print what a shell needs to complete this program's command line
+    #[command(after_help = EXIT_CODES)]
+    Completions {
+        /// The shell
+        shell: clap_complete::Shell,
+    },
+    /// Print the manual page
+    #[command(after_help = EXIT_CODES)]
+    Man,
     /// The simulated machine on its own: samples onto the bus
     #[command(after_help = EXIT_CODES)]
     Plant(PlantArgs),
@@ -79,6 +89,23 @@ enum ConfigCommand {
         /// Override a key, as the programs do; repeatable
         #[arg(long, value_name = "SECTION.KEY=VALUE")]
         set: Vec<String>,
+    },
+    /// Print a configuration that is built in, or the names of all of them
+    #[command(after_help = EXIT_CODES)]
+    Show {
+        /// Its name, for example encoder_only; default is the list of all keys
+        #[arg(value_name = "NAME")]
+        name: Option<String>,
+    },
+    /// Write a configuration that is built in to a file, to begin your own with
+    #[command(after_help = EXIT_CODES)]
+    New {
+        /// The file, which must not exist; NAME.toml here without it
+        #[arg(value_name = "FILE")]
+        file: Option<PathBuf>,
+        /// The configuration to begin with
+        #[arg(long, value_name = "NAME", default_value = BUILT_IN)]
+        from: String,
     },
 }
 
@@ -150,10 +177,24 @@ impl Command {
                 main_with(&common, |_| super::ctl(&args, &common))
             }
             Self::Doctor(args) => main_with(&tool(args.log_format), |_| super::doctor(&args)),
-            Self::Config(ConfigCommand::Check { file, set }) => {
+            Self::Config(command) => {
                 let common = CommonArgs::default().with_models(catalog);
-                main_with(&common, |_| super::config_check(&file, &set, &common))
+                main_with(&common, |_| match &command {
+                    ConfigCommand::Check { file, set } => super::config_check(file, set, &common),
+                    ConfigCommand::Show { name } => super::config_show(name.as_deref()),
+                    ConfigCommand::New { file, from } => super::config_new(file.as_deref(), from),
+                })
             }
+            Self::Completions { shell } => main_with(&tool(LogFormat::Text), |_| {
+                clap_complete::generate(shell, &mut Program::command(), program_name(), &mut std::io::stdout());
+                Ok(super::Exit::Done)
+            }),
+            Self::Man => main_with(&tool(LogFormat::Text), |_| {
+                let page = clap_mangen::Man::new(Program::command());
+                page.render(&mut std::io::stdout())
+                    .map_err(|e| super::Failure::Failed(format!("cannot write the page: {e}")))?;
+                Ok(super::Exit::Done)
+            }),
             Self::Plant(mut args) => {
                 args.common.catalog = catalog;
                 main_with(&args.common, |shutdown| super::plant(&args, shutdown))

@@ -1,7 +1,9 @@
-//! `thetabus config check`.
+//! `thetabus config check`, `show` and `new`.
 
 use super::{CommonArgs, Exit, Failure, logging};
 use crate::config::{Config, Source};
+use std::fs::File;
+use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 
 /// Loads a configuration file and says what is wrong or suspicious.
@@ -17,4 +19,46 @@ pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<
     }
     logging::result(&format!("{}: ok", file.display()))?;
     Ok(Exit::Done)
+}
+
+/// Prints a configuration that is built in, or the names of all.
+///
+/// # Errors
+/// There is none of this name, or standard output cannot be written.
+pub fn config_show(name: Option<&str>) -> Result<Exit, Failure> {
+    match name {
+        Some(name) => logging::result(built_in(name)?.trim_end())?,
+        None => logging::result(&Config::embedded_names().collect::<Vec<_>>().join("\n"))?,
+    }
+    Ok(Exit::Done)
+}
+
+/// Writes a configuration that is built in to a file that does not exist yet.
+///
+/// # Errors
+/// There is none of this name, or the file exists or cannot be written.
+pub fn config_new(file: Option<&Path>, from: &str) -> Result<Exit, Failure> {
+    let text = built_in(from)?;
+    let file = file.map_or_else(|| Path::new(from).with_extension("toml"), Path::to_path_buf);
+    let written = File::create_new(&file).and_then(|mut new| new.write_all(text.as_bytes()));
+    written.map_err(|e| match e.kind() {
+        ErrorKind::AlreadyExists => Failure::Usage(format!("{} exists and is not written over", file.display())),
+        _ => Failure::Failed(format!("{} cannot be written: {e}", file.display())),
+    })?;
+    logging::result(&format!(
+        "{}: written; a configuration states only what differs from the defaults",
+        file.display()
+    ))?;
+    Ok(Exit::Done)
+}
+
+fn built_in(name: &str) -> Result<String, Failure> {
+    match Config::embedded(name) {
+        Some(Source::Embedded { text, .. }) => Ok(text),
+        _ => {
+            let names: Vec<&str> = Config::embedded_names().collect();
+            let message = format!("expected a configuration out of {}, got \"{name}\"", names.join(", "));
+            Err(Failure::Usage(message))
+        }
+    }
 }

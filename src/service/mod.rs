@@ -52,7 +52,7 @@ pub use args::{
     CommonArgs, ControllerArgs, CtlArgs, CtlCommand, DoctorArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat,
     MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION, WatchArgs, WebArgs,
 };
-pub use check::config_check;
+pub use check::{config_check, config_new, config_show};
 pub use controller::run as controller;
 pub use ctl::run as ctl;
 pub use doctor::run as doctor;

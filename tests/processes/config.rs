@@ -117,3 +117,36 @@ fn e2e_help_lists_the_exit_codes_and_version_names_schema_and_iceoryx2() {
     let help = String::from_utf8(output.stdout).expect("UTF-8");
     assert!(help.contains("Exit codes") && !help.contains("launched-by"), "{help}");
 }
+
+#[test]
+fn e2e_a_configuration_that_is_built_in_can_be_shown_and_begun_with() {
+    let site = Site::new();
+    let thetabus = |args: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+        command.current_dir(site.dir.path()).args(args);
+        Process::start(command)
+    };
+    let mut names = thetabus(&["config", "show"]);
+    names.expect_code(0);
+    assert!(
+        names.stdout().lines().any(|name| name == "servo_axis"),
+        "{}",
+        names.said()
+    );
+    thetabus(&["config", "new", "mine.toml", "--from", "servo_axis"]).expect_code(0);
+    let written = std::fs::read_to_string(site.dir.path().join("mine.toml")).expect("written");
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/config/servo_axis.toml");
+    assert_eq!(written, std::fs::read_to_string(shipped).expect("shipped"));
+    thetabus(&["config", "check", "mine.toml"]).expect_code(0);
+    let mut again = thetabus(&["config", "new", "mine.toml"]);
+    again.expect_code(2);
+    again.expect_stderr(&["mine.toml", "exists"]);
+    let mut unknown = thetabus(&["config", "show", "servo"]);
+    unknown.expect_code(2);
+    unknown.expect_stderr(&["servo_axis", "\"servo\""]);
+    for (args, part) in [(&["completions", "bash"][..], "_thetabus"), (&["man"], ".TH thetabus")] {
+        let mut page = thetabus(args);
+        page.expect_code(0);
+        assert!(page.stdout().contains(part), "{}", page.said());
+    }
+}

@@ -96,6 +96,7 @@ class Estimates(_Topic[Estimate]):
         super().__init__(robot, domain=domain, timeout=timeout)
         self._descriptions = Reader("description", robot, domain)
         self._gaps = _Gaps()
+        self._awaited: set[int] = set()
         self.description: Optional[Description] = None
         """The identifier's own names and units, once they have come."""
 
@@ -109,8 +110,10 @@ class Estimates(_Topic[Estimate]):
         while self._look(0.0):
             pass
         e = Estimate(data, sent_ns, self.description)
-        if e.description is None:
-            # an identifier with other names has sent them before its first estimate
+        model = int(e.raw["model_hash"])
+        if e.description is None and model not in self._awaited:
+            # an identifier with other names has sent them before its first estimate; it is waited for once
+            self._awaited.add(model)
             until = time.monotonic() + self._names_within
             while e.description is None and self._look(max(until - time.monotonic(), 0.0)):
                 e = Estimate(data, sent_ns, self.description)

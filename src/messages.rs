@@ -92,13 +92,14 @@ pub mod estimate_flags {
 }
 
 /// The layouts of everything that the bus carries, in the order of the documentation.
-pub fn layouts() -> [&'static Layout; 10] {
+pub fn layouts() -> [&'static Layout; 11] {
     [
         Header::LAYOUT,
         Sample::LAYOUT,
         Estimate::LAYOUT,
         Status::LAYOUT,
         Description::LAYOUT,
+        MachineCommand::LAYOUT,
         Request::LAYOUT,
         Response::LAYOUT,
         Journal::LAYOUT,
@@ -229,6 +230,7 @@ mod tests {
         walked::<Estimate>();
         walked::<Status>();
         walked::<Description>();
+        walked::<MachineCommand>();
         walked::<Response>();
         walked::<Journal>();
         let mut sample = Sample::EMPTY;

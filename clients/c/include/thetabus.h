@@ -329,6 +329,22 @@ THETABUS_CHECK(offsetof(thetabus_description_t, joint) == 144, "thetabus_descrip
 THETABUS_CHECK(offsetof(thetabus_description_t, parameter) == 1168, "thetabus_description_t.parameter has another place");
 THETABUS_CHECK(offsetof(thetabus_description_t, derived) == 32912, "thetabus_description_t.derived has another place");
 
+typedef struct thetabus_machine_command {
+    uint64_t stream_id; /* stream_id of the sample that is answered; a command for another stream does not count */
+    uint64_t seq; /* seq of that sample; the command holds from the next one on */
+    uint64_t until_ns; /* Stream time from which on it holds no longer: then the machine's own loop is alone [ns] */
+    uint32_t joints; /* Number of joints, 1 to 8 */
+    uint32_t pad; /* Zero */
+    double feed_forward[8]; /* Input that is added to what the machine's own loop gives [{input}] */
+} thetabus_machine_command_t;
+THETABUS_CHECK(sizeof(thetabus_machine_command_t) == 96, "thetabus_machine_command_t has another size");
+THETABUS_CHECK(offsetof(thetabus_machine_command_t, stream_id) == 0, "thetabus_machine_command_t.stream_id has another place");
+THETABUS_CHECK(offsetof(thetabus_machine_command_t, seq) == 8, "thetabus_machine_command_t.seq has another place");
+THETABUS_CHECK(offsetof(thetabus_machine_command_t, until_ns) == 16, "thetabus_machine_command_t.until_ns has another place");
+THETABUS_CHECK(offsetof(thetabus_machine_command_t, joints) == 24, "thetabus_machine_command_t.joints has another place");
+THETABUS_CHECK(offsetof(thetabus_machine_command_t, pad) == 28, "thetabus_machine_command_t.pad has another place");
+THETABUS_CHECK(offsetof(thetabus_machine_command_t, feed_forward) == 32, "thetabus_machine_command_t.feed_forward has another place");
+
 typedef struct thetabus_request {
     uint32_t command; /* 1 pause, 2 resume, 3 reset, 4 set, 5 fix, 6 free, 7 save, 8 describe, 9 restore, 10 recorder */
     uint32_t flags; /* Bit 0: value holds */
@@ -439,6 +455,11 @@ int32_t thetabus_samples_open(const char *domain, const char *robot, thetabus_sa
 int32_t thetabus_samples_next(thetabus_samples_t *reader, thetabus_sample_t *out, uint64_t *sent_ns, int32_t timeout_ms);
 void thetabus_samples_close(thetabus_samples_t *reader);
 
+typedef struct thetabus_commands thetabus_commands_t;
+int32_t thetabus_commands_open(const char *domain, const char *robot, thetabus_commands_t **out);
+int32_t thetabus_commands_next(thetabus_commands_t *reader, thetabus_machine_command_t *out, uint64_t *sent_ns, int32_t timeout_ms);
+void thetabus_commands_close(thetabus_commands_t *reader);
+
 /* 1 if parameter `index`, from 0, may be used, else 0: the one rule for controllers. */
 int32_t thetabus_is_usable(const thetabus_estimate_t *estimate, uint32_t index);
 /* Index of the parameter of this name, from 0, or -1. */
@@ -467,7 +488,17 @@ int32_t thetabus_machine_skip(thetabus_machine_t *machine, uint64_t samples);
 /* Gives consumers a moment to take what was sent, then leaves. */
 void thetabus_machine_close(thetabus_machine_t *machine);
 
-/* ---- commands ---- */
+/* ---- a controller ----
+ *
+ * Sends feed-forward to the machine in answer to its samples; there is one per robot and domain. Set `stream_id`, `seq` and `joints` as in the
+ * sample, `until_ns` a few sample periods behind its `t_ns`, and `feed_forward` within the input's limits. */
+
+typedef struct thetabus_controller thetabus_controller_t;
+int32_t thetabus_controller_open(const char *domain, const char *robot, thetabus_controller_t **out);
+int32_t thetabus_controller_send(thetabus_controller_t *controller, const thetabus_machine_command_t *command);
+void thetabus_controller_close(thetabus_controller_t *controller);
+
+/* ---- commands to the identifier ---- */
 
 #define THETABUS_PAUSE 1u
 #define THETABUS_RESUME 2u

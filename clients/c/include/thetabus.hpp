@@ -126,6 +126,8 @@ using Statuses = detail::Reader<thetabus_statuses_t, thetabus_status_t, thetabus
                                 thetabus_statuses_close>;
 using Descriptions = detail::Reader<thetabus_descriptions_t, Description, thetabus_descriptions_open,
                                     detail::next_description, thetabus_descriptions_close>;
+using Commands = detail::Reader<thetabus_commands_t, thetabus_machine_command_t, thetabus_commands_open,
+                                thetabus_commands_next, thetabus_commands_close>;
 using Samples = detail::Reader<thetabus_samples_t, thetabus_sample_t, thetabus_samples_open, thetabus_samples_next,
                                thetabus_samples_close>;
 
@@ -155,6 +157,35 @@ private:
         void operator()(thetabus_machine_t *handle) const { thetabus_machine_close(handle); }
     };
     std::unique_ptr<thetabus_machine_t, Closer> handle_;
+};
+
+/// Sends feed-forward to the machine in answer to its samples.
+class Controller {
+public:
+    explicit Controller(const std::string &robot = "arm", const std::string &domain = "default") {
+        thetabus_controller_t *handle = nullptr;
+        detail::check(thetabus_controller_open(domain.c_str(), robot.c_str(), &handle));
+        handle_.reset(handle);
+    }
+
+    /// Input to be added from the sample after this one on, for `hold` at most.
+    void send(const thetabus_sample_t &sample, const std::vector<double> &feed_forward, Milliseconds hold) {
+        if (feed_forward.size() != sample.joints)
+            throw std::invalid_argument("feed_forward: expected a number for each joint");
+        thetabus_machine_command_t command{};
+        command.stream_id = sample.stream_id;
+        command.seq = sample.seq;
+        command.joints = sample.joints;
+        command.until_ns = sample.t_ns + static_cast<uint64_t>(hold.count()) * 1000000u;
+        std::copy(feed_forward.begin(), feed_forward.end(), command.feed_forward);
+        detail::check(thetabus_controller_send(handle_.get(), &command));
+    }
+
+private:
+    struct Closer {
+        void operator()(thetabus_controller_t *handle) const { thetabus_controller_close(handle); }
+    };
+    std::unique_ptr<thetabus_controller_t, Closer> handle_;
 };
 
 /// Tells the identifier of a robot what to do; a refusal is thrown with its words.

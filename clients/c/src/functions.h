@@ -40,6 +40,11 @@ int32_t thetabus_samples_open(const char *domain, const char *robot, thetabus_sa
 int32_t thetabus_samples_next(thetabus_samples_t *reader, thetabus_sample_t *out, uint64_t *sent_ns, int32_t timeout_ms);
 void thetabus_samples_close(thetabus_samples_t *reader);
 
+typedef struct thetabus_commands thetabus_commands_t;
+int32_t thetabus_commands_open(const char *domain, const char *robot, thetabus_commands_t **out);
+int32_t thetabus_commands_next(thetabus_commands_t *reader, thetabus_machine_command_t *out, uint64_t *sent_ns, int32_t timeout_ms);
+void thetabus_commands_close(thetabus_commands_t *reader);
+
 /* 1 if parameter `index`, from 0, may be used, else 0: the one rule for controllers. */
 int32_t thetabus_is_usable(const thetabus_estimate_t *estimate, uint32_t index);
 /* Index of the parameter of this name, from 0, or -1. */
@@ -68,7 +73,17 @@ int32_t thetabus_machine_skip(thetabus_machine_t *machine, uint64_t samples);
 /* Gives consumers a moment to take what was sent, then leaves. */
 void thetabus_machine_close(thetabus_machine_t *machine);
 
-/* ---- commands ---- */
+/* ---- a controller ----
+ *
+ * Sends feed-forward to the machine in answer to its samples; there is one per robot and domain. Set `stream_id`, `seq` and `joints` as in the
+ * sample, `until_ns` a few sample periods behind its `t_ns`, and `feed_forward` within the input's limits. */
+
+typedef struct thetabus_controller thetabus_controller_t;
+int32_t thetabus_controller_open(const char *domain, const char *robot, thetabus_controller_t **out);
+int32_t thetabus_controller_send(thetabus_controller_t *controller, const thetabus_machine_command_t *command);
+void thetabus_controller_close(thetabus_controller_t *controller);
+
+/* ---- commands to the identifier ---- */
 
 #define THETABUS_PAUSE 1u
 #define THETABUS_RESUME 2u

@@ -4,12 +4,14 @@
 //! thread, and returns a code.
 
 mod control;
+mod controller;
 mod error;
 pub mod header;
 mod machine;
 mod reader;
 
 pub use control::*;
+pub use controller::*;
 pub use error::*;
 pub use machine::*;
 pub use reader::*;

@@ -4,7 +4,7 @@ use crate::{Failure, OK, TIMEOUT, guarded, hand_out, join, limit, take_back};
 use std::ffi::c_char;
 use std::time::Duration;
 use thetabus::bus::{Bus, BusError, Latched, SampleSubscriber, Subscriber};
-use thetabus::messages::{Description, Estimate, Sample, Status};
+use thetabus::messages::{Description, Estimate, MachineCommand, Sample, Status};
 
 /// What every reader can do.
 trait Reads: Sized {
@@ -135,4 +135,11 @@ reader!(
     thetabus_samples_open,
     thetabus_samples_next,
     thetabus_samples_close
+);
+reader!(
+    Subscriber<MachineCommand>,
+    MachineCommand,
+    thetabus_commands_open,
+    thetabus_commands_next,
+    thetabus_commands_close
 );

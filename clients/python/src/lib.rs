@@ -3,6 +3,7 @@
 mod bytes;
 mod confined;
 mod control;
+mod controller;
 mod identify;
 mod machine;
 mod reader;
@@ -86,5 +87,6 @@ fn _thetabus(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<reader::Reader>()?;
     module.add_class::<machine::Machine>()?;
     module.add_class::<control::Control>()?;
+    module.add_class::<controller::Controller>()?;
     Ok(())
 }

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::time::{Duration, Instant};
 use thetabus::bus::{Bus, BusError, Domain, SampleSubscriber, Subscriber};
-use thetabus::messages::{Description, Estimate, Journal, Status};
+use thetabus::messages::{Description, Estimate, Journal, MachineCommand, Status};
 
 /// How long a wait may keep Ctrl-C waiting.
 const SLICE: Duration = Duration::from_millis(50);
@@ -18,6 +18,7 @@ enum Topic {
     Status(Subscriber<Status>),
     Description(Subscriber<Description>),
     Journal(Subscriber<Journal>),
+    Command(Subscriber<MachineCommand>),
 }
 
 impl Topic {
@@ -29,6 +30,7 @@ impl Topic {
             "status" => Self::Status(Subscriber::new(&bus)?),
             "description" => Self::Description(Subscriber::new(&bus)?),
             "journal" => Self::Journal(Subscriber::new(&bus)?),
+            "command" => Self::Command(Subscriber::new(&bus)?),
             _ => return Ok(None),
         }))
     }
@@ -40,6 +42,7 @@ impl Topic {
             Self::Status(port) => port.next(limit)?.map(|(m, sent)| (bytes::of(m), sent)),
             Self::Description(port) => port.next(limit)?.map(|(m, sent)| (bytes::of(m), sent)),
             Self::Journal(port) => port.next(limit)?.map(|(m, sent)| (bytes::of(m), sent)),
+            Self::Command(port) => port.next(limit)?.map(|(m, sent)| (bytes::of(m), sent)),
         })
     }
 
@@ -50,6 +53,7 @@ impl Topic {
             Self::Status(port) => port.left_out(),
             Self::Description(port) => port.left_out(),
             Self::Journal(port) => port.left_out(),
+            Self::Command(port) => port.left_out(),
         }
     }
 }
@@ -72,7 +76,7 @@ impl Reader {
         opened.map(Self).map_err(|e| match e {
             Some(e) => failed(e),
             None => PyValueError::new_err(format!(
-                "topic: expected sample, estimate, status, description or journal, got {topic:?}"
+                "topic: expected sample, estimate, status, description, journal or command, got {topic:?}"
             )),
         })
     }

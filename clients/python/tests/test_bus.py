@@ -100,6 +100,24 @@ def test_e2e_a_machine_in_python_is_identified(site):
         assert last["viscous_friction"] == pytest.approx(4 * gain, rel=0.05), last
 
 
+def test_e2e_a_controller_in_python_is_heard_by_a_machine_in_python(site):
+    machine, samples = thetabus.Machine(joints=2, domain=site.domain), thetabus.Samples(domain=site.domain)
+    with machine, samples, thetabus.Controller(domain=site.domain) as controller, thetabus.Commands(domain=site.domain) as commands:
+        for k in range(100):
+            machine.publish(q=[0, 0], input=[0, 0], t_ns=k * 1_000_000)
+            sample = samples.next(20.0)
+            assert sample is not None and sample.seq == k
+            controller.send(sample, [1.0 + k, -2.0], hold_s=0.005)
+            command = commands.next(20.0)
+            assert command is not None and (command.seq, command.stream_id) == (k, sample.stream_id)
+            assert command.feed_forward.tolist() == [1.0 + k, -2.0]
+            assert command.until_ns == k * 1_000_000 + 5_000_000
+        with pytest.raises(ValueError, match="each of 2 joints"):
+            controller.send(sample, [1.0])
+        with pytest.raises(thetabus.ThetabusError, match="controller"):
+            thetabus.Controller(domain=site.domain)
+
+
 def test_e2e_commands_are_done_or_refused_in_words(site):
     with pytest.raises(thetabus.ThetabusError, match="identifier"):
         thetabus.Control(domain=site.domain)

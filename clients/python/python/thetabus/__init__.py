@@ -12,8 +12,9 @@ timeout in seconds, release the interpreter's lock while they wait, and end by C
 from ._control import Answer, Control, Item, Refused
 from ._identify import Identification, identify
 from ._layout import DTYPES, dtype
-from ._machine import Machine
+from ._machine import Controller, Machine
 from ._messages import (
+    Command,
     Derived,
     Description,
     Estimate,
@@ -23,13 +24,16 @@ from ._messages import (
     Status,
     Usable,
 )
-from ._readers import Descriptions, Estimates, Samples, Statuses, describe
+from ._readers import Commands, Descriptions, Estimates, Samples, Statuses, describe
 from ._recording import Recording
 from ._thetabus import SCHEMA_VERSION, ThetabusError, __version__, monotonic_ns
 
 __all__ = [
     "Answer",
+    "Command",
+    "Commands",
     "Control",
+    "Controller",
     "DTYPES",
     "Derived",
     "Description",

@@ -1,4 +1,4 @@
-"""A machine that is driven from Python."""
+"""A machine, and a controller, in Python."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any, Optional
 import numpy as np
 
 from . import _thetabus
+from ._messages import Sample
 
 
 def _values(values: Any) -> Optional[list[float]]:
@@ -74,6 +75,41 @@ class Machine:
         self._machine.close()
 
     def __enter__(self) -> Machine:
+        return self
+
+    def __exit__(
+        self,
+        kind: Optional[type[BaseException]],
+        error: Optional[BaseException],
+        trace: Optional[TracebackType],
+    ) -> None:
+        self.close()
+
+
+class Controller:
+    """Sends feed-forward to the machine of a robot, in answer to its samples; there is one per robot and domain.
+
+    >>> with thetabus.Controller("arm") as controller:           # doctest: +SKIP
+    ...     for sample in thetabus.Samples("arm"):
+    ...         controller.send(sample, [3.0, 0.5])
+    """
+
+    def __init__(self, robot: str = "arm", *, domain: str = "default") -> None:
+        """Takes the place of the controller of `robot`."""
+        self._controller = _thetabus.Controller(robot, domain)
+
+    def send(self, sample: Sample, feed_forward: Any, hold_s: float = 0.01) -> None:
+        """Input to be added to the machine's own loop from the sample after this one on, for `hold_s` seconds of stream
+        time at most: one number per joint in the unit of the input."""
+        until_ns = sample.t_ns + round(hold_s * 1e9)
+        values = _values(feed_forward) or []
+        self._controller.send(sample.stream_id, sample.seq, until_ns, sample.joints, values)
+
+    def close(self) -> None:
+        """Leaves; what was sent last ends with its time."""
+        self._controller.close()
+
+    def __enter__(self) -> Controller:
         return self
 
     def __exit__(

@@ -422,3 +422,28 @@ class Status(_Message):
             f"<Status {self.state}: {self.accepted} accepted, {self.missing} missing, {self.rejected} rejected, "
             f"{self.estimates} estimates>"
         )
+
+
+class Command(_Message):
+    """What a controller asks a machine to add to its own loop."""
+
+    _name = "MachineCommand"
+
+    @property
+    def seq(self) -> int:
+        """The sample that is answered; the command holds from the next one on."""
+        return int(self.raw["seq"])
+
+    @property
+    def until_ns(self) -> int:
+        """Stream time in ns from which on it holds no longer."""
+        return int(self.raw["until_ns"])
+
+    @property
+    def feed_forward(self) -> Array:
+        """Input to be added, in the unit of the input, J."""
+        array: Array = self.raw["feed_forward"][: self.raw["joints"]]
+        return array
+
+    def __repr__(self) -> str:
+        return f"<Command after sample {self.seq}: {self.feed_forward}>"

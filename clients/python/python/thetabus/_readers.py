@@ -6,7 +6,7 @@ import time
 from types import TracebackType
 from typing import Generic, Iterator, Optional, TypeVar
 
-from ._messages import Description, Estimate, Sample, Status
+from ._messages import Command, Description, Estimate, Sample, Status
 from ._thetabus import Reader
 
 M = TypeVar("M")
@@ -147,3 +147,12 @@ class Statuses(_Topic[Status]):
 
     def _made(self, data: bytes, sent_ns: int) -> Status:
         return Status(data, sent_ns)
+
+
+class Commands(_Topic[Command]):
+    """What a controller asks of the machine, for a machine that takes commands."""
+
+    _topic = "command"
+
+    def _made(self, data: bytes, sent_ns: int) -> Command:
+        return Command(data, sent_ns)

@@ -28,6 +28,8 @@ pub struct FoxgloveServer {
     encoder: Encoder,
     channels: Vec<Arc<RawChannel>>,
     handle: foxglove::WebSocketServerHandle,
+    /// Server and channels know it weakly: without it nothing is advertised.
+    _context: Arc<Context>,
 }
 
 impl FoxgloveServer {
@@ -57,6 +59,7 @@ impl FoxgloveServer {
             encoder,
             channels,
             handle,
+            _context: context,
         })
     }
 

@@ -322,7 +322,12 @@ mod tests {
 
     #[test]
     fn regress_the_layouts_for_plotjuggler_and_foxglove_name_fields_of_recordings() {
-        let channels = channels(&arm());
+        let mut info = arm();
+        info.derived.push(crate::node::monitor::Label {
+            name: "mass_1".into(),
+            unit: "kg".into(),
+        });
+        let channels = channels(&info);
         for text in [
             include_str!("../../docs/layouts/plotjuggler.xml"),
             include_str!("../../docs/layouts/foxglove.json"),

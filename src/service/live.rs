@@ -1,7 +1,7 @@
 //! What a monitor shows while it runs: lines, and a page if one is asked for.
 
 use super::args::domain;
-use super::{Failure, LogFormat, MonitorArgs, web_control};
+use super::{Failure, LogFormat, MonitorArgs, logging, web_control};
 use crate::bus::monotonic_ns;
 use crate::config::Config;
 #[cfg(feature = "foxglove")]
@@ -10,7 +10,7 @@ use crate::live::web::{Feed, WebOptions, WebServer};
 use crate::live::{About, LiveState, Quantity, block_line};
 use crate::messages::{Description, Estimate, Sample, Status, estimate_flags};
 use crate::node::monitor::{MonitorNode, seconds};
-use std::io::{ErrorKind, Write as _};
+use std::io::ErrorKind;
 #[cfg(feature = "foxglove")]
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
@@ -92,8 +92,8 @@ impl Live {
             })
             .transpose()?;
         if let Some(server) = &server {
-            // Whatever RUST_LOG says: without this line nobody knows where to look.
-            let _ = writeln!(std::io::stderr().lock(), "see it live at {}", server.url());
+            // Without this line nobody knows where to look.
+            logging::say(args.common.log_format, &format!("see it live at {}", server.url()));
         }
         #[cfg(feature = "foxglove")]
         let foxglove = web
@@ -178,12 +178,8 @@ fn foxglove(
     let info = super::run_info::run_info(config, node, args.common.is_launched());
     let server =
         FoxgloveServer::start(&info, address).map_err(|e| Failure::Usage(format!("--foxglove {address}: {e}")))?;
-    let _ = writeln!(
-        std::io::stderr().lock(),
-        "connect Foxglove to ws://{}:{}",
-        address.ip(),
-        server.port()
-    );
+    let line = format!("connect Foxglove to ws://{}:{}", address.ip(), server.port());
+    logging::say(args.common.log_format, &line);
     Ok(server)
 }
 

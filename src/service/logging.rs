@@ -39,6 +39,15 @@ pub(super) fn failure(format: LogFormat, message: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
+/// A line that must be seen, whatever `RUST_LOG` says.
+pub(super) fn say(format: LogFormat, message: &str) {
+    let line = match format {
+        LogFormat::Text => message.to_owned(),
+        LogFormat::Json => serde_json::json!({ "level": "INFO", "fields": { "message": message } }).to_string(),
+    };
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
+}
+
 /// A line of results on standard output. A reader that has closed it, as `head` does, is no failure.
 ///
 /// # Errors

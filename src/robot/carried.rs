@@ -23,32 +23,32 @@ pub const PAYLOAD_VALUES: [(&str, &str, &str); BODY_PARAMETERS] = [
         "centre of mass of the payload in the flange's frame, z",
     ),
     (
-        "payload_ixx",
+        "payload_inertia_xx",
         "kg m^2",
         "inertia of the payload about its centre of mass, xx",
     ),
     (
-        "payload_ixy",
+        "payload_inertia_xy",
         "kg m^2",
         "inertia of the payload about its centre of mass, xy",
     ),
     (
-        "payload_iyy",
+        "payload_inertia_yy",
         "kg m^2",
         "inertia of the payload about its centre of mass, yy",
     ),
     (
-        "payload_ixz",
+        "payload_inertia_xz",
         "kg m^2",
         "inertia of the payload about its centre of mass, xz",
     ),
     (
-        "payload_iyz",
+        "payload_inertia_yz",
         "kg m^2",
         "inertia of the payload about its centre of mass, yz",
     ),
     (
-        "payload_izz",
+        "payload_inertia_zz",
         "kg m^2",
         "inertia of the payload about its centre of mass, zz",
     ),

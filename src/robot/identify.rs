@@ -38,22 +38,14 @@ use crate::estimator::StateError;
 const RECENT: usize = 32;
 /// f_j² that is assumed before there are blocks, and the number of blocks that it counts for.
 const ASSUMED_INFLATION: (f64, f64) = (9.0, 2.0);
-/// Number of blocks that the f_j² of before a change counts for.
-const KEPT_INFLATION: f64 = 8.0;
 /// Times that (1) and (2) are repeated per block while settling.
 const ITERATIONS: usize = 4;
-/// σ_j² is followed over this many blocks after settling.
-const FOLLOWED_BLOCKS: f64 = 20.0;
-/// Smallest σ_j beside the joint's mean torque: a perfect simulation has no residual at all.
-const SMALLEST_STD: f64 = 1e-9;
 /// Length of a slice \[s\]: how often the machine is looked at.
 const SLICE_S: f64 = 0.25;
 /// Slices that are kept apart.
 const SLICES: usize = 8;
 /// Rows that are kept \[s\]: those of the slices and of the one that is open.
 const KEPT_S: f64 = (SLICES + 4) as f64 * SLICE_S;
-/// Least size of a parameter for its excitation, as a part of its prior.
-const SMALLEST_SIZE: f64 = 1e-3;
 
 /// How a robot is identified.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -112,27 +104,27 @@ impl IdentifyOptions {
 pub struct RobotIdentifier {
     pub(super) model: RobotModel,
     pub(super) options: IdentifyOptions,
-    rows: WeakRows,
-    parameters: Vec<RobotParameter>,
+    pub(super) rows: WeakRows,
+    pub(super) parameters: Vec<RobotParameter>,
     pub(super) payload: Option<Payload>,
     /// True while the flange carries something.
     pub(super) is_loaded: bool,
     pub(super) slice: Vec<JointSums>,
-    slice_end: Option<f64>,
+    pub(super) slice_end: Option<f64>,
     pub(super) slice_begin: f64,
     pub(super) block: Vec<JointSums>,
     /// Slices of the block that is open among those kept apart.
     pub(super) block_slices: usize,
-    total: Vec<JointSums>,
-    all: Vec<JointSums>,
+    pub(super) total: Vec<JointSums>,
+    pub(super) all: Vec<JointSums>,
     pub(super) pending: SliceRing,
     pub(super) ring: RowRing,
-    recent: Vec<Vec<JointSums>>,
-    recent_blocks: usize,
+    pub(super) recent: Vec<Vec<JointSums>>,
+    pub(super) recent_blocks: usize,
     /// f_j² that is assumed, and the number of blocks that it counts for.
-    assumed: (Vec<f64>, f64),
+    pub(super) assumed: (Vec<f64>, f64),
     pub(super) blocks: usize,
-    block_end: Option<f64>,
+    pub(super) block_end: Option<f64>,
     /// True after the sums have been condensed into `committed`.
     pub(super) condensed: bool,
     /// What is known without `pending`, once it is condensed.
@@ -143,21 +135,21 @@ pub struct RobotIdentifier {
     pub(super) theta: Vec<f64>,
     /// The arm's parameters that act as arm and payload together.
     pub(super) effective: Vec<f64>,
-    before: Vec<f64>,
-    covariance: Vec<f64>,
+    pub(super) before: Vec<f64>,
+    pub(super) covariance: Vec<f64>,
     /// Parameters that are held; those of the payload while there is none.
     pub(super) fixed: Vec<bool>,
     pub(super) frictions: Vec<usize>,
-    carried: Vec<usize>,
-    walk: Vec<f64>,
+    pub(super) carried: Vec<usize>,
+    pub(super) walk: Vec<f64>,
     pub(super) torque_std: Vec<f64>,
     pub(super) inflation: Vec<f64>,
     pub(super) watch: Option<Watch>,
     /// The change found in the block that is open, or in the last one.
     pub(super) change: Option<RobotChange>,
     pub(super) figures: BlockFigures,
-    gain: Information,
-    size: Vec<f64>,
+    pub(super) gain: Information,
+    pub(super) size: Vec<f64>,
 }
 
 impl RobotIdentifier {
@@ -348,7 +340,7 @@ impl RobotIdentifier {
     }
 
     /// θ̂ of what is known already, after something was held or set free.
-    fn solve_known(&mut self) {
+    pub(super) fn solve_known(&mut self) {
         self.assemble();
         self.solver.solve(&self.system, &self.fixed, &mut self.theta);
         self.solver.covariance(&self.system, &self.fixed, &mut self.covariance);
@@ -501,220 +493,6 @@ impl RobotIdentifier {
         true
     }
 
-    /// (2) and (3) over everything so far.
-    fn weigh_all(&mut self) {
-        for (all, total) in self.all.iter_mut().zip(&self.total) {
-            all.copy_from(total);
-        }
-        for age in 0..self.pending.len() {
-            for (all, slice) in self.all.iter_mut().zip(&self.pending.get(age).sums) {
-                all.add(slice);
-            }
-        }
-        for (joint, sums) in self.all.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-            let rows = sums.rows as f64;
-            let own = self.model.friction_of(joint).len().max(1) as f64;
-            let variance = sums.residual_square(&self.effective) / (rows - own).max(1.0); // (2)
-            let floor = (sums.square / rows).sqrt() * SMALLEST_STD;
-            self.torque_std[joint] = variance.sqrt().max(floor).max(f64::MIN_POSITIVE.sqrt());
-        }
-        self.inflate();
-    }
-
-    /// (3) over the recent blocks.
-    fn inflate(&mut self) {
-        for joint in 0..self.model.robot().len() {
-            let friction = self.model.friction_of(joint).len();
-            let (assumed, weight) = (self.assumed.0[joint], self.assumed.1);
-            let (mut sum, mut count) = (assumed * weight, weight);
-            for block in self.recent.iter().take(self.recent_blocks) {
-                let sums = &block[joint];
-                if sums.rows == 0 || friction == 0 {
-                    continue;
-                }
-                if let Some((square, directions)) = friction_misfit(sums, friction, &self.effective) {
-                    sum += square / (directions * self.torque_std[joint].powi(2)); // (3)
-                    count += 1.0;
-                }
-            }
-            self.inflation[joint] = (sum / count).sqrt().max(1.0);
-        }
-    }
-
-    /// The blocks so far are those of another machine: f_j is kept, but they are not looked at any more.
-    pub(super) fn forget_recent(&mut self) {
-        self.recent_blocks = 0;
-        for (assumed, inflation) in self.assumed.0.iter_mut().zip(&self.inflation) {
-            *assumed = inflation * inflation;
-        }
-        self.assumed.1 = KEPT_INFLATION;
-    }
-
-    pub(super) fn weight(&self, joint: usize) -> f64 {
-        (self.inflation[joint] * self.torque_std[joint]).powi(-2)
-    }
-
-    /// The prior and `total` as information.
-    fn of_total(model: &RobotModel, total: &[JointSums], weight: impl Fn(usize) -> f64, into: &mut Information) {
-        into.clear();
-        for (i, parameter) in model.parameters().iter().enumerate() {
-            into.set_prior(i, parameter.nominal, parameter.scale);
-        }
-        let n = into.n;
-        for (joint, sums) in total.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-            sums.scatter(weight(joint), n, &mut into.matrix, &mut into.vector); // (1)
-        }
-    }
-
-    /// (1) over everything so far.
-    fn solve_all(&mut self) {
-        let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
-        Self::of_total(&self.model, &self.all, weight, &mut self.system);
-        self.solver.solve(&self.system, &self.fixed, &mut self.theta); // (1)
-        self.refresh_effective();
-    }
-
-    /// Puts what has been summed up into the information; weights of what is past stay from here on.
-    pub(super) fn condense(&mut self) {
-        if !self.condensed {
-            self.condensed = true;
-            let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
-            Self::of_total(&self.model, &self.total, weight, &mut self.committed);
-        }
-    }
-
-    /// Puts what is known without the last `pending` slices into `system`: with none, without all of them.
-    pub(super) fn assemble_older(&mut self, slices: usize) {
-        if self.condensed {
-            self.system.copy_from(&self.committed);
-        } else {
-            let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
-            Self::of_total(&self.model, &self.total, weight, &mut self.system);
-        }
-        for age in 0..slices {
-            for joint in 0..self.block.len() {
-                let weight = self.weight(joint);
-                let sums = &self.pending.get(age).sums[joint];
-                if sums.rows > 0 {
-                    let load = self.payload.as_mut().filter(|_| self.is_loaded);
-                    learn(sums, weight, load, &mut self.system);
-                }
-            }
-        }
-    }
-
-    /// What is known with all slices, in `system`.
-    pub(super) fn assemble(&mut self) {
-        self.assemble_older(self.pending.len());
-    }
-
-    /// Makes the oldest slices part of what is known.
-    pub(super) fn commit_pending(&mut self, count: usize) {
-        for _ in 0..count {
-            let Some(slice) = self.pending.pop() else { return };
-            if !self.condensed {
-                for (total, sums) in self.total.iter_mut().zip(&slice.sums) {
-                    total.add(sums);
-                }
-                continue;
-            }
-            for (joint, sums) in slice.sums.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-                let weight = (self.inflation[joint] * self.torque_std[joint]).powi(-2);
-                let load = self.payload.as_mut().filter(|_| self.is_loaded);
-                learn(sums, weight, load, &mut self.committed);
-            }
-        }
-    }
-
-    /// (4).
-    fn walk_friction(&mut self) {
-        if self.options.friction_walk == 0.0 {
-            return;
-        }
-        let n = self.theta.len();
-        for (k, &i) in self.frictions.iter().enumerate() {
-            let size = self.theta[i].abs().max(self.covariance[i * n + i].max(0.0).sqrt());
-            self.walk[k] = (self.options.friction_walk * size).powi(2) * self.options.block_s; // (4)
-        }
-        self.solver.walk(&mut self.committed, &self.frictions, &self.walk);
-    }
-
-    /// (1) for one more block, with σ_j followed.
-    fn follow(&mut self, changed: bool) {
-        if self.payload.is_none() {
-            for joint in 0..self.block.len() {
-                if self.block[joint].rows > 0 {
-                    let weight = self.weight(joint);
-                    learn(&self.block[joint], weight, None, &mut self.committed); // (1)
-                }
-            }
-        }
-        self.solve_known();
-        if changed {
-            return;
-        }
-        for (joint, sums) in self.block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-            let variance = sums.residual_square(&self.effective) / sums.rows as f64;
-            let kept = self.torque_std[joint].powi(2);
-            let floor = (sums.square / sums.rows as f64).sqrt() * SMALLEST_STD;
-            self.torque_std[joint] = (kept + (variance - kept) / FOLLOWED_BLOCKS).sqrt().max(floor);
-        }
-        self.inflate();
-    }
-
-    /// The payload may be anything from now on; what was known of it is gone.
-    pub(super) fn load(&mut self) {
-        let Some(payload) = &self.payload else { return };
-        self.is_loaded = true;
-        for (p, i) in payload.indices().enumerate() {
-            self.fixed[i] = false;
-            self.committed.set_prior(i, 0.0, payload.prior[p]);
-        }
-    }
-
-    /// What is left of what is known when the payload may have been anything.
-    pub(super) fn marginalise_payload(&mut self) {
-        self.solver.marginalise(&mut self.committed, &self.carried);
-    }
-
-    /// There is no payload from now on.
-    pub(super) fn unload(&mut self) {
-        let Some(payload) = &self.payload else { return };
-        self.is_loaded = false;
-        for i in payload.indices() {
-            (self.fixed[i], self.theta[i]) = (true, 0.0);
-        }
-    }
-
-    pub(super) fn refresh_effective(&mut self) {
-        match self.payload.as_ref().filter(|_| self.is_loaded) {
-            Some(payload) => payload.effective(&self.theta, &mut self.effective),
-            None => {
-                let arm = self.effective.len();
-                self.effective.copy_from_slice(&self.theta[..arm]);
-            }
-        }
-    }
-
-    /// What the block alone says of each parameter that is known to within its size.
-    fn note_excitation(&mut self) {
-        let n = self.theta.len();
-        self.gain.clear();
-        for joint in 0..self.block.len() {
-            if self.block[joint].rows > 0 {
-                let weight = self.weight(joint);
-                let load = self.payload.as_mut().filter(|_| self.is_loaded);
-                learn(&self.block[joint], weight, load, &mut self.gain);
-            }
-        }
-        for i in 0..n {
-            self.size[i] = self.theta[i].abs().max(SMALLEST_SIZE * self.parameters[i].scale);
-            self.gain.matrix[i * n + i] += self.size[i].powi(-2);
-        }
-        self.figures
-            .of_gain(&mut self.solver, &self.gain, &self.fixed, &self.size);
-    }
-
     /// After a state was copied in.
     pub(super) fn go_on(&mut self) -> Result<(), StateError> {
         self.condensed = true;
@@ -734,48 +512,4 @@ impl RobotIdentifier {
     pub fn prior_std(&self, parameter: usize) -> f64 {
         self.parameters[parameter].scale
     }
-}
-
-/// Adds weight · (A, b) of a joint's rows, of a robot with a payload or without.
-pub(super) fn learn(sums: &JointSums, weight: f64, load: Option<&mut Payload>, into: &mut Information) {
-    let n = into.n;
-    sums.scatter(weight, n, &mut into.matrix, &mut into.vector); // (1)
-    if let Some(payload) = load {
-        payload.scatter(sums, weight, into);
-    }
-}
-
-/// eᵀ (FᵀF)⁻¹ e over the friction columns of one block, and the number of directions that it has.
-fn friction_misfit(sums: &JointSums, friction: usize, theta: &[f64]) -> Option<(f64, f64)> {
-    const MOST: usize = 8;
-    const DEPENDENT: f64 = 1e-6;
-    let m = sums.columns().len();
-    let first = m - friction;
-    // Cholesky without square roots; a column that depends on those before it, as in a block without a reversal, counts no direction.
-    let mut l = [[0.0; MOST]; MOST];
-    let mut d = [0.0; MOST];
-    let mut e = [0.0; MOST];
-    let (mut square, mut directions) = (0.0, 0.0);
-    for i in 0..friction.min(MOST) {
-        let row = &sums.gram[(first + i) * m + first..(first + i + 1) * m];
-        e[i] = sums.gradient(first + i, theta);
-        let mut pivot = row[i];
-        for j in 0..i {
-            if d[j] > 0.0 {
-                let mut v = row[j];
-                for k in 0..j {
-                    v -= l[i][k] * l[j][k] * d[k];
-                }
-                l[i][j] = v / d[j];
-                pivot -= l[i][j] * l[i][j] * d[j];
-                e[i] -= l[i][j] * e[j];
-            }
-        }
-        if pivot > DEPENDENT * row[i] {
-            d[i] = pivot;
-            square += e[i] * e[i] / pivot;
-            directions += 1.0;
-        }
-    }
-    (directions > 0.0).then_some((square, directions))
 }

@@ -28,7 +28,10 @@
 //! | `dynamics` | inverse and forward dynamics, by other algorithms |
 //! | `base_parameters` | which combinations of parameters torques depend on |
 //! | `friction`, `model` | friction per joint; all of it as one linear model |
-//! | `rows`, `sums`, `identify` | samples → weak-form rows → estimates with standard deviations |
+//! | `rows`, `sums`, `information` | samples → weak-form rows → normal equations |
+//! | `identify`, `learning`, `figures` | blocks → estimates with standard deviations, and how well they fit |
+//! | `payload`, `change`, `watch`, `physical` | what the flange carries: found, located, weighed, physically possible |
+//! | `velocity` | velocities from positions |
 //! | `reference`, `simulator` | motions within limits; a simulated robot in closed loop |
 //! | `config` | the TOML file of a robot (feature `config`) |
 //! | `log`, `fit` | logs in columns; measured against predicted torque |
@@ -46,6 +49,7 @@ mod fit;
 mod friction;
 mod identify;
 mod information;
+mod learning;
 mod log;
 mod model;
 mod payload;

@@ -19,6 +19,8 @@ pub const MAX_HARMONICS: usize = 16;
 const GROWTH_S: f64 = 3.0;
 /// Instants per harmonic's period at which limits are looked at.
 const LOOKS: usize = 40;
+/// A peak between two looks is larger by up to (π/40)²/2.
+const BETWEEN_LOOKS: f64 = 0.99;
 /// Range of a joint without limits, to either side \[rad or m\].
 const UNLIMITED: f64 = 3.0;
 /// Speed of a joint without a limit \[rad/s or m/s\].
@@ -164,7 +166,7 @@ impl Reference {
         let scale = (0..3)
             .map(|d| self.most[joint][d] / largest[d].max(1e-12))
             .fold(f64::INFINITY, f64::min);
-        tones.iter_mut().for_each(|tone| tone.0 *= scale);
+        tones.iter_mut().for_each(|tone| tone.0 *= BETWEEN_LOOKS * scale);
         tones
     }
 

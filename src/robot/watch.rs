@@ -1,7 +1,8 @@
 //! The watch over changes: after each slice the last ones are held against what was known before, see [`change`](super::change).
 
 use super::change::{ChangeCause, Extra, RobotChange};
-use super::identify::{RobotIdentifier, learn};
+use super::identify::RobotIdentifier;
+use super::learning::learn;
 use super::recent::RowRing;
 use super::sums::JointSums;
 use super::watch_room::Watch;

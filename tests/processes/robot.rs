@@ -136,3 +136,46 @@ fn e2e_a_robot_with_a_wrong_file_is_refused_by_its_place() {
         assert!(said.contains(message), "{config}: {said}");
     }
 }
+
+/// The robot of the configuration simulated, identified while it runs, and once more from its recording.
+#[test]
+fn e2e_a_robot_runs_on_the_bus_and_its_recording_gives_the_same() {
+    let site = Site::new();
+    let out = site.out();
+    let out_dir = out.to_str().expect("UTF-8");
+    let quick = ["--speed", "max", "--duration", "12", "--out", out_dir];
+    let mut run = site.start(Program::Thetabus, &[&["run", CONFIG][..], &quick].concat());
+    run.expect_code(0);
+    let stdout = run.stdout();
+    for part in [
+        "payload_mass",
+        "Ia1",
+        "coulomb_3",
+        "12 blocks, 12000 samples accepted, 0 missing, 0 rejected",
+    ] {
+        assert!(stdout.contains(part), "{part:?} is not in\n{stdout}");
+    }
+    let summary = site.summary();
+    assert_eq!((summary.blocks, summary.samples.accepted), (12, 12_000));
+    // Viscous friction of joint 1 is what the simulated drive has, not what a URDF says.
+    let viscous = summary
+        .parameters
+        .iter()
+        .find(|p| p.name == "viscous_1")
+        .expect("a parameter");
+    let (estimate, truth) = (viscous.estimate.expect("a number"), viscous.truth.expect("simulated"));
+    assert!(
+        truth > 1.0 && (estimate / truth - 1.0).abs() < 0.1,
+        "{estimate} {truth}"
+    );
+    for name in ["config.toml", "robot.urdf", "recording.mcap", "report.html"] {
+        assert!(out.join(name).exists(), "{name}");
+    }
+
+    let again = site.dir.path().join("again");
+    let again_dir = again.to_str().expect("UTF-8");
+    let mut identify = site.start(Program::Thetabus, &["identify", out_dir, "--out", again_dir]);
+    identify.expect_code(0);
+    let [live, recorded] = [&out, &again].map(|dir| fs::read_to_string(dir.join("estimates.csv")).expect("estimates"));
+    assert_eq!(live, recorded);
+}

@@ -34,3 +34,72 @@ fn rt_a_robots_samples_become_estimates_without_allocation() {
     assert!(estimates >= 8, "{estimates}");
     assert_eq!(counted.count_total, 0);
 }
+
+/// Twelve seconds at 1 kHz through the node: collecting, a payload that comes, a replay, and the end.
+#[test]
+fn rt_a_robots_node_estimates_a_payload_without_allocation() {
+    use thetabus::messages::{Sample, sample_flags, signals};
+    use thetabus::node::identifier::{Identifier, IdentifierOptions};
+    use thetabus::node::robot::RobotNode;
+    use thetabus::robot::{Drives, PayloadChange, RobotSimOptions, RobotSimulator, Velocities, WindowOptions};
+
+    let urdf = include_str!("../../config/robots/six_axis.urdf");
+    let robot = Robot::from_urdf(urdf, &Selection::default()).unwrap();
+    let payload = PayloadChange {
+        t_s: 8.0,
+        mass_kg: 3.0,
+        center_m: [0.0, 0.0, 0.05],
+        inertia_kg_m2: [0.01, 0.0, 0.01, 0.0, 0.0, 0.01],
+    };
+    let simulation = RobotSimOptions {
+        payloads: vec![payload],
+        ..RobotSimOptions::new(&robot)
+    };
+    let samples: Vec<_> = RobotSimulator::new(&robot, simulation).unwrap().take(12_000).collect();
+    let model = RobotModel::new(robot, true, vec![JointFriction::default(); 6]).unwrap();
+    let options = IdentifyOptions {
+        windows: WindowOptions {
+            length_s: 0.1,
+            stride_s: 0.02,
+            max_gap_s: 0.02,
+            ..WindowOptions::default()
+        },
+        payload: true,
+        ..IdentifyOptions::default()
+    };
+    let mut node = RobotNode::new(
+        IdentifierOptions {
+            sample_period_ns: 1_000_000,
+            frozen_after: 200,
+            ..IdentifierOptions::new(500, 6, signals::Q | signals::INPUT)
+        },
+        Drives::torque(6),
+        RobotIdentifier::new(model, options).unwrap(),
+        Some(Velocities::new(20, 0.02)),
+        1,
+    );
+    let (mut estimates, mut loaded) = (0, 0);
+    let counted = allocation_counter::measure(|| {
+        for stream in 1..=2_u64 {
+            let len = if stream == 1 { 12_000 } else { 2_000 };
+            for (seq, joints) in samples.iter().take(len).enumerate() {
+                let seq = seq as u64;
+                let mask = signals::Q | signals::SETPOINT | signals::INPUT;
+                let mut sample = Sample::new(stream, seq, seq * 1_000_000, 6, mask, joints);
+                if stream == 2 {
+                    sample.flags |= sample_flags::REPLAY;
+                }
+                if seq + 1 == len as u64 {
+                    sample.flags |= sample_flags::END;
+                }
+                node.on_sample(&sample, &mut |estimate| {
+                    estimates += 1;
+                    loaded += i32::from(estimate.derived[0] > 2.0);
+                });
+            }
+        }
+    });
+    assert_eq!(estimates, 28);
+    assert!(loaded >= 4, "{loaded}");
+    assert_eq!(counted.count_total, 0);
+}

@@ -105,7 +105,7 @@ fn ident_a_stream_of_positions_and_torques_becomes_estimates_that_may_be_used() 
     );
     let ready = [State::Converged as u32, State::PoorlyExcited as u32];
     assert!(ready.contains(&last.state) && last.use_ok == 1, "{}", last.state);
-    assert!(last.usable.len() > 20, "{}", last.usable.len());
+    assert!(last.usable.len() > 8, "{}", last.usable.len());
     assert!(last.explained[..6].iter().all(|share| *share > 0.9));
     // The payload is held at nothing.
     let first = node.robot().model().parameters().len();
@@ -223,7 +223,7 @@ fn prop_a_saved_state_goes_on_and_a_replay_teaches_nothing_that_lasts() {
     assert_ne!(estimates[0].flags & estimate_flags::WARM, 0);
     for (i, parameter) in other.robot().parameters().iter().enumerate() {
         let moved = (estimates[7].theta[i] - known[i]).abs();
-        assert!(moved < 0.2 * parameter.scale, "{}: {moved}", parameter.name);
+        assert!(moved <= 5.0 * node.robot().theta_std(i), "{}: {moved}", parameter.name);
     }
     let mut damaged = state.clone();
     damaged.estimator.reals.pop();

@@ -1,0 +1,281 @@
+//! What a robot's identification does with a block: weights (2) and (3), estimates (1), the walk of friction (4) of [`identify`](super::identify).
+
+use super::identify::RobotIdentifier;
+use super::information::Information;
+use super::model::RobotModel;
+use super::payload::Payload;
+use super::sums::JointSums;
+
+/// Number of blocks that the f_j² of before a change counts for.
+const KEPT_INFLATION: f64 = 8.0;
+/// σ_j² is followed over this many blocks after settling.
+const FOLLOWED_BLOCKS: f64 = 20.0;
+/// Smallest σ_j beside the joint's mean torque: a perfect simulation has no residual at all.
+const SMALLEST_STD: f64 = 1e-9;
+/// Least size of a parameter for its excitation, as a part of its prior.
+const SMALLEST_SIZE: f64 = 1e-3;
+
+impl RobotIdentifier {
+    /// (2) and (3) over everything so far.
+    pub(super) fn weigh_all(&mut self) {
+        for (all, total) in self.all.iter_mut().zip(&self.total) {
+            all.copy_from(total);
+        }
+        for age in 0..self.pending.len() {
+            for (all, slice) in self.all.iter_mut().zip(&self.pending.get(age).sums) {
+                all.add(slice);
+            }
+        }
+        for (joint, sums) in self.all.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+            let rows = sums.rows as f64;
+            let own = self.model.friction_of(joint).len().max(1) as f64;
+            let variance = sums.residual_square(&self.effective) / (rows - own).max(1.0); // (2)
+            let floor = (sums.square / rows).sqrt() * SMALLEST_STD;
+            self.torque_std[joint] = variance.sqrt().max(floor).max(f64::MIN_POSITIVE.sqrt());
+        }
+        self.inflate();
+    }
+
+    /// (3) over the recent blocks.
+    pub(super) fn inflate(&mut self) {
+        for joint in 0..self.model.robot().len() {
+            let friction = self.model.friction_of(joint).len();
+            let (assumed, weight) = (self.assumed.0[joint], self.assumed.1);
+            let (mut sum, mut count) = (assumed * weight, weight);
+            for block in self.recent.iter().take(self.recent_blocks) {
+                let sums = &block[joint];
+                if sums.rows == 0 || friction == 0 {
+                    continue;
+                }
+                if let Some((square, directions)) = friction_misfit(sums, friction, &self.effective) {
+                    sum += square / (directions * self.torque_std[joint].powi(2)); // (3)
+                    count += 1.0;
+                }
+            }
+            self.inflation[joint] = (sum / count).sqrt().max(1.0);
+        }
+    }
+
+    /// The blocks so far are those of another machine: f_j is kept, but they are not looked at any more.
+    pub(super) fn forget_recent(&mut self) {
+        self.recent_blocks = 0;
+        for (assumed, inflation) in self.assumed.0.iter_mut().zip(&self.inflation) {
+            *assumed = inflation * inflation;
+        }
+        self.assumed.1 = KEPT_INFLATION;
+    }
+
+    pub(super) fn weight(&self, joint: usize) -> f64 {
+        (self.inflation[joint] * self.torque_std[joint]).powi(-2)
+    }
+
+    /// The prior and `total` as information.
+    pub(super) fn of_total(
+        model: &RobotModel,
+        total: &[JointSums],
+        weight: impl Fn(usize) -> f64,
+        into: &mut Information,
+    ) {
+        into.clear();
+        for (i, parameter) in model.parameters().iter().enumerate() {
+            into.set_prior(i, parameter.nominal, parameter.scale);
+        }
+        let n = into.n;
+        for (joint, sums) in total.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+            sums.scatter(weight(joint), n, &mut into.matrix, &mut into.vector); // (1)
+        }
+    }
+
+    /// (1) over everything so far.
+    pub(super) fn solve_all(&mut self) {
+        let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
+        Self::of_total(&self.model, &self.all, weight, &mut self.system);
+        self.solver.solve(&self.system, &self.fixed, &mut self.theta); // (1)
+        self.refresh_effective();
+    }
+
+    /// Puts what has been summed up into the information; weights of what is past stay from here on.
+    pub(super) fn condense(&mut self) {
+        if !self.condensed {
+            self.condensed = true;
+            let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
+            Self::of_total(&self.model, &self.total, weight, &mut self.committed);
+        }
+    }
+
+    /// Puts what is known without the last `pending` slices into `system`: with none, without all of them.
+    pub(super) fn assemble_older(&mut self, slices: usize) {
+        if self.condensed {
+            self.system.copy_from(&self.committed);
+        } else {
+            let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
+            Self::of_total(&self.model, &self.total, weight, &mut self.system);
+        }
+        for age in 0..slices {
+            for joint in 0..self.block.len() {
+                let weight = self.weight(joint);
+                let sums = &self.pending.get(age).sums[joint];
+                if sums.rows > 0 {
+                    let load = self.payload.as_mut().filter(|_| self.is_loaded);
+                    learn(sums, weight, load, &mut self.system);
+                }
+            }
+        }
+    }
+
+    /// What is known with all slices, in `system`.
+    pub(super) fn assemble(&mut self) {
+        self.assemble_older(self.pending.len());
+    }
+
+    /// Makes the oldest slices part of what is known.
+    pub(super) fn commit_pending(&mut self, count: usize) {
+        for _ in 0..count {
+            let Some(slice) = self.pending.pop() else { return };
+            if !self.condensed {
+                for (total, sums) in self.total.iter_mut().zip(&slice.sums) {
+                    total.add(sums);
+                }
+                continue;
+            }
+            for (joint, sums) in slice.sums.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+                let weight = (self.inflation[joint] * self.torque_std[joint]).powi(-2);
+                let load = self.payload.as_mut().filter(|_| self.is_loaded);
+                learn(sums, weight, load, &mut self.committed);
+            }
+        }
+    }
+
+    /// (4).
+    pub(super) fn walk_friction(&mut self) {
+        if self.options.friction_walk == 0.0 {
+            return;
+        }
+        let n = self.theta.len();
+        for (k, &i) in self.frictions.iter().enumerate() {
+            let size = self.theta[i].abs().max(self.covariance[i * n + i].max(0.0).sqrt());
+            self.walk[k] = (self.options.friction_walk * size).powi(2) * self.options.block_s; // (4)
+        }
+        self.solver.walk(&mut self.committed, &self.frictions, &self.walk);
+    }
+
+    /// (1) for one more block, with σ_j followed.
+    pub(super) fn follow(&mut self, changed: bool) {
+        if self.payload.is_none() {
+            for joint in 0..self.block.len() {
+                if self.block[joint].rows > 0 {
+                    let weight = self.weight(joint);
+                    learn(&self.block[joint], weight, None, &mut self.committed); // (1)
+                }
+            }
+        }
+        self.solve_known();
+        if changed {
+            return;
+        }
+        for (joint, sums) in self.block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+            let variance = sums.residual_square(&self.effective) / sums.rows as f64;
+            let kept = self.torque_std[joint].powi(2);
+            let floor = (sums.square / sums.rows as f64).sqrt() * SMALLEST_STD;
+            self.torque_std[joint] = (kept + (variance - kept) / FOLLOWED_BLOCKS).sqrt().max(floor);
+        }
+        self.inflate();
+    }
+
+    /// The payload may be anything from now on; what was known of it is gone.
+    pub(super) fn load(&mut self) {
+        let Some(payload) = &self.payload else { return };
+        self.is_loaded = true;
+        for (p, i) in payload.indices().enumerate() {
+            self.fixed[i] = false;
+            self.committed.set_prior(i, 0.0, payload.prior[p]);
+        }
+    }
+
+    /// What is left of what is known when the payload may have been anything.
+    pub(super) fn marginalise_payload(&mut self) {
+        self.solver.marginalise(&mut self.committed, &self.carried);
+    }
+
+    /// There is no payload from now on.
+    pub(super) fn unload(&mut self) {
+        let Some(payload) = &self.payload else { return };
+        self.is_loaded = false;
+        for i in payload.indices() {
+            (self.fixed[i], self.theta[i]) = (true, 0.0);
+        }
+    }
+
+    pub(super) fn refresh_effective(&mut self) {
+        match self.payload.as_ref().filter(|_| self.is_loaded) {
+            Some(payload) => payload.effective(&self.theta, &mut self.effective),
+            None => {
+                let arm = self.effective.len();
+                self.effective.copy_from_slice(&self.theta[..arm]);
+            }
+        }
+    }
+
+    /// What the block alone says of each parameter that is known to within its size.
+    pub(super) fn note_excitation(&mut self) {
+        let n = self.theta.len();
+        self.gain.clear();
+        for joint in 0..self.block.len() {
+            if self.block[joint].rows > 0 {
+                let weight = self.weight(joint);
+                let load = self.payload.as_mut().filter(|_| self.is_loaded);
+                learn(&self.block[joint], weight, load, &mut self.gain);
+            }
+        }
+        for i in 0..n {
+            self.size[i] = self.theta[i].abs().max(SMALLEST_SIZE * self.parameters[i].scale);
+            self.gain.matrix[i * n + i] += self.size[i].powi(-2);
+        }
+        self.figures
+            .of_gain(&mut self.solver, &self.gain, &self.fixed, &self.size);
+    }
+}
+
+/// Adds weight · (A, b) of a joint's rows, of a robot with a payload or without.
+pub(super) fn learn(sums: &JointSums, weight: f64, load: Option<&mut Payload>, into: &mut Information) {
+    let n = into.n;
+    sums.scatter(weight, n, &mut into.matrix, &mut into.vector); // (1)
+    if let Some(payload) = load {
+        payload.scatter(sums, weight, into);
+    }
+}
+
+/// eᵀ (FᵀF)⁻¹ e over the friction columns of one block, and the number of directions that it has.
+fn friction_misfit(sums: &JointSums, friction: usize, theta: &[f64]) -> Option<(f64, f64)> {
+    const MOST: usize = 8;
+    const DEPENDENT: f64 = 1e-6;
+    let m = sums.columns().len();
+    let first = m - friction;
+    // Cholesky without square roots; a column that depends on those before it, as in a block without a reversal, counts no direction.
+    let mut l = [[0.0; MOST]; MOST];
+    let mut d = [0.0; MOST];
+    let mut e = [0.0; MOST];
+    let (mut square, mut directions) = (0.0, 0.0);
+    for i in 0..friction.min(MOST) {
+        let row = &sums.gram[(first + i) * m + first..(first + i + 1) * m];
+        e[i] = sums.gradient(first + i, theta);
+        let mut pivot = row[i];
+        for j in 0..i {
+            if d[j] > 0.0 {
+                let mut v = row[j];
+                for k in 0..j {
+                    v -= l[i][k] * l[j][k] * d[k];
+                }
+                l[i][j] = v / d[j];
+                pivot -= l[i][j] * l[i][j] * d[j];
+                e[i] -= l[i][j] * e[j];
+            }
+        }
+        if pivot > DEPENDENT * row[i] {
+            d[i] = pivot;
+            square += e[i] * e[i] / pivot;
+            directions += 1.0;
+        }
+    }
+    (directions > 0.0).then_some((square, directions))
+}

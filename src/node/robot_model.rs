@@ -188,6 +188,8 @@ impl Model for RobotPlant {
             model_hash: self.definition.hash(),
             joints: self.definition.joints,
             signals: signals::Q | signals::INPUT | speed,
+            // A joint that sticks under torque is no sensor that hangs.
+            frozen_after: 0,
             ..settings.options
         };
         Ok(Box::new(RobotNode::new(

@@ -41,7 +41,9 @@ pub(super) fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, c
     report.usable = Default::default();
     report.fixed = Default::default();
     report.held = (!learnt).then_some(Held::Empty);
-    report.change = robot.change().filter(|_| learnt).map(|change| Change {
+    let change = robot.change().filter(|_| learnt);
+    let unexplained = change.is_some_and(|change| change.cause == ChangeCause::Unexplained);
+    report.change = change.filter(|_| !unexplained).map(|change| Change {
         kind: ChangeKind::Within,
         row: 0,
         time: (change.t_s.max(0.0) * 1e9) as u64,
@@ -55,7 +57,7 @@ pub(super) fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, c
     report.fit.copy_from_slice(&figures.fit[..joints]);
     report.fit_probability = figures.fit_probability;
     report.excitation.copy_from_slice(&figures.excitation);
-    report.misfit = u64::from(figures.fit_probability < crate::estimator::MISFIT);
+    report.misfit = u64::from(unexplained || figures.fit_probability < crate::estimator::MISFIT);
     for j in 0..joints {
         // Friction's misfit is correlated: whole blocks are off by more than rows are.
         report.noise_std[j] = robot.torque_std(j) * robot.inflation(j);

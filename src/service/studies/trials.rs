@@ -150,6 +150,19 @@ fn details(seed: u64, run: &TrialResult) -> String {
     if let Some(cause) = &run.named_cause {
         text += &format!(", cause named: {cause}");
     }
+    if !run.alarmed.is_empty() {
+        let blocks: Vec<String> = run.alarmed.iter().map(u64::to_string).collect();
+        text += &format!("\n    false alarms in blocks {}", blocks.join(", "));
+    }
+    for danger in &run.dangers {
+        text += &format!(
+            "\n    dangerous: block {}, {} {:.2} % off, {:.1} sigma",
+            danger.block,
+            danger.name,
+            100.0 * danger.error,
+            danger.sigmas
+        );
+    }
     for (i, p) in run.parameters.iter().enumerate() {
         text += &format!(
             "\n    theta_{}: at the end {:.3} % off, {:.1} sigma; bound {:.3} %, error / bound {:.2}; {} of {} intervals hold",

@@ -10,6 +10,8 @@ const KNOWABLE: f64 = 0.01;
 const SIGMAS: f64 = 5.0;
 /// … and by more than this share.
 const SHARE: f64 = 0.005;
+/// Alarms and dangerous blocks that are remembered one by one.
+const REMEMBERED: usize = 20;
 /// Half the width of a 95 % interval in σ.
 const INTERVAL: f64 = 1.959_963_984_540_054;
 
@@ -62,6 +64,10 @@ pub struct TrialResult {
     pub quiet: u64,
     /// Alarms in these.
     pub false_alarms: u64,
+    /// The first of their blocks.
+    pub alarmed: Vec<u64>,
+    /// The worst value of each of the first dangerous blocks.
+    pub dangers: Vec<Danger>,
     /// Changes, and those that were announced in their block or the next.
     pub changes: u64,
     /// Changes that were announced in time.
@@ -125,6 +131,9 @@ impl TrialResult {
         if !truth.changed && !truth.changed_before {
             self.quiet += 1;
             self.false_alarms += u64::from(alarm);
+            if alarm && self.alarmed.len() < REMEMBERED {
+                self.alarmed.push(estimate.block);
+            }
         }
         if use_ok {
             self.look_for_danger(estimate, truth, params);
@@ -197,6 +206,9 @@ impl TrialResult {
         }
         if let Some(danger) = worst {
             self.dangerous += 1;
+            if self.dangers.len() < REMEMBERED {
+                self.dangers.push(danger.clone());
+            }
             if self.worst.as_ref().is_none_or(|worst| danger.sigmas > worst.sigmas) {
                 self.worst = Some(danger);
             }

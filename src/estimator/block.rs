@@ -561,7 +561,7 @@ impl BlockEstimator {
     fn watch<R: Residuals>(&mut self, rows: &R, lines: u64, detection: ChangeDetection) -> u64 {
         let level = detection.false_alarm_rate / self.groups.len() as f64;
         let (mut joined, mut smallest) = (0u64, 1.0f64);
-        let (mut alarm, mut known) = (false, false);
+        let (mut alarm, mut known, mut confirmed) = (false, false, false);
         for (k, group) in self.groups.iter_mut().enumerate() {
             if lines >> k & 1 == 1 {
                 continue;
@@ -572,6 +572,14 @@ impl BlockEstimator {
             let raised = probability < level || another;
             alarm |= raised;
             known |= raised && !group.is_open(&self.before);
+            if raised && !group.is_open(&self.before) {
+                let at = if self.options.max_iterations == 1 {
+                    &self.before
+                } else {
+                    &self.theta
+                };
+                confirmed |= another || self.since_change == u32::MAX || group.is_news(at, level);
+            }
             if probability < Self::JOINS || another {
                 joined |= 1 << k;
             }
@@ -580,8 +588,13 @@ impl BlockEstimator {
         if !alarm {
             return 0;
         }
+        let between = Change {
+            kind: ChangeKind::Between,
+            row: 0,
+            time: rows.span(0).0,
+        };
         if !known {
-            self.doubt(rows, joined, lines);
+            self.doubt(rows, joined, lines, between);
             return 0;
         }
         let whole = 0..rows.len();
@@ -591,6 +604,11 @@ impl BlockEstimator {
                 group.fit_alone(rows, whole.clone(), &mut self.theta, &self.options);
                 consistent &= group.is_consistent(&self.options);
             }
+        }
+        if consistent && !confirmed {
+            // the last change, of which these groups had seen nothing or not all: a joint that rested while the payload was picked up, for one
+            self.refit(rows, joined, lines, between, 0);
+            return 0;
         }
         let mut again = false;
         for (k, group) in self.groups.iter_mut().enumerate() {
@@ -624,17 +642,12 @@ impl BlockEstimator {
 
     /// Believes what was known less where it had left something wide open: there it was linearised far from the truth, and to find that out is no change of the
     /// plant. The same as after a change between two blocks, but for the announcement.
-    fn doubt<R: Residuals>(&mut self, rows: &R, joined: u64, lines: u64) {
+    fn doubt<R: Residuals>(&mut self, rows: &R, joined: u64, lines: u64, between: Change) {
         for (k, group) in self.groups.iter_mut().enumerate() {
             if joined >> k & 1 == 1 {
                 group.fit_alone(rows, 0..rows.len(), &mut self.theta, &self.options);
             }
         }
-        let between = Change {
-            kind: ChangeKind::Between,
-            row: 0,
-            time: rows.span(0).0,
-        };
         self.refit(rows, joined, lines, between, 0);
     }
 

@@ -218,6 +218,7 @@ impl ProjectedOptions {
             ("considered.gain", considered.gain),
             ("considered.coulomb", considered.coulomb),
             ("considered.resonance_hz", considered.resonance_hz),
+            ("considered.drift_per_s", considered.drift_per_s),
             ("considered.zero_rad", considered.zero_rad),
             (
                 "considered.eccentricity_rad",

@@ -87,6 +87,7 @@ fn identify(sim: &SimOptions, considered: Considered, wrong: Wrong) -> Vec<Answe
     options.lower = vec![0.0; 9];
     options.forgetting_factor = 0.98;
     options.noise_floor.fill(1.0);
+    options.drift_per_s = considered.drift_per_s;
     options.relations = plant.relations().to_vec();
     if let Some(detection) = &mut options.change_detection {
         detection.margin = 40_000_000;
@@ -314,6 +315,89 @@ fn val_sigma_grows_by_what_the_data_leave_open_of_an_error() {
                 assert!(got > right.theta_std[i] && got < 1.1 * known, "{i}: {got} {known}");
             }
         }
+    }
+}
+
+/// y = φ₁ θ₁ + φ₂ θ₂ at 100 instants a second apart in tens of milliseconds, where θ_k(t) = θ_k (1 + rate_k (t − 5 s)).
+struct Moving(Vec<([f64; 2], f64, u64)>);
+
+impl Moving {
+    const THETA: [f64; 2] = [3.0, -1.0];
+
+    fn new(block: u64, rates: [f64; 2]) -> Self {
+        let mut rng = TestRng(block);
+        let rows = (1..=100).map(|k| {
+            let phi = [rng.between(-1.0, 1.0), rng.between(-1.0, 2.0)];
+            let hundredths = 100 * (block - 1) + k;
+            let at = |i: usize| Self::THETA[i] * (1.0 + rates[i] * (hundredths as f64 * 0.01 - 5.0));
+            (phi, phi[0] * at(0) + phi[1] * at(1), hundredths * 10_000_000)
+        });
+        Self(rows.collect())
+    }
+}
+
+impl Residuals for Moving {
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+    fn row(&self, _: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        let (phi, y, _) = self.0[index];
+        regressor.copy_from_slice(&phi);
+        y - phi[0] * theta[0] - phi[1] * theta[1]
+    }
+    fn span(&self, index: usize) -> (u64, u64) {
+        (self.0[index].2, self.0[index].2)
+    }
+}
+
+#[test]
+fn val_a_considered_drift_widens_sigma_by_the_lag_that_it_causes() {
+    let run = |rates: [f64; 2], drift_per_s: f64| {
+        let structure = Structure {
+            params: 2,
+            equations: vec![0..2],
+        };
+        let mut options = EstimatorOptions::recommended(vec![1.0, -0.5], 1);
+        options.forgetting = Forgetting::Exponential;
+        options.forgetting_factor = 0.8;
+        options.noise_floor = vec![1.0];
+        options.change_detection = None;
+        options.drift_per_s = drift_per_s;
+        let mut estimator = BlockEstimator::new(structure, options).unwrap();
+        (1..=5).for_each(|block| {
+            estimator.update(&Moving::new(block, rates));
+        });
+        estimator.report().clone()
+    };
+    // so small a prior that the data do not narrow it: some 1e3 of information times its square
+    let prior = 1e-5;
+    let (still, wide) = (run([0.0; 2], 0.0), run([0.0; 2], prior));
+    for i in 0..2 {
+        let lag = |k: usize| {
+            let mut rates = [0.0; 2];
+            rates[k] = 1e-3;
+            (run(rates, 0.0).theta[i] - still.theta[i]) / 1e-3
+        };
+        let own = lag(i) / Moving::THETA[i];
+        // five blocks of a second with weights 0.8^k: their middle is 1.8 + 0.5 s before the end, and a little less as θ̂ is only 5 s old
+        assert!((-2.5..-1.5).contains(&own), "{own}");
+        let expected = prior * lag(0).hypot(lag(1));
+        let got = (wide.theta_std[i].powi(2) - still.theta_std[i].powi(2)).sqrt();
+        // θ̂ began elsewhere with 1e-6 of information, and the prior is narrowed by 1e-7
+        assert!((got / expected - 1.0).abs() < 1e-3, "{i}: {got} {expected}");
+    }
+}
+
+#[test]
+fn ident_a_drift_is_narrowed_by_the_data_and_named() {
+    let wrong = Wrong {
+        heating: 0.1,
+        ..Wrong::default()
+    };
+    for seed in [1, 2] {
+        let answers = identify(&arm(smooth(seed), seed, 30, wrong), Considered::default(), wrong);
+        let (words, kind, ..) = answers[25].named.as_ref().expect("something is named");
+        assert_eq!(*kind, SuspectKind::Drift, "seed {seed}: {words}");
     }
 }
 

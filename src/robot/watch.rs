@@ -77,8 +77,7 @@ impl RobotIdentifier {
         let found = suspect.filter(|(suspect, slices)| self.explain(&mut watch, *suspect, *slices).is_some());
         self.watch = Some(watch);
         match found {
-            Some((Suspect::Payload, _)) => self.take_over(ChangeCause::Payload, now_s),
-            Some((Suspect::Friction(_), _)) => self.take_over(ChangeCause::Friction, now_s),
+            Some((suspect, _)) => self.take_over(suspect, now_s),
             None => {}
         }
     }
@@ -202,6 +201,11 @@ impl RobotIdentifier {
         if !self.prepare(watch, slices) {
             return None;
         }
+        self.fit(watch, suspect)
+    }
+
+    /// What the machine is in the window, if this suspect has changed.
+    fn fit(&self, watch: &mut Watch, suspect: Suspect) -> Option<()> {
         let extra = self.extra(suspect, &watch.friction_std);
         watch.evidence.weigh(&self.system, &watch.data, &self.fixed, extra)?;
         // The step from what was known, as one of the arm's parameters.
@@ -214,28 +218,42 @@ impl RobotIdentifier {
     }
 
     /// The machine is another one from some instant on: what came before is learnt for the machine as it was, what came behind for what it is now.
-    fn take_over(&mut self, cause: ChangeCause, now_s: f64) {
+    fn take_over(&mut self, suspect: Suspect, now_s: f64) {
         let Some(mut watch) = self.watch.take() else { return };
         let begin = self.pending.get(0).begin_s;
-        let t_s = locate(
-            &self.ring,
-            begin,
-            &watch.effective,
-            &watch.changed,
-            &self.torque_std,
-            |j| self.model.columns(j),
-        );
         let half = 0.5 * REACH * self.options.windows.length_s;
-        // Windows that hold some of both are left out.
+        let mut t_s = begin;
+        // Twice: windows that hold some of both spoil the first fit.
+        for _ in 0..2 {
+            t_s = locate(
+                &self.ring,
+                begin,
+                &watch.effective,
+                &watch.changed,
+                &self.torque_std,
+                |j| self.model.columns(j),
+            );
+            self.sum_up(&mut watch.window, |t| t >= t_s + half);
+            self.weigh_window(&mut watch);
+            // What cannot be solved leaves the fit before it.
+            let _unsolved = self.fit(&mut watch, suspect).is_none();
+        }
         let before = |t: f64| t >= begin && t < t_s - half;
         let behind = |t: f64| t >= t_s + half;
-        self.sum_up(&mut watch.window, behind);
         let level = |j: usize| self.torque_std[j] * self.inflation[j];
+        let arm = watch.changed.len();
+        for i in 0..arm {
+            watch.changed[i] -= watch.effective[i];
+        }
         let is_explained = watch.window.iter().enumerate().all(|(j, sums)| {
             let allowed = (UNEXPLAINED * level(j)).powi(2) * sums.rows as f64;
             sums.residual_square(&watch.changed) <= allowed
         });
-        let cause = if is_explained { cause } else { ChangeCause::Unexplained };
+        let cause = match suspect {
+            _ if !is_explained => ChangeCause::Unexplained,
+            Suspect::Payload => ChangeCause::Payload,
+            Suspect::Friction(_) => ChangeCause::Friction,
+        };
         self.condense();
         self.pending.clear();
         self.block_slices = usize::from(is_explained);

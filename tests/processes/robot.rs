@@ -149,7 +149,7 @@ fn e2e_a_robot_runs_on_the_bus_and_its_recording_gives_the_same() {
     let stdout = run.stdout();
     for part in [
         "payload_mass",
-        "Ia1",
+        "Ia3",
         "coulomb_3",
         "12 blocks, 12000 samples accepted, 0 missing, 0 rejected",
     ] {

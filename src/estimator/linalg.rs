@@ -199,6 +199,7 @@ impl Cholesky {
     }
 
     /// ln det A of the matrix factored last.
+    #[cfg(feature = "robot")]
     pub fn log_determinant(&self) -> f64 {
         let n = self.n;
         (0..n).map(|i| 2.0 * (self.lower[i * n + i] / self.scale[i]).ln()).sum()

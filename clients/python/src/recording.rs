@@ -38,19 +38,17 @@ fn read(path: &std::path::Path, span: Span) -> Result<Content, ReadError> {
     Ok(content)
 }
 
-/// What was recorded: a dictionary of the run, and samples, estimates and status as bytes.
-#[pyfunction]
-pub(crate) fn recording<'py>(
-    py: Python<'py>,
-    path: PathBuf,
-    from_ns: u64,
-    to_ns: u64,
-) -> PyResult<(
+/// The run, and samples, estimates and status behind each other.
+type Parts<'py> = (
     Bound<'py, PyDict>,
     Bound<'py, PyBytes>,
     Bound<'py, PyBytes>,
     Bound<'py, PyBytes>,
-)> {
+);
+
+/// What was recorded: a dictionary of the run, and samples, estimates and status as bytes.
+#[pyfunction]
+pub(crate) fn recording<'py>(py: Python<'py>, path: PathBuf, from_ns: u64, to_ns: u64) -> PyResult<Parts<'py>> {
     let content = py
         .detach(|| read(&path, Span { from_ns, to_ns }))
         .map_err(|e| ThetabusError::new_err(e.to_string()))?;

@@ -18,6 +18,7 @@ pub struct PlantNode<S> {
     /// When the last sample given is due \[ns of stream time\].
     due_ns: u64,
     /// Stream time up to which the last command holds \[ns\]; none if none does.
+    #[cfg(feature = "sim")]
     commanded_until_ns: Option<u64>,
 }
 
@@ -38,6 +39,7 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
             faults: None,
             stamps: None,
             due_ns: 0,
+            #[cfg(feature = "sim")]
             commanded_until_ns: None,
         }
     }

@@ -130,6 +130,7 @@ impl ParameterPrior {
 
 /// What the rows are made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "one per builder")]
 enum Signals {
     /// Positions and inputs, with noise that is learnt unless it is known.
     Positions(Option<SensorNoise>),

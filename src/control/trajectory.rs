@@ -73,7 +73,7 @@ impl Trajectory {
     }
 
     /// The desired motion in the middle between sample k and k + 1; then k + 1 is next.
-    pub fn next(&mut self) -> JointSample {
+    pub fn advance(&mut self) -> JointSample {
         let h = self.sample_period_s;
         let mut motion = JointSample::default();
         for (joint, path) in self.paths.iter_mut().enumerate() {
@@ -94,7 +94,7 @@ impl Trajectory {
     /// Goes on to a later sample; what lies behind cannot be had again.
     pub fn advance_to(&mut self, k: u64) {
         while self.k < k {
-            self.next();
+            self.advance();
         }
     }
 }
@@ -122,7 +122,7 @@ mod tests {
         for k in 100..2000 {
             let w = std::f64::consts::TAU * frequency_hz;
             let (s, c) = (w * (k as f64 + 0.5) * 1e-3 + 0.2).sin_cos();
-            let motion = trajectory.next();
+            let motion = trajectory.advance();
             let expected = [0.1 + amplitude_rad * s, w * c, -w * w * s, -w * w * w * c];
             // rounding of q, 1e-16, over h, h² and h³; truncation as the head says: (w h)⁴ = 4e-9
             for (got, (expected, limit)) in [motion.q[1], motion.dq[1], motion.ddq[1], motion.dddq[1]]

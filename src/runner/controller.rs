@@ -99,7 +99,7 @@ impl Path {
         let samples = sample.seq.saturating_sub(self.last_seq).max(1);
         self.last_seq = sample.seq;
         follower.trajectory.advance_to(next);
-        let motion = follower.trajectory.next();
+        let motion = follower.trajectory.advance();
         let dt_s = samples as f64 * follower.period_ns as f64 * 1e-9;
         MachineCommand {
             stream_id: sample.stream_id,

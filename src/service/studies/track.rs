@@ -128,7 +128,7 @@ fn follow(config: &Config, contender: Contender, change_s: f64) -> Result<Tracki
             feed_forward = begin(&sim.true_values(&names, t_s))?;
             knows = true;
         }
-        let motion = trajectory.next();
+        let motion = trajectory.advance();
         let input = feed_forward.next(&motion, period_s);
         if contender != Contender::Without {
             machine.command(&input);

@@ -76,9 +76,8 @@ impl RobotIdentifier {
         };
         let found = suspect.filter(|(suspect, slices)| self.explain(&mut watch, *suspect, *slices).is_some());
         self.watch = Some(watch);
-        match found {
-            Some((suspect, _)) => self.take_over(suspect, now_s),
-            None => {}
+        if let Some((suspect, _)) = found {
+            self.take_over(suspect, now_s);
         }
     }
 

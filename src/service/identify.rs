@@ -24,10 +24,10 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         .extension()
         .is_some_and(|name| name.eq_ignore_ascii_case("csv"));
     let is_log = is_log && !args.input.is_dir();
-    if is_log || args.validate.is_some() {
-        if let Some(robot) = identify_robot::configuration(args)? {
-            return identify_robot::run(args, robot, shutdown);
-        }
+    if (is_log || args.validate.is_some())
+        && let Some(robot) = identify_robot::configuration(args)?
+    {
+        return identify_robot::run(args, robot, shutdown);
     }
     if is_log {
         return identify_log::run(args, shutdown);
@@ -81,7 +81,7 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 fn as_recorded(args: &IdentifyArgs, info: &RunInfo) -> Result<Option<Config>, Failure> {
     let catalog = &args.common.catalog;
     let known = catalog.names().any(|name| name == info.model);
-    Ok(known.then(|| report::config_of(info, catalog)).transpose()?)
+    known.then(|| report::config_of(info, catalog)).transpose()
 }
 
 fn in_recording(path: &Path, error: &ConfigError) -> Failure {

@@ -125,6 +125,10 @@ impl Live {
     pub(super) fn estimate(&mut self, node: &MonitorNode, estimate: &Estimate, sent_ns: u64) {
         self.feed
             .with(|state| state.on_estimate(estimate, node.truth(), sent_ns));
+        #[cfg(feature = "foxglove")]
+        if let Some(server) = &mut self.foxglove {
+            server.estimate(estimate);
+        }
         if !tracing::enabled!(tracing::Level::INFO) {
             return;
         }

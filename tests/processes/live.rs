@@ -382,7 +382,8 @@ fn e2e_watch_writes_one_readable_line_per_block_where_there_is_no_terminal() {
     eventually("lines", || (watch.stdout().lines().count() > 20).then_some(()));
     for line in watch.stdout().lines() {
         assert!(line.starts_with("block ") && line.contains(" usable"), "{line}");
-        assert!(line.chars().count() <= 200 && !line.contains('\x1b'), "{line}");
+        // 150 columns of values, and why a model does not fit.
+        assert!(line.chars().count() <= 270 && !line.contains('\x1b'), "{line}");
     }
 }
 

@@ -40,6 +40,8 @@ pub struct BlockEstimator {
     later: Vec<f64>,
     /// Blocks since the last change that was no drift.
     since_change: u32,
+    /// Bit k: group k follows what it found in this block, which is no change that is announced.
+    followed: u64,
     /// Blocks in a row in which a line that is followed did not move for sure.
     still: u32,
     score_test: ScoreTest,
@@ -121,6 +123,7 @@ impl BlockEstimator {
             groups,
             since_change: u32::MAX,
             still: 0,
+            followed: 0,
             used: 0..0,
             regressor: vec![0.0; params],
             score_test: ScoreTest::new(equations, drifts),
@@ -372,6 +375,7 @@ impl BlockEstimator {
         (report.iterations, report.converged, report.outliers) = (0, true, 0);
         (report.misfit, report.pressed, report.fit_probability) = (0, 0, 1.0);
         self.used = 0..rows.len();
+        self.followed = 0;
         self.since_change = self.since_change.saturating_add(1);
         self.before.copy_from_slice(&self.theta);
         // all groups or none: half a block would be no estimate of the plant
@@ -458,7 +462,9 @@ impl BlockEstimator {
                 group.clusters.end(true, group.noise_is_told(), |_| 0.0);
                 continue;
             }
-            if changed {
+            // what an older prior had wrong is no repeat
+            let renewed = changed || self.followed >> k & 1 == 1;
+            if renewed {
                 group.suspect(rows, self.used.clone(), &self.theta);
             }
             // the sums of a single step belong to θ̄, as (9) has them; the residual after the step is evidence
@@ -477,7 +483,7 @@ impl BlockEstimator {
             let (misfit, freedom, unit) = group.misfit();
             let told = group.noise_is_told();
             let excitation = &group.excitation;
-            group.clusters.end(changed, told, |i| excitation.share(i));
+            group.clusters.end(renewed, told, |i| excitation.share(i));
             let (scores, information) = (&group.considered.scores, &group.considered.information);
             self.score_test.take((scores, information), unit, misfit, freedom, told);
         }
@@ -611,6 +617,7 @@ impl BlockEstimator {
         }
         if consistent && !confirmed {
             // the last change, of which these groups had seen nothing or not all: a joint that rested while the payload was picked up, for one
+            self.followed = joined;
             self.refit(rows, joined, lines, between, 0);
             return 0;
         }

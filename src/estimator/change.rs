@@ -66,7 +66,10 @@ impl GroupState {
     /// True if the difference that raised an alarm is more than what the last change left unconfirmed. A joint that rested while the payload was picked up shows
     /// it much later, and that is no other change. To be asked after [`look_for_change`](Self::look_for_change), at the same place.
     pub fn is_news(&mut self, theta: &[f64], level: f64) -> bool {
-        if self.confirmation.is_settled() {
+        let own = &theta[self.parameters.clone()];
+        let bounded = (0..self.n).any(|i| !self.fixed[i] && !(self.lower[i] < own[i] && own[i] < self.upper[i]));
+        // an estimate that a bound holds against its will is no measure of what changed
+        if bounded || self.confirmation.is_settled() {
             return true;
         }
         std::mem::swap(&mut self.covariance, &mut self.confirmation.covariance);

@@ -6,7 +6,7 @@ use thetabus::model::{JointSample, Manipulator, Plant};
 use thetabus::rows::{
     Considered, InputTiming, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, SuspectKind, structure,
 };
-use thetabus::sim::{ArmSimulator, ControllerKind, MassSchedule, Setpoint, SimOptions};
+use thetabus::sim::{ArmSimulator, ControllerKind, MassSchedule, MoveProfile, Moves, Setpoint, SimOptions};
 
 const N: u64 = 1900;
 
@@ -41,6 +41,21 @@ fn steps() -> [Setpoint; 2] {
         max_dwell_s: 3.0,
     };
     [random(1.0), random(0.8)]
+}
+
+/// Moves from point to point that are smooth up to the acceleration.
+fn minimum_jerk() -> [Setpoint; 2] {
+    [1.0, 0.8].map(|limit| {
+        Setpoint::Moves(Moves {
+            profile: MoveProfile::MinimumJerk,
+            min_rad: -limit,
+            max_rad: limit,
+            min_move_s: 0.6,
+            max_move_s: 1.6,
+            min_rest_s: 0.0,
+            max_rest_s: 0.5,
+        })
+    })
 }
 
 fn arm(setpoint: [Setpoint; 2], seed: u64, blocks: u64, wrong: Wrong) -> SimOptions {
@@ -395,7 +410,7 @@ fn ident_a_drift_is_narrowed_by_the_data_and_named() {
         ..Wrong::default()
     };
     for seed in [1, 2] {
-        let answers = identify(&arm(smooth(seed), seed, 30, wrong), Considered::default(), wrong);
+        let answers = identify(&arm(minimum_jerk(), seed, 30, wrong), Considered::default(), wrong);
         let (words, kind, ..) = answers[25].named.as_ref().expect("something is named");
         assert_eq!(*kind, SuspectKind::Drift, "seed {seed}: {words}");
     }
@@ -408,11 +423,24 @@ fn prop_the_defaults_leave_a_right_model_useful_and_name_nothing() {
         let answers = identify(&sim, Considered::default(), Wrong::default());
         let without = identify(&sim, Considered::NONE, Wrong::default());
         let ratio = (0..9).map(|i| answers[24].std[i] / without[24].std[i]).sum::<f64>() / 9.0;
-        // only the sharpest edges tell a delay from the inductances: to know neither costs a factor of two
-        assert!(ratio < 2.5, "sigma is {ratio:.2} times as wide");
+        // only the sharpest edges tell a delay from the inductances: to know neither costs a factor of two, and a rate of change as much again
+        assert!(ratio < 4.0, "sigma is {ratio:.2} times as wide");
         assert!(useful(&answers) >= 0.85, "{:.2}", useful(&answers));
         assert_eq!(dangerous(&answers), Vec::<usize>::new());
         assert!(answers.iter().all(|a| a.named.is_none()));
+    }
+}
+
+#[test]
+fn prop_smooth_motion_of_a_right_model_names_nothing_for_sure() {
+    for seed in 1..=2 {
+        let sim = arm(minimum_jerk(), seed, 25, Wrong::default());
+        for answer in identify(&sim, Considered::default(), Wrong::default()) {
+            // The second derivative of so slow an input is all noise, which residuals have, too: made of measured signals it is named with some 15
+            // standard deviations. What the first blocks leave, before the estimate is near enough to smooth with, is at the limit.
+            let deviations = answer.named.as_ref().map_or(0.0, |(.., s)| s.deviations);
+            assert!(deviations < 10.0, "seed {seed}: {:?}", answer.named);
+        }
     }
 }
 

@@ -67,7 +67,7 @@ impl GroupState {
     /// it much later, and that is no other change. To be asked after [`look_for_change`](Self::look_for_change), at the same place.
     pub fn is_news(&mut self, theta: &[f64], level: f64) -> bool {
         let own = &theta[self.parameters.clone()];
-        let bounded = (0..self.n).any(|i| !self.fixed[i] && !(self.lower[i] < own[i] && own[i] < self.upper[i]));
+        let bounded = (0..self.n).any(|i| !(self.fixed[i] || self.lower[i] < own[i] && own[i] < self.upper[i]));
         // an estimate that a bound holds against its will is no measure of what changed
         if bounded || self.confirmation.is_settled() {
             return true;

@@ -147,7 +147,7 @@ impl Description {
         text_of(&self.model)
     }
 
-    /// Kind of the input, see [`input_kind_of`].
+    /// Kind of the input, from its unit.
     pub fn input_kind(&self) -> &str {
         text_of(&self.input_kind)
     }

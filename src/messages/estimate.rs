@@ -6,7 +6,7 @@ use crate::model::{MAX_JOINTS, MAX_PARAMS};
 #[cfg(feature = "bus")]
 use iceoryx2::prelude::ZeroCopySend;
 
-/// What the identifier is doing; `state` of [`Estimate`] and [`Status`].
+/// What the identifier is doing; `state` of [`Estimate`] and [`Status`](super::Status).
 #[repr(u32)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum State {

@@ -49,12 +49,6 @@ pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
             "{suspect} would explain {share:.0} % of the misfit ({:.1} %)",
             100.0 * amplitude
         ),
-        // one digit, so that the words change only with the matter
-        SuspectKind::Drift => write!(
-            words,
-            "{suspect} would explain {share:.0} % of the misfit ({:.0e} per second)",
-            amplitude
-        ),
         SuspectKind::Coulomb | SuspectKind::Eccentricity | SuspectKind::Zero => write!(
             words,
             "{suspect} would explain {share:.0} % of the misfit ({:.1e} {})",
@@ -74,7 +68,6 @@ mod tests {
     fn prop_every_cause_has_words_that_fit() {
         let suspicion = Suspicion {
             suspect: 2,
-            drifting: None,
             amplitude: 1.5e-4,
             deviations: 12.0,
             share: 0.83,
@@ -86,11 +79,9 @@ mod tests {
             SuspectKind::Eccentricity,
             SuspectKind::Resonance,
             SuspectKind::Zero,
-            SuspectKind::Drift,
         ] {
             let suspect = Suspect {
                 kind,
-                parameter: (kind == SuspectKind::Drift).then_some("inertia_8"),
                 joint: (kind != SuspectKind::InputDelay).then_some(7),
                 scale: 1.0,
                 unit: "N m",

@@ -46,7 +46,7 @@ pub trait SampleBlock: Residuals {
     fn replaced(&self) -> u32 {
         0
     }
-    /// What the error `index` of [`suspects`](Residuals::suspects) is, for words; from there on, the drifts of the parameters.
+    /// What the error `index` of [`suspects`](Residuals::suspects) is, for words.
     fn suspect(&self, _index: usize) -> Option<Suspect<'_>> {
         None
     }

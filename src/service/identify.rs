@@ -46,7 +46,7 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     config
         .limit_recorded_memory()
         .map_err(|e| in_recording(&recording, &e))?;
-    foreign::check_recording(reader.info(), as_recorded(args, reader.info())?.as_ref(), &config)?;
+    foreign::check_recording(reader.info(), as_recorded(args, reader.info()).as_ref(), &config)?;
     let mut script = Script::read(&recording, Commands::new(&config))?;
     let truth = reader.info().simulated.then_some(&config.plant.sim);
     let monitor = monitor_node(&config, truth);
@@ -77,11 +77,10 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     Ok(if missing.is_none() { exit } else { Exit::DataLoss })
 }
 
-/// The recording's configuration in this program, before the command line lays anything over it; none if its model is another program's.
-fn as_recorded(args: &IdentifyArgs, info: &RunInfo) -> Result<Option<Config>, Failure> {
-    let catalog = &args.common.catalog;
-    let known = catalog.names().any(|name| name == info.model);
-    known.then(|| report::config_of(info, catalog)).transpose()
+/// The recording's configuration in this program, before the command line lays anything over it; none if that is no configuration of this program,
+/// because its model is another's.
+fn as_recorded(args: &IdentifyArgs, info: &RunInfo) -> Option<Config> {
+    report::config_of(info, &args.common.catalog).ok()
 }
 
 fn in_recording(path: &Path, error: &ConfigError) -> Failure {

@@ -106,7 +106,7 @@ fn e2e_help_lists_the_exit_codes_and_version_names_schema_and_iceoryx2() {
             assert!(help.contains(part), "{part:?} is not in\n{help}");
         }
         let version = output("--version");
-        for part in [env!("CARGO_PKG_VERSION"), "schema 2", "iceoryx2 0.10.0"] {
+        for part in [env!("CARGO_PKG_VERSION"), "schema 3", "iceoryx2 0.10.0"] {
             assert!(version.contains(part), "{part:?} is not in {version}");
         }
     }

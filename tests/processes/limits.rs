@@ -120,7 +120,7 @@ fn fault_joining_programs_are_refused_with_the_numbers_however_little_is_left() 
         kill $plant_pid; wait $plant_pid; echo "ended: live plant $?"
         kill $identifier_pid; wait $identifier_pid; echo "ended: live identifier $?"
     "#;
-    for left in ["0", "4", "16", "64", "256", "1024", "2048", "4096", "16384", "24576"] {
+    for left in ["0", "4", "16", "64", "256", "1024", "2048", "4096", "16384", "61440"] {
         let site = Site::new();
         let args = [
             env!("CARGO_BIN_EXE_plant_simulator"),
@@ -129,7 +129,7 @@ fn fault_joining_programs_are_refused_with_the_numbers_however_little_is_left() 
             env!("CARGO_BIN_EXE_thetabus"),
             left,
         ];
-        let mut all = with_small_memory(&site, "96m", script.trim(), &args);
+        let mut all = with_small_memory(&site, "160m", script.trim(), &args);
         all.expect_code(0);
         let told = all.stdout();
         for line in [
@@ -164,7 +164,7 @@ fn fault_joining_programs_are_refused_with_the_numbers_however_little_is_left() 
             }
         }
         let refused = told.contains("ended: plant 1");
-        assert_eq!(refused, left != "24576", "{left} KiB left\n{}", all.said());
+        assert_eq!(refused, left != "61440", "{left} KiB left\n{}", all.said());
     }
 }
 

@@ -90,7 +90,7 @@ fn e2e_a_users_own_plant_has_the_whole_command_line() {
     assert_eq!(column(&csv, "inertia"), column(&again, "inertia"));
     program(&["report", "own/recording.mcap", "--out", "report"]).expect_code(0);
     let page = std::fs::read_to_string(dir.join("report").join("report.html")).expect("a page");
-    assert!(page.contains("damping") && page.contains("N m s/rad"));
+    assert!(page.contains("damping") && page.contains("friction that grows with speed"));
     // an identifier of its own tells its parameters
     let identifier = program(&["identifier", "--domain", domain]);
     identifier.wait_for_log("no plant yet");

@@ -40,6 +40,12 @@ impl History {
         }
     }
 
+    /// The same with no more than so many points, at least 2.
+    pub(super) fn at_most(mut self, points: usize) -> Self {
+        self.limit = self.limit.min(points.max(2));
+        self
+    }
+
     /// The most points that are kept.
     pub fn limit(&self) -> usize {
         self.limit

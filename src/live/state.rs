@@ -15,6 +15,8 @@ const GONE_NS: u64 = 2_500_000_000;
 const RATE_OVER: usize = 8;
 /// Blocks that a trend is taken over.
 const TREND_OVER: usize = 8;
+/// Blocks that a state for text keeps.
+const POINTS_FOR_TEXT: usize = 32;
 /// Changes that are kept.
 const CHANGES: usize = 64;
 
@@ -63,12 +65,25 @@ impl LiveState {
         }
     }
 
+    /// The same without the past that plots need: for lines of text the newest blocks are enough.
+    #[must_use]
+    pub fn for_text(mut self) -> Self {
+        self.history = self.history.at_most(POINTS_FOR_TEXT);
+        self
+    }
+
     /// Forgets everything: what comes is of another model.
     pub fn rename(&mut self, about: About, parameters: Vec<Quantity>, derived: Vec<Quantity>) {
         let generation = self.generation + 1;
+        let limit = self.history.limit();
+        let new = Self::new(about, parameters, derived);
         *self = Self {
             generation,
-            ..Self::new(about, parameters, derived)
+            history: match limit {
+                POINTS_FOR_TEXT => new.history.clone().at_most(limit),
+                _ => new.history.clone(),
+            },
+            ..new
         };
     }
 

@@ -79,7 +79,12 @@ impl Live {
     /// The address is in use or not of this machine.
     pub(super) fn start(config: &Config, node: &MonitorNode, args: &MonitorArgs) -> Result<Self, Failure> {
         let web = &args.web;
-        let feed = Feed::new(live_state(config), monotonic_ns, web.web_control);
+        // only a page looks back
+        let state = match web.web {
+            Some(_) => live_state(config),
+            None => live_state(config).for_text(),
+        };
+        let feed = Feed::new(state, monotonic_ns, web.web_control);
         let server = web
             .web
             .map(|address| {

@@ -33,7 +33,7 @@ with open(path, "rb") as file:
         result["last"][topic] = fields
         sums = result["sums"].setdefault(topic, dict.fromkeys(fields, 0))
         for name, value in fields.items():
-            if not isinstance(value, str):
+            if isinstance(value, (int, float)):
                 sums[name] += value
 
 
@@ -41,6 +41,8 @@ def exact(value):
     """Floats as text: JSON knows neither NaN nor infinity, and not every reader of JSON rounds to the nearest."""
     if isinstance(value, dict):
         return {key: exact(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [exact(item) for item in value]
     return repr(value) if isinstance(value, float) else value
 
 

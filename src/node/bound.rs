@@ -6,6 +6,7 @@
 //! makes what it touches stay.
 
 use super::command::{Change, Fate, Order};
+use super::learner::Learner;
 use crate::estimator::{BlockEstimator, EstimatorOptions};
 use crate::messages::status_flags;
 use crate::model::MAX_PARAMS;
@@ -64,7 +65,7 @@ impl BoundEffects {
     }
 
     /// To be called before an order is carried out.
-    pub(super) fn note(&mut self, order: &Order, paused: bool, flags: u32, estimator: &BlockEstimator) {
+    pub(super) fn note(&mut self, order: &Order, paused: bool, flags: u32, learner: &impl Learner) {
         let bound = order.tag != 0;
         if bound {
             self.tag = order.tag;
@@ -81,10 +82,7 @@ impl BoundEffects {
             Change::Fix { index, .. } | Change::Free { index } => {
                 let Some(was) = self.held.get_mut(*index) else { return };
                 *was = match *was {
-                    Was::Untouched if bound && estimator.options().fixed[*index] => {
-                        Was::HeldAt(estimator.report().theta[*index])
-                    }
-                    Was::Untouched if bound => Was::Free,
+                    Was::Untouched if bound => learner.held_at(*index).map_or(Was::Free, Was::HeldAt),
                     was if bound => was,
                     _ => Was::Untouched,
                 };
@@ -139,13 +137,12 @@ impl BoundEffects {
 
 impl Before {
     /// Puts back what is held and what is free.
-    pub(super) fn hold(&self, estimator: &mut BlockEstimator) {
+    pub(super) fn hold(&self, learner: &mut impl Learner) {
         for (index, was) in self.held.iter().enumerate() {
             match was {
                 Was::Untouched => {}
-                Was::Free if estimator.options().fixed[index] => _ = estimator.fix(index, None),
-                Was::Free => {}
-                Was::HeldAt(value) => _ = estimator.fix(index, Some(*value)),
+                Was::Free => learner.free(index),
+                Was::HeldAt(value) => learner.fix(index, Some(*value)),
             }
         }
     }
@@ -189,6 +186,7 @@ impl Order {
 mod tests {
     use super::*;
     use crate::messages::{Estimate, Status, estimate_flags, sample_flags, stream_tag};
+    use crate::node::block_learner::BlockLearner;
     use crate::node::identifier::IdentifierNode;
     use crate::node::tests::{Spring, node, sample};
     use rand_chacha::ChaCha8Rng;
@@ -196,11 +194,17 @@ mod tests {
 
     const N: u64 = 10;
 
-    fn tune(node: &IdentifierNode<Spring>, forgetting_factor: f64, len: u64, resized: bool, hash: u64) -> Change {
+    fn tune(
+        node: &IdentifierNode<BlockLearner<Spring>>,
+        forgetting_factor: f64,
+        len: u64,
+        resized: bool,
+        hash: u64,
+    ) -> Change {
         Change::Tune {
             options: Box::new(EstimatorOptions {
                 forgetting_factor,
-                ..node.estimator().options().clone()
+                ..node.learner().estimator().options().clone()
             }),
             config_hash: hash,
             block_len: len,
@@ -209,7 +213,12 @@ mod tests {
     }
 
     /// Feeds a stream and gives its estimates.
-    fn feed(node: &mut IdentifierNode<Spring>, stream_id: u64, seqs: std::ops::Range<u64>, end: bool) -> Vec<Estimate> {
+    fn feed(
+        node: &mut IdentifierNode<BlockLearner<Spring>>,
+        stream_id: u64,
+        seqs: std::ops::Range<u64>,
+        end: bool,
+    ) -> Vec<Estimate> {
         let mut estimates = Vec::new();
         let last = seqs.end - 1;
         for seq in seqs {
@@ -225,10 +234,10 @@ mod tests {
     /// What commands can change: flags, λ, what is fixed, and by the estimates N, configuration and pause.
     fn shape(
         status: &Status,
-        node: &IdentifierNode<Spring>,
+        node: &IdentifierNode<BlockLearner<Spring>>,
         estimate: &Estimate,
     ) -> (u32, f64, Vec<bool>, u64, u64, u32, u128) {
-        let options = node.estimator().options();
+        let options = node.learner().estimator().options();
         let length = (estimate.t_last_ns - estimate.t_first_ns) / 1_000_000 + 1;
         let flags = estimate.flags & (estimate_flags::HELD | estimate_flags::COMMANDED);
         (
@@ -358,7 +367,7 @@ mod tests {
         let live = feed(&mut node, 4, 0..N, false)[0];
         assert_eq!((live.fixed.bits(), live.theta[0], live.config_hash), (1, 3.0, 80));
         assert_eq!(live.flags & estimate_flags::HELD, 0);
-        assert_eq!(node.estimator().options().forgetting_factor, 0.6);
+        assert_eq!(node.learner().estimator().options().forgetting_factor, 0.6);
     }
 
     #[test]

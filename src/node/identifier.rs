@@ -17,32 +17,31 @@
 //! that stream; `bound.rs` has those whose effects go, too.
 
 use super::block_grid::{BlockGrid, OpenBlock};
-use super::bound::{BoundEffects, exchange_tunables};
+use super::bound::BoundEffects;
 use super::command::{Border, Change, Fate, NodeState, Order};
 use super::command_queue::CommandQueue;
-use super::estimate_message::{fill_derived, message};
+use super::estimate_message::message;
+use super::lacking;
+use super::learner::{BlockEnd, Learner};
 use super::replayed::{BeforeReplay, copy_out};
 use super::sample_gate::{SampleGate, largest};
 use super::stream::{SampleCursor, SamplePlace};
-use super::{lacking, misfit};
-use crate::estimator::{BlockEstimator, ChangeKind, Held, StateError, StateMachine, Verdict};
+use crate::estimator::{StateError, Verdict};
 use crate::messages::{
-    ErrorCode, Estimate, LastError, Sample, State, Status, StreamFaults, estimate_flags, sample_flags, status_flags,
-    stream_tag,
+    ErrorCode, Estimate, LastError, ParameterSet, Sample, State, Status, StreamFaults, estimate_flags, sample_flags,
+    status_flags, stream_tag,
 };
-use crate::model::DerivedValues;
-use crate::rows::SampleBlock;
 use std::any::Any;
 
 pub use super::identifier_options::IdentifierOptions;
 
-/// An identifier node of whatever plant and rows.
+/// An identifier node of whatever model.
 pub trait Identifier: Send {
     /// See [`IdentifierNode::on_sample`].
     fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate));
     /// See [`IdentifierNode::status`].
     fn status(&self) -> Status;
-    /// See [`SampleBlock::window_s`].
+    /// See [`Learner::window_s`].
     fn window_s(&self) -> Option<f64>;
     /// See [`IdentifierNode::offer`].
     ///
@@ -62,7 +61,7 @@ pub trait Identifier: Send {
     fn load(&mut self, state: &NodeState) -> Result<(), StateError>;
 }
 
-impl<B: SampleBlock + Send + 'static> Identifier for IdentifierNode<B> {
+impl<L: Learner> Identifier for IdentifierNode<L> {
     fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate)) {
         IdentifierNode::on_sample(self, sample, emit);
     }
@@ -72,7 +71,7 @@ impl<B: SampleBlock + Send + 'static> Identifier for IdentifierNode<B> {
     }
 
     fn window_s(&self) -> Option<f64> {
-        self.rows.window_s()
+        self.learner.window_s()
     }
 
     fn offer(&mut self, order: Order) -> Result<Border, Order> {
@@ -84,7 +83,7 @@ impl<B: SampleBlock + Send + 'static> Identifier for IdentifierNode<B> {
     }
 
     fn into_rows(self: Box<Self>) -> Box<dyn Any + Send> {
-        Box::new(self.rows)
+        Box::new(self.learner).into_rows()
     }
 
     fn save(&mut self, into: &mut NodeState) {
@@ -96,15 +95,12 @@ impl<B: SampleBlock + Send + 'static> Identifier for IdentifierNode<B> {
     }
 }
 
-/// Consumes samples, gives an estimate per block.
-pub struct IdentifierNode<B> {
+/// Consumes samples, gives an estimate per block; what it learns, and how, is its learner's.
+pub struct IdentifierNode<L> {
     options: IdentifierOptions,
-    rows: B,
-    estimator: BlockEstimator,
-    machine: StateMachine,
+    learner: L,
     /// Time of the last change found \[ns of stream time\].
     t_change_ns: u64,
-    derived: Option<Box<dyn DerivedValues + Send>>,
     cursor: SampleCursor,
     gate: SampleGate,
     grid: BlockGrid,
@@ -120,28 +116,17 @@ pub struct IdentifierNode<B> {
     status: Status,
 }
 
-impl<B: SampleBlock + 'static> IdentifierNode<B> {
-    /// A node that has seen nothing; `pid` goes into its status, `derived` into its estimates.
+impl<L: Learner> IdentifierNode<L> {
+    /// A node that has seen nothing; `pid` goes into its status.
     ///
     /// # Panics
-    /// Where `block_len` is 0.
-    pub fn new(
-        options: IdentifierOptions,
-        rows: B,
-        estimator: BlockEstimator,
-        derived: Option<Box<dyn DerivedValues + Send>>,
-        pid: u32,
-    ) -> Self {
+    /// If `block_len` is 0.
+    pub fn new(options: IdentifierOptions, mut learner: L, pid: u32) -> Self {
         assert!(options.block_len > 0, "a block needs at least one sample");
-        let mut machine = StateMachine::new(estimator.theta());
-        let mut estimator = estimator;
         let mut node = Self {
-            rows,
-            before_replay: BeforeReplay::new(&mut estimator, &mut machine),
-            machine,
-            estimator,
+            before_replay: BeforeReplay::new(&mut learner),
+            learner,
             t_change_ns: 0,
-            derived,
             cursor: SampleCursor::new(),
             gate: SampleGate::new(
                 options.joints,
@@ -164,7 +149,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             },
             options,
         };
-        node.note_information();
+        node.learner.describe(&mut node.status);
         node
     }
 
@@ -222,9 +207,9 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
         self.status
     }
 
-    /// The estimator, for its evidence beyond the message.
-    pub fn estimator(&self) -> &BlockEstimator {
-        &self.estimator
+    /// What learns, for its evidence beyond the message.
+    pub fn learner(&self) -> &L {
+        &self.learner
     }
 
     /// Takes an order for the next border, and carries it out at once where no block is open. Returns the border as far as it is known now: lost
@@ -235,17 +220,17 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
     /// [`RESERVED_ORDERS`](super::command::RESERVED_ORDERS) more for one that needs nothing but the next border; or if it brings rows of
     /// another type than the node's.
     pub fn offer(&mut self, mut order: Order) -> Result<Border, Order> {
-        let foreign = match &order.change {
-            Change::Tune { rows: Some(rows), .. } => !rows.is::<B>(),
+        let fits = match &order.change {
+            Change::Pause | Change::Resume => true,
+            Change::Fix { index, .. } | Change::Free { index } => *index < self.learner.report().theta.len(),
             // N as it is, or as an order that waits will have made it
             Change::Tune {
                 block_len, rows: None, ..
-            } => *block_len != self.grid.len && !self.commands.will_resize_to(*block_len),
-            Change::Fix { index, .. } | Change::Free { index } => *index >= self.estimator.structure().params,
-            Change::Restart { .. } => true,
-            _ => false,
+            } if *block_len != self.grid.len && !self.commands.will_resize_to(*block_len) => false,
+            Change::Kept => false,
+            change => self.learner.accepts(change),
         };
-        if foreign || !self.commands.has_room_for(&order) {
+        if !fits || !self.commands.has_room_for(&order) {
             return Err(order);
         }
         let (between, tag) = (self.is_between_streams(), order.tag);
@@ -289,7 +274,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
     /// the state from before it.
     pub fn save(&mut self, into: &mut NodeState) {
         match self.before_replay.kept() {
-            None => copy_out(&mut self.estimator, &mut self.machine, &self.status, into),
+            None => copy_out(&mut self.learner, &self.status, into),
             Some(kept) => into.copy_from(kept),
         }
     }
@@ -299,10 +284,10 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
     /// # Errors
     /// A state of another model, or one that no estimator can be in. The node is as if nothing had been tried then.
     pub fn load(&mut self, state: &NodeState) -> Result<(), StateError> {
-        self.estimator.load(&mut self.machine, &state.estimator)?;
+        self.learner.load(&state.estimator)?;
         self.news |= estimate_flags::WARM;
         self.status.flags |= status_flags::WARM;
-        self.note_information();
+        self.learner.describe(&mut self.status);
         Ok(())
     }
 
@@ -311,7 +296,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
     fn start_stream(&mut self, sample: &Sample) {
         self.enter_stream(stream_tag(sample.stream_id));
         self.change_teacher(sample);
-        self.rows.reset();
+        self.learner.restart_rows();
         self.gate.reset();
         self.grid = BlockGrid::new(self.grid.len);
         self.open = None;
@@ -337,9 +322,9 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
 
     /// Goes back to what was known before a replay that is over, and keeps it while another one is open.
     fn change_teacher(&mut self, sample: &Sample) {
-        let given_back = self.before_replay.give_back(&mut self.estimator, &mut self.machine);
+        let given_back = self.before_replay.give_back(&mut self.learner);
         if given_back != Ok(false) {
-            self.note_information();
+            self.learner.describe(&mut self.status);
         }
         if given_back.is_err() {
             self.status.error = LastError::new(ErrorCode::NotEvaluable, sample.seq);
@@ -349,9 +334,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             self.status.flags |= status_flags::REPLAY;
             match given_back {
                 Ok(true) => self.before_replay.keep_on(),
-                _ => self
-                    .before_replay
-                    .keep(&mut self.estimator, &mut self.machine, &self.status),
+                _ => self.before_replay.keep(&mut self.learner, &self.status),
             }
         }
     }
@@ -361,8 +344,8 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
         let judgement = self.gate.judge(sample);
         if judgement.set_back {
             // rows are ordered in time: what is there belongs to another time
-            self.discard();
-            self.rows.reset();
+            self.open = None;
+            self.learner.restart_rows();
             self.first_seq = sample.seq;
         }
         let verdict = judgement.result;
@@ -385,8 +368,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
         match verdict {
             Ok(()) => {
                 let used = wanted.is_some() && !self.paused;
-                if used && !self.rows.push(sample.t_ns, &sample.joint_sample()) {
-                    // rows have room for N samples, and a block has no more
+                if used && !self.learner.take(sample) {
                     self.refuse(sample.seq, ErrorCode::NotEvaluable);
                     return;
                 }
@@ -418,41 +400,16 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
 
     /// Ends the open block with an estimate.
     fn close(&mut self, emit: &mut dyn FnMut(&Estimate)) {
-        let Some(open) = self.open else { return };
+        let Some(open) = self.open.take() else { return };
         let incomplete = open.samples < self.grid.len;
         let mut estimate = if self.paused {
-            let mut estimate = message(self.estimator.report(), Verdict::default());
+            let mut estimate = message(self.learner.report(), Verdict::default());
             estimate.state = State::Paused as u32;
             estimate.flags |= estimate_flags::HELD;
-            (estimate.excited, estimate.iterations, estimate.outliers) = (crate::messages::ParameterSet::EMPTY, 0, 0);
+            (estimate.excited, estimate.iterations, estimate.outliers) = (ParameterSet::EMPTY, 0, 0);
             estimate
         } else {
-            if open.spoilt {
-                self.rows.reset();
-                self.status.faults.blocks_held += 1;
-            }
-            self.rows.prepare(self.estimator.theta());
-            let report = self.estimator.update(&self.rows);
-            let lost = match open.spoilt {
-                true => 1.0,
-                false => 1.0 - open.samples as f64 / self.grid.len as f64,
-            };
-            let replaced = self.rows.replaced();
-            let spiky = f64::from(replaced) / (2 * self.options.joints.max(1)) as f64 / self.grid.len as f64;
-            let mut estimate = message(report, self.machine.step(report, lost.max(spiky)));
-            estimate.outliers = estimate.outliers.saturating_add(replaced);
-            if let Some(change) = report.change.filter(|change| change.kind != ChangeKind::Drift) {
-                self.t_change_ns = change.time;
-                estimate.flags |= estimate_flags::CHANGED;
-            }
-            if report.held == Some(Held::NotFinite) {
-                self.status.error = LastError::new(ErrorCode::NotEvaluable, self.status.last_seq);
-            } else if let Some(suspicion) = report.suspicion
-                && let Some(suspect) = self.rows.suspect(suspicion.suspect)
-            {
-                self.status.error = misfit::error(&suspect, &suspicion, self.status.last_seq);
-            }
-            estimate
+            self.learn(open)
         };
         estimate.t_change_ns = self.t_change_ns;
         estimate.stream_id = self.status.stream_id;
@@ -471,28 +428,40 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
         if open.spoilt {
             estimate.flags |= estimate_flags::SENSOR;
         }
-        if let Some(derived) = &self.derived {
-            fill_derived(&mut estimate, derived.as_ref(), &self.estimator);
-        }
+        self.learner.derive(&mut estimate);
         self.status.estimates += 1;
         self.status.last_block = open.block;
         self.status.state = estimate.state;
         self.status.fit = estimate.fit.iter().copied().fold(0.0, f64::max);
         self.status.fit_probability = estimate.fit_probability;
-        self.note_information();
-        self.discard();
+        self.learner.describe(&mut self.status);
         emit(&estimate);
+    }
+
+    fn learn(&mut self, open: OpenBlock) -> Estimate {
+        if open.spoilt {
+            self.learner.restart_rows();
+            self.status.faults.blocks_held += 1;
+        }
+        let learnt = self.learner.learn(&BlockEnd {
+            lost: match open.spoilt {
+                true => 1.0,
+                false => 1.0 - open.samples as f64 / self.grid.len as f64,
+            },
+            len: self.grid.len,
+            joints: self.options.joints,
+            last_seq: self.status.last_seq,
+        });
+        self.t_change_ns = learnt.change_ns.unwrap_or(self.t_change_ns);
+        self.status.error = learnt.error.unwrap_or(self.status.error);
+        learnt.estimate
     }
 
     /// Drops the open block.
     fn discard(&mut self) {
-        self.rows.clear();
-        self.open = None;
-    }
-
-    fn note_information(&mut self) {
-        self.status.condition = self.estimator.report().condition;
-        (self.status.information_ln, self.status.asymmetry) = self.estimator.information_figures();
+        if self.open.take().is_some() {
+            self.learner.drop_block();
+        }
     }
 
     /// Carries out what is due between two blocks; `begin` is the first sample behind the border, `next` the next one to be taken in.
@@ -504,10 +473,9 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             here && (order.from_seq == 0 || in_time)
         };
         while let Some(mut order) = self.commands.take_due(is_due) {
-            self.bound.note(&order, self.paused, self.status.flags, &self.estimator);
+            self.bound.note(&order, self.paused, self.status.flags, &self.learner);
             self.carry_out(&mut order.change, begin);
-            self.before_replay
-                .follow(&order, &mut self.estimator, &mut self.machine, &self.status);
+            self.before_replay.follow(&order, &mut self.learner, &self.status);
             order.border = Border {
                 stream_id: self.status.stream_id,
                 from_seq: begin,
@@ -560,7 +528,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             return;
         }
         let before = self.bound.take();
-        before.hold(&mut self.estimator);
+        before.hold(&mut self.learner);
         if let Some(paused) = before.paused {
             self.paused = paused;
             self.status.flags &= !status_flags::PAUSED;
@@ -571,7 +539,7 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
             self.carry_out(&mut order.change, 0);
             self.commands.give_back(order, Fate::Undone);
         }
-        self.rows.reset();
+        self.learner.restart_rows();
         self.status.flags &= !status_flags::COMMANDED;
         self.status.flags |= before.commanded;
         // nothing that this stream would have to be told of
@@ -593,20 +561,23 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
                 }
                 self.status.flags &= !status_flags::PAUSED;
                 // windows must not reach back over the pause
-                self.rows.reset();
+                self.learner.restart_rows();
             }
-            Change::Replace { estimator, judge, warm } => {
-                std::mem::swap(&mut self.estimator, estimator);
-                std::mem::swap(&mut self.machine, judge);
-                self.rows.reset();
-                self.t_change_ns = 0;
+            Change::Replace { .. } | Change::Restart { .. } => {
                 self.news &= !estimate_flags::WARM;
                 self.status.flags &= !status_flags::WARM;
-                if *warm {
-                    self.news |= estimate_flags::WARM;
-                    self.status.flags |= status_flags::WARM;
+                self.t_change_ns = 0;
+                match self.learner.begin_anew(change) {
+                    Ok(true) => {
+                        self.news |= estimate_flags::WARM;
+                        self.status.flags |= status_flags::WARM;
+                    }
+                    Ok(false) => {}
+                    Err(_) => {
+                        self.status.error = LastError::new(ErrorCode::CheckpointUnused, self.status.last_seq);
+                    }
                 }
-                self.note_information();
+                self.learner.describe(&mut self.status);
             }
             Change::Tune {
                 options,
@@ -615,27 +586,21 @@ impl<B: SampleBlock + 'static> IdentifierNode<B> {
                 rows,
             } => {
                 self.status.flags |= status_flags::COMMANDED;
-                exchange_tunables(&mut self.estimator, options);
                 std::mem::swap(&mut self.options.config_hash, config_hash);
-                if let Some(rows) = rows.as_mut().and_then(|rows| rows.downcast_mut::<B>()) {
-                    std::mem::swap(&mut self.rows, rows);
+                if self.learner.tune(options, rows.as_mut()) {
                     let (seq, block) = self.grid.border(begin);
                     let len = std::mem::replace(block_len, self.grid.len);
                     self.grid = BlockGrid { seq, block, len };
                 }
             }
-            Change::Kept | Change::Restart { .. } => {}
+            Change::Kept => {}
             Change::Fix { index, value } => {
                 self.status.flags |= status_flags::COMMANDED;
-                let value = value.unwrap_or(self.estimator.report().theta[*index]);
-                self.estimator.fix(*index, Some(value));
+                self.learner.fix(*index, *value);
             }
             Change::Free { index } => {
                 self.status.flags |= status_flags::COMMANDED;
-                // what is known of a parameter that is free already must not be forgotten
-                if self.estimator.options().fixed[*index] {
-                    self.estimator.fix(*index, None);
-                }
+                self.learner.free(*index);
             }
         }
     }

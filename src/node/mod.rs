@@ -1,6 +1,7 @@
 //! The three roles as values: messages in, messages out, no I/O, no clock. The runner waits, the node computes.
 
 mod block_grid;
+pub mod block_learner;
 mod bound;
 pub mod command;
 mod command_queue;
@@ -9,6 +10,7 @@ mod freeze;
 pub mod identifier;
 mod identifier_options;
 mod lacking;
+pub mod learner;
 mod misfit;
 pub mod model;
 pub mod monitor;

@@ -7,6 +7,7 @@
 //! Generics end here: a configuration holds a [`SharedModel`], and what it gives, an identifier or a simulator, is one boxed value per robot. The step from
 //! sample to row stays compiled for its plant; one virtual call per sample leads there.
 
+use super::block_learner::BlockLearner;
 use super::identifier::{Identifier, IdentifierNode, IdentifierOptions};
 use crate::estimator::{BlockEstimator, EstimatorOptions, Structure};
 use crate::messages::signals;
@@ -14,7 +15,7 @@ use crate::model::{
     AutoDiff, DerivedQuantity, DerivedValues, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter, Plant, PlantDefinition,
     PlantDerived, PointwiseModel,
 };
-use crate::rows::{AutoWindowBlock, InputSource, PointwiseBlock, RowForm, SampleBlock};
+use crate::rows::{AutoWindowBlock, InputSource, PointwiseBlock, RowForm, SampleBlock, structure};
 use std::fmt;
 use std::sync::Arc;
 
@@ -247,18 +248,14 @@ where
     }
 }
 
-impl<P, M> PlantModel<P, M> {
+impl<P: Plant, M> PlantModel<P, M> {
     fn node<B: SampleBlock + Send + 'static>(
         &self,
         settings: &NodeSettings,
         signals: u32,
         rows: B,
     ) -> Result<Box<dyn Identifier>, ModelError> {
-        let structure = Structure {
-            params: self.definition.parameters.len(),
-            equations: self.definition.equations.iter().map(|e| e.parameters.clone()).collect(),
-        };
-        let estimator = BlockEstimator::new(structure, settings.estimator.clone())
+        let estimator = BlockEstimator::new(structure(&self.plant), settings.estimator.clone())
             .map_err(|e| ModelError::setting("estimator", e))?;
         let options = IdentifierOptions {
             model_hash: self.definition.hash(),
@@ -272,9 +269,7 @@ impl<P, M> PlantModel<P, M> {
             .map(|derived| Box::new(Shared(derived)) as Box<dyn DerivedValues + Send>);
         Ok(Box::new(IdentifierNode::new(
             options,
-            rows,
-            estimator,
-            derived,
+            BlockLearner::new(rows, estimator, derived),
             settings.pid,
         )))
     }

@@ -10,9 +10,9 @@
 //! that an operator has fixed or freed during the replay stays so, and a reset during the replay resets the kept state, too.
 
 use super::command::{NodeState, Order};
-use crate::estimator::{BlockEstimator, StateError, StateMachine};
+use super::learner::Learner;
+use crate::estimator::StateError;
 use crate::messages::Status;
-use crate::model::MAX_PARAMS;
 
 /// The state from before a replay.
 #[derive(Debug)]
@@ -23,9 +23,9 @@ pub(super) struct BeforeReplay {
 
 impl BeforeReplay {
     /// Nothing is kept, but there is room for the state: what follows allocates nothing.
-    pub(super) fn new(estimator: &mut BlockEstimator, judge: &mut StateMachine) -> Self {
+    pub(super) fn new(learner: &mut impl Learner) -> Self {
         let mut state = NodeState::default();
-        estimator.save(judge, &mut state.estimator);
+        learner.save(&mut state.estimator);
         Self { state, is_kept: false }
     }
 
@@ -35,9 +35,9 @@ impl BeforeReplay {
     }
 
     /// Copies the state out.
-    pub(super) fn keep(&mut self, estimator: &mut BlockEstimator, judge: &mut StateMachine, status: &Status) {
+    pub(super) fn keep(&mut self, learner: &mut impl Learner, status: &Status) {
         self.is_kept = true;
-        copy_out(estimator, judge, status, &mut self.state);
+        copy_out(learner, status, &mut self.state);
     }
 
     /// Keeps the state that was just [given back](Self::give_back): another replay follows.
@@ -46,72 +46,47 @@ impl BeforeReplay {
     }
 
     /// To be called after an order was carried out: a reset by an operator is one for good.
-    pub(super) fn follow(
-        &mut self,
-        order: &Order,
-        estimator: &mut BlockEstimator,
-        judge: &mut StateMachine,
-        status: &Status,
-    ) {
+    pub(super) fn follow(&mut self, order: &Order, learner: &mut impl Learner, status: &Status) {
         if self.is_kept && order.tag == 0 && order.change.replaces() {
-            self.keep(estimator, judge, status);
+            self.keep(learner, status);
         }
     }
 
-    /// Copies the state back where one is kept; parameters stay fixed or free as they are now.
+    /// Copies the state back if one is kept; parameters stay held or free as they are now.
     ///
     /// # Errors
-    /// A state with numbers that none can have; the estimator is at its start then.
-    pub(super) fn give_back(
-        &mut self,
-        estimator: &mut BlockEstimator,
-        judge: &mut StateMachine,
-    ) -> Result<bool, StateError> {
+    /// A state with numbers that none can have; the learner is at its start then.
+    pub(super) fn give_back(&mut self, learner: &mut impl Learner) -> Result<bool, StateError> {
         if !std::mem::take(&mut self.is_kept) {
             return Ok(false);
         }
-        let mut held = [None; MAX_PARAMS];
-        for (i, held) in held.iter_mut().enumerate().take(estimator.structure().params) {
-            *held = estimator.options().fixed[i].then(|| estimator.report().theta[i]);
-        }
-        let loaded = estimator.load(judge, &self.state.estimator);
-        for (i, held) in held.into_iter().enumerate().take(estimator.structure().params) {
-            let before = estimator.options().fixed[i].then(|| estimator.report().theta[i]);
-            if held != before {
-                estimator.fix(i, held);
-            }
-        }
-        loaded.map(|()| true)
+        learner.load_kept(&self.state.estimator).map(|()| true)
     }
 }
 
-/// Copies out what another process needs to go on; allocates only where `into` has no room.
-pub(super) fn copy_out(
-    estimator: &mut BlockEstimator,
-    judge: &mut StateMachine,
-    status: &Status,
-    into: &mut NodeState,
-) {
-    estimator.save(judge, &mut into.estimator);
+/// Copies out what another process needs to go on; allocates only if `into` has no room.
+pub(super) fn copy_out(learner: &mut impl Learner, status: &Status, into: &mut NodeState) {
+    into.blocks = learner.save(&mut into.estimator);
     into.stream_id = status.stream_id;
     into.block = status.last_block;
     into.t_ns = status.last_t_ns;
-    into.blocks = estimator.report().blocks;
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::block_learner::BlockLearner;
     use super::super::command::{Change, Order};
     use super::super::identifier::IdentifierNode;
     use super::super::tests::{Spring, node, sample};
     use super::*;
+    use crate::estimator::StateMachine;
     use crate::messages::{Estimate, sample_flags, status_flags};
 
     const N: u64 = 10;
 
     /// Feeds blocks of a stream whose spring has this stiffness.
     fn feed(
-        node: &mut IdentifierNode<Spring>,
+        node: &mut IdentifierNode<BlockLearner<Spring>>,
         stream_id: u64,
         stiffness: f64,
         blocks: u64,
@@ -130,7 +105,7 @@ mod tests {
         estimates
     }
 
-    fn state(node: &mut IdentifierNode<Spring>) -> NodeState {
+    fn state(node: &mut IdentifierNode<BlockLearner<Spring>>) -> NodeState {
         let mut state = NodeState::default();
         node.save(&mut state);
         state
@@ -183,7 +158,7 @@ mod tests {
 
         feed(&mut node, 5, 8.0, 2, sample_flags::REPLAY | sample_flags::END);
         let fresh = super::super::tests::node(N);
-        let estimator = Box::new(fresh.estimator().clone());
+        let estimator = Box::new(fresh.learner().estimator().clone());
         let judge = Box::new(StateMachine::new(estimator.theta()));
         let reset = Change::Replace {
             estimator,

@@ -2,7 +2,7 @@
 
 use super::identifier::{Identifier, IdentifierOptions};
 use super::model::{Model, ModelError, NodeSettings};
-use super::robot::RobotNode;
+use super::robot::{RobotLearner, RobotNode};
 use crate::messages::signals;
 use crate::model::{
     DerivedQuantity, DerivedValues, Equation, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter, PlantDefinition,
@@ -194,9 +194,7 @@ impl Model for RobotPlant {
         };
         Ok(Box::new(RobotNode::new(
             options,
-            own.drives.clone(),
-            robot,
-            velocities,
+            RobotLearner::new(own.drives.clone(), robot, velocities),
             settings.pid,
         )))
     }

@@ -1,5 +1,6 @@
 //! The identifier node on streams of every kind, with a plant of one parameter.
 
+use super::block_learner::BlockLearner;
 use super::identifier::{IdentifierNode, IdentifierOptions};
 use crate::estimator::{BlockEstimator, EstimatorOptions, Residuals, Structure};
 use crate::messages::{Estimate, Sample, State, estimate_flags, sample_flags, signals};
@@ -31,7 +32,7 @@ impl SampleBlock for Spring {
     }
 }
 
-pub(super) fn node(block_len: u64) -> IdentifierNode<Spring> {
+pub(super) fn node(block_len: u64) -> IdentifierNode<BlockLearner<Spring>> {
     let structure = Structure {
         params: 1,
         equations: vec![0..1],
@@ -41,7 +42,7 @@ pub(super) fn node(block_len: u64) -> IdentifierNode<Spring> {
         sample_period_ns: 1_000_000,
         ..IdentifierOptions::new(block_len, 1, signals::Q | signals::INPUT)
     };
-    IdentifierNode::new(options, Spring::default(), estimator, None, 77)
+    IdentifierNode::new(options, BlockLearner::new(Spring::default(), estimator, None), 77)
 }
 
 pub(super) fn sample(stream_id: u64, seq: u64) -> Sample {
@@ -52,7 +53,7 @@ pub(super) fn sample(stream_id: u64, seq: u64) -> Sample {
 }
 
 /// Feeds samples and gives (block, accepted, missing, rejected, flags) of every estimate.
-fn run(node: &mut IdentifierNode<Spring>, samples: &[Sample]) -> Vec<(u64, u64, u64, u64, u32)> {
+fn run(node: &mut IdentifierNode<BlockLearner<Spring>>, samples: &[Sample]) -> Vec<(u64, u64, u64, u64, u32)> {
     let mut estimates = Vec::new();
     for sample in samples {
         node.on_sample(sample, &mut |e: &Estimate| {
@@ -75,7 +76,7 @@ fn ident_a_whole_stream_gives_one_estimate_per_full_block_and_ends() {
     let estimates = run(&mut node, &samples);
     assert_eq!(estimates, [(1, 10, 0, 0, 0), (2, 20, 0, 0, 0), (3, 30, 0, 0, 0)]);
     // Two unknowns only in rounding: the data are exact, so θ̂ is off by no more than what ε = 1e-3 pulls.
-    assert!((node.estimator().theta()[0] - 5.0).abs() < 1e-3);
+    assert!((node.learner().estimator().theta()[0] - 5.0).abs() < 1e-3);
     let status = node.status();
     assert_eq!(status.state, State::Ended as u32);
     assert_eq!(
@@ -128,10 +129,13 @@ fn fault_with_n_1_each_sample_is_a_block() {
 #[test]
 fn fault_with_n_larger_than_the_run_there_is_no_estimate() {
     let mut node = node(100);
-    let theta = node.estimator().theta()[0];
+    let theta = node.learner().estimator().theta()[0];
     assert_eq!(run(&mut node, &stream(1, 0..99)), []);
     assert_eq!(
-        (node.estimator().theta()[0], node.estimator().report().blocks),
+        (
+            node.learner().estimator().theta()[0],
+            node.learner().estimator().report().blocks
+        ),
         (theta, 0)
     );
 }
@@ -166,7 +170,7 @@ fn fault_refused_samples_are_counted_and_never_reach_an_estimate() {
 fn fault_a_block_of_refused_samples_keeps_the_estimate_and_says_so() {
     let mut node = node(10);
     run(&mut node, &stream(1, 0..10));
-    let theta = node.estimator().theta()[0];
+    let theta = node.learner().estimator().theta()[0];
     let mut samples = stream(1, 10..20);
     samples.iter_mut().for_each(|s| s.input[0] = f64::NAN);
     let estimates = run(&mut node, &samples);
@@ -174,7 +178,7 @@ fn fault_a_block_of_refused_samples_keeps_the_estimate_and_says_so() {
         estimates,
         [(2, 10, 0, 10, estimate_flags::INCOMPLETE | estimate_flags::HELD)]
     );
-    assert_eq!(node.estimator().theta()[0].to_bits(), theta.to_bits());
+    assert_eq!(node.learner().estimator().theta()[0].to_bits(), theta.to_bits());
 }
 
 #[test]
@@ -202,7 +206,7 @@ fn fault_a_duplicate_is_refused_and_changes_nothing() {
     let mut without = node(10);
     run(&mut without, &stream(1, 0..10));
     assert_eq!(
-        with.estimator().theta()[0].to_bits(),
-        without.estimator().theta()[0].to_bits()
+        with.learner().estimator().theta()[0].to_bits(),
+        without.learner().estimator().theta()[0].to_bits()
     );
 }

@@ -9,6 +9,7 @@ use thetabus::config::{Config, Source};
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, Residuals, Structure};
 use thetabus::messages::{Estimate, Sample, State, signals};
 use thetabus::model::{JointSample, MAX_JOINTS, Manipulator, Plant, ServoAxis};
+use thetabus::node::block_learner::BlockLearner;
 use thetabus::node::identifier::{Identifier, IdentifierNode, IdentifierOptions};
 use thetabus::rows::{InputSource, PointwiseBlock, ProjectedBlock, RowForm, SampleBlock, structure};
 use thetabus::sim::{Interpolation, MachineSimulator, MassSchedule, Setpoint};
@@ -35,7 +36,11 @@ fn node<B: SampleBlock + Send + 'static>(
         ..IdentifierOptions::new(config.estimator.block_len as u64, plant.joints(), signals)
     };
     let estimator = BlockEstimator::new(structure(plant), config.estimator.options.clone()).unwrap();
-    Box::new(IdentifierNode::new(options, rows, estimator, None, 1))
+    Box::new(IdentifierNode::new(
+        options,
+        BlockLearner::new(rows, estimator, None),
+        1,
+    ))
 }
 
 /// The identifier of a configuration, as the service makes it.

@@ -4,6 +4,7 @@ use crate::support::TestRng;
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, StateMachine};
 use thetabus::messages::{Estimate, Sample, State, Status, estimate_flags, signals};
 use thetabus::model::{Manipulator, Plant};
+use thetabus::node::block_learner::BlockLearner;
 use thetabus::node::command::{Change, NodeState, Order};
 use thetabus::node::identifier::{IdentifierNode, IdentifierOptions};
 use thetabus::rows::{InputSource, PointwiseBlock, structure};
@@ -12,7 +13,7 @@ use thetabus::sim::{ArmSimulator, Interpolation, MassSchedule, SimOptions};
 const N: u64 = 400;
 const PAPER_START: [f64; 9] = [0.01, 0.01, 0.1, 0.1, 10.0, 0.01, 0.1, 10.0, 0.5];
 
-type Node = IdentifierNode<PointwiseBlock<Manipulator>>;
+type Node = IdentifierNode<BlockLearner<PointwiseBlock<Manipulator>>>;
 
 fn node() -> Node {
     node_of(EstimatorOptions::recommended(PAPER_START.to_vec(), 2), N)
@@ -30,7 +31,7 @@ fn node_of(options: EstimatorOptions, block_len: u64) -> Node {
     };
     let rows = PointwiseBlock::new(plant, InputSource::Measured, block_len as usize);
     let estimator = BlockEstimator::new(structure(&plant), options).unwrap();
-    IdentifierNode::new(node, rows, estimator, None, 1)
+    IdentifierNode::new(node, BlockLearner::new(rows, estimator, None), 1)
 }
 
 /// The paper's arm, `blocks` blocks long.

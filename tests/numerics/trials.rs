@@ -4,6 +4,7 @@ use thetabus::config::{Config, Source};
 use thetabus::estimator::BlockEstimator;
 use thetabus::messages::{Estimate, ParameterSet, estimate_flags, signals};
 use thetabus::model::{Manipulator, ManipulatorDerived, Plant};
+use thetabus::node::block_learner::BlockLearner;
 use thetabus::node::identifier::{IdentifierNode, IdentifierOptions};
 use thetabus::rows::{ProjectedBlock, RowForm, structure};
 use thetabus::sim::{ArmSimulator, SimOptions};
@@ -125,7 +126,8 @@ fn scored(change: impl Fn(&mut Estimate, &[f64; 9])) -> TrialResult {
         sample_period_ns: 1_000_000,
         ..IdentifierOptions::new(1900, 2, signals::Q | signals::INPUT)
     };
-    let mut node = IdentifierNode::new(node_options, rows.unwrap(), estimator, Some(Box::new(derived)), 1);
+    let learner = BlockLearner::new(rows.unwrap(), estimator, Some(Box::new(derived)));
+    let mut node = IdentifierNode::new(node_options, learner, 1);
     let names: Vec<String> = plant.parameters().iter().map(|p| p.name.to_string()).collect();
     let sim = &config.plant.sim;
     let trial = Trial {

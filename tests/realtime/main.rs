@@ -11,6 +11,7 @@ use std::f64::consts::TAU;
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, StateMachine};
 use thetabus::messages::{Estimate, Sample, signals};
 use thetabus::model::{AutoDiff, Delayed, JointSample, KnownConstants, Manipulator, ManipulatorDerived, Plant};
+use thetabus::node::block_learner::BlockLearner;
 use thetabus::node::command::{Change, NodeState, Order};
 use thetabus::node::identifier::{IdentifierNode, IdentifierOptions};
 use thetabus::rows::{
@@ -21,7 +22,7 @@ use thetabus::sim::{ArmParameters, ArmSimulator, SimOptions};
 
 const BLOCK_LEN: u64 = 400;
 
-fn identifier(options: EstimatorOptions) -> IdentifierNode<PointwiseBlock<Manipulator>> {
+fn identifier(options: EstimatorOptions) -> IdentifierNode<BlockLearner<PointwiseBlock<Manipulator>>> {
     let plant = Manipulator::default();
     let arm = ArmParameters::cedro2022();
     let known = KnownConstants {
@@ -37,7 +38,7 @@ fn identifier(options: EstimatorOptions) -> IdentifierNode<PointwiseBlock<Manipu
     let rows = PointwiseBlock::new(plant, InputSource::Measured, BLOCK_LEN as usize);
     let estimator = BlockEstimator::new(structure(&plant), options).unwrap();
     let derived = ManipulatorDerived::new(known).unwrap();
-    IdentifierNode::new(node, rows, estimator, Some(Box::new(derived)), 1)
+    IdentifierNode::new(node, BlockLearner::new(rows, estimator, Some(Box::new(derived))), 1)
 }
 
 /// Ten blocks: lost, refused and repeated samples, a jump of the payload inside block 6, a restarted publisher.
@@ -152,17 +153,17 @@ fn rt_the_same_samples_give_the_same_bits() {
 }
 
 /// A node with rows from positions and inputs.
-fn from_positions<B: SampleBlock + 'static>(plant: &impl Plant, rows: B) -> IdentifierNode<B> {
+fn from_positions<B: SampleBlock + Send + 'static>(plant: &impl Plant, rows: B) -> IdentifierNode<BlockLearner<B>> {
     let start = plant.parameters().iter().map(|p| p.start).collect();
     let mut options = EstimatorOptions::recommended(start, plant.equations().len());
     options.relations = plant.relations().to_vec();
     options.lower = plant.parameters().iter().map(|p| p.lower).collect();
     let node = IdentifierOptions::new(BLOCK_LEN, plant.joints(), signals::Q | signals::INPUT);
     let estimator = BlockEstimator::new(structure(plant), options).unwrap();
-    IdentifierNode::new(node, rows, estimator, None, 1)
+    IdentifierNode::new(node, BlockLearner::new(rows, estimator, None), 1)
 }
 
-fn allocations<B: SampleBlock + 'static>(mut node: IdentifierNode<B>) -> u64 {
+fn allocations<B: SampleBlock + Send + 'static>(mut node: IdentifierNode<BlockLearner<B>>) -> u64 {
     let stream = eventful_stream();
     let mut estimates = 0;
     let counted = allocation_counter::measure(|| {

@@ -39,8 +39,8 @@ fn rt_a_robots_samples_become_estimates_without_allocation() {
 #[test]
 fn rt_a_robots_node_estimates_a_payload_without_allocation() {
     use thetabus::messages::{Sample, sample_flags, signals};
-    use thetabus::node::identifier::{Identifier, IdentifierOptions};
-    use thetabus::node::robot::RobotNode;
+    use thetabus::node::identifier::IdentifierOptions;
+    use thetabus::node::robot::{RobotLearner, RobotNode};
     use thetabus::robot::{Drives, PayloadChange, RobotSimOptions, RobotSimulator, Velocities, WindowOptions};
 
     let urdf = include_str!("../../config/robots/six_axis.urdf");
@@ -73,9 +73,11 @@ fn rt_a_robots_node_estimates_a_payload_without_allocation() {
             frozen_after: 200,
             ..IdentifierOptions::new(500, 6, signals::Q | signals::INPUT)
         },
-        Drives::torque(6),
-        RobotIdentifier::new(model, options).unwrap(),
-        Some(Velocities::new(20, 0.02)),
+        RobotLearner::new(
+            Drives::torque(6),
+            RobotIdentifier::new(model, options).unwrap(),
+            Some(Velocities::new(20, 0.02)),
+        ),
         1,
     );
     let (mut estimates, mut loaded) = (0, 0);

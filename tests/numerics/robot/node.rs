@@ -4,8 +4,8 @@ use super::{SIX_AXIS, robot};
 use thetabus::messages::{Estimate, Sample, State, estimate_flags, sample_flags, signals};
 use thetabus::model::{JointSample, MAX_JOINTS};
 use thetabus::node::command::{Change, NodeState, Order};
-use thetabus::node::identifier::{Identifier, IdentifierOptions};
-use thetabus::node::robot::RobotNode;
+use thetabus::node::identifier::IdentifierOptions;
+use thetabus::node::robot::{RobotLearner, RobotNode};
 use thetabus::robot::{
     Drives, FrictionTerm, IdentifyOptions, JointFriction, RobotIdentifier, RobotModel, RobotSimOptions, RobotSimulator,
     Velocities, WindowOptions,
@@ -37,9 +37,7 @@ fn node() -> RobotNode {
             sample_period_ns: 1_000_000,
             ..IdentifierOptions::new(N, 6, signals::Q | signals::INPUT)
         },
-        Drives::torque(6),
-        options.0,
-        Some(options.1),
+        RobotLearner::new(Drives::torque(6), options.0, Some(options.1)),
         1,
     )
 }
@@ -91,7 +89,7 @@ fn ident_a_stream_of_positions_and_torques_becomes_estimates_that_may_be_used() 
     assert_eq!(estimates.len(), 50);
     for (i, estimate) in estimates.iter().enumerate() {
         assert_eq!((estimate.block, estimate.accepted), (i as u64 + 1, N * (i as u64 + 1)));
-        assert_eq!(estimate.params as usize, node.robot().parameters().len());
+        assert_eq!(estimate.params as usize, node.learner().robot().parameters().len());
     }
     let last = estimates[49];
     println!(
@@ -108,7 +106,7 @@ fn ident_a_stream_of_positions_and_torques_becomes_estimates_that_may_be_used() 
     assert!(last.usable.len() > 8, "{}", last.usable.len());
     assert!(last.explained[..6].iter().all(|share| *share > 0.9));
     // The payload is held at nothing.
-    let first = node.robot().model().parameters().len();
+    let first = node.learner().robot().model().parameters().len();
     assert!(last.fixed.contains(first) && last.theta[first] == 0.0 && last.derived[0] == 0.0);
     // What is said to be known to 5 % is.
     let robot = robot(SIX_AXIS);
@@ -118,7 +116,7 @@ fn ident_a_stream_of_positions_and_torques_becomes_estimates_that_may_be_used() 
     };
     let truth = RobotSimulator::new(&robot, options)
         .unwrap()
-        .truth(node.robot().model(), 0.0);
+        .truth(node.learner().robot().model(), 0.0);
     for i in last.usable.iter() {
         assert!(
             (last.theta[i] / truth[i] - 1.0).abs() < 0.05,
@@ -203,7 +201,7 @@ fn prop_pause_fix_free_and_restart_take_effect_between_blocks() {
     node.offer(Order::new(5, 0, Change::Resume)).unwrap();
     node.offer(Order::new(6, 0, Change::Restart { state: None })).unwrap();
     go(&mut node, 4_100..4_600, &mut estimates);
-    assert_eq!(node.robot().blocks(), 0, "nothing is known after a reset");
+    assert_eq!(node.learner().robot().blocks(), 0, "nothing is known after a reset");
     assert_eq!(std::iter::from_fn(|| node.take_done()).count(), 5);
 }
 
@@ -214,16 +212,20 @@ fn prop_a_saved_state_goes_on_and_a_replay_teaches_nothing_that_lasts() {
     feed(&mut node, 1, &samples[..6_000], |_, _| true);
     let mut state = NodeState::default();
     node.save(&mut state);
-    let known = node.robot().theta().to_vec();
+    let known = node.learner().robot().theta().to_vec();
 
     let mut other = self::node();
     other.load(&state).unwrap();
-    assert_eq!(other.robot().theta(), known);
+    assert_eq!(other.learner().robot().theta(), known);
     let estimates = feed(&mut other, 2, &samples[6_000..], |_, _| true);
     assert_ne!(estimates[0].flags & estimate_flags::WARM, 0);
-    for (i, parameter) in other.robot().parameters().iter().enumerate() {
+    for (i, parameter) in other.learner().robot().parameters().iter().enumerate() {
         let moved = (estimates[7].theta[i] - known[i]).abs();
-        assert!(moved <= 5.0 * node.robot().theta_std(i), "{}: {moved}", parameter.name);
+        assert!(
+            moved <= 5.0 * node.learner().robot().theta_std(i),
+            "{}: {moved}",
+            parameter.name
+        );
     }
     let mut damaged = state.clone();
     damaged.estimator.reals.pop();
@@ -245,7 +247,7 @@ fn prop_a_saved_state_goes_on_and_a_replay_teaches_nothing_that_lasts() {
         sample.flags |= sample_flags::REPLAY;
         true
     });
-    assert_ne!(node.robot().theta(), known);
+    assert_ne!(node.learner().robot().theta(), known);
     let mut during = NodeState::default();
     node.save(&mut during);
     assert_eq!(
@@ -254,5 +256,5 @@ fn prop_a_saved_state_goes_on_and_a_replay_teaches_nothing_that_lasts() {
         "a checkpoint holds what is known of the machine"
     );
     feed(&mut node, 4, &samples[..10], |_, _| true);
-    assert_eq!(node.robot().theta(), known);
+    assert_eq!(node.learner().robot().theta(), known);
 }

@@ -1,0 +1,173 @@
+//! The learner of a plant: rows of whatever form before the estimator of the paper.
+
+use super::bound::exchange_tunables;
+use super::command::Change;
+use super::estimate_message::{fill_derived, message};
+use super::learner::{BlockEnd, Learner, Learnt};
+use super::misfit;
+use crate::estimator::{
+    BlockEstimator, ChangeKind, EstimatorOptions, EstimatorState, Held, Report, StateError, StateMachine,
+};
+use crate::messages::{ErrorCode, Estimate, LastError, Sample, Status, estimate_flags};
+use crate::model::{DerivedValues, MAX_PARAMS};
+use crate::rows::SampleBlock;
+use std::any::Any;
+
+/// Rows, estimator, judge of its states, derived values.
+pub struct BlockLearner<B> {
+    rows: B,
+    estimator: BlockEstimator,
+    judge: StateMachine,
+    derived: Option<Box<dyn DerivedValues + Send>>,
+}
+
+impl<B: SampleBlock + Send + 'static> BlockLearner<B> {
+    /// A learner that has seen nothing; `derived` goes into its estimates.
+    pub fn new(rows: B, estimator: BlockEstimator, derived: Option<Box<dyn DerivedValues + Send>>) -> Self {
+        Self {
+            judge: StateMachine::new(estimator.theta()),
+            rows,
+            estimator,
+            derived,
+        }
+    }
+
+    /// The estimator, for its evidence beyond the message.
+    pub fn estimator(&self) -> &BlockEstimator {
+        &self.estimator
+    }
+}
+
+impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
+    fn take(&mut self, sample: &Sample) -> bool {
+        // Rows have room for N samples, and a block has no more.
+        self.rows.push(sample.t_ns, &sample.joint_sample())
+    }
+
+    fn drop_block(&mut self) {
+        self.rows.clear();
+    }
+
+    fn restart_rows(&mut self) {
+        self.rows.reset();
+    }
+
+    fn learn(&mut self, end: &BlockEnd) -> Learnt {
+        self.rows.prepare(self.estimator.theta());
+        let report = self.estimator.update(&self.rows);
+        let replaced = self.rows.replaced();
+        let spiky = f64::from(replaced) / (2 * end.joints.max(1)) as f64 / end.len as f64;
+        let mut estimate = message(report, self.judge.step(report, end.lost.max(spiky)));
+        estimate.outliers = estimate.outliers.saturating_add(replaced);
+        let change = report.change.filter(|change| change.kind != ChangeKind::Drift);
+        if change.is_some() {
+            estimate.flags |= estimate_flags::CHANGED;
+        }
+        let error = match report.suspicion {
+            _ if report.held == Some(Held::NotFinite) => Some(LastError::new(ErrorCode::NotEvaluable, end.last_seq)),
+            Some(suspicion) => {
+                let suspect = self.rows.suspect(suspicion.suspect);
+                suspect.map(|suspect| misfit::error(&suspect, &suspicion, end.last_seq))
+            }
+            None => None,
+        };
+        self.rows.clear();
+        Learnt {
+            estimate,
+            change_ns: change.map(|change| change.time),
+            error,
+        }
+    }
+
+    fn derive(&self, estimate: &mut Estimate) {
+        if let Some(derived) = &self.derived {
+            fill_derived(estimate, derived.as_ref(), &self.estimator);
+        }
+    }
+
+    fn report(&self) -> &Report {
+        self.estimator.report()
+    }
+
+    fn describe(&self, status: &mut Status) {
+        status.condition = self.estimator.report().condition;
+        (status.information_ln, status.asymmetry) = self.estimator.information_figures();
+    }
+
+    fn window_s(&self) -> Option<f64> {
+        self.rows.window_s()
+    }
+
+    fn held_at(&self, index: usize) -> Option<f64> {
+        self.estimator.options().fixed[index].then(|| self.estimator.report().theta[index])
+    }
+
+    fn fix(&mut self, index: usize, value: Option<f64>) {
+        let value = value.unwrap_or(self.estimator.report().theta[index]);
+        self.estimator.fix(index, Some(value));
+    }
+
+    fn free(&mut self, index: usize) {
+        // What is known of a parameter that is free already must not be forgotten.
+        if self.estimator.options().fixed[index] {
+            self.estimator.fix(index, None);
+        }
+    }
+
+    fn accepts(&self, change: &Change) -> bool {
+        match change {
+            Change::Tune { rows: Some(rows), .. } => rows.is::<B>(),
+            Change::Restart { .. } => false,
+            _ => true,
+        }
+    }
+
+    fn begin_anew(&mut self, change: &mut Change) -> Result<bool, StateError> {
+        let Change::Replace { estimator, judge, warm } = change else {
+            return Ok(false);
+        };
+        std::mem::swap(&mut self.estimator, estimator);
+        std::mem::swap(&mut self.judge, judge);
+        self.rows.reset();
+        Ok(*warm)
+    }
+
+    fn tune(&mut self, options: &mut EstimatorOptions, rows: Option<&mut Box<dyn Any + Send>>) -> bool {
+        exchange_tunables(&mut self.estimator, options);
+        match rows.and_then(|rows| rows.downcast_mut::<B>()) {
+            Some(rows) => {
+                std::mem::swap(&mut self.rows, rows);
+                true
+            }
+            None => false,
+        }
+    }
+
+    fn save(&mut self, into: &mut EstimatorState) -> u64 {
+        self.estimator.save(&mut self.judge, into);
+        self.estimator.report().blocks
+    }
+
+    fn load(&mut self, state: &EstimatorState) -> Result<(), StateError> {
+        self.estimator.load(&mut self.judge, state)
+    }
+
+    fn load_kept(&mut self, state: &EstimatorState) -> Result<(), StateError> {
+        let params = self.estimator.structure().params;
+        let mut held = [None; MAX_PARAMS];
+        for (i, held) in held.iter_mut().enumerate().take(params) {
+            *held = self.held_at(i);
+        }
+        let loaded = self.load(state);
+        for (i, held) in held.into_iter().enumerate().take(params) {
+            if held != self.held_at(i) {
+                self.estimator.fix(i, held);
+            }
+        }
+        loaded
+    }
+
+    fn into_rows(self: Box<Self>) -> Box<dyn Any + Send> {
+        Box::new(self.rows)
+    }
+}

@@ -427,7 +427,7 @@ fn val_the_python_packages_decode_every_message() {
     assert_eq!(float(&found["sums"]["/thetabus/arm/sample"]["dddq_1"]), sum);
     let last = &found["last"]["/thetabus/arm/status"];
     assert_eq!(
-        (&last["error"], &last["error_seq"]),
+        (&last["error_text"], &last["error_seq"]),
         (&"samples are missing".into(), &999.into())
     );
     let last = &found["last"]["/thetabus/arm/estimate"];

@@ -18,7 +18,8 @@ const POLL: Duration = Duration::from_millis(2);
 /// The identifier's end.
 #[derive(Debug)]
 pub struct ControlServer {
-    listener: Listener,
+    /// `None` for one that nobody wakes.
+    listener: Option<Listener>,
     port: Server<ipc::Service, Request, (), Response, ()>,
     _service: ControlService,
 }
@@ -29,6 +30,18 @@ impl ControlServer {
     /// # Errors
     /// There is one already, or the bus fails.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        Self::with(bus, true)
+    }
+
+    /// The same for one who looks by the clock and is not to be woken.
+    ///
+    /// # Errors
+    /// As for [`new`](Self::new).
+    pub fn polled(bus: &Bus) -> Result<Self, BusError> {
+        Self::with(bus, false)
+    }
+
+    fn with(bus: &Bus, is_woken: bool) -> Result<Self, BusError> {
         let claim = memory::claim(bus, Topic::Control, sizes::server_bytes())?;
         let service = bus.create_control()?;
         let port = service.server_builder().create().map_err(|e| {
@@ -37,7 +50,7 @@ impl ControlServer {
                 format!("cannot serve it, there may be a server already: {e:?}"),
             )
         })?;
-        let listener = listener(bus, Topic::Control)?;
+        let listener = is_woken.then(|| listener(bus, Topic::Control)).transpose()?;
         claim.take()?;
         Ok(Self {
             listener,
@@ -46,9 +59,18 @@ impl ControlServer {
         })
     }
 
-    /// Waits until a request may be there; at most `timeout`. Signals end the wait early.
+    /// Waits until a request may be there; at most `timeout`. Signals end the wait early. A [polled](Self::polled) one sleeps.
+    ///
+    /// # Errors
+    /// The bus fails.
     pub fn wait(&self, timeout: Duration) -> Result<(), BusError> {
-        wait(&self.listener, Topic::Control, timeout)
+        match &self.listener {
+            Some(listener) => wait(listener, Topic::Control, timeout),
+            None => {
+                std::thread::sleep(timeout);
+                Ok(())
+            }
+        }
     }
 
     /// Answers what has arrived, at most `limit` requests; returns how many.

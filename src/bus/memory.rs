@@ -6,7 +6,7 @@
 //! others who write to /dev/shm in these milliseconds are the risk that remains, and [`SPARE`] is what they may take.
 
 use super::lock_file::open_lock;
-use super::objects::{SHM, entries, is_ours, is_service_memory};
+use super::objects::{SHM, entries, is_service_memory};
 use super::{Bus, BusError, Domain, Topic};
 use nix::errno::Errno;
 use nix::fcntl::{OFlag, posix_fallocate};
@@ -80,7 +80,7 @@ pub(super) fn check(bus: &Bus, topic: Topic, needed: u64) -> Result<(), BusError
 
 /// Takes the pages of every segment that this user has in the domain so far.
 fn reserve(bus: &Bus, topic: Topic) -> Result<(), BusError> {
-    for path in segments(bus.domain()) {
+    for path in sparse_segments(bus.domain()) {
         // What has gone meanwhile needs no memory.
         let Ok(file) = OpenOptions::new()
             .write(true)
@@ -90,7 +90,7 @@ fn reserve(bus: &Bus, topic: Topic) -> Result<(), BusError> {
             continue;
         };
         let Ok(found) = file.metadata() else { continue };
-        if found.blocks() * 512 >= found.len() {
+        if !is_sparse(&found) {
             continue;
         }
         loop {
@@ -109,16 +109,26 @@ fn reserve(bus: &Bus, topic: Topic) -> Result<(), BusError> {
     Ok(())
 }
 
-fn segments(domain: &Domain) -> Vec<std::path::PathBuf> {
+/// Segments of this user that lack pages. One look at each: beside hundreds of robots there are thousands, and nearly all have theirs.
+fn sparse_segments(domain: &Domain) -> Vec<std::path::PathBuf> {
+    let uid = nix::unistd::geteuid().as_raw();
     let is_of_service = |entry: &std::fs::DirEntry| {
         let name = entry.file_name();
         name.to_str()
             .is_some_and(|name| is_service_memory(name, domain.prefix()))
     };
+    let lacks_pages = |entry: &std::fs::DirEntry| {
+        let found = entry.metadata();
+        found.is_ok_and(|found| found.uid() == uid && is_sparse(&found))
+    };
     entries(Path::new(SHM))
-        .filter(|entry| is_of_service(entry) && is_ours(entry))
+        .filter(|entry| is_of_service(entry) && lacks_pages(entry))
         .map(|entry| entry.path())
         .collect()
+}
+
+fn is_sparse(found: &std::fs::Metadata) -> bool {
+    found.blocks() * 512 < found.len()
 }
 
 fn too_small(bus: &Bus, topic: Topic, needed: u64, available: u64) -> BusError {

@@ -29,7 +29,7 @@ const PAUSE: Duration = Duration::from_millis(50);
 pub struct Bus(Rc<Inner>);
 
 struct Inner {
-    membership: Membership,
+    membership: Rc<Membership>,
     domain: Domain,
     robot: String,
     config: Config,
@@ -66,10 +66,24 @@ impl Bus {
                 .create::<ipc::Service>()
         })?;
         Ok(Self(Rc::new(Inner {
-            membership,
+            membership: Rc::new(membership),
             domain: domain.clone(),
             robot: robot.into(),
             config,
+        })))
+    }
+
+    /// The same process as seen by another robot of the domain.
+    ///
+    /// # Errors
+    /// A name that is none.
+    pub fn for_robot(&self, robot: &str) -> Result<Self, BusError> {
+        check_name("robot", robot)?;
+        Ok(Self(Rc::new(Inner {
+            membership: self.0.membership.clone(),
+            domain: self.0.domain.clone(),
+            robot: robot.into(),
+            config: self.0.config.clone(),
         })))
     }
 

@@ -245,6 +245,20 @@ impl SamplePublisher {
         let _ = self.notifier.notify();
     }
 
+    /// Stays for two ticks after the last sample, so that a consumer which has only just attached can map the queue while its publisher lives.
+    ///
+    /// # Errors
+    /// The bus fails.
+    pub fn linger(&mut self) -> Result<(), BusError> {
+        let start = Instant::now();
+        while start.elapsed() < 2 * IDLE_TICK {
+            self.serve_late_joiners()?;
+            self.wake();
+            std::thread::sleep(IDLE_TICK / 4);
+        }
+        Ok(())
+    }
+
     /// Connects to whoever joined since; to be called once per [`IDLE_TICK`].
     pub fn serve_late_joiners(&mut self) -> Result<(), BusError> {
         self.port

@@ -16,7 +16,8 @@ use std::time::{Duration, Instant};
 #[derive(Debug)]
 pub struct SampleSubscriber {
     bus: Bus,
-    listener: Listener,
+    /// `None` for one that nobody wakes.
+    listener: Option<Listener>,
     connection: Option<Connection>,
     /// That there is too little shared memory to connect has been said.
     is_told: bool,
@@ -37,6 +38,15 @@ impl SampleSubscriber {
         let claim = memory::claim(bus, Topic::Sample, 0)?;
         let listener = listener(bus, Topic::Sample)?;
         claim.take()?;
+        Self::with(bus, Some(listener))
+    }
+
+    /// The same for one who looks by the clock and is not to be woken, which saves the publisher a system call per sample.
+    pub fn polled(bus: &Bus) -> Result<Self, BusError> {
+        Self::with(bus, None)
+    }
+
+    fn with(bus: &Bus, listener: Option<Listener>) -> Result<Self, BusError> {
         let mut this = Self {
             bus: bus.clone(),
             listener,
@@ -104,9 +114,15 @@ impl SampleSubscriber {
         Ok(())
     }
 
-    /// Waits until a sample may be there; at most `timeout`. Signals end the wait early.
+    /// Waits until a sample may be there; at most `timeout`. Signals end the wait early. A [polled](Self::polled) one sleeps.
     pub fn wait(&self, timeout: Duration) -> Result<(), BusError> {
-        wait(&self.listener, Topic::Sample, timeout)
+        match &self.listener {
+            Some(listener) => wait(listener, Topic::Sample, timeout),
+            None => {
+                std::thread::sleep(timeout);
+                Ok(())
+            }
+        }
     }
 
     /// Messages of another schema, which were left out.

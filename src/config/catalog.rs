@@ -49,7 +49,7 @@ pub struct Catalog {
 impl Catalog {
     /// With one more model, under the name of the plant. The first one is what a configuration without `model.kind` means.
     ///
-    /// A definition that breaks a rule, and a name that is taken, are told when a configuration is loaded.
+    /// A definition that breaks a rule, or a name that is taken, is an error when a configuration is loaded.
     #[must_use]
     pub fn with(self, plant: impl Plant + Clone + Send + Sync + 'static) -> Self {
         self.with_model(SharedModel::new(PlantModel::new(plant)))

@@ -30,6 +30,8 @@ const MAX_SYNTAX_ERRORS: usize = 5;
 pub enum Source {
     /// A file on disk; relative paths inside it are relative to its directory.
     File(PathBuf),
+    /// What all robots of a file with `[[robot]]` entries share: everything but these entries.
+    Shared(PathBuf),
     /// A text built into the program.
     Embedded {
         /// Shown in messages.
@@ -66,12 +68,17 @@ pub(super) struct Layers {
     layer: usize,
     /// The source being read is a recording.
     recorded: bool,
+    /// The `[[robot]]` entries of the source being read are somebody else's.
+    shared: bool,
     pub problems: Vec<Problem>,
     /// Problems beyond [`MAX_PROBLEMS`].
     untold: usize,
     /// What a recording of before says of the velocity filter.
     velocity_samples: Option<u32>,
 }
+
+/// The entries of a file for many robots.
+const ROBOTS: &str = "robot";
 
 /// A key that recordings of before have; it means a time at their own sample period.
 const SAMPLES_OF_THE_VELOCITY_FILTER: &str = "identifier.projected.velocity_half_width";
@@ -105,7 +112,8 @@ impl Layers {
                 self.translate_velocity_filter();
                 self.recorded = false;
             }
-            Source::File(path) => {
+            Source::File(path) | Source::Shared(path) => {
+                self.shared = matches!(source, Source::Shared(_));
                 let name = path.display().to_string();
                 match read(path) {
                     Ok(text) => self.text(&name, &text, path.parent()),
@@ -113,6 +121,7 @@ impl Layers {
                         .problems
                         .push(Problem::new(Origin::File { name, line: 0 }, "", message)),
                 }
+                self.shared = false;
             }
         }
     }
@@ -231,6 +240,9 @@ impl Layers {
             };
             let got = file.slice(&value.span());
             let origin = || file.origin(name.span().start);
+            if self.shared && path == ROBOTS {
+                continue;
+            }
             if self.recorded && path == SAMPLES_OF_THE_VELOCITY_FILTER {
                 self.velocity_samples = value.get_ref().as_integer().and_then(|n| n.as_str().parse().ok());
             } else if let Some(key) = key(&path) {

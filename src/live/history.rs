@@ -98,7 +98,7 @@ mod tests {
     #[test]
     fn prop_a_history_of_months_keeps_its_beginning_and_its_newest_points_and_stays_bounded() {
         let mut history = History::new(100);
-        assert_eq!(history.limit(), 200);
+        assert_eq!(history.limit, 200);
         for block in 1..=1_000_000 {
             history.push(point(block));
             assert!(history.points().len() <= 200);

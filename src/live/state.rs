@@ -28,6 +28,7 @@ pub struct LiveState {
     quantities: Vec<Quantity>,
     parameters: usize,
     history: History,
+    is_for_text: bool,
     signals: Signals,
     estimate: Option<(Estimate, u64)>,
     status: Option<(Status, u64)>,
@@ -51,6 +52,7 @@ impl LiveState {
         Self {
             about,
             history: History::new(quantities.len()),
+            is_for_text: false,
             before: vec![None; quantities.len()],
             parameters: count,
             quantities,
@@ -69,22 +71,16 @@ impl LiveState {
     #[must_use]
     pub fn for_text(mut self) -> Self {
         self.history = self.history.at_most(POINTS_FOR_TEXT);
+        self.is_for_text = true;
         self
     }
 
     /// Forgets everything: what comes is of another model.
     pub fn rename(&mut self, about: About, parameters: Vec<Quantity>, derived: Vec<Quantity>) {
         let generation = self.generation + 1;
-        let limit = self.history.limit();
         let new = Self::new(about, parameters, derived);
-        *self = Self {
-            generation,
-            history: match limit {
-                POINTS_FOR_TEXT => new.history.clone().at_most(limit),
-                _ => new.history.clone(),
-            },
-            ..new
-        };
+        let new = if self.is_for_text { new.for_text() } else { new };
+        *self = Self { generation, ..new };
     }
 
     /// Takes an estimate in, each of them once; `truth` where somebody knows it.

@@ -91,7 +91,7 @@ fn table<'a>(
         let mut cells = vec![
             Cell::from(row.name.as_str()),
             Cell::from(Line::from(row.value_text.as_str()).right_aligned()),
-            Cell::from(deviation(row)),
+            Cell::from(standard_deviation(row)),
             Cell::from(row.unit.as_str()),
             Cell::from(row.trend.arrow()),
             Cell::from(row.note()).style(paint.note(row)),
@@ -128,7 +128,7 @@ fn table<'a>(
         .column_spacing(1)
 }
 
-fn deviation(row: &Row) -> String {
+fn standard_deviation(row: &Row) -> String {
     match row.std_text.is_empty() {
         true => String::new(),
         false => format!("± {}", row.std_text),

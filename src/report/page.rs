@@ -156,7 +156,7 @@ fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
          <th>truth</th><th>error</th><th>unit</th><th>note</th></tr></thead><tbody>\n",
     );
     let number = |value: Option<f64>| value.map_or_else(|| "–".to_string(), |v| minus(&significant(v)));
-    let deviation = |value: Option<f64>| value.map_or_else(|| "–".to_string(), two_digits);
+    let standard_deviation = |value: Option<f64>| value.map_or_else(|| "–".to_string(), two_digits);
     let percent =
         |value: Option<f64>| value.map_or_else(|| "–".to_string(), |v| minus(&format!("{:+.3} %", v * 100.0)));
     let mut row = |name: &str, values: [String; 4], unit: &str, note: &str, meaning: &str| {
@@ -184,7 +184,7 @@ fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
         };
         let values = [
             number(p.estimate),
-            deviation(p.std),
+            standard_deviation(p.std),
             number(p.truth),
             percent(p.relative_error),
         ];
@@ -196,7 +196,12 @@ fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
             .estimate
             .zip(d.truth)
             .map(|(value, truth)| crate::node::monitor::relative_error(value, truth));
-        let values = [number(d.estimate), deviation(d.std), number(d.truth), percent(error)];
+        let values = [
+            number(d.estimate),
+            standard_deviation(d.std),
+            number(d.truth),
+            percent(error),
+        ];
         let meaning = meanings
             .get(summary.parameters.len() + index)
             .map_or("", String::as_str);
@@ -293,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn regress_deviations_have_two_digits() {
+    fn regress_standard_deviations_have_two_digits() {
         for (value, text) in [
             (3.04e-6, "3.0·10⁻⁶"),
             (0.172, "0.17"),

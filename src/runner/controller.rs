@@ -32,6 +32,8 @@ pub struct Follower {
     pub trajectory: Trajectory,
     /// From motion to input.
     pub feed_forward: AdaptiveFeedForward,
+    /// Samples of a run: nothing is answered beyond, whatever number a sample has.
+    pub samples: u64,
     /// Sample period \[ns\].
     pub period_ns: u64,
     /// Stream time for which a command holds \[ns\].
@@ -65,8 +67,10 @@ pub fn run_controller(
         ports.samples.drain(BATCH, |sample| last = Some(*sample))?;
         // Of samples that came together only the newest waits for an answer.
         let Some(sample) = last else { continue };
-        ports.commands.send(&path.answer(follower, &sample))?;
-        answered += 1;
+        if let Some(command) = path.answer(follower, &sample) {
+            ports.commands.send(&command)?;
+            answered += 1;
+        }
         if sample.is_end() && stay == Stay::UntilEnd {
             break;
         }
@@ -90,8 +94,12 @@ impl Path {
         }
     }
 
-    fn answer(&mut self, follower: &mut Follower, sample: &Sample) -> MachineCommand {
-        let next = sample.seq.saturating_add(1);
+    /// The command that answers a sample; `None` beyond the end of the trajectory.
+    fn answer(&mut self, follower: &mut Follower, sample: &Sample) -> Option<MachineCommand> {
+        if sample.seq >= follower.samples {
+            return None;
+        }
+        let next = sample.seq + 1;
         if sample.stream_id != self.stream_id || next <= follower.trajectory.position() && sample.seq < self.last_seq {
             (self.stream_id, self.last_seq) = (sample.stream_id, sample.seq);
             follower.trajectory = self.beginning.clone();
@@ -101,13 +109,13 @@ impl Path {
         follower.trajectory.advance_to(next);
         let motion = follower.trajectory.advance();
         let dt_s = samples as f64 * follower.period_ns as f64 * 1e-9;
-        MachineCommand {
+        Some(MachineCommand {
             stream_id: sample.stream_id,
             seq: sample.seq,
             until_ns: sample.t_ns.saturating_add(follower.deadline_ns),
             joints: sample.joints,
             feed_forward: follower.feed_forward.next(&motion, dt_s),
             ..MachineCommand::EMPTY
-        }
+        })
     }
 }

@@ -14,19 +14,22 @@ mod controller;
 mod desk;
 mod identifier;
 mod monitor;
+mod news;
 mod pace;
 mod plant;
 mod realtime;
+mod session;
 mod shutdown;
 mod stopwatch;
 
 pub use controller::{ControllerPorts, Follower, run_controller};
 pub use desk::{Board, DeskEnd, FromLoop, LoopEnd, ToLoop, desk};
-pub use identifier::{IdentifierPorts, run_identifier};
+pub use identifier::run_sessions;
 pub use monitor::{MonitorPorts, MonitorSink, run_monitor};
 pub use pace::{Pace, PaceReport};
 pub use plant::{CommandPort, PlantReport, SampleSource, run_plant};
 pub use realtime::apply_realtime;
+pub use session::{IdentifierPorts, Session};
 pub use shutdown::{Shutdown, TOGETHER};
 
 use crate::bus::BusError;

@@ -199,12 +199,5 @@ fn stream(
             break;
         }
     }
-    // A consumer that has only just attached maps the queue while its publisher still lives.
-    let end = Instant::now();
-    while end.elapsed() < 2 * TICK {
-        publisher.serve_late_joiners()?;
-        publisher.wake();
-        std::thread::sleep(TICK / 4);
-    }
-    Ok(())
+    Ok(publisher.linger()?)
 }

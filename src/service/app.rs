@@ -67,6 +67,9 @@ enum Command {
     /// The simulated machine on its own: samples onto the bus
     #[command(after_help = EXIT_CODES)]
     Plant(PlantArgs),
+    /// Many simulated robots in real time, for the identifier of a file with [[robot]] entries
+    #[command(after_help = EXIT_CODES)]
+    Load(PlantArgs),
     /// The identification service on its own: samples from the bus in, estimates out
     #[command(after_help = EXIT_CODES)]
     Identifier(IdentifierArgs),
@@ -198,6 +201,10 @@ impl Command {
             Self::Plant(mut args) => {
                 args.common.catalog = catalog;
                 main_with(&args.common, |shutdown| super::plant(&args, shutdown))
+            }
+            Self::Load(mut args) => {
+                args.common.catalog = catalog;
+                main_with(&args.common, |shutdown| super::load(&args, shutdown))
             }
             Self::Identifier(mut args) => {
                 args.common.catalog = catalog;

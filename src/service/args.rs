@@ -1,6 +1,6 @@
 //! Command lines. What overrides the configuration becomes an argument of its loader, so that one place checks everything.
 
-use super::Failure;
+use super::{Failure, cell};
 use crate::bus::{Domain, ICEORYX2_VERSION, Limits};
 use crate::config::{Catalog, Config, Source};
 use crate::live::Screen;
@@ -113,6 +113,53 @@ impl CommonArgs {
     /// The configuration: built-in defaults, `sources`, the files, `--set`, then what the command line says with words of its own. With
     /// neither sources nor files it is [`BUILT_IN`], so that programs which are started one by one mean the same as `thetabus run`.
     pub(super) fn load(&self, sources: Vec<Source>, own: &[(&str, Option<String>)]) -> Result<Config, Failure> {
+        let config = self.load_quietly(sources, own)?;
+        self.warn(&config);
+        Ok(config)
+    }
+
+    /// The configurations of all robots that this process is for: those of the `[[robot]]` entries, or the one of files without any.
+    pub(super) fn load_robots(&self, own: &[(&str, Option<String>)]) -> Result<Vec<Config>, Failure> {
+        let configs = self.load_robots_quietly(own)?;
+        configs.first().into_iter().for_each(|config| self.warn(config));
+        Ok(configs)
+    }
+
+    /// The same without a word about what is suspicious.
+    pub(super) fn load_robots_quietly(&self, own: &[(&str, Option<String>)]) -> Result<Vec<Config>, Failure> {
+        let names = match &self.robot {
+            Some(_) => None,
+            None => cell::robots(&self.config)?,
+        };
+        let Some(names) = names else {
+            return Ok(vec![self.load_quietly(Vec::new(), own)?]);
+        };
+        let mut configs: Vec<Config> = Vec::with_capacity(names.len());
+        for name in names {
+            let one = Self {
+                robot: Some(name),
+                ..self.clone()
+            };
+            let config = one.load_quietly(Vec::new(), own)?;
+            if let Some(first) = configs.first().filter(|first| first.bus.domain != config.bus.domain) {
+                return Err(Failure::Usage(format!(
+                    "robot {}: bus.domain is {:?}, and {:?} for robot {}; one process serves one domain",
+                    config.bus.robot, config.bus.domain, first.bus.domain, first.bus.robot
+                )));
+            }
+            configs.push(config);
+        }
+        Ok(configs)
+    }
+
+    /// A launcher has told the warnings already, with the user's own file and line.
+    fn warn(&self, config: &Config) {
+        if !self.is_launched() {
+            config.warnings().iter().for_each(|warning| tracing::warn!("{warning}"));
+        }
+    }
+
+    fn load_quietly(&self, sources: Vec<Source>, own: &[(&str, Option<String>)]) -> Result<Config, Failure> {
         let basis = |catalog: &Catalog| match catalog.preferred() {
             Some(_) => Config::embedded("own_plant"),
             None if sources.is_empty() && self.config.is_empty() => Config::embedded(BUILT_IN),
@@ -121,7 +168,7 @@ impl CommonArgs {
         let basis = basis(&self.catalog);
         let mut catalog = self.catalog.clone();
         let mut all: Vec<Source> = basis.into_iter().collect();
-        let files = self.config.iter().cloned().map(Source::File);
+        let files = cell::sources(&self.config, self.robot.as_deref())?;
         for source in sources.into_iter().chain(files) {
             let robot = match &source {
                 Source::File(path) => super::robot::source(path, &catalog)?,
@@ -145,12 +192,7 @@ impl CommonArgs {
             .chain(own)
             .filter_map(|(key, value)| value.as_ref().map(|value| format!("{key}={value}")));
         let arguments: Vec<String> = self.set.iter().cloned().chain(own).collect();
-        let config = Config::load_for(&catalog, &sources, &arguments)?;
-        // A launcher has told them already, with the user's own file and line.
-        if !self.is_launched() {
-            config.warnings().iter().for_each(|warning| tracing::warn!("{warning}"));
-        }
-        Ok(config)
+        Ok(Config::load_for(&catalog, &sources, &arguments)?)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::{CommonArgs, Exit, Failure, logging};
 use crate::config::{Config, Source};
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{ErrorKind, Write as _};
 use std::path::Path;
@@ -11,11 +12,20 @@ use std::path::Path;
 /// # Errors
 /// Everything that is wrong with it.
 pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<Exit, Failure> {
-    let (catalog, source) = super::robot::source(file, &common.catalog)?
-        .unwrap_or_else(|| (common.catalog.clone(), Source::File(file.to_owned())));
-    let config = Config::load_for(&catalog, &[source], set)?;
-    for warning in config.warnings() {
-        logging::result(&format!("warning: {warning}"))?;
+    let common = CommonArgs {
+        config: vec![file.to_owned()],
+        set: set.to_vec(),
+        ..common.clone()
+    };
+    let mut told = BTreeSet::new();
+    for config in common.load_robots_quietly(&[])? {
+        for warning in config.warnings() {
+            let warning = format!("warning: {warning}");
+            // Robots that share a file share what is wrong with it.
+            if told.insert(warning.clone()) {
+                logging::result(&warning)?;
+            }
+        }
     }
     logging::result(&format!("{}: ok", file.display()))?;
     Ok(Exit::Done)

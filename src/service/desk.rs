@@ -4,6 +4,7 @@
 use super::Failure;
 use super::commands::{Commands, Wanted};
 use super::sparse::Sparse;
+use super::usage;
 use crate::bus::{Bus, BusError, ControlServer, Domain, Publisher};
 use crate::checkpoint;
 use crate::config::Config;
@@ -40,28 +41,22 @@ pub(super) struct Desk {
 }
 
 impl Desk {
-    /// Opens the desk; `warm` is the state that the node began with, as it stood in the checkpoint.
+    /// Opens the desk for these robots.
     ///
     /// # Errors
     /// A control service that is taken, or a bus that fails.
-    pub(super) fn open(domain: &Domain, config: &Config, end: DeskEnd, warm: Option<Vec<u8>>) -> Result<Self, Failure> {
+    pub(super) fn open(domain: &Domain, seats: Vec<Seat>) -> Result<Self, Failure> {
         let stop = Arc::new(AtomicBool::new(false));
         let (told, ready) = sync_channel::<Result<(), BusError>>(1);
-        let (domain, config, stopped) = (domain.clone(), config.clone(), stop.clone());
-        let description = config.description();
+        let (domain, stopped) = (domain.clone(), stop.clone());
         let thread = std::thread::Builder::new()
             .name("desk".to_owned())
             .spawn(move || {
                 // Ports belong to the thread that makes them.
-                match Clerk::new(&domain, &config, end, stopped) {
-                    Ok(mut clerk) => {
-                        clerk.begin(warm.as_deref());
-                        let begun = clerk.desk.description.send(&description);
-                        let is_well = begun.is_ok();
-                        let _ = told.send(begun);
-                        if is_well {
-                            clerk.work();
-                        }
+                match clerks(&domain, seats) {
+                    Ok(mut clerks) => {
+                        let _ = told.send(Ok(()));
+                        work(&mut clerks, &stopped);
                     }
                     Err(e) => _ = told.send(Err(e)),
                 }
@@ -97,10 +92,63 @@ impl Drop for Desk {
     }
 }
 
+/// What the desk needs to serve one robot.
+pub(super) struct Seat {
+    /// The robot's configuration.
+    pub config: Config,
+    /// The end of the queues to its loop.
+    pub end: DeskEnd,
+    /// The state that the node began with, as it stood in the checkpoint.
+    pub warm: Option<Vec<u8>>,
+}
+
+/// One for each robot, all by this thread's membership in the domain.
+fn clerks(domain: &Domain, seats: Vec<Seat>) -> Result<Vec<Clerk>, BusError> {
+    let mut clerks = Vec::with_capacity(seats.len());
+    let alone = seats.len() == 1;
+    let mut bus: Option<Bus> = None;
+    for seat in seats {
+        let robot = &seat.config.bus.robot;
+        let own = match &bus {
+            Some(bus) => bus.for_robot(robot)?,
+            None => Bus::join(domain, robot, "identifier_desk")?,
+        };
+        let description = seat.config.description();
+        let mut clerk = Clerk::new(&own, &seat.config, seat.end, alone)?;
+        clerk.begin(seat.warm.as_deref());
+        clerk.desk.description.send(&description)?;
+        clerks.push(clerk);
+        bus = Some(own);
+    }
+    Ok(clerks)
+}
+
+/// Serves all robots in turn until asked to stop.
+fn work(clerks: &mut [Clerk], stop: &AtomicBool) {
+    let mut busy = false;
+    loop {
+        let stopping = stop.load(Ordering::Relaxed);
+        let pause = if stopping || busy { Duration::ZERO } else { LOOK };
+        match clerks {
+            [clerk] => clerk.wait(pause),
+            _ => std::thread::sleep(pause),
+        }
+        busy = false;
+        for clerk in clerks.iter_mut() {
+            busy |= clerk.serve();
+            if stopping {
+                clerk.desk.tell_rest(Instant::now(), true);
+            }
+        }
+        if stopping {
+            return;
+        }
+    }
+}
+
 struct Clerk {
     server: ControlServer,
     desk: Work,
-    stop: Arc<AtomicBool>,
 }
 
 /// Everything but the server, which lends out each request while it is answered.
@@ -130,9 +178,8 @@ struct Work {
 }
 
 impl Clerk {
-    fn new(domain: &Domain, config: &Config, end: DeskEnd, stop: Arc<AtomicBool>) -> Result<Self, BusError> {
+    fn new(bus: &Bus, config: &Config, end: DeskEnd, is_woken: bool) -> Result<Self, BusError> {
         let robot = &config.bus.robot;
-        let bus = Bus::join(domain, robot, "identifier_desk")?;
         let checkpoint = config.checkpoint.dir.as_ref().map(|dir| checkpoint::path(dir, robot));
         let period = Duration::from_secs_f64(config.checkpoint.period_s);
         let now = Instant::now();
@@ -140,10 +187,13 @@ impl Clerk {
             .checkpointing
             .store(u64::from(checkpoint.is_some()), Ordering::Relaxed);
         Ok(Self {
-            server: ControlServer::new(&bus)?,
+            server: match is_woken {
+                true => ControlServer::new(bus)?,
+                false => ControlServer::polled(bus)?,
+            },
             desk: Work {
-                journal: Publisher::new(&bus)?,
-                description: Publisher::new(&bus)?,
+                journal: Publisher::new(bus)?,
+                description: Publisher::new(bus)?,
                 description_due: now,
                 commands: Commands::new(config),
                 end,
@@ -161,7 +211,6 @@ impl Clerk {
                 room: Some(Box::default()),
                 failing: false,
             },
-            stop,
         })
     }
 
@@ -171,28 +220,24 @@ impl Clerk {
         self.desk.journalise(&parts, Border::default());
     }
 
-    fn work(&mut self) {
-        let mut busy = false;
-        loop {
-            let stopping = self.stop.load(Ordering::Relaxed);
-            let pause = if stopping || busy { Duration::ZERO } else { LOOK };
-            if self.server.wait(pause).is_err() {
-                // A wait that fails must not spin.
-                std::thread::sleep(LOOK);
-            }
-            self.desk.hear();
-            let desk = &mut self.desk;
-            match self.server.serve(ROUND, |request| desk.answer(request)) {
-                Ok(served) => busy = served == ROUND,
-                Err(e) => {
-                    busy = false;
-                    tracing::error!("{e}");
-                }
-            }
-            self.desk.keep();
-            if stopping {
-                self.desk.tell_rest(Instant::now(), true);
-                return;
+    fn wait(&self, pause: Duration) {
+        if self.server.wait(pause).is_err() {
+            // A wait that fails must not spin.
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Does what is due; true if more requests wait.
+    fn serve(&mut self) -> bool {
+        self.desk.hear();
+        let desk = &mut self.desk;
+        let served = self.server.serve(ROUND, |request| desk.answer(request));
+        self.desk.keep();
+        match served {
+            Ok(served) => served == ROUND,
+            Err(e) => {
+                tracing::error!("{e}");
+                false
             }
         }
     }
@@ -389,7 +434,7 @@ impl Work {
         }
         if now >= self.memory_due {
             self.memory_due = now + MEMORY_PERIOD;
-            let bytes = resident_bytes().unwrap_or(0);
+            let bytes = usage::resident_bytes(std::process::id()).unwrap_or(0);
             self.end.board.resident_bytes.store(bytes, Ordering::Relaxed);
             if let Err(e) = self.journal.serve_late_joiners() {
                 tracing::error!("{e}");
@@ -487,20 +532,6 @@ impl Work {
             }
         }
     }
-}
-
-/// Memory in use by this process.
-fn resident_bytes() -> Option<u64> {
-    let pages: u64 = std::fs::read_to_string("/proc/self/statm")
-        .ok()?
-        .split_whitespace()
-        .nth(1)?
-        .parse()
-        .ok()?;
-    let size = nix::unistd::sysconf(nix::unistd::SysconfVar::PAGE_SIZE)
-        .ok()
-        .flatten()?;
-    Some(pages * u64::try_from(size).ok()?)
 }
 
 /// Writes a last checkpoint of a node that has ended.

@@ -96,9 +96,8 @@ pub(super) fn check_recording(info: &RunInfo, as_recorded: Option<&Config>, conf
         return Ok(());
     }
     Err(Failure::Usage(format!(
-        "the recording is of {}, whose equations this program does not have: identify it with the program that has them, or name the \
-         model that is to be identified instead, --set model.kind=... or --config FILE; this would be {}",
-        of_recording(info),
+        "{}; this would be {}",
+        lacking(info),
         of_config(config)
     )))
 }
@@ -108,12 +107,16 @@ pub(super) fn unknown_model(info: &RunInfo, catalog: &Catalog) -> Option<Failure
     if catalog.names().any(|name| name == info.model) {
         return None;
     }
-    Some(Failure::Usage(format!(
+    let names = catalog.names().collect::<Vec<_>>().join(", ");
+    Some(Failure::Usage(format!("{}; this program has {names}", lacking(info))))
+}
+
+fn lacking(info: &RunInfo) -> String {
+    format!(
         "the recording is of {}, whose equations this program does not have: identify it with the program that has them, or name the \
-         model that is to be identified instead, --set model.kind=...; this program has {}",
-        of_recording(info),
-        catalog.names().collect::<Vec<_>>().join(", ")
-    )))
+         model that is to be identified instead, --set model.kind=... or --config FILE",
+        of_recording(info)
+    )
 }
 
 /// Why a recording has no report: its estimates are not of the model that it describes.

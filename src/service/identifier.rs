@@ -1,45 +1,249 @@
-//! The identifier as a process.
+//! The identifier as a process: one robot, or all of a file's, shared among as many threads as there are cores.
 
-use super::args::domain;
-use super::desk::{Desk, last_checkpoint};
+use super::args::{Launched, domain};
+use super::desk::{Desk, Seat, last_checkpoint};
 use super::wiring::identifier_node;
 use super::{Exit, Failure, IdentifierArgs, child, logging, warm};
-use crate::bus::{Bus, Publisher, Role, RoleLock, SampleSubscriber, monotonic_ns};
-use crate::messages::{Estimate, State};
+use crate::bus::{Bus, Domain, Publisher, Role, RoleLock, SampleSubscriber, monotonic_ns};
+use crate::config::Config;
+use crate::messages::{Estimate, State, Status};
 use crate::node::command::NodeState;
-use crate::runner::{IdentifierPorts, Shutdown, TICK, apply_realtime, desk, run_identifier};
+use crate::node::identifier::Identifier;
+use crate::runner::{IdentifierPorts, LoopEnd, Session, Shutdown, Stay, TICK, apply_realtime, desk, run_sessions};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-/// Identifies a robot's parameters from its samples until it is asked to stop.
+/// A robot before its session begins.
+struct Robot {
+    config: Config,
+    node: Box<dyn Identifier>,
+    desk: LoopEnd,
+}
+
+/// What all threads need to know.
+#[derive(Clone, Copy)]
+struct Setting<'a> {
+    domain: &'a Domain,
+    launched: &'a Launched,
+    stay: Stay,
+    shutdown: &'a Shutdown,
+    started_ns: u64,
+    /// The only robot of this process is woken by its samples.
+    alone: bool,
+}
+
+/// A robot after its session.
+struct Outcome {
+    config: Config,
+    state: NodeState,
+    status: Status,
+}
+
+/// Identifies the parameters of robots from their samples until it is asked to stop.
 ///
 /// # Errors
-/// A wrong configuration, a second identifier of this robot, a bus that fails.
+/// A wrong configuration, a second identifier of a robot, a bus that fails.
 pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let started_ns = monotonic_ns();
     let common = &args.common;
     child::follow_launcher(common)?;
-    let config = common.load(Vec::new(), &[])?;
-    let domain = domain(&config)?;
-    let robot = &config.bus.robot;
-    let _only_one = RoleLock::acquire(&domain, robot, Role::Identifier)?;
-    let mut node = identifier_node(&config)?;
-    let (loop_end, desk_end) = desk();
-    let warm = match args.warm {
-        true => warm::start(&config, &mut *node, Some(&desk_end.board))?,
-        false => None,
-    };
-
-    let bus = Bus::join(&domain, robot, "identifier")?;
-    let status = Publisher::new(&bus)?;
-    let mut estimates = Publisher::new(&bus)?;
-    let limit = Duration::from_secs_f64(config.bus.lockstep_limit_s);
-    if common.launched.receipts {
-        estimates.await_receipts(&bus, limit, shutdown.flag())?;
+    let configs = common.load_robots(&[])?;
+    let domain = domain(&configs[0])?;
+    super::open_files::raise_limit();
+    let lock = |config: &Config| RoleLock::acquire(&domain, &config.bus.robot, Role::Identifier);
+    let _only_ones = configs.iter().map(lock).collect::<Result<Vec<_>, _>>()?;
+    let (mut robots, mut seats) = (Vec::with_capacity(configs.len()), Vec::with_capacity(configs.len()));
+    for config in configs {
+        let mut node = identifier_node(&config)?;
+        let (desk, end) = desk();
+        let warm = match args.warm {
+            true => warm::start(&config, &mut *node, Some(&end.board))?,
+            false => None,
+        };
+        seats.push(Seat {
+            config: config.clone(),
+            end,
+            warm,
+        });
+        robots.push(Robot { config, node, desk });
     }
-    await_readers(&mut estimates, common.launched.await_consumers, limit, shutdown)?;
-    let desk = Desk::open(&domain, &config, desk_end, warm)?;
-    // Last: in lockstep the plant starts when this one listens.
-    let samples = SampleSubscriber::new(&bus)?;
+    let setting = Setting {
+        domain: &domain,
+        launched: &common.launched,
+        stay: common.stay(),
+        shutdown,
+        started_ns,
+        alone: robots.len() == 1,
+    };
+    let names: Vec<String> = robots.iter().map(|robot| robot.config.bus.robot.clone()).collect();
+    let (mut outcomes, result) = match setting.alone {
+        true => one(setting, robots, seats)?,
+        false => many(setting, robots, seats)?,
+    };
+    for outcome in &outcomes {
+        last_checkpoint(&outcome.config, &outcome.state);
+    }
+    result?;
+    outcomes.sort_by_key(|outcome| names.iter().position(|name| *name == outcome.config.bus.robot));
+    if !common.is_launched() {
+        conclude(&outcomes)?;
+    }
+    let ended = outcomes
+        .iter()
+        .all(|outcome| outcome.status.state == State::Ended as u32);
+    Ok(if shutdown.requested() && !ended {
+        Exit::Interrupted
+    } else {
+        Exit::Done
+    })
+}
+
+/// A robot in this thread.
+fn one(
+    setting: Setting<'_>,
+    robots: Vec<Robot>,
+    seats: Vec<Seat>,
+) -> Result<(Vec<Outcome>, Result<(), Failure>), Failure> {
+    let mut desk = None;
+    let opened = || {
+        desk = Some(Desk::open(setting.domain, seats)?);
+        Ok(())
+    };
+    let served = serve(setting, robots, opened);
+    if let Some(desk) = desk {
+        desk.close();
+    }
+    served
+}
+
+/// Many robots in as many threads as there are cores, and one desk for all of them.
+fn many(
+    setting: Setting<'_>,
+    mut robots: Vec<Robot>,
+    seats: Vec<Seat>,
+) -> Result<(Vec<Outcome>, Result<(), Failure>), Failure> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let workers = cores.min(robots.len());
+    tracing::info!(
+        robots = robots.len(),
+        workers,
+        domain = setting.domain.name(),
+        "identifier"
+    );
+    let mut shares: Vec<Vec<Robot>> = (0..workers).map(|_| Vec::new()).collect();
+    // In turn, so that neighbours in the file, which may be alike, are spread.
+    for (i, robot) in robots.drain(..).enumerate() {
+        shares[i % workers].push(robot);
+    }
+    std::thread::scope(|scope| {
+        let (told, opened) = channel();
+        let mut threads = Vec::with_capacity(workers);
+        let mut go = Vec::with_capacity(workers);
+        for share in shares {
+            let (begin, begun): (Sender<()>, Receiver<()>) = channel();
+            go.push(begin);
+            let told = told.clone();
+            threads.push(scope.spawn(move || {
+                serve(setting, share, || {
+                    let _ = told.send(());
+                    // A desk that cannot be opened lets go of the other end.
+                    begun
+                        .recv()
+                        .map_err(|_| Failure::Failed("another thread could not begin".to_owned()))
+                })
+            }));
+        }
+        drop(told);
+        let is_open = opened.iter().take(workers).count() == workers;
+        let desk = is_open.then(|| Desk::open(setting.domain, seats)).transpose();
+        if matches!(desk, Ok(Some(_))) {
+            go.iter().for_each(|begin| _ = begin.send(()));
+        }
+        drop(go);
+        let (mut outcomes, mut result) = (Vec::new(), Ok(()));
+        let mut note = |problem: Failure| {
+            if result.is_ok() {
+                result = Err(problem);
+            }
+        };
+        for thread in threads {
+            match thread.join() {
+                Ok(Ok((share, ended))) => {
+                    outcomes.extend(share);
+                    ended.err().map(&mut note);
+                }
+                Ok(Err(e)) => note(e),
+                Err(_) => note(Failure::Failed("a thread of the identifier broke off".to_owned())),
+            }
+        }
+        if let Some(desk) = desk? {
+            desk.close();
+        }
+        Ok((outcomes, result))
+    })
+}
+
+/// Opens the ports of these robots, calls `opened`, and serves them until their end.
+fn serve(
+    setting: Setting<'_>,
+    robots: Vec<Robot>,
+    opened: impl FnOnce() -> Result<(), Failure>,
+) -> Result<(Vec<Outcome>, Result<(), Failure>), Failure> {
+    let Setting { domain, shutdown, .. } = setting;
+    let mut bus: Option<Bus> = None;
+    let mut publishers = Vec::with_capacity(robots.len());
+    for Robot { config, .. } in &robots {
+        let own = match &bus {
+            Some(bus) => bus.for_robot(&config.bus.robot)?,
+            None => Bus::join(domain, &config.bus.robot, "identifier")?,
+        };
+        let status = Publisher::new(&own)?;
+        let mut estimates = Publisher::new(&own)?;
+        let limit = Duration::from_secs_f64(config.bus.lockstep_limit_s);
+        if setting.launched.receipts {
+            estimates.await_receipts(&own, limit, shutdown.flag())?;
+        }
+        await_readers(&mut estimates, setting.launched.await_consumers, limit, shutdown)?;
+        publishers.push((own.clone(), status, estimates));
+        bus = Some(own);
+    }
+    opened()?;
+    let (mut configs, mut sessions) = (Vec::with_capacity(robots.len()), Vec::with_capacity(robots.len()));
+    let mut realtime = None;
+    for (robot, (bus, status, estimates)) in robots.into_iter().zip(publishers) {
+        // Last: in lockstep the plant starts when this one listens.
+        let samples = match setting.alone {
+            true => SampleSubscriber::new(&bus)?,
+            false => SampleSubscriber::polled(&bus)?,
+        };
+        let Robot { config, node, desk } = robot;
+        if setting.alone {
+            announce(&config, domain, &samples);
+        }
+        let ports = IdentifierPorts {
+            samples,
+            estimates,
+            status,
+            desk,
+            started_ns: setting.started_ns,
+            realtime: *realtime.get_or_insert_with(|| apply_realtime(&config.realtime.identifier)),
+        };
+        sessions.push(Session::new(&config.bus.robot, node, ports));
+        configs.push(config);
+    }
+    let result = run_sessions(&mut sessions, setting.stay, shutdown);
+    let outcomes = configs.into_iter().zip(sessions).map(|(config, session)| {
+        let mut node = session.into_node();
+        let mut state = NodeState::default();
+        node.save(&mut state);
+        let status = node.status();
+        Outcome { config, state, status }
+    });
+    Ok((outcomes.collect(), result.map_err(Failure::from)))
+}
+
+fn announce(config: &Config, domain: &Domain, samples: &SampleSubscriber) {
+    let robot = &config.bus.robot;
     tracing::info!(
         robot,
         domain = domain.name(),
@@ -49,35 +253,22 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
     if !samples.is_connected() {
         tracing::info!(robot, domain = domain.name(), "no plant yet, waiting for its samples");
     }
-    let mut ports = IdentifierPorts {
-        samples,
-        estimates,
-        status,
-        desk: loop_end,
-        started_ns,
-        realtime: apply_realtime(&config.realtime.identifier),
-    };
-    let outcome = run_identifier(&mut *node, &mut ports, common.stay(), shutdown);
-    // Whoever waits at the desk for an answer of the loop need not wait any longer.
-    drop(ports);
-    desk.close();
-    let mut state = NodeState::default();
-    node.save(&mut state);
-    last_checkpoint(&config, &state);
-    outcome?;
-    let status = node.status();
-    if !common.is_launched() {
+}
+
+/// Says what became of the samples.
+fn conclude(outcomes: &[Outcome]) -> Result<(), Failure> {
+    let alone = outcomes.len() == 1;
+    for Outcome { config, status, .. } in outcomes {
+        let robot = match alone {
+            true => String::new(),
+            false => format!("{}: ", config.bus.robot),
+        };
         logging::result(&format!(
-            "{} samples accepted, {} missing, {} rejected, {} estimates in the last of {} streams",
+            "{robot}{} samples accepted, {} missing, {} rejected, {} estimates in the last of {} streams",
             status.accepted, status.missing, status.rejected, status.estimates, status.streams
         ))?;
     }
-    let ended = status.state == State::Ended as u32;
-    Ok(if shutdown.requested() && !ended {
-        Exit::Interrupted
-    } else {
-        Exit::Done
-    })
+    Ok(())
 }
 
 /// Gives readers of the estimates the chance to be there before the first one.

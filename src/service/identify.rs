@@ -40,8 +40,11 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let mut reader = report::open(&recording, args.span.span()?)?;
     let source = || vec![report::source_of(reader.info())];
     let config = args.common.load(source(), &[]).map_err(|failure| {
-        // the recording's own model is not one of this program, and nobody chose another
-        foreign::unknown_model(reader.info(), &args.common.catalog).unwrap_or(failure)
+        // A model that this program does not have may be all that is wrong, or not.
+        match foreign::unknown_model(reader.info(), &args.common.catalog) {
+            Some(unknown) => Failure::Usage(format!("{failure}\n{unknown}")),
+            None => failure,
+        }
     })?;
     config
         .limit_recorded_memory()

@@ -16,9 +16,9 @@ use super::monitor::{SUMMARY_JSON, write_summary};
 use super::progress::Progress;
 use super::record::RECORDING;
 use super::wiring::simulates;
-use super::{Exit, Failure, RunArgs, TableFormat, logging, out_dir, report, warm};
+use super::{Exit, Failure, RunArgs, TableFormat, cell, logging, out_dir, report, warm};
 use crate::bus::{Bus, Role, RoleLock, Subscriber};
-use crate::config::{Catalog, Config, FeedForward, Source};
+use crate::config::{Catalog, Config, FeedForward};
 use crate::files;
 use crate::messages::Status;
 use crate::recording::Span;
@@ -117,7 +117,8 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 
 /// The configuration with what `run` decides: who is waited for.
 fn load(args: &RunArgs) -> Result<Config, Failure> {
-    let file = args.file.iter().cloned().map(Source::File).collect();
+    let files: Vec<_> = args.file.iter().cloned().collect();
+    let file = cell::sources(&files, args.plant.common.robot.as_deref())?;
     let out = quoted(args.out.as_ref().map(|dir| dir.display().to_string()));
     let own = [("monitor.out_dir", out)];
     let own: Vec<_> = args.plant.overrides().into_iter().chain(own).collect();
@@ -170,6 +171,7 @@ fn make_report(dir: &Path, summary: &Summary, catalog: &Catalog) -> Result<(), F
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::Source;
     use crate::service::CommonArgs;
     use crate::service::args::BUILT_IN;
 

@@ -3,6 +3,7 @@
 //! Each test has a bus domain and a directory of its own, waits for conditions under a watchdog, and leaves nothing behind.
 #![cfg(feature = "service")]
 
+mod cell;
 mod config;
 mod control;
 mod controller;

@@ -4,13 +4,9 @@ use crate::{Failure, OK, guarded, hand_out, join, limit, take_back};
 use std::ffi::c_char;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::time::Duration;
 use thetabus::bus::{Delivery, Role, RoleLock, SamplePublisher, monotonic_ns};
 use thetabus::messages::{Sample, sample_flags};
 use thetabus::model::MAX_JOINTS;
-
-/// Consumers map what was sent while its publisher lives.
-const LINGER: Duration = Duration::from_millis(200);
 
 /// A machine on the bus.
 pub struct Machine {
@@ -121,10 +117,8 @@ pub unsafe extern "C" fn thetabus_machine_close(machine: *mut Machine) {
     // SAFETY: as the caller promises
     if let Some(machine) = unsafe { machine.as_mut() } {
         guarded(|| {
-            machine.samples.serve_late_joiners()?;
-            machine.samples.wake();
             if machine.next_seq > 0 {
-                std::thread::sleep(LINGER);
+                machine.samples.linger()?;
             }
             Ok(OK)
         });

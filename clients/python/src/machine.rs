@@ -11,9 +11,6 @@ use thetabus::bus::{Bus, BusError, Delivery, Domain, Role, RoleLock, SamplePubli
 use thetabus::messages::{Sample, sample_flags, signals};
 use thetabus::model::{JointSample, MAX_JOINTS};
 
-/// Consumers map what was sent while its publisher lives.
-const LINGER: Duration = Duration::from_millis(200);
-
 struct Publisher {
     samples: SamplePublisher,
     _only_one: RoleLock,
@@ -145,14 +142,8 @@ impl Machine {
     /// Gives consumers the time to take what was sent, then leaves.
     fn close(&self, py: Python<'_>) {
         py.detach(|| {
-            let lingers = self.0.with(|port| {
-                _ = port.samples.serve_late_joiners();
-                port.samples.wake();
-                port.next_seq > 0
-            });
-            if lingers == Some(true) {
-                std::thread::sleep(LINGER);
-            }
+            // A bus that fails now has nothing to wait for.
+            _ = self.0.with(|port| (port.next_seq > 0).then(|| port.samples.linger()));
             self.0.close();
         });
     }

@@ -1,0 +1,81 @@
+//! What the identifier's log tells.
+
+use crate::messages::{Status, status_flags};
+use crate::node::identifier::Identifier;
+
+/// What the log tells, once per heartbeat at most and never from within the step.
+#[derive(Debug, Default)]
+pub(super) struct News {
+    connected: bool,
+    stream: u64,
+    missing: u64,
+    rejected: u64,
+    window_s: Option<f64>,
+    is_replay: bool,
+}
+
+impl News {
+    /// Windows that are chosen from the signals are told whenever their length changes, once samples have come.
+    pub(super) fn window(&mut self, node: &dyn Identifier) {
+        let window_s = node.window_s().filter(|_| node.status().estimates > 0);
+        if window_s.is_some() && window_s != self.window_s {
+            tracing::info!("rows of windows of {:.0} ms", 1e3 * window_s.unwrap_or(0.0));
+            self.window_s = window_s;
+        }
+    }
+
+    pub(super) fn plant(&mut self, connected: bool) {
+        if connected != self.connected {
+            self.connected = connected;
+            tracing::info!(
+                "{}",
+                if connected {
+                    "a plant is there"
+                } else {
+                    "the plant has gone"
+                }
+            );
+        }
+    }
+
+    /// The first one was told when it came; this is how many there were.
+    pub(super) fn left_out(&self, samples: u64) {
+        if samples > 0 {
+            tracing::warn!(samples, "messages of another schema were left out");
+        }
+    }
+
+    pub(super) fn replay(&mut self, status: &Status) {
+        let is_replay = status.flags & status_flags::REPLAY != 0;
+        if is_replay != self.is_replay {
+            self.is_replay = is_replay;
+            tracing::info!(
+                "{}",
+                if is_replay {
+                    "a replay: what it teaches is dropped when another stream begins"
+                } else {
+                    "the replay is over: the estimates go on from what was known before it"
+                }
+            );
+        }
+    }
+
+    pub(super) fn losses(&mut self, status: &Status) {
+        if status.stream_id != self.stream {
+            (self.stream, self.missing, self.rejected) = (status.stream_id, 0, 0);
+        }
+        if (status.missing, status.rejected) != (self.missing, self.rejected) {
+            let missing = status.missing.saturating_sub(self.missing);
+            let rejected = status.rejected.saturating_sub(self.rejected);
+            tracing::warn!(
+                missing,
+                rejected,
+                last_seq = status.last_seq,
+                so_far = %status.faults,
+                last = status.error.words(),
+                "samples were lost or refused"
+            );
+            (self.missing, self.rejected) = (status.missing, status.rejected);
+        }
+    }
+}

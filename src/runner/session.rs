@@ -1,0 +1,291 @@
+//! One robot at its identifier: node, ports, and what the loop knows of itself.
+
+use super::desk::LoopEnd;
+use super::news::News;
+use super::stopwatch::Stopwatch;
+use super::{HEARTBEAT, Stay, TICK};
+use crate::bus::{BusError, Publisher, SampleSubscriber, monotonic_ns};
+use crate::messages::{ErrorCode, Estimate, LastError, RealtimeStatus, State, Status, status_flags};
+use crate::node::identifier::Identifier;
+use std::time::{Duration, Instant};
+
+/// Samples taken in before the clock, the desk and the signals are looked at again: each of them may be a block, and take a millisecond.
+const BATCH: usize = 64;
+/// How long the publishers stay for subscribers that have not read the end yet.
+const LINGER: Duration = Duration::from_secs(5);
+/// A stream without samples for this long is silent.
+const SILENCE: Duration = Duration::from_secs(1);
+
+/// What an identifier is connected to.
+#[derive(Debug)]
+pub struct IdentifierPorts {
+    /// Samples in.
+    pub samples: SampleSubscriber,
+    /// Estimates out.
+    pub estimates: Publisher<Estimate>,
+    /// Heartbeat out.
+    pub status: Publisher<Status>,
+    /// Commands in, figures of the process.
+    pub desk: LoopEnd,
+    /// When the program began, by CLOCK_MONOTONIC \[ns\].
+    pub started_ns: u64,
+    /// What the system granted.
+    pub realtime: RealtimeStatus,
+}
+
+/// What a turn has found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Turn {
+    /// More samples are there than one turn takes.
+    More,
+    /// The queue is empty.
+    Empty,
+}
+
+/// A robot that is being identified. It owns everything that this takes, so that a process can have any number of them.
+pub struct Session {
+    /// Says in the log which of many robots a line is about.
+    span: tracing::Span,
+    node: Box<dyn Identifier>,
+    ports: IdentifierPorts,
+    clock: Clock,
+    end_told: bool,
+    news: News,
+    vitals: Vitals,
+    is_done: bool,
+    /// Readers of the estimates when it ended.
+    readers: usize,
+}
+
+impl Session {
+    /// A session that has seen nothing.
+    pub fn new(robot: &str, node: Box<dyn Identifier>, ports: IdentifierPorts) -> Self {
+        Self {
+            span: tracing::error_span!("robot", name = robot),
+            clock: Clock::new(),
+            end_told: false,
+            news: News::default(),
+            vitals: Vitals::new(ports.started_ns, ports.realtime),
+            is_done: false,
+            readers: 0,
+            node,
+            ports,
+        }
+    }
+
+    /// The node; whoever waits for an answer of the loop need not wait any longer.
+    pub fn into_node(self) -> Box<dyn Identifier> {
+        self.node
+    }
+
+    pub(super) fn span(&self) -> tracing::Span {
+        self.span.clone()
+    }
+
+    /// True once it has ended.
+    pub fn is_done(&self) -> bool {
+        self.is_done
+    }
+
+    /// Ends a session that has failed; it is told by whoever knows why.
+    pub(super) fn give_up(&mut self) {
+        (self.is_done, self.readers) = (true, 0);
+    }
+
+    /// Looks for a plant that has come or gone; with an empty queue.
+    pub(super) fn look(&mut self) -> Result<(), BusError> {
+        self.ports.samples.refresh()?;
+        self.news.plant(self.ports.samples.is_connected());
+        Ok(())
+    }
+
+    /// Waits for samples, at most `limit`.
+    pub(super) fn wait(&self, limit: Duration) -> Result<(), BusError> {
+        self.ports.samples.wait(limit)
+    }
+
+    /// Takes in what has come, one batch at most, hands commands over and sends what is due.
+    pub(super) fn turn(&mut self) -> Result<Turn, BusError> {
+        let Self {
+            node, ports, vitals, ..
+        } = self;
+        let node = &mut **node;
+        let taken = take_in(node, &mut ports.samples, &mut ports.estimates, vitals)?;
+        ports.desk.exchange(node);
+        let ended = node.status().state == State::Ended as u32;
+        if ended != self.end_told {
+            self.end_told = ended;
+            if ended {
+                ports.desk.settle(node);
+                vitals.send(node, ports)?;
+            }
+        }
+        if self.clock.heartbeat_due() {
+            vitals.send(node, ports)?;
+            self.news.losses(&node.status());
+            self.news.window(node);
+            self.news.replay(&node.status());
+        }
+        if self.clock.tick_due() {
+            ports.estimates.serve_late_joiners()?;
+            ports.status.serve_late_joiners()?;
+        }
+        Ok(if taken < BATCH { Turn::Empty } else { Turn::More })
+    }
+
+    /// Whether the loop is over for it, if it is asked to stop or not.
+    pub(super) fn is_over(&self, stopping: bool, stay: Stay) -> bool {
+        stopping || (self.end_told && stay == Stay::UntilEnd)
+    }
+
+    /// Sends a last status, after everything that was received has been processed.
+    pub(super) fn finish(&mut self) -> Result<(), BusError> {
+        self.is_done = true;
+        let Self { node, ports, .. } = self;
+        ports.desk.settle(&mut **node);
+        self.vitals.send(&**node, ports)?;
+        self.news.losses(&node.status());
+        self.news.left_out(ports.samples.left_out());
+        self.readers = ports.estimates.subscribers();
+        Ok(())
+    }
+
+    /// Gives the last messages to whoever has come since. True once it need not stay: after two ticks for anybody to connect nobody reads, or one who read has
+    /// left, or the process is asked to stop.
+    pub(super) fn linger(&mut self, waited: Duration, stopping: bool) -> Result<bool, BusError> {
+        self.ports.estimates.serve_late_joiners()?;
+        self.ports.status.serve_late_joiners()?;
+        let all_connected = waited >= 2 * TICK;
+        let one_left = self.ports.estimates.subscribers() < self.readers;
+        Ok((all_connected && (self.readers == 0 || one_left || stopping)) || waited >= LINGER)
+    }
+}
+
+/// The step sample → estimate.
+fn take_in(
+    node: &mut dyn Identifier,
+    samples: &mut SampleSubscriber,
+    estimates: &mut Publisher<Estimate>,
+    vitals: &mut Vitals,
+) -> Result<usize, BusError> {
+    let mut failure = None;
+    let mut begun = Instant::now();
+    let taken = samples.drain(BATCH, |sample| {
+        // Publishing, and in lockstep waiting for who reads, are no part of it.
+        let mut computed = None;
+        node.on_sample(sample, &mut |estimate| {
+            computed = Some(begun.elapsed());
+            if let Err(e) = estimates.send(estimate) {
+                failure = Some(e);
+            }
+        });
+        let now = Instant::now();
+        match computed {
+            Some(duration) => vitals.block.add(duration),
+            None => vitals.step.add(now - begun),
+        }
+        begun = now;
+    })?;
+    if taken > 0 {
+        vitals.heard(begun);
+    }
+    failure.map_or(Ok(taken), Err)
+}
+
+/// What the loop knows of itself.
+#[derive(Debug)]
+struct Vitals {
+    step: Stopwatch,
+    block: Stopwatch,
+    started_ns: u64,
+    first_sample_ns: u64,
+    realtime: RealtimeStatus,
+    heard: Option<Instant>,
+    silent: bool,
+    pauses: u64,
+}
+
+impl Vitals {
+    fn new(started_ns: u64, realtime: RealtimeStatus) -> Self {
+        Self {
+            step: Stopwatch::new(),
+            block: Stopwatch::new(),
+            started_ns,
+            first_sample_ns: 0,
+            realtime,
+            heard: None,
+            silent: false,
+            pauses: 0,
+        }
+    }
+
+    /// Samples have come.
+    fn heard(&mut self, at: Instant) {
+        if self.first_sample_ns == 0 {
+            self.first_sample_ns = monotonic_ns();
+        }
+        (self.heard, self.silent) = (Some(at), false);
+    }
+
+    /// Completes the node's status and sends it.
+    fn send(&mut self, node: &dyn Identifier, ports: &mut IdentifierPorts) -> Result<(), BusError> {
+        let mut status = node.status();
+        (status.step, status.block) = (self.step.timing(), self.block.timing());
+        status.realtime = self.realtime;
+        status.process.started_ns = self.started_ns;
+        status.process.first_sample_ns = self.first_sample_ns;
+        ports.desk.complete(&mut status);
+        let open = status.stream_id != 0 && status.state != State::Ended as u32;
+        let silence = self
+            .heard
+            .filter(|_| open)
+            .map_or(Duration::ZERO, |heard| heard.elapsed());
+        status.process.silent_ns = silence.as_nanos() as u64;
+        if silence >= SILENCE {
+            if !self.silent {
+                self.silent = true;
+                self.pauses += 1;
+                tracing::warn!(last_seq = status.last_seq, "no sample has come for a second or more");
+            }
+            status.flags |= status_flags::SILENT;
+            status.error = LastError::new(ErrorCode::Silent, status.last_seq);
+        }
+        status.process.pauses = self.pauses;
+        ports.status.send(&status)
+    }
+}
+
+/// When heartbeat and tick are due.
+#[derive(Debug)]
+struct Clock {
+    heartbeat: Instant,
+    tick: Instant,
+}
+
+impl Clock {
+    /// The first heartbeat is due at once.
+    fn new() -> Self {
+        let now = Instant::now();
+        Self {
+            heartbeat: now,
+            tick: now,
+        }
+    }
+
+    fn heartbeat_due(&mut self) -> bool {
+        due(&mut self.heartbeat, HEARTBEAT)
+    }
+
+    fn tick_due(&mut self) -> bool {
+        due(&mut self.tick, TICK)
+    }
+}
+
+fn due(next: &mut Instant, period: Duration) -> bool {
+    let now = Instant::now();
+    let is_due = now >= *next;
+    if is_due {
+        *next = now + period;
+    }
+    is_due
+}

@@ -193,7 +193,11 @@ impl fmt::Display for Suspicion {
                 write!(f, "columns are separated by {name}: they must be separated by commas")
             }
             Self::TimeUnit { unit } => write!(f, "if time is in {unit}, set log.time_unit = \"{unit}\""),
-            Self::Period { period_s } => write!(f, "if that is right, set plant.sample_period_s = {period_s}"),
+            Self::Period { period_s } => {
+                // a median of differences carries rounding that nobody would write
+                let period_s = format!("{period_s:.6e}").parse().unwrap_or(*period_s);
+                write!(f, "if that is right, set plant.sample_period_s = {period_s}")
+            }
         }
     }
 }

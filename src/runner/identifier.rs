@@ -12,16 +12,22 @@ const LAST_LOOK: Duration = Duration::from_millis(200);
 const ROUND: Duration = Duration::from_micros(500);
 
 /// Turns samples into estimates until asked to stop, or to the end of the first stream of each session. A last status follows the last
-/// estimate, after everything that was received has been processed. What fails in one of many sessions ends that one alone.
+/// estimate, after everything that was received has been processed. What fails in one of many sessions ends that one alone. `turned` is called once per
+/// [`TICK`].
 ///
 /// # Errors
 /// The bus fails: for the one session, or for one of many, once all have ended.
-pub fn run_sessions(sessions: &mut [Session], stay: Stay, shutdown: &Shutdown) -> Result<(), RunError> {
+pub fn run_sessions(
+    sessions: &mut [Session],
+    stay: Stay,
+    shutdown: &Shutdown,
+    turned: &dyn Fn(),
+) -> Result<(), RunError> {
     let alone = sessions.len() == 1;
     let mut failed = None;
     let mut asked: Option<Instant> = None;
     let mut more = false;
-    let mut look_due = Instant::now();
+    let mut tick_due = Instant::now();
     loop {
         match &mut sessions[..] {
             _ if more => {}
@@ -31,10 +37,12 @@ pub fn run_sessions(sessions: &mut [Session], stay: Stay, shutdown: &Shutdown) -
             }
             _ => std::thread::sleep(ROUND),
         }
-        let look = !alone && Instant::now() >= look_due;
-        if look {
-            look_due = Instant::now() + TICK;
+        let tick = Instant::now() >= tick_due;
+        if tick {
+            tick_due = Instant::now() + TICK;
+            turned();
         }
+        let look = tick && !alone;
         // Asked before the last look into the queue: what came before the request is processed, as far as time allows.
         let stopping = shutdown.requested();
         let late = stopping && asked.get_or_insert_with(Instant::now).elapsed() >= LAST_LOOK;

@@ -81,6 +81,13 @@ pub(super) struct Launched {
     pub until_end: bool,
 }
 
+impl Launched {
+    /// True in a process that `thetabus run` has started.
+    pub(super) fn is_launched(&self) -> bool {
+        self.launched_by.is_some()
+    }
+}
+
 impl CommonArgs {
     /// Of a tool that takes no configuration.
     pub fn with_logs(log_format: LogFormat) -> Self {
@@ -99,7 +106,7 @@ impl CommonArgs {
 
     /// True in a process that `thetabus run` has started.
     pub(super) fn is_launched(&self) -> bool {
-        self.launched.launched_by.is_some()
+        self.launched.is_launched()
     }
 
     pub(super) fn stay(&self) -> Stay {

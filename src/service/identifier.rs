@@ -2,6 +2,7 @@
 
 use super::args::{Launched, domain};
 use super::desk::{Desk, Seat, last_checkpoint};
+use super::readiness::{Watchdog, ready};
 use super::wiring::identifier_node;
 use super::{Exit, Failure, IdentifierArgs, child, logging, warm};
 use crate::bus::{Bus, Domain, Publisher, Role, RoleLock, SampleSubscriber, monotonic_ns};
@@ -30,6 +31,7 @@ struct Setting<'a> {
     started_ns: u64,
     /// The only robot of this process is woken by its samples.
     alone: bool,
+    watchdog: &'a Watchdog,
 }
 
 /// A robot after its session.
@@ -67,18 +69,27 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
         });
         robots.push(Robot { config, node, desk });
     }
+    let alone = robots.len() == 1;
+    let workers = match alone {
+        true => 1,
+        false => std::thread::available_parallelism()
+            .map_or(1, usize::from)
+            .min(robots.len()),
+    };
+    let watchdog = Watchdog::new(workers);
     let setting = Setting {
         domain: &domain,
         launched: &common.launched,
         stay: common.stay(),
         shutdown,
         started_ns,
-        alone: robots.len() == 1,
+        alone,
+        watchdog: &watchdog,
     };
     let names: Vec<String> = robots.iter().map(|robot| robot.config.bus.robot.clone()).collect();
     let (mut outcomes, result) = match setting.alone {
         true => one(setting, robots, seats)?,
-        false => many(setting, robots, seats)?,
+        false => many(setting, workers, robots, seats)?,
     };
     for outcome in &outcomes {
         last_checkpoint(&outcome.config, &outcome.state);
@@ -109,7 +120,7 @@ fn one(
         desk = Some(Desk::open(setting.domain, seats)?);
         Ok(())
     };
-    let served = serve(setting, robots, opened);
+    let served = serve(setting, 0, robots, opened);
     if let Some(desk) = desk {
         desk.close();
     }
@@ -119,11 +130,10 @@ fn one(
 /// Many robots in as many threads as there are cores, and one desk for all of them.
 fn many(
     setting: Setting<'_>,
+    workers: usize,
     mut robots: Vec<Robot>,
     seats: Vec<Seat>,
 ) -> Result<(Vec<Outcome>, Result<(), Failure>), Failure> {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let workers = cores.min(robots.len());
     tracing::info!(
         robots = robots.len(),
         workers,
@@ -139,12 +149,12 @@ fn many(
         let (told, opened) = channel();
         let mut threads = Vec::with_capacity(workers);
         let mut go = Vec::with_capacity(workers);
-        for share in shares {
+        for (number, share) in shares.into_iter().enumerate() {
             let (begin, begun): (Sender<()>, Receiver<()>) = channel();
             go.push(begin);
             let told = told.clone();
             threads.push(scope.spawn(move || {
-                serve(setting, share, || {
+                serve(setting, number, share, || {
                     let _ = told.send(());
                     // A desk that cannot be opened lets go of the other end.
                     begun
@@ -183,9 +193,10 @@ fn many(
     })
 }
 
-/// Opens the ports of these robots, calls `opened`, and serves them until their end.
+/// Opens the ports of these robots, calls `opened`, and serves them until their end: the loop of this number.
 fn serve(
     setting: Setting<'_>,
+    number: usize,
     robots: Vec<Robot>,
     opened: impl FnOnce() -> Result<(), Failure>,
 ) -> Result<(Vec<Outcome>, Result<(), Failure>), Failure> {
@@ -231,7 +242,11 @@ fn serve(
         sessions.push(Session::new(&config.bus.robot, node, ports));
         configs.push(config);
     }
-    let result = run_sessions(&mut sessions, setting.stay, shutdown);
+    if number == 0 && !setting.launched.is_launched() {
+        ready();
+    }
+    let turned = || setting.watchdog.turned(number);
+    let result = run_sessions(&mut sessions, setting.stay, shutdown, &turned);
     let outcomes = configs.into_iter().zip(sessions).map(|(config, session)| {
         let mut node = session.into_node();
         let mut state = NodeState::default();

@@ -35,6 +35,7 @@ mod open_files;
 mod out_dir;
 mod plant;
 mod progress;
+mod readiness;
 mod record;
 mod replay;
 mod report;

@@ -5,7 +5,7 @@ use super::description::monitor_of;
 use super::live::Live;
 use super::record::{Records, recorder};
 use super::wiring::monitor_node;
-use super::{Exit, Failure, MonitorArgs, child, foreign, logging, out_dir};
+use super::{Exit, Failure, MonitorArgs, child, foreign, logging, out_dir, readiness};
 use crate::bus::{Bus, SampleSubscriber, Subscriber};
 use crate::files;
 use crate::messages::Description;
@@ -88,6 +88,9 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let mut records = Records::new(csv, recorder, Some(bus.clone()), live);
     tracing::info!(robot, domain = domain.name(), "monitor");
     apply_realtime(&config.realtime.monitor);
+    if !args.common.is_launched() {
+        readiness::ready();
+    }
     let mut model = config.model.name().to_owned();
     let outcome = loop {
         let outcome = run_monitor(&mut node, &mut ports, args.common.stay(), shutdown, &mut records);

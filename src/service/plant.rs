@@ -1,6 +1,7 @@
 //! The simulated machine as a process.
 
 use super::args::domain;
+use super::readiness::ready;
 use super::{Exit, Failure, PlantArgs, child, logging};
 use crate::bus::{Bus, Delivery, Role, RoleLock, SamplePublisher, Subscriber};
 use crate::config::{Config, FeedForward, Speed};
@@ -49,6 +50,9 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
             Some(CommandPort::new(Subscriber::new(&bus)?, awaited))
         }
     };
+    if !args.common.is_launched() {
+        ready();
+    }
     let report = run_plant(&mut node, &mut publisher, commands, pace, shutdown)?;
     if report.pace.restarts > 0 {
         tracing::warn!(

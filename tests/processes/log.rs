@@ -234,3 +234,31 @@ fn val_the_emps_recording_identified_on_the_command_line_gives_the_published_par
         assert!((theta - value).abs() < 2.0 * std, "{name}: {theta} +- {std}");
     }
 }
+
+#[test]
+fn val_the_log_that_is_shipped_gives_the_machine_that_it_is_of() {
+    let site = Site::new();
+    let log = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/data/servo_axis.csv");
+    let out = site.out();
+    let out = out.to_str().expect("UTF-8");
+    let args = ["identify", log, "--config", SERVO_AXIS, "--out", out];
+    // Its rate is not the configuration's, and the error says what to write.
+    let mut refused = site.start(Program::Thetabus, &args);
+    refused.expect_code(2);
+    refused.expect_stderr(&["set plant.sample_period_s = 0.002"]);
+    let period = ["--set", "plant.sample_period_s=0.002"];
+    site.start(Program::Thetabus, &[&args[..], &period].concat())
+        .expect_code(0);
+    let config = Config::load(&[Source::File(SERVO_AXIS.into())], &[]).expect("the file in config/");
+    let truth = config.plant.sim.true_values(&NAMES, 0.0);
+    let csv = site.out().join("estimates.csv");
+    for (name, truth) in NAMES.iter().zip(truth) {
+        let last = |column_name: &str| *column(&csv, column_name).last().expect("a block");
+        let (value, std) = (last(name), last(&format!("{name}_std")));
+        // Four values that are to be within 4 standard deviations: one log in 4000 would not be.
+        assert!(
+            (value - truth).abs() < 4.0 * std && std < 0.05 * truth.abs(),
+            "{name}: {value} ± {std}, {truth}"
+        );
+    }
+}

@@ -22,6 +22,7 @@ mod log;
 mod order;
 mod own_plant;
 mod peers;
+mod readiness;
 mod realtime;
 mod recording;
 mod robot;

@@ -7,6 +7,8 @@ use super::subscriber::{listener, wait};
 use super::topic::control as sizes;
 use super::{Bus, BusError, ControlService, Listener, Notifier, Topic};
 use crate::messages::{Request, Response};
+use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::pending_response::PendingResponse;
 use iceoryx2::port::{client::Client, server::Server};
 use iceoryx2::prelude::ipc;
 use iceoryx2::service::port_factory::PortFactory as _;
@@ -79,12 +81,36 @@ impl ControlServer {
     /// The bus fails.
     pub fn serve(&mut self, limit: usize, mut answer: impl FnMut(&Request) -> Response) -> Result<usize, BusError> {
         for count in 0..limit {
-            let request = self.port.receive().map_err(|e| transfer("receiving", &e))?;
-            let Some(request) = request else { return Ok(count) };
-            // A client that has left needs no answer.
-            let _ = request.send_copy(answer(request.payload()));
+            let Some(asked) = self.take()? else { return Ok(count) };
+            let response = answer(asked.request());
+            asked.answer(&response);
         }
         Ok(limit)
+    }
+
+    /// Takes the next request, to be answered later; `None` if none has arrived.
+    ///
+    /// # Errors
+    /// The bus fails.
+    pub fn take(&mut self) -> Result<Option<Asked>, BusError> {
+        let request = self.port.receive().map_err(|e| transfer("receiving", &e))?;
+        Ok(request.map(Asked))
+    }
+}
+
+/// A request that waits for its answer. Dropped without one, it lets its client wait until the client's own limit.
+#[derive(Debug)]
+pub struct Asked(ActiveRequest<ipc::Service, Request, (), Response, ()>);
+
+impl Asked {
+    /// What is asked.
+    pub fn request(&self) -> &Request {
+        self.0.payload()
+    }
+
+    /// Answers. A client that has left needs no answer.
+    pub fn answer(self, response: &Response) {
+        let _ = self.0.send_copy(*response);
     }
 }
 
@@ -132,15 +158,10 @@ impl ControlClient {
     /// [`BusError::NoAnswer`] past the limit, [`BusError::NoIdentifier`] where the identifier has gone.
     pub fn ask(&self, request: &Request, limit: Duration) -> Result<Response, BusError> {
         let start = Instant::now();
-        let pending = self.port.send_copy(*request).map_err(|e| transfer("sending", &e))?;
-        // Without a wake-up the server looks after its requests once per tick.
-        let _ = self.notifier.notify();
+        let pending = self.begin(request)?;
         loop {
-            if let Some(response) = pending.receive().map_err(|e| transfer("receiving", &e))? {
-                return Ok(*response.payload());
-            }
-            if self.service.dynamic_config().number_of_servers() == 0 {
-                return Err(nobody(&self.bus));
+            if let Some(response) = self.look(&pending)? {
+                return Ok(response);
             }
             if start.elapsed() >= limit {
                 return Err(BusError::NoAnswer {
@@ -152,7 +173,36 @@ impl ControlClient {
             std::thread::sleep(POLL);
         }
     }
+
+    /// Sends a request without waiting; one at a time is under way.
+    ///
+    /// # Errors
+    /// The bus fails, or an earlier request still waits.
+    pub fn begin(&self, request: &Request) -> Result<Pending, BusError> {
+        let pending = self.port.send_copy(*request).map_err(|e| transfer("sending", &e))?;
+        // Without a wake-up the server looks after its requests once per tick.
+        let _ = self.notifier.notify();
+        Ok(Pending(pending))
+    }
+
+    /// The answer, if it has come.
+    ///
+    /// # Errors
+    /// [`BusError::NoIdentifier`] if the identifier has gone, or the bus fails.
+    pub fn look(&self, pending: &Pending) -> Result<Option<Response>, BusError> {
+        if let Some(response) = pending.0.receive().map_err(|e| transfer("receiving", &e))? {
+            return Ok(Some(*response.payload()));
+        }
+        match self.service.dynamic_config().number_of_servers() {
+            0 => Err(nobody(&self.bus)),
+            _ => Ok(None),
+        }
+    }
 }
+
+/// A request under way.
+#[derive(Debug)]
+pub struct Pending(PendingResponse<ipc::Service, Request, (), Response, ()>);
 
 fn nobody(bus: &Bus) -> BusError {
     BusError::NoIdentifier {

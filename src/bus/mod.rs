@@ -60,7 +60,7 @@ mod time_limit;
 mod topic;
 mod watch;
 
-pub use control::{ControlClient, ControlServer};
+pub use control::{Asked, ControlClient, ControlServer, Pending};
 pub use domain::{Domain, Limits};
 pub use error::{BusError, ICEORYX2_VERSION};
 pub use inspect::{

@@ -46,6 +46,17 @@ pub(super) struct Counts {
 }
 
 impl Counts {
+    /// So many of each, in the schema of this program.
+    pub(super) fn new(joints: usize, equations: usize, parameters: usize, derived: usize) -> Self {
+        Self {
+            joints,
+            equations,
+            parameters,
+            derived,
+            set_words: 2,
+        }
+    }
+
     /// Of a plant's recording, in the schema of this program.
     pub(super) fn of(info: &RunInfo) -> Self {
         Self {

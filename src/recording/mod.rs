@@ -17,6 +17,7 @@ mod record_file;
 mod samples_csv;
 #[cfg(test)]
 mod tests;
+mod wire;
 mod writer;
 
 pub use encoder::Encoder;
@@ -27,4 +28,5 @@ pub use loss::{Loss, ReadError};
 pub use names::oldest_file;
 pub use reader::{Entry, RecordingReader, Span, read_journal};
 pub use samples_csv::{CsvSampleError, SamplesCsv, SamplesCsvReader, is_samples_csv};
+pub use wire::{Dimensions, NotOnWire, OnWire, described, from_cdr, to_cdr};
 pub use writer::{RecordError, Recorder, RecordingLimits};

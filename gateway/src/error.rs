@@ -1,0 +1,72 @@
+//! Why a gateway ends, in words for the person who has to mend it.
+
+use std::path::PathBuf;
+use thetabus::bus::BusError;
+use thiserror::Error;
+
+/// Why a gateway cannot start or go on.
+#[derive(Debug, Error)]
+pub enum GatewayError {
+    /// The bus of this host.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// A host's name.
+    #[error("host {0:?}: expected 1 to 32 characters of [a-z0-9_-]; name it by --host")]
+    Host(String),
+    /// The file with zenoh's configuration cannot be read.
+    #[error("--config {}: {source}", path.display())]
+    ConfigFile {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is not what zenoh understands.
+    #[error("--config {}: expected zenoh's configuration in JSON5, got: {problem}", path.display())]
+    Config {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// zenoh refuses.
+    #[error("zenoh: {action}: {problem}")]
+    Network {
+        /// What was tried.
+        action: &'static str,
+        /// What zenoh says.
+        problem: String,
+    },
+    /// The system.
+    #[error("{action}: {source}")]
+    System {
+        /// What was tried.
+        action: &'static str,
+        /// Why it failed.
+        source: std::io::Error,
+    },
+    /// Signals.
+    #[error("signals cannot be handled: {0}")]
+    Signals(String),
+    /// A part of the load that did not do its work.
+    #[error("load: {0}")]
+    Load(String),
+}
+
+impl GatewayError {
+    /// True if the command line or a file is to be mended.
+    pub fn is_usage(&self) -> bool {
+        matches!(
+            self,
+            Self::Host(_) | Self::ConfigFile { .. } | Self::Config { .. } | Self::Bus(BusError::Name { .. })
+        )
+    }
+}
+
+/// Says what zenoh was doing.
+pub fn network<E: std::fmt::Display>(action: &'static str) -> impl FnOnce(E) -> GatewayError {
+    move |problem| GatewayError::Network {
+        action,
+        problem: problem.to_string(),
+    }
+}

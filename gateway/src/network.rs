@@ -1,0 +1,243 @@
+//! zenoh's configuration and session.
+//!
+//! zenoh by itself listens on every interface, finds others by multicast and takes messages of 1 GiB. Here nothing of that holds unless the user's
+//! own file says so: the file is laid over the defaults below, key by key, and endpoints of the command line over both.
+
+use crate::error::{GatewayError, network};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use zenoh::{Config, Session, Wait};
+
+/// Where a gateway listens, or looks for one, if nothing else is said: this host alone.
+pub const LOOPBACK: &str = "tcp/127.0.0.1:7447";
+/// Pause between attempts to connect.
+const PAUSE: Duration = Duration::from_millis(500);
+
+/// How the network is reached.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct NetworkArgs {
+    /// Endpoint of a router or gateway, for example tcp/10.0.0.5:7447 or tls/router.example:7447; may be repeated
+    #[arg(long, value_name = "ENDPOINT")]
+    pub connect: Vec<String>,
+    /// Endpoint to be reached at, for example tcp/10.0.0.4:7447; may be repeated
+    #[arg(long, value_name = "ENDPOINT")]
+    pub listen: Vec<String>,
+    /// zenoh's own configuration, JSON5: TLS, user and password, access control
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+/// What a program is if its user says nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// Waits for others on the loopback interface.
+    Host,
+    /// Connects to the loopback interface.
+    Guest,
+    /// Passes on what others send.
+    Router,
+}
+
+/// The gateway's own defaults.
+fn defaults() -> Value {
+    json!({
+        "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
+        "listen": { "endpoints": [] },
+        "connect": { "endpoints": [] },
+        "transport": {
+            "link": {
+                // 16 batches of 64 KiB: two seconds of samples at 1 kHz, before any is dropped.
+                "tx": { "queue": { "size": { "data": 16, "data_low": 16 } } },
+                // The longest message, a description, has 45 kB.
+                "rx": { "max_message_size": 1_048_576 },
+            },
+            "shared_memory": { "enabled": false },
+        },
+        "adminspace": { "enabled": false },
+    })
+}
+
+/// Lays `over` onto `base`, objects key by key, anything else as a whole.
+fn lay(base: &mut Value, over: Value) {
+    match (base, over) {
+        (Value::Object(base), Value::Object(over)) => {
+            for (key, value) in over {
+                lay(base.entry(key).or_insert(Value::Null), value);
+            }
+        }
+        (base, over) => *base = over,
+    }
+}
+
+/// Whether a configuration has endpoints in `section`, for any mode.
+fn has_endpoints(config: &Value, section: &str) -> bool {
+    match &config[section]["endpoints"] {
+        Value::Array(list) => !list.is_empty(),
+        Value::Object(modes) => modes
+            .values()
+            .any(|list| list.as_array().is_some_and(|list| !list.is_empty())),
+        _ => false,
+    }
+}
+
+fn read(path: &Path) -> Result<Value, GatewayError> {
+    let text = std::fs::read_to_string(path).map_err(|source| GatewayError::ConfigFile {
+        path: path.to_owned(),
+        source,
+    })?;
+    let wrong = |problem: String| GatewayError::Config {
+        path: path.to_owned(),
+        problem,
+    };
+    let file: Value = json5::from_str(&text).map_err(|e| wrong(e.to_string()))?;
+    // By itself, so that what is wrong is said of the file and not hidden by what is laid over it.
+    match Config::from_json5(&file.to_string()) {
+        Ok(_) if file.is_object() => Ok(file),
+        Ok(_) => Err(wrong("no object".into())),
+        Err(e) => Err(wrong(words(e))),
+    }
+}
+
+/// The whole configuration as JSON: defaults, file, command line, and `part` where all three are silent.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn merged(args: &NetworkArgs, part: Part) -> Result<Value, GatewayError> {
+    let mut config = defaults();
+    if let Some(path) = &args.config {
+        lay(&mut config, read(path)?);
+    }
+    for (section, endpoints) in [("connect", &args.connect), ("listen", &args.listen)] {
+        if !endpoints.is_empty() {
+            lay(&mut config, json!({ section: { "endpoints": endpoints } }));
+        }
+    }
+    let scouts = config["scouting"]["multicast"]["enabled"] == json!(true);
+    if !has_endpoints(&config, "connect") && !has_endpoints(&config, "listen") && !scouts {
+        let section = if part == Part::Guest { "connect" } else { "listen" };
+        lay(&mut config, json!({ section: { "endpoints": [LOOPBACK] } }));
+    }
+    if config.get("mode").is_none() {
+        // A client has one router or gateway and hears of nobody else; a peer lets others in.
+        let mode = match part {
+            Part::Router => "router",
+            _ if has_endpoints(&config, "listen") || scouts => "peer",
+            _ => "client",
+        };
+        lay(&mut config, json!({ "mode": mode }));
+    }
+    Ok(config)
+}
+
+/// What zenoh says, without the line of its source that it says it in.
+fn words(error: impl std::fmt::Display) -> String {
+    let text = error.to_string();
+    text.split(" at /").next().unwrap_or(&text).trim_end().to_owned()
+}
+
+/// Opens the session; tries again until it succeeds or `stop` is set, then `None`.
+///
+/// # Errors
+/// The configuration is wrong, or an endpoint to listen on is taken.
+pub fn open(args: &NetworkArgs, part: Part, stop: &AtomicBool) -> Result<Option<Session>, GatewayError> {
+    let merged = merged(args, part)?;
+    let config = Config::from_json5(&merged.to_string()).map_err(network("its configuration"))?;
+    let is_client = merged["mode"] == json!("client");
+    let mut is_told = false;
+    loop {
+        if stop.load(Ordering::Relaxed) {
+            return Ok(None);
+        }
+        match zenoh::open(config.clone()).wait() {
+            Ok(session) => return Ok(Some(session)),
+            Err(e) if is_client => {
+                if !is_told {
+                    tracing::warn!(
+                        "not connected to {}: {}; trying on",
+                        merged["connect"]["endpoints"],
+                        words(e)
+                    );
+                    is_told = true;
+                }
+                std::thread::sleep(PAUSE);
+            }
+            Err(e) => return Err(network("opening the session")(e)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write as _;
+
+    fn with_file(text: &str) -> (tempfile::NamedTempFile, NetworkArgs) {
+        let mut file = tempfile::NamedTempFile::new().expect("a file");
+        file.write_all(text.as_bytes()).expect("written");
+        let args = NetworkArgs {
+            config: Some(file.path().to_owned()),
+            ..NetworkArgs::default()
+        };
+        (file, args)
+    }
+
+    #[test]
+    fn prop_without_a_word_nothing_but_the_loopback_interface_is_used() {
+        for (part, section, mode) in [
+            (Part::Host, "listen", "peer"),
+            (Part::Guest, "connect", "client"),
+            (Part::Router, "listen", "router"),
+        ] {
+            let config = merged(&NetworkArgs::default(), part).expect("a configuration");
+            assert_eq!(config[section]["endpoints"], json!([LOOPBACK]), "{part:?}");
+            assert_eq!(config["mode"], json!(mode), "{part:?}");
+            assert_eq!(config["scouting"]["multicast"]["enabled"], json!(false));
+            assert_eq!(config["scouting"]["gossip"]["enabled"], json!(false));
+            let other = if section == "listen" { "connect" } else { "listen" };
+            assert_eq!(config[other]["endpoints"], json!([]), "{part:?}");
+            assert!(Config::from_json5(&config.to_string()).is_ok(), "zenoh understands it");
+        }
+    }
+
+    #[test]
+    fn prop_a_file_changes_what_it_names_and_the_command_line_goes_before_it() {
+        let (_file, mut args) = with_file(
+            "{ // zenoh's own words\n connect: { endpoints: ['tls/a:1'] }, transport: { auth: { usrpwd: { user: 'u', password: 'p' } } } }",
+        );
+        let config = merged(&args, Part::Guest).expect("a configuration");
+        assert_eq!(config["connect"]["endpoints"], json!(["tls/a:1"]));
+        assert_eq!(config["transport"]["auth"]["usrpwd"]["user"], json!("u"));
+        assert_eq!(
+            config["transport"]["shared_memory"]["enabled"],
+            json!(false),
+            "not named in the file"
+        );
+        assert_eq!(
+            config["scouting"]["multicast"]["enabled"],
+            json!(false),
+            "not named in the file"
+        );
+        args.connect = vec!["tcp/b:2".into()];
+        let config = merged(&args, Part::Guest).expect("a configuration");
+        assert_eq!(config["connect"]["endpoints"], json!(["tcp/b:2"]));
+        assert!(Config::from_json5(&config.to_string()).is_ok(), "zenoh understands it");
+    }
+
+    #[test]
+    fn fault_a_file_that_is_none_of_zenohs_is_refused_with_its_name() {
+        let stop = AtomicBool::new(false);
+        for text in ["[]", "{ mode: ", "{ connect: 7 }", "{ no_such_key: 1 }"] {
+            let (file, args) = with_file(text);
+            let error = open(&args, Part::Guest, &stop).expect_err("refused");
+            let name = file.path().display().to_string();
+            assert!(error.to_string().contains(&name) && error.is_usage(), "{error}");
+        }
+        let args = NetworkArgs {
+            config: Some("/nowhere/zenoh.json5".into()),
+            ..NetworkArgs::default()
+        };
+        assert!(open(&args, Part::Guest, &stop).expect_err("missing").is_usage());
+    }
+}

@@ -1,0 +1,257 @@
+//! Who gets in, and what comes in.
+
+use crate::support::*;
+use std::collections::BTreeSet;
+use std::time::Duration;
+use thetabus::bus::{Bus, ControlClient, ControlServer, Subscriber};
+use thetabus::messages::{Command, Description, Estimate, Request, Response, response_code};
+use zenoh::Wait;
+use zenoh::qos::CongestionControl;
+
+fn user(name: &str, password: &str) -> String {
+    format!("{{ transport: {{ auth: {{ usrpwd: {{ user: '{name}', password: '{password}' }} }} }} }}")
+}
+
+#[test]
+fn fault_a_peer_without_credentials_gets_nothing() {
+    let site = Site::new();
+    let mut machine = Machine::new(&site.near);
+    let users = site.file("users", "floor:secret\n");
+    let guarded = format!(
+        "{{ transport: {{ auth: {{ usrpwd: {{ user: 'floor', password: 'secret', dictionary_file: '{users}' }} }} }} }}"
+    );
+    let at = endpoint();
+    let out = site.out(&["--listen", &at, "--config", &site.file("out.json5", &guarded)]);
+    out.says("carries out");
+
+    let none = site.inward(&["--connect", &at]);
+    let other = Site::new();
+    let wrong = other.inward(&[
+        "--connect",
+        &at,
+        "--config",
+        &site.file("wrong.json5", &user("floor", "guess")),
+    ]);
+    for refused in [&none, &wrong] {
+        refused.says("not connected");
+    }
+    let third = Site::new();
+    let right = third.inward(&[
+        "--connect",
+        &at,
+        "--config",
+        &site.file("right.json5", &user("floor", "secret")),
+    ]);
+    let reader = |site: &Site| {
+        let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
+        (
+            Subscriber::<Description>::new(&bus).expect("subscribed"),
+            Subscriber::<Estimate>::new(&bus).expect("subscribed"),
+        )
+    };
+    let (mut descriptions, mut estimates) = reader(&third);
+    machine.until(&mut descriptions, "the description, with the password", |_| true);
+    let refused = [reader(&site), reader(&other)];
+    for block in 1..5 {
+        machine.estimates.send(&estimate(block)).expect("sent");
+        next(&mut estimates, "an estimate, with the password", |_| true);
+    }
+    for (mut descriptions, mut estimates) in refused {
+        let count = descriptions.drain(|_| {}).expect("looked") + estimates.drain(|_| {}).expect("looked");
+        assert_eq!(count, 0, "nothing without the password");
+    }
+    assert!(!none.stderr().contains("is there") && !wrong.stderr().contains("is there"));
+    drop(right);
+}
+
+/// Inodes of the sockets of a process.
+fn sockets(pid: u32) -> BTreeSet<String> {
+    let links = std::fs::read_dir(format!("/proc/{pid}/fd"))
+        .expect("the process lives")
+        .flatten();
+    let targets = links.filter_map(|entry| std::fs::read_link(entry.path()).ok());
+    targets
+        .filter_map(|target| Some(target.to_str()?.strip_prefix("socket:[")?.strip_suffix(']')?.to_owned()))
+        .collect()
+}
+
+/// Local addresses of the sockets of a process in /proc/net/`table`.
+fn addresses(pid: u32, table: &str) -> Vec<String> {
+    let own = sockets(pid);
+    let text = std::fs::read_to_string(format!("/proc/net/{table}")).unwrap_or_default();
+    let fields = text
+        .lines()
+        .skip(1)
+        .map(|line| line.split_whitespace().collect::<Vec<_>>());
+    fields
+        .filter(|fields| own.contains(fields[9]))
+        .map(|fields| fields[1].to_owned())
+        .collect()
+}
+
+#[test]
+fn prop_only_the_loopback_interface_is_used_unless_told_otherwise() {
+    let site = Site::new();
+    let _machine = Machine::new(&site.near);
+    let at = endpoint();
+    let router = gateway(&["route", "--listen", &at]);
+    let out = site.out(&["--connect", &at]);
+    let inward = site.inward(&["--connect", &at]);
+    router.says("routes");
+    out.says("carries out");
+    inward.says("is there");
+    // 127.0.0.1 as /proc/net/tcp writes it.
+    let loopback = "0100007F:";
+    for process in [&router, &out, &inward] {
+        let tcp = addresses(process.pid(), "tcp");
+        assert!(
+            !tcp.is_empty() && tcp.iter().all(|address| address.starts_with(loopback)),
+            "{tcp:?}"
+        );
+        for table in ["tcp6", "udp", "udp6"] {
+            assert_eq!(
+                addresses(process.pid(), table),
+                Vec::<String>::new(),
+                "{table}: no scouting"
+            );
+        }
+    }
+}
+
+#[test]
+fn fault_garbage_on_the_network_is_left_out_and_told() {
+    let site = Site::new();
+    let at = endpoint();
+    let router = gateway(&["route", "--listen", &at]);
+    router.says("routes");
+    let inward = site.inward(&["--connect", &at, "--samples", "--max-robots", "1"]);
+    inward.says("carries in");
+    let session = stranger(&at);
+    let good_envelope = {
+        // Of schema 3, two joints, nine parameters.
+        let mut bytes = [0_u8; 40];
+        (bytes[0], bytes[4]) = (1, 3);
+        bytes[32..36].copy_from_slice(&[2, 2, 9, 1]);
+        bytes
+    };
+    let mut other_schema = good_envelope;
+    other_schema[4] = 99;
+    for round in 0..20_u8 {
+        for (payload, envelope) in [
+            (vec![], vec![]),
+            (vec![round; 100], good_envelope.to_vec()),
+            (vec![0, 1, 0, 0, 255, 255, 255, 255], good_envelope.to_vec()),
+            (vec![0; 100_000], other_schema.to_vec()),
+            (vec![0, 1, 0, 0], vec![255; 41]),
+        ] {
+            for topic in ["estimate", "sample", "description", "journal", "status", "nonsense"] {
+                let put = session.put(format!("thetabus/cell/arm/{topic}"), payload.clone());
+                put.attachment(envelope.clone())
+                    .congestion_control(CongestionControl::Block)
+                    .wait()
+                    .expect("put");
+            }
+        }
+        session
+            .put(format!("thetabus/cell/robot-{round}/estimate"), "too many")
+            .wait()
+            .expect("put");
+        session
+            .put("thetabus/CELL/arm/estimate", "no host")
+            .wait()
+            .expect("put");
+    }
+    inward.says("was left out");
+    inward.says("cannot come in: there are 1 already");
+    let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
+    let mut estimates = Subscriber::<Estimate>::new(&bus).expect("subscribed");
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(estimates.drain(|_| {}).expect("looked"), 0);
+    session.close().wait().expect("closed");
+    let (code, table, log) = inward.end();
+    assert_eq!(code.code(), Some(0), "{log}");
+    let [carried, _, _, left_out, _] = figures(&table, "thetabus/cell/arm/estimate");
+    assert_eq!((carried, left_out), (0, 100), "{table}");
+}
+
+#[test]
+fn fault_wrong_usage_is_told_with_what_to_do() {
+    let site = Site::new();
+    for (args, words) in [
+        (vec!["out", "--host", "Cell 1"], "[a-z0-9_-]"),
+        (vec!["out", "--robot", "no robot"], "[a-z0-9_-]"),
+        (vec!["in", "--from", "*"], "--host"),
+        (
+            vec!["route", "--config", "/nowhere/zenoh.json5"],
+            "/nowhere/zenoh.json5",
+        ),
+    ] {
+        let on = ["--domain", site.near.name()];
+        let args = if args[0] == "route" {
+            args
+        } else {
+            [&args[..], &on].concat()
+        };
+        let (code, _, log) = gateway(&args).wait();
+        assert_eq!(code.code(), Some(2), "{log}");
+        assert!(log.contains(words), "{log}");
+    }
+}
+
+/// The access control that docs/gateway.md shows.
+const SEE_ONLY: &str = r#"access_control: {
+    enabled: true, default_permission: "deny",
+    rules: [
+      { id: "see", permission: "allow", flows: ["ingress", "egress"], key_exprs: ["thetabus/**"],
+        messages: ["put", "delete", "declare_subscriber", "declare_queryable", "reply", "liveliness_token", "liveliness_query", "declare_liveliness_subscriber"] },
+      { id: "last", permission: "allow", flows: ["ingress", "egress"], key_exprs: ["thetabus/*/*/*"], messages: ["query"] },
+      { id: "command", permission: "deny", flows: ["ingress"], key_exprs: ["thetabus/*/*/control"], messages: ["query"] },
+    ],
+    subjects: [{ id: "viewer", usernames: ["viewer"] }],
+    policies: [{ rules: ["see", "last", "command"], subjects: ["viewer"] }],
+  },"#;
+
+#[test]
+fn fault_a_user_who_may_see_cannot_command() {
+    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/gateway.md");
+    let page = std::fs::read_to_string(page).expect("the page");
+    assert!(
+        page.contains(SEE_ONLY),
+        "docs/gateway.md shows another access control than the one that is tested"
+    );
+    let site = Site::new();
+    let mut machine = Machine::new(&site.near);
+    let mut server = ControlServer::new(&machine.bus).expect("served");
+    let users = site.file("users", "viewer:secret\n");
+    let guarded = format!(
+        "{{ transport: {{ auth: {{ usrpwd: {{ user: 'cell', password: 'x', dictionary_file: '{users}' }} }} }}, {SEE_ONLY} }}"
+    );
+    let at = endpoint();
+    let out = site.out(&["--listen", &at, "--config", &site.file("out.json5", &guarded)]);
+    out.says("carries out");
+    machine.estimates.send(&estimate(1)).expect("sent");
+    let _inward = site.inward(&[
+        "--connect",
+        &at,
+        "--config",
+        &site.file("in.json5", &user("viewer", "secret")),
+    ]);
+    let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
+    let mut descriptions = Subscriber::<Description>::new(&bus).expect("subscribed");
+    let mut estimates = Subscriber::<Estimate>::new(&bus).expect("subscribed");
+    machine.until(&mut descriptions, "the description", |_| true);
+    machine.until(&mut estimates, "the last estimate", |estimate| estimate.block == 1);
+    machine.estimates.send(&estimate(2)).expect("sent");
+    next(&mut estimates, "an estimate", |estimate| estimate.block == 2);
+    let client = eventually("a server of control", || ControlClient::new(&bus).ok());
+    let pending = client.begin(&Request::new(Command::Reset)).expect("asked");
+    let response = eventually("an answer", || {
+        assert_eq!(
+            server.serve(1, |_| Response::default()).expect("looked"),
+            0,
+            "nothing comes in"
+        );
+        client.look(&pending).expect("the gateway is there")
+    });
+    assert_eq!(response.code, response_code::FAILED, "{}", response.text());
+}

@@ -1,0 +1,192 @@
+//! Gateways that are killed, and started again.
+
+use crate::support::*;
+use std::collections::BTreeSet;
+use std::time::{Duration, Instant};
+use thetabus::bus::{Bus, SampleSubscriber, Subscriber};
+use thetabus::messages::Estimate;
+
+/// Sends samples at 1 kHz and an estimate every 50 of them until `is_done`; what came on the far side is in `come`.
+struct Flow {
+    machine: Machine,
+    samples: SampleSubscriber,
+    estimates: Subscriber<Estimate>,
+    start: Instant,
+    seq: u64,
+    come: Vec<u64>,
+    blocks: Vec<u64>,
+}
+
+impl Flow {
+    fn new(site: &Site) -> Self {
+        let machine = Machine::new(&site.near).with_samples();
+        let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
+        Self {
+            machine,
+            samples: SampleSubscriber::new(&bus).expect("subscribed"),
+            estimates: Subscriber::new(&bus).expect("subscribed"),
+            start: Instant::now(),
+            seq: 0,
+            come: Vec::new(),
+            blocks: Vec::new(),
+        }
+    }
+
+    fn until(&mut self, what: &str, mut is_done: impl FnMut(&Self) -> bool) {
+        let began = Instant::now();
+        while !is_done(self) {
+            assert!(began.elapsed() < WATCHDOG, "not within {WATCHDOG:?}: {what}");
+            self.machine.sample(self.seq);
+            self.seq += 1;
+            if self.seq.is_multiple_of(50) {
+                self.machine.tick();
+                self.machine.estimates.send(&estimate(self.seq / 50)).expect("sent");
+                self.samples.refresh().expect("connected");
+            }
+            self.receive();
+            std::thread::sleep(Duration::from_millis(self.seq).saturating_sub(self.start.elapsed()));
+        }
+    }
+
+    fn receive(&mut self) {
+        let (come, blocks) = (&mut self.come, &mut self.blocks);
+        self.samples
+            .drain(usize::MAX, |sample| come.push(sample.seq))
+            .expect("received");
+        self.estimates
+            .drain(|estimate| blocks.push(estimate.block))
+            .expect("received");
+    }
+
+    /// Waits until the last sample that was sent has come.
+    fn settle(&mut self) {
+        eventually("the last sample", || {
+            self.receive();
+            (self.come.last() == Some(&(self.seq - 1))).then_some(())
+        });
+    }
+
+    /// Samples missing between the first and the last that came.
+    fn missing(&self) -> u64 {
+        let (first, last) = (self.come[0], self.come[self.come.len() - 1]);
+        let different: BTreeSet<u64> = self.come.iter().copied().collect();
+        assert_eq!(different.len(), self.come.len(), "none comes twice");
+        assert!(self.come.is_sorted());
+        last - first + 1 - self.come.len() as u64
+    }
+}
+
+#[test]
+fn fault_an_out_gateway_killed_in_the_middle_resumes_and_its_losses_are_counted() {
+    let site = Site::new();
+    let mut flow = Flow::new(&site);
+    let at = endpoint();
+    let args = ["--listen", at.as_str(), "--samples"];
+    let out = site.out(&args);
+    let inward = site.inward(&["--connect", &at, "--samples"]);
+    flow.until("samples come", |flow| flow.come.len() > 500);
+    out.kill();
+    inward.says("its gateway has gone");
+    let before = flow.come.len();
+    flow.until("time without a gateway", |flow| flow.seq > 1500);
+    let out = site.out(&args);
+    flow.until("samples come again", |flow| flow.come.len() > before + 1000);
+    flow.settle();
+    let missing = flow.missing();
+    // Nobody carried what was sent while there was none, more than a tenth of a second.
+    assert!(missing > 100, "{missing}");
+    let (code, table, log) = inward.end();
+    assert!(code.success(), "{log}");
+    let [carried, lost, gaps, left_out, runs] = figures(&table, "thetabus/cell/arm/sample");
+    assert_eq!((gaps, left_out, runs), (missing, 0, 2), "{table}");
+    assert_eq!(
+        lost, 0,
+        "what the dead gateway had numbered last is not known to be lost: {table}"
+    );
+    assert_eq!(carried, flow.come.len() as u64);
+    // Estimates, too: each block that did not come is counted.
+    let [_, _, gaps, _, runs] = figures(&table, "thetabus/cell/arm/estimate");
+    let first_to_last = flow.blocks[flow.blocks.len() - 1] - flow.blocks[0] + 1;
+    let different: BTreeSet<u64> = flow.blocks.iter().copied().collect();
+    assert_eq!((gaps, runs), (first_to_last - different.len() as u64, 2), "{table}");
+    drop(out);
+}
+
+#[test]
+fn fault_an_in_gateway_killed_in_the_middle_resumes_and_readers_see_what_is_missing() {
+    let site = Site::new();
+    let mut flow = Flow::new(&site);
+    let at = endpoint();
+    let out = site.out(&["--listen", &at, "--samples"]);
+    let inward = site.inward(&["--connect", &at, "--samples"]);
+    flow.until("samples come", |flow| flow.come.len() > 500);
+    inward.kill();
+    let before = flow.come.len();
+    let seq = flow.seq;
+    flow.until("time without a gateway", |flow| flow.seq > seq + 500);
+    let inward = site.inward(&["--connect", &at, "--samples"]);
+    flow.until("samples come again", |flow| flow.come.len() > before + 1000);
+    flow.settle();
+    // At least those sent while nobody took them in, but for what the dead one had left on the bus.
+    assert!(flow.missing() > 100, "{}", flow.missing());
+    let (_, table, log) = inward.end();
+    let [_, lost, gaps, ..] = figures(&table, "thetabus/cell/arm/sample");
+    assert_eq!((lost, gaps), (0, 0), "the new one has lost nothing: {table}{log}");
+    let (code, table, log) = out.end();
+    assert!(code.success(), "{log}");
+    let [carried, _, gaps, ..] = figures(&table, "thetabus/cell/arm/sample");
+    assert!(carried >= flow.come.len() as u64 && gaps == 0, "{table}");
+}
+
+#[test]
+fn fault_a_router_killed_in_the_middle_is_found_again() {
+    let site = Site::new();
+    let mut flow = Flow::new(&site);
+    let at = endpoint();
+    let router = gateway(&["route", "--listen", &at]);
+    let _out = site.out(&["--connect", &at, "--samples"]);
+    let inward = site.inward(&["--connect", &at, "--samples"]);
+    flow.until("samples come", |flow| flow.come.len() > 500);
+    router.kill();
+    let (before, seq) = (flow.come.len(), flow.seq);
+    flow.until("time without a router", |flow| flow.seq > seq + 500);
+    let _router = gateway(&["route", "--listen", &at]);
+    flow.until("samples come again", |flow| flow.come.len() > before + 500);
+    flow.settle();
+    let (_, table, log) = inward.end();
+    let [_, lost, gaps, _, runs] = figures(&table, "thetabus/cell/arm/sample");
+    // The gateways have lived on, so both counts tell the same.
+    assert_eq!((lost, gaps, runs), (flow.missing(), flow.missing(), 1), "{table}{log}");
+    assert!(gaps > 100, "{table}");
+}
+
+#[test]
+fn fault_a_signal_ends_a_gateway_and_nothing_stays_behind() {
+    let site = Site::new();
+    let mut flow = Flow::new(&site);
+    let at = endpoint();
+    let out = site.out(&["--listen", &at, "--samples"]);
+    let inward = site.inward(&["--connect", &at, "--samples"]);
+    flow.until("samples come", |flow| flow.come.len() > 100);
+    for process in [inward, out] {
+        let (code, table, log) = process.end();
+        assert_eq!(code.code(), Some(0), "{log}");
+        assert!(table.contains("thetabus/cell/arm/sample"), "{table}");
+    }
+    // The reader and the machine are here; no other program is.
+    drop(flow);
+    for domain in [&site.near, &site.far] {
+        let report = thetabus::bus::inspect(domain).expect("inspected");
+        assert!(report.nodes.is_empty(), "{:?}", report.nodes);
+        assert!(
+            report.locks.iter().all(|lock| lock.holder.is_none()),
+            "{:?}",
+            report.locks
+        );
+        assert_eq!(report.memory.unused, 0, "{:?}", report.memory);
+    }
+    // One that has found nobody ends as readily.
+    let lonely = site.inward(&["--connect", &endpoint()]);
+    lonely.says("not connected");
+    assert_eq!(lonely.end().0.code(), Some(0));
+}

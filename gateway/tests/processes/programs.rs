@@ -1,0 +1,83 @@
+//! The programs that users have, on both sides of a gateway.
+
+use crate::support::*;
+use std::path::{Path, PathBuf};
+use thetabus::bus::{Bus, Subscriber};
+use thetabus::messages::{Description, Estimate};
+
+/// Where cargo puts programs of this build, or where `THETABUS_BIN` says.
+fn programs() -> PathBuf {
+    let test = std::env::current_exe().expect("this test");
+    let built = test.ancestors().nth(2).expect("target/release").to_owned();
+    std::env::var_os("THETABUS_BIN").map_or(built, PathBuf::from)
+}
+
+fn start(program: &str, args: &[&str], domain: &thetabus::bus::Domain) -> Process {
+    Process::start(
+        &programs().join(program),
+        &[args, &["--domain", domain.name()]].concat(),
+    )
+}
+
+#[test]
+fn e2e_ctl_and_monitor_work_on_the_other_host() {
+    let must = std::env::var("THETABUS_REQUIRE_PEERS").as_deref() == Ok("1");
+    let found = ["thetabus", "identifier", "plant_simulator"]
+        .iter()
+        .all(|name| programs().join(name).exists());
+    assert!(
+        found || !must,
+        "missing: thetabus, identifier and plant_simulator in {}",
+        programs().display()
+    );
+    if !found {
+        eprintln!("skipped: the programs are missing in {}", programs().display());
+        return;
+    }
+    let site = Site::new();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/cedro2022.toml");
+    let config = root.to_str().expect("UTF-8");
+    let quick = [
+        "--config",
+        config,
+        "--set",
+        "estimator.block_len=200",
+        "--set",
+        "plant.speed=1",
+    ];
+    let at = endpoint();
+    let _out = site.out(&["--listen", &at, "--samples"]);
+    let _inward = site.inward(&["--connect", &at, "--samples"]);
+    let _identifier = start("identifier", &quick, &site.near);
+    let _plant = start("plant_simulator", &quick, &site.near);
+
+    let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
+    let mut descriptions = Subscriber::<Description>::new(&bus).expect("subscribed");
+    let mut estimates = Subscriber::<Estimate>::new(&bus).expect("subscribed");
+    let description = next(&mut descriptions, "the description", |_| true);
+    assert_eq!(description.parameters().len(), 9);
+    next(&mut estimates, "the third estimate", |estimate| estimate.block >= 3);
+
+    let ctl = |args: &[&str]| {
+        let mut process = start("thetabus", &[&["ctl"], args].concat(), &site.far);
+        let (code, out, log) = process.wait();
+        (code.code(), format!("{out}{log}"))
+    };
+    let (code, text) = ctl(&["describe"]);
+    assert_eq!(code, Some(0), "{text}");
+    assert!(text.contains("theta_9"), "{text}");
+    let (code, text) = ctl(&["fix", "theta_3"]);
+    assert_eq!(code, Some(0), "{text}");
+    next(&mut estimates, "an estimate with theta_3 held", |estimate| {
+        estimate.fixed.contains(2)
+    });
+    let (code, text) = ctl(&["fix", "no_such_parameter"]);
+    assert!(code != Some(0) && text.contains("no_such_parameter"), "{text}");
+
+    let out_dir = site.dir.path().join("seen");
+    let out_dir = out_dir.to_str().expect("UTF-8");
+    let monitor = start("monitor", &["--config", config, "--out", out_dir], &site.far);
+    monitor.says("block");
+    let (code, _, log) = monitor.end();
+    assert!(code.success(), "{log}");
+}

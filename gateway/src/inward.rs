@@ -41,6 +41,8 @@ const AT_A_TIME: usize = 256;
 const SECOND_CHANCE: Duration = Duration::from_secs(2);
 /// The other gateway answers for the identifier within its own patience.
 const CONTROL_LIMIT: Duration = questions::PATIENCE.saturating_add(Duration::from_secs(1));
+/// Robots that were refused are remembered up to this number, whatever names the network makes up.
+const REFUSED: usize = 4096;
 /// Requests taken at a time.
 const REQUESTS_AT_A_TIME: usize = 8;
 
@@ -303,6 +305,9 @@ impl Guests<'_> {
                 return None;
             }
             let is_first = refused.is_none();
+            if self.refused.len() >= REFUSED {
+                self.refused.clear();
+            }
             match self.admit(host, robot) {
                 Ok(guest) => {
                     self.refused.remove(robot);
@@ -321,13 +326,11 @@ impl Guests<'_> {
         if guest.host == host {
             return Some(guest);
         }
-        let other = format!("{host}/{robot}");
-        if !self.refused.contains_key(&other) {
+        if self.refused.insert(format!("{host}/{robot}"), Instant::now()).is_none() {
             tracing::error!(
                 "robot {robot} comes from {} and from {host}; the second is left out: name one by --from, and bring the other into a domain of its own",
                 guest.host
             );
-            self.refused.insert(other, Instant::now());
         }
         None
     }

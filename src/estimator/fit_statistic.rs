@@ -6,7 +6,7 @@
 //! ```
 //!
 //! A plant that changes near the end of a block leaves its residuals in the last rows, where they drown in the mean over the block and are too few for the test
-//! of `change.rs` against what was known before. A change in the last tenth of a second shows only in the rows' short windows ([`Residuals::tail`]), each
+//! of `change.rs` against what was known before. A change in the last tenth of a second shows only in the windows that end with the block ([`Residuals::tail`]), each
 //! of which is one more test. Because the rows are whitened backwards, a sum over the last k of them is the cost of these windows alone.
 //!
 //! σ² is the variance that the user has specified (`noise_floor`, 1 for rows that are whitened by the sensors' noise), ν = ∞. If none was specified, it is the level that

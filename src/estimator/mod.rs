@@ -150,7 +150,7 @@ pub trait Residuals {
     fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
         self.row(equation, index, theta, regressor)
     }
-    /// Residual at θ of a short window at the very end of the block, in its standard deviations if the model and θ are right; `k` counts from 0.
+    /// Residual at θ of a window that ends with the block, in its standard deviations if the model and θ are right; `k` counts from 0.
     /// `None`, the default, if there is no such window. A plant that changes just before the block ends shows here first.
     fn tail(&self, _equation: usize, _k: usize, _theta: &[f64]) -> Option<f64> {
         None

@@ -20,32 +20,37 @@ pub(super) struct ErrorWeights<'a> {
     pub order: usize,
 }
 
+/// ∂g_d/∂q̇ of the terms that are linear in the velocity of a joint, which enter by way of the position.
+pub(super) fn linear_in_velocity(
+    polynomial: Option<&Polynomial>,
+    joint: usize,
+    velocity: bool,
+    theta: &[f64],
+) -> [f64; MAX_ORDER + 1] {
+    let mut linear = [0.0; MAX_ORDER + 1];
+    if let (true, Some(polynomial)) = (velocity, polynomial) {
+        for term in polynomial.velocity.iter().filter(|term| term.joint == joint) {
+            linear[term.derivative] += polynomial.monomials[term.monomial].value(theta) * term.coefficient;
+        }
+    }
+    linear
+}
+
+/// The slopes of the nonlinear terms; a kink or a pole of the model must not spoil the weights.
+pub(super) fn nonlinear(mut slopes: [f64; MAX_ORDER + 1], linear: &[f64; MAX_ORDER + 1]) -> [f64; MAX_ORDER + 1] {
+    for (slope, linear) in slopes.iter_mut().zip(linear) {
+        *slope = if slope.is_finite() { *slope - linear } else { 0.0 };
+    }
+    slopes
+}
+
 impl ErrorWeights<'_> {
     /// Positions per joint that a row depends on.
     pub fn support(&self) -> usize {
         2 * (self.kernels.half + self.velocity_weights.len() / 2) + 1
     }
 
-    /// ∂g_d/∂q̇ of the terms that are linear in the velocity of a joint, which enter by way of the position.
-    pub fn linear_in_velocity(&self, joint: usize, velocity: bool, theta: &[f64]) -> [f64; MAX_ORDER + 1] {
-        let mut linear = [0.0; MAX_ORDER + 1];
-        if let (true, Some(polynomial)) = (velocity, self.polynomial) {
-            for term in polynomial.velocity.iter().filter(|term| term.joint == joint) {
-                linear[term.derivative] += polynomial.monomials[term.monomial].value(theta) * term.coefficient;
-            }
-        }
-        linear
-    }
-
-    /// The slopes of the nonlinear terms; a kink or a pole of the model must not spoil the weights.
-    pub fn nonlinear(mut slopes: [f64; MAX_ORDER + 1], linear: &[f64; MAX_ORDER + 1]) -> [f64; MAX_ORDER + 1] {
-        for (slope, linear) in slopes.iter_mut().zip(linear) {
-            *slope = if slope.is_finite() { *slope - linear } else { 0.0 };
-        }
-        slopes
-    }
-
-    /// Writes c, joint after joint. `slopes(joint, velocity, k)` are [the nonlinear ones](Self::nonlinear) at sample k of the window.
+    /// Writes c, joint after joint. `slopes(joint, velocity, k)` are [the nonlinear ones](nonlinear) at sample k of the window.
     pub fn write(&self, theta: &[f64], slopes: impl Fn(usize, bool, usize) -> [f64; MAX_ORDER + 1], c: &mut [f64]) {
         let (kernels, support) = (self.kernels, self.support());
         let velocity_half = self.velocity_weights.len() / 2;

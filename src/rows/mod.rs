@@ -2,6 +2,7 @@
 
 mod advice;
 mod auto_window;
+mod end_kernel;
 mod error_weights;
 mod form;
 mod intake;

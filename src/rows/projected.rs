@@ -41,7 +41,7 @@
 //! Before the first estimate θ is not known well enough for R: the first blocks are fitted once with the R known so far, then R is made anew, until every
 //! parameter is known to a half. What is not yet keeps its start value in R: a joint that has not moved may have any inertia, but not any noise.
 
-use super::error_weights::ErrorWeights;
+use super::error_weights::{ErrorWeights, linear_in_velocity, nonlinear};
 use super::intake::{BRIDGED, GridSample, Intake};
 use super::kernel::{InputTiming, Kernels, dot};
 use super::noise::SignalNoise;
@@ -1015,7 +1015,7 @@ impl<P: Plant> Core<P> {
         self.look_at_end(theta);
     }
 
-    /// Projects the short windows at the end of the block.
+    /// Projects the windows that end with the block.
     fn look_at_end(&mut self, theta: &[f64]) {
         if self.delay.is_some() {
             return;
@@ -1033,6 +1033,7 @@ impl<P: Plant> Core<P> {
             surplus: &self.surplus,
             samples: self.segment..self.len,
             input_std: std::array::from_fn(|joint| self.noise.deviations(joint)[1]),
+            mended: self.repair.touched(),
         };
         self.tail.project(&end, theta);
     }
@@ -1186,15 +1187,9 @@ impl<P: Plant> Core<P> {
         };
         let span = first.centre - self.kernels.half..last.centre + self.kernels.half + 1;
         let joints = self.q.len();
-        let weights = ErrorWeights {
-            kernels: &self.kernels,
-            velocity_weights: &self.velocity_weights,
-            polynomial: self.separation.equations[e].as_ref(),
-            sensitivity: &self.separation.sensitivities[e],
-            order: self.plant.equations()[e].order,
-        };
+        let polynomial = self.separation.equations[e].as_ref();
         for (joint, velocity) in self.separation.sensitivities[e].kinds() {
-            let linear = weights.linear_in_velocity(joint, velocity, theta);
+            let linear = linear_in_velocity(polynomial, joint, velocity, theta);
             for at in span.clone() {
                 let mut q = [0.0; MAX_JOINTS];
                 let mut dq = [0.0; MAX_JOINTS];
@@ -1202,7 +1197,7 @@ impl<P: Plant> Core<P> {
                     (q[j], dq[j]) = (self.q[j][at], self.dq[j][at]);
                 }
                 let slopes = partials(&self.plant, e, &q, &dq, theta, joint, velocity);
-                self.partials[2 * joint + usize::from(velocity)][at] = ErrorWeights::nonlinear(slopes, &linear);
+                self.partials[2 * joint + usize::from(velocity)][at] = nonlinear(slopes, &linear);
             }
         }
     }

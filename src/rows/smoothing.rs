@@ -19,6 +19,11 @@ pub fn one_sided(past: usize, order: usize, derivative: usize) -> Option<Vec<f64
     weights(past + 1, past, past, order, derivative)
 }
 
+/// Weights of samples −`half`..=`half` that give the `derivative`-th derivative of the same polynomial `ahead` samples after the centre, `ahead` ≤ `half`.
+pub(super) fn beyond(half: usize, order: usize, derivative: usize, ahead: usize) -> Option<Vec<f64>> {
+    weights(2 * half + 1, half + ahead, half, order, derivative)
+}
+
 /// Least squares polynomial through `count` samples, differentiated at sample `at`, with the abscissa in units of `half` samples.
 fn weights(count: usize, at: usize, half: usize, order: usize, derivative: usize) -> Option<Vec<f64>> {
     if half == 0 || derivative > order || order >= count {

@@ -1,33 +1,46 @@
-//! Short windows at the end of a block: what the last regular windows cannot see yet.
+//! Windows that end with the last sample of a block: what the regular windows cannot see yet.
 //!
 //! ```text
-//! f_k(θ) = s ∫ψ_k u − Σ_d (−1)^d ∫ψ_k^(d) g_d(q, q̇; θ)        ψ_k: W/2, W/4, W/8 to either side instead of W
+//! f_k(θ) = s ∫ψ_k u − Σ_d (−1)^d ∫ψ_k^(d) g_d(q, q̇; θ)        ψ_k of `end_kernel.rs`: 3/2, 1, 1/2 and 1/4 of a regular window
 //! var f_k = Σ c_k² σ_q² + s² σ_u² Σ w_k² + what jumps and repaired inputs add
 //! ```
 //!
-//! A window weights its middle, so a plant that changes some 80 ms before a block ends shows in none of them. Short windows are too noisy to estimate
-//! from, but a residual of many of their standard deviations tells that the block's estimate no longer holds at its end. They end at the last
-//! sample that has a velocity and serve the fit statistic only (`estimator/fit_statistic.rs`).
+//! A regular window weights its middle, so a plant that changes some 80 ms before a block ends shows in none of them. These windows look at the end. The
+//! velocities of the last samples, which have no neighbours behind them, are those of the polynomial that is fitted to the last samples. What that costs in noise is part of the
+//! variance. The windows are too few to estimate from, but a residual of many of their standard deviations tells that the block's estimate no longer
+//! holds at its end. They serve the fit statistic only (`estimator/fit_statistic.rs`).
 
-use super::error_weights::ErrorWeights;
-use super::kernel::{InputTiming, Kernels, dot};
+use super::end_kernel::EndKernels;
+use super::error_weights::{linear_in_velocity, nonlinear};
+use super::kernel::{InputTiming, dot};
 use super::separation::{MAX_ORDER, Separation, partials};
+use super::smoothing::beyond;
 use crate::model::{MAX_JOINTS, Plant};
 
 /// Windows per equation.
-pub(super) const COUNT: usize = 3;
-/// The shortest half width in samples.
-const SHORTEST: usize = 8;
+pub(super) const COUNT: usize = 4;
+/// The fewest intervals of a window.
+const SHORTEST: usize = 16;
+/// Samples at the end that cannot be told from spikes yet, in a block that has some.
+const UNSURE: usize = 5;
 
-/// The short windows of a block.
+/// The windows at the end of a block.
 #[derive(Debug, Clone)]
 pub(super) struct Tail {
-    kernels: Vec<Kernels>,
+    kernels: Vec<EndKernels>,
+    /// Samples of the longest window, and of either side of the velocity filter.
+    longest: usize,
+    velocity_half: usize,
+    /// Weights of the last 2 `velocity_half` + 1 positions for the velocity 1, 2, … samples behind their middle.
+    last_velocities: Vec<Vec<f64>>,
     /// Y₀ times the input's scale and the factors of the monomials \[equation\]\[window\].
     input: Vec<[f64; COUNT]>,
     factors: Vec<Vec<[f64; COUNT]>>,
     /// Variance of each residual; 0 if the window says nothing.
     variance: Vec<[f64; COUNT]>,
+    // velocities and features of the last samples
+    dq: Vec<Vec<f64>>,
+    features: Vec<Vec<f64>>,
     // scratch
     weights: Vec<f64>,
     slopes: Vec<[f64; MAX_ORDER + 1]>,
@@ -49,6 +62,8 @@ pub(super) struct Ending<'a, P> {
     pub samples: std::ops::Range<usize>,
     /// Standard deviation of each input.
     pub input_std: [f64; MAX_JOINTS],
+    /// The block has samples that were wrong or lost.
+    pub mended: bool,
 }
 
 impl Tail {
@@ -59,20 +74,29 @@ impl Tail {
         (period_s, timing, delay_s): (f64, InputTiming, f64),
         order: usize,
     ) -> Self {
-        let kernels: Vec<Kernels> = [2, 4, 8]
-            .map(|part| Kernels::new((half / part).max(SHORTEST), period_s, order, timing, delay_s))
+        let kernels: Vec<EndKernels> = [3 * half, 2 * half, half, half / 2]
+            .map(|intervals| EndKernels::new(intervals.max(SHORTEST) + 1, period_s, order, timing, delay_s))
             .into();
         let equations = separation.equations.len();
-        let widest = kernels[0].half + velocity_half;
+        let longest = kernels[0].count.max(2 * velocity_half + 1);
+        let last_velocities = (1..=velocity_half)
+            .filter_map(|ahead| beyond(velocity_half, 5, 1, ahead))
+            .map(|weights| weights.into_iter().map(|w| w / period_s).collect())
+            .collect();
         Self {
             input: vec![[0.0; COUNT]; equations],
             factors: (0..equations)
                 .map(|e| vec![[0.0; COUNT]; separation.equations[e].as_ref().map_or(0, |p| p.monomials.len())])
                 .collect(),
             variance: vec![[0.0; COUNT]; equations],
-            weights: vec![0.0; (2 * widest + 1) * joints],
-            slopes: vec![[0.0; MAX_ORDER + 1]; (2 * kernels[0].half + 1) * 2 * joints],
+            dq: vec![vec![0.0; longest]; joints],
+            features: vec![vec![0.0; longest]; separation.features],
+            weights: vec![0.0; (longest + velocity_half) * joints],
+            slopes: vec![[0.0; MAX_ORDER + 1]; longest * 2 * joints],
             kernels,
+            longest,
+            velocity_half,
+            last_velocities,
         }
     }
 
@@ -84,65 +108,160 @@ impl Tail {
     /// Projects the end of a block; θ is that of the weights.
     pub fn project<P: Plant>(&mut self, end: &Ending<'_, P>, theta: &[f64]) {
         self.clear();
-        let Self {
-            kernels,
-            input: moments,
-            factors,
-            variance: variances,
-            weights,
-            slopes,
-        } = self;
-        let velocity_half = end.velocity_weights.len() / 2;
-        for e in 0..moments.len() {
-            let form = &end.plant.equations()[e];
-            let Some(polynomial) = &end.separation.equations[e] else {
-                continue;
-            };
-            let (input, scale) = (form.input, form.input_scale);
-            for k in 0..COUNT {
-                let kernels = &kernels[k];
-                let reach = kernels.half + velocity_half;
-                let span = 2 * reach.max(kernels.input_half) + 1;
-                if end.samples.len() <= span + 5 {
-                    continue;
+        let spare = if end.mended { UNSURE } else { 0 };
+        let late = self.kernels.iter().map(|k| k.after).max().unwrap_or(0);
+        // the windows end before this buffer position
+        let stop = end.samples.end.saturating_sub(spare + late);
+        let reach = self.longest + self.velocity_half + self.kernels[0].before;
+        if stop < end.samples.start + reach {
+            return;
+        }
+        self.sense(end, stop);
+        for e in 0..self.input.len() {
+            if end.separation.equations[e].is_some() {
+                self.differentiate(end, e, stop, theta);
+                for k in 0..COUNT {
+                    self.project_window(end, e, k, stop, theta);
                 }
-                let centre = end.samples.end - 1 - reach.max(kernels.input_half);
-                let from = centre - kernels.input_half;
-                let u = &end.u[input][from..=centre + kernels.input_half];
-                let within = |jumps: &[(usize, f64)], weights: &[f64], add: &mut dyn FnMut(f64, f64)| {
-                    for &(at, value) in jumps {
-                        if let Some(weight) = at.checked_sub(from).and_then(|i| weights.get(i)) {
-                            add(*weight, value);
-                        }
-                    }
-                };
-                let mut moment = dot(&kernels.input[0], u);
-                let mut variance = end.input_std[input].powi(2) * dot(&kernels.input[0], &kernels.input[0]);
-                within(&end.jumps[input], &kernels.jump[0], &mut |weight, size| {
-                    moment += weight * size;
-                    variance += weight * weight * (5.0 * end.input_std[input].powi(2) + 1e-6 * size * size);
-                });
-                within(&end.surplus[input], &kernels.input[0], &mut |weight, more| {
-                    variance += weight * weight * more;
-                });
-                moments[e][k] = scale * moment;
-                let samples = centre - kernels.half..centre + kernels.half + 1;
-                for factor in &mut factors[e] {
-                    factor[k] = 0.0;
-                }
-                for term in &polynomial.velocity {
-                    let weights = &kernels.position[term.derivative + 1];
-                    let q = &end.q[term.joint][samples.clone()];
-                    factors[e][term.monomial][k] += term.coefficient * dot(weights, q);
-                }
-                for term in &polynomial.features {
-                    let feature = &end.features[term.feature][samples.clone()];
-                    factors[e][term.monomial][k] += dot(&kernels.position[term.derivative], feature);
-                }
-                let positions = position_variance(end, e, kernels, centre, theta, (weights, slopes));
-                variances[e][k] = scale * scale * variance + positions;
             }
         }
+    }
+
+    /// Velocities and features of the samples before `stop`.
+    fn sense<P: Plant>(&mut self, end: &Ending<'_, P>, stop: usize) {
+        let first = stop - self.longest;
+        let known = self.longest - self.velocity_half;
+        for (own, all) in self.dq.iter_mut().zip(end.dq) {
+            own[..known].copy_from_slice(&all[first..first + known]);
+        }
+        for (own, all) in self.features.iter_mut().zip(end.features) {
+            own[..known].copy_from_slice(&all[first..first + known]);
+        }
+        let around = stop - 2 * self.velocity_half - 1..stop;
+        for (i, weights) in (known..self.longest).zip(&self.last_velocities) {
+            let mut q = [0.0; MAX_JOINTS];
+            let mut dq = [0.0; MAX_JOINTS];
+            for joint in 0..end.q.len() {
+                q[joint] = end.q[joint][first + i];
+                dq[joint] = dot(weights, &end.q[joint][around.clone()]);
+                self.dq[joint][i] = dq[joint];
+            }
+            let features = &mut self.features;
+            end.separation
+                .extract(end.plant, &q, &dq, |feature, value| features[feature][i] = value);
+        }
+    }
+
+    /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at these samples.
+    fn differentiate<P: Plant>(&mut self, end: &Ending<'_, P>, e: usize, stop: usize, theta: &[f64]) {
+        let first = stop - self.longest;
+        for (joint, velocity) in end.separation.sensitivities[e].kinds() {
+            let linear = linear_in_velocity(end.separation.equations[e].as_ref(), joint, velocity, theta);
+            for i in 0..self.longest {
+                let mut q = [0.0; MAX_JOINTS];
+                let mut dq = [0.0; MAX_JOINTS];
+                for j in 0..end.q.len() {
+                    (q[j], dq[j]) = (end.q[j][first + i], self.dq[j][i]);
+                }
+                let all = partials(end.plant, e, &q, &dq, theta, joint, velocity);
+                self.slopes[(2 * joint + usize::from(velocity)) * self.longest + i] = nonlinear(all, &linear);
+            }
+        }
+    }
+
+    fn project_window<P: Plant>(&mut self, end: &Ending<'_, P>, e: usize, k: usize, stop: usize, theta: &[f64]) {
+        let Some(polynomial) = &end.separation.equations[e] else {
+            return;
+        };
+        let kernels = &self.kernels[k];
+        let form = &end.plant.equations()[e];
+        let (input, scale) = (form.input, form.input_scale);
+        let first = stop - kernels.count;
+        let from = first - kernels.before;
+        let u = &end.u[input][from..stop + kernels.after];
+        let within = |jumps: &[(usize, f64)], weights: &[f64], add: &mut dyn FnMut(f64, f64)| {
+            for &(at, value) in jumps {
+                if let Some(weight) = at.checked_sub(from).and_then(|i| weights.get(i)) {
+                    add(*weight, value);
+                }
+            }
+        };
+        let own = end.input_std[input].powi(2);
+        let mut moment = dot(&kernels.input, u);
+        let mut variance = own * dot(&kernels.input, &kernels.input);
+        within(&end.jumps[input], &kernels.jump, &mut |weight, size| {
+            moment += weight * size;
+            variance += weight * weight * (5.0 * own + 1e-6 * size * size);
+        });
+        within(&end.surplus[input], &kernels.input, &mut |weight, more| {
+            variance += weight * weight * more;
+        });
+        self.input[e][k] = scale * moment;
+        let factors = &mut self.factors[e];
+        factors.iter_mut().for_each(|factor| factor[k] = 0.0);
+        for term in &polynomial.velocity {
+            let q = &end.q[term.joint][first..stop];
+            factors[term.monomial][k] += term.coefficient * dot(&kernels.position[term.derivative + 1], q);
+        }
+        for term in &polynomial.features {
+            let feature = &self.features[term.feature][self.longest - kernels.count..];
+            factors[term.monomial][k] += dot(&kernels.position[term.derivative], feature);
+        }
+        let variance = scale * scale * variance + self.position_variance(end, e, k, stop, theta);
+        self.variance[e][k] = variance;
+    }
+
+    /// Σ c² σ_q² of one window, c = −∂f/∂q as in `error_weights.rs`.
+    fn position_variance<P: Plant>(
+        &mut self,
+        end: &Ending<'_, P>,
+        e: usize,
+        k: usize,
+        stop: usize,
+        theta: &[f64],
+    ) -> f64 {
+        let (kernels, half, longest) = (&self.kernels[k], self.velocity_half, self.longest);
+        let order = end.plant.equations()[e].order;
+        let support = longest + half;
+        let skipped = longest - kernels.count;
+        let c = &mut self.weights;
+        c.fill(0.0);
+        if let Some(polynomial) = &end.separation.equations[e] {
+            for term in &polynomial.velocity {
+                let factor = polynomial.monomials[term.monomial].value(theta) * term.coefficient;
+                let own = &mut c[term.joint * support + half + skipped..(term.joint + 1) * support];
+                for (c, weight) in own.iter_mut().zip(&kernels.position[term.derivative + 1]) {
+                    *c += factor * weight;
+                }
+            }
+        }
+        for (joint, velocity) in end.separation.sensitivities[e].kinds() {
+            let own = &mut c[joint * support..(joint + 1) * support];
+            let slopes = &self.slopes[(2 * joint + usize::from(velocity)) * longest..];
+            for i in skipped..longest {
+                let at: f64 = (0..=order)
+                    .map(|d| kernels.position[d][i - skipped] * slopes[i][d])
+                    .sum();
+                if !velocity {
+                    own[half + i] += at;
+                    continue;
+                }
+                // the transposed velocity filter
+                let (from, weights) = match i.checked_sub(longest - half) {
+                    Some(ahead) => (support - 2 * half - 1, &self.last_velocities[ahead][..]),
+                    None => (i, end.velocity_weights),
+                };
+                for (c, weight) in own[from..].iter_mut().zip(weights) {
+                    *c += weight * at;
+                }
+            }
+        }
+        let mut variance = 0.0;
+        for (joint, c) in c.chunks_exact(support).enumerate() {
+            let std = &end.q_std[joint][stop - support..stop];
+            variance += c.iter().zip(std).map(|(c, s)| (c * s).powi(2)).sum::<f64>();
+        }
+        variance
     }
 
     /// Residual of window k at θ in its standard deviations; `None` if the window says nothing.
@@ -160,52 +279,4 @@ impl Tail {
             .sum();
         Some((self.input[e][k] - explained) / variance.sqrt())
     }
-}
-
-/// Σ c² σ_q² of one window.
-fn position_variance<P: Plant>(
-    end: &Ending<'_, P>,
-    e: usize,
-    kernels: &Kernels,
-    centre: usize,
-    theta: &[f64],
-    (room, slopes): (&mut [f64], &mut [[f64; MAX_ORDER + 1]]),
-) -> f64 {
-    let (joints, length) = (end.q.len(), 2 * kernels.half + 1);
-    let sensitivity = &end.separation.sensitivities[e];
-    let polynomial = end.separation.equations[e].as_ref();
-    let weights = ErrorWeights {
-        kernels,
-        velocity_weights: end.velocity_weights,
-        polynomial,
-        sensitivity,
-        order: end.plant.equations()[e].order,
-    };
-    let first = centre - kernels.half;
-    for (joint, velocity) in sensitivity.kinds() {
-        let linear = weights.linear_in_velocity(joint, velocity, theta);
-        for i in 0..length {
-            let mut q = [0.0; MAX_JOINTS];
-            let mut dq = [0.0; MAX_JOINTS];
-            for j in 0..joints {
-                (q[j], dq[j]) = (end.q[j][first + i], end.dq[j][first + i]);
-            }
-            let all = partials(end.plant, e, &q, &dq, theta, joint, velocity);
-            slopes[(2 * joint + usize::from(velocity)) * length + i] = ErrorWeights::nonlinear(all, &linear);
-        }
-    }
-    let support = weights.support();
-    let c = &mut room[..support * joints];
-    weights.write(
-        theta,
-        |joint, velocity, i| slopes[(2 * joint + usize::from(velocity)) * length + i],
-        c,
-    );
-    let start = first - end.velocity_weights.len() / 2;
-    let mut variance = 0.0;
-    for (joint, c) in c.chunks_exact(support).enumerate() {
-        let std = &end.q_std[joint][start..start + support];
-        variance += c.iter().zip(std).map(|(c, s)| (c * s).powi(2)).sum::<f64>();
-    }
-    variance
 }

@@ -373,6 +373,10 @@ impl DerivedQuantity {
     }
 }
 
+/// Standard deviation of a parameter, relative to it, up to which the delta method holds for what is made of it: a quotient is then off by a twentieth of its
+/// own deviation.
+const LINEAR: f64 = 0.05;
+
 /// Values that follow from θ̂, with their standard deviations.
 pub trait DerivedValues {
     /// Names and units, at most [`MAX_DERIVED`](crate::messages::MAX_DERIVED).
@@ -382,13 +386,17 @@ pub trait DerivedValues {
 
     /// One value and its standard deviation by the delta method, √(∇ᵀ P ∇).
     ///
-    /// `covariance(i, j)` is the covariance P of θ̂. The deviation is `NaN` where P is not finite.
+    /// `covariance(i, j)` is the covariance P of θ̂. The deviation is `NaN`, not known, where P is not finite, and if a parameter that the value is made of has a
+    /// standard deviation of more than a twentieth of its size: first order says nothing about a quotient whose denominator may be anything.
     fn value_and_std(&self, index: usize, theta: &[f64], covariance: &dyn Fn(usize, usize) -> f64) -> (f64, f64) {
         let mut gradient = [0.0; MAX_PARAMS];
         let gradient = &mut gradient[..theta.len()];
         let value = self.value_and_gradient(index, theta, gradient);
         let mut variance = 0.0;
         for (i, &d_i) in gradient.iter().enumerate().filter(|(_, d)| **d != 0.0) {
+            if covariance(i, i) > LINEAR * LINEAR * theta[i] * theta[i] {
+                return (value, f64::NAN);
+            }
             for (j, &d_j) in gradient.iter().enumerate().filter(|(_, d)| **d != 0.0) {
                 variance += d_i * covariance(i, j) * d_j;
             }

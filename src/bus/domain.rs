@@ -156,6 +156,17 @@ impl Domain {
         &self.prefix
     }
 
+    /// What a program of iceoryx2 itself needs in its configuration file to see this domain, the `iox2` command line for instance: TOML for
+    /// `config/iceoryx2.toml` below the directory that it is started in.
+    pub fn iceoryx2_toml(&self) -> String {
+        // A TOML string escapes what a Rust string escapes; names of domains need none of it.
+        format!(
+            "[global]\nroot-path = {:?}\nprefix = {:?}\n",
+            self.root.display().to_string(),
+            self.prefix
+        )
+    }
+
     /// Creates the root directory, for this user alone; refuses one that others own or may enter.
     pub(super) fn create_root(&self) -> Result<(), BusError> {
         let created = std::fs::DirBuilder::new()
@@ -238,6 +249,17 @@ mod tests {
             .expect_err("must be refused")
             .to_string();
         assert!(error.contains("107") && error.contains("default"), "{error}");
+    }
+
+    #[test]
+    fn val_iceoryx2_reads_the_domain_out_of_its_own_file() {
+        let domain = Domain::below("left-arm", Some(Path::new("/run/user/1000"))).expect("valid");
+        let mut file = tempfile::NamedTempFile::new().expect("a file");
+        std::io::Write::write_all(&mut file, domain.iceoryx2_toml().as_bytes()).expect("written");
+        let path = file.path().to_str().expect("UTF-8");
+        let path = iceoryx2::prelude::FilePath::new(path.as_bytes()).expect("a path");
+        let read = Config::from_file(&path).expect("a configuration");
+        assert_eq!(read, domain.config().expect("a configuration"));
     }
 
     #[test]

@@ -202,7 +202,10 @@ mod tests {
                     .map(|(k, w)| w * k as f64 * 1e-3)
                     .sum();
                 let held = if timing == InputTiming::Held { 0.5e-3 } else { 0.0 };
-                assert!((got - (middle - delay_s - held)).abs() < 1e-8, "{timing:?} {delay_s}: {got}");
+                assert!(
+                    (got - (middle - delay_s - held)).abs() < 1e-8,
+                    "{timing:?} {delay_s}: {got}"
+                );
             }
         }
     }

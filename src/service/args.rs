@@ -489,6 +489,9 @@ pub struct DoctorArgs {
     /// Remove what is dead and only that
     #[arg(long)]
     pub clean: bool,
+    /// Print what iceoryx2's own tools need to see the domain: put it into config/iceoryx2.toml and start `iox2` beside
+    #[arg(long, requires = "domain", conflicts_with = "clean")]
+    pub iox2: bool,
     /// Form of the report on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,

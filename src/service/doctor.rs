@@ -14,6 +14,10 @@ pub fn run(args: &DoctorArgs) -> Result<Exit, Failure> {
         Some(name) => vec![Domain::new(name)?],
         None => domains(),
     };
+    if let (true, [domain]) = (args.iox2, &chosen[..]) {
+        logging::result(domain.iceoryx2_toml().trim_end())?;
+        return Ok(Exit::Done);
+    }
     let mut reports = Vec::new();
     let mut removed = Vec::new();
     for domain in chosen {

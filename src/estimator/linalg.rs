@@ -205,6 +205,16 @@ impl Cholesky {
         (0..n).map(|i| 2.0 * (self.lower[i * n + i] / self.scale[i]).ln()).sum()
     }
 
+    /// x ← F⁻¹ x with A = F Fᵀ: half of [`solve`](Self::solve), so that yᵀ A⁻¹ x is the product of two halves.
+    #[cfg(feature = "robot")]
+    pub fn solve_half(&self, x: &mut [f64]) {
+        let n = self.n;
+        for i in 0..n {
+            let v = x[i] * self.scale[i] - dot(&self.lower[i * n..i * n + i], &x[..i]);
+            x[i] = v / self.lower[i * n + i];
+        }
+    }
+
     /// x ← A⁻¹ x.
     pub fn solve(&self, x: &mut [f64]) {
         let n = self.n;

@@ -6,8 +6,12 @@
 //! δ ~ N(0, Λ⁻¹),  x ~ N(0, R):   L_E = ½ hᵀ H⁻¹ h − ½ ln det H − ½ ln det R                      (1)
 //! H = [Λ + A, A E; Eᵀ A, Eᵀ A E + R⁻¹],   h = (g, Eᵀ g)
 //! gain_E = L_E − L_0                         ln of the Bayes factor against "nothing has changed" (2)
+//!        = ½ sᵀ S⁻¹ s − ½ ln det S − ½ ln det R,   S = Eᵀ A E + R⁻¹ − Wᵀ W,   s = Eᵀ g − Wᵀ y        (2')
+//! Λ + A = F Fᵀ,   W = F⁻¹ A E,   y = F⁻¹ g
 //! t_c = argmin Σ_{t < t_c} ‖r(θ)‖² + Σ_{t ≥ t_c} ‖r(θ')‖²                                         (3)
 //! ```
+//!
+//! (2') is (2) by the Schur complement: F is found once for everything that may have changed.
 //!
 //! E is M of [`payload`](super::payload) for a payload and picks columns for friction. (1) weighs how much each of them explains against how much it
 //! could explain anyway: the offsets of friction can imitate a weight for a second, but have no reason to do so at all joints at once in the proportion of one
@@ -17,7 +21,7 @@
 use super::information::Information;
 use super::payload::Payload;
 use super::spatial::BODY_PARAMETERS;
-use crate::estimator::linalg::Cholesky;
+use crate::estimator::linalg::{Cholesky, dot};
 
 /// What has changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,6 +63,13 @@ pub(super) struct Evidence {
     rhs: Vec<f64>,
     columns: Vec<f64>,
     free: Vec<usize>,
+    /// F of (2') with W by columns, y, S and s.
+    base: Cholesky,
+    small: Cholesky,
+    w: Vec<f64>,
+    y: Vec<f64>,
+    s: Vec<f64>,
+    moved: Vec<f64>,
     /// δ over all parameters, after [`weigh`](Self::weigh).
     pub delta: Vec<f64>,
     /// x.
@@ -76,9 +87,69 @@ impl Evidence {
             rhs: vec![0.0; m],
             columns: vec![0.0; n * extra],
             free: Vec::with_capacity(n),
+            base: Cholesky::new(n),
+            small: Cholesky::new(extra),
+            w: vec![0.0; n * extra],
+            y: vec![0.0; n],
+            s: vec![0.0; extra * extra],
+            moved: vec![0.0; extra],
             delta: vec![0.0; n],
             extra: vec![0.0; extra],
         }
+    }
+
+    /// F and y of (2'); `known` is Λ, `data` holds A and g at the estimate of it. False if rounding has spoilt Λ + A.
+    pub fn begin(&mut self, known: &Information, data: &Information, fixed: &[bool]) -> bool {
+        let n = known.n;
+        self.free.clear();
+        self.free.extend((0..n).filter(|i| !fixed[*i]));
+        let f = self.free.len();
+        for (r, &i) in self.free.iter().enumerate() {
+            for (c, &j) in self.free.iter().enumerate() {
+                self.a[r * f + c] = known.matrix[i * n + j] + data.matrix[i * n + j];
+            }
+            self.y[r] = data.vector[i];
+        }
+        if f == 0 || !self.base.factor(f, &self.a[..f * f]) {
+            return false;
+        }
+        self.base.solve_half(&mut self.y[..f]);
+        true
+    }
+
+    /// (2') after [`begin`](Self::begin) with the same `data`; `None` if rounding has spoilt S.
+    pub fn gain(&mut self, data: &Information, extra: Extra<'_>) -> Option<f64> {
+        let (n, f, k) = (data.n, self.free.len(), extra.len());
+        for i in 0..n {
+            for e in 0..k {
+                self.columns[i * k + e] = extra.product(&data.matrix[i * n..(i + 1) * n], e); // A E
+            }
+        }
+        for e in 0..k {
+            let w = &mut self.w[e * f..(e + 1) * f];
+            for (w, &i) in w.iter_mut().zip(&self.free) {
+                *w = self.columns[i * k + e];
+            }
+            self.base.solve_half(w);
+        }
+        let mut spread = 0.0;
+        for e in 0..k {
+            let w = &self.w[e * f..(e + 1) * f];
+            for d in 0..=e {
+                let entry = extra.product_of(&self.columns, k, d, e) - dot(w, &self.w[d * f..(d + 1) * f]); // (2')
+                self.s[d * k + e] = entry;
+                self.s[e * k + d] = entry;
+            }
+            self.s[e * k + e] += extra.std(e).powi(-2);
+            spread += 2.0 * extra.std(e).ln();
+            self.moved[e] = extra.product(&data.vector, e) - dot(w, &self.y[..f]); // (2')
+        }
+        if !self.small.factor(k, &self.s[..k * k]) {
+            return None;
+        }
+        self.small.solve_half(&mut self.moved[..k]);
+        let explained = dot(&self.moved[..k], &self.moved[..k]);
+        Some(0.5 * (explained - self.small.log_determinant() - spread)) // (2')
     }
 
     /// L_E of (1), and its δ and x; `known` is Λ, `data` holds A and g at the estimate of it. `None` if rounding has spoilt H.

@@ -100,7 +100,7 @@ impl RobotIdentifier {
         for (std, &i) in watch.friction_std.iter_mut().zip(&self.frictions) {
             *std = self.options.friction_change * watch.theta[i].abs().max(FRICTION_SIZE * self.parameters()[i].scale);
         }
-        true
+        watch.evidence.begin(&self.system, &watch.data, &self.fixed)
     }
 
     /// What acts as these parameters do, as parameters of the arm.
@@ -138,23 +138,25 @@ impl RobotIdentifier {
         }
     }
 
-    /// ln of the Bayes factor of a suspect on the window.
+    /// ln of the Bayes factor of a suspect on the window that was [prepared](Self::prepare) last.
     fn gain(&self, watch: &mut Watch, suspect: Suspect) -> Option<f64> {
-        let (known, fixed) = (&self.system, &self.fixed);
-        let nothing = watch.evidence.weigh(known, &watch.data, fixed, Extra::Nothing)?;
         let extra = self.extra(suspect, &watch.friction_std);
-        Some(watch.evidence.weigh(known, &watch.data, fixed, extra)? - nothing)
+        watch.evidence.gain(&watch.data, extra)
     }
 
-    /// The number of slices that speak most clearly for a suspect, with the gain: a window that begins before the change fits nothing well.
-    fn clearest(&mut self, watch: &mut Watch, suspect: Suspect) -> (f64, usize) {
-        let mut best = (f64::NEG_INFINITY, 1);
+    /// The number of slices that speak most clearly for a payload and for friction, with the gains: a window that begins before the change fits nothing well.
+    fn clearest(&mut self, watch: &mut Watch) -> [(f64, usize); 2] {
+        let mut best = [(f64::NEG_INFINITY, 1); 2];
         for slices in 1..=self.pending.len() {
-            if self.prepare(watch, slices)
-                && let Some(gain) = self.gain(watch, suspect)
-                && gain > best.0
-            {
-                best = (gain, slices);
+            if !self.prepare(watch, slices) {
+                continue;
+            }
+            for (best, suspect) in best.iter_mut().zip([Suspect::Payload, Suspect::Friction(None)]) {
+                if let Some(gain) = self.gain(watch, suspect)
+                    && gain > best.0
+                {
+                    *best = (gain, slices);
+                }
             }
         }
         best
@@ -171,13 +173,15 @@ impl RobotIdentifier {
         if watch.doubt == 1 {
             return None;
         }
-        let (of_payload, loaded) = self.clearest(watch, Suspect::Payload);
-        let (of_all, rubbed) = self.clearest(watch, Suspect::Friction(None));
+        let [(of_payload, loaded), (of_all, rubbed)] = self.clearest(watch);
         // Of what happens at once, friction changes at one joint; at all of them it does by and by.
         let (mut of_one, mut one) = (f64::NEG_INFINITY, 0);
-        for joint in 0..watch.window.len() {
-            if self.prepare(watch, rubbed)
-                && let Some(gain) = self.gain(watch, Suspect::Friction(Some(joint)))
+        let joints = match self.prepare(watch, rubbed) {
+            true => watch.window.len(),
+            false => 0,
+        };
+        for joint in 0..joints {
+            if let Some(gain) = self.gain(watch, Suspect::Friction(Some(joint)))
                 && gain > of_one
             {
                 (of_one, one) = (gain, joint);

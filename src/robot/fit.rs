@@ -4,8 +4,11 @@
 //! RRE_j = 100 ‖τ_j − τ̂_j‖ / ‖τ_j‖ [%],     fit_j = 100 (1 − ‖τ_j − τ̂_j‖ / ‖τ_j − mean τ_j‖) [%]   (1)
 //! ```
 //!
+//! r_j(l) = Σ_k e_k e_{k+l} / Σ_k e_k²,   e = τ_j − τ̂_j: correlation time l Δ with r_j(l) = 1/e                 (2)
+//!
 //! τ_j is the torque as recorded, unfiltered. τ̂_j comes from q and zero-phase filtered q̇ and q̈ (Butterworth of order 5 at 0.15 of the Nyquist
-//! frequency; q̈ by central differences, filtered again), which is the usual check in the literature on robot identification.
+//! frequency; q̈ by central differences, filtered again), which is the usual check in the literature on robot identification. (2) says how long a misfit keeps its sign: that of noise ends
+//! within a few samples, that of friction and of bodies that are missing in the model lasts as long as a movement.
 
 use super::butterworth::ZeroPhaseLowPass;
 use super::model::RobotModel;
@@ -46,6 +49,30 @@ pub fn filtered(model: &RobotModel, log: &[RobotSample]) -> Vec<FilteredSample> 
         }
     }
     samples
+}
+
+/// (2): the time after which a joint's misfit has forgotten itself to 1/e \[s\]; `None` if it never does within half of the log, or for fewer than 3 samples.
+pub fn correlation_time_s(model: &RobotModel, theta: &[f64], log: &[FilteredSample], joint: usize) -> Option<f64> {
+    let n = model.robot().len();
+    let mut predicted = [0.0; MAX_JOINTS];
+    let error: Vec<f64> = log
+        .iter()
+        .map(|sample| {
+            model.torques(theta, sample, &mut predicted[..n]);
+            sample.tau[joint] - predicted[joint]
+        })
+        .collect();
+    let (first, last) = (log.first()?, log.last()?);
+    let square: f64 = error.iter().map(|e| e * e).sum();
+    if log.len() < 3 || !(square > 0.0) {
+        return None;
+    }
+    let mean_step = (last.t_s - first.t_s) / (log.len() - 1) as f64;
+    let forgotten = (1..log.len() / 2).find(|lag| {
+        let product: f64 = error.iter().zip(&error[*lag..]).map(|(a, b)| a * b).sum();
+        product < square / std::f64::consts::E // (2)
+    })?;
+    Some(forgotten as f64 * mean_step)
 }
 
 /// Sums of (1) for each joint.

@@ -80,7 +80,7 @@ pub use config::RobotConfig;
 pub use dynamics::{forward_dynamics, inverse_dynamics};
 pub use error::UrdfError;
 pub use figures::BlockFigures;
-pub use fit::{TorqueFit, filtered};
+pub use fit::{TorqueFit, correlation_time_s, filtered};
 pub use friction::{FrictionTerm, JointFriction};
 pub use identify::{IdentifyOptions, RobotIdentifier};
 pub use log::{Drives, LogColumns, LogError, read_log};

@@ -24,7 +24,8 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         .extension()
         .is_some_and(|name| name.eq_ignore_ascii_case("csv"));
     let is_log = is_log && !args.input.is_dir();
-    if (is_log || args.validate.is_some())
+    let is_bag = identify_robot::is_bag(&args.input);
+    if (is_log || is_bag || args.validate.is_some())
         && let Some(robot) = identify_robot::configuration(args)?
     {
         return identify_robot::run(args, robot, shutdown);

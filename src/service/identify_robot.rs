@@ -1,7 +1,12 @@
 //! `thetabus identify LOG.csv --config ROBOT.toml`: a robot from its URDF, off line.
 
 use super::{Exit, Failure, IdentifyArgs, TableFormat, logging, out_dir};
-use crate::robot::{FilteredSample, RobotConfig, RobotIdentifier, RobotSample, TorqueFit, filtered, read_log};
+use crate::model::MAX_JOINTS;
+use crate::recording::{RecordingReader, Span, read_joint_states};
+use crate::robot::{
+    FilteredSample, RobotConfig, RobotIdentifier, RobotSample, TorqueFit, Velocities, correlation_time_s, filtered,
+    read_log,
+};
 use crate::runner::Shutdown;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -85,6 +90,9 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
     let fits = Fits {
         learnt: fit(&states),
         before,
+        correlation_s: (0..identifier.model().robot().len())
+            .map(|joint| correlation_time_s(identifier.model(), identifier.theta(), &states, joint))
+            .collect(),
         held_out: held_out.map(|log| fit(&filtered(identifier.model(), &log))),
     };
     let summary = summary(&identifier, &fits, log.len());
@@ -107,17 +115,81 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
 struct Fits {
     learnt: TorqueFit,
     before: TorqueFit,
+    /// How long the misfit on the same log keeps its sign, per joint.
+    correlation_s: Vec<Option<f64>>,
     held_out: Option<TorqueFit>,
 }
 
+/// True for what `thetabus` has not recorded itself: a bag of ROS 2, as a file or as a directory.
+pub(super) fn is_bag(path: &Path) -> bool {
+    match path.is_dir() {
+        true => path.join("metadata.yaml").is_file(),
+        false => {
+            path.extension().is_some_and(|name| name.eq_ignore_ascii_case("mcap"))
+                && RecordingReader::open(path, Span::default()).is_err()
+        }
+    }
+}
+
+/// A log of the configured robot: columns of numbers, or a bag of ROS 2.
+///
+/// # Errors
+/// What is wrong with it, with its line.
 fn read(path: &Path, config: &RobotConfig) -> Result<Vec<RobotSample>, Failure> {
     let usage = |problem: &dyn std::fmt::Display| Failure::Usage(format!("{}: {problem}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|e| usage(&e))?;
-    let log = read_log(&text, &config.columns, &config.drives).map_err(|e| usage(&e))?;
+    let log = match is_bag(path) {
+        true => read_bag(path, config)?,
+        false => {
+            let text = std::fs::read_to_string(path).map_err(|e| usage(&e))?;
+            read_log(&text, &config.columns, &config.drives).map_err(|e| usage(&e))?
+        }
+    };
     match log.len() {
         0..3 => Err(usage(&format!("expected at least 3 samples, got {}", log.len()))),
         _ => Ok(log),
     }
+}
+
+/// `sensor_msgs/msg/JointState`, joints by their names in the URDF; effort is the input of the drives.
+fn read_bag(path: &Path, config: &RobotConfig) -> Result<Vec<RobotSample>, Failure> {
+    let usage = |problem: &dyn std::fmt::Display| Failure::Usage(format!("{}: {problem}", path.display()));
+    let robot = config.model.robot();
+    let names: Vec<&str> = robot.joints.iter().map(|joint| joint.name.as_str()).collect();
+    let states = read_joint_states(path, &names).map_err(Failure::Usage)?;
+    let begin = states.first().map_or(0, |state| state.t_ns);
+    let mut log: Vec<RobotSample> = Vec::with_capacity(states.len());
+    let mut has_velocity = true;
+    for state in &states {
+        if state.effort.is_empty() {
+            return Err(usage(
+                &"expected an effort of each joint, got messages without; torques or currents are needed",
+            ));
+        }
+        let mut input = [0.0; MAX_JOINTS];
+        let mut sample = RobotSample {
+            t_s: state.t_ns.saturating_sub(begin) as f64 * 1e-9,
+            ..RobotSample::default()
+        };
+        input[..names.len()].copy_from_slice(&state.effort);
+        sample.q[..names.len()].copy_from_slice(&state.position);
+        has_velocity &= !state.velocity.is_empty();
+        if has_velocity {
+            sample.dq[..names.len()].copy_from_slice(&state.velocity);
+        }
+        sample.tau = config.drives.torques(&input);
+        // Drivers repeat a state if nothing new has come.
+        if log.last().is_none_or(|last| sample.t_s > last.t_s) {
+            log.push(sample);
+        }
+    }
+    if has_velocity || log.len() < 3 {
+        return Ok(log);
+    }
+    let period_s = log.last().map_or(0.0, |last| last.t_s) / (log.len() - 1) as f64;
+    let half_s = config.velocity_s.unwrap_or(period_s);
+    let half = ((half_s / period_s).round() as usize).max(2);
+    let mut velocities = Velocities::new(half, config.options.windows.max_gap_s.max(1.5 * period_s));
+    Ok(log.iter().filter_map(|sample| velocities.push(sample)).collect())
 }
 
 /// The part that --from and --to ask for, in seconds after the first sample.
@@ -185,6 +257,7 @@ fn summary(identifier: &RobotIdentifier, fits: &Fits, samples: usize) -> Value {
                 "validation_percent": fits.held_out.as_ref().and_then(|fit| fit.relative_residual(j)),
                 "torque_std": identifier.torque_std(j),
                 "misfit_correlation": identifier.inflation(j),
+                "residual_correlation_s": fits.correlation_s[j],
             })
         })
         .collect();
@@ -216,18 +289,19 @@ fn table(identifier: &RobotIdentifier, fits: &Fits) -> String {
     let percent = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.2}"));
     let _ = writeln!(
         text,
-        "\n{:<24} {:>9} {:>12} {:>22} {:>14}",
-        "joint", "fit [%]", "residual [%]", "before learning [%]", "held out [%]"
+        "\n{:<24} {:>9} {:>12} {:>22} {:>14} {:>15}",
+        "joint", "fit [%]", "residual [%]", "before learning [%]", "held out [%]", "correlated [s]"
     );
     for (j, joint) in model.robot().joints.iter().enumerate() {
         let _ = writeln!(
             text,
-            "{:<24} {:>9} {:>12} {:>22} {:>14}",
+            "{:<24} {:>9} {:>12} {:>22} {:>14} {:>15}",
             joint.name,
             percent(fits.learnt.fit(j)),
             percent(fits.learnt.relative_residual(j)),
             percent(fits.before.relative_residual(j)),
-            percent(fits.held_out.as_ref().and_then(|fit| fit.relative_residual(j)))
+            percent(fits.held_out.as_ref().and_then(|fit| fit.relative_residual(j))),
+            percent(fits.correlation_s[j])
         );
     }
     if !model.robot().held.is_empty() {

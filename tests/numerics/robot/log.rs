@@ -1,9 +1,10 @@
 //! Logs in columns, zero-phase filtering, friction, and samples that cannot be used.
 
 use super::{SIX_AXIS, robot};
+use crate::support::TestRng;
 use thetabus::robot::{
-    Drives, FrictionTerm, IdentifyOptions, JointFriction, LogColumns, RobotIdentifier, RobotModel, RobotSample,
-    SampleFault, WindowOptions, ZeroPhaseLowPass, read_log,
+    Drives, FilteredSample, FrictionTerm, IdentifyOptions, JointFriction, LogColumns, RobotIdentifier, RobotModel,
+    RobotSample, SampleFault, WindowOptions, ZeroPhaseLowPass, correlation_time_s, read_log,
 };
 
 fn columns() -> LogColumns {
@@ -206,4 +207,29 @@ fn regress_options_out_of_range_are_refused_in_words() {
     }
     let error = RobotModel::new(robot(SIX_AXIS), true, vec![JointFriction::default(); 5]).unwrap_err();
     assert!(error.contains("each of 6 joints, got 5"), "{error}");
+}
+
+/// The autocorrelation of a cosine is a cosine: it falls to 1/e after acos(1/e)/2π = 0.190 of its period. Noise forgets itself at once.
+#[test]
+fn val_a_misfit_is_correlated_for_a_fifth_of_its_period() {
+    let model = RobotModel::new(robot(SIX_AXIS), true, vec![JointFriction::default(); 6]).unwrap();
+    let theta = vec![0.0; model.parameters().len()];
+    let mut rng = TestRng(7);
+    let log: Vec<FilteredSample> = (0..10_000)
+        .map(|k| {
+            let t_s = 0.01 * f64::from(k);
+            let mut sample = FilteredSample {
+                t_s,
+                ..FilteredSample::default()
+            };
+            sample.tau[0] = (std::f64::consts::TAU * t_s / 2.0).cos();
+            sample.tau[1] = rng.between(-1.0, 1.0);
+            sample
+        })
+        .collect();
+    // Two samples for the grid and the finite log.
+    let slow = correlation_time_s(&model, &theta, &log, 0).unwrap();
+    assert!((slow - 0.190 * 2.0).abs() < 0.02, "{slow}");
+    assert!((correlation_time_s(&model, &theta, &log, 1).unwrap() - 0.01).abs() < 1e-9);
+    assert_eq!(correlation_time_s(&model, &theta, &log, 2), None);
 }

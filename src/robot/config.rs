@@ -2,10 +2,12 @@
 //!
 //! Everything but `model.kind` and `model.urdf` has a default. Paths are relative to the file.
 
+use super::excitation::{ExcitationOptions, JointRange};
 use super::friction::{FrictionTerm, JointFriction};
 use super::identify::{IdentifyOptions, RobotIdentifier};
 use super::log::{Drives, LogColumns};
 use super::model::RobotModel;
+use super::motion_table::MotionTable;
 use super::reference::{MotionLimits, Motions};
 use super::rows::WindowOptions;
 use super::simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator};
@@ -13,6 +15,7 @@ use super::tree::{Robot, Selection};
 use nalgebra::Vector3;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Time to either side over which velocities are formed from positions \[s\].
 const VELOCITY_S: f64 = 0.02;
@@ -32,6 +35,8 @@ struct File {
     identify: IdentifySection,
     #[serde(default)]
     simulate: SimulateSection,
+    #[serde(default)]
+    excite: ExciteSection,
     // Sections that every configuration may have: they are read elsewhere.
     bus: Option<toml::Table>,
     plant: Option<toml::Table>,
@@ -106,6 +111,7 @@ enum Velocity {
 #[serde(default, deny_unknown_fields)]
 struct SimulateSection {
     motion: Option<Motion>,
+    motion_csv: Option<PathBuf>,
     harmonics: Option<usize>,
     period_s: Option<f64>,
     rest_s: Option<f64>,
@@ -123,6 +129,22 @@ struct SimulateSection {
     offset: Option<Vec<f64>>,
     rotor_inertia: Option<Vec<f64>>,
     payload: Vec<PayloadSection>,
+}
+
+/// Limits of a designed motion; lists have a number per joint.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct ExciteSection {
+    duration_s: Option<f64>,
+    harmonics: Option<usize>,
+    tries: Option<usize>,
+    seed: Option<u64>,
+    part_of_limits: Option<f64>,
+    reach: Option<f64>,
+    lower: Option<Vec<f64>>,
+    upper: Option<Vec<f64>>,
+    velocity: Option<Vec<f64>>,
+    acceleration: Option<Vec<f64>>,
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]
@@ -168,6 +190,8 @@ pub struct RobotConfig {
     pub velocity_s: Option<f64>,
     /// The simulated robot; sample period and seed are those of section `[plant]`.
     pub simulation: RobotSimOptions,
+    /// How a motion is designed for it.
+    pub excitation: ExcitationOptions,
     /// What else the file says, by section: `[bus]`, `[plant]`, …
     pub ordinary: toml::Table,
 }
@@ -243,8 +267,13 @@ impl RobotConfig {
                 "velocity_s: expected a time above 0 and up to 1 [s]".to_owned(),
             ));
         }
-        let simulation =
+        let mut simulation =
             simulation(&file.simulate, &model, velocity_s.is_none()).map_err(|problem| at("simulate", problem))?;
+        if let Some(name) = &file.simulate.motion_csv {
+            let table = table(&path.parent().unwrap_or(Path::new("")).join(name), n);
+            simulation.motions = Motions::Table(Arc::new(table.map_err(|problem| at("simulate.motion_csv", problem))?));
+        }
+        let excitation = excitation(file.excite, &model).map_err(|problem| at("excite", problem))?;
         let sections = [
             ("bus", file.bus),
             ("plant", file.plant),
@@ -268,9 +297,78 @@ impl RobotConfig {
             payload,
             velocity_s,
             simulation,
+            excitation,
             ordinary,
         })
     }
+}
+
+/// A motion in a file.
+fn table(path: &Path, joints: usize) -> Result<MotionTable, String> {
+    let problem = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
+    crate::pipe::refuse_named_pipe(path).map_err(|e| problem(&e))?;
+    let text = std::fs::read_to_string(path).map_err(|e| problem(&e))?;
+    MotionTable::parse(&text, joints).map_err(|e| problem(&e))
+}
+
+/// What the section says of designed motions.
+fn excitation(section: ExciteSection, model: &RobotModel) -> Result<ExcitationOptions, String> {
+    let robot = model.robot();
+    let part = section.part_of_limits.unwrap_or(MotionLimits::default().part);
+    let reach = section.reach.unwrap_or(MotionLimits::default().reach);
+    if !(part > 0.0 && part <= 1.0 && reach > 0.0) {
+        return Err(format!(
+            "expected part_of_limits above 0 and up to 1 and reach above 0, got {part} and {reach}"
+        ));
+    }
+    let mut ranges = JointRange::of(robot, part, reach, MotionLimits::default().acceleration);
+    let lists = [
+        ("lower", section.lower),
+        ("upper", section.upper),
+        ("velocity", section.velocity),
+        ("acceleration", section.acceleration),
+    ];
+    for (name, list) in lists {
+        let Some(list) = list else { continue };
+        if list.len() != robot.len() {
+            let n = robot.len();
+            return Err(format!(
+                "{name}: expected {n} numbers, one per joint, got {}",
+                list.len()
+            ));
+        }
+        for ((range, value), joint) in ranges.iter_mut().zip(list).zip(&robot.joints) {
+            let limits = &joint.limits;
+            let (least, most) = match name {
+                "velocity" => (0.0, limits.velocity.filter(|x| *x > 0.0)),
+                "acceleration" => (0.0, None),
+                _ => (limits.lower.unwrap_or(f64::NEG_INFINITY), limits.upper),
+            };
+            let most = most.unwrap_or(f64::INFINITY);
+            if !(value >= least && value <= most) {
+                return Err(format!(
+                    "{name} of joint \"{}\": expected {least} to {most} as the URDF says, got {value}",
+                    joint.name
+                ));
+            }
+            match name {
+                "lower" => range.lower = value,
+                "upper" => range.upper = value,
+                "velocity" => range.velocity = value,
+                _ => range.acceleration = value,
+            }
+        }
+    }
+    let default = ExcitationOptions::new(ranges);
+    let options = ExcitationOptions {
+        duration_s: section.duration_s.unwrap_or(default.duration_s),
+        harmonics: section.harmonics.unwrap_or(default.harmonics),
+        tries: section.tries.unwrap_or(default.tries),
+        seed: section.seed.unwrap_or(default.seed),
+        ..default
+    };
+    options.validate(robot)?;
+    Ok(options)
 }
 
 /// What the section says of a simulated robot.

@@ -198,7 +198,7 @@ pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Vec
 }
 
 /// Fields of a line: at commas or semicolons if there are any, else at white space.
-fn split<'a>(line: &'a str, fields: &mut Vec<&'a str>) {
+pub(super) fn split<'a>(line: &'a str, fields: &mut Vec<&'a str>) {
     let line = line.trim();
     let separator = [',', ';', '\t'].into_iter().find(|c| line.contains(*c));
     match separator {

@@ -33,6 +33,7 @@
 //! | `payload`, `change`, `watch`, `physical` | what the flange carries: found, located, weighed, physically possible |
 //! | `velocity` | velocities from positions |
 //! | `reference`, `simulator` | motions within limits; a simulated robot in closed loop |
+//! | `motion_table`, `prediction`, `excitation` | a motion as a table; what it will tell; motions that tell much |
 //! | `config` | the TOML file of a robot (feature `config`) |
 //! | `log`, `fit` | logs in columns; measured against predicted torque |
 
@@ -44,6 +45,7 @@ mod change;
 mod config;
 mod dynamics;
 mod error;
+mod excitation;
 mod figures;
 mod fit;
 mod friction;
@@ -52,9 +54,11 @@ mod information;
 mod learning;
 mod log;
 mod model;
+mod motion_table;
 mod payload;
 mod persist;
 mod physical;
+mod prediction;
 mod random;
 mod recent;
 mod reference;
@@ -79,22 +83,25 @@ pub use change::{ChangeCause, RobotChange};
 pub use config::RobotConfig;
 pub use dynamics::{forward_dynamics, inverse_dynamics};
 pub use error::UrdfError;
+pub use excitation::{Excitation, ExcitationOptions, JointRange, MAX_EXCITATION_HARMONICS};
 pub use figures::BlockFigures;
 pub use fit::{TorqueFit, correlation_time_s, filtered};
 pub use friction::{FrictionTerm, JointFriction};
 pub use identify::{IdentifyOptions, RobotIdentifier};
 pub use log::{Drives, LogColumns, LogError, read_log};
 pub use model::{RobotModel, RobotParameter};
+pub use motion_table::{MotionTable, read_motion};
 pub use payload::Payload;
 pub use physical::{
     BodyInformation, controller_std, controller_values, information, is_physical, project, pseudo_inertia,
 };
-pub use reference::{MAX_HARMONICS, MotionLimits, Motions, Reference, Setpoint};
+pub use prediction::{Forecaster, ParameterForecast, RowMisfit};
+pub use reference::{MAX_HARMONICS, MotionLimits, Motions, Reference};
 pub use regressor::EnergyRegressors;
 pub use rows::{SampleFault, WeakRow, WeakRows, WindowOptions};
 pub use simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator, SimulatedDrive};
 pub use spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};
-pub use state::{FilteredSample, RobotSample};
+pub use state::{FilteredSample, RobotSample, Setpoint};
 pub use tree::{Robot, RobotJoint, Selection};
 pub use urdf::{Joint, JointKind, Limits, Link, Urdf};
 pub use velocity::Velocities;

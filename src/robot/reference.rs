@@ -3,15 +3,19 @@
 //! ```text
 //! Fourier:  q_r = q₀ + ρ(t) Σ_k a_k sin(2π k t/T + φ_k),   ρ(t) = 10 x³ − 15 x⁴ + 6 x⁵, x = t/t_ρ up to 1          (1)
 //! moves:    q_r = q_a + (q_b − q_a) ρ(t), all joints at the same time, then a rest                                  (2)
+//! table:    a motion that was given, see `motion_table`; it keeps to its own limits
 //! ```
 //!
 //! Amplitudes are scaled so that position, speed and acceleration stay within the given part of the limits. The polynomial begins and ends with
 //! neither speed nor acceleration: T. Flash, N. Hogan, J. of Neuroscience 5 (1985).
 
+use super::motion_table::MotionTable;
 use super::random::Random;
+use super::state::Setpoint;
 use super::tree::Robot;
 use crate::model::MAX_JOINTS;
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 /// Most harmonics of a Fourier motion.
 pub const MAX_HARMONICS: usize = 16;
@@ -27,7 +31,7 @@ const UNLIMITED: f64 = 3.0;
 const UNLIMITED_SPEED: f64 = 2.0;
 
 /// How the joints are asked to move.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Motions {
     /// Not at all.
     Rest,
@@ -43,6 +47,8 @@ pub enum Motions {
         /// How long \[s\], ≥ 0.
         rest_s: f64,
     },
+    /// As this table says, whatever the limits.
+    Table(Arc<MotionTable>),
 }
 
 /// What a motion keeps to.
@@ -66,9 +72,6 @@ impl Default for MotionLimits {
         }
     }
 }
-
-/// Position, speed and acceleration of a joint.
-pub type Setpoint = [f64; 3];
 
 /// A motion at work; ask for rising times.
 #[derive(Debug, Clone)]
@@ -104,6 +107,14 @@ impl Reference {
         within("acceleration", limits.acceleration, 0.0, 1e4)?;
         match kind {
             Motions::Rest => {}
+            Motions::Table(ref table) if table.joints() != robot.len() => {
+                return Err(format!(
+                    "motion: expected a table of {} joints, got {}",
+                    robot.len(),
+                    table.joints()
+                ));
+            }
+            Motions::Table(_) => {}
             Motions::Fourier { harmonics, period_s } => {
                 if !(1..=MAX_HARMONICS).contains(&harmonics) {
                     return Err(format!("harmonics: expected 1 to {MAX_HARMONICS}, got {harmonics}"));
@@ -133,8 +144,11 @@ impl Reference {
                 limits.acceleration,
             ];
         }
+        if let Motions::Table(table) = &reference.kind {
+            reference.middle = table.start();
+        }
         (reference.from, reference.to) = (reference.middle, reference.middle);
-        if let Motions::Fourier { harmonics, period_s } = kind {
+        if let Motions::Fourier { harmonics, period_s } = reference.kind {
             for i in 0..robot.len() {
                 let tones = reference.draw(i, harmonics, period_s);
                 reference.tones.push(tones);
@@ -178,15 +192,16 @@ impl Reference {
     /// Setpoints of all joints at a time \[s\]; times must not fall.
     pub fn at(&mut self, t_s: f64) -> [Setpoint; MAX_JOINTS] {
         let mut setpoints = [[0.0; 3]; MAX_JOINTS];
-        match self.kind {
+        match &self.kind {
+            Motions::Table(table) => return table.at(t_s),
             Motions::Rest => (0..self.joints).for_each(|i| setpoints[i][0] = self.middle[i]),
-            Motions::Fourier { period_s, .. } => {
+            &Motions::Fourier { period_s, .. } => {
                 for i in 0..self.joints {
                     let [q, dq, ddq] = grown(&self.tones[i], period_s, t_s);
                     setpoints[i] = [self.middle[i] + q, dq, ddq]; // (1)
                 }
             }
-            Motions::Moves { rest_s } => {
+            &Motions::Moves { rest_s } => {
                 while t_s >= self.leg.0 + self.leg.1 + rest_s {
                     self.next_leg(rest_s);
                 }

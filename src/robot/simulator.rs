@@ -222,7 +222,7 @@ impl RobotSimulator {
     /// A number outside its range, in words.
     pub fn new(robot: &Robot, options: RobotSimOptions) -> Result<Self, String> {
         options.validate(robot)?;
-        let reference = Reference::new(robot, options.motions, options.limits, options.seed)?;
+        let reference = Reference::new(robot, options.motions.clone(), options.limits, options.seed)?;
         let mut differences = Random(options.machine_seed ^ 0x6469_6666_6572);
         let bodies: Vec<BodyParameters> = robot
             .bodies

@@ -31,3 +31,6 @@ pub struct FilteredSample {
     /// Torques or forces of the drives as recorded \[N m or N\].
     pub tau: [f64; MAX_JOINTS],
 }
+
+/// Position, speed and acceleration of a joint.
+pub type Setpoint = [f64; 3];

@@ -9,8 +9,8 @@
 
 use super::args::BUILT_IN;
 use super::{
-    CommonArgs, ControllerArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat,
-    MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, VERSION, WatchArgs, main_with,
+    CommonArgs, ControllerArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExciteArgs, ExportArgs, IdentifierArgs, IdentifyArgs,
+    LogFormat, MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, VERSION, WatchArgs, main_with,
 };
 use crate::config::Catalog;
 use crate::model::Plant;
@@ -37,6 +37,9 @@ enum Command {
     /// Identify off line from a recording or a log
     #[command(after_help = EXIT_CODES)]
     Identify(IdentifyArgs),
+    /// Design a motion that tells much of a robot, and say what it will tell
+    #[command(after_help = EXIT_CODES)]
+    Excite(ExciteArgs),
     /// Publish a recording's samples again; identifier and monitor follow as ever
     #[command(after_help = EXIT_CODES)]
     Replay(ReplayArgs),
@@ -92,6 +95,12 @@ enum ConfigCommand {
         /// Override a key, as the programs do; repeatable
         #[arg(long, value_name = "SECTION.KEY=VALUE")]
         set: Vec<String>,
+        /// Say which parameters of a robot this motion can tell: a file of `thetabus excite`, or a log
+        #[arg(long, value_name = "MOTION.csv")]
+        motion: Option<PathBuf>,
+        /// Result of an identification, whose misfit is expected with --motion
+        #[arg(long, value_name = "DIR|summary.json", requires = "motion")]
+        residuals: Option<PathBuf>,
     },
     /// Print a configuration that is built in, or the names of all of them
     #[command(after_help = EXIT_CODES)]
@@ -166,6 +175,7 @@ impl Command {
                 args.common.catalog = catalog;
                 main_with(&args.common, |shutdown| super::identify(&args, shutdown))
             }
+            Self::Excite(args) => main_with(&tool(args.log_format), |shutdown| super::excite(&args, shutdown)),
             Self::Replay(mut args) => {
                 args.common.catalog = catalog;
                 main_with(&args.common, |shutdown| super::replay(&args, shutdown))
@@ -183,7 +193,17 @@ impl Command {
             Self::Config(command) => {
                 let common = CommonArgs::default().with_models(catalog);
                 main_with(&common, |_| match &command {
-                    ConfigCommand::Check { file, set } => super::config_check(file, set, &common),
+                    ConfigCommand::Check {
+                        file,
+                        set,
+                        motion,
+                        residuals,
+                    } => {
+                        let exit = super::config_check(file, set, &common)?;
+                        let motion = motion.as_deref();
+                        motion.map_or(Ok(()), |motion| super::check_motion(file, motion, residuals.as_deref()))?;
+                        Ok(exit)
+                    }
                     ConfigCommand::Show { name } => super::config_show(name.as_deref()),
                     ConfigCommand::New { file, from } => super::config_new(file.as_deref(), from),
                 })

@@ -12,6 +12,8 @@ use toml::{Table, Value};
 const PERIOD_S: f64 = 0.001;
 /// Name of the URDF in a directory of results.
 const URDF: &str = "robot.urdf";
+/// Name of the simulated robot's motion there.
+const MOTION: &str = "motion.csv";
 /// Length of a run if it names none \[s\].
 const DURATION_S: f64 = 60.0;
 
@@ -106,6 +108,18 @@ pub(super) fn as_file<'a>(
     let bytes = std::fs::read(&urdf).map_err(|e| failed(&e))?;
     crate::files::write(&dir.join(URDF), &bytes).map_err(|e| failed(&e))?;
     model.insert("urdf".to_owned(), Value::from(URDF));
+    if let Some(name) = table
+        .get_mut("simulate")
+        .and_then(|section| section.get_mut("motion_csv"))
+    {
+        let motion = path
+            .parent()
+            .unwrap_or(Path::new(""))
+            .join(name.as_str().unwrap_or_default());
+        let bytes = std::fs::read(&motion).map_err(|e| failed(&e))?;
+        crate::files::write(&dir.join(MOTION), &bytes).map_err(|e| failed(&e))?;
+        *name = Value::from(MOTION);
+    }
     let resolved: Table = config.to_toml().parse().map_err(|e| failed(&e))?;
     for name in [
         "bus",

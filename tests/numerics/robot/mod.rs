@@ -1,6 +1,7 @@
 //! Robots from a URDF, each stage against something independent of it.
 
 mod dynamics;
+mod excitation;
 mod log;
 mod node;
 mod payload;

@@ -148,7 +148,7 @@ fn prop_motions_keep_to_their_limits_and_the_robot_to_its_motion() {
         Motions::Moves { rest_s: 0.5 },
     ] {
         for seed in 0..3 {
-            let mut reference = Reference::new(&robot, motions, limits, seed).unwrap();
+            let mut reference = Reference::new(&robot, motions.clone(), limits, seed).unwrap();
             for k in 0..30_000 {
                 let setpoints = reference.at(1e-3 * f64::from(k));
                 for (joint, [q, dq, ddq]) in robot.joints.iter().zip(setpoints) {

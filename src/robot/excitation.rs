@@ -1,0 +1,424 @@
+//! Motions that tell as much as possible of a robot within the limits of its joints.
+//!
+//! ```text
+//! q_j(t) = c_j + α_j Σ_k [a_jk sin kωt + b_jk cos kωt],   ω = 2π/T,   k = 1 … H                     (1)
+//! Σ_k k a_jk = 0,   Σ_k k² b_jk = 0                       q̇ = q̈ = 0 at t = 0 and T                  (2)
+//! α_j: the largest with q_j, q̇_j and q̈_j within the limits of joint j                              (3)
+//! max |s| ≤ max_i |s(t_i)| / cos(π H/M)                   s of degree H at M instants t_i of a period (4)
+//! maximise ½ ln det Λ                                     Λ of prediction                            (5)
+//! ```
+//!
+//! A period begins and ends at rest in the same posture, so that a controller can play it any number of times. (4) makes the limits hold between the instants, too. (5) is
+//! D-optimality: it does not depend on the units of the parameters, as the condition number does, and counts what is known before. It has many maxima of nearly the
+//! same height; the best of random motions is improved by random steps that grow after a success and shrink after failures.
+//!
+//! Sources: J. Swevers et al., IEEE Trans. Robotics and Automation 13 (1997), on (1) and (5); K. Park, Robotica 24 (2006), on (2); H. Ehlich, K. Zeller, Math. Zeitschrift 86
+//! (1964), on (4); I. Rechenberg, *Evolutionsstrategie* (1973), on the length of the steps.
+
+use super::dynamics::inverse_dynamics;
+use super::motion_table::MotionTable;
+use super::prediction::Forecaster;
+use super::random::Random;
+use super::state::{RobotSample, Setpoint};
+use super::tree::Robot;
+use crate::model::MAX_JOINTS;
+use std::f64::consts::{PI, TAU};
+
+/// Most harmonics of an excitation.
+pub const MAX_EXCITATION_HARMONICS: usize = 50;
+/// Instants per period of the highest harmonic at which limits are looked at: M/H of (4).
+const LOOKS: usize = 40;
+/// Part of the tries that are drawn anew; the others improve the best one.
+const DRAWN: usize = 8;
+/// Length of a step, relative to the shape: at first, at least and at most.
+const STEP: (f64, f64, f64) = (0.3, 0.02, 1.0);
+/// A step after a success and after a failure: in balance, one step in five succeeds.
+const SUCCESS: f64 = 1.5;
+const FAILURE: f64 = 0.903_6;
+/// What a torque beyond its limit costs, per part of the limit \[nat\].
+const OVERLOAD: f64 = 1e3;
+/// Range of a joint without limits, to either side \[rad or m\], and its speed.
+const UNLIMITED: (f64, f64) = (3.0, 2.0);
+
+/// What one joint keeps to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointRange {
+    /// Lowest position \[rad or m\].
+    pub lower: f64,
+    /// Highest position \[rad or m\], above the lowest.
+    pub upper: f64,
+    /// Largest speed \[rad/s or m/s\], > 0.
+    pub velocity: f64,
+    /// Largest acceleration \[rad/s² or m/s²\], > 0.
+    pub acceleration: f64,
+    /// Largest torque or force that the URDF's bodies may ask for \[N m or N\], > 0; infinite for none.
+    pub effort: f64,
+}
+
+impl JointRange {
+    /// The given part of the URDF's limits, at most `reach` \[rad or m\] to either side of the middle.
+    pub fn of(robot: &Robot, part: f64, reach: f64, acceleration: f64) -> Vec<Self> {
+        let range = |joint: &super::tree::RobotJoint| {
+            let lower = joint.limits.lower.unwrap_or(-UNLIMITED.0);
+            let upper = joint.limits.upper.unwrap_or(UNLIMITED.0);
+            let middle = 0.5 * (lower + upper);
+            let half = (0.5 * part * (upper - lower)).min(reach);
+            Self {
+                lower: middle - half,
+                upper: middle + half,
+                velocity: part * joint.limits.velocity.filter(|x| *x > 0.0).unwrap_or(UNLIMITED.1),
+                acceleration,
+                effort: joint
+                    .limits
+                    .effort
+                    .filter(|x| *x > 0.0)
+                    .map_or(f64::INFINITY, |x| part * x),
+            }
+        };
+        robot.joints.iter().map(range).collect()
+    }
+
+    fn validate(&self) -> Result<(), String> {
+        let ordered = self.lower.is_finite() && self.upper.is_finite() && self.lower < self.upper;
+        let positive = [self.velocity, self.acceleration]
+            .iter()
+            .all(|x| *x > 0.0 && x.is_finite());
+        match ordered && positive && self.effort > 0.0 {
+            true => Ok(()),
+            false => Err(format!(
+                "expected lower below upper, and a speed, an acceleration and a torque above 0, got {} to {}, {}, {} and {}",
+                self.lower, self.upper, self.velocity, self.acceleration, self.effort
+            )),
+        }
+    }
+}
+
+/// How a motion is designed. The same options give the same motion, bit by bit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExcitationOptions {
+    /// T \[s\], 1 to 600.
+    pub duration_s: f64,
+    /// H, 2 to [`MAX_EXCITATION_HARMONICS`].
+    pub harmonics: usize,
+    /// Motions that are tried, 1 to 1 000 000.
+    pub tries: usize,
+    /// Seed of what is tried.
+    pub seed: u64,
+    /// What each joint keeps to.
+    pub ranges: Vec<JointRange>,
+}
+
+impl ExcitationOptions {
+    /// 30 s of 12 harmonics, the best of 2000 tries.
+    pub fn new(ranges: Vec<JointRange>) -> Self {
+        Self {
+            duration_s: 30.0,
+            harmonics: 12,
+            tries: 2000,
+            seed: 0,
+            ranges,
+        }
+    }
+
+    /// Checks the numbers for a robot.
+    ///
+    /// # Errors
+    /// The first number outside its range, in words.
+    pub fn validate(&self, robot: &Robot) -> Result<(), String> {
+        let within = |name: &str, x: f64, low: f64, high: f64| match x >= low && x <= high {
+            true => Ok(()),
+            false => Err(format!("{name}: expected {low} to {high}, got {x}")),
+        };
+        within("duration", self.duration_s, 1.0, 600.0)?;
+        within("harmonics", self.harmonics as f64, 2.0, MAX_EXCITATION_HARMONICS as f64)?;
+        within("tries", self.tries as f64, 1.0, 1e6)?;
+        if self.ranges.len() != robot.len() {
+            return Err(format!(
+                "limits: expected one for each of {} joints, got {}",
+                robot.len(),
+                self.ranges.len()
+            ));
+        }
+        for (joint, range) in robot.joints.iter().zip(&self.ranges) {
+            range
+                .validate()
+                .map_err(|problem| format!("limits of joint \"{}\": {problem}", joint.name))?;
+        }
+        Ok(())
+    }
+}
+
+/// A motion (1) with what was asked of it.
+#[derive(Debug, Clone)]
+pub struct Excitation {
+    /// T \[s\].
+    pub duration_s: f64,
+    /// ½ ln det Λ − ½ ln det Λ₀ \[nat\].
+    pub gain: f64,
+    /// The same of the median of the motions that were drawn at random.
+    pub random_gain: f64,
+    /// Largest torque or force that the URDF's bodies ask for, without friction \[N m or N\].
+    pub effort: Vec<f64>,
+    joints: Vec<Series>,
+}
+
+/// (1) of a joint.
+#[derive(Debug, Clone, PartialEq)]
+struct Series {
+    /// Where the curve's middle is in what its limits leave free, 0 to 1.
+    place: f64,
+    /// a_k and b_k of the shape, which (3) scales.
+    tones: Vec<[f64; 2]>,
+    /// c and α.
+    center: f64,
+    scale: f64,
+}
+
+impl Series {
+    /// A random shape: amplitudes fall with the harmonic's number.
+    fn draw(harmonics: usize, random: &mut Random) -> Self {
+        let mut series = Self {
+            place: random.uniform(),
+            tones: (1..=harmonics)
+                .map(|k| [random.normal() / k as f64, random.normal() / k as f64])
+                .collect(),
+            center: 0.0,
+            scale: 1.0,
+        };
+        series.rest();
+        series
+    }
+
+    /// The nearest shape with (2), of size 1.
+    fn rest(&mut self) {
+        let k = |i: usize| (i + 1) as f64;
+        let sums = |power: i32, part: usize| -> f64 {
+            let along: f64 = self
+                .tones
+                .iter()
+                .enumerate()
+                .map(|(i, x)| k(i).powi(power) * x[part])
+                .sum();
+            along / (0..self.tones.len()).map(|i| k(i).powi(2 * power)).sum::<f64>()
+        };
+        let (a, b) = (sums(1, 0), sums(2, 1));
+        for (i, tone) in self.tones.iter_mut().enumerate() {
+            tone[0] -= a * k(i); // (2)
+            tone[1] -= b * k(i).powi(2);
+        }
+        let size = self
+            .tones
+            .iter()
+            .flatten()
+            .map(|x| x * x)
+            .sum::<f64>()
+            .sqrt()
+            .max(1e-12);
+        self.tones.iter_mut().flatten().for_each(|x| *x /= size);
+    }
+
+    /// A random step away.
+    fn step(&mut self, length: f64, random: &mut Random) {
+        let part = length / (2.0 * self.tones.len() as f64).sqrt();
+        for tone in self.tones.iter_mut().flatten() {
+            *tone += part * random.normal();
+        }
+        self.place = (self.place + length * random.normal()).clamp(0.0, 1.0);
+        self.rest();
+    }
+
+    /// Σ_k [a_k sin kωt + b_k cos kωt] with its derivatives, at a part of the period.
+    fn shape(&self, part: f64, duration_s: f64) -> Setpoint {
+        let (sin, cos) = (TAU * part).sin_cos();
+        let (mut s, mut c) = (0.0, 1.0);
+        let mut sum = [0.0; 3];
+        for (i, [a, b]) in self.tones.iter().enumerate() {
+            (s, c) = (s * cos + c * sin, c * cos - s * sin);
+            let w = TAU * (i + 1) as f64 / duration_s;
+            let x = a * s + b * c;
+            sum[0] += x; // (1)
+            sum[1] += w * (a * c - b * s);
+            sum[2] -= w * w * x;
+        }
+        sum
+    }
+
+    /// (3).
+    fn fit(&mut self, range: &JointRange, duration_s: f64) {
+        let looks = LOOKS * self.tones.len();
+        let margin = (PI * self.tones.len() as f64 / looks as f64).cos(); // (4)
+        let (mut low, mut high, mut speed, mut acceleration) = (f64::INFINITY, f64::NEG_INFINITY, 0.0_f64, 0.0_f64);
+        for look in 0..looks {
+            let [x, dx, ddx] = self.shape(look as f64 / looks as f64, duration_s);
+            (low, high) = (low.min(x), high.max(x));
+            speed = speed.max(dx.abs());
+            acceleration = acceleration.max(ddx.abs());
+        }
+        // The same theorem holds for the distance from the middle.
+        let half = (0.5 * (high - low) / margin).max(1e-12);
+        let (speed, acceleration) = ((speed / margin).max(1e-12), (acceleration / margin).max(1e-12));
+        let room = 0.5 * (range.upper - range.lower);
+        self.scale = (room / half)
+            .min(range.velocity / speed)
+            .min(range.acceleration / acceleration); // (3)
+        let free = (room - self.scale * half).max(0.0);
+        let middle = 0.5 * (range.upper + range.lower) + free * (2.0 * self.place - 1.0);
+        self.center = middle - self.scale * 0.5 * (high + low);
+    }
+
+    fn at(&self, part: f64, duration_s: f64) -> Setpoint {
+        let [x, dx, ddx] = self.shape(part, duration_s);
+        [self.center + self.scale * x, self.scale * dx, self.scale * ddx] // (1)
+    }
+}
+
+impl Excitation {
+    /// Designs a motion for the model and the misfit of a forecaster; `go_on` is told how many motions were tried, and ends the search if it returns false.
+    ///
+    /// # Errors
+    /// Options outside their ranges, or limits of torque that no motion keeps to, in words.
+    pub fn design(
+        forecaster: &mut Forecaster,
+        options: &ExcitationOptions,
+        go_on: &mut dyn FnMut(usize) -> bool,
+    ) -> Result<Self, String> {
+        options.validate(forecaster.model().robot())?;
+        let mut random = Random(options.seed ^ 0x0065_7863_6974_6521);
+        let drawn = (options.tries / DRAWN).max(1);
+        let mut best: Option<(f64, Self)> = None;
+        let mut gains = Vec::with_capacity(drawn);
+        let mut length = STEP.0;
+        for tries in 0..options.tries {
+            if !go_on(tries) && best.is_some() {
+                break;
+            }
+            let joints = match &best {
+                Some((_, best)) if tries >= drawn => {
+                    let mut joints = best.joints.clone();
+                    // One joint for sure, others sometimes: small changes succeed more often.
+                    let sure = (random.uniform() * joints.len() as f64) as usize;
+                    for (i, series) in joints.iter_mut().enumerate() {
+                        if i == sure || random.uniform() < 0.3 {
+                            series.step(length, &mut random);
+                        }
+                    }
+                    joints
+                }
+                _ => (0..options.ranges.len())
+                    .map(|_| Series::draw(options.harmonics, &mut random))
+                    .collect(),
+            };
+            let Some((value, motion)) = Self::weigh(forecaster, options, joints) else {
+                continue;
+            };
+            if tries < drawn {
+                gains.push(motion.gain);
+            }
+            let is_better = best.as_ref().is_none_or(|(before, _)| value > *before);
+            if tries >= drawn {
+                let factor = if is_better { SUCCESS } else { FAILURE };
+                length = (length * factor).clamp(STEP.1, STEP.2);
+            }
+            if is_better {
+                best = Some((value, motion));
+            }
+        }
+        let Some((_, mut motion)) = best else {
+            return Err("excitation: expected rows that can be solved, got none; widen the limits".to_owned());
+        };
+        gains.sort_by(f64::total_cmp);
+        motion.random_gain = gains.get(gains.len() / 2).copied().unwrap_or(motion.gain);
+        for ((joint, range), effort) in forecaster
+            .model()
+            .robot()
+            .joints
+            .iter()
+            .zip(&options.ranges)
+            .zip(&motion.effort)
+        {
+            if *effort > range.effort {
+                return Err(format!(
+                    "excitation: expected torques of joint \"{}\" up to {:.4}, got {effort:.4} with every motion; lower its \
+                     accelerations or narrow its range",
+                    joint.name, range.effort
+                ));
+            }
+        }
+        Ok(motion)
+    }
+
+    /// The motion of these shapes with (5), and what it counts for.
+    fn weigh(forecaster: &mut Forecaster, options: &ExcitationOptions, mut joints: Vec<Series>) -> Option<(f64, Self)> {
+        let duration_s = options.duration_s;
+        for (series, range) in joints.iter_mut().zip(&options.ranges) {
+            series.fit(range, duration_s);
+        }
+        let mut motion = Self {
+            duration_s,
+            gain: 0.0,
+            random_gain: 0.0,
+            effort: Vec::new(),
+            joints,
+        };
+        let count = (duration_s / forecaster.step_s()).ceil();
+        let step = duration_s / count;
+        let n = motion.joints.len();
+        let mut effort = [0.0_f64; MAX_JOINTS];
+        let robot = forecaster.model().robot().clone();
+        forecaster.look((0..=count as usize).map(|k| {
+            let mut sample = RobotSample {
+                t_s: step * k as f64,
+                ..RobotSample::default()
+            };
+            let (mut ddq, mut tau) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
+            for (i, series) in motion.joints.iter().enumerate() {
+                [sample.q[i], sample.dq[i], ddq[i]] = series.at(k as f64 / count, duration_s);
+            }
+            let (q, dq) = (&sample.q[..n], &sample.dq[..n]);
+            inverse_dynamics(&robot, &robot.bodies, q, dq, &ddq[..n], &mut tau[..n]);
+            for (most, tau) in effort.iter_mut().zip(tau) {
+                *most = most.max(tau.abs());
+            }
+            sample
+        }));
+        motion.effort = effort[..n].to_vec();
+        motion.gain = forecaster.gain()?;
+        let overload: f64 = motion
+            .effort
+            .iter()
+            .zip(&options.ranges)
+            .map(|(effort, range)| (effort / range.effort - 1.0).max(0.0))
+            .sum();
+        Some((motion.gain - OVERLOAD * overload, motion))
+    }
+
+    /// Setpoints of all joints at a time \[s\]; the motion is repeated.
+    pub fn at(&self, t_s: f64) -> [Setpoint; MAX_JOINTS] {
+        let mut setpoints = [[0.0; 3]; MAX_JOINTS];
+        let part = (t_s / self.duration_s).fract();
+        for (setpoint, series) in setpoints.iter_mut().zip(&self.joints) {
+            *setpoint = series.at(part, self.duration_s); // (1)
+        }
+        setpoints
+    }
+
+    /// One period as a table with a point every `step_s` or somewhat less \[s\].
+    ///
+    /// # Errors
+    /// A step that is not above 0 or longer than a tenth of the period, in words.
+    pub fn table(&self, step_s: f64) -> Result<MotionTable, String> {
+        if !(step_s >= 1e-5 && step_s <= 0.1 * self.duration_s) {
+            return Err(format!(
+                "step: expected 1e-5 to {} s, got {step_s} s",
+                0.1 * self.duration_s
+            ));
+        }
+        let count = (self.duration_s / step_s).ceil() as usize;
+        let times: Vec<f64> = (0..=count).map(|k| self.duration_s * k as f64 / count as f64).collect();
+        let positions: Vec<[f64; MAX_JOINTS]> = times
+            .iter()
+            .map(|t_s| self.at(*t_s).map(|setpoint| setpoint[0]))
+            .collect();
+        MotionTable::new(self.joints.len(), &times, &positions)
+    }
+}

@@ -1,0 +1,221 @@
+//! What a motion will tell: the standard deviations that identification reaches with it, before any torque is measured.
+//!
+//! ```text
+//! Λ = Λ₀ + Σ_j A_j / (f_j σ_j)²,      std_i = √(Λ⁻¹)_ii                                          (1)
+//! σ_j² = s_j² Δ ∫ψ² / (∫ψ)²,          f_j² = Σ_k r(k · stride),   r = autocorrelation of ψ        (2)
+//! ```
+//!
+//! (1) is the information of [`identify`](super::identify), which depends on the motion alone once the misfit of the torques is known: σ_j of a row and the factor f_j
+//! for its correlation. Both are in the result of an earlier identification; (2) is what white noise of s_j per sample every Δ makes of them.
+
+use super::identify::RobotIdentifier;
+use super::information::{Information, Solver};
+use super::model::RobotModel;
+use super::motion_table::MotionTable;
+use super::rows::{WeakRows, WindowOptions};
+use super::state::RobotSample;
+use super::sums::JointSums;
+use crate::estimator::linalg::Cholesky;
+
+/// Samples per window at which a motion is looked at: the window is smooth, more of them change the standard deviations by less than 1 %.
+const LOOKS_PER_WINDOW: f64 = 10.0;
+/// Part of the standard deviation before any data below which a parameter is known from data: (1/3)² of the variance.
+const KNOWN: f64 = 1.0 / 3.0;
+/// Least size of a parameter as a part of what a machine of this size can have.
+const SMALLEST_SIZE: f64 = 0.02;
+
+/// Misfit of the rows of each joint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RowMisfit {
+    /// σ_j: standard deviation of a row \[N m or N\], > 0.
+    pub std: Vec<f64>,
+    /// f_j ≥ 1: how much larger the misfit is over seconds than independent rows would make it.
+    pub correlation: Vec<f64>,
+}
+
+impl RowMisfit {
+    /// (2): of torques that are off by white noise alone; `std` is that of one sample at each joint.
+    pub fn white(std: &[f64], sample_period_s: f64, windows: &WindowOptions) -> Self {
+        const STEPS: i32 = 400;
+        let psi = |x: f64| if x.abs() < 1.0 { (1.0 - x * x).powi(4) } else { 0.0 };
+        let step = 2.0 / f64::from(STEPS);
+        let overlap = |lag: f64| -> f64 {
+            (0..STEPS)
+                .map(|i| -1.0 + step * (f64::from(i) + 0.5))
+                .map(|x| psi(x) * psi(x + lag) * step)
+                .sum()
+        };
+        let whole: f64 = (0..STEPS).map(|i| psi(-1.0 + step * (f64::from(i) + 0.5)) * step).sum();
+        let square = overlap(0.0);
+        let half = 0.5 * windows.length_s;
+        let factor = (sample_period_s / half * square / (whole * whole)).sqrt(); // (2)
+        let lags = (windows.length_s / windows.stride_s).ceil() as i32;
+        let correlated: f64 = (1..=lags)
+            .map(|k| 2.0 * overlap(f64::from(k) * windows.stride_s / half) / square)
+            .sum();
+        Self {
+            std: std.iter().map(|s| s * factor).collect(),
+            correlation: vec![(1.0 + correlated).sqrt(); std.len()], // (2)
+        }
+    }
+
+    fn validate(&self, joints: usize) -> Result<(), String> {
+        let sound = |list: &[f64], least: f64| {
+            list.len() == joints && list.iter().all(|x| *x >= least && *x > 0.0 && x.is_finite())
+        };
+        match sound(&self.std, 0.0) && sound(&self.correlation, 1.0) {
+            true => Ok(()),
+            false => Err(format!(
+                "misfit: expected {joints} standard deviations above 0 and {joints} factors of at least 1, got {:?} and {:?}",
+                self.std, self.correlation
+            )),
+        }
+    }
+}
+
+/// What a motion says of one parameter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ParameterForecast {
+    /// Standard deviation that it will be known to.
+    pub std: f64,
+    /// Its size: the URDF's value, at least 2 % of what a machine of this size can have.
+    pub size: f64,
+    /// False if the motion says next to nothing of it: the standard deviation stays above a third of that before any data.
+    pub is_told: bool,
+}
+
+/// Looks at motions, each time in the same room.
+#[derive(Debug, Clone)]
+pub struct Forecaster {
+    model: RobotModel,
+    windows: WindowOptions,
+    misfit: RowMisfit,
+    rows: WeakRows,
+    sums: Vec<JointSums>,
+    information: Information,
+    factor: Cholesky,
+    scaled: Vec<f64>,
+}
+
+impl Forecaster {
+    /// For a model, its windows, and the misfit that is to be expected.
+    ///
+    /// # Errors
+    /// Windows or a misfit that are not valid, in words.
+    pub fn new(model: RobotModel, windows: WindowOptions, misfit: RowMisfit) -> Result<Self, String> {
+        let (joints, n) = (model.robot().len(), model.parameters().len());
+        misfit.validate(joints)?;
+        Ok(Self {
+            rows: WeakRows::new(&model, windows)?,
+            sums: (0..joints).map(|j| JointSums::new(model.columns(j))).collect(),
+            information: Information::new(n),
+            factor: Cholesky::new(n),
+            scaled: vec![0.0; n * n],
+            model,
+            windows,
+            misfit,
+        })
+    }
+
+    /// The model.
+    pub fn model(&self) -> &RobotModel {
+        &self.model
+    }
+
+    /// The misfit that is expected.
+    pub fn misfit(&self) -> &RowMisfit {
+        &self.misfit
+    }
+
+    /// Time between two looks at a motion \[s\].
+    pub fn step_s(&self) -> f64 {
+        (self.windows.length_s / LOOKS_PER_WINDOW).min(0.9 * self.windows.max_gap_s)
+    }
+
+    /// (1), from the states of a motion at rising times.
+    pub(super) fn look(&mut self, motion: impl Iterator<Item = RobotSample>) {
+        self.rows.restart();
+        self.sums.iter_mut().for_each(JointSums::clear);
+        for sample in motion {
+            let sums = &mut self.sums;
+            // A motion that was checked has finite numbers at rising times.
+            let _ = self.rows.push(&self.model, &sample, &mut |row| {
+                sums[row.joint].add_row(row.regressor, 0.0);
+            });
+        }
+        self.sums.iter_mut().for_each(JointSums::mirror);
+        let RowMisfit { std, correlation } = &self.misfit;
+        let weight = |joint: usize| (std[joint] * correlation[joint]).powi(-2);
+        RobotIdentifier::of_total(&self.model, &self.sums, weight, &mut self.information); // (1)
+    }
+
+    /// ½ ln det Λ − ½ ln det Λ₀ of the last motion \[nat\]: the smaller the ellipsoid of what is still possible, the larger. `None` if rounding has spoilt Λ.
+    pub(super) fn gain(&mut self) -> Option<f64> {
+        let n = self.information.n;
+        for (i, parameter) in self.model.parameters().iter().enumerate() {
+            for (j, other) in self.model.parameters().iter().enumerate() {
+                self.scaled[i * n + j] = self.information.matrix[i * n + j] * parameter.scale * other.scale;
+            }
+        }
+        self.factor
+            .factor(n, &self.scaled)
+            .then(|| 0.5 * self.factor.log_determinant())
+    }
+
+    /// What a motion will tell of each parameter.
+    pub fn forecast(&mut self, motion: &MotionTable) -> Vec<ParameterForecast> {
+        let (step, joints) = (self.step_s(), motion.joints());
+        let count = (motion.duration_s() / step).floor() as usize;
+        self.look((0..=count).map(|k| sample(motion, joints, step * k as f64)));
+        let n = self.information.n;
+        let mut covariance = vec![0.0; n * n];
+        Solver::new(n).covariance(&self.information, &vec![false; n], &mut covariance);
+        let forecast = self.model.parameters().iter().enumerate().map(|(i, parameter)| {
+            let std = covariance[i * n + i].max(0.0).sqrt();
+            ParameterForecast {
+                std,
+                size: parameter.nominal.abs().max(SMALLEST_SIZE * parameter.scale),
+                is_told: std < KNOWN * parameter.scale,
+            }
+        });
+        forecast.collect()
+    }
+}
+
+fn sample(motion: &MotionTable, joints: usize, t_s: f64) -> RobotSample {
+    let setpoints = motion.at(t_s);
+    let mut sample = RobotSample {
+        t_s,
+        ..RobotSample::default()
+    };
+    for j in 0..joints {
+        (sample.q[j], sample.dq[j]) = (setpoints[j][0], setpoints[j][1]);
+    }
+    sample
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// ∫ψ² / (∫ψ)² of (1 − x²)⁴ over (−1, 1) is 0.59908/0.81270² = 0.90705; rows a whole window apart are independent.
+    #[test]
+    fn val_white_noise_in_rows() {
+        let windows = WindowOptions {
+            length_s: 0.2,
+            stride_s: 0.2,
+            ..WindowOptions::default()
+        };
+        let misfit = RowMisfit::white(&[2.0], 0.001, &windows);
+        assert!((misfit.std[0] / (2.0 * (0.001_f64 / 0.1 * 0.90705).sqrt()) - 1.0).abs() < 1e-4);
+        assert!((misfit.correlation[0] - 1.0).abs() < 1e-9);
+        // Dense rows: Σ r(k · stride) → (∫ψ)² / (stride ∫ψ²) = T/2 / (0.90705 stride).
+        let dense = WindowOptions {
+            length_s: 0.2,
+            stride_s: 0.02,
+            ..WindowOptions::default()
+        };
+        let misfit = RowMisfit::white(&[2.0], 0.001, &dense);
+        assert!((misfit.correlation[0].powi(2) * 0.90705 / 5.0 - 1.0).abs() < 1e-3);
+    }
+}

@@ -1,0 +1,290 @@
+//! `thetabus excite ROBOT.toml`: a motion that tells much of a robot; `thetabus config check ROBOT.toml --motion FILE`: what a given one tells.
+
+use super::{ExciteArgs, Exit, Failure, TableFormat, logging};
+use crate::robot::{
+    Excitation, ExcitationOptions, Forecaster, MotionTable, ParameterForecast, RobotConfig, RowMisfit, read_motion,
+};
+use crate::runner::Shutdown;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::io::{ErrorKind, Write as _};
+use std::path::Path;
+
+/// Sample period if section `[plant]` names none \[s\].
+const PERIOD_S: f64 = 0.001;
+
+/// Designs a motion and says what it will tell.
+///
+/// # Errors
+/// A configuration or options that are wrong, a file that exists or cannot be written.
+pub fn run(args: &ExciteArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
+    let config = RobotConfig::from_file(&args.config).map_err(Failure::Usage)?;
+    let options = ExcitationOptions {
+        duration_s: args.duration.unwrap_or(config.excitation.duration_s),
+        harmonics: args.harmonics.unwrap_or(config.excitation.harmonics),
+        tries: args.tries.unwrap_or(config.excitation.tries),
+        seed: args.seed.unwrap_or(config.excitation.seed),
+        ranges: config.excitation.ranges.clone(),
+    };
+    if !(args.rate > 0.0 && args.rate.is_finite()) {
+        return Err(Failure::Usage(format!(
+            "--rate: expected a number above 0, got {}",
+            args.rate
+        )));
+    }
+    if let Some(out) = args.out.as_deref().filter(|out| out.exists()) {
+        return Err(exists(out));
+    }
+    let expected = Expected::of(&config, args.residuals.as_deref())?;
+    let mut forecaster = expected.forecaster(&config)?;
+    let motion =
+        Excitation::design(&mut forecaster, &options, &mut |_| !shutdown.requested()).map_err(Failure::Usage)?;
+    let table = motion.table(1.0 / args.rate).map_err(Failure::Usage)?;
+    let forecast = forecaster.forecast(&table);
+    if let Some(out) = &args.out {
+        let turns: Vec<bool> = config.model.robot().joints.iter().map(|joint| joint.turns).collect();
+        let written =
+            std::fs::File::create_new(out).and_then(|mut file| file.write_all(table.to_csv(&turns).as_bytes()));
+        written.map_err(|e| match e.kind() {
+            ErrorKind::AlreadyExists => exists(out),
+            _ => Failure::Failed(format!("{} cannot be written: {e}", out.display())),
+        })?;
+    }
+    match args.format {
+        TableFormat::Json => {
+            let mut value = as_json(&config, &expected, &forecast);
+            value["duration_s"] = json!(motion.duration_s);
+            value["gain_nat"] = json!(motion.gain);
+            value["random_gain_nat"] = json!(motion.random_gain);
+            value["joints"] = joints(&config, &motion, &table)
+                .iter()
+                .map(|joint| {
+                    json!({
+                        "name": joint.name, "lower": joint.lower, "upper": joint.upper, "velocity": joint.velocity,
+                        "acceleration": joint.acceleration, "effort": joint.effort,
+                    })
+                })
+                .collect();
+            logging::result(&format!("{value:#}"))?;
+        }
+        TableFormat::Text => {
+            logging::result(&joint_table(&joints(&config, &motion, &table)))?;
+            logging::result(table_of(&config, &expected, &forecast).trim_end())?;
+            // A parameter's share of the information is what one standard deviation shrinks by.
+            let part = ((motion.random_gain - motion.gain) / forecast.len() as f64).exp();
+            logging::result(&format!(
+                "\nstandard deviations are {:.0} % of those of a random motion within the same limits, in the geometric mean",
+                100.0 * part
+            ))?;
+        }
+    }
+    if let Some(out) = &args.out {
+        logging::note(args.format, &format!("motion in {}", out.display()))?;
+    }
+    Ok(Exit::Done)
+}
+
+/// Says what a given motion tells of a robot's parameters.
+///
+/// # Errors
+/// A configuration or a motion that is wrong.
+pub(super) fn check_motion(config: &Path, motion: &Path, residuals: Option<&Path>) -> Result<(), Failure> {
+    let text = std::fs::read_to_string(config).unwrap_or_default();
+    if !RobotConfig::is_robot(&text) {
+        return Err(Failure::Usage(format!(
+            "--motion: expected a configuration with [model] kind = \"robot\", got {}",
+            config.display()
+        )));
+    }
+    let config = RobotConfig::parse(&text, config).map_err(Failure::Usage)?;
+    let problem = |e: &dyn std::fmt::Display| Failure::Usage(format!("{}: {e}", motion.display()));
+    let text = std::fs::read_to_string(motion).map_err(|e| problem(&e))?;
+    let table = read_motion(&text, &config.columns).map_err(|e| problem(&e))?;
+    let expected = Expected::of(&config, residuals)?;
+    let forecast = expected.forecaster(&config)?.forecast(&table);
+    logging::result(table_of(&config, &expected, &forecast).trim_end())
+}
+
+fn exists(out: &Path) -> Failure {
+    Failure::Usage(format!("{} exists and is not written over", out.display()))
+}
+
+/// The misfit that is expected, and where that is from.
+struct Expected {
+    misfit: RowMisfit,
+    source: String,
+}
+
+impl Expected {
+    fn of(config: &RobotConfig, residuals: Option<&Path>) -> Result<Self, Failure> {
+        match residuals {
+            Some(path) => Self::measured(path),
+            None => Ok(Self::simulated(config)),
+        }
+    }
+
+    /// White noise as the simulated robot has it.
+    fn simulated(config: &RobotConfig) -> Self {
+        let part = config.simulation.torque_noise.max(1e-6);
+        let plant = config
+            .ordinary
+            .get("plant")
+            .and_then(|plant| plant.get("sample_period_s"));
+        let period_s = plant
+            .and_then(toml::Value::as_float)
+            .filter(|x| *x > 0.0)
+            .unwrap_or(PERIOD_S);
+        let size = |joint: &crate::robot::RobotJoint| joint.limits.effort.filter(|x| *x > 0.0).unwrap_or(100.0);
+        let noise: Vec<f64> = config
+            .model
+            .robot()
+            .joints
+            .iter()
+            .map(|joint| part * size(joint))
+            .collect();
+        Self {
+            misfit: RowMisfit::white(&noise, period_s, &config.options.windows),
+            source: format!(
+                "torque noise of {} % of each joint's largest torque, every {period_s} s, and nothing else (key simulate.torque_noise); \
+                 a real robot misses its model by more: name the result of an identification by --residuals",
+                100.0 * part
+            ),
+        }
+    }
+
+    /// As an identification has found it.
+    fn measured(path: &Path) -> Result<Self, Failure> {
+        let path = match path.is_dir() {
+            true => path.join("summary.json"),
+            false => path.to_owned(),
+        };
+        let problem = |e: &dyn std::fmt::Display| Failure::Usage(format!("--residuals: {}: {e}", path.display()));
+        let text = std::fs::read_to_string(&path).map_err(|e| problem(&e))?;
+        let summary: Value = serde_json::from_str(&text).map_err(|e| problem(&e))?;
+        let list = |key: &str| -> Option<Vec<f64>> {
+            let joints = summary["joints"].as_array()?;
+            joints.iter().map(|joint| joint[key].as_f64()).collect()
+        };
+        let (Some(std), Some(correlation)) = (list("torque_std"), list("misfit_correlation")) else {
+            return Err(problem(
+                &"expected torque_std and misfit_correlation of each joint, as `thetabus identify LOG.csv --out DIR` writes them",
+            ));
+        };
+        Ok(Self {
+            misfit: RowMisfit { std, correlation },
+            source: format!("misfit of each joint as in {}", path.display()),
+        })
+    }
+
+    fn forecaster(&self, config: &RobotConfig) -> Result<Forecaster, Failure> {
+        Forecaster::new(config.model.clone(), config.options.windows, self.misfit.clone()).map_err(Failure::Usage)
+    }
+}
+
+/// What a motion asks of a joint.
+struct JointUse {
+    name: String,
+    lower: f64,
+    upper: f64,
+    velocity: f64,
+    acceleration: f64,
+    effort: f64,
+    effort_limit: Option<f64>,
+}
+
+fn joints(config: &RobotConfig, motion: &Excitation, table: &MotionTable) -> Vec<JointUse> {
+    let robot = config.model.robot();
+    let mut all: Vec<JointUse> = robot
+        .joints
+        .iter()
+        .zip(&motion.effort)
+        .map(|(joint, effort)| JointUse {
+            name: joint.name.clone(),
+            lower: f64::INFINITY,
+            upper: f64::NEG_INFINITY,
+            velocity: 0.0,
+            acceleration: 0.0,
+            effort: *effort,
+            effort_limit: joint.limits.effort.filter(|x| *x > 0.0),
+        })
+        .collect();
+    let looks = (table.duration_s() / 0.005).ceil() as usize;
+    for look in 0..looks {
+        let setpoints = motion.at(0.005 * look as f64);
+        for (joint, [q, dq, ddq]) in all.iter_mut().zip(setpoints) {
+            (joint.lower, joint.upper) = (joint.lower.min(q), joint.upper.max(q));
+            joint.velocity = joint.velocity.max(dq.abs());
+            joint.acceleration = joint.acceleration.max(ddq.abs());
+        }
+    }
+    all
+}
+
+fn joint_table(joints: &[JointUse]) -> String {
+    let mut text = format!(
+        "{:<24} {:>8} {:>8} {:>9} {:>13} {:>10} {:>10}\n",
+        "joint", "from", "to", "speed", "acceleration", "torque", "of limit"
+    );
+    for joint in joints {
+        let part = joint
+            .effort_limit
+            .map_or("-".to_owned(), |limit| format!("{:.0} %", 100.0 * joint.effort / limit));
+        let _ = writeln!(
+            text,
+            "{:<24} {:>8.3} {:>8.3} {:>9.3} {:>13.3} {:>10.2} {:>10}",
+            joint.name, joint.lower, joint.upper, joint.velocity, joint.acceleration, joint.effort, part
+        );
+    }
+    text.push_str("(rad or m; torques of the URDF's bodies without friction. Collisions are not checked: play it in a simulation first.)\n");
+    text
+}
+
+fn table_of(config: &RobotConfig, expected: &Expected, forecast: &[ParameterForecast]) -> String {
+    let mut text = format!(
+        "{:<12} {:>12} {:>12} {:>10}  {:<10} {}\n",
+        "parameter", "URDF", "std", "of size", "unit", "meaning"
+    );
+    let mut untold = Vec::new();
+    for (p, forecast) in config.model.parameters().iter().zip(forecast) {
+        let part = match forecast.is_told {
+            true => format!("{:.1} %", 100.0 * forecast.std / forecast.size),
+            false => "not told".to_owned(),
+        };
+        if !forecast.is_told {
+            untold.push(p.name.as_str());
+        }
+        let _ = writeln!(
+            text,
+            "{:<12} {:>12.5} {:>12.5} {part:>10}  {:<10} {}",
+            p.name, p.nominal, forecast.std, p.unit, p.meaning
+        );
+    }
+    let _ = writeln!(text, "\nexpected: {}", expected.source);
+    let _ = match untold.is_empty() {
+        true => writeln!(text, "the motion tells all {} parameters", forecast.len()),
+        false => writeln!(
+            text,
+            "the motion tells {} of {} parameters; not {}",
+            forecast.len() - untold.len(),
+            forecast.len(),
+            untold.join(", ")
+        ),
+    };
+    text
+}
+
+fn as_json(config: &RobotConfig, expected: &Expected, forecast: &[ParameterForecast]) -> Value {
+    let parameters: Vec<Value> = config
+        .model
+        .parameters()
+        .iter()
+        .zip(forecast)
+        .map(|(p, forecast)| {
+            json!({
+                "name": p.name, "unit": p.unit, "meaning": p.meaning, "urdf": p.nominal,
+                "std": forecast.std, "size": forecast.size, "is_told": forecast.is_told,
+            })
+        })
+        .collect();
+    json!({ "robot": config.model.robot().name, "expected": expected.source, "parameters": parameters })
+}

@@ -227,6 +227,15 @@ impl BaseParameters {
     }
 }
 
+impl BaseParameters {
+    /// K of (3) by rows: for each base parameter the standard parameters with their factors.
+    pub fn rows(&self) -> impl Iterator<Item = impl Iterator<Item = (Standard, f64)> + '_> + '_ {
+        self.parameters
+            .iter()
+            .map(|p| std::iter::once((p.leading, 1.0)).chain(p.others.iter().copied()))
+    }
+}
+
 /// The standard parameters in the order in which they are kept.
 fn standard_parameters(robot: &Robot, rotors: bool) -> Vec<Standard> {
     let mut standard = Vec::new();

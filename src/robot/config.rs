@@ -176,6 +176,8 @@ struct PayloadSection {
 /// All that identifying a robot from a log needs.
 #[derive(Debug, Clone)]
 pub struct RobotConfig {
+    /// The URDF.
+    pub urdf: PathBuf,
     /// The model.
     pub model: RobotModel,
     /// Columns of the logs.
@@ -290,6 +292,7 @@ impl RobotConfig {
         let payload = file.identify.payload.unwrap_or(true);
         let columns = columns(file.log, n).map_err(|problem| at("log", problem))?;
         Ok(Self {
+            urdf,
             model,
             columns,
             drives,

@@ -31,6 +31,7 @@
 //! | `rows`, `sums`, `information` | samples → weak-form rows → normal equations |
 //! | `identify`, `learning`, `figures` | blocks → estimates with standard deviations, and how well they fit |
 //! | `payload`, `change`, `watch`, `physical` | what the flange carries: found, located, weighed, physically possible |
+//! | `standard`, `urdf_writer` | bodies that can exist, from base parameters; written into the URDF |
 //! | `velocity` | velocities from positions |
 //! | `reference`, `simulator` | motions within limits; a simulated robot in closed loop |
 //! | `motion_table`, `prediction`, `excitation` | a motion as a table; what it will tell; motions that tell much |
@@ -66,10 +67,12 @@ mod regressor;
 mod rows;
 mod simulator;
 mod spatial;
+mod standard;
 mod state;
 mod sums;
 mod tree;
 mod urdf;
+mod urdf_writer;
 mod velocity;
 mod watch;
 mod watch_room;
@@ -101,7 +104,9 @@ pub use regressor::EnergyRegressors;
 pub use rows::{SampleFault, WeakRow, WeakRows, WindowOptions};
 pub use simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator, SimulatedDrive};
 pub use spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};
+pub use standard::StandardParameters;
 pub use state::{FilteredSample, RobotSample, Setpoint};
-pub use tree::{Robot, RobotJoint, Selection};
+pub use tree::{Robot, RobotJoint, RobotLink, Selection};
 pub use urdf::{Joint, JointKind, Limits, Link, Urdf};
+pub use urdf_writer::{JointValues, LinkValues, write_urdf};
 pub use velocity::Velocities;

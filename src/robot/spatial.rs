@@ -106,6 +106,15 @@ impl Placement {
         }
     }
 
+    /// Where the parent's frame is, as seen by the child.
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        Self {
+            rotation: self.rotation.transpose(),
+            translation: -self.rotation.tr_mul(&self.translation),
+        }
+    }
+
     /// (1): a motion of the parent's frame in the child's.
     #[must_use]
     pub fn into_child(&self, motion: &Motion) -> Motion {

@@ -39,6 +39,21 @@ pub struct RobotJoint {
     pub limits: Limits,
 }
 
+/// A link of the URDF as a part of a body that moves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RobotLink {
+    /// Name in the URDF.
+    pub name: String,
+    /// Index of the joint whose body it is part of.
+    pub joint: usize,
+    /// Its frame in that of the body.
+    pub placement: Placement,
+    /// Its own parameters in the body's frame; `None` for a frame without mass.
+    pub body: Option<BodyParameters>,
+    /// True if a joint that is held at 0 lies between it and the moving joint.
+    pub is_held: bool,
+}
+
 /// A robot of 1 to [`MAX_JOINTS`] moving joints with the body behind each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
@@ -54,6 +69,8 @@ pub struct Robot {
     pub flange: Placement,
     /// Joints that could move and are held at 0, because they are outside the selection.
     pub held: Vec<String>,
+    /// The links that the bodies are made of, in the order of the tree.
+    pub links: Vec<RobotLink>,
 }
 
 impl Robot {
@@ -390,12 +407,16 @@ impl<'a> Tree<'a> {
         let mut place: Vec<(Option<usize>, Placement)> = vec![(None, Placement::identity()); links.len()];
         let mut found: Vec<Option<RobotJoint>> = vec![None; moving.len()];
         let mut bodies = vec![BodyParameters::default(); moving.len()];
-        let mut held = Vec::new();
+        let (mut held, mut parts) = (Vec::new(), Vec::new());
+        let mut behind_held = vec![false; links.len()];
         for &index in order {
             let joint = &joints[index];
             let (body, parent) = place[joint.parent];
             let placement = parent.then(&joint.origin);
-            place[joint.child] = match moving.iter().position(|other| *other == index) {
+            let own = moving.iter().position(|other| *other == index);
+            let is_held = joint.kind != JointKind::Fixed || behind_held[joint.parent];
+            behind_held[joint.child] = own.is_none() && is_held;
+            place[joint.child] = match own {
                 Some(own) => {
                     found[own] = Some(RobotJoint {
                         name: joint.name.clone(),
@@ -417,6 +438,15 @@ impl<'a> Tree<'a> {
             let (body, placement) = place[joint.child];
             if let (Some(body), Some(parameters)) = (body, &links[joint.child].body) {
                 bodies[body] = bodies[body].plus(&parameters.moved(&placement));
+            }
+            if let Some(joint_index) = body {
+                parts.push(RobotLink {
+                    name: links[joint.child].name.clone(),
+                    joint: joint_index,
+                    placement,
+                    body: links[joint.child].body.as_ref().map(|own| own.moved(&placement)),
+                    is_held: behind_held[joint.child],
+                });
             }
         }
         for (own, body) in bodies.iter().enumerate() {
@@ -446,6 +476,7 @@ impl<'a> Tree<'a> {
             bodies,
             gravity: Vector3::from(STANDARD_GRAVITY),
             held,
+            links: parts,
         })
     }
 }

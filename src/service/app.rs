@@ -10,7 +10,7 @@
 use super::args::BUILT_IN;
 use super::{
     CommonArgs, ControllerArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExciteArgs, ExportArgs, IdentifierArgs, IdentifyArgs,
-    LogFormat, MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, VERSION, WatchArgs, main_with,
+    LogFormat, MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, UrdfArgs, VERSION, WatchArgs, main_with,
 };
 use crate::config::Catalog;
 use crate::model::Plant;
@@ -40,6 +40,9 @@ enum Command {
     /// Design a motion that tells much of a robot, and say what it will tell
     #[command(after_help = EXIT_CODES)]
     Excite(ExciteArgs),
+    /// Write the URDF of a robot with what was identified of it
+    #[command(after_help = EXIT_CODES)]
+    Urdf(UrdfArgs),
     /// Publish a recording's samples again; identifier and monitor follow as ever
     #[command(after_help = EXIT_CODES)]
     Replay(ReplayArgs),
@@ -176,6 +179,10 @@ impl Command {
                 main_with(&args.common, |shutdown| super::identify(&args, shutdown))
             }
             Self::Excite(args) => main_with(&tool(args.log_format), |shutdown| super::excite(&args, shutdown)),
+            Self::Urdf(mut args) => {
+                args.common.catalog = catalog;
+                main_with(&args.common, |_| super::urdf(&args))
+            }
             Self::Replay(mut args) => {
                 args.common.catalog = catalog;
                 main_with(&args.common, |shutdown| super::replay(&args, shutdown))

@@ -1,6 +1,6 @@
 //! `thetabus identify LOG.csv --config ROBOT.toml`: a robot from its URDF, off line.
 
-use super::{Exit, Failure, IdentifyArgs, TableFormat, logging, out_dir};
+use super::{Exit, Failure, IdentifyArgs, TableFormat, logging, out_dir, robot_urdf};
 use crate::model::MAX_JOINTS;
 use crate::recording::{RecordingReader, Span, read_joint_states};
 use crate::robot::{
@@ -100,6 +100,9 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
         out_dir::create(dir)?;
         write(dir, "summary.json", &pretty(&summary)?)?;
         write(dir, "estimates.csv", &estimates)?;
+        let (_, covariance) = robot_urdf::arm(&identifier);
+        let table = robot_urdf::covariance_csv(identifier.model(), &covariance);
+        write(dir, robot_urdf::COVARIANCE, &table)?;
     }
     match args.format {
         TableFormat::Json => logging::result(&pretty(&summary)?)?,

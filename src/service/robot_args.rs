@@ -1,6 +1,6 @@
 //! Command lines of the tools for robots from a URDF.
 
-use super::{LogFormat, TableFormat};
+use super::{CommonArgs, LogFormat, TableFormat};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -37,4 +37,21 @@ pub struct ExciteArgs {
     /// Form of the logs on standard error; RUST_LOG chooses what is logged
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,
+}
+
+/// `thetabus urdf`.
+#[derive(Debug, Clone, Args)]
+pub struct UrdfArgs {
+    /// Checkpoint, directory of results or recording of a robot from a URDF
+    #[arg(value_name = "CHECKPOINT|DIR|RECORDING")]
+    pub input: PathBuf,
+    /// File for the URDF, which must not exist
+    #[arg(long, value_name = "FILE.urdf")]
+    pub out: PathBuf,
+    /// Form of the table on standard output
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub format: TableFormat,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
 }

@@ -8,6 +8,7 @@ mod payload;
 mod peers;
 mod simulated;
 mod simulator;
+mod standard;
 mod ur10e;
 mod urdf;
 

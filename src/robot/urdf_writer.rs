@@ -1,0 +1,247 @@
+//! Writes identified values back into a URDF; everything else in the text stays as it is, comments and meshes included.
+
+use super::error::UrdfError;
+use super::spatial::BodyParameters;
+use super::xml;
+use nalgebra::Matrix3;
+use roxmltree::Node;
+use std::collections::HashMap;
+use std::ops::Range;
+
+/// What is written of a link.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinkValues {
+    /// Name in the URDF.
+    pub name: String,
+    /// Ten parameters in the link's own frame, of a body with mass.
+    pub body: BodyParameters,
+    /// Where they are from: lines of a comment.
+    pub source: Vec<String>,
+}
+
+/// What is written of a joint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointValues {
+    /// Name in the URDF.
+    pub name: String,
+    /// Viscous friction \[N m s/rad or N s/m\]; `None` leaves what is there.
+    pub damping: Option<f64>,
+    /// Coulomb friction \[N m or N\]; `None` leaves what is there.
+    pub friction: Option<f64>,
+    /// Where they are from, and what a URDF has no element for: lines of a comment.
+    pub source: Vec<String>,
+}
+
+/// The text of a URDF with these values in the place of its own; `header` is a comment at its top.
+///
+/// # Errors
+/// A text that is no XML, a link or joint that it does not have, a link without `<inertial>`.
+pub fn write_urdf(
+    text: &str,
+    header: &[String],
+    links: &[LinkValues],
+    joints: &[JointValues],
+) -> Result<String, UrdfError> {
+    let document = xml::parse(text)?;
+    let robot = document.root_element();
+    let named = |tag: &str| -> HashMap<&str, Node<'_, '_>> {
+        let elements = robot.children().filter(|node| node.has_tag_name(tag));
+        elements
+            .filter_map(|node| Some((node.attribute("name")?.trim(), node)))
+            .collect()
+    };
+    let missing = |tag: &str, name: &str, expected: &str| {
+        UrdfError::new(None, format!("<{tag} name=\"{name}\">"), expected, "none")
+    };
+    let mut edits: Vec<(Range<usize>, String)> = Vec::new();
+    if let Some(first) = robot.first_child() {
+        let at = first.range().start;
+        edits.push((at..at, format!("\n{}", comment(header, "  "))));
+    }
+    let (all_links, all_joints) = (named("link"), named("joint"));
+    for link in links {
+        let node = all_links
+            .get(link.name.as_str())
+            .ok_or_else(|| missing("link", &link.name, "a link of this file"))?;
+        let old = child(node, "inertial")
+            .ok_or_else(|| missing("inertial", &link.name, "an <inertial> in the link"))?
+            .range();
+        let indent = indent(text, old.start);
+        edits.push((
+            old,
+            format!(
+                "{}\n{indent}{}",
+                comment(&link.source, &indent).trim(),
+                inertial(&link.body, &indent)
+            ),
+        ));
+    }
+    for joint in joints {
+        let node = all_joints
+            .get(joint.name.as_str())
+            .ok_or_else(|| missing("joint", &joint.name, "a joint of this file"))?;
+        let old = child(node, "dynamics");
+        let kept = |name: &str| old.and_then(|node| node.attribute(name)).map(str::to_owned);
+        let value = |name: &str, value: Option<f64>| -> Option<(String, String)> {
+            // What is no friction that can exist is stated as none; the comment has the estimate.
+            let text = value.map(|x| number(x.max(0.0))).or_else(|| kept(name))?;
+            Some((name.to_owned(), text))
+        };
+        let values = [value("damping", joint.damping), value("friction", joint.friction)];
+        let attributes: String = values
+            .into_iter()
+            .flatten()
+            .map(|(name, value)| format!(" {name}=\"{value}\""))
+            .collect();
+        let element = match attributes.is_empty() {
+            true => String::new(),
+            false => format!("<dynamics{attributes}/>"),
+        };
+        match old {
+            Some(node) => {
+                let indent = indent(text, node.range().start);
+                let note = comment(&joint.source, &indent);
+                edits.push((node.range(), format!("{}\n{indent}{element}", note.trim())));
+            }
+            None => {
+                let range = node.range();
+                let Some(end) = text[range.clone()].rfind("</").map(|at| range.start + at) else {
+                    continue;
+                };
+                let indent = format!("{}  ", indent(text, range.start));
+                let mut note = comment(&joint.source, &indent);
+                if !element.is_empty() {
+                    note.push_str(&format!("{indent}{element}\n"));
+                }
+                // Before the line of the end tag, or before the tag if it stands on a line with others.
+                let line = text[..end].rfind('\n').map_or(0, |at| at + 1);
+                match text[line..end].trim().is_empty() {
+                    true => edits.push((line..line, note)),
+                    false => edits.push((end..end, format!("\n{note}"))),
+                }
+            }
+        }
+    }
+    edits.sort_by_key(|(range, _)| std::cmp::Reverse(range.start));
+    let mut out = text.to_owned();
+    for (range, new) in edits {
+        out.replace_range(range, &new);
+    }
+    Ok(out)
+}
+
+fn child<'a>(node: &Node<'a, 'a>, tag: &str) -> Option<Node<'a, 'a>> {
+    node.children().find(|child| child.has_tag_name(tag))
+}
+
+/// White space before a place in its line.
+fn indent(text: &str, at: usize) -> String {
+    let line = text[..at].rfind('\n').map_or(0, |at| at + 1);
+    text[line..at].chars().take_while(|c| *c == ' ' || *c == '\t').collect()
+}
+
+/// Lines as one XML comment, which must not hold two hyphens in a row.
+fn comment(lines: &[String], indent: &str) -> String {
+    let lines: Vec<String> = lines.iter().map(|line| line.replace("--", "- -")).collect();
+    match &lines[..] {
+        [] => String::new(),
+        [line] => format!("{indent}<!-- {line} -->\n"),
+        lines => format!(
+            "{indent}<!-- {}\n{indent}-->\n",
+            lines.join(&format!("\n{indent}     "))
+        ),
+    }
+}
+
+/// About the centre of mass, in the axes of the link.
+fn inertial(body: &BodyParameters, indent: &str) -> String {
+    let mass = body.mass();
+    let c = body.first_moment() / mass;
+    let j = body.inertia() - mass * (Matrix3::identity() * c.norm_squared() - c * c.transpose());
+    let [x, y, z] = [c.x, c.y, c.z].map(number);
+    let [xx, xy, xz, yy, yz, zz] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|at| number(j[at]));
+    format!(
+        "<inertial>\n\
+         {indent}  <origin xyz=\"{x} {y} {z}\" rpy=\"0 0 0\"/>\n\
+         {indent}  <mass value=\"{}\"/>\n\
+         {indent}  <inertia ixx=\"{xx}\" ixy=\"{xy}\" ixz=\"{xz}\" iyy=\"{yy}\" iyz=\"{yz}\" izz=\"{zz}\"/>\n\
+         {indent}</inertial>",
+        number(mass)
+    )
+}
+
+/// Ten digits: what is left out is far below any standard deviation, and lines stay readable.
+fn number(x: f64) -> String {
+    let rounded: f64 = format!("{x:.9e}").parse().unwrap_or(x);
+    format!("{rounded}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    const TEXT: &str = "<?xml version=\"1.0\"?>\n<robot name=\"one\">\n  <!-- kept -->\n  <link name=\"base\"/>\n  \
+        <joint name=\"turn\" type=\"revolute\">\n    <parent link=\"base\"/>\n    <child link=\"arm\"/>\n    \
+        <limit lower=\"-1\" upper=\"1\" velocity=\"1\" effort=\"1\"/>\n  </joint>\n  <link name=\"arm\">\n    <inertial>\n      \
+        <mass value=\"1\"/>\n      <inertia ixx=\"1\" ixy=\"0\" ixz=\"0\" iyy=\"1\" iyz=\"0\" izz=\"1\"/>\n    </inertial>\n    \
+        <visual><geometry><mesh filename=\"arm.stl\"/></geometry></visual>\n  </link>\n</robot>\n";
+
+    fn values() -> ([LinkValues; 1], [JointValues; 1]) {
+        let body = BodyParameters::new(2.5, Vector3::new(0.1, 0.0, -0.2), Matrix3::identity() * 0.03);
+        let link = LinkValues {
+            name: "arm".to_owned(),
+            body,
+            source: vec!["from -- a test".to_owned()],
+        };
+        let joint = JointValues {
+            name: "turn".to_owned(),
+            damping: Some(0.4),
+            friction: Some(-0.1),
+            source: vec!["coulomb".to_owned(), "rotor".to_owned()],
+        };
+        ([link], [joint])
+    }
+
+    #[test]
+    fn prop_what_is_written_is_read_and_the_rest_stays() {
+        let (links, joints) = values();
+        let text = write_urdf(TEXT, &["header".to_owned()], &links, &joints).unwrap();
+        let robot = crate::robot::Robot::from_urdf(&text, &crate::robot::Selection::default()).unwrap();
+        for (read, written) in robot.bodies[0].0.iter().zip(links[0].body.0) {
+            // Ten digits of numbers up to 2.5.
+            assert!((read - written).abs() < 1e-8, "{text}");
+        }
+        for kept in [
+            "<!-- kept -->",
+            "<mesh filename=\"arm.stl\"/>",
+            "<!-- header -->",
+            "<!-- from - - a test -->",
+        ] {
+            assert!(text.contains(kept), "{kept}: {text}");
+        }
+        assert!(
+            text.contains("<dynamics damping=\"0.4\" friction=\"0\"/>\n  </joint>"),
+            "{text}"
+        );
+        // Written twice is written once, but for the comments.
+        let again = write_urdf(&text, &[], &links, &joints).unwrap();
+        assert_eq!(again.matches("<dynamics").count(), 1);
+        assert_eq!(again.matches("<inertial>").count(), 1);
+    }
+
+    #[test]
+    fn fault_names_that_the_file_does_not_have_are_refused() {
+        let (mut links, mut joints) = values();
+        links[0].name = "base".to_owned();
+        let error = write_urdf(TEXT, &[], &links, &[]).unwrap_err().to_string();
+        assert!(error.contains("expected an <inertial> in the link"), "{error}");
+        joints[0].name = "slide".to_owned();
+        let error = write_urdf(TEXT, &[], &[], &joints).unwrap_err().to_string();
+        assert!(
+            error.contains("slide") && error.contains("a joint of this file"),
+            "{error}"
+        );
+        assert!(write_urdf("<robot", &[], &[], &[]).is_err());
+    }
+}

@@ -13,6 +13,8 @@ pub const UNIT: usize = 32;
 pub const RESPONSE_TEXT: usize = 256;
 /// Bytes of a state that one [`Request`] or [`Journal`] holds.
 pub const DATA: usize = 1024;
+/// Numbers that describe a payload.
+pub const PAYLOAD: usize = 10;
 /// Most parts of a state.
 pub const MAX_PARTS: u32 = 1024;
 /// Most items that a [`Response`] describes: 128 parameters, tunables, positions and inputs.
@@ -42,10 +44,12 @@ pub enum Command {
     Restore = 9,
     /// A recorder tells how many samples it lost.
     Recorder = 10,
+    /// What the flange of a robot carries from now on: nothing, or a known load.
+    Payload = 11,
 }
 
 impl Command {
-    const ALL: [(Self, &'static str); 10] = [
+    const ALL: [(Self, &'static str); 11] = [
         (Self::Pause, "pause"),
         (Self::Resume, "resume"),
         (Self::Reset, "reset"),
@@ -56,6 +60,7 @@ impl Command {
         (Self::Describe, "describe"),
         (Self::Restore, "restore"),
         (Self::Recorder, "recorder"),
+        (Self::Payload, "payload"),
     ];
 
     /// The name as on the command line and in files.
@@ -93,7 +98,7 @@ message! {
     /// A request of service `control`.
     pub struct Request = "ThetabusRequestV3" {
         /// See [`Command`].
-        command: u32, One, "", "1 pause, 2 resume, 3 reset, 4 set, 5 fix, 6 free, 7 save, 8 describe, 9 restore, 10 recorder";
+        command: u32, One, "", "1 pause, 2 resume, 3 reset, 4 set, 5 fix, 6 free, 7 save, 8 describe, 9 restore, 10 recorder, 11 payload";
         /// See [`request_flags`].
         flags: u32, One, "", "Bit 0: value holds";
         from_seq: u64, One, "", "Not before this sample of the stream; 0: at the next border between two blocks";
@@ -101,10 +106,10 @@ message! {
         name: [u8; NAME], Text, "", "Tunable or parameter";
         part: u32, One, "", "Number of this part of a state, from 0";
         parts: u32, One, "", "Parts of the state";
-        data_len: u32, One, "bytes", "Length of this part";
+        data_len: u32, One, "bytes", "Length of this part; of a payload 80, or 0 for none";
         /// See [`stream_tag`]. It waits for that stream, and what it did is undone when another one begins.
         stream: u32, One, "", "Tag of the only stream that this is for; 0: for whichever is open, and to stay";
-        data: [u8; DATA], Byte, "", "The part";
+        data: [u8; DATA], Byte, "", "The part; of a payload m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the flange as float64";
     }
 }
 
@@ -130,6 +135,37 @@ impl Request {
         self.value = value;
         self.flags |= request_flags::VALUE;
         self
+    }
+
+    /// A request that says what the flange carries: nothing, or ten parameters about the flange, m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+    pub fn payload(body: Option<&[f64; PAYLOAD]>) -> Self {
+        let mut request = Self::new(Command::Payload);
+        for (bytes, x) in request.data.chunks_exact_mut(8).zip(body.into_iter().flatten()) {
+            bytes.copy_from_slice(&x.to_le_bytes());
+            request.data_len += 8;
+        }
+        request
+    }
+
+    /// What a request of [`payload`](Self::payload) says.
+    ///
+    /// # Errors
+    /// A length that is neither of nothing nor of a body, in words.
+    pub fn payload_body(&self) -> Result<Option<[f64; PAYLOAD]>, String> {
+        match self.data_len as usize {
+            0 => Ok(None),
+            len if len == 8 * PAYLOAD => {
+                let mut body = [0.0; PAYLOAD];
+                for (x, bytes) in body.iter_mut().zip(self.data.chunks_exact(8)) {
+                    *x = f64::from_le_bytes(std::array::from_fn(|i| bytes[i]));
+                }
+                Ok(Some(body))
+            }
+            len => Err(format!(
+                "payload: expected {} bytes of a body, or 0 for nothing, got {len}",
+                8 * PAYLOAD
+            )),
+        }
     }
 
     /// The name.
@@ -292,7 +328,17 @@ mod tests {
             assert_eq!(Command::from_name(name), Some(command));
             assert_eq!(command.name(), name);
         }
-        assert_eq!((Command::from_wire(0), Command::from_wire(11)), (None, None));
+        assert_eq!((Command::from_wire(0), Command::from_wire(12)), (None, None));
+    }
+
+    #[test]
+    fn prop_a_payload_comes_back_from_its_request() {
+        let body: [f64; PAYLOAD] = std::array::from_fn(|i| 0.1 * i as f64 - 0.3);
+        assert_eq!(Request::payload(Some(&body)).payload_body(), Ok(Some(body)));
+        assert_eq!(Request::payload(None).payload_body(), Ok(None));
+        let mut cut = Request::payload(Some(&body));
+        cut.data_len = 79;
+        assert!(cut.payload_body().unwrap_err().contains("got 79"));
     }
 
     #[test]

@@ -117,7 +117,7 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
     fn accepts(&self, change: &Change) -> bool {
         match change {
             Change::Tune { rows: Some(rows), .. } => rows.is::<B>(),
-            Change::Restart { .. } => false,
+            Change::Restart { .. } | Change::Payload { .. } => false,
             _ => true,
         }
     }

@@ -56,6 +56,11 @@ pub enum Change {
         /// Index of the parameter.
         index: usize,
     },
+    /// Say what a robot's flange carries: nothing, or ten parameters about the flange.
+    Payload {
+        /// The parameters.
+        body: Option<Box<[f64; 10]>>,
+    },
     /// What is left of a change whose contents the node keeps, to undo it.
     Kept,
 }
@@ -77,6 +82,7 @@ impl fmt::Debug for Change {
             Self::Tune { .. } => "Tune",
             Self::Fix { .. } => "Fix",
             Self::Free { .. } => "Free",
+            Self::Payload { .. } => "Payload",
             Self::Kept => "Kept",
         })
     }

@@ -593,6 +593,10 @@ impl<L: Learner> IdentifierNode<L> {
                     self.grid = BlockGrid { seq, block, len };
                 }
             }
+            Change::Payload { body } => {
+                self.status.flags |= status_flags::COMMANDED;
+                self.learner.declare_payload(body.as_deref());
+            }
             Change::Kept => {}
             Change::Fix { index, value } => {
                 self.status.flags |= status_flags::COMMANDED;

@@ -57,7 +57,10 @@ pub trait Learner: Send + 'static {
     /// Estimates a parameter that was held; no effect on one that is free already.
     fn free(&mut self, index: usize);
 
-    /// True if [`begin_anew`](Self::begin_anew) or [`tune`](Self::tune) can carry this change out.
+    /// Takes what a robot's flange carries as said: nothing, or ten parameters about the flange.
+    fn declare_payload(&mut self, _body: Option<&[f64; 10]>) {}
+
+    /// True if [`begin_anew`](Self::begin_anew), [`tune`](Self::tune) or [`declare_payload`](Self::declare_payload) can carry this change out.
     fn accepts(&self, change: &Change) -> bool;
     /// Carries out [`Change::Replace`] or [`Change::Restart`]. Returns whether it goes on from a saved state.
     ///

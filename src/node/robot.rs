@@ -11,7 +11,7 @@ use super::robot_evidence::{self, LEAST_EXPLAINED};
 use crate::estimator::{EstimatorOptions, EstimatorState, Report, StateError, StateMachine};
 use crate::messages::{Estimate, MAX_DERIVED, Sample, Status, estimate_flags};
 use crate::model::MAX_PARAMS;
-use crate::robot::{ChangeCause, Drives, PAYLOAD_VALUES, RobotIdentifier, RobotSample, Velocities};
+use crate::robot::{BodyParameters, ChangeCause, Drives, PAYLOAD_VALUES, RobotIdentifier, RobotSample, Velocities};
 use std::any::Any;
 
 /// The identifier of a robot as a value.
@@ -143,7 +143,17 @@ impl Learner for RobotLearner {
     }
 
     fn accepts(&self, change: &Change) -> bool {
-        matches!(change, Change::Restart { .. })
+        match change {
+            Change::Restart { .. } => true,
+            Change::Payload { .. } => self.robot.estimates_payload(),
+            _ => false,
+        }
+    }
+
+    fn declare_payload(&mut self, body: Option<&[f64; 10]>) {
+        self.robot
+            .declare_payload(body.map(|body| BodyParameters(*body)).as_ref());
+        self.note();
     }
 
     fn begin_anew(&mut self, change: &mut Change) -> Result<bool, StateError> {

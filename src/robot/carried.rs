@@ -82,10 +82,13 @@ impl RobotIdentifier {
             covariance[p * (BODY_PARAMETERS + 1)] += least;
         }
         let body = project(&estimate, &information(&covariance)?)?;
-        Some(CarriedPayload {
-            values: controller_values(&body),
-            std: controller_std(&body, &covariance),
-            body,
-        })
+        let values = controller_values(&body);
+        let mut std = controller_std(&body, &covariance);
+        // Gains scale mass and inertia, and leave the centre of mass where it is.
+        let own = |p: usize| !(1..4).contains(&p) && !self.is_fixed(first + p);
+        for p in (0..BODY_PARAMETERS).filter(|p| own(*p)) {
+            std[p] = std[p].hypot(self.options.gain_std * values[p]);
+        }
+        Some(CarriedPayload { body, values, std })
     }
 }

@@ -65,6 +65,7 @@ struct ModelSection {
 struct DriveSection {
     gain: Option<Vec<f64>>,
     coupling: Option<Vec<Vec<f64>>>,
+    gain_std: Option<f64>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -256,7 +257,10 @@ impl RobotConfig {
             coupling: file.drive.coupling,
         };
         drives.validate(n).map_err(|problem| at("drive", problem))?;
-        let options = options(&file.identify);
+        let options = IdentifyOptions {
+            gain_std: file.drive.gain_std.unwrap_or(0.0),
+            ..options(&file.identify)
+        };
         // Says what is wrong with the options now, not when the log has been read.
         RobotIdentifier::new(model.clone(), options).map_err(|problem| at("identify", problem))?;
         let velocity_s = match file.identify.velocity {

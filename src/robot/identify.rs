@@ -62,6 +62,8 @@ pub struct IdentifyOptions {
     pub friction_change: f64,
     /// True if the flange may carry a payload that comes and goes: it is found and estimated apart from the arm.
     pub payload: bool,
+    /// Relative standard deviation of masses by the gains of the drives, ≥ 0: how well the gains are known.
+    pub gain_std: f64,
 }
 
 impl Default for IdentifyOptions {
@@ -74,6 +76,7 @@ impl Default for IdentifyOptions {
             friction_walk: 0.05,
             friction_change: 0.5,
             payload: false,
+            gain_std: 0.0,
         }
     }
 }
@@ -90,6 +93,7 @@ impl IdentifyOptions {
         for (name, value) in [
             ("friction walk", self.friction_walk),
             ("friction change", self.friction_change),
+            ("gain_std", self.gain_std),
         ] {
             if !(value >= 0.0 && value.is_finite()) {
                 return Err(format!("{name}: expected a number of at least 0, got {value}"));
@@ -330,8 +334,7 @@ impl RobotIdentifier {
     pub fn free(&mut self, parameter: usize) {
         let of_payload = self.payload.as_ref().is_some_and(|payload| parameter >= payload.first);
         if of_payload && !self.is_loaded {
-            self.condense();
-            self.commit_pending(self.pending.len());
+            self.begin_load();
             self.load();
         } else {
             self.fixed[parameter] = false;

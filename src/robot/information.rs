@@ -147,6 +147,22 @@ impl Solver {
         }
     }
 
+    /// (2) for good: what is left of the information on the others when the parameters p have these values; they have no entries any more.
+    pub fn condition(information: &mut Information, p: &[usize], theta: &[f64]) {
+        let n = information.n;
+        for i in (0..n).filter(|i| !p.contains(i)) {
+            let held: f64 = p.iter().map(|j| information.matrix[i * n + j] * theta[*j]).sum();
+            information.vector[i] -= held; // (2)
+        }
+        for &i in p {
+            for j in 0..n {
+                information.matrix[i * n + j] = 0.0;
+                information.matrix[j * n + i] = 0.0;
+            }
+            information.vector[i] = 0.0;
+        }
+    }
+
     fn eliminate(&mut self, information: &mut Information, q: &[usize], walk: Option<&[f64]>) {
         let n = information.n;
         self.free.clear();

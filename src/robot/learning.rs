@@ -1,9 +1,10 @@
 //! What a robot's identification does with a block: weights (2) and (3), estimates (1), the walk of friction (4) of [`identify`](super::identify).
 
 use super::identify::RobotIdentifier;
-use super::information::Information;
+use super::information::{Information, Solver};
 use super::model::RobotModel;
 use super::payload::Payload;
+use super::spatial::BodyParameters;
 use super::sums::JointSums;
 
 /// Number of blocks that the f_j² of before a change counts for.
@@ -69,27 +70,33 @@ impl RobotIdentifier {
         (self.inflation[joint] * self.torque_std[joint]).powi(-2)
     }
 
-    /// The prior and `total` as information.
+    /// The prior and `total` as information, with what the flange carried all the time.
     pub(super) fn of_total(
         model: &RobotModel,
         total: &[JointSums],
         weight: impl Fn(usize) -> f64,
+        mut load: Option<&mut Payload>,
         into: &mut Information,
     ) {
         into.clear();
         for (i, parameter) in model.parameters().iter().enumerate() {
             into.set_prior(i, parameter.nominal, parameter.scale);
         }
-        let n = into.n;
+        if let Some(payload) = &load {
+            for (i, std) in payload.indices().zip(payload.prior) {
+                into.set_prior(i, 0.0, std);
+            }
+        }
         for (joint, sums) in total.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-            sums.scatter(weight(joint), n, &mut into.matrix, &mut into.vector); // (1)
+            learn(sums, weight(joint), load.as_deref_mut(), into); // (1)
         }
     }
 
     /// (1) over everything so far.
     pub(super) fn solve_all(&mut self) {
         let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
-        Self::of_total(&self.model, &self.all, weight, &mut self.system);
+        let load = self.payload.as_mut().filter(|_| self.is_loaded);
+        Self::of_total(&self.model, &self.all, weight, load, &mut self.system);
         self.solver.solve(&self.system, &self.fixed, &mut self.theta); // (1)
         self.refresh_effective();
     }
@@ -99,7 +106,8 @@ impl RobotIdentifier {
         if !self.condensed {
             self.condensed = true;
             let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
-            Self::of_total(&self.model, &self.total, weight, &mut self.committed);
+            let load = self.payload.as_mut().filter(|_| self.is_loaded);
+            Self::of_total(&self.model, &self.total, weight, load, &mut self.committed);
         }
     }
 
@@ -109,7 +117,8 @@ impl RobotIdentifier {
             self.system.copy_from(&self.committed);
         } else {
             let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
-            Self::of_total(&self.model, &self.total, weight, &mut self.system);
+            let load = self.payload.as_mut().filter(|_| self.is_loaded);
+            Self::of_total(&self.model, &self.total, weight, load, &mut self.system);
         }
         for age in 0..slices {
             for joint in 0..self.block.len() {
@@ -192,9 +201,54 @@ impl RobotIdentifier {
         }
     }
 
-    /// What is left of what is known when the payload may have been anything.
+    /// What is left of what is known of the arm when the payload goes: with one that was declared, everything; with one that was estimated, what holds
+    /// for any.
     pub(super) fn marginalise_payload(&mut self) {
-        self.solver.marginalise(&mut self.committed, &self.carried);
+        match self.carried.iter().all(|i| self.fixed[*i]) {
+            true => Solver::condition(&mut self.committed, &self.carried, &self.theta),
+            false => self.solver.marginalise(&mut self.committed, &self.carried),
+        }
+    }
+
+    /// Makes what was learnt so far known before the flange carries something else. Before the first block there are no weights yet, and a
+    /// part of a block is left out instead.
+    pub(super) fn begin_load(&mut self) {
+        if self.blocks > 0 || self.condensed {
+            self.condense();
+            self.commit_pending(usize::MAX);
+            return;
+        }
+        for sums in [&mut self.block, &mut self.slice, &mut self.total]
+            .into_iter()
+            .flatten()
+        {
+            sums.clear();
+        }
+        self.pending.clear();
+        self.block_slices = 0;
+    }
+
+    /// Says what the flange carries from now on, instead of finding it: `None` for nothing, else ten parameters at the flange, which are held. Without a payload among the
+    /// parameters nothing happens. The watch over changes goes on: what contradicts the declaration is found.
+    pub fn declare_payload(&mut self, body: Option<&BodyParameters>) {
+        if self.payload.is_none() {
+            return;
+        }
+        self.begin_load();
+        if self.is_loaded && self.condensed {
+            self.marginalise_payload();
+        }
+        self.unload();
+        if let Some(body) = body {
+            self.load();
+            for (&i, value) in self.carried.iter().zip(body.0) {
+                (self.fixed[i], self.theta[i]) = (true, value);
+            }
+        }
+        if let Some(watch) = &mut self.watch {
+            watch.doubt = 0;
+        }
+        self.solve_known();
     }
 
     /// There is no payload from now on.

@@ -32,6 +32,7 @@
 //! | `identify`, `learning`, `figures` | blocks → estimates with standard deviations, and how well they fit |
 //! | `payload`, `change`, `watch`, `physical` | what the flange carries: found, located, weighed, physically possible |
 //! | `standard`, `urdf_writer` | bodies that can exist, from base parameters; written into the URDF |
+//! | `calibration` | gains of the drives from a known load |
 //! | `velocity` | velocities from positions |
 //! | `reference`, `simulator` | motions within limits; a simulated robot in closed loop |
 //! | `motion_table`, `prediction`, `excitation` | a motion as a table; what it will tell; motions that tell much |
@@ -40,6 +41,7 @@
 
 mod base_parameters;
 mod butterworth;
+mod calibration;
 mod carried;
 mod change;
 #[cfg(feature = "config")]
@@ -80,6 +82,7 @@ mod xml;
 
 pub use base_parameters::{BaseParameter, BaseParameters, Standard};
 pub use butterworth::ZeroPhaseLowPass;
+pub use calibration::{GainCalibration, KnownLoad};
 pub use carried::{CarriedPayload, PAYLOAD_VALUES};
 pub use change::{ChangeCause, RobotChange};
 #[cfg(feature = "config")]
@@ -96,7 +99,8 @@ pub use model::{RobotModel, RobotParameter};
 pub use motion_table::{MotionTable, read_motion};
 pub use payload::Payload;
 pub use physical::{
-    BodyInformation, controller_std, controller_values, information, is_physical, project, pseudo_inertia,
+    BodyInformation, controller_std, controller_values, declared_load, information, is_physical, project,
+    pseudo_inertia,
 };
 pub use prediction::{Forecaster, ParameterForecast, RowMisfit};
 pub use reference::{MAX_HARMONICS, MotionLimits, Motions, Reference};

@@ -123,15 +123,47 @@ pub fn project(estimate: &BodyParameters, information: &BodyInformation) -> Opti
     is_physical(&body).then_some(body)
 }
 
-fn ball(mass: f64, center: Vector3<f64>) -> BodyParameters {
+/// A load as it is declared: mass \[kg\], centre of mass in the flange's frame \[m\], inertia about the centre of mass in the axes of the flange, xx, xy, yy, xz, yz, zz
+/// \[kg m²\]; without an inertia, that of a ball of light metal.
+///
+/// # Errors
+/// What no body can have, in words.
+pub fn declared_load(mass_kg: f64, center_m: [f64; 3], inertia: Option<[f64; 6]>) -> Result<BodyParameters, String> {
+    if !(mass_kg > 0.0 && mass_kg.is_finite() && center_m.iter().all(|x| x.is_finite())) {
+        return Err(format!(
+            "load: expected a mass above 0 and a finite centre of mass, got {mass_kg} kg at {center_m:?}"
+        ));
+    }
+    let body = match inertia {
+        None => BodyParameters::new(mass_kg, center_m.into(), Matrix3::identity() * ball_inertia(mass_kg)),
+        Some([xx, xy, yy, xz, yz, zz]) => {
+            let inertia = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+            BodyParameters::new(mass_kg, center_m.into(), inertia)
+        }
+    };
+    match is_physical(&body) {
+        true => Ok(body),
+        false => Err(format!(
+            "load: expected an inertia that a body can have, each principal one below the sum of the others, got {:?}",
+            inertia.unwrap_or_default()
+        )),
+    }
+}
+
+/// Inertia of a ball about its centre \[kg m²\].
+fn ball_inertia(mass: f64) -> f64 {
     let radius = (mass / DENSITY * 3.0 / (4.0 * std::f64::consts::PI)).cbrt();
+    0.4 * mass * radius * radius
+}
+
+fn ball(mass: f64, center: Vector3<f64>) -> BodyParameters {
     let distance = center.norm();
     let center = if distance > FARTHEST {
         center * (FARTHEST / distance)
     } else {
         center
     };
-    BodyParameters::new(mass, center, Matrix3::identity() * (0.4 * mass * radius * radius))
+    BodyParameters::new(mass, center, Matrix3::identity() * ball_inertia(mass))
 }
 
 /// What robot controllers take: mass \[kg\], centre of mass in the flange's frame \[m\], inertia about the centre of mass in the axes of the flange,

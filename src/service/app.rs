@@ -9,8 +9,9 @@
 
 use super::args::BUILT_IN;
 use super::{
-    CommonArgs, ControllerArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExciteArgs, ExportArgs, IdentifierArgs, IdentifyArgs,
-    LogFormat, MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, UrdfArgs, VERSION, WatchArgs, main_with,
+    CalibrateArgs, CommonArgs, ControllerArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExciteArgs, ExportArgs, IdentifierArgs,
+    IdentifyArgs, LogFormat, MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, UrdfArgs, VERSION, WatchArgs,
+    main_with,
 };
 use crate::config::Catalog;
 use crate::model::Plant;
@@ -40,6 +41,9 @@ enum Command {
     /// Design a motion that tells much of a robot, and say what it will tell
     #[command(after_help = EXIT_CODES)]
     Excite(ExciteArgs),
+    /// Find the gains of a robot's drives from logs without load and with a known one
+    #[command(after_help = EXIT_CODES)]
+    Calibrate(CalibrateArgs),
     /// Write the URDF of a robot with what was identified of it
     #[command(after_help = EXIT_CODES)]
     Urdf(UrdfArgs),
@@ -179,6 +183,7 @@ impl Command {
                 main_with(&args.common, |shutdown| super::identify(&args, shutdown))
             }
             Self::Excite(args) => main_with(&tool(args.log_format), |shutdown| super::excite(&args, shutdown)),
+            Self::Calibrate(args) => main_with(&tool(args.log_format), |_| super::calibrate(&args)),
             Self::Urdf(mut args) => {
                 args.common.catalog = catalog;
                 main_with(&args.common, |_| super::urdf(&args))

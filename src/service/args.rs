@@ -326,6 +326,33 @@ pub enum CtlCommand {
         #[arg(value_name = "PARAMETER")]
         parameter: String,
     },
+    /// Say what a robot's flange carries instead of finding it: nothing, or a known load
+    Payload {
+        /// The flange is empty
+        #[arg(value_name = "none", value_parser = ["none"], conflicts_with_all = ["mass", "com", "inertia"], required_unless_present = "mass")]
+        none: Option<String>,
+        /// Mass of the load [kg]
+        #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+        mass: Option<f64>,
+        /// Its centre of mass in the flange's frame [m]
+        #[arg(
+            long,
+            value_name = "X,Y,Z",
+            value_delimiter = ',',
+            requires = "mass",
+            allow_negative_numbers = true
+        )]
+        com: Option<Vec<f64>>,
+        /// Its inertia about the centre of mass [kg m^2]; without it, that of a ball of light metal
+        #[arg(
+            long,
+            value_name = "XX,XY,YY,XZ,YZ,ZZ",
+            value_delimiter = ',',
+            requires = "mass",
+            allow_negative_numbers = true
+        )]
+        inertia: Option<Vec<f64>>,
+    },
     /// Write a checkpoint now
     Save,
     /// Tell parameters, tunables and signals with their units and bounds

@@ -7,6 +7,7 @@ use crate::config::{Config, ConfigError, Kind, keys};
 use crate::estimator::StateMachine;
 use crate::messages::{Command, Item, MAX_ITEMS, Parts, Request, Response, item_kind, response_code};
 use crate::node::command::{Change, NodeState};
+use crate::robot::{BodyParameters, is_physical};
 
 /// Tunables: what of section `[estimator]` may be set while it runs.
 pub(super) const TUNABLES: [&str; 11] = [
@@ -166,6 +167,26 @@ impl Commands {
                     order(self.restore(&state)?, "goes on from a state".to_owned())
                 }
             },
+            Command::Payload => {
+                if !self.config.model.parameters().iter().any(|p| p.name == "payload_m") {
+                    return Err(
+                        "payload: this model has none; a robot from a URDF has one, unless identify.payload is false"
+                            .to_owned(),
+                    );
+                }
+                let body = request.payload_body()?;
+                let what = match &body {
+                    None => "nothing is carried".to_owned(),
+                    Some(body) if is_physical(&BodyParameters(*body)) => format!("a load of {} kg is carried", body[0]),
+                    Some(body) => return Err(format!("payload: expected a body that can exist, got {body:?}")),
+                };
+                order(
+                    Change::Payload {
+                        body: body.map(Box::new),
+                    },
+                    what,
+                )
+            }
             Command::Recorder => match request.value() {
                 Some(missing) if (0.0..1e18).contains(&missing) => Ok(Wanted::RecorderMissing(missing as u64)),
                 other => Err(format!("expected a count of samples, got {other:?}")),

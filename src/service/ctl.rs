@@ -57,6 +57,11 @@ fn request(command: &CtlCommand) -> Result<Request, Failure> {
         CtlCommand::Reset => Request::new(Command::Reset),
         CtlCommand::Save => Request::new(Command::Save),
         CtlCommand::Describe => Request::new(Command::Describe),
+        CtlCommand::Payload { none: Some(_), .. } => Request::payload(None),
+        CtlCommand::Payload { mass, com, inertia, .. } => {
+            let body = super::calibrate::load_of(*mass, com.as_deref(), inertia.as_deref())?;
+            Request::payload(Some(&body.0))
+        }
         CtlCommand::Free { parameter } => Request::new(Command::Free).named(parameter),
         CtlCommand::Fix { parameter, value } => with(Request::new(Command::Fix).named(parameter), *value),
         CtlCommand::Set { assignment } => {

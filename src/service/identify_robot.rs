@@ -138,7 +138,7 @@ pub(super) fn is_bag(path: &Path) -> bool {
 ///
 /// # Errors
 /// What is wrong with it, with its line.
-fn read(path: &Path, config: &RobotConfig) -> Result<Vec<RobotSample>, Failure> {
+pub(super) fn read(path: &Path, config: &RobotConfig) -> Result<Vec<RobotSample>, Failure> {
     let usage = |problem: &dyn std::fmt::Display| Failure::Usage(format!("{}: {problem}", path.display()));
     let log = match is_bag(path) {
         true => read_bag(path, config)?,

@@ -5,6 +5,7 @@
 mod advice;
 mod app;
 mod args;
+mod calibrate;
 mod cell;
 mod check;
 mod child;
@@ -60,6 +61,7 @@ pub use args::{
     CommonArgs, ControllerArgs, CtlArgs, CtlCommand, DoctorArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat,
     MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION, WatchArgs, WebArgs,
 };
+pub use calibrate::run as calibrate;
 pub use check::{config_check, config_new, config_show};
 pub use controller::run as controller;
 pub use ctl::run as ctl;
@@ -77,6 +79,6 @@ pub use monitor::run as monitor;
 pub use plant::run as plant;
 pub use replay::run as replay;
 pub use report::run as report;
-pub use robot_args::{ExciteArgs, UrdfArgs};
+pub use robot_args::{CalibrateArgs, ExciteArgs, UrdfArgs};
 pub use robot_urdf::run as urdf;
 pub use watch::run as watch;

@@ -55,3 +55,38 @@ pub struct UrdfArgs {
     #[allow(missing_docs, reason = "flattened")]
     pub common: CommonArgs,
 }
+
+/// `thetabus calibrate`.
+#[derive(Debug, Clone, Args)]
+pub struct CalibrateArgs {
+    /// Log of a motion without load
+    #[arg(value_name = "EMPTY.csv")]
+    pub empty: PathBuf,
+    /// Log of a motion with the load on the flange, on the same day
+    #[arg(value_name = "LOADED.csv")]
+    pub loaded: PathBuf,
+    /// Configuration of the robot with the gains so far
+    #[arg(long, value_name = "ROBOT.toml")]
+    pub config: PathBuf,
+    /// Mass of the load [kg]
+    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+    pub mass: f64,
+    /// Its centre of mass in the flange's frame [m], if it is known
+    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', allow_negative_numbers = true)]
+    pub com: Option<Vec<f64>>,
+    /// Its inertia about the centre of mass [kg m^2], if it is known
+    #[arg(
+        long,
+        value_name = "XX,XY,YY,XZ,YZ,ZZ",
+        value_delimiter = ',',
+        requires = "com",
+        allow_negative_numbers = true
+    )]
+    pub inertia: Option<Vec<f64>>,
+    /// Form of the table on standard output
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub format: TableFormat,
+    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub log_format: LogFormat,
+}

@@ -346,16 +346,16 @@ THETABUS_CHECK(offsetof(thetabus_machine_command_t, pad) == 28, "thetabus_machin
 THETABUS_CHECK(offsetof(thetabus_machine_command_t, feed_forward) == 32, "thetabus_machine_command_t.feed_forward has another place");
 
 typedef struct thetabus_request {
-    uint32_t command; /* 1 pause, 2 resume, 3 reset, 4 set, 5 fix, 6 free, 7 save, 8 describe, 9 restore, 10 recorder */
+    uint32_t command; /* 1 pause, 2 resume, 3 reset, 4 set, 5 fix, 6 free, 7 save, 8 describe, 9 restore, 10 recorder, 11 payload */
     uint32_t flags; /* Bit 0: value holds */
     uint64_t from_seq; /* Not before this sample of the stream; 0: at the next border between two blocks */
     double value; /* Value of a tunable or parameter, in its unit; lost samples of a recorder */
     char name[64]; /* Tunable or parameter */
     uint32_t part; /* Number of this part of a state, from 0 */
     uint32_t parts; /* Parts of the state */
-    uint32_t data_len; /* Length of this part [bytes] */
+    uint32_t data_len; /* Length of this part; of a payload 80, or 0 for none [bytes] */
     uint32_t stream; /* Tag of the only stream that this is for; 0: for whichever is open, and to stay */
-    uint8_t data[1024]; /* The part */
+    uint8_t data[1024]; /* The part; of a payload m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the flange as float64 */
 } thetabus_request_t;
 THETABUS_CHECK(sizeof(thetabus_request_t) == 1128, "thetabus_request_t has another size");
 THETABUS_CHECK(offsetof(thetabus_request_t, command) == 0, "thetabus_request_t.command has another place");

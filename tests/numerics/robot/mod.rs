@@ -1,5 +1,6 @@
 //! Robots from a URDF, each stage against something independent of it.
 
+mod calibration;
 mod dynamics;
 mod excitation;
 mod log;

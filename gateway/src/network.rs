@@ -7,13 +7,16 @@ use crate::error::{GatewayError, network};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use zenoh::{Config, Session, Wait};
 
 /// Where a gateway listens, or looks for one, if nothing else is said: this host alone.
 pub const LOOPBACK: &str = "tcp/127.0.0.1:7447";
-/// Pause between attempts to connect.
-const PAUSE: Duration = Duration::from_millis(500);
+/// Pauses between attempts to connect, each twice the one before, as zenoh's own: from this one to that.
+const FIRST_PAUSE: Duration = Duration::from_millis(250);
+const LONGEST_PAUSE: Duration = Duration::from_secs(4);
+/// How often it looks meanwhile whether it shall stop.
+const LOOK: Duration = Duration::from_millis(50);
 
 /// How the network is reached.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -146,6 +149,7 @@ pub fn open(args: &NetworkArgs, part: Part, stop: &AtomicBool) -> Result<Option<
     let config = Config::from_json5(&merged.to_string()).map_err(network("its configuration"))?;
     let is_client = merged["mode"] == json!("client");
     let mut is_told = false;
+    let mut pause = FIRST_PAUSE;
     loop {
         if stop.load(Ordering::Relaxed) {
             return Ok(None);
@@ -161,7 +165,11 @@ pub fn open(args: &NetworkArgs, part: Part, stop: &AtomicBool) -> Result<Option<
                     );
                     is_told = true;
                 }
-                std::thread::sleep(PAUSE);
+                let since = Instant::now();
+                while since.elapsed() < pause && !stop.load(Ordering::Relaxed) {
+                    std::thread::sleep(LOOK);
+                }
+                pause = LONGEST_PAUSE.min(2 * pause);
             }
             Err(e) => return Err(network("opening the session")(e)),
         }

@@ -255,3 +255,49 @@ fn fault_a_user_who_may_see_cannot_command() {
     });
     assert_eq!(response.code, response_code::FAILED, "{}", response.text());
 }
+
+/// A certificate of the test's own for 127.0.0.1, and who signed it; false if openssl is missing here and may be.
+fn certificates(site: &Site) -> bool {
+    let script = "set -e; key='-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes'
+        openssl req -x509 $key -keyout ca.key -out ca.pem -days 2 -subj /CN=ca
+        openssl req $key -keyout key.pem -out host.csr -subj /CN=localhost
+        printf 'subjectAltName=IP:127.0.0.1\\nbasicConstraints=CA:FALSE\\n' > ext
+        openssl x509 -req -in host.csr -CA ca.pem -CAkey ca.key -CAcreateserial -days 2 -extfile ext -out host.pem";
+    let output = std::process::Command::new("sh")
+        .args(["-c", script])
+        .current_dir(site.dir.path())
+        .output();
+    let made = output.is_ok_and(|output| output.status.success());
+    let must = std::env::var("THETABUS_REQUIRE_PEERS").as_deref() == Ok("1");
+    assert!(made || !must, "missing: openssl");
+    if !made {
+        eprintln!("skipped: openssl is missing");
+    }
+    made
+}
+
+#[test]
+fn fault_a_peer_that_does_not_know_the_certificate_gets_nothing_by_tls() {
+    let site = Site::new();
+    if !certificates(&site) {
+        return;
+    }
+    let at = endpoint().replace("tcp/", "tls/");
+    let mut machine = Machine::new(&site.near);
+    let path = |name: &str| site.dir.path().join(name).to_str().expect("UTF-8").to_owned();
+    let (key, host, ca) = (path("key.pem"), path("host.pem"), path("ca.pem"));
+    let tls = |words: &str| format!("{{ transport: {{ link: {{ tls: {{ {words} }} }} }} }}");
+    let own = tls(&format!("listen_private_key: '{key}', listen_certificate: '{host}'"));
+    let out = site.out(&["--listen", &at, "--config", &site.file("out.json5", &own)]);
+    out.says("carries out");
+    let other = Site::new();
+    let refused = other.inward(&["--connect", &at]);
+    refused.says("not connected");
+    let known = tls(&format!("root_ca_certificate: '{ca}'"));
+    let inward = site.inward(&["--connect", &at, "--config", &site.file("in.json5", &known)]);
+    let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
+    let mut descriptions = Subscriber::<Description>::new(&bus).expect("subscribed");
+    machine.until(&mut descriptions, "the description", |_| true);
+    assert!(!refused.stderr().contains("is there"), "{}", refused.stderr());
+    drop(inward);
+}

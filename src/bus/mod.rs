@@ -35,6 +35,7 @@
 //! # }
 //! ```
 
+mod bare;
 mod control;
 mod domain;
 mod error;
@@ -60,6 +61,7 @@ mod time_limit;
 mod topic;
 mod watch;
 
+pub use bare::{BareLink, End};
 pub use control::{Asked, ControlClient, ControlServer, Pending};
 pub use domain::{Domain, Limits};
 pub use error::{BusError, ICEORYX2_VERSION};

@@ -264,6 +264,24 @@ impl Bus {
         }
     }
 
+    /// Services of iceoryx2 alone, with its own defaults but for the message; made by whoever comes first.
+    pub(super) fn bare(&self, name: &str) -> Result<(PubSubService<Sample>, EventService), BusError> {
+        let failed = |e: &dyn fmt::Debug| self.topic_error(Topic::Sample, format!("{name} cannot be opened: {e:?}"));
+        let name = ServiceName::new(&format!("thetabus/{}/{name}", self.0.robot)).map_err(|e| failed(&e))?;
+        let node = &self.0.membership.node;
+        let messages = node
+            .service_builder(&name)
+            .publish_subscribe::<Sample>()
+            .user_header::<Header>();
+        let messages = messages.open_or_create().map_err(|e| failed(&e))?;
+        let events = node
+            .service_builder(&name)
+            .event()
+            .open_or_create()
+            .map_err(|e| failed(&e))?;
+        Ok((messages, events))
+    }
+
     /// `control` as its server makes it; a leftover of one that was killed is taken over.
     pub(super) fn create_control(&self) -> Result<ControlService, BusError> {
         let name = self.service_name(Topic::Control)?;

@@ -9,9 +9,9 @@
 
 use super::args::BUILT_IN;
 use super::{
-    CalibrateArgs, CommonArgs, ControllerArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExciteArgs, ExportArgs, IdentifierArgs,
-    IdentifyArgs, LogFormat, MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, UrdfArgs, VERSION, WatchArgs,
-    main_with,
+    BenchArgs, CalibrateArgs, CommonArgs, ControllerArgs, CtlArgs, DoctorArgs, EXIT_CODES, ExciteArgs, ExportArgs,
+    IdentifierArgs, IdentifyArgs, LogFormat, MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, UrdfArgs,
+    VERSION, WatchArgs, main_with,
 };
 use crate::config::Catalog;
 use crate::model::Plant;
@@ -62,6 +62,9 @@ enum Command {
     /// Show what is on the bus: domains, programs, services, locks, memory
     #[command(after_help = EXIT_CODES)]
     Doctor(DoctorArgs),
+    /// Measure latencies of the bus and the identifier on this machine
+    #[command(after_help = EXIT_CODES)]
+    Bench(BenchArgs),
     /// Tools for configuration files
     #[command(subcommand)]
     Config(ConfigCommand),
@@ -202,6 +205,7 @@ impl Command {
                 main_with(&common, |_| super::ctl(&args, &common))
             }
             Self::Doctor(args) => main_with(&tool(args.log_format), |_| super::doctor(&args)),
+            Self::Bench(args) => main_with(&tool(args.log_format), |shutdown| super::bench(&args, shutdown)),
             Self::Config(command) => {
                 let common = CommonArgs::default().with_models(catalog);
                 main_with(&common, |_| match &command {

@@ -5,6 +5,7 @@
 mod advice;
 mod app;
 mod args;
+mod bench;
 mod calibrate;
 mod cell;
 mod check;
@@ -61,6 +62,7 @@ pub use args::{
     CommonArgs, ControllerArgs, CtlArgs, CtlCommand, DoctorArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat,
     MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION, WatchArgs, WebArgs,
 };
+pub use bench::{BenchArgs, run as bench};
 pub use calibrate::run as calibrate;
 pub use check::{config_check, config_new, config_show};
 pub use controller::run as controller;

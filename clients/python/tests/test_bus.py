@@ -173,9 +173,12 @@ def test_fault_waiting_lets_other_threads_run_and_ctrl_c_end_it(site):
         stop.set()
         thread.join()
         assert counted[0] > 20
+        # A shell starts jobs in the background with SIGINT ignored, and Python leaves it so.
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
         threading.Timer(0.2, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
         with pytest.raises(KeyboardInterrupt):
             estimates.next()
+        signal.signal(signal.SIGINT, before)
 
 
 def test_fault_an_identifier_killed_with_9_comes_back(site):

@@ -40,8 +40,6 @@ pub struct BlockEstimator {
     later: Vec<f64>,
     /// Blocks since the last change that was no drift.
     since_change: u32,
-    /// Bit k: group k follows what it found in this block, which is no change that is announced.
-    followed: u64,
     /// Blocks in a row in which a line that is followed did not move for sure.
     still: u32,
     score_test: ScoreTest,
@@ -122,7 +120,6 @@ impl BlockEstimator {
             groups,
             since_change: u32::MAX,
             still: 0,
-            followed: 0,
             used: 0..0,
             regressor: vec![0.0; params],
             score_test: ScoreTest::new(equations),
@@ -374,7 +371,6 @@ impl BlockEstimator {
         (report.iterations, report.converged, report.outliers) = (0, true, 0);
         (report.misfit, report.pressed, report.fit_probability) = (0, 0, 1.0);
         self.used = 0..rows.len();
-        self.followed = 0;
         self.since_change = self.since_change.saturating_add(1);
         self.before.copy_from_slice(&self.theta);
         // all groups or none: half a block would be no estimate of the plant
@@ -458,9 +454,7 @@ impl BlockEstimator {
                 group.clusters.end(true, group.noise_is_told(), |_| 0.0);
                 continue;
             }
-            // what an older prior had wrong is no repeat
-            let renewed = changed || self.followed >> k & 1 == 1;
-            if renewed {
+            if changed {
                 group.suspect(rows, self.used.clone(), &self.theta);
             }
             // the sums of a single step belong to θ̄, as (9) has them; the residual after the step is evidence
@@ -479,7 +473,7 @@ impl BlockEstimator {
             let (misfit, freedom, unit) = group.misfit();
             let told = group.noise_is_told();
             let excitation = &group.excitation;
-            group.clusters.end(renewed, told, |i| excitation.share(i));
+            group.clusters.end(changed, told, |i| excitation.share(i));
             let (scores, information) = (&group.considered.scores, &group.considered.information);
             self.score_test.take((scores, information), unit, misfit, freedom, told);
         }
@@ -567,7 +561,7 @@ impl BlockEstimator {
     fn watch<R: Residuals>(&mut self, rows: &R, lines: u64, detection: ChangeDetection) -> u64 {
         let level = detection.false_alarm_rate / self.groups.len() as f64;
         let (mut joined, mut smallest) = (0u64, 1.0f64);
-        let (mut alarm, mut known, mut confirmed) = (false, false, false);
+        let (mut alarm, mut known) = (false, false);
         for (k, group) in self.groups.iter_mut().enumerate() {
             if lines >> k & 1 == 1 {
                 continue;
@@ -578,14 +572,6 @@ impl BlockEstimator {
             let raised = probability < level || another;
             alarm |= raised;
             known |= raised && !group.is_open(&self.before);
-            if raised && !group.is_open(&self.before) {
-                let at = if self.options.max_iterations == 1 {
-                    &self.before
-                } else {
-                    &self.theta
-                };
-                confirmed |= another || self.since_change == u32::MAX || group.is_news(at, level);
-            }
             if probability < Self::JOINS || another {
                 joined |= 1 << k;
             }
@@ -594,13 +580,8 @@ impl BlockEstimator {
         if !alarm {
             return 0;
         }
-        let between = Change {
-            kind: ChangeKind::Between,
-            row: 0,
-            time: rows.span(0).0,
-        };
         if !known {
-            self.doubt(rows, joined, lines, between);
+            self.doubt(rows, joined, lines);
             return 0;
         }
         let whole = 0..rows.len();
@@ -610,17 +591,6 @@ impl BlockEstimator {
                 group.fit_alone(rows, whole.clone(), &mut self.theta, &self.options);
                 consistent &= group.is_consistent(&self.options);
             }
-        }
-        if consistent && !confirmed {
-            // the last change, of which these groups had seen nothing or not all: a joint that rested while the payload was picked up, for one
-            self.followed = joined;
-            for (k, group) in self.groups.iter_mut().enumerate() {
-                if joined >> k & 1 == 1 {
-                    group.confirmation.restart(&self.theta[group.parameters.clone()]);
-                }
-            }
-            self.refit(rows, joined, lines, between, 0);
-            return 0;
         }
         let mut again = false;
         for (k, group) in self.groups.iter_mut().enumerate() {
@@ -654,12 +624,17 @@ impl BlockEstimator {
 
     /// Believes what was known less where it had left something wide open: there it was linearised far from the truth, and to find that out is no change of the
     /// plant. The same as after a change between two blocks, but for the announcement.
-    fn doubt<R: Residuals>(&mut self, rows: &R, joined: u64, lines: u64, between: Change) {
+    fn doubt<R: Residuals>(&mut self, rows: &R, joined: u64, lines: u64) {
         for (k, group) in self.groups.iter_mut().enumerate() {
             if joined >> k & 1 == 1 {
                 group.fit_alone(rows, 0..rows.len(), &mut self.theta, &self.options);
             }
         }
+        let between = Change {
+            kind: ChangeKind::Between,
+            row: 0,
+            time: rows.span(0).0,
+        };
         self.refit(rows, joined, lines, between, 0);
     }
 

@@ -17,9 +17,6 @@
 //! (less what considered errors explain of it, `considered.rs`,) a sum of squares without cancellation, in which a direction without excitation (b_k = 0) has no part. The start value is only a guess and
 //! enters P a hundredfold: to be wrong about it is not a change of the plant.
 //!
-//! After a change, a group that raises an alarm is compared once more with the published covariance instead of P, which is wide where nothing since the change
-//! has confirmed what was known before. Where that explains the difference, it is the rest of the same change: it is followed and not announced.
-//!
 //! **Kind.** On an alarm the block is fitted alone. Where that fit leaves no more than noise, nothing changed inside the block: all of it
 //! is used, and the prior is widened by the difference found. Else the block is cut at the row τ that minimises
 //!
@@ -61,19 +58,6 @@ impl GroupState {
     /// Compares the block with the past, see [`change_probability`](Self::change_probability); `at` holds the sums at `theta`.
     pub fn look_for_change(&mut self, theta: &[f64]) {
         self.probability = self.change_probability(theta);
-    }
-
-    /// True if the difference that raised an alarm is more than what the last change left unconfirmed. A joint that rested while the payload was picked up shows
-    /// it much later, and that is no other change. To be asked after [`look_for_change`](Self::look_for_change), at the same place.
-    pub fn is_news(&mut self, theta: &[f64], level: f64) -> bool {
-        // an estimate that a bound holds against its will is no measure of what changed
-        if self.is_near_bound(theta) || self.confirmation.is_settled() {
-            return true;
-        }
-        std::mem::swap(&mut self.covariance, &mut self.confirmation.covariance);
-        let probability = self.change_probability(theta);
-        std::mem::swap(&mut self.covariance, &mut self.confirmation.covariance);
-        probability < level
     }
 
     /// Probability of a T as large as this block's, were the plant unchanged; 1 where there is nothing to compare with.

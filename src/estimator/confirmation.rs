@@ -102,7 +102,7 @@ impl Confirmation {
     }
 
     /// True while nothing more can be learnt here.
-    pub fn is_settled(&self) -> bool {
+    fn is_settled(&self) -> bool {
         self.informed && self.confirmed.iter().all(|&confirmed| confirmed)
     }
 

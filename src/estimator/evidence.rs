@@ -47,19 +47,15 @@ pub fn explained(fit: &EquationFit, level: NoiseLevel) -> Option<f64> {
 }
 
 impl GroupState {
-    /// True if a free parameter is near one of its bounds.
-    pub fn is_near_bound(&self, theta: &[f64]) -> bool {
-        (0..self.n).any(|i| {
-            let (value, margin) = (theta[self.parameters.start + i], NEAR * self.size(theta, i));
-            !self.fixed[i] && (value - self.lower[i] < margin || self.upper[i] - value < margin)
-        })
-    }
-
     /// True if the data push a free parameter beyond its bound. `at` holds the sums at `linearised`, and Λ, θ̄ are those of the fit.
     pub fn is_pressed(&mut self, theta: &[f64], linearised: &[f64]) -> bool {
         let n = self.n;
         let start = self.parameters.start;
-        if !self.is_near_bound(theta) {
+        let near = |i: usize| {
+            let (value, margin) = (theta[start + i], NEAR * self.size(theta, i));
+            value - self.lower[i] < margin || self.upper[i] - value < margin
+        };
+        if !(0..n).any(|i| !self.fixed[i] && near(i)) {
             return false;
         }
         let variance = self.variance().max(TINY);

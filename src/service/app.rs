@@ -80,7 +80,7 @@ enum Command {
     /// The simulated machine on its own: samples onto the bus
     #[command(after_help = EXIT_CODES)]
     Plant(PlantArgs),
-    /// Many simulated robots in real time, for the identifier of a file with [[robot]] entries
+    /// Many simulated robots in real time, for the identifier of a file that has robot entries
     #[command(after_help = EXIT_CODES)]
     Load(PlantArgs),
     /// The identification service on its own: samples from the bus in, estimates out

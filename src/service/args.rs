@@ -331,10 +331,10 @@ pub enum CtlCommand {
         /// The flange is empty
         #[arg(value_name = "none", value_parser = ["none"], conflicts_with_all = ["mass", "com", "inertia"], required_unless_present = "mass")]
         none: Option<String>,
-        /// Mass of the load [kg]
+        /// Mass of the load in kg
         #[arg(long, value_name = "KG", allow_negative_numbers = true)]
         mass: Option<f64>,
-        /// Its centre of mass in the flange's frame [m]
+        /// Its centre of mass in the flange's frame, in m
         #[arg(
             long,
             value_name = "X,Y,Z",
@@ -343,7 +343,7 @@ pub enum CtlCommand {
             allow_negative_numbers = true
         )]
         com: Option<Vec<f64>>,
-        /// Its inertia about the centre of mass [kg m^2]; without it, that of a ball of light metal
+        /// Its inertia about the centre of mass, in kg m^2; without it, that of a ball of light metal
         #[arg(
             long,
             value_name = "XX,XY,YY,XZ,YZ,ZZ",

@@ -7,7 +7,7 @@
 //! jitter              a thread that sleeps to the next millisecond, and cyclictest if it is installed
 //! ```
 
-use super::{Exit, Failure, LogFormat, logging};
+use super::{Exit, Failure, LogFormat, logging, usage};
 use crate::bus::{BareLink, Bus, Domain, End, SampleSubscriber, Subscriber, monotonic_ns};
 use crate::messages::{Estimate, Sample, Status};
 use crate::runner::Shutdown;
@@ -28,7 +28,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 /// Command line of `bench`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BenchArgs {
-    /// How long each stage is measured [s]
+    /// How long each stage is measured, in seconds
     #[arg(long, value_name = "SECONDS", default_value_t = 20)]
     pub duration_s: u64,
     /// Write the page there as well as to standard output
@@ -192,7 +192,8 @@ fn live(domain: &Domain, duration: Duration, shutdown: &Shutdown) -> Result<Live
     let done = Shutdown::new();
     let reader = estimates(domain.clone(), done.clone());
     let pid = identifier.0.id();
-    let (cpu, start) = (cpu_s(pid), Instant::now());
+    let cpu_s = || usage::of(pid).map_or(0.0, |(seconds, _)| seconds);
+    let (cpu, start) = (cpu_s(), Instant::now());
     let mut sent = BTreeMap::new();
     while start.elapsed() < duration && !shutdown.requested() {
         samples.wait(Duration::from_millis(20))?;
@@ -215,7 +216,7 @@ fn live(domain: &Domain, duration: Duration, shutdown: &Shutdown) -> Result<Live
         .iter()
         .filter_map(|(t_last_ns, received_ns)| Some(received_ns.saturating_sub(*sent.get(t_last_ns)?)))
         .collect();
-    live.identifier.cpu_percent = (cpu_s(pid) - cpu) / start.elapsed().as_secs_f64() * 100.0;
+    live.identifier.cpu_percent = (cpu_s() - cpu) / start.elapsed().as_secs_f64() * 100.0;
     Ok(live)
 }
 
@@ -232,19 +233,6 @@ fn estimates(domain: Domain, done: Shutdown) -> JoinHandle<Result<Vec<(u64, u64)
         }
         Ok(received)
     })
-}
-
-/// Processor time that a process has used \[s\].
-fn cpu_s(pid: u32) -> f64 {
-    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    // Behind the name in parentheses, user and system time are fields 12 and 13, in ticks of 10 ms.
-    let fields = stat.rsplit_once(')').map_or("", |(_, rest)| rest).split_whitespace();
-    fields
-        .skip(11)
-        .take(2)
-        .filter_map(|field| field.parse::<f64>().ok())
-        .sum::<f64>()
-        / 100.0
 }
 
 /// How much later than asked for a thread wakes that sleeps to each next millisecond \[ns\].

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// `thetabus excite`.
 #[derive(Debug, Clone, Args)]
 pub struct ExciteArgs {
-    /// Configuration of the robot: [model] kind = "robot"
+    /// Configuration of the robot, with model.kind = "robot"
     #[arg(value_name = "ROBOT.toml")]
     pub config: PathBuf,
     /// Length of one period, which begins and ends at rest (key excite.duration_s)
@@ -68,13 +68,13 @@ pub struct CalibrateArgs {
     /// Configuration of the robot with the gains so far
     #[arg(long, value_name = "ROBOT.toml")]
     pub config: PathBuf,
-    /// Mass of the load [kg]
+    /// Mass of the load in kg
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     pub mass: f64,
-    /// Its centre of mass in the flange's frame [m], if it is known
+    /// Its centre of mass in the flange's frame, in m, if it is known
     #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', allow_negative_numbers = true)]
     pub com: Option<Vec<f64>>,
-    /// Its inertia about the centre of mass [kg m^2], if it is known
+    /// Its inertia about the centre of mass, in kg m^2, if it is known
     #[arg(
         long,
         value_name = "XX,XY,YY,XZ,YZ,ZZ",

@@ -91,7 +91,7 @@ message! {
         residual_rms: [f64; MAX_JOINTS], Equation, "", "Root mean square of the residual f(theta after the update)";
         fit: [f64; MAX_JOINTS], Equation, "", "chi^2 of the whitened residuals over their number: 1 on average if the block fits";
         explained: [f64; MAX_JOINTS], Equation, "", "Share of the signal's power that the model explains, in the last block in which the signal stood out of the noise";
-        fit_probability: f64, One, "", "Probability of residuals as large as these, in the block or in its last part, if the model is right: below 1e-4 it is a misfit";
+        fit_probability: f64, One, "", "Probability of residuals as large as these, in the block or in its last part, if the model is right: below 2e-4 it is a misfit";
         theta: [f64; MAX_PARAMS], Parameter, "{parameter}", "Estimate";
         theta_std: [f64; MAX_PARAMS], Parameter, "{parameter}", "Standard deviation of the estimate, NaN if the estimator gives none";
         derived: [f64; MAX_DERIVED], Derived, "{derived}", "Value computed from the estimate";

@@ -278,7 +278,7 @@ message! {
         process: ProcessStatus, One, "", "The process";
         realtime: RealtimeStatus, One, "", "Real-time settings";
         fit: f64, One, "", "chi^2 of the whitened residuals of the last block over their number, the largest of any equation: 1 on average if the block fits";
-        fit_probability: f64, One, "", "Probability of residuals as large as these if the model is right; below 1e-4 it is a misfit";
+        fit_probability: f64, One, "", "Probability of residuals as large as these if the model is right; below 2e-4 it is a misfit";
         condition: f64, One, "", "Condition number of the column-scaled information after the last block";
         information_ln: f64, One, "", "Sum of the logarithms of its diagonal over the free parameters: constant, but for noise, once as much is forgotten as is learnt";
         asymmetry: f64, One, "", "Largest difference across its diagonal, relative to the diagonal: 0, or the recursion loses its symmetry";

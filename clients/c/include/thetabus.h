@@ -86,7 +86,7 @@ typedef struct thetabus_estimate {
     double residual_rms[8]; /* Root mean square of the residual f(theta after the update) */
     double fit[8]; /* chi^2 of the whitened residuals over their number: 1 on average if the block fits */
     double explained[8]; /* Share of the signal's power that the model explains, in the last block in which the signal stood out of the noise */
-    double fit_probability; /* Probability of residuals as large as these, in the block or in its last part, if the model is right: below 1e-4 it is a misfit */
+    double fit_probability; /* Probability of residuals as large as these, in the block or in its last part, if the model is right: below 2e-4 it is a misfit */
     double theta[128]; /* Estimate [{parameter}] */
     double theta_std[128]; /* Standard deviation of the estimate, NaN if the estimator gives none [{parameter}] */
     double derived[32]; /* Value computed from the estimate [{derived}] */
@@ -231,7 +231,7 @@ typedef struct thetabus_status {
     thetabus_process_status_t process; /* The process */
     thetabus_realtime_status_t realtime; /* Real-time settings */
     double fit; /* chi^2 of the whitened residuals of the last block over their number, the largest of any equation: 1 on average if the block fits */
-    double fit_probability; /* Probability of residuals as large as these if the model is right; below 1e-4 it is a misfit */
+    double fit_probability; /* Probability of residuals as large as these if the model is right; below 2e-4 it is a misfit */
     double condition; /* Condition number of the column-scaled information after the last block */
     double information_ln; /* Sum of the logarithms of its diagonal over the free parameters: constant, but for noise, once as much is forgotten as is learnt */
     double asymmetry; /* Largest difference across its diagonal, relative to the diagonal: 0, or the recursion loses its symmetry */

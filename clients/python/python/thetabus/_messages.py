@@ -259,7 +259,7 @@ class Estimate(_Message):
 
     @property
     def fit_probability(self) -> float:
-        """Probability of residuals as large as these if the model is right: below 1e-4 it is a misfit."""
+        """Probability of residuals as large as these if the model is right: below 2e-4 it is a misfit."""
         return float(self.raw["fit_probability"])
 
     @property

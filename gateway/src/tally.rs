@@ -6,7 +6,7 @@ use std::fmt;
 use std::io::Write as _;
 use thetabus::node::stream::{Place, StreamCursor};
 
-/// Longest latency that is told apart \[µs\].
+/// Longest latency that the histogram resolves \[µs\].
 const LONGEST_US: u64 = 60_000_000;
 
 /// Where the numbers of one key stand.
@@ -209,7 +209,7 @@ mod tests {
         assert!((tally.latency_ms(0.99) / 990.0 - 1.0).abs() < 0.01);
         let mut ahead = Tally::new();
         ahead.late(5_000_000, 1_000_000);
-        // A microsecond is the least that is told apart.
+        // The histogram resolves one microsecond.
         assert!(ahead.latency_ms(1.0) <= 0.001);
     }
 }

@@ -374,7 +374,7 @@ impl DerivedQuantity {
 }
 
 /// Standard deviation of a parameter, relative to it, up to which the delta method holds for what is made of it: a quotient is then off by a twentieth of its
-/// own deviation.
+/// own standard deviation.
 const LINEAR: f64 = 0.05;
 
 /// Values that follow from θ̂, with their standard deviations.
@@ -386,7 +386,7 @@ pub trait DerivedValues {
 
     /// One value and its standard deviation by the delta method, √(∇ᵀ P ∇).
     ///
-    /// `covariance(i, j)` is the covariance P of θ̂. The deviation is `NaN`, not known, where P is not finite, and if a parameter that the value is made of has a
+    /// `covariance(i, j)` is the covariance P of θ̂. The standard deviation is `NaN`, not known, if P is not finite, and if a parameter that the value is made of has a
     /// standard deviation of more than a twentieth of its size: first order says nothing about a quotient whose denominator may be anything.
     fn value_and_std(&self, index: usize, theta: &[f64], covariance: &dyn Fn(usize, usize) -> f64) -> (f64, f64) {
         let mut gradient = [0.0; MAX_PARAMS];

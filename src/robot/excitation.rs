@@ -273,7 +273,7 @@ impl Series {
 }
 
 impl Excitation {
-    /// Designs a motion for the model and the misfit of a forecaster; `go_on` is told how many motions were tried, and ends the search if it returns false.
+    /// Designs a motion for the model and the misfit of a forecaster; `go_on` gets the number of motions that were tried; the search ends if it returns false.
     ///
     /// # Errors
     /// Options outside their ranges, or limits of torque that no motion keeps to, in words.

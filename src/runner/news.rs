@@ -1,9 +1,9 @@
-//! What the identifier's log tells.
+//! What the identifier's log says.
 
 use crate::messages::{Status, status_flags};
 use crate::node::identifier::Identifier;
 
-/// What the log tells, once per heartbeat at most and never from within the step.
+/// What the log says, once per heartbeat at most and never from within the step.
 #[derive(Debug, Default)]
 pub(super) struct News {
     connected: bool,
@@ -15,7 +15,7 @@ pub(super) struct News {
 }
 
 impl News {
-    /// Windows that are chosen from the signals are told whenever their length changes, once samples have come.
+    /// The log gives the length of windows that are chosen from the signals whenever it changes, once samples have come.
     pub(super) fn window(&mut self, node: &dyn Identifier) {
         let window_s = node.window_s().filter(|_| node.status().estimates > 0);
         if window_s.is_some() && window_s != self.window_s {
@@ -38,7 +38,7 @@ impl News {
         }
     }
 
-    /// The first one was told when it came; this is how many there were.
+    /// The first one was logged when it came; this is how many there were.
     pub(super) fn left_out(&self, samples: u64) {
         if samples > 0 {
             tracing::warn!(samples, "messages of another schema were left out");

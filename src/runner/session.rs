@@ -53,6 +53,8 @@ pub struct Session {
     news: News,
     vitals: Vitals,
     is_done: bool,
+    /// The bus has failed it: nothing more is sent.
+    has_failed: bool,
     /// Readers of the estimates when it ended.
     readers: usize,
 }
@@ -67,6 +69,7 @@ impl Session {
             news: News::default(),
             vitals: Vitals::new(ports.started_ns, ports.realtime),
             is_done: false,
+            has_failed: false,
             readers: 0,
             node,
             ports,
@@ -87,9 +90,9 @@ impl Session {
         self.is_done
     }
 
-    /// Ends a session that has failed; it is told by whoever knows why.
+    /// Ends a session that has failed; the caller logs why.
     pub(super) fn give_up(&mut self) {
-        (self.is_done, self.readers) = (true, 0);
+        (self.is_done, self.has_failed) = (true, true);
     }
 
     /// Looks for a plant that has come or gone; with an empty queue.
@@ -151,8 +154,11 @@ impl Session {
     }
 
     /// Gives the last messages to whoever has come since. True once it need not stay: after two ticks for anybody to connect nobody reads, or one who read has
-    /// left, or the process is asked to stop.
+    /// left, or the process is asked to stop; at once after a failure, so that the others stay as long as they need.
     pub(super) fn linger(&mut self, waited: Duration, stopping: bool) -> Result<bool, BusError> {
+        if self.has_failed {
+            return Ok(true);
+        }
         self.ports.estimates.serve_late_joiners()?;
         self.ports.status.serve_late_joiners()?;
         let all_connected = waited >= 2 * TICK;

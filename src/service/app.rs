@@ -38,7 +38,7 @@ enum Command {
     /// Identify off line from a recording or a log
     #[command(after_help = EXIT_CODES)]
     Identify(IdentifyArgs),
-    /// Design a motion that tells much of a robot, and say what it will tell
+    /// Design a motion for the identification of a robot, and predict how well each parameter will be known
     #[command(after_help = EXIT_CODES)]
     Excite(ExciteArgs),
     /// Find the gains of a robot's drives from logs without load and with a known one

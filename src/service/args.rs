@@ -159,7 +159,7 @@ impl CommonArgs {
         Ok(configs)
     }
 
-    /// A launcher has told the warnings already, with the user's own file and line.
+    /// A launcher has shown the warnings already, with the user's own file and line.
     fn warn(&self, config: &Config) {
         if !self.is_launched() {
             config.warnings().iter().for_each(|warning| tracing::warn!("{warning}"));

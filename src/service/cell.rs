@@ -103,7 +103,7 @@ fn pick(path: &Path, robots: Vec<Robot>, wanted: Option<&str>) -> Result<Robot, 
     })
 }
 
-/// The robots of a file; `None` for one without entries, and for what is no TOML, which is told by who reads ordinary files.
+/// The robots of a file; `None` for one without entries, and for what is no TOML: the ordinary loader reports that.
 fn read(path: &Path) -> Result<Option<Vec<Robot>>, Failure> {
     let small = std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() <= 1 << 20);
     let text = match small {

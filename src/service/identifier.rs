@@ -118,7 +118,7 @@ fn one(
     let mut desk = None;
     let opened = || {
         desk = Some(Desk::open(setting.domain, seats)?);
-        Ok(())
+        Ok(true)
     };
     let served = serve(setting, 0, robots, opened);
     if let Some(desk) = desk {
@@ -156,10 +156,10 @@ fn many(
             threads.push(scope.spawn(move || {
                 serve(setting, number, share, || {
                     let _ = told.send(());
-                    // A desk that cannot be opened lets go of the other end.
-                    begun
-                        .recv()
-                        .map_err(|_| Failure::Failed("another thread could not begin".to_owned()))
+                    // As long as a sender is left, the count of those who are ready waits for more.
+                    drop(told);
+                    // If a thread or the desk cannot be opened, the other end is let go of.
+                    Ok(begun.recv().is_ok())
                 })
             }));
         }
@@ -193,12 +193,13 @@ fn many(
     })
 }
 
-/// Opens the ports of these robots, calls `opened`, and serves them until their end: the loop of this number.
+/// Opens the ports of these robots, calls `opened`, and serves them until their end: the loop of this number. If `opened` says false, because another
+/// thread could not begin, nothing is served.
 fn serve(
     setting: Setting<'_>,
     number: usize,
     robots: Vec<Robot>,
-    opened: impl FnOnce() -> Result<(), Failure>,
+    opened: impl FnOnce() -> Result<bool, Failure>,
 ) -> Result<(Vec<Outcome>, Result<(), Failure>), Failure> {
     let Setting { domain, shutdown, .. } = setting;
     let mut bus: Option<Bus> = None;
@@ -218,7 +219,9 @@ fn serve(
         publishers.push((own.clone(), status, estimates));
         bus = Some(own);
     }
-    opened()?;
+    if !opened()? {
+        return Ok((Vec::new(), Ok(())));
+    }
     let (mut configs, mut sessions) = (Vec::with_capacity(robots.len()), Vec::with_capacity(robots.len()));
     let mut realtime = None;
     for (robot, (bus, status, estimates)) in robots.into_iter().zip(publishers) {

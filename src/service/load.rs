@@ -34,7 +34,7 @@ struct Robot {
     heard: Option<Status>,
 }
 
-/// Publishes the samples of all robots of a configuration in real time, then tells what their identifiers say of them.
+/// Publishes the samples of all robots of a configuration in real time, then reports what their identifiers say of them.
 ///
 /// # Errors
 /// A wrong configuration, a plant that runs already, a bus that fails.
@@ -180,7 +180,7 @@ fn stream(robots: &mut [Robot], speed: f64, shutdown: &Shutdown) -> Result<Durat
     }
 }
 
-/// Stays until the identifiers have told of the end, or for a while.
+/// Stays until the identifiers have reported the end, or for [`PATIENCE`].
 fn settle(robots: &mut [Robot]) -> Result<(), Failure> {
     let begun = Instant::now();
     loop {

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 /// Says that the program takes part. Without a service manager nothing happens.
 pub(super) fn ready() {
-    // Who cannot be told starts without it, or ends this program.
+    // A service manager that cannot be reached either does without, or ends this program.
     let _ = sd_notify::notify(&[NotifyState::Ready]);
 }
 

@@ -337,11 +337,14 @@ struct Core<P> {
     q_smooth: Vec<Vec<f64>>,
     dq_smooth: Vec<Vec<f64>>,
     features_smooth: Vec<Vec<f64>>,
+    /// Inputs less their errors; the columns of considered errors are made of these.
+    u_smooth: Vec<Vec<f64>>,
     /// True while the rows are made of them.
     smoothed: bool,
     /// Scratch of the smoothing: residuals \[direction\]\[equation\]\[row\], and R⁻¹ f of one equation.
     residuals: [Vec<Vec<f64>>; 2],
     weighted: Vec<f64>,
+    slopes: Vec<f64>,
     intake: Intake,
     repair: Repair,
     /// Commanded positions of the sample before, and whether there ever were any.
@@ -642,6 +645,8 @@ impl<P: Plant> Core<P> {
             q_smooth: buffers(joints),
             dq_smooth: buffers(joints),
             features_smooth: buffers(separation.features),
+            u_smooth: buffers(joints),
+            slopes: vec![0.0; support * joints],
             smoothed: false,
             residuals: std::array::from_fn(|_| vec![column.clone(); plant.equations().len()]),
             weighted: column.clone(),
@@ -921,11 +926,7 @@ impl<P: Plant> Core<P> {
                 }
                 let moment = |r: usize| match columns.input.get(r) {
                     Some(column) => column[row],
-                    None => {
-                        let jumps = jumps_within(&self.jumps[input], from, u.len()).iter();
-                        let sum: f64 = jumps.map(|&(at, size)| kernels.jump[r][at - from] * size).sum();
-                        scale * (sum + dot(&kernels.input[r], u))
-                    }
+                    None => scale * moment(kernels, r, window.centre, &self.u[input], &self.jumps[input]),
                 };
                 let moments = [moment(0), moment(1), moment(2)];
                 self.suspects.project(e, row, window.centre, scale, kernels, moments);
@@ -1076,11 +1077,15 @@ impl<P: Plant> Core<P> {
     /// whitened as they are measured; `theta` is to leave no more in them than noise.
     fn smooth(&mut self, theta: &[f64]) {
         let rows = self.windows.len();
+        for (smooth, measured) in self.u_smooth.iter_mut().zip(&self.u) {
+            smooth[..self.len].copy_from_slice(&measured[..self.len]);
+        }
         for e in 0..self.raw.len() {
             self.residuals(e, theta);
             self.subtract_errors(e);
         }
         self.smooth_features();
+        self.smooth_suspects();
         self.smoothed = true;
         self.evaluated.get_mut().valid = false;
         for e in 0..self.raw.len() {
@@ -1147,6 +1152,57 @@ impl<P: Plant> Core<P> {
                     *q += std * c * weighted;
                 }
             }
+        }
+        let form = &self.plant.equations()[e];
+        let (input, scale) = (form.input, form.input_scale);
+        let kernel = &self.kernels.input[0];
+        for (i, window) in self.windows.iter().enumerate() {
+            let variance = self.noise.input_noise[input].powi(2) + self.rounding[i];
+            let moved = variance * scale * self.weighted[i];
+            let from = window.centre - self.kernels.input_half;
+            let u = &mut self.u_smooth[input][from..from + kernel.len()];
+            u.iter_mut().zip(kernel).for_each(|(u, weight)| *u -= moved * weight);
+        }
+    }
+
+    /// Columns of considered errors that are made of smoothed signals. Residual and column would otherwise share the noise: with motion so slow that the
+    /// second derivative of the input is less than its noise, the score of a resonance is −σ_u² Σ ψ′², always of one sign, and the sine of a joint that hardly moves
+    /// would explain all noise by an eccentricity of 1 rad.
+    fn smooth_suspects(&mut self) {
+        self.suspects.sense(&Signals {
+            len: self.len,
+            q: &self.q_smooth,
+            dq: &self.dq_smooth,
+            q_std: &self.q_std,
+            u: &self.u_smooth,
+        });
+        let kernels = &self.kernels;
+        let velocity_half = self.options.velocity_half_width;
+        let support = 2 * (kernels.half + velocity_half) + 1;
+        for e in 0..self.raw.len() {
+            let form = &self.plant.equations()[e];
+            let (input, scale) = (form.input, form.input_scale);
+            for (row, window) in self.windows.iter().enumerate() {
+                let moments = [0, 1, 2]
+                    .map(|r| scale * moment(kernels, r, window.centre, &self.u_smooth[input], &self.jumps[input]));
+                self.suspects.project(e, row, window.centre, scale, kernels, moments);
+                let first = window.centre - kernels.half - velocity_half;
+                let mut noisy = true;
+                for joint in 0..self.q.len() {
+                    let own = joint * support..(joint + 1) * support;
+                    let std = &self.q_std[joint][first..first + support];
+                    let weighted = self.sensitivity[e][row][own.clone()].iter().zip(std);
+                    for (slope, (c, std)) in self.slopes[own].iter_mut().zip(weighted) {
+                        *slope = c / std;
+                        noisy &= *std > 0.0;
+                    }
+                }
+                // exact positions need no smoothing
+                if noisy {
+                    self.suspects.turn(e, row, &self.slopes, support, first);
+                }
+            }
+            self.suspects.whiten(e, self.windows.len(), &self.whitening[e]);
         }
     }
 
@@ -1437,6 +1493,15 @@ fn rounding_variance(count: f64, u: &[f64]) -> f64 {
     let steps: f64 = u.windows(2).map(|pair| (pair[1] - pair[0]).abs().min(count)).sum();
     let rate = steps / (u.len() as f64 * count);
     count * count / 12.0 * (rounding::BEAT / rate).clamp(1.0, rounding::LIMIT)
+}
+
+/// ∫ψ^(r) u of a window.
+fn moment(kernels: &Kernels, r: usize, centre: usize, u: &[f64], jumps: &[(usize, f64)]) -> f64 {
+    let from = centre - kernels.input_half;
+    let u = &u[from..=centre + kernels.input_half];
+    let jumps = jumps_within(jumps, from, u.len()).iter();
+    let sum: f64 = jumps.map(|&(at, size)| kernels.jump[r][at - from] * size).sum();
+    sum + dot(&kernels.input[r], u)
 }
 
 /// The jumps at buffer positions `from..from + len`.

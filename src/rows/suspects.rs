@@ -70,14 +70,14 @@ impl Considered {
 
 impl Default for Considered {
     /// What a good installation leaves. Delay: 40 µs, a fraction of a sample at 1 kHz. Gain: 0, since parameters are in units of the drive as it
-    /// reports itself. Coulomb friction: 1 % of the input. Resonance: 150 Hz. Zero: 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. Motion that shows an error brings σ back to
+    /// reports itself. Coulomb friction: 1 % of the input. Resonance: 50 Hz. Zero: 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. Motion that shows an error brings σ back to
     /// what it is without; motion that does not show it leaves σ at what the error may do.
     fn default() -> Self {
         Self {
             input_delay_s: 4e-5,
             gain: 0.0,
             coulomb: 1e-2,
-            resonance_hz: 150.0,
+            resonance_hz: 50.0,
             zero_rad: 1e-3,
             eccentricity_rad: Some(5e-5),
         }

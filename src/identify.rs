@@ -291,6 +291,10 @@ impl IdentifierBuilder {
             fixed: self.priors.iter().map(|p| p.fixed).collect(),
             forgetting_factor: self.forgetting_factor,
             change_detection: self.change_detection,
+            drift_per_s: match &rows {
+                RowForm::Projected(options) => options.considered.drift_per_s,
+                RowForm::Pointwise => 0.0,
+            },
             // rows over windows are whitened: less than their noise is luck, much more a misfit
             noise_floor: match rows {
                 RowForm::Projected(_) => vec![1.0; equations],

@@ -261,6 +261,7 @@ fn considered(form: &FileForm, linear: bool) -> Considered {
         gain: section.gain,
         coulomb: section.coulomb,
         resonance_hz: section.resonance_hz,
+        drift_per_s: section.drift_per_s,
         zero_rad: section.zero_rad,
         eccentricity_rad: Some(section.eccentricity_rad),
     };
@@ -574,6 +575,11 @@ fn estimator(form: &FileForm, model: &SharedModel, check: &mut Check<'_>) -> Opt
         noise_floor,
         noise_floor_relative: section.noise_floor_relative,
         random_walk,
+        // as all considered errors, for projected rows
+        drift_per_s: match form.identifier.rows.as_str() {
+            "projected" => form.considered.drift_per_s,
+            _ => 0.0,
+        },
         outliers: match section.outliers.as_str() {
             "huber" => Outliers::Huber(section.huber_limit),
             "gate" => Outliers::Gate(section.gate_limit),

@@ -223,6 +223,7 @@ impl Default for FileForm {
                 gain: rows.considered.gain,
                 coulomb: rows.considered.coulomb,
                 resonance_hz: rows.considered.resonance_hz,
+                drift_per_s: rows.considered.drift_per_s,
                 zero_rad: rows.considered.zero_rad,
                 eccentricity_rad: rows.considered.eccentricity_rad.unwrap_or(0.0),
             },

@@ -530,6 +530,8 @@ sections! {
             "Coulomb friction at each joint whose model has none, as a share of the largest root mean square of its input so far";
         resonance_hz: f64, Kind::Real(NOT_NEGATIVE), "Hz",
             "Natural frequency of the flexibility between each motor and its load; 0 if the joints are rigid";
+        drift_per_s: f64, Kind::Real(Interval::closed(0.0, 1.0)), "1/s",
+            "Rate of change of each parameter, relative to the parameter: how far the estimate may lag behind a machine that warms up";
         zero_rad: f64, Kind::Real(NOT_NEGATIVE), "rad",
             "Error of each encoder's zero, or of gravity's direction; without effect on an axis that moves along a line";
         eccentricity_rad: f64, Kind::Real(NOT_NEGATIVE), "rad",

@@ -110,6 +110,7 @@ impl BlockEstimator {
             suspicion: None,
             held: None,
         };
+        let drifts = if options.drift_per_s > 0.0 { params } else { 0 };
         let mut estimator = Self {
             published: Published::new(&options.theta_start, &groups),
             theta: options.theta_start.clone(),
@@ -122,7 +123,7 @@ impl BlockEstimator {
             still: 0,
             used: 0..0,
             regressor: vec![0.0; params],
-            score_test: ScoreTest::new(equations),
+            score_test: ScoreTest::new(equations, drifts),
             report,
         };
         estimator.explain_nothing();
@@ -393,7 +394,10 @@ impl BlockEstimator {
         }
         let single = self.options.max_iterations == 1;
         let suspects = rows.suspects();
-        let moments = self.score_test.prepare(suspects, |s| rows.suspect_std(s));
+        let end_ns = rows.span(rows.len() - 1).1;
+        let fixed = &self.options.fixed;
+        let drift = |i: usize| if fixed[i] { 0.0 } else { self.options.drift_per_s };
+        let moments = self.score_test.prepare(suspects, |s| rows.suspect_std(s), drift);
         for group in &mut self.groups {
             group.since_alarm = group.since_alarm.saturating_add(1);
             group.considered.begin(rows);
@@ -459,7 +463,7 @@ impl BlockEstimator {
             }
             // the sums of a single step belong to θ̄, as (9) has them; the residual after the step is evidence
             let stepped = single && self.report.change.is_none() && group.try_at(rows, 0..rows.len(), &self.theta);
-            group.conclude(&self.theta, stepped, &self.options);
+            group.conclude(&self.theta, stepped, end_ns, &self.options);
             if fits {
                 let linearised = if before { &self.before[own] } else { &self.theta[own] };
                 let lambda = self.options.forgetting_factor;

@@ -16,6 +16,16 @@
 //! `change.rs` counts d_s − φᵀT_s, the share of the innovation that the error causes, as noise of covariance M. **No noise.** What an error leaves in the
 //! residuals is counted as noise if the noise level is learnt, which widens σ further and never narrows it.
 //!
+//! # Drift
+//! Parameters may move while they are averaged: θ(t) = θ(t_end) + ρ (t − t_end) leaves f = n + φᵀρ (t − t_end). The rates are constant errors like the
+//! others, with size_i (1/s) for unit, and what T says is how far θ̂ lags behind the parameters at the end of the block:
+//!
+//! ```text
+//! d_i = φ_i size_i (t − t_end),   T_i ← T_i − size_i Δt e_i at the start of each block that ends Δt after the last one         (f)
+//! ```
+//!
+//! A moving parameter is a change of the plant, so the test for changes does not allow for it.
+//!
 //! # Scores
 //! Under the errors a the innovation is ν = n + (D − Φ T) a with T of before the block, of covariance V = I + Φ Λ⁻¹ Φᵀ in units of σ². With H = D − Φ T
 //!
@@ -36,10 +46,13 @@ use std::ops::Range;
 /// Errors of each equation that there is room for.
 pub const PER_EQUATION: usize = 6;
 
-/// Errors that there is room for: one of the whole machine and those of each equation.
+/// Errors of the rows that there is room for: one of the whole machine and those of each equation. The drifts of the parameters, one each, follow.
 pub const fn room_for(equations: usize) -> usize {
     1 + PER_EQUATION * equations
 }
+
+/// Longest time \[s\] between two blocks' ends over which a rate is taken to have been the same.
+const LONGEST: f64 = 60.0;
 
 /// Share of Σ d² below which what the parameters leave of a column is rounding.
 const RESOLVED: f64 = 1e-9;
@@ -51,8 +64,15 @@ const ROUNDING: f64 = 1e-9;
 #[derive(Debug, Clone)]
 pub struct Considered {
     n: usize,
-    /// Errors that the rows of the last block had columns for.
+    /// Errors that the last block had columns for: those that the rows know, and with the drifts all that there is room for.
     count: usize,
+    known: usize,
+    /// Where the drifts of this group's parameters begin and end; empty if none is considered.
+    drifts: Range<usize>,
+    /// What a drift of 1/s is of each parameter; 0 for one that is fixed.
+    sizes: Vec<f64>,
+    /// End of the block before, in ns; 0 before the first.
+    end_ns: u64,
     /// M of (d), room × room; rows and columns of errors without a prior that nothing was found of are 0.
     pub moments: Vec<f64>,
     /// T_s at s n.
@@ -67,6 +87,7 @@ pub struct Considered {
     pub information: Vec<f64>,
     // scratch
     columns: Vec<f64>,
+    active: Vec<usize>,
     regressor: Vec<f64>,
     doubled: Vec<f64>,
     vector: Vec<f64>,
@@ -78,12 +99,20 @@ pub struct Considered {
 }
 
 impl Considered {
-    /// Room for a group of n parameters in a plant of `equations` equations.
-    pub fn new(n: usize, equations: usize) -> Self {
-        let room = room_for(equations);
+    /// Room for a group with these of the `params` parameters of a plant of `equations` equations; with `drift`, for the drift of each.
+    pub fn new(parameters: &Range<usize>, params: usize, equations: usize, drift: bool) -> Self {
+        let (n, first) = (parameters.len(), room_for(equations));
+        let (room, drifts) = match drift {
+            true => (first + params, first + parameters.start..first + parameters.end),
+            false => (first, first..first),
+        };
         Self {
             n,
             count: 0,
+            known: 0,
+            drifts,
+            sizes: vec![0.0; n],
+            end_ns: 0,
             moments: vec![0.0; room * room],
             sensitivity: vec![0.0; room * n],
             cross: vec![0.0; room * n],
@@ -92,6 +121,7 @@ impl Considered {
             scores: vec![0.0; room],
             information: vec![0.0; room * room],
             columns: vec![0.0; room],
+            active: vec![0; room],
             regressor: vec![0.0; n],
             doubled: vec![0.0; 2 * n],
             vector: vec![0.0; n],
@@ -107,6 +137,7 @@ impl Considered {
     pub fn visit(&mut self, v: &mut impl Visit) {
         v.reals(&mut self.sensitivity);
         v.reals(&mut self.moments);
+        v.count(&mut self.end_ns);
     }
 
     /// Parameter i owes nothing to any error: it is back to what it was told.
@@ -120,8 +151,30 @@ impl Considered {
 
     /// Takes over what the rows know of errors.
     pub fn begin<R: Residuals>(&mut self, rows: &R) {
-        self.count = rows.suspects().min(self.scores.len());
+        self.known = rows.suspects().min(self.drifts.start).min(self.scores.len());
+        self.count = if self.drifts.is_empty() {
+            self.known
+        } else {
+            self.scores.len()
+        };
         self.clear_scores();
+    }
+
+    /// A drift of 1/s is so much of the parameters; 0 of one that is fixed.
+    pub fn set_sizes(&mut self, sizes: &[f64]) {
+        self.sizes.copy_from_slice(sizes);
+    }
+
+    /// Second half of (f). A line through the block is referred to its start, and needs none.
+    fn refer_to_end(&mut self, end_ns: u64) {
+        let before = std::mem::replace(&mut self.end_ns, end_ns);
+        if before == 0 {
+            return;
+        }
+        let seconds = (end_ns.saturating_sub(before) as f64 * 1e-9).min(LONGEST);
+        for (i, s) in self.drifts.clone().enumerate() {
+            self.sensitivity[s * self.n + i] -= seconds * self.sizes[i];
+        }
     }
 
     fn clear_scores(&mut self) {
@@ -141,9 +194,10 @@ impl Considered {
         self.cross[..count * n].fill(0.0);
         self.gram.fill(0.0);
         self.score.fill(0.0);
-        if count == 0 {
+        if count == 0 || rows.is_empty() {
             return;
         }
+        let end_ns = rows.span(rows.len() - 1).1;
         for e in equations {
             let p = e.own.len();
             let inverse = 1.0 / e.divisor;
@@ -151,14 +205,29 @@ impl Considered {
                 let phi = &mut self.regressor[..p];
                 let f = rows.row(e.index, index, theta, phi) * inverse;
                 let weight = e.loss.at(f).1 * inverse;
-                rows.suspect_row(e.index, index, &mut self.columns[..count]);
-                for (s, &d) in self.columns[..count].iter().enumerate().filter(|(_, d)| **d != 0.0) {
-                    let weighted = weight * d;
+                rows.suspect_row(e.index, index, &mut self.columns[..self.known]);
+                let mut active = 0;
+                for s in (0..self.known).filter(|&s| self.columns[s] != 0.0) {
+                    self.active[active] = s;
+                    active += 1;
+                }
+                if !self.drifts.is_empty() {
+                    // from the middle of the row to the end of the block
+                    let (first, last) = rows.span(index);
+                    let ahead = end_ns.saturating_sub(first / 2 + last / 2) as f64 * 1e-9;
+                    for (i, x) in phi.iter().enumerate() {
+                        let s = self.drifts.start + e.offset + i;
+                        self.columns[s] = -ahead * self.sizes[e.offset + i] * x;
+                        self.active[active] = s;
+                        active += 1;
+                    }
+                }
+                for (place, &s) in self.active[..active].iter().enumerate() {
+                    let weighted = weight * self.columns[s];
                     self.score[s] += weighted * f;
-                    let gram = &mut self.gram[s * room..=s * room + s];
-                    gram.iter_mut()
-                        .zip(&self.columns)
-                        .for_each(|(g, other)| *g += weighted * inverse * other);
+                    for &other in &self.active[..=place] {
+                        self.gram[s * room + other] += weighted * inverse * self.columns[other];
+                    }
                     let cross = &mut self.cross[s * n + e.offset..s * n + e.offset + p];
                     cross
                         .iter_mut()
@@ -170,10 +239,11 @@ impl Considered {
     }
 
     /// Goes on to the estimate after the block: scores, then T. `gain` is K, `transition` A, `total` Σ S_e, `sums` those at the θ that was
-    /// accumulated at, `moved` its distance from θ̄.
+    /// accumulated at, `moved` its distance from θ̄; the block ends at `end_ns`.
     #[allow(clippy::too_many_arguments)]
     pub fn step(
         &mut self,
+        end_ns: u64,
         gain: &[f64],
         transition: &[f64],
         total: &[f64],
@@ -182,6 +252,7 @@ impl Considered {
         moved: &[f64],
     ) {
         let n = self.n;
+        self.refer_to_end(end_ns);
         // Φᵀν = Σ φ f + S (θ − θ̄)
         for (i, g) in self.regressor.iter_mut().enumerate() {
             *g = dot(&total[i * n..(i + 1) * n], moved);
@@ -254,6 +325,7 @@ impl Considered {
         first: usize,
     ) {
         let (n, m) = (self.n, 2 * self.n);
+        self.end_ns = rows.span(rows.len().saturating_sub(1)).1;
         let length = rows.len().max(2) as f64 - 1.0;
         self.clear_scores();
         for s in 0..self.count {
@@ -262,10 +334,11 @@ impl Considered {
                 let pull = dot(&start_information[i * n..(i + 1) * n], t);
                 (self.doubled[i], self.doubled[n + i]) = (pull, -0.5 * pull);
             }
-            for e in equations {
+            // a line has the drifts in its slopes
+            for e in equations.iter().filter(|_| s < self.known) {
                 let weight = 1.0 / (e.divisor * e.divisor * e.variance.max(super::equation::TINY));
                 for index in 0..rows.len() {
-                    rows.suspect_row(e.index, index, &mut self.columns[..self.count]);
+                    rows.suspect_row(e.index, index, &mut self.columns[..self.known]);
                     let d = self.columns[s];
                     if d == 0.0 {
                         continue;
@@ -296,17 +369,31 @@ impl Considered {
         }
     }
 
+    /// True if drifts are among the errors.
+    pub fn has_drifts(&self) -> bool {
+        !self.drifts.is_empty()
+    }
+
+    /// Adds T M Tᵀ of (d) over the errors that the rows know.
+    pub fn widen_by_errors(&mut self, covariance: &mut [f64]) {
+        self.widen_by(self.known, covariance);
+    }
+
     /// Adds T M Tᵀ of (d).
     pub fn widen(&mut self, covariance: &mut [f64]) {
+        self.widen_by(self.count, covariance);
+    }
+
+    fn widen_by(&mut self, count: usize, covariance: &mut [f64]) {
         let (n, room) = (self.n, self.scores.len());
-        for s in 0..self.count {
+        for s in 0..count {
             // (M Tᵀ)_s
             self.vector.fill(0.0);
             for (t, moment) in self
                 .sensitivity
                 .chunks_exact(n)
                 .zip(&self.moments[s * room..])
-                .take(self.count)
+                .take(count)
             {
                 if *moment != 0.0 {
                     self.vector.iter_mut().zip(t).for_each(|(v, t)| *v += moment * t);
@@ -330,7 +417,7 @@ impl Considered {
         total: &[f64],
         mut image: impl FnMut(&[f64], &mut [f64]),
     ) -> f64 {
-        let (n, count, room) = (self.n, self.count, self.scores.len());
+        let (n, count, room) = (self.n, self.known, self.scores.len());
         let rank = values.len();
         for s in 0..count {
             let (t, cross) = (&self.sensitivity[s * n..(s + 1) * n], &self.cross[s * n..(s + 1) * n]);

@@ -54,6 +54,8 @@ pub struct GroupState {
     pub covariance: Vec<f64>,
     /// What is published: the total, widened by repeats that disagree and by considered errors, n × n.
     pub honest: Vec<f64>,
+    /// The covariance that may be published, without what drifts widen it by: what relations are imposed with. Empty if no drifts are considered, n × n.
+    pub undrifted: Vec<f64>,
     /// Probability of the last block, were the plant unchanged.
     pub probability: f64,
     pub clusters: Clusters,
@@ -114,9 +116,15 @@ impl GroupState {
             change_covariance: vec![0.0; n * n],
             covariance: vec![0.0; n * n],
             honest: vec![0.0; n * n],
+            undrifted: vec![0.0; if options.drift_per_s > 0.0 { n * n } else { 0 }],
             probability: 1.0,
             clusters: Clusters::new(n),
-            considered: Considered::new(n, structure.equations.len()),
+            considered: Considered::new(
+                &parameters,
+                structure.params,
+                structure.equations.len(),
+                options.drift_per_s > 0.0,
+            ),
             drifting: false,
             slope: vec![0.0; n],
             slope_variance: vec![0.0; n],
@@ -309,7 +317,8 @@ impl GroupState {
 
     /// Γ_m⁻¹ and the covariance from the prior and the sums in `at`; learns the noise from the residuals in `at`, or those in `trial`
     /// where the sums in `at` were taken before the step.
-    pub fn conclude(&mut self, theta: &[f64], stepped: bool, options: &EstimatorOptions) {
+    /// The block ends at `end_ns`.
+    pub fn conclude(&mut self, theta: &[f64], stepped: bool, end_ns: u64, options: &EstimatorOptions) {
         let n = self.n;
         self.information.copy_from_slice(&self.prior);
         add_grams(n, &self.equations, &self.at, &mut self.information); // (9), first line of (10)
@@ -340,6 +349,7 @@ impl GroupState {
             room.offset[i] = theta[self.parameters.start + i] - self.centre[i];
         }
         self.considered.step(
+            end_ns,
             &room.gain,
             &room.transition,
             &room.total,
@@ -477,12 +487,20 @@ impl GroupState {
     pub fn publish(&mut self, theta: &[f64]) {
         self.honest.copy_from_slice(&self.covariance);
         self.clusters.widen(&mut self.honest);
+        if self.considered.has_drifts() {
+            self.undrifted.copy_from_slice(&self.honest);
+            self.considered.widen_by_errors(&mut self.undrifted);
+        }
         self.considered.widen(&mut self.honest);
         for i in 0..self.n {
             self.room.scale[i] = if self.fixed[i] { 0.0 } else { self.size(theta, i) };
         }
         let own = &theta[self.parameters.clone()];
         self.confirmation.publish(own, &self.room.scale, &self.honest);
+        let widened = self.confirmation.covariance.iter().zip(&self.honest);
+        for (v, (after, before)) in self.undrifted.iter_mut().zip(widened) {
+            *v += after - before;
+        }
     }
 
     /// Directions that the sums in `at` inform on.
@@ -520,6 +538,10 @@ impl GroupState {
 
     /// Sums over the columns of considered errors, at `theta` and over the rows that the fit used.
     pub fn suspect<R: Residuals>(&mut self, rows: &R, range: Range<usize>, theta: &[f64]) {
+        for i in 0..self.n {
+            self.room.scale[i] = if self.fixed[i] { 0.0 } else { self.size(theta, i) };
+        }
+        self.considered.set_sizes(&self.room.scale);
         self.considered.accumulate(rows, range, theta, &self.equations);
     }
 

@@ -171,6 +171,9 @@ pub struct EstimatorOptions {
     pub noise_floor_relative: f64,
     /// Standard deviation of a parameter's random walk per block, relative to the parameter; for drifting plants.
     pub random_walk: Vec<f64>,
+    /// Standard deviation of a parameter's rate of change \[1/s\], relative to the parameter, with spans in ns: how far the estimate may lag behind a
+    /// machine that warms up is considered in the published covariance; 0 for plants that stand still. Not negative.
+    pub drift_per_s: f64,
     /// Treatment of outliers.
     pub outliers: Outliers,
     /// Change detection, where wanted.
@@ -198,6 +201,7 @@ impl EstimatorOptions {
             noise_floor: vec![0.0; equations],
             noise_floor_relative: 1e-9,
             random_walk: vec![0.0; params],
+            drift_per_s: 0.0,
             outliers: Outliers::Keep,
             change_detection: None,
         }
@@ -308,6 +312,8 @@ impl EstimatorOptions {
             self.step_factor,
             self.step_factor > 1.0,
         )?;
+        let drift = self.drift_per_s;
+        one("drift_per_s", "a number in [0, 1]", drift, (0.0..=1.0).contains(&drift))?;
         let relative = self.noise_floor_relative;
         one(
             "noise_floor_relative",

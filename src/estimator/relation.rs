@@ -11,6 +11,9 @@
 //! said, so the constrained estimate follows from them alone, and the recursion, its test for changes and its weights never hear of it: whether the
 //! data agree with the relation stays to be seen ([`product_ratio`](super::BlockEstimator::product_ratio)).
 //!
+//! If drifts are considered, (θ* − θ̂) is weighed by the covariance W without them, because how far a moving parameter may lag is no measure of what the data say of a
+//! resting one; with G = I − W a aᵀ/(aᵀ W a), P* = G P Gᵀ.
+//!
 //! Nothing is imposed where ρ is not known to half the size of its products, where it is more than [`CONTRADICTION`] deviations from 0, so that the data
 //! speak against it, or where the answer would leave the bounds.
 
@@ -29,6 +32,8 @@ pub struct Published {
     pub theta: Vec<f64>,
     /// P of each group, in the order of the groups.
     pub covariance: Vec<Vec<f64>>,
+    /// W of each group, if it is another one.
+    weights: Vec<Vec<f64>>,
     gradient: Vec<f64>,
     image: Vec<f64>,
     candidate: Vec<f64>,
@@ -41,6 +46,7 @@ impl Published {
         Self {
             theta: theta.to_vec(),
             covariance: groups.iter().map(|g| g.honest.clone()).collect(),
+            weights: groups.iter().map(|g| g.undrifted.clone()).collect(),
             gradient: vec![0.0; largest],
             image: vec![0.0; largest],
             candidate: vec![0.0; largest],
@@ -50,8 +56,9 @@ impl Published {
     /// Takes over θ̂ and P and imposes the relations, each \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l, one after the other.
     pub fn take(&mut self, theta: &[f64], groups: &[GroupState], relations: &[[usize; 4]]) {
         self.theta.copy_from_slice(theta);
-        for (own, group) in self.covariance.iter_mut().zip(groups) {
+        for ((own, weights), group) in self.covariance.iter_mut().zip(&mut self.weights).zip(groups) {
             own.copy_from_slice(&group.confirmation.covariance);
+            weights.copy_from_slice(&group.undrifted);
         }
         for relation in relations {
             let holder = groups.iter().position(|g| g.parameters.contains(&relation[0]));
@@ -63,7 +70,11 @@ impl Published {
 
     fn impose(&mut self, k: usize, group: &GroupState, [i, j, k1, l]: [usize; 4]) {
         let n = group.n;
-        let (own, covariance) = (&mut self.theta[group.parameters.clone()], &mut self.covariance[k]);
+        let own = &mut self.theta[group.parameters.clone()];
+        let (covariance, widened) = match self.weights[k].is_empty() {
+            true => (&mut self.covariance[k], None),
+            false => (&mut self.weights[k], Some(&mut self.covariance[k])),
+        };
         let (a, v, candidate) = (&mut self.gradient[..n], &mut self.image[..n], &mut self.candidate[..n]);
         let rho = |theta: &[f64]| theta[i] * theta[l] - theta[j] * theta[k1];
         let size = (own[i] * own[l]).abs() + (own[j] * own[k1]).abs();
@@ -106,6 +117,18 @@ impl Published {
             return;
         }
         own.copy_from_slice(candidate);
+        if let Some(widened) = widened {
+            // the parameters' own values are no longer needed
+            for (p, image) in candidate.iter_mut().enumerate() {
+                *image = dot(&widened[p * n..(p + 1) * n], a);
+            }
+            let spread = dot(candidate, a) / variance;
+            for p in 0..n {
+                for q in 0..n {
+                    widened[p * n + q] += (v[p] * v[q] * spread - v[p] * candidate[q] - candidate[p] * v[q]) / variance;
+                }
+            }
+        }
         for p in 0..n {
             for q in 0..n {
                 covariance[p * n + q] -= v[p] * v[q] / variance;

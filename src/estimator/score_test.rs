@@ -26,6 +26,7 @@
 use super::considered::room_for;
 use super::linalg::Cholesky;
 use super::persist::Visit;
+use std::ops::Range;
 
 /// Standard deviations from which on a term is named.
 const NAMED: f64 = 6.0;
@@ -44,8 +45,10 @@ const MEMORY: f64 = 0.98;
 /// A term that the model lacks, by its evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Suspicion {
-    /// Which error of [`Residuals::suspects`](super::Residuals::suspects).
+    /// Which error of [`Residuals::suspects`](super::Residuals::suspects); beyond these if a parameter drifts.
     pub suspect: usize,
+    /// The parameter that drifts, if that is the cause; the amplitude is its rate \[1/s\], relative to the parameter.
+    pub drifting: Option<usize>,
     /// Its amplitude, were it there and alone.
     pub amplitude: f64,
     /// |z|: standard deviations that the amplitude is from 0.
@@ -78,6 +81,8 @@ impl Term {
 #[derive(Debug, Clone)]
 pub struct ScoreTest {
     terms: Vec<Term>,
+    /// Where the drifts begin.
+    drifts: usize,
     /// U and I of the block so far; I over all blocks, room × room.
     pending: Vec<f64>,
     pending_information: Vec<f64>,
@@ -97,10 +102,12 @@ pub struct ScoreTest {
 }
 
 impl ScoreTest {
-    /// Room for a plant of `equations` equations.
-    pub fn new(equations: usize) -> Self {
-        let room = room_for(equations);
+    /// Room for a plant of `equations` equations, and for the drifts of so many parameters.
+    pub fn new(equations: usize, drifts: usize) -> Self {
+        let first = room_for(equations);
+        let room = first + drifts;
         Self {
+            drifts: first,
             terms: vec![Term::default(); room],
             pending: vec![0.0; room],
             pending_information: vec![0.0; room * room],
@@ -154,11 +161,15 @@ impl ScoreTest {
         v.flag(&mut self.told);
     }
 
-    /// M for the block to come: the prior `std(s)` until a block has been seen. Returns it, room × room.
-    pub fn prepare(&mut self, count: usize, std: impl Fn(usize) -> f64) -> &[f64] {
+    /// M for the block to come: the prior `std(s)` of an error, and `drift(i)` of a parameter, until a block has been seen. Returns it, room × room.
+    pub fn prepare(&mut self, count: usize, std: impl Fn(usize) -> f64, drift: impl Fn(usize) -> f64) -> &[f64] {
         let room = self.std.len();
         for s in 0..room {
-            self.std[s] = if s < count { std(s) } else { 0.0 };
+            self.std[s] = match s.checked_sub(self.drifts) {
+                Some(parameter) => drift(parameter),
+                None if s < count => std(s),
+                None => 0.0,
+            };
             let own = &mut self.moments[s * room + s];
             if *own == 0.0 {
                 *own = self.std[s] * self.std[s];
@@ -240,7 +251,10 @@ impl ScoreTest {
     fn learn(&mut self) {
         let room = self.std.len();
         self.moments.fill(0.0);
-        let scatter = self.scatter_ratio();
+        // drifts apart: many that agree would hide other terms that do not
+        let scatter = self
+            .scatter_ratio(0..self.drifts)
+            .max(self.scatter_ratio(self.drifts..room));
         let mut excess = scatter;
         for _ in 0..2 {
             let mut count = 0;
@@ -280,10 +294,10 @@ impl ScoreTest {
         }
     }
 
-    /// Scatter of the blocks' scores about one amplitude over what white noise would give, averaged over the terms that have a prior; at least 1.
-    fn scatter_ratio(&self) -> f64 {
+    /// Scatter of the blocks' scores about one amplitude over what white noise would give, averaged over those of the terms that have a prior; at least 1.
+    fn scatter_ratio(&self, terms: Range<usize>) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
-        for (s, term) in self.terms.iter().enumerate() {
+        for (s, term) in terms.clone().zip(&self.terms[terms]) {
             if self.std[s] > 0.0 && term.blocks >= ENOUGH && term.information > 0.0 {
                 let amplitude = term.score / term.information;
                 sum += term.scatter(amplitude) / term.information;
@@ -342,6 +356,7 @@ impl ScoreTest {
             repeated: term.score.abs() / scatter.sqrt(),
             suspicion: Suspicion {
                 suspect,
+                drifting: suspect.checked_sub(self.drifts),
                 amplitude,
                 deviations: term.score.abs() / (term.information * excess).sqrt(),
                 share: (explained / misfit.max(explained)).clamp(0.0, 1.0),
@@ -367,10 +382,10 @@ mod tests {
     use super::*;
 
     fn after(blocks: &[(f64, f64)], misfit: f64, std: f64) -> ScoreTest {
-        let mut test = ScoreTest::new(1);
+        let mut test = ScoreTest::new(1, 0);
         let room = room_for(1);
         let (mut scores, mut information) = (vec![0.0; room], vec![0.0; room * room]);
-        test.prepare(room, |_| std);
+        test.prepare(room, |_| std, |_| 0.0);
         for &(score, own) in blocks {
             scores[2] = score;
             information[2 * room + 2] = own;

@@ -49,6 +49,12 @@ pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
             "{suspect} would explain {share:.0} % of the misfit ({:.1} %)",
             100.0 * amplitude
         ),
+        // one digit, so that the words change only with the matter
+        SuspectKind::Drift => write!(
+            words,
+            "{suspect} would explain {share:.0} % of the misfit ({:.0e} per second)",
+            amplitude
+        ),
         SuspectKind::Coulomb | SuspectKind::Eccentricity | SuspectKind::Zero => write!(
             words,
             "{suspect} would explain {share:.0} % of the misfit ({:.1e} {})",
@@ -68,6 +74,7 @@ mod tests {
     fn prop_every_cause_has_words_that_fit() {
         let suspicion = Suspicion {
             suspect: 2,
+            drifting: None,
             amplitude: 1.5e-4,
             deviations: 12.0,
             share: 0.83,
@@ -79,9 +86,11 @@ mod tests {
             SuspectKind::Eccentricity,
             SuspectKind::Resonance,
             SuspectKind::Zero,
+            SuspectKind::Drift,
         ] {
             let suspect = Suspect {
                 kind,
+                parameter: (kind == SuspectKind::Drift).then_some("inertia_8"),
                 joint: (kind != SuspectKind::InputDelay).then_some(7),
                 scale: 1.0,
                 unit: "N m",

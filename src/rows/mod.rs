@@ -47,7 +47,7 @@ pub trait SampleBlock: Residuals {
     fn replaced(&self) -> u32 {
         0
     }
-    /// What the error `index` of [`suspects`](Residuals::suspects) is, for words.
+    /// What the error `index` of [`suspects`](Residuals::suspects) is, for words; from there on, the drifts of the parameters.
     fn suspect(&self, _index: usize) -> Option<Suspect<'_>> {
         None
     }

@@ -218,6 +218,7 @@ impl ProjectedOptions {
             ("considered.gain", considered.gain),
             ("considered.coulomb", considered.coulomb),
             ("considered.resonance_hz", considered.resonance_hz),
+            ("considered.drift_per_s", considered.drift_per_s),
             ("considered.zero_rad", considered.zero_rad),
             (
                 "considered.eccentricity_rad",
@@ -543,6 +544,9 @@ impl<P: Plant> ProjectedBlock<P> {
 
     /// Smooths with the residuals at θ̂ before the block, or at a fit of this block alone if the plant has moved away from that. Leaves
     /// the rows as they are measured if either leaves more in them than noise.
+    ///
+    /// A parameter that the block does not tell to a half stays what it was: a fit of rows that hold next to no motion puts it anywhere, and
+    /// positions made to agree with that would speak for it.
     fn smooth_near(&mut self, theta: &[f64]) {
         if self.core.mean_square(theta) < FAR {
             self.core.smooth(theta);
@@ -550,7 +554,14 @@ impl<P: Plant> ProjectedBlock<P> {
         }
         self.first_fit.restart(theta);
         self.first_fit.update(&self.core);
-        self.smooth_near_first();
+        let report = self.first_fit.report();
+        for (i, settled) in self.settled.iter_mut().enumerate() {
+            let known = report.theta_std[i] < KNOWN * report.theta[i].abs();
+            *settled = if known { report.theta[i] } else { theta[i] };
+        }
+        if self.core.mean_square(&self.settled) < FAR {
+            self.core.smooth(&self.settled);
+        }
     }
 }
 

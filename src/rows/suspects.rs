@@ -40,6 +40,8 @@ pub struct Considered {
     pub coulomb: f64,
     /// Natural frequency of the flexibility between each motor and its load \[Hz\], one standard deviation of 1/(2π f)²; 0 for rigid joints.
     pub resonance_hz: f64,
+    /// Rate at which each parameter may change \[1/s\], relative to the parameter, ≥ 0; it has no column, the estimator makes one.
+    pub drift_per_s: f64,
     /// Zero of each encoder \[rad\], ≥ 0: an error of the angle against gravity and the links, which a tilted base causes, too.
     pub zero_rad: f64,
     /// Eccentricity of each encoder \[rad\], ≥ 0: the amplitude of an error of one period per turn. `None` where joints move along lines.
@@ -53,6 +55,7 @@ impl Considered {
         gain: 0.0,
         coulomb: 0.0,
         resonance_hz: 0.0,
+        drift_per_s: 0.0,
         zero_rad: 0.0,
         eccentricity_rad: Some(0.0),
     };
@@ -70,14 +73,15 @@ impl Considered {
 
 impl Default for Considered {
     /// What a good installation leaves. Delay: 40 µs, a fraction of a sample at 1 kHz. Gain: 0, since parameters are in units of the drive as it
-    /// reports itself. Coulomb friction: 1 % of the input. Resonance: 50 Hz. Zero: 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. Motion that shows an error brings σ back to
+    /// reports itself. Coulomb friction: 1 % of the input. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. Motion that shows an error brings σ back to
     /// what it is without; motion that does not show it leaves σ at what the error may do.
     fn default() -> Self {
         Self {
             input_delay_s: 4e-5,
             gain: 0.0,
             coulomb: 1e-2,
-            resonance_hz: 50.0,
+            resonance_hz: 70.0,
+            drift_per_s: 1e-4,
             zero_rad: 1e-3,
             eccentricity_rad: Some(5e-5),
         }
@@ -99,6 +103,8 @@ pub enum SuspectKind {
     Resonance,
     /// The zero of an encoder, or the direction of gravity.
     Zero,
+    /// A parameter that moves.
+    Drift,
 }
 
 /// An error that the rows have a column for.
@@ -106,6 +112,8 @@ pub enum SuspectKind {
 pub struct Suspect<'a> {
     /// What it is.
     pub kind: SuspectKind,
+    /// The parameter that moves, if one does.
+    pub parameter: Option<&'a str>,
     /// Joint, counted from 0; `None` for the whole machine.
     pub joint: Option<usize>,
     /// The estimator's amplitude times this is in `unit`.
@@ -123,8 +131,12 @@ impl fmt::Display for Suspect<'_> {
             SuspectKind::Eccentricity => "an encoder off its centre",
             SuspectKind::Resonance => "a resonance",
             SuspectKind::Zero => "a tilted base or encoder zero",
+            SuspectKind::Drift => "a drift",
         };
         f.write_str(words)?;
+        if let Some(parameter) = self.parameter {
+            write!(f, " of {parameter}")?;
+        }
         match self.joint {
             Some(joint) => write!(f, " at joint {}", joint + 1),
             None => Ok(()),
@@ -143,6 +155,8 @@ pub(super) struct SuspectColumns {
     considered: Considered,
     /// The joint of each equation's input.
     inputs: Vec<usize>,
+    /// Names of the parameters.
+    parameters: Vec<String>,
     /// [equation][suspect][row], and whitened; empty where the suspect does not touch the equation.
     columns: Vec<Vec<Vec<f64>>>,
     white: Vec<Vec<Vec<f64>>>,
@@ -202,6 +216,7 @@ impl SuspectColumns {
         let joints = plant.joints();
         Self {
             considered,
+            parameters: plant.parameters().iter().map(|p| p.name.to_string()).collect(),
             white: columns.clone(),
             columns,
             sizes: [0.0; MAX_JOINTS],
@@ -244,6 +259,7 @@ impl SuspectColumns {
                 hertz => (TAU * hertz).powi(-2),
             },
             SuspectKind::Zero => self.considered.zero_rad,
+            SuspectKind::Drift => self.considered.drift_per_s,
         }
     }
 
@@ -258,10 +274,16 @@ impl SuspectColumns {
         }
     }
 
-    /// What an error is.
-    pub fn describe<'a>(&self, suspect: usize, input_unit: &'a str) -> Option<Suspect<'a>> {
-        if suspect >= self.count() {
-            return None;
+    /// What an error is; beyond the last one, the drifts of the parameters.
+    pub fn describe<'a>(&'a self, suspect: usize, input_unit: &'a str) -> Option<Suspect<'a>> {
+        if let Some(drifting) = suspect.checked_sub(self.count()) {
+            return self.parameters.get(drifting).map(|name| Suspect {
+                kind: SuspectKind::Drift,
+                parameter: Some(name),
+                joint: None,
+                scale: 1.0,
+                unit: "1/s",
+            });
         }
         let kind = self.kind(suspect);
         let joint = suspect.checked_sub(1).map(|s| self.inputs[s / PER_EQUATION]);
@@ -274,6 +296,7 @@ impl SuspectColumns {
         };
         Some(Suspect {
             kind,
+            parameter: None,
             joint,
             scale,
             unit,

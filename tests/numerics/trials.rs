@@ -146,6 +146,39 @@ fn scored(change: impl Fn(&mut Estimate, &[f64; 9])) -> TrialResult {
         .unwrap()
 }
 
+/// Seed 25 picks its payload up where a block begins, while both joints rest. That block alone puts θ₂ anywhere, and positions that had been smoothed to
+/// agree with it spoke for it: it was usable 20 000 % off, at 300 standard deviations.
+#[test]
+fn val_a_payload_picked_up_at_rest_leaves_nothing_confidently_wrong() {
+    let spec = TrialSpec {
+        disturbance: Disturbance::AtRest,
+        blocks: 40,
+        ..TrialSpec::new(Motion::Rests, 25)
+    };
+    let mut settings = spec.settings();
+    let quiet = Config::load(&sources(), &settings).unwrap().plant.sim;
+    let at_s = rest_instant(&quiet, spec.middle_s()).expect("both joints rest");
+    settings.push(format!("plant.mass_2.t_s=[0.0, {at_s:?}]"));
+    let config = Config::load(&sources(), &settings).unwrap();
+    let mut node = config.identifier().unwrap();
+    let names: Vec<String> = Manipulator::default()
+        .parameters()
+        .iter()
+        .map(|p| p.name.to_string())
+        .collect();
+    let trial = Trial {
+        sim: &config.plant.sim,
+        block_len: 1900,
+        names: &names,
+        known: config.known,
+    };
+    let result = trial
+        .run(|sample, estimates| node.on_sample(sample, &mut |estimate| estimates.push(*estimate)))
+        .unwrap();
+    assert_eq!((result.blocks, result.dangerous), (40, 0), "{:?}", result.worst);
+    assert_eq!((result.changes, result.detected), (1, 1));
+}
+
 /// Publishes the truth with σ of 0.1 % and everything usable.
 fn perfect(estimate: &mut Estimate, truth: &[f64; 9]) {
     estimate.theta[..9].copy_from_slice(truth);

@@ -50,7 +50,16 @@ fn named_cause(node: &dyn Identifier) -> Option<String> {
 }
 
 fn configuration(spec: &Spec, more: &[String]) -> Result<Config, Failure> {
+    load(spec, &settings(spec, more)?)
+}
+
+fn load(spec: &Spec, settings: &[String]) -> Result<Config, Failure> {
     let sources: Vec<Source> = Config::embedded(spec.basis()).into_iter().collect();
+    Ok(Config::load(&sources, settings)?)
+}
+
+/// What the trial's basis is overridden with, the instant of a change at rest included.
+fn settings(spec: &Spec, more: &[String]) -> Result<Vec<String>, Failure> {
     let mut settings = spec.settings();
     for (key, value) in spec.disturbance().optional_settings() {
         if keys().any(|known| known.path() == key) {
@@ -58,19 +67,14 @@ fn configuration(spec: &Spec, more: &[String]) -> Result<Config, Failure> {
         }
     }
     settings.extend(more.iter().cloned());
-    let config = Config::load(&sources, &settings)?;
-    let Spec::Arm(arm) = spec else {
-        return Ok(config);
-    };
-    if arm.disturbance != Disturbance::AtRest {
-        return Ok(config);
+    if let Spec::Arm(arm) = spec
+        && arm.disturbance == Disturbance::AtRest
+        // Up to the change the motion does not depend on it.
+        && let Some(at_s) = rest_instant(&load(spec, &settings)?.plant.sim, arm.middle_s())
+    {
+        settings.push(format!("plant.mass_2.t_s=[0.0, {at_s:?}]"));
     }
-    // Up to the change the motion does not depend on it.
-    let Some(at_s) = rest_instant(&config.plant.sim, arm.middle_s()) else {
-        return Ok(config);
-    };
-    settings.push(format!("plant.mass_2.t_s=[0.0, {at_s:?}]"));
-    Ok(Config::load(&sources, &settings)?)
+    Ok(settings)
 }
 
 /// Runs the trials, one line per case, and writes their tables; a signal ends it and nothing is written.
@@ -96,7 +100,8 @@ pub fn run(args: &TrialsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let mut results: Vec<(Case, CaseResult)> = Vec::with_capacity(cases.len());
     for case in cases {
         if args.show {
-            let settings = case.spec.settings().join("\n  ");
+            let spec = case.spec.with(args.first_seed, args.blocks);
+            let settings = settings(&spec, &args.common.set)?.join("\n  ");
             logging::result(&format!("{} on {}.toml\n  {settings}", case.name(), case.spec.basis()))?;
             continue;
         }

@@ -5,7 +5,9 @@ use super::quantity::{About, Quantity};
 use super::signals::Signals;
 use super::view::{Health, Row, Times, Trend, View};
 use crate::messages::{ErrorCode, Estimate, ParameterSet, Sample, State, Status, Timing, estimate_flags, status_flags};
+use crate::model::MAX_JOINTS;
 use crate::node::monitor::{Truth, misfit_words, seconds};
+use crate::node::predicted_input::PredictedInput;
 use crate::report::{DERIVED_USABLE, Known, Rounded, headline, pretty_unit};
 use std::collections::VecDeque;
 
@@ -30,6 +32,8 @@ pub struct LiveState {
     history: History,
     is_for_text: bool,
     signals: Signals,
+    /// None if the model is not known: a foreign one, or nobody looks at signals.
+    prediction: Option<PredictedInput>,
     estimate: Option<(Estimate, u64)>,
     status: Option<(Status, u64)>,
     /// Clock, samples and estimates of the last statuses of the stream.
@@ -57,6 +61,7 @@ impl LiveState {
             parameters: count,
             quantities,
             signals: Signals::default(),
+            prediction: None,
             estimate: None,
             status: None,
             counts: VecDeque::new(),
@@ -75,7 +80,14 @@ impl LiveState {
         self
     }
 
-    /// Forgets everything: what comes is of another model.
+    /// The same with what predicts the joints' inputs.
+    #[must_use]
+    pub fn predicting(mut self, prediction: PredictedInput) -> Self {
+        self.prediction = Some(prediction);
+        self
+    }
+
+    /// Forgets everything: what comes is of another model, whose inputs nobody predicts.
     pub fn rename(&mut self, about: About, parameters: Vec<Quantity>, derived: Vec<Quantity>) {
         let generation = self.generation + 1;
         let new = Self::new(about, parameters, derived);
@@ -94,6 +106,9 @@ impl LiveState {
         }
         if estimate.flags & estimate_flags::CHANGED != 0 {
             self.on_change(seconds(estimate.t_change_ns));
+        }
+        if let Some(prediction) = &mut self.prediction {
+            prediction.on_estimate(estimate);
         }
         let t_s = seconds(estimate.t_last_ns);
         let truth = truth.map_or_else(Vec::new, |truth| {
@@ -138,9 +153,18 @@ impl LiveState {
         self.status = Some((*status, sent_ns));
     }
 
-    /// Takes a sample in.
+    /// Takes a sample in. With a prediction it is shown once its neighbours are there, up to a tenth of a second later.
     pub fn on_sample(&mut self, sample: &Sample) {
-        self.signals.push(sample);
+        let signals = &mut self.signals;
+        match &mut self.prediction {
+            Some(prediction) => prediction.push(sample, |passed| signals.push(passed.sample, || passed.input())),
+            None => signals.push(sample, || [f64::NAN; MAX_JOINTS]),
+        }
+    }
+
+    /// Whether inputs are predicted.
+    pub fn predicts(&self) -> bool {
+        self.prediction.is_some()
     }
 
     /// Whose it is.
@@ -424,11 +448,7 @@ pub(crate) mod tests {
 
     /// A mass, which jumps, and a derived inertia.
     pub(crate) fn state() -> LiveState {
-        let quantity = |name: &str, unit: &str| Quantity {
-            name: name.into(),
-            unit: unit.into(),
-            meaning: format!("{name} of the load"),
-        };
+        let quantity = |name: &str, unit: &str| Quantity::new(name, unit, &format!("{name} of the load"));
         let about = About {
             robot: "arm".into(),
             domain: "default".into(),

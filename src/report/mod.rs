@@ -1,14 +1,16 @@
 //! Tables and figures from estimates: the result table, SVG and PNG, one page that needs nothing else.
 
+mod axes;
 mod data;
 mod figures;
+mod inputs;
 mod page;
 mod plot;
 mod raster;
 mod summary;
 mod words;
 
-pub use data::{Notes, RunData, Timing, Trace};
+pub use data::{Inputs, Notes, RunData, Timing, Trace};
 pub use figures::figures;
 pub use page::page;
 pub use plot::Figure;

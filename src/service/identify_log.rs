@@ -7,7 +7,7 @@ use super::{Exit, Failure, IdentifyArgs};
 use crate::config::Config;
 use crate::messages::Sample;
 use crate::offline::{Configured, LineError, LogError, LogReader, judge_bounds, judge_profile};
-use crate::recording::{Loss, SamplesCsvReader, is_samples_csv};
+use crate::recording::{Loss, RunInfo, SamplesCsvReader, is_samples_csv};
 use crate::runner::Shutdown;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -39,7 +39,11 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
         _ => Failure::Usage(place(&error)),
     };
     let monitor = monitor_node(&config, None);
-    let info = run_info(&config, &monitor, false);
+    let info = RunInfo {
+        // When a log was written nobody knows.
+        recording_id: String::new(),
+        ..run_info(&config, &monitor, false)
+    };
     let mut source = BufReader::new(file);
     let beginning = source.fill_buf().map_err(|e| Failure::Failed(place(&e)))?;
     let mut rows = if is_samples_csv(beginning) {

@@ -43,10 +43,15 @@ impl<'a> OfflineRun<'a> {
             warm::start(config, &mut *node, None)?;
         }
         let joints = info.joints;
+        // Nobody sees a prediction without a report.
+        let prediction = args.out.as_ref().map(|_| report::prediction(config));
+        let notes = report::notes(&info, Some(config));
+        let mut run = RunData::new(info, monitor).predicting(prediction);
+        run.notes = notes;
         Ok(Self {
             args,
             node,
-            run: RunData::new(info, monitor),
+            run,
             advisor: Advisor::new(config, joints),
             csv: None,
             start,

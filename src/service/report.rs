@@ -6,6 +6,7 @@ use super::wiring::monitor_node;
 use super::{CommonArgs, Exit, Failure, ReportArgs, foreign, logging, out_dir};
 use crate::config::{Catalog, Config, Source};
 use crate::node::monitor::MonitorNode;
+use crate::node::predicted_input::PredictedInput;
 use crate::recording::{Loss, ReadError, RecordingReader, RunInfo, Span};
 use crate::report::{Notes, RunData, Summary, write_report};
 use crate::rows::RowForm;
@@ -61,8 +62,11 @@ pub(super) fn read(recording: &Path, span: Span, catalog: &Catalog) -> Result<Ru
         // The plant may be one that this program does not know.
         None => MonitorNode::new(info.parameters.clone(), info.derived.clone(), None).of_model(info.model_hash),
     };
-    let notes = notes(info, catalog);
-    let mut run = RunData::read(reader, node).map_err(unreadable)?;
+    let own = own_config(info, catalog);
+    let prediction = own.as_ref().map(prediction);
+    let notes = notes(info, own.as_ref());
+    let run = RunData::new(info.clone(), node).predicting(prediction);
+    let mut run = run.read(reader, |_| ()).map_err(unreadable)?;
     run.notes = notes;
     match run.monitor.foreign_model() {
         Some(_) => Err(foreign::report(&run.info)),
@@ -70,23 +74,38 @@ pub(super) fn read(recording: &Path, span: Span, catalog: &Catalog) -> Result<Ru
     }
 }
 
+/// The recorded configuration, if this program has its model.
+fn own_config(info: &RunInfo, catalog: &Catalog) -> Option<Config> {
+    let config = config_of(info, catalog).ok()?;
+    (config.model.definition().hash() == info.model_hash).then_some(config)
+}
+
+/// What predicts the inputs of a run.
+pub(super) fn prediction(config: &Config) -> PredictedInput {
+    PredictedInput::new(config.model.clone(), config.plant.sim.sample_period_s)
+}
+
 /// What the recorded configuration and this machine say of a run.
-fn notes(info: &RunInfo, catalog: &Catalog) -> Notes {
-    let config = config_of(info, catalog).ok();
-    let config = config.filter(|config| config.model.definition().hash() == info.model_hash);
+pub(super) fn notes(info: &RunInfo, config: Option<&Config>) -> Notes {
     let begun_ns = info
         .recording_id
         .split_once('-')
         .and_then(|(ns, _)| ns.parse::<u64>().ok());
-    let meanings = config.as_ref().map_or_else(Vec::new, |config| {
+    let meanings = config.map_or_else(Vec::new, |config| {
         let plant = config.model.definition();
         let parameters = plant.parameters.iter().map(|p| p.meaning.to_string());
         parameters
             .chain(plant.derived.iter().map(|d| d.meaning.to_string()))
             .collect()
     });
+    let bounds = config.map_or_else(Vec::new, |config| {
+        let options = &config.estimator.options;
+        let bounds = options.lower.iter().zip(&options.upper);
+        bounds.map(|(&lower, &upper)| (lower, upper)).collect()
+    });
     Notes {
         meanings,
+        bounds,
         whitened: config.is_some_and(|config| matches!(config.identifier.rows, RowForm::Projected(_))),
         begun: begun_ns.map_or_else(String::new, |ns| out_dir::date(ns / 1_000_000_000)),
         host: std::fs::read_to_string("/proc/sys/kernel/hostname")

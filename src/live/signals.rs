@@ -79,7 +79,9 @@ mod tests {
         let mut signals = Signals::default();
         for seq in 0..3_600_000_u64 {
             let joints = JointSample::default();
-            signals.push(&Sample::new(7, seq, seq * 1_000_000, 1, signals::Q, &joints), || [2.0; MAX_JOINTS]);
+            signals.push(&Sample::new(7, seq, seq * 1_000_000, 1, signals::Q, &joints), || {
+                [2.0; MAX_JOINTS]
+            });
             assert!(signals.points().len() <= 401);
         }
         let last = signals.points().next_back().copied();

@@ -206,7 +206,11 @@ impl RunData {
     ///
     /// # Errors
     /// Where the file system fails.
-    pub fn read(mut self, mut reader: RecordingReader, mut look: impl FnMut(&RecordingReader)) -> Result<Self, ReadError> {
+    pub fn read(
+        mut self,
+        mut reader: RecordingReader,
+        mut look: impl FnMut(&RecordingReader),
+    ) -> Result<Self, ReadError> {
         let run = &mut self;
         while let Some(entry) = reader.next_entry()? {
             match entry {
@@ -286,7 +290,11 @@ impl RunData {
             }
             inputs.push_back(Inputs {
                 t_ns,
-                measured: if has_input { passed.sample.input } else { [f64::NAN; MAX_JOINTS] },
+                measured: if has_input {
+                    passed.sample.input
+                } else {
+                    [f64::NAN; MAX_JOINTS]
+                },
                 predicted: passed.input(),
             });
             while inputs.front().is_some_and(|first| t_ns - first.t_ns > COMPARED_NS) {

@@ -10,7 +10,11 @@ use std::fmt::Write as _;
 /// Measured and predicted input of each joint over the last seconds of the run; `None` if nothing was predicted.
 pub(super) fn inputs(run: &RunData) -> Option<Figure> {
     let from = run.inputs.front().map(|first| seconds(first.t_ns))?;
-    let to = run.inputs.back().map(|last| seconds(last.t_ns)).filter(|&to| to > from)?;
+    let to = run
+        .inputs
+        .back()
+        .map(|last| seconds(last.t_ns))
+        .filter(|&to| to > from)?;
     let mut panels = Vec::new();
     let mut fits = String::new();
     for joint in 0..run.info.joints {
@@ -55,7 +59,10 @@ pub(super) fn inputs(run: &RunData) -> Option<Figure> {
                        nothing was learnt yet from what is predicted."
         .to_string();
     if !fits.is_empty() {
-        let _ = write!(caption, " Difference, as a share of the measured input (root mean squares): {fits}.");
+        let _ = write!(
+            caption,
+            " Difference, as a share of the measured input (root mean squares): {fits}."
+        );
     }
     (!panels.is_empty()).then(|| Figure {
         name: "input".into(),

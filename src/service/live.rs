@@ -1,7 +1,7 @@
 //! What a monitor shows while it runs: lines, and a page if one is asked for.
 
 use super::args::domain;
-use super::report::prediction;
+use super::wiring::input_prediction;
 use super::{Failure, LogFormat, MonitorArgs, logging, web_control};
 use crate::bus::monotonic_ns;
 use crate::config::Config;
@@ -30,10 +30,19 @@ pub(super) fn live_state(config: &Config) -> LiveState {
         position_unit: plant.position_unit.clone(),
         input_unit: plant.input_unit.clone(),
     };
-    let bounds = config.estimator.options.lower.iter().zip(&config.estimator.options.upper);
+    let bounds = config
+        .estimator
+        .options
+        .lower
+        .iter()
+        .zip(&config.estimator.options.upper);
     let parameters = plant.parameters.iter().zip(bounds);
-    let parameters = parameters.map(|(p, (&lower, &upper))| Quantity::new(&p.name, &p.unit, &p.meaning).within(lower, upper));
-    let derived = plant.derived.iter().map(|d| Quantity::new(&d.name, &d.unit, &d.meaning));
+    let parameters =
+        parameters.map(|(p, (&lower, &upper))| Quantity::new(&p.name, &p.unit, &p.meaning).within(lower, upper));
+    let derived = plant
+        .derived
+        .iter()
+        .map(|d| Quantity::new(&d.name, &d.unit, &d.meaning));
     LiveState::new(about, parameters.collect(), derived.collect())
 }
 
@@ -74,7 +83,7 @@ impl Live {
         let web = &args.web;
         // only a page looks back
         let state = match web.web {
-            Some(_) => live_state(config).predicting(prediction(config)),
+            Some(_) => live_state(config).predicting(input_prediction(config)),
             None => live_state(config).for_text(),
         };
         let feed = Feed::new(state, monotonic_ns, web.web_control);
@@ -177,6 +186,7 @@ fn foxglove(
     args: &MonitorArgs,
     address: SocketAddr,
 ) -> Result<FoxgloveServer, Failure> {
+    args.web.check()?;
     let info = super::run_info::run_info(config, node, args.common.is_launched());
     let server =
         FoxgloveServer::start(&info, address).map_err(|e| Failure::Usage(format!("--foxglove {address}: {e}")))?;

@@ -2,11 +2,11 @@
 
 use super::monitor::{SUMMARY_JSON, write_summary};
 use super::record::recording_at;
-use super::wiring::monitor_node;
+use super::ticker::Ticker;
+use super::wiring::{input_prediction, monitor_node};
 use super::{CommonArgs, Exit, Failure, ReportArgs, foreign, logging, out_dir};
 use crate::config::{Catalog, Config, Source};
 use crate::node::monitor::MonitorNode;
-use crate::node::predicted_input::PredictedInput;
 use crate::recording::{Loss, ReadError, RecordingReader, RunInfo, Span};
 use crate::report::{Notes, RunData, Summary, write_report};
 use crate::rows::RowForm;
@@ -29,7 +29,10 @@ pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
         out_dir::check(&out)?;
     }
     let catalog = super::robot::beside(path, &common.catalog)?;
-    let run = read(&recording_at(path), args.span.span()?, &catalog)?;
+    let ticker = Ticker::start(&format!("reading {}", path.display()));
+    let run = read(&recording_at(path), args.span.span()?, &catalog, |share| {
+        ticker.at(share)
+    })?;
     // A run that ended before its first sample has a report; a part that was asked for and is not there has none.
     if args.span.is_cut() && run.samples == 0 && run.estimates.is_empty() && run.loss.is_none() {
         return Err(args.span.nothing(path));
@@ -38,7 +41,8 @@ pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
     let mut summary = run.summary();
     summary.wall_s = known_wall_s;
     out_dir::create(&out)?;
-    let page = write(&out, &run, &summary)?;
+    let page = write(&out, &run, &summary, &ticker)?;
+    drop(ticker);
     if !in_place {
         write_summary(&out, &summary)?;
     }
@@ -48,8 +52,13 @@ pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
     Ok(exit)
 }
 
-/// Reads a recording; of a simulated run the configuration tells the truth as well.
-pub(super) fn read(recording: &Path, span: Span, catalog: &Catalog) -> Result<RunData, Failure> {
+/// Reads a recording; of a simulated run the configuration tells the truth as well. `look` hears the share that has been read.
+pub(super) fn read(
+    recording: &Path,
+    span: Span,
+    catalog: &Catalog,
+    mut look: impl FnMut(f64),
+) -> Result<RunData, Failure> {
     let reader = open(recording, span)?;
     let info = reader.info();
     let has_equations = catalog.names().any(|name| name == info.model);
@@ -63,10 +72,12 @@ pub(super) fn read(recording: &Path, span: Span, catalog: &Catalog) -> Result<Ru
         None => MonitorNode::new(info.parameters.clone(), info.derived.clone(), None).of_model(info.model_hash),
     };
     let own = own_config(info, catalog);
-    let prediction = own.as_ref().map(prediction);
+    let prediction = own.as_ref().map(input_prediction);
     let notes = notes(info, own.as_ref());
     let run = RunData::new(info.clone(), node).predicting(prediction);
-    let mut run = run.read(reader, |_| ()).map_err(unreadable)?;
+    let mut run = run
+        .read(reader, |reader| look(reader.share_read()))
+        .map_err(unreadable)?;
     run.notes = notes;
     match run.monitor.foreign_model() {
         Some(_) => Err(foreign::report(&run.info)),
@@ -78,11 +89,6 @@ pub(super) fn read(recording: &Path, span: Span, catalog: &Catalog) -> Result<Ru
 fn own_config(info: &RunInfo, catalog: &Catalog) -> Option<Config> {
     let config = config_of(info, catalog).ok()?;
     (config.model.definition().hash() == info.model_hash).then_some(config)
-}
-
-/// What predicts the inputs of a run.
-pub(super) fn prediction(config: &Config) -> PredictedInput {
-    PredictedInput::new(config.model.clone(), config.plant.sim.sample_period_s)
 }
 
 /// What the recorded configuration and this machine say of a run.
@@ -131,8 +137,9 @@ pub(super) fn source_of(info: &RunInfo) -> Source {
 }
 
 /// Writes figures and page.
-pub(super) fn write(dir: &Path, run: &RunData, summary: &Summary) -> Result<PathBuf, Failure> {
-    write_report(dir, run, summary)
+pub(super) fn write(dir: &Path, run: &RunData, summary: &Summary, ticker: &Ticker) -> Result<PathBuf, Failure> {
+    ticker.stage("drawing the figures");
+    write_report(dir, run, summary, |share| ticker.at(share))
         .map_err(|e| Failure::Failed(format!("the report cannot be written into {}: {e}", dir.display())))
 }
 

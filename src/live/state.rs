@@ -153,7 +153,7 @@ impl LiveState {
         self.status = Some((*status, sent_ns));
     }
 
-    /// Takes a sample in. With a prediction it is shown once its neighbours are there, up to a tenth of a second later.
+    /// Takes a sample in. With a prediction it is shown once its neighbours are there, some hundredths of a second later.
     pub fn on_sample(&mut self, sample: &Sample) {
         let signals = &mut self.signals;
         match &mut self.prediction {

@@ -10,6 +10,7 @@
     element.append(...children);
     return element;
   };
+  const pretty = text => text.replaceAll('^2', '²').replaceAll('^3', '³');
   const set = (element, text) => { if (element.textContent !== text) element.textContent = text; };
   const color = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
@@ -160,7 +161,7 @@
       },
       hover: at => {
         const p = at === null || at === undefined ? null : shown(run.points)[at];
-        const text = p && p.v[index] !== null ? `${p.t.toFixed(3)} s: ${+p.v[index].toPrecision(6)}` + (p.s[index] === null ? '' : ` ± ${+p.s[index].toPrecision(2)}`) : run.quantities[index].meaning;
+        const text = p && p.v[index] !== null ? `${p.t.toFixed(3)} s: ${+p.v[index].toPrecision(6)}` + (p.s[index] === null ? '' : ` ± ${+p.s[index].toPrecision(2)}`) : pretty(run.quantities[index].meaning);
         set(header, text);
       },
     });
@@ -199,7 +200,7 @@
       const row = run.view.rows[index];
       const note = make('small'), value = make('p', { class: 'value' }), plot = make('div', { class: 'plot' });
       const card = make('article', { class: 'card', 'data-name': quantity.name },
-        make('h3', {}, quantity.name, note), value, make('p', { class: 'meaning' }, quantity.meaning || ' '), plot);
+        make('h3', {}, quantity.name, note), value, make('p', { class: 'meaning', title: pretty(quantity.meaning) }, pretty(quantity.meaning) || ' '), plot);
       const entry = { card, note, value };
       if (control && !row.derived) {
         entry.input = make('input', { type: 'number', step: 'any', placeholder: 'at its estimate', 'aria-label': `value to fix ${quantity.name} at` });
@@ -228,7 +229,7 @@
       for (const [title, columns, unit, words] of [
         ['position', [at, at + 1], about.position_unit, 'line: position, dashed: setpoint'],
         run.predicts
-          ? ['input', [at + 2, at + 3], about.input_unit, 'line: measured, dashed: predicted with the estimate of the blocks before']
+          ? ['input', [at + 2, at + 3], about.input_unit, 'line: measured, dashed: predicted']
           : ['input', [at + 2], about.input_unit, 'measured'],
       ]) {
         const plot = make('div', { class: 'plot' }), header = make('p', { class: 'meaning' }, words);
@@ -280,7 +281,8 @@
       }
     });
     const number = (v, digits) => v === null ? '–' : v.toFixed(digits);
-    const times = t => `${number(t.mean_us, 1)} µs on average, ${number(t.p99_us, 0)} at the 99th percentile, ${number(t.max_us, 0)} at most`;
+    const time = us => us === null ? '–' : us < 1e4 ? number(us, us < 100 ? 1 : 0) + ' µs' : us < 1e7 ? number(us / 1e3, us < 1e5 ? 1 : 0) + ' ms' : number(us / 1e6, 1) + ' s';
+    const times = t => `${time(t.mean_us)} on average, ${time(t.p99_us)} at the 99th percentile, ${time(t.max_us)} at most`;
     const health = [
       ['last heartbeat', view.heartbeat_s === null ? 'none' : number(view.heartbeat_s, 1) + ' s ago'],
       ['fit of each equation (1 if it fits)', view.fit.map(f => number(f, 2)).join(', ') || '–'],

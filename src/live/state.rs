@@ -209,7 +209,7 @@ impl LiveState {
         View {
             headline: self
                 .headline(estimate, state)
-                .unwrap_or_else(|| "no value may be used yet".into()),
+                .unwrap_or_else(|| self.nothing_usable().into()),
             words,
             state: state.name().to_owned(),
             health,
@@ -354,6 +354,14 @@ impl LiveState {
         }
     }
 
+    /// The headline without a value.
+    fn nothing_usable(&self) -> &'static str {
+        match self.history.points().any(|point| point.usable.contains(&true)) {
+            true => "no value may be used now",
+            false => "no value may be used yet",
+        }
+    }
+
     /// The newer of what estimate and status say.
     fn state(&self) -> State {
         let estimate = self.estimate.as_ref().map(|(e, sent_ns)| (*sent_ns, e.state));
@@ -489,6 +497,7 @@ pub(crate) mod tests {
         let view = state().view(5 * S);
         assert_eq!((view.health, view.alive, view.block), (Health::Wait, false, 0));
         assert_eq!(view.words, "waiting for an identifier");
+        assert_eq!(view.headline, "no value may be used yet");
         assert_eq!(view.rows[0].value_text, "–");
         let json = serde_json::to_string(&view).unwrap();
         assert!(json.contains("\"heartbeat_s\":null"), "{json}");
@@ -519,6 +528,16 @@ pub(crate) mod tests {
         assert_eq!((view.changes.clone(), view.usable), (vec![4.99], 1));
         assert_eq!((view.rows[0].trend, view.rows[0].note()), (Trend::Rising, "usable"));
         assert_eq!(view.words, "settled; all 1 parameters may be used");
+    }
+
+    #[test]
+    fn prop_after_values_that_were_usable_none_is_so_now_and_not_yet() {
+        let mut state = state();
+        state.on_estimate(&known(1, 150.0, 0.1), None, S);
+        let mut lost = known(2, 150.0, 0.1);
+        (lost.use_ok, lost.state) = (0, State::Degraded as u32);
+        state.on_estimate(&lost, None, 2 * S);
+        assert_eq!(state.view(2 * S).headline, "no value may be used now");
     }
 
     #[test]

@@ -90,6 +90,11 @@ impl PredictedInput {
         }
     }
 
+    /// Time over which derivatives are taken from the positions \[s\]; `None` if the samples carry them.
+    pub fn smoothed_s(&self) -> Option<f64> {
+        (!self.samples.is_empty()).then(|| 2.0 * self.half as f64 * self.period_ns / 1e9)
+    }
+
     /// Takes an estimate in; one of another model is left out.
     pub fn on_estimate(&mut self, estimate: &Estimate) {
         let definition = self.model.definition();

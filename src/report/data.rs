@@ -275,6 +275,11 @@ impl RunData {
         }
     }
 
+    /// Time over which derivatives of the motion were taken to predict inputs \[s\]; `None` if the samples carry them.
+    pub fn smoothed_s(&self) -> Option<f64> {
+        self.prediction.as_ref().and_then(PredictedInput::smoothed_s)
+    }
+
     /// Keeps the inputs of the last seconds, thinned out.
     fn compare(&mut self, sample: &Sample) {
         let (inputs, Some(prediction)) = (&mut self.inputs, &mut self.prediction) else {

@@ -58,6 +58,13 @@ pub(super) fn inputs(run: &RunData) -> Option<Figure> {
     let mut caption = "The measured input, and the one that the model predicts from the motion with the estimate of the blocks before: \
                        nothing was learnt yet from what is predicted."
         .to_string();
+    if let Some(length_s) = run.smoothed_s() {
+        let length_ms = 1e3 * length_s;
+        let _ = write!(
+            caption,
+            " Derivatives of the motion are taken from the positions over {length_ms:.0} ms, which rounds jumps and holds their noise."
+        );
+    }
     if !fits.is_empty() {
         let _ = write!(
             caption,

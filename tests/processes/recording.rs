@@ -309,8 +309,11 @@ fn e2e_the_report_of_a_run_opens_in_a_browser_with_every_figure_inside() {
     for foreign in ["src=\"http", "href=\"http", "url(http", "@import", "<script", "<link"] {
         assert!(!html.contains(foreign), "the page must load nothing: {foreign}");
     }
-    // Setpoints, nine parameters, four derived values, accuracy, residuals, excitation, timing.
-    let expected: usize = 1 + 9 + 4 + 4;
+    // Setpoints, nine parameters, four derived values, accuracy, inputs, residuals, excitation, timing.
+    let expected: usize = 1 + 9 + 4 + 5;
+    // Exact signals: what is predicted is what was measured, before it was learnt.
+    let misfits = html.split("(root mean squares): ").nth(1).expect("the caption of the inputs");
+    assert!(misfits.starts_with("joint 1: 0.0 %, joint 2: 0.0 %"), "{misfits:.60}");
     assert_eq!(html.matches("<figure ").count(), expected);
     let figures: Vec<PathBuf> = fs::read_dir(site.out().join("figures"))
         .expect("figures")

@@ -144,7 +144,11 @@ fn rt_twenty_browsers_leave_plant_and_identifier_as_they_were() {
     println!("{:<44}{:>10}{:>14}{:>8}", "", "none", "20 browsers", "ratio");
     for (index, name) in names.iter().enumerate() {
         let [without, with] = [rows[0][index], rows[1][index]];
-        println!("{name:<44}{without:>10.2}{with:>14.2}{:>8.2}", with / without);
+        let ratio = match without > 0.0 {
+            true => format!("{:.2}", with / without),
+            false => "–".to_owned(),
+        };
+        println!("{name:<44}{without:>10.2}{with:>14.2}{ratio:>8}");
     }
     // Five updates a second each, over half of the phases; a part may come late on a busy machine.
     let expected = BROWSERS as u64 * 5 * PHASE.as_secs() * PHASES as u64 / 2;

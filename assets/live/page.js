@@ -10,6 +10,7 @@
     element.append(...children);
     return element;
   };
+  const pretty = text => text.replaceAll('^2', '²').replaceAll('^3', '³');
   const set = (element, text) => { if (element.textContent !== text) element.textContent = text; };
   const color = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
@@ -73,7 +74,7 @@
         axes: [{ ...axis, size: 26, space: 70, values: seconds }, { ...axis, size: (u, values) => 14 + 7 * Math.max(3, ...(values || []).map(text => text.length)), space: 19, values: (u, values) => values.map(tick) }],
         series: [{}, ...this.options.series()],
         bands: this.options.bands ? [{ series: [2, 1], fill: color('--band') }] : [],
-        hooks: { drawClear: [marks], setCursor: [u => this.options.hover(u.cursor.idx)] },
+        hooks: { drawClear: [marks, u => this.options.under?.(u)], setCursor: [u => this.options.hover(u.cursor.idx)] },
       }, data, this.element);
     }
 
@@ -113,7 +114,30 @@
     for (const p of points) take(p.w[index]);
     if (low > high) return [0, 1];
     const margin = Math.max((high - low) * 0.15, Math.abs(high) * 1e-4, 1e-12);
-    return [low - margin, high + margin];
+    [low, high] = [low - margin, high + margin];
+    // A bound that is near is shown; far ones would make everything else flat.
+    const near = bounds(index).filter(b => b > low - 0.3 * (high - low) && b < high + 0.3 * (high - low));
+    const edge = 0.04 * (high - low);
+    return [Math.min(low, ...near.map(b => b - edge)), Math.max(high, ...near.map(b => b + edge))];
+  }
+
+  const bounds = index => [run.quantities[index].lower, run.quantities[index].upper].filter(b => b !== null);
+
+  function boundLines(u, index) {
+    const { ctx, bbox } = u;
+    ctx.save();
+    ctx.strokeStyle = color('--soft');
+    ctx.lineWidth = 1.5 * devicePixelRatio;
+    ctx.setLineDash([2 * devicePixelRatio, 3 * devicePixelRatio]);
+    for (const bound of bounds(index)) {
+      const y = Math.round(u.valToPos(bound, 'y', true));
+      if (y < bbox.top || y > bbox.top + bbox.height) continue;
+      ctx.beginPath();
+      ctx.moveTo(bbox.left, y);
+      ctx.lineTo(bbox.left + bbox.width, y);
+      ctx.stroke();
+    }
+    ctx.restore();
   }
 
   function valuePlot(element, index) {
@@ -122,6 +146,7 @@
       sync: 'values',
       bands: true,
       range: () => valueRange(index),
+      under: u => boundLines(u, index),
       series: () => [
         { width: 0, points: { show: false } },
         { width: 0, points: { show: false } },
@@ -136,7 +161,7 @@
       },
       hover: at => {
         const p = at === null || at === undefined ? null : shown(run.points)[at];
-        const text = p && p.v[index] !== null ? `${p.t.toFixed(3)} s: ${+p.v[index].toPrecision(6)}` + (p.s[index] === null ? '' : ` ± ${+p.s[index].toPrecision(2)}`) : run.quantities[index].meaning;
+        const text = p && p.v[index] !== null ? `${p.t.toFixed(3)} s: ${+p.v[index].toPrecision(6)}` + (p.s[index] === null ? '' : ` ± ${+p.s[index].toPrecision(2)}`) : pretty(run.quantities[index].meaning);
         set(header, text);
       },
     });
@@ -175,7 +200,7 @@
       const row = run.view.rows[index];
       const note = make('small'), value = make('p', { class: 'value' }), plot = make('div', { class: 'plot' });
       const card = make('article', { class: 'card', 'data-name': quantity.name },
-        make('h3', {}, quantity.name, note), value, make('p', { class: 'meaning' }, quantity.meaning || ' '), plot);
+        make('h3', {}, quantity.name, note), value, make('p', { class: 'meaning', title: pretty(quantity.meaning) }, pretty(quantity.meaning) || ' '), plot);
       const entry = { card, note, value };
       if (control && !row.derived) {
         entry.input = make('input', { type: 'number', step: 'any', placeholder: 'at its estimate', 'aria-label': `value to fix ${quantity.name} at` });
@@ -200,10 +225,12 @@
     $('signals').replaceChildren();
     joints = [];
     for (let joint = 0; joint < about.joints; joint++) {
-      const at = 1 + 3 * joint;
+      const at = 1 + 4 * joint;
       for (const [title, columns, unit, words] of [
         ['position', [at, at + 1], about.position_unit, 'line: position, dashed: setpoint'],
-        ['input', [at + 2], about.input_unit, 'measured'],
+        run.predicts
+          ? ['input', [at + 2, at + 3], about.input_unit, 'line: measured, dashed: predicted']
+          : ['input', [at + 2], about.input_unit, 'measured'],
       ]) {
         const plot = make('div', { class: 'plot' }), header = make('p', { class: 'meaning' }, words);
         $('signals').append(make('article', { class: 'card' }, make('h3', {}, `joint ${joint + 1}, ${title}`, make('small', {}, unit)), header, plot));
@@ -222,7 +249,8 @@
     set($('headline'), view.headline);
     set($('words'), view.lacks ? `${view.words}. The model lacks something: ${view.lacks}` : view.words);
     const truth = run.points.length && run.points[run.points.length - 1].w.length;
-    set($('legend'), 'Line: estimate. Band: ± 2 standard deviations. Vertical: a change that was found.' + (truth ? ' Dashed: what the simulator really has.' : ''));
+    set($('legend'), 'Line: estimate. Band: ± 2 standard deviations. Vertical: a change that was found.' + (truth ? ' Dashed: what the simulator really has.' : '') +
+      (run.quantities.some((_, index) => bounds(index).length) ? ' Dotted: a bound, if it is near.' : ''));
     const state = $('state');
     state.className = `pill ${view.health}` + (view.alive ? ' live' : '');
     set(state.lastElementChild, view.alive || view.state === 'ended' ? view.state.replaceAll('_', ' ') : 'no identifier');
@@ -253,7 +281,8 @@
       }
     });
     const number = (v, digits) => v === null ? '–' : v.toFixed(digits);
-    const times = t => `${number(t.mean_us, 1)} µs on average, ${number(t.p99_us, 0)} at the 99th percentile, ${number(t.max_us, 0)} at most`;
+    const time = us => us === null ? '–' : us < 1e4 ? number(us, us < 100 ? 1 : 0) + ' µs' : us < 1e7 ? number(us / 1e3, us < 1e5 ? 1 : 0) + ' ms' : number(us / 1e6, 1) + ' s';
+    const times = t => `${time(t.mean_us)} on average, ${time(t.p99_us)} at the 99th percentile, ${time(t.max_us)} at most`;
     const health = [
       ['last heartbeat', view.heartbeat_s === null ? 'none' : number(view.heartbeat_s, 1) + ' s ago'],
       ['fit of each equation (1 if it fits)', view.fit.map(f => number(f, 2)).join(', ') || '–'],

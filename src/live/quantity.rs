@@ -1,7 +1,7 @@
 //! What is shown: names, units, meanings.
 
 /// A parameter or a derived value.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Quantity {
     /// Short name: `theta_1`, `mass_2`.
     pub name: String,
@@ -9,6 +9,30 @@ pub struct Quantity {
     pub unit: String,
     /// What it is, in a few words; may be empty.
     pub meaning: String,
+    /// Lower bound, `-inf` for none.
+    pub lower: f64,
+    /// Upper bound, `inf` for none.
+    pub upper: f64,
+}
+
+impl Quantity {
+    /// A value without bounds.
+    pub fn new(name: &str, unit: &str, meaning: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            unit: unit.to_owned(),
+            meaning: meaning.to_owned(),
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+        }
+    }
+
+    /// The same within bounds, infinite if there is none.
+    #[must_use]
+    pub fn within(mut self, lower: f64, upper: f64) -> Self {
+        (self.lower, self.upper) = (lower, upper);
+        self
+    }
 }
 
 /// Whose identification it is.

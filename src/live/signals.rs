@@ -20,6 +20,8 @@ pub struct SignalPoint {
     pub setpoint: [f64; MAX_JOINTS],
     /// Input, in the drive's unit; `NaN` if it is not measured.
     pub input: [f64; MAX_JOINTS],
+    /// The input that the model predicts with the estimate of the blocks before, in the drive's unit; `NaN` if it is not known.
+    pub predicted: [f64; MAX_JOINTS],
 }
 
 /// The last seconds.
@@ -41,7 +43,8 @@ impl Signals {
         self.points.range(from..)
     }
 
-    pub(super) fn push(&mut self, sample: &Sample) {
+    /// Takes a sample in; `predicted` is asked for its input only if it is kept.
+    pub(super) fn push(&mut self, sample: &Sample, predicted: impl FnOnce() -> [f64; MAX_JOINTS]) {
         let last = self.points.back().map(|point| point.t_ns);
         if self.stream_id != sample.stream_id || last.is_some_and(|last| sample.t_ns < last) {
             self.stream_id = sample.stream_id;
@@ -58,6 +61,7 @@ impl Signals {
             position: signal(signals::Q, sample.q),
             setpoint: signal(signals::SETPOINT, sample.setpoint),
             input: signal(signals::INPUT, sample.input),
+            predicted: predicted(),
         });
         while self.points.front().is_some_and(|p| sample.t_ns - p.t_ns > SPAN_NS) {
             self.points.pop_front();
@@ -75,13 +79,17 @@ mod tests {
         let mut signals = Signals::default();
         for seq in 0..3_600_000_u64 {
             let joints = JointSample::default();
-            signals.push(&Sample::new(7, seq, seq * 1_000_000, 1, signals::Q, &joints));
+            signals.push(&Sample::new(7, seq, seq * 1_000_000, 1, signals::Q, &joints), || {
+                [2.0; MAX_JOINTS]
+            });
             assert!(signals.points().len() <= 401);
         }
         let last = signals.points().next_back().copied();
-        assert!(last.is_some_and(|p| p.position[0] == 0.0 && p.input[0].is_nan()));
+        assert!(last.is_some_and(|p| p.position[0] == 0.0 && p.input[0].is_nan() && p.predicted[0] == 2.0));
         assert_eq!(signals.after(last.unwrap().t_ns - 2 * STEP_NS).len(), 2);
-        signals.push(&Sample::new(8, 0, 0, 1, signals::Q, &JointSample::default()));
+        signals.push(&Sample::new(8, 0, 0, 1, signals::Q, &JointSample::default()), || {
+            [f64::NAN; MAX_JOINTS]
+        });
         assert_eq!(signals.points().len(), 1);
     }
 }

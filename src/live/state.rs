@@ -5,7 +5,9 @@ use super::quantity::{About, Quantity};
 use super::signals::Signals;
 use super::view::{Health, Row, Times, Trend, View};
 use crate::messages::{ErrorCode, Estimate, ParameterSet, Sample, State, Status, Timing, estimate_flags, status_flags};
+use crate::model::MAX_JOINTS;
 use crate::node::monitor::{Truth, misfit_words, seconds};
+use crate::node::predicted_input::PredictedInput;
 use crate::report::{DERIVED_USABLE, Known, Rounded, headline, pretty_unit};
 use std::collections::VecDeque;
 
@@ -30,6 +32,8 @@ pub struct LiveState {
     history: History,
     is_for_text: bool,
     signals: Signals,
+    /// None if the model is not known: a foreign one, or nobody looks at signals.
+    prediction: Option<PredictedInput>,
     estimate: Option<(Estimate, u64)>,
     status: Option<(Status, u64)>,
     /// Clock, samples and estimates of the last statuses of the stream.
@@ -57,6 +61,7 @@ impl LiveState {
             parameters: count,
             quantities,
             signals: Signals::default(),
+            prediction: None,
             estimate: None,
             status: None,
             counts: VecDeque::new(),
@@ -75,7 +80,14 @@ impl LiveState {
         self
     }
 
-    /// Forgets everything: what comes is of another model.
+    /// The same with what predicts the joints' inputs.
+    #[must_use]
+    pub fn predicting(mut self, prediction: PredictedInput) -> Self {
+        self.prediction = Some(prediction);
+        self
+    }
+
+    /// Forgets everything: what comes is of another model, whose inputs nobody predicts.
     pub fn rename(&mut self, about: About, parameters: Vec<Quantity>, derived: Vec<Quantity>) {
         let generation = self.generation + 1;
         let new = Self::new(about, parameters, derived);
@@ -94,6 +106,9 @@ impl LiveState {
         }
         if estimate.flags & estimate_flags::CHANGED != 0 {
             self.on_change(seconds(estimate.t_change_ns));
+        }
+        if let Some(prediction) = &mut self.prediction {
+            prediction.on_estimate(estimate);
         }
         let t_s = seconds(estimate.t_last_ns);
         let truth = truth.map_or_else(Vec::new, |truth| {
@@ -138,9 +153,18 @@ impl LiveState {
         self.status = Some((*status, sent_ns));
     }
 
-    /// Takes a sample in.
+    /// Takes a sample in. With a prediction it is shown once its neighbours are there, some hundredths of a second later.
     pub fn on_sample(&mut self, sample: &Sample) {
-        self.signals.push(sample);
+        let signals = &mut self.signals;
+        match &mut self.prediction {
+            Some(prediction) => prediction.push(sample, |passed| signals.push(passed.sample, || passed.input())),
+            None => signals.push(sample, || [f64::NAN; MAX_JOINTS]),
+        }
+    }
+
+    /// Whether inputs are predicted.
+    pub fn predicts(&self) -> bool {
+        self.prediction.is_some()
     }
 
     /// Whose it is.
@@ -185,7 +209,7 @@ impl LiveState {
         View {
             headline: self
                 .headline(estimate, state)
-                .unwrap_or_else(|| "no value may be used yet".into()),
+                .unwrap_or_else(|| self.nothing_usable().into()),
             words,
             state: state.name().to_owned(),
             health,
@@ -330,6 +354,14 @@ impl LiveState {
         }
     }
 
+    /// The headline without a value.
+    fn nothing_usable(&self) -> &'static str {
+        match self.history.points().any(|point| point.usable.contains(&true)) {
+            true => "no value may be used now",
+            false => "no value may be used yet",
+        }
+    }
+
     /// The newer of what estimate and status say.
     fn state(&self) -> State {
         let estimate = self.estimate.as_ref().map(|(e, sent_ns)| (*sent_ns, e.state));
@@ -424,11 +456,7 @@ pub(crate) mod tests {
 
     /// A mass, which jumps, and a derived inertia.
     pub(crate) fn state() -> LiveState {
-        let quantity = |name: &str, unit: &str| Quantity {
-            name: name.into(),
-            unit: unit.into(),
-            meaning: format!("{name} of the load"),
-        };
+        let quantity = |name: &str, unit: &str| Quantity::new(name, unit, &format!("{name} of the load"));
         let about = About {
             robot: "arm".into(),
             domain: "default".into(),
@@ -469,6 +497,7 @@ pub(crate) mod tests {
         let view = state().view(5 * S);
         assert_eq!((view.health, view.alive, view.block), (Health::Wait, false, 0));
         assert_eq!(view.words, "waiting for an identifier");
+        assert_eq!(view.headline, "no value may be used yet");
         assert_eq!(view.rows[0].value_text, "–");
         let json = serde_json::to_string(&view).unwrap();
         assert!(json.contains("\"heartbeat_s\":null"), "{json}");
@@ -499,6 +528,16 @@ pub(crate) mod tests {
         assert_eq!((view.changes.clone(), view.usable), (vec![4.99], 1));
         assert_eq!((view.rows[0].trend, view.rows[0].note()), (Trend::Rising, "usable"));
         assert_eq!(view.words, "settled; all 1 parameters may be used");
+    }
+
+    #[test]
+    fn prop_after_values_that_were_usable_none_is_so_now_and_not_yet() {
+        let mut state = state();
+        state.on_estimate(&known(1, 150.0, 0.1), None, S);
+        let mut lost = known(2, 150.0, 0.1);
+        (lost.use_ok, lost.state) = (0, State::Degraded as u32);
+        state.on_estimate(&lost, None, 2 * S);
+        assert_eq!(state.view(2 * S).headline, "no value may be used now");
     }
 
     #[test]

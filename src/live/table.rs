@@ -265,10 +265,9 @@ mod tests {
 
     /// As many quantities as an estimate can have, with the longest names and units.
     fn crowd() -> LiveState {
-        let quantity = |index: usize| Quantity {
-            name: format!("viscous_friction_{index}"),
-            unit: "kg m^2".into(),
-            meaning: "viscous friction of the joint's gear and motor, seen from the joint".into(),
+        let quantity = |index: usize| {
+            let meaning = "viscous friction of the joint's gear and motor, seen from the joint";
+            Quantity::new(&format!("viscous_friction_{index}"), "kg m^2", meaning)
         };
         let parameters = (0..40).map(quantity).collect();
         let derived = (40..40 + MAX_DERIVED).map(quantity).collect();

@@ -15,6 +15,7 @@ mod misfit;
 pub mod model;
 pub mod monitor;
 pub mod plant;
+pub mod predicted_input;
 mod replayed;
 #[cfg(feature = "robot")]
 pub mod robot;

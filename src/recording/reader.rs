@@ -69,6 +69,9 @@ pub struct RecordingReader {
     file: RecordFile,
     next_number: u32,
     first: PathBuf,
+    /// Of all files, as they are now, and of those that have been read.
+    bytes: u64,
+    bytes_read: u64,
     /// Messages of the chunk being read, and how far.
     chunk: Vec<u8>,
     position: usize,
@@ -100,6 +103,8 @@ impl RecordingReader {
             counts: Counts::of(&info),
             info,
             span,
+            bytes: file.length() + rest_of_series(&first, number),
+            bytes_read: 0,
             file,
             next_number: number + 1,
             first,
@@ -118,6 +123,11 @@ impl RecordingReader {
     /// What was recorded.
     pub fn info(&self) -> &RunInfo {
         &self.info
+    }
+
+    /// How much of its bytes has been read, from 0 to 1.
+    pub fn share_read(&self) -> f64 {
+        (self.bytes_read + self.file.position()) as f64 / self.bytes.max(1) as f64
     }
 
     /// What was lost, as far as the recording has been read.
@@ -267,11 +277,18 @@ impl RecordingReader {
         if file.find_info()?.recording_id != self.info.recording_id {
             return Ok(false);
         }
+        self.bytes_read += self.file.length();
         self.file = file;
         self.file_ended = false;
         self.next_number += 1;
         Ok(true)
     }
+}
+
+/// Bytes of the files of a rotated recording behind this one.
+fn rest_of_series(first: &Path, number: u32) -> u64 {
+    let files = (number + 1..).map(|number| std::fs::metadata(numbered(first, number)).ok());
+    files.map_while(|file| file.map(|file| file.len())).sum()
 }
 
 /// What the identifier was told while a recording was made, in the order in which it took effect; of a rotated one from this file on.

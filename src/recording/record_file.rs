@@ -114,6 +114,16 @@ impl RecordFile {
         })
     }
 
+    /// Bytes of the file.
+    pub(super) fn length(&self) -> u64 {
+        self.length
+    }
+
+    /// Bytes up to the next record.
+    pub(super) fn position(&self) -> u64 {
+        self.position
+    }
+
     /// The metadata of the run; leaves the file at its first record.
     pub(super) fn find_info(&mut self) -> Result<RunInfo, ReadError> {
         let begin = self.position;

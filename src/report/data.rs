@@ -2,8 +2,10 @@
 
 use super::summary::Summary;
 use super::words::{DERIVED_USABLE, Known, headline};
-use crate::messages::{Estimate, Sample, Status, sample_flags};
+use crate::messages::{Estimate, Sample, Status, sample_flags, signals};
+use crate::model::MAX_JOINTS;
 use crate::node::monitor::{Label, MonitorNode, seconds};
+use crate::node::predicted_input::PredictedInput;
 use crate::recording::{Entry, Loss, ReadError, RecordingReader, RunInfo};
 use std::collections::VecDeque;
 
@@ -11,6 +13,10 @@ use std::collections::VecDeque;
 const BUCKETS: usize = 4096;
 /// Samples that are remembered until the estimate of their block arrives.
 const REMEMBERED: usize = 1 << 16;
+/// Stream time over which inputs are compared: the end of the run \[ns\].
+const COMPARED_NS: u64 = 10_000_000_000;
+/// Least time between two of them \[ns\]: a figure has some hundred pixels.
+const COMPARED_STEP_NS: u64 = 4_000_000;
 
 /// A signal over time, thinned out: of neighbouring samples first, last, smallest and largest value stay, so steps and peaks do.
 #[derive(Debug, Clone, Default)]
@@ -112,7 +118,7 @@ pub struct Timing {
 }
 
 /// What the configuration and the machine say of a run, beyond its recording.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Notes {
     /// What each parameter is, in the order of θ, then each derived value; may be shorter or empty.
     pub meanings: Vec<String>,
@@ -122,6 +128,19 @@ pub struct Notes {
     pub begun: String,
     /// Where the report was made; empty if it is not known.
     pub host: String,
+    /// Lower and upper bound of each parameter, in the order of θ, infinite if there is none; may be empty.
+    pub bounds: Vec<(f64, f64)>,
+}
+
+/// What went into the machine at one instant, and what the model says must have.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Inputs {
+    /// Stream time \[ns\].
+    pub t_ns: u64,
+    /// Measured input of each joint, in the drive's unit; `NaN` if it is not measured.
+    pub measured: [f64; MAX_JOINTS],
+    /// Predicted by the estimate of the blocks before; `NaN` if it is not known.
+    pub predicted: [f64; MAX_JOINTS],
 }
 
 /// Everything that a report shows of a run.
@@ -144,6 +163,9 @@ pub struct RunData {
     pub samples: u64,
     /// What else is known.
     pub notes: Notes,
+    /// The inputs of the last seconds; empty without a model that predicts them.
+    pub inputs: VecDeque<Inputs>,
+    prediction: Option<PredictedInput>,
     ended: bool,
     /// Stream time and clock time of the last samples.
     sent: VecDeque<(u64, u64)>,
@@ -165,18 +187,31 @@ impl RunData {
             loss: Loss::default(),
             samples: 0,
             notes: Notes::default(),
+            inputs: VecDeque::new(),
+            prediction: None,
             ended: false,
             sent: VecDeque::new(),
             waiting: Vec::new(),
         }
     }
 
-    /// A whole recording.
+    /// The same with what predicts the inputs.
+    #[must_use]
+    pub fn predicting(mut self, prediction: Option<PredictedInput>) -> Self {
+        self.prediction = prediction;
+        self
+    }
+
+    /// Takes the whole of a recording in; `look` is called after each message.
     ///
     /// # Errors
     /// Where the file system fails.
-    pub fn read(mut reader: RecordingReader, monitor: MonitorNode) -> Result<Self, ReadError> {
-        let mut run = Self::new(reader.info().clone(), monitor);
+    pub fn read(
+        mut self,
+        mut reader: RecordingReader,
+        mut look: impl FnMut(&RecordingReader),
+    ) -> Result<Self, ReadError> {
+        let run = &mut self;
         while let Some(entry) = reader.next_entry()? {
             match entry {
                 Entry::Sample { sample, sent_ns } => run.sample(sample, sent_ns),
@@ -184,9 +219,10 @@ impl RunData {
                 Entry::Status { status, .. } => run.status(status),
                 Entry::Recorder(_) => {}
             }
+            look(&reader);
         }
         run.loss = reader.loss();
-        Ok(run)
+        Ok(self)
     }
 
     /// Takes a sample in; `sent_ns` is the clock at sending, 0 where it is not known.
@@ -200,6 +236,7 @@ impl RunData {
         for (trace, &value) in self.position.iter_mut().zip(&sample.q) {
             trace.push(t_s, value);
         }
+        self.compare(sample);
         if sent_ns == 0 {
             return;
         }
@@ -219,9 +256,13 @@ impl RunData {
         if boot.is_some_and(|boot| boot != estimate.stream_id) {
             self.estimates.clear();
             self.timing.clear();
+            self.inputs.clear();
         }
         if !self.monitor.on_estimate(estimate) {
             return;
+        }
+        if let Some(prediction) = &mut self.prediction {
+            prediction.on_estimate(estimate);
         }
         self.estimates.push(*estimate);
         if sent_ns == 0 {
@@ -232,6 +273,39 @@ impl RunData {
             Some(&(_, sample_sent_ns)) => self.time(estimate.block, last, sample_sent_ns, sent_ns),
             None => self.waiting.push((last, estimate.block, sent_ns)),
         }
+    }
+
+    /// Time over which derivatives of the motion were taken to predict inputs \[s\]; `None` if the samples carry them.
+    pub fn smoothed_s(&self) -> Option<f64> {
+        self.prediction.as_ref().and_then(PredictedInput::smoothed_s)
+    }
+
+    /// Keeps the inputs of the last seconds, thinned out.
+    fn compare(&mut self, sample: &Sample) {
+        let (inputs, Some(prediction)) = (&mut self.inputs, &mut self.prediction) else {
+            return;
+        };
+        prediction.push(sample, |passed| {
+            let (t_ns, has_input) = (passed.sample.t_ns, passed.sample.signals & signals::INPUT != 0);
+            let newest = inputs.back().map(|last| last.t_ns);
+            if newest.is_some_and(|newest| t_ns < newest) {
+                inputs.clear();
+            } else if newest.is_some_and(|newest| t_ns - newest < COMPARED_STEP_NS) {
+                return;
+            }
+            inputs.push_back(Inputs {
+                t_ns,
+                measured: if has_input {
+                    passed.sample.input
+                } else {
+                    [f64::NAN; MAX_JOINTS]
+                },
+                predicted: passed.input(),
+            });
+            while inputs.front().is_some_and(|first| t_ns - first.t_ns > COMPARED_NS) {
+                inputs.pop_front();
+            }
+        });
     }
 
     /// Takes a status in.

@@ -1,8 +1,10 @@
 //! The figures of a run: setpoints (the paper's Fig. 3), each parameter over time (Figs. 4 to 12), residuals, excitation,
-//! accuracy and timing.
+//! accuracy and timing. Inputs are in `inputs.rs`.
 
+use super::axes::{FIRST, SECOND, SMALL_PANEL, bound_lines, decades, extent, padded, positive, value_scale};
 use super::data::RunData;
-use super::plot::{BLUE, Figure, GREY, INK, Layer, ORANGE, Panel, Scale, Stroke};
+use super::inputs::inputs;
+use super::plot::{BLUE, Figure, GREY, INK, Layer, Panel, Scale, Stroke};
 use super::words::{pretty_unit, symbol};
 use crate::messages::Estimate;
 use crate::node::monitor::{Label, relative_error, seconds};
@@ -10,12 +12,9 @@ use crate::node::monitor::{Label, relative_error, seconds};
 /// 95 % of a normal distribution lie within so many standard deviations.
 const TWO_SIDED_95: f64 = 1.96;
 const PANEL: f64 = 250.0;
-const SMALL_PANEL: f64 = 170.0;
 
 const ESTIMATE: Stroke = Stroke::solid(BLUE, 1.6);
 const TRUTH: Stroke = Stroke::dashed(INK, 1.8, "6 4");
-const FIRST: Stroke = Stroke::solid(BLUE, 1.6);
-const SECOND: Stroke = Stroke::dashed(ORANGE, 1.8, "5 3");
 const THIN: Stroke = Stroke::solid(GREY, 1.0);
 
 /// All figures for which the run has data.
@@ -33,6 +32,7 @@ pub fn figures(run: &RunData) -> Vec<Figure> {
         all.push(value(run, label, index, Kind::Derived));
     }
     all.extend(accuracy(run));
+    all.extend(inputs(run));
     all.push(residuals(run));
     all.push(excitation(run));
     all.extend(timing(run));
@@ -159,6 +159,12 @@ fn value(run: &RunData, label: &Label, index: usize, kind: Kind) -> Figure {
         });
     }
     layers.extend(changes(run, true));
+    let mut scale = value_scale(&estimates, &truths);
+    if kind == Kind::Parameter
+        && let Some(&bounds) = run.notes.bounds.get(index)
+    {
+        layers.extend(bound_lines(bounds, &mut scale, x_range));
+    }
     if !truth.is_empty() {
         layers.push(Layer::Line {
             points: truth,
@@ -189,7 +195,7 @@ fn value(run: &RunData, label: &Label, index: usize, kind: Kind) -> Figure {
         panels: vec![Panel {
             y_label: shown,
             unit: pretty_unit(&label.unit),
-            scale: value_scale(&estimates, &truths),
+            scale,
             height: PANEL,
             layers,
         }],
@@ -441,66 +447,4 @@ fn timing(run: &RunData) -> Option<Figure> {
             panel("pace", "s/s", speed, "stream time per clock time"),
         ],
     })
-}
-
-/// What a logarithmic axis can show; the rest breaks the line.
-fn positive(value: f64) -> f64 {
-    if value > 0.0 && value.is_finite() {
-        value
-    } else {
-        f64::NAN
-    }
-}
-
-fn extent(values: &[f64]) -> (f64, f64) {
-    let finite = || values.iter().copied().filter(|v| v.is_finite());
-    (
-        finite().fold(f64::INFINITY, f64::min),
-        finite().fold(f64::NEG_INFINITY, f64::max),
-    )
-}
-
-fn padded(from: f64, to: f64, part: f64) -> Scale {
-    // A line that hardly moves is shown as such and not as its last digits.
-    let least = 0.02 * from.abs().max(to.abs());
-    let least = if least > 0.0 { least } else { 1.0 };
-    let pad = ((to - from) * part).max((least - (to - from) / 2.0).max(0.0));
-    Scale::Linear {
-        from: from - pad,
-        to: to + pad,
-    }
-}
-
-/// An axis for a value over time: the truth always within, and the estimates, except for a few that lie so far off that nothing
-/// else could be seen.
-fn value_scale(estimates: &[f64], truths: &[f64]) -> Scale {
-    let mut sorted = estimates.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let (mut from, mut to) = extent(&[&sorted[..], truths].concat());
-    if !(from.is_finite() && to.is_finite()) {
-        return Scale::Linear { from: 0.0, to: 1.0 };
-    }
-    if sorted.len() >= 20 {
-        let cut = (sorted.len() as f64 * 0.04).ceil() as usize;
-        let (low, high) = extent(&[&sorted[cut..sorted.len() - cut], truths].concat());
-        if to - from > 6.0 * (high - low) && high > low {
-            let room = high - low;
-            (from, to) = (from.max(low - room), to.min(high + room));
-        }
-    }
-    padded(from, to, 0.08)
-}
-
-/// Whole decades around the values.
-fn decades(values: &[f64]) -> Scale {
-    let (from, to) = extent(values);
-    if !(from.is_finite() && to.is_finite() && from > 0.0) {
-        return Scale::Log { from: 0.1, to: 1.0 };
-    }
-    let from = from.log10().floor();
-    let to = to.log10().ceil().max(from + 1.0);
-    Scale::Log {
-        from: 10f64.powf(from),
-        to: 10f64.powf(to),
-    }
 }

@@ -1,14 +1,17 @@
 //! Tables and figures from estimates: the result table, SVG and PNG, one page that needs nothing else.
 
+mod axes;
 mod data;
 mod figures;
+mod hover;
+mod inputs;
 mod page;
 mod plot;
 mod raster;
 mod summary;
 mod words;
 
-pub use data::{Notes, RunData, Timing, Trace};
+pub use data::{Inputs, Notes, RunData, Timing, Trace};
 pub use figures::figures;
 pub use page::page;
 pub use plot::Figure;
@@ -29,15 +32,17 @@ const BESIDE: [&str; 4] = ["recording.mcap", "estimates.csv", "summary.json", "c
 /// Pixels of a PNG per unit of its SVG.
 const PNG_SCALE: f32 = 2.0;
 
-/// Writes `report.html` and `figures/NAME.svg`, `figures/NAME.png` into a directory; gives the path of the page.
+/// Writes `report.html` and `figures/NAME.svg`, `figures/NAME.png` into a directory; gives the path of the page. `look` hears what share of the
+/// figures is written.
 ///
 /// # Errors
 /// Where the directory cannot be written.
-pub fn write_report(dir: &Path, run: &RunData, summary: &Summary) -> io::Result<PathBuf> {
+pub fn write_report(dir: &Path, run: &RunData, summary: &Summary, mut look: impl FnMut(f64)) -> io::Result<PathBuf> {
     let figures = figures(run);
     let figures_dir = dir.join(FIGURES);
     std::fs::create_dir_all(&figures_dir)?;
-    for figure in &figures {
+    for (index, figure) in figures.iter().enumerate() {
+        look(index as f64 / figures.len() as f64);
         let svg = figure.svg();
         files::write(&figures_dir.join(&figure.name).with_extension("svg"), svg.as_bytes())?;
         let png = png(&svg, PNG_SCALE).map_err(io::Error::other)?;

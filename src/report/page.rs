@@ -4,14 +4,14 @@ use super::data::RunData;
 use super::plot::{Figure, escape, power_of_ten};
 use super::raster::{MEDIUM, REGULAR};
 use super::summary::{Summary, significant};
-use super::words::{pretty_unit, symbol};
+use super::words::{pretty_unit, symbol, with_powers};
 use std::fmt::Write as _;
 
 const STYLE: &str = "
 :root{--paper:#f6f6f4;--card:#fff;--ink:#1b1b1b;--soft:#5c5c5c;--line:#dcdcdc;--rule:#b5b5b5;--blue:#0072B2;--warn:#C04A00}
 @media screen and (prefers-color-scheme:dark){:root{--paper:#14171a;--card:#1d2125;--ink:#e8e8e6;--soft:#a5abb1;--line:#373d43;--rule:#565d64;--blue:#5ab4e5;--warn:#f0894a}
 figure svg{filter:invert(.885) hue-rotate(180deg)}}
-@media screen and (max-width:640px){td small{max-width:130px}main{padding:20px 12px 40px!important}h1{font-size:22px!important}figure{overflow-x:auto;padding:8px!important}figure svg{min-width:600px}figcaption{position:sticky;left:0}}
+@media screen and (max-width:640px){td small{width:auto;max-width:130px}main{padding:20px 12px 40px!important}h1{font-size:22px!important}figure{overflow-x:auto;padding:8px!important}figure svg{min-width:600px}figcaption{position:sticky;left:0}}
 *{box-sizing:border-box}
 body{margin:0;background:var(--paper);color:var(--ink);font:15px/1.5 Roboto,'Helvetica Neue',Arial,sans-serif}
 main{max-width:960px;margin:0 auto;padding:36px 24px 60px}
@@ -30,7 +30,8 @@ th,td{padding:7px 14px;text-align:right;white-space:nowrap;border-bottom:1px sol
 tr:last-child td{border-bottom:0}
 th{font-weight:500;color:var(--soft);font-size:13px;border-bottom:1px solid var(--rule)}
 th:first-child,td:first-child,th:last-child,td:last-child,#result th:nth-child(6),#result td:nth-child(6){text-align:left}
-td small{display:block;max-width:250px;white-space:normal;color:var(--soft);font-size:12px;line-height:1.35}
+td:last-child{white-space:normal}
+td small{display:block;width:190px;max-width:250px;white-space:normal;color:var(--soft);font-size:12px;line-height:1.35}
 nav{display:flex;flex-wrap:wrap;gap:6px 14px;font-size:14px}
 a{color:var(--blue)}
 figure{margin:0 0 26px;background:var(--card);border:1px solid var(--line);border-radius:6px;padding:14px 16px}
@@ -168,7 +169,7 @@ fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
         };
         let meaning = match meaning {
             "" => String::new(),
-            words => format!("<small>{}</small>", escape(words)),
+            words => format!("<small>{}</small>", escape(&with_powers(words))),
         };
         let _ = writeln!(
             html,

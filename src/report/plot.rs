@@ -4,6 +4,7 @@
 //! above the panel so that it never covers data. Lines differ by dash and by lightness as well as by hue (Okabe and Ito's colours),
 //! so a figure can be read on a grey print and by the colour-blind.
 
+use super::hover::slots;
 use std::fmt::Write as _;
 
 /// Width of a figure \[px\].
@@ -267,6 +268,9 @@ impl Panel {
         );
         self.draw_marks(svg, frame);
         self.draw_outside(svg, frame);
+        if !matches!(self.scale, Scale::Rows(_)) {
+            draw_slots(svg, frame, &self.layers);
+        }
         let label = match (self.unit.as_str(), factor) {
             ("1" | "", None) => escape(&self.y_label),
             ("1" | "", Some(factor)) => format!("{} ({factor})", escape(&self.y_label)),
@@ -420,6 +424,29 @@ impl Panel {
                 );
             }
         }
+    }
+}
+
+/// Numbers under the pointer for lines; dots have words of their own.
+fn draw_slots(svg: &mut String, frame: &Frame, layers: &[Layer]) {
+    if layers.iter().any(|layer| matches!(layer, Layer::Dots { .. })) {
+        return;
+    }
+    let lines = layers.iter().filter_map(|layer| match layer {
+        // Two points are a level, which its legend names.
+        Layer::Line { points, legend, .. } if points.len() > 2 => Some((&points[..], legend.as_deref())),
+        _ => None,
+    });
+    for slot in slots(&lines.collect::<Vec<_>>(), frame.x, short) {
+        let (left, right) = (frame.x(slot.from), frame.x(slot.to));
+        let _ = write!(
+            svg,
+            r#"<rect x="{left:.1}" y="{:.1}" width="{:.1}" height="{}" fill="none" pointer-events="all"><title>{}</title></rect>"#,
+            frame.top,
+            right - left,
+            frame.height,
+            escape(&slot.text)
+        );
     }
 }
 

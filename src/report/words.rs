@@ -175,7 +175,12 @@ pub fn symbol(name: &str) -> String {
 
 /// Unit as in a text: a real exponent and a middle dot.
 pub fn pretty_unit(unit: &str) -> String {
-    unit.replace("^2", "²").replace("^3", "³").replace(' ', "\u{b7}")
+    with_powers(unit).replace(' ', "\u{b7}")
+}
+
+/// A text with real exponents.
+pub(super) fn with_powers(text: &str) -> String {
+    text.replace("^2", "²").replace("^3", "³")
 }
 
 #[cfg(test)]

@@ -368,10 +368,14 @@ pub struct WebArgs {
     /// Let the page pause, resume, reset, fix and free, for whoever knows the token in the address that is printed
     #[arg(long, requires = "web")]
     pub web_control: bool,
-    /// Stream samples, estimates and status to Foxglove or Lichtblick, ws://ADDRESS:PORT; without a token, so keep to this machine
+    /// Stream samples, estimates and status to Foxglove or Lichtblick, ws://ADDRESS:PORT; the protocol has no token, so only on this machine
     #[cfg(feature = "foxglove")]
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
     pub foxglove: Option<SocketAddr>,
+    /// Stream to Foxglove on an address of the network, too: whoever reaches it reads along
+    #[cfg(feature = "foxglove")]
+    #[arg(long, requires = "foxglove")]
+    pub foxglove_open: bool,
 }
 
 impl WebArgs {
@@ -382,6 +386,20 @@ impl WebArgs {
             return true;
         }
         self.web.is_some()
+    }
+
+    /// Refuses what would be open to all of a network unless that is meant.
+    #[cfg(feature = "foxglove")]
+    pub(super) fn check(&self) -> Result<(), Failure> {
+        match self.foxglove {
+            Some(address) if !address.ip().is_loopback() && !self.foxglove_open => Err(Failure::Usage(format!(
+                "--foxglove {address}: expected an address of this machine alone, such as 127.0.0.1:{port}: the protocol has no token, so whoever \
+                 reaches {address} would read along; from elsewhere use ssh -L {port}:127.0.0.1:{port} HOST, or add --foxglove-open if all \
+                 of the network may",
+                port = address.port()
+            ))),
+            _ => Ok(()),
+        }
     }
 }
 

@@ -293,6 +293,9 @@ impl Process {
                 #[cfg(feature = "foxglove")]
                 if let Some(address) = plan.web.foxglove {
                     command.arg("--foxglove").arg(address.to_string());
+                    if plan.web.foxglove_open {
+                        command.arg("--foxglove-open");
+                    }
                 }
                 if plan.web.web_control {
                     command.arg("--web-control");

@@ -67,6 +67,7 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         let Entry::Sample { sample, .. } = entry else { continue };
         script.before(sample, &mut *line.node);
         line.take(sample)?;
+        line.at(reader.share_read());
         if shutdown.requested() {
             break;
         }

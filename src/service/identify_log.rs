@@ -7,12 +7,15 @@ use super::{Exit, Failure, IdentifyArgs};
 use crate::config::Config;
 use crate::messages::Sample;
 use crate::offline::{Configured, LineError, LogError, LogReader, judge_bounds, judge_profile};
-use crate::recording::{Loss, SamplesCsvReader, is_samples_csv};
+use crate::recording::{Loss, RunInfo, SamplesCsvReader, is_samples_csv};
 use crate::runner::Shutdown;
 use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Seek};
 use std::path::Path;
 use std::time::Instant;
+
+/// Samples from one look at the place in the file to the next.
+const LOOK: u64 = 4096;
 
 /// Samples as rows of a file.
 enum Rows {
@@ -39,7 +42,14 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
         _ => Failure::Usage(place(&error)),
     };
     let monitor = monitor_node(&config, None);
-    let info = run_info(&config, &monitor, false);
+    let info = RunInfo {
+        // When a log was written nobody knows.
+        recording_id: String::new(),
+        ..run_info(&config, &monitor, false)
+    };
+    // Shares the place with the file that is read.
+    let mut place_in_file = file.try_clone().ok();
+    let bytes = file.metadata().map_or(0, |data| data.len());
     let mut source = BufReader::new(file);
     let beginning = source.fill_buf().map_err(|e| Failure::Failed(place(&e)))?;
     let mut rows = if is_samples_csv(beginning) {
@@ -58,6 +68,7 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
         }
     };
     let mut line = OfflineRun::new(args, &config, info, monitor, start)?;
+    let mut read = 0_u64;
     let outcome = loop {
         let sample = match next_sample() {
             Ok(Some(sample)) => sample,
@@ -68,6 +79,13 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
             continue;
         }
         line.take(&sample)?;
+        read += 1;
+        // The file is asked seldom: that is a call of the system.
+        if read.is_multiple_of(LOOK)
+            && let Some(Ok(at)) = place_in_file.as_mut().map(|file| file.stream_position())
+        {
+            line.at(at as f64 / bytes.max(1) as f64);
+        }
         if shutdown.requested() {
             break Ok(());
         }

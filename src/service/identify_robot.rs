@@ -1,5 +1,6 @@
 //! `thetabus identify LOG.csv --config ROBOT.toml`: a robot from its URDF, off line.
 
+use super::ticker::Ticker;
 use super::{Exit, Failure, IdentifyArgs, TableFormat, logging, out_dir, robot_urdf};
 use crate::model::MAX_JOINTS;
 use crate::recording::{RecordingReader, Span, read_joint_states};
@@ -54,13 +55,16 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
     if let Some(dir) = &args.out {
         out_dir::check(dir)?;
     }
+    let ticker = Ticker::start(&format!("reading {}", args.input.display()));
     let log = cut(args, read(&args.input, &config)?)?;
     let held_out = args.validate.as_deref().map(|path| read(path, &config)).transpose()?;
     let mut identifier = RobotIdentifier::new(config.model, config.options).map_err(Failure::Usage)?;
     let states = filtered(identifier.model(), &log);
     let mut before = TorqueFit::default();
     let mut estimates = estimates_header(&identifier);
-    for (sample, state) in log.iter().zip(&states) {
+    ticker.stage(&format!("identifying from {}", args.input.display()));
+    for (index, (sample, state)) in log.iter().zip(&states).enumerate() {
+        ticker.at(index as f64 / log.len() as f64);
         if identifier.blocks() >= WARM_UP_BLOCKS {
             before.add(identifier.model(), identifier.theta(), state);
         }
@@ -86,6 +90,7 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
             log.len()
         )));
     }
+    ticker.stage("judging the fit");
     let fit = |states: &[FilteredSample]| TorqueFit::of(identifier.model(), identifier.theta(), states);
     let fits = Fits {
         learnt: fit(&states),
@@ -96,6 +101,7 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
         held_out: held_out.map(|log| fit(&filtered(identifier.model(), &log))),
     };
     let summary = summary(&identifier, &fits, log.len());
+    drop(ticker);
     if let Some(dir) = &args.out {
         out_dir::create(dir)?;
         write(dir, "summary.json", &pretty(&summary)?)?;

@@ -15,6 +15,7 @@ use super::live::live_state;
 use super::monitor::{SUMMARY_JSON, write_summary};
 use super::progress::Progress;
 use super::record::RECORDING;
+use super::ticker::Ticker;
 use super::wiring::simulates;
 use super::{Exit, Failure, RunArgs, TableFormat, cell, logging, out_dir, report, warm};
 use crate::bus::{Bus, Role, RoleLock, Subscriber};
@@ -38,6 +39,8 @@ const CONFIG_TOML: &str = "config.toml";
 /// A wrong configuration, a directory that is not empty, a second run, a child that fails.
 pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let start = Instant::now();
+    #[cfg(feature = "foxglove")]
+    args.web.check()?;
     let config = load(args)?;
     if !simulates(&config, &config.plant.sim) {
         return Err(Failure::Usage(format!(
@@ -163,8 +166,9 @@ fn make_report(dir: &Path, summary: &Summary, catalog: &Catalog) -> Result<(), F
     if !recording.exists() {
         return Ok(());
     }
-    let run = report::read(&recording, Span::default(), catalog)?;
-    report::write(dir, &run, summary)?;
+    let ticker = Ticker::start("reading the recording for the report");
+    let run = report::read(&recording, Span::default(), catalog, |share| ticker.at(share))?;
+    report::write(dir, &run, summary, &ticker)?;
     Ok(())
 }
 

@@ -1,6 +1,7 @@
 //! What a monitor shows while it runs: lines, and a page if one is asked for.
 
 use super::args::domain;
+use super::wiring::input_prediction;
 use super::{Failure, LogFormat, MonitorArgs, logging, web_control};
 use crate::bus::monotonic_ns;
 use crate::config::Config;
@@ -29,13 +30,19 @@ pub(super) fn live_state(config: &Config) -> LiveState {
         position_unit: plant.position_unit.clone(),
         input_unit: plant.input_unit.clone(),
     };
-    let quantity = |name: &str, unit: &str, meaning: &str| Quantity {
-        name: name.to_owned(),
-        unit: unit.to_owned(),
-        meaning: meaning.to_owned(),
-    };
-    let parameters = plant.parameters.iter().map(|p| quantity(&p.name, &p.unit, &p.meaning));
-    let derived = plant.derived.iter().map(|d| quantity(&d.name, &d.unit, &d.meaning));
+    let bounds = config
+        .estimator
+        .options
+        .lower
+        .iter()
+        .zip(&config.estimator.options.upper);
+    let parameters = plant.parameters.iter().zip(bounds);
+    let parameters =
+        parameters.map(|(p, (&lower, &upper))| Quantity::new(&p.name, &p.unit, &p.meaning).within(lower, upper));
+    let derived = plant
+        .derived
+        .iter()
+        .map(|d| Quantity::new(&d.name, &d.unit, &d.meaning));
     LiveState::new(about, parameters.collect(), derived.collect())
 }
 
@@ -49,15 +56,10 @@ pub(super) fn rename(state: &mut LiveState, description: &Description) {
         input_unit: joint.map_or("", |joint| joint.input_unit()).to_owned(),
         ..state.about().clone()
     };
-    let quantity = |name: &str, unit: &str, meaning: &str| Quantity {
-        name: name.to_owned(),
-        unit: unit.to_owned(),
-        meaning: meaning.to_owned(),
-    };
     let parameters = description.parameters().iter();
-    let parameters = parameters.map(|p| quantity(p.name(), p.unit(), p.meaning()));
+    let parameters = parameters.map(|p| Quantity::new(p.name(), p.unit(), p.meaning()).within(p.lower, p.upper));
     let derived = description.derived().iter();
-    let derived = derived.map(|d| quantity(d.name(), d.unit(), d.meaning()));
+    let derived = derived.map(|d| Quantity::new(d.name(), d.unit(), d.meaning()));
     state.rename(about, parameters.collect(), derived.collect());
 }
 
@@ -81,7 +83,7 @@ impl Live {
         let web = &args.web;
         // only a page looks back
         let state = match web.web {
-            Some(_) => live_state(config),
+            Some(_) => live_state(config).predicting(input_prediction(config)),
             None => live_state(config).for_text(),
         };
         let feed = Feed::new(state, monotonic_ns, web.web_control);
@@ -184,6 +186,7 @@ fn foxglove(
     args: &MonitorArgs,
     address: SocketAddr,
 ) -> Result<FoxgloveServer, Failure> {
+    args.web.check()?;
     let info = super::run_info::run_info(config, node, args.common.is_launched());
     let server =
         FoxgloveServer::start(&info, address).map_err(|e| Failure::Usage(format!("--foxglove {address}: {e}")))?;

@@ -51,6 +51,7 @@ mod sparse;
 #[cfg(feature = "studies")]
 pub mod studies;
 mod supervision;
+mod ticker;
 mod usage;
 mod warm;
 mod watch;

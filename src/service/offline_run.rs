@@ -2,7 +2,8 @@
 
 use super::advice::Advisor;
 use super::monitor::{ESTIMATES_CSV, create, unwritable, write_summary};
-use super::wiring::identifier_node;
+use super::ticker::Ticker;
+use super::wiring::{identifier_node, input_prediction};
 use super::{Exit, Failure, IdentifyArgs, logging, out_dir, report, warm};
 use crate::config::Config;
 use crate::messages::{ErrorCode, Sample, Status};
@@ -21,6 +22,7 @@ pub(super) struct OfflineRun<'a> {
     advisor: Advisor,
     csv: Option<EstimatesCsv<File>>,
     start: Instant,
+    ticker: Ticker,
 }
 
 impl<'a> OfflineRun<'a> {
@@ -43,14 +45,25 @@ impl<'a> OfflineRun<'a> {
             warm::start(config, &mut *node, None)?;
         }
         let joints = info.joints;
+        // Nobody sees a prediction without a report.
+        let prediction = args.out.as_ref().map(|_| input_prediction(config));
+        let notes = report::notes(&info, Some(config));
+        let mut run = RunData::new(info, monitor).predicting(prediction);
+        run.notes = notes;
         Ok(Self {
             args,
             node,
-            run: RunData::new(info, monitor),
+            run,
             advisor: Advisor::new(config, joints),
             csv: None,
             start,
+            ticker: Ticker::start(&format!("identifying from {}", args.input.display())),
         })
+    }
+
+    /// So much of the input has been read, from 0 to 1.
+    pub(super) fn at(&self, share: f64) {
+        self.ticker.at(share);
     }
 
     /// Gives the node a sample and keeps what it answers.
@@ -98,8 +111,9 @@ impl<'a> OfflineRun<'a> {
         if let Some(dir) = &args.out {
             out_dir::create(dir)?;
             write_summary(dir, &summary)?;
-            report::write(dir, &self.run, &summary)?;
+            report::write(dir, &self.run, &summary, &self.ticker)?;
         }
+        drop(self.ticker);
         if status.rejected > 0 {
             let all = status.accepted.saturating_add(status.rejected);
             // the words name the signal and the joint

@@ -3,6 +3,7 @@
 use super::args::domain;
 use super::plant::{delivery, limit, stream_id};
 use super::record::recording_at;
+use super::ticker::Ticker;
 use super::{Exit, Failure, ReplayArgs, foreign, logging, report};
 use crate::bus::{Bus, BusError, ControlClient, Delivery, Role, RoleLock, SamplePublisher};
 use crate::config::{Source, Speed};
@@ -52,7 +53,9 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         Speed::Max => None,
         Speed::Factor(factor) => Some(factor),
     });
+    source.ticker = Some(Ticker::start(&format!("replaying {}", args.input.display())));
     let sent = run_plant(&mut source, &mut publisher, None, pace, shutdown)?;
+    drop(source.ticker);
     if let Some(error) = source.failure {
         return Err(report::unreadable(error));
     }
@@ -124,6 +127,7 @@ struct Replay {
     next: Option<Sample>,
     given: u64,
     failure: Option<ReadError>,
+    ticker: Option<Ticker>,
 }
 
 impl Replay {
@@ -136,6 +140,7 @@ impl Replay {
             next: None,
             given: 0,
             failure: None,
+            ticker: None,
         };
         replay.next = replay.read()?;
         Ok(replay)
@@ -175,6 +180,9 @@ impl SampleSource for Replay {
             sample.flags |= sample_flags::END;
         }
         self.given += 1;
+        if let Some(ticker) = &self.ticker {
+            ticker.at(self.reader.share_read());
+        }
         Some(sample)
     }
 

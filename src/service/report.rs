@@ -2,7 +2,8 @@
 
 use super::monitor::{SUMMARY_JSON, write_summary};
 use super::record::recording_at;
-use super::wiring::monitor_node;
+use super::ticker::Ticker;
+use super::wiring::{input_prediction, monitor_node};
 use super::{CommonArgs, Exit, Failure, ReportArgs, foreign, logging, out_dir};
 use crate::config::{Catalog, Config, Source};
 use crate::node::monitor::MonitorNode;
@@ -28,7 +29,10 @@ pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
         out_dir::check(&out)?;
     }
     let catalog = super::robot::beside(path, &common.catalog)?;
-    let run = read(&recording_at(path), args.span.span()?, &catalog)?;
+    let ticker = Ticker::start(&format!("reading {}", path.display()));
+    let run = read(&recording_at(path), args.span.span()?, &catalog, |share| {
+        ticker.at(share)
+    })?;
     // A run that ended before its first sample has a report; a part that was asked for and is not there has none.
     if args.span.is_cut() && run.samples == 0 && run.estimates.is_empty() && run.loss.is_none() {
         return Err(args.span.nothing(path));
@@ -37,7 +41,8 @@ pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
     let mut summary = run.summary();
     summary.wall_s = known_wall_s;
     out_dir::create(&out)?;
-    let page = write(&out, &run, &summary)?;
+    let page = write(&out, &run, &summary, &ticker)?;
+    drop(ticker);
     if !in_place {
         write_summary(&out, &summary)?;
     }
@@ -47,8 +52,13 @@ pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
     Ok(exit)
 }
 
-/// Reads a recording; of a simulated run the configuration tells the truth as well.
-pub(super) fn read(recording: &Path, span: Span, catalog: &Catalog) -> Result<RunData, Failure> {
+/// Reads a recording; of a simulated run the configuration tells the truth as well. `look` hears the share that has been read.
+pub(super) fn read(
+    recording: &Path,
+    span: Span,
+    catalog: &Catalog,
+    mut look: impl FnMut(f64),
+) -> Result<RunData, Failure> {
     let reader = open(recording, span)?;
     let info = reader.info();
     let has_equations = catalog.names().any(|name| name == info.model);
@@ -61,8 +71,13 @@ pub(super) fn read(recording: &Path, span: Span, catalog: &Catalog) -> Result<Ru
         // The plant may be one that this program does not know.
         None => MonitorNode::new(info.parameters.clone(), info.derived.clone(), None).of_model(info.model_hash),
     };
-    let notes = notes(info, catalog);
-    let mut run = RunData::read(reader, node).map_err(unreadable)?;
+    let own = own_config(info, catalog);
+    let prediction = own.as_ref().map(input_prediction);
+    let notes = notes(info, own.as_ref());
+    let run = RunData::new(info.clone(), node).predicting(prediction);
+    let mut run = run
+        .read(reader, |reader| look(reader.share_read()))
+        .map_err(unreadable)?;
     run.notes = notes;
     match run.monitor.foreign_model() {
         Some(_) => Err(foreign::report(&run.info)),
@@ -70,23 +85,33 @@ pub(super) fn read(recording: &Path, span: Span, catalog: &Catalog) -> Result<Ru
     }
 }
 
+/// The recorded configuration, if this program has its model.
+fn own_config(info: &RunInfo, catalog: &Catalog) -> Option<Config> {
+    let config = config_of(info, catalog).ok()?;
+    (config.model.definition().hash() == info.model_hash).then_some(config)
+}
+
 /// What the recorded configuration and this machine say of a run.
-fn notes(info: &RunInfo, catalog: &Catalog) -> Notes {
-    let config = config_of(info, catalog).ok();
-    let config = config.filter(|config| config.model.definition().hash() == info.model_hash);
+pub(super) fn notes(info: &RunInfo, config: Option<&Config>) -> Notes {
     let begun_ns = info
         .recording_id
         .split_once('-')
         .and_then(|(ns, _)| ns.parse::<u64>().ok());
-    let meanings = config.as_ref().map_or_else(Vec::new, |config| {
+    let meanings = config.map_or_else(Vec::new, |config| {
         let plant = config.model.definition();
         let parameters = plant.parameters.iter().map(|p| p.meaning.to_string());
         parameters
             .chain(plant.derived.iter().map(|d| d.meaning.to_string()))
             .collect()
     });
+    let bounds = config.map_or_else(Vec::new, |config| {
+        let options = &config.estimator.options;
+        let bounds = options.lower.iter().zip(&options.upper);
+        bounds.map(|(&lower, &upper)| (lower, upper)).collect()
+    });
     Notes {
         meanings,
+        bounds,
         whitened: config.is_some_and(|config| matches!(config.identifier.rows, RowForm::Projected(_))),
         begun: begun_ns.map_or_else(String::new, |ns| out_dir::date(ns / 1_000_000_000)),
         host: std::fs::read_to_string("/proc/sys/kernel/hostname")
@@ -112,8 +137,9 @@ pub(super) fn source_of(info: &RunInfo) -> Source {
 }
 
 /// Writes figures and page.
-pub(super) fn write(dir: &Path, run: &RunData, summary: &Summary) -> Result<PathBuf, Failure> {
-    write_report(dir, run, summary)
+pub(super) fn write(dir: &Path, run: &RunData, summary: &Summary, ticker: &Ticker) -> Result<PathBuf, Failure> {
+    ticker.stage("drawing the figures");
+    write_report(dir, run, summary, |share| ticker.at(share))
         .map_err(|e| Failure::Failed(format!("the report cannot be written into {}: {e}", dir.display())))
 }
 

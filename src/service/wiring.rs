@@ -8,6 +8,7 @@ use crate::model::DerivedValues;
 use crate::node::identifier::Identifier;
 use crate::node::model::ModelError;
 use crate::node::monitor::{Label, MonitorNode, Truth};
+use crate::node::predicted_input::PredictedInput;
 use crate::sim::SimOptions;
 use std::sync::Arc;
 
@@ -44,6 +45,11 @@ pub(super) fn simulates(config: &Config, sim: &SimOptions) -> bool {
 /// The identifier of the configured model.
 pub(super) fn identifier_node(config: &Config) -> Result<Box<dyn Identifier>, Failure> {
     Ok(config.identifier()?)
+}
+
+/// What predicts the joints' inputs along the measured motion.
+pub(super) fn input_prediction(config: &Config) -> PredictedInput {
+    PredictedInput::new(config.model.clone(), config.plant.sim.sample_period_s)
 }
 
 /// An estimator at its start values.

@@ -1,8 +1,9 @@
 //! Many robots in one identifier process.
 
-use crate::support::{PAPER, Program, SERVO, Site, eventually};
+use crate::support::{PAPER, Process, Program, SERVO, Site, eventually};
 use nix::sys::signal::Signal;
 use std::path::PathBuf;
+use std::process::Command;
 use std::thread;
 use std::time::Duration;
 use thetabus::bus::{Bus, Delivery, Domain, Limits, SamplePublisher, Subscriber};
@@ -224,6 +225,42 @@ fn e2e_a_load_of_simulated_robots_is_identified_without_a_loss() {
     let mut fast = site.start(Program::Thetabus, &["load", "--config", file, "--speed", "max"]);
     fast.expect_code(2);
     fast.expect_stderr(&["real time", "--speed"]);
+}
+
+/// An identifier of three robots with room for so few files that one worker, both, or neither can open its ports: it serves, or it ends in words. One that
+/// could not begin made the other wait for ever.
+#[test]
+fn fault_a_worker_that_cannot_begin_makes_no_other_wait() {
+    let (mut refused, mut served) = (0, 0);
+    for limit in (24..=120).step_by(6) {
+        let site = Site::new();
+        let file = file(&site);
+        let mut command = Command::new("sh");
+        command
+            .current_dir(site.dir.path())
+            .args(["-c", &format!("ulimit -n {limit} && exec \"$@\""), "sh"])
+            .args([env!("CARGO_BIN_EXE_identifier"), "--domain", site.domain.name(), "--config"])
+            .arg(&file);
+        let mut identifier = Process::start(command);
+        let is_refused = eventually("the identifier serves or ends", || {
+            if !identifier.is_running() {
+                return Some(true);
+            }
+            let ask = ["ctl", "describe", "--timeout", "1", "--robot", "axis", "--config"];
+            let mut ctl = site.start(Program::Thetabus, &[&ask[..], &[file.to_str().expect("UTF-8")]].concat());
+            ctl.wait().success().then_some(false)
+        });
+        if is_refused {
+            identifier.expect_code(1);
+            identifier.expect_stderr(&["error: "]);
+            refused += 1;
+        } else {
+            identifier.signal(Signal::SIGTERM);
+            identifier.expect_code(0);
+            served += 1;
+        }
+    }
+    assert!(refused > 0 && served > 0, "{refused} refused, {served} served");
 }
 
 #[test]

@@ -130,3 +130,22 @@ fn e2e_a_client_of_the_foxglove_protocol_reads_what_the_recording_holds() {
         assert_eq!(recorded.get(t_ns), Some(message), "the estimate of {t_ns} ns");
     }
 }
+
+#[test]
+fn fault_an_address_of_the_network_is_refused_unless_it_is_meant_to_be_open() {
+    let site = Site::new();
+    let everywhere = [&QUICK[..], &["--config", SERVO, "--foxglove", "0.0.0.0:0"]].concat();
+    let mut refused = site.start(Program::Monitor, &everywhere);
+    refused.expect_code(2);
+    refused.expect_stderr(&["--foxglove 0.0.0.0:0", "no token", "ssh -L", "--foxglove-open"]);
+    let mut run = site.start_run(&[SERVO, "--foxglove", "0.0.0.0:0"]);
+    run.expect_code(2);
+    run.expect_stderr(&["--foxglove-open"]);
+    assert!(!site.out().exists(), "a run that is refused leaves nothing behind");
+    let open = site.start(Program::Monitor, &[&everywhere[..], &["--foxglove-open"]].concat());
+    let (_, port) = address_of(&open)
+        .rsplit_once(':')
+        .map(|(a, p)| (a.to_owned(), p.to_owned()))
+        .expect("a port");
+    Socket::open(&format!("127.0.0.1:{port}"));
+}

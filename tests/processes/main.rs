@@ -3,6 +3,7 @@
 //! Each test has a bus domain and a directory of its own, waits for conditions under a watchdog, and leaves nothing behind.
 #![cfg(feature = "service")]
 
+mod browsers;
 mod cell;
 mod config;
 mod control;
@@ -22,6 +23,7 @@ mod log;
 mod order;
 mod own_plant;
 mod peers;
+mod progress;
 mod readiness;
 mod realtime;
 mod recording;

@@ -309,8 +309,21 @@ fn e2e_the_report_of_a_run_opens_in_a_browser_with_every_figure_inside() {
     for foreign in ["src=\"http", "href=\"http", "url(http", "@import", "<script", "<link"] {
         assert!(!html.contains(foreign), "the page must load nothing: {foreign}");
     }
-    // Setpoints, nine parameters, four derived values, accuracy, residuals, excitation, timing.
-    let expected: usize = 1 + 9 + 4 + 4;
+    // Setpoints, nine parameters, four derived values, accuracy, inputs, residuals, excitation, timing.
+    let expected: usize = 1 + 9 + 4 + 5;
+    // Signals are exact, and the machine does not change: each joint's input was known before it was learnt from, to some thousandths.
+    let captions = html
+        .split("(root mean squares): ")
+        .nth(1)
+        .expect("the caption of the inputs");
+    let shares = captions.split("joint ").skip(1).take(2);
+    let shares: Vec<f64> = shares
+        .filter_map(|text| text.split([' ', '%']).nth(1)?.parse().ok())
+        .collect();
+    assert!(
+        shares.len() == 2 && shares.iter().all(|share| *share < 1.0),
+        "{captions:.60}"
+    );
     assert_eq!(html.matches("<figure ").count(), expected);
     let figures: Vec<PathBuf> = fs::read_dir(site.out().join("figures"))
         .expect("figures")

@@ -119,7 +119,11 @@ impl Feed {
         let quantities: Vec<Value> = state
             .quantities()
             .iter()
-            .map(|q| json!({ "name": q.name, "unit": q.unit, "meaning": q.meaning }))
+            .map(|q| {
+                json!({
+                    "name": q.name, "unit": q.unit, "meaning": q.meaning, "lower": short(q.lower), "upper": short(q.upper),
+                })
+            })
             .collect();
         json!({
             "about": {
@@ -127,6 +131,7 @@ impl Feed {
                 "position_unit": about.position_unit, "input_unit": about.input_unit,
             },
             "control": self.0.control,
+            "predicts": state.predicts(),
             "quantities": quantities,
             "limit": state.history().limit(),
             "view": state.view((self.0.now_ns)()),
@@ -148,13 +153,14 @@ fn point(point: &Point) -> Value {
     })
 }
 
-/// The signals after a time, as columns: time, then position, setpoint and input of each joint.
+/// The signals after a time, as columns: time, then position, setpoint, input and predicted input of each joint.
 fn signals(state: &LiveState, after_ns: u64) -> Value {
     let joints = state.about().joints;
     let row = |point: &SignalPoint| {
         let mut row = vec![short(point.t_ns as f64 / 1e9)];
         for joint in 0..joints.min(point.position.len()) {
-            row.extend([point.position[joint], point.setpoint[joint], point.input[joint]].map(short));
+            let (input, predicted) = (point.input[joint], point.predicted[joint]);
+            row.extend([point.position[joint], point.setpoint[joint], input, predicted].map(short));
         }
         row
     };

@@ -293,7 +293,7 @@ fn mcap(random: &mut Random, corpora: &Corpora) {
     }
     let _ = advisor.line(None);
     let _ = read_journal(&path);
-    if let Ok(run) = report::read(&path, Span::default(), &Catalog::default()) {
+    if let Ok(run) = report::read(&path, Span::default(), &Catalog::default(), |_| ()) {
         show(&run, random);
     }
     identified(&path, None, random);

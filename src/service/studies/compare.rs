@@ -9,6 +9,7 @@ use crate::recording::{Entry, Span};
 use crate::rows::RowForm;
 use crate::runner::Shutdown;
 use crate::service::record::recorder;
+use crate::service::ticker::Ticker;
 use crate::service::wiring::{identifier_node, monitor_node};
 use crate::service::{Exit, Failure, TableFormat, logging, report};
 use crate::sim::{MachineSimulator, SensorOptions, SimOptions};
@@ -70,6 +71,7 @@ pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         }
         Ok(document)
     });
+    let ticker = Ticker::start(&format!("comparing estimators on {}", args.file.display()));
     while !work.is_finished() {
         if shutdown.requested() {
             return Err(Failure::Failed("interrupted, nothing was written".to_owned()));
@@ -79,6 +81,7 @@ pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let document = work
         .join()
         .map_err(|_| Failure::Failed("the comparison broke off, see above".to_owned()))??;
+    drop(ticker);
     let text = if args.format == TableFormat::Json {
         serde_json::to_string_pretty(&document).map_err(|error| Failure::Failed(error.to_string()))? + "\n"
     } else {

@@ -4,6 +4,7 @@ use super::TrialsArgs;
 use crate::config::{Config, Source, keys};
 use crate::node::identifier::Identifier;
 use crate::runner::Shutdown;
+use crate::service::ticker::Ticker;
 use crate::service::wiring::identifier_node;
 use crate::service::{Exit, Failure, logging};
 use crate::studies::for_each_index;
@@ -98,13 +99,19 @@ pub fn run(args: &TrialsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let seeds = args.seeds.unwrap_or(if args.quick { 2 } else { 8 });
     let started = Instant::now();
     let mut results: Vec<(Case, CaseResult)> = Vec::with_capacity(cases.len());
-    for case in cases {
+    let ticker = Ticker::start("trials");
+    let chosen = cases.len();
+    for (index, case) in cases.into_iter().enumerate() {
         if args.show {
             let spec = case.spec.with(args.first_seed, args.blocks);
-            let settings = settings(&spec, &args.common.set)?.join("\n  ");
-            logging::result(&format!("{} on {}.toml\n  {settings}", case.name(), case.spec.basis()))?;
+            let settings = settings(&spec, &args.common.set)?.join("
+  ");
+            ticker
+                .aside(|| logging::result(&format!("{} on {}.toml
+  {settings}", case.name(), case.spec.basis())))?;
             continue;
         }
+        ticker.at(index as f64 / chosen as f64);
         let runs = for_each_index(seeds as usize, |index| {
             if shutdown.requested() {
                 return Ok((Disturbance::None, TrialResult::default()));
@@ -118,14 +125,15 @@ pub fn run(args: &TrialsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         let result = CaseResult {
             runs: runs.into_iter().collect::<Result<_, Failure>>()?,
         };
-        logging::result(&format!("{:<46} {}", case.name(), result.line()))?;
+        ticker.aside(|| logging::result(&format!("{:<46} {}", case.name(), result.line())))?;
         if args.details {
             for ((_, run), seed) in result.runs.iter().zip(args.first_seed..) {
-                logging::result(&details(seed, run))?;
+                ticker.aside(|| logging::result(&details(seed, run)))?;
             }
         }
         results.push((case, result));
     }
+    drop(ticker);
     if args.show {
         return Ok(Exit::Done);
     }

@@ -1,8 +1,11 @@
 //! Everything that makes tables: estimators side by side on the same simulated data, and trials of the evidence. Not part of the product.
 
+mod arm_states;
+mod axis_states;
 mod common;
 mod contenders;
 mod document;
+pub mod efficiency;
 pub mod ekf;
 pub mod emps;
 pub mod encoder;
@@ -15,6 +18,7 @@ pub mod results;
 mod scenario;
 pub mod simulated;
 mod speed;
+mod states;
 pub mod stress;
 pub mod trials;
 

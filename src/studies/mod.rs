@@ -1,7 +1,5 @@
 //! Everything that makes tables: estimators side by side on the same simulated data, and trials of the evidence. Not part of the product.
 
-mod arm_states;
-mod axis_states;
 mod common;
 mod contenders;
 mod document;
@@ -18,7 +16,7 @@ pub mod results;
 mod scenario;
 pub mod simulated;
 mod speed;
-mod states;
+pub mod states;
 pub mod stress;
 pub mod trials;
 

@@ -8,8 +8,7 @@ use crate::model::{JointSample, MANIPULATOR_PARAMS, Manipulator, PointwiseModel}
 use crate::node::simulated_plant::sample_stream;
 use crate::sim::SimOptions;
 use crate::studies::CompareError;
-use crate::studies::arm_states::ArmStates;
-use crate::studies::states::{SensorVariance, StateSpace};
+use crate::studies::states::{ArmStates, SensorVariance, StateSpace};
 use crate::studies::trials::CramerRaoBound;
 use nalgebra::SVector;
 

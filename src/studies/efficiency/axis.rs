@@ -10,8 +10,7 @@ use crate::sim::{
     ControllerKind, Machine, MachineSimulator, MassSchedule, SensorOptions, ServoAxisOptions, SimOptions,
 };
 use crate::studies::CompareError;
-use crate::studies::axis_states::{AXIS_STATES, AxisStates};
-use crate::studies::states::{JointCovariance, SensorVariance, StateSpace};
+use crate::studies::states::{AXIS_STATES, AxisStates, JointCovariance, SensorVariance, StateSpace};
 use nalgebra::SVector;
 
 type Theta = SVector<f64, SERVO_PARAMS>;

@@ -54,6 +54,10 @@ pub fn smooth(values: &mut [f64], edge_hz: f64, period_s: f64) {
 
 /// Values and their first three derivatives in time, by central differences; the ends repeat their neighbours.
 pub fn derivatives(mut values: Vec<f64>, edge_hz: f64, period_s: f64) -> [Vec<f64>; 4] {
+    if values.len() < 3 {
+        let none = vec![0.0; values.len()];
+        return [values, none.clone(), none.clone(), none];
+    }
     smooth(&mut values, edge_hz, period_s);
     let differences = |from: &[f64]| -> Vec<f64> {
         let last = from.len() - 1;

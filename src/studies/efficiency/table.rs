@@ -159,7 +159,13 @@ fn group_sections(cases: &[&CaseRuns]) -> Vec<Section> {
             each.push(row);
         }
         let middle = |known: bool, i: usize| {
-            let of_run = |run: &Outcome| if known { run.bound[i] } else { run.bound_unknown_start[i] };
+            let of_run = |run: &Outcome| {
+                if known {
+                    run.bound[i]
+                } else {
+                    run.bound_unknown_start[i]
+                }
+            };
             rms(case.runs.iter().map(|run| of_run(run) / run.truth[i])).map_or(NONE.to_owned(), percent)
         };
         for (name, known) in [("known", true), ("unknown", false)] {

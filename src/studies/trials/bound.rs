@@ -8,8 +8,7 @@
 //! these four.
 
 use crate::model::MANIPULATOR_PARAMS;
-use crate::studies::arm_states::{ARM_STATES, ArmStates};
-use crate::studies::states::{JointCovariance, SensorVariance, StateSpace};
+use crate::studies::states::{ARM_STATES, ArmStates, JointCovariance, SensorVariance, StateSpace};
 use nalgebra::SVector;
 
 /// Standard deviation of the prior, relative.

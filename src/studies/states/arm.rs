@@ -8,7 +8,7 @@
 //!
 //! x = (q₁, p₁, a₁, q₂, p₂, a₂). The second derivative of p is that of the plant (26).
 
-use super::states::{Jacobian, StateSpace};
+use super::{Jacobian, StateSpace};
 use crate::model::MANIPULATOR_PARAMS;
 use nalgebra::{SMatrix, SVector};
 

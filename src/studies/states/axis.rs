@@ -8,7 +8,7 @@
 //! x = (q, v). A step that would carry v through zero is cut there, as in the simulator. The instant of the cut depends on everything before it, so dual
 //! numbers carry it along; behind a reversal δv⁺ = δv⁻ a⁺/a⁻, behind a stop δv⁺ = 0.
 
-use super::states::{Jacobian, StateSpace};
+use super::{Jacobian, StateSpace};
 use crate::model::{SERVO_PARAMS, Scalar};
 use nalgebra::{Const, SMatrix, SVector};
 use num_dual::{Derivative, DualSVec64};

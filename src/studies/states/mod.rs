@@ -6,6 +6,12 @@
 //!
 //! with w the noise of the recorded input, which acts as process noise, and v that of the position sensors.
 
+mod arm;
+mod axis;
+
+pub use arm::{ARM_STATES, ArmStates};
+pub use axis::{AXIS_STATES, AxisStates};
+
 use nalgebra::{SMatrix, SVector};
 
 /// ∂x(k + 1) by state, parameters and inputs.

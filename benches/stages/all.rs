@@ -187,7 +187,7 @@ fn rows() -> Vec<Stage> {
 
 /// The update by the length of the block and by its iterations.
 fn blocks() -> Vec<Stage> {
-    let by = |name, len: usize, iterations: u32| {
+    let by = |name, len: usize, iterations: usize| {
         let options = EstimatorOptions {
             max_iterations: iterations,
             ..arm_options()

@@ -5,7 +5,7 @@
   .ci/instructions.py --write    stores what is counted now
 
 Callgrind counts, so that neither the machine's speed nor what else it does plays a part. The counts belong to one version of
-the compiler and one kind of processor, which are stored with them; with others the comparison is printed and nothing fails.
+the compiler and one target, which are stored with them; with another compiler the comparison is printed and nothing fails.
 Without valgrind the check says so and ends with 0, with 1 if THETABUS_REQUIRE_PEERS=1.
 """
 
@@ -72,6 +72,8 @@ def main():
             writer.writerows([name, pieces, counts[name], version()] for name, pieces in stages)
         print(f"{STORED.relative_to(ROOT)}: written")
         return
+    if not STORED.exists():
+        sys.exit(f"{STORED.relative_to(ROOT)}: expected stored counts, got none: .ci/instructions.py --write")
     with STORED.open(newline="") as file:
         stored = {row["stage"]: row for row in csv.DictReader(file)}
     failed, comparable = [], True

@@ -1,4 +1,4 @@
-"""Makes docs/peers.md from the lines of one run: `table.py LINES.csv`."""
+"""Makes a page from the lines of one run: `table.py LINES.csv`."""
 
 import csv
 import sys
@@ -12,7 +12,7 @@ JOBS = {
 
 HEAD = """# Beside other programs
 
-Made by `benches/peers/run.sh docs/peers.md`; do not edit.
+Made by `benches/peers/run.sh`; do not edit.
 
 Everything here ran in one go on one machine, one thread each, on the same data: the arm of the paper with 150 kg, sines, 38 s at 1 kHz. Times differ from
 machine to machine, their ratios less so. Rust and C++: the fastest of five runs; Python: processor time of one run. Errors are relative, over the nine
@@ -45,13 +45,13 @@ def main():
         of_job = [line for line in lines if line[0] == job]
         if not of_job:
             continue
-        ours = next(float(line[3]) for line in of_job if line[1].startswith("thetabus"))
+        ours = next((float(line[3]) for line in of_job if line[1].startswith("thetabus")), None)
         print(f"\n## {words}\n")
         print("| estimator | samples | ns a sample | × ours | worst error of θ | median error |")
         print("|:--|--:|--:|--:|--:|--:|")
         for _, name, samples, each, worst, median in of_job:
             each = float(each)
-            print(f"| {name} | {samples} | {number(each)} | {number(each / ours)} | {percent(float(worst))} | {percent(float(median))} |")
+            print(f"| {name} | {samples} | {number(each)} | {number(each / ours) if ours else "–"} | {percent(float(worst))} | {percent(float(median))} |")
 
 
 if __name__ == "__main__":

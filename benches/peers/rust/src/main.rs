@@ -12,7 +12,7 @@ use std::time::Instant;
 use thetabus::config::{Config, Source};
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, Wrls};
 use thetabus::model::{JointSample, Manipulator, ManipulatorFeatures, PointwiseModel};
-use thetabus::rows::{InputSource, PointwiseBlock, ProjectedBlock, RowForm, SampleBlock, structure};
+use thetabus::rows::{InputSource, PointwiseBlock, SampleBlock, structure};
 use thetabus::sim::{ArmSimulator, SensorOptions, SimOptions};
 
 type Failure = Box<dyn std::error::Error>;
@@ -46,7 +46,11 @@ fn theta_of(one: &[f64], two: &[f64]) -> Vec<f64> {
 
 /// Worst and median relative error.
 fn errors(theta: &[f64], truth: &[f64]) -> (f64, f64) {
-    let mut errors: Vec<f64> = theta.iter().zip(truth).map(|(t, truth)| (t / truth - 1.0).abs()).collect();
+    let mut errors: Vec<f64> = theta
+        .iter()
+        .zip(truth)
+        .map(|(t, truth)| (t / truth - 1.0).abs())
+        .collect();
     errors.sort_by(f64::total_cmp);
     (errors[errors.len() - 1], errors[errors.len() / 2])
 }
@@ -61,7 +65,10 @@ fn report(job: &str, name: &str, truth: &[f64], mut work: impl FnMut() -> Vec<f6
         best = best.min(start.elapsed().as_secs_f64());
     }
     let (worst, median) = errors(&theta, truth);
-    println!("{job},{name},{COUNT},{:.4},{worst:.4e},{median:.4e}", best / COUNT as f64 * 1e9);
+    println!(
+        "{job},{name},{COUNT},{:.4},{worst:.4e},{median:.4e}",
+        best / COUNT as f64 * 1e9
+    );
 }
 
 fn write(folder: &Path, name: &str, head: &str, rows: impl Iterator<Item = Vec<f64>>) -> Result<(), Failure> {
@@ -80,7 +87,9 @@ fn rows_of(features: &[ManipulatorFeatures]) -> Vec<[([f64; 5], f64); 2]> {
 }
 
 fn main() -> Result<(), Failure> {
-    let folder = std::env::args().nth(1).ok_or("expected the folder for the data as the one argument")?;
+    let folder = std::env::args()
+        .nth(1)
+        .ok_or("expected the folder for the data as the one argument")?;
     let folder = Path::new(&folder);
     std::fs::create_dir_all(folder)?;
     let config = configuration()?;
@@ -88,7 +97,10 @@ fn main() -> Result<(), Failure> {
 
     // exact signals with a noisy voltage: rows at each sample
     let sim = SimOptions {
-        sensors: SensorOptions { input_noise_v: 0.05, ..SensorOptions::exact() },
+        sensors: SensorOptions {
+            input_noise_v: 0.05,
+            ..SensorOptions::exact()
+        },
         ..config.plant.sim.clone()
     };
     let exact: Vec<JointSample> = ArmSimulator::new(&sim)?.take(COUNT).collect();
@@ -96,16 +108,31 @@ fn main() -> Result<(), Failure> {
     let features: Vec<ManipulatorFeatures> = exact.iter().map(|sample| model.features(sample)).collect();
     let rows = rows_of(&features);
     let head = "a1,a2,a3,a4,a5,y_a,b1,b2,b3,b4,b5,y_b";
-    write(folder, "rows.csv", head, rows.iter().map(|[(a, y), (b, z)]| [&a[..], &[*y], &b[..], &[*z]].concat()))?;
+    write(
+        folder,
+        "rows.csv",
+        head,
+        rows.iter()
+            .map(|[(a, y), (b, z)]| [&a[..], &[*y], &b[..], &[*z]].concat()),
+    )?;
     write(folder, "truth.csv", "theta", truth.iter().map(|t| vec![*t]))?;
     // what drives report
     let seen: Vec<JointSample> = ArmSimulator::new(&config.plant.sim)?.take(COUNT).collect();
-    let log = seen.iter().map(|s| vec![s.q[0], s.q[1], s.setpoint[0], s.setpoint[1], s.input[0], s.input[1]]);
-    write(folder, "log.csv", "q_1_rad,q_2_rad,setpoint_1_rad,setpoint_2_rad,voltage_1_v,voltage_2_v", log)?;
+    let log = seen
+        .iter()
+        .map(|s| vec![s.q[0], s.q[1], s.setpoint[0], s.setpoint[1], s.input[0], s.input[1]]);
+    write(
+        folder,
+        "log.csv",
+        "q_1_rad,q_2_rad,setpoint_1_rad,setpoint_2_rad,voltage_1_v,voltage_2_v",
+        log,
+    )?;
 
     report("rows", "thetabus Wrls", &truth, || {
         let new = || Wrls::new(&[0.0; 5], 1.0, 1.0 / START_VARIANCE);
-        let (Ok(mut one), Ok(mut two)) = (new(), new()) else { return Vec::new() };
+        let (Ok(mut one), Ok(mut two)) = (new(), new()) else {
+            return Vec::new();
+        };
         for [(a, y), (b, z)] in &rows {
             let _ = one.update(a, *y);
             let _ = two.update(b, *z);
@@ -146,7 +173,7 @@ fn main() -> Result<(), Failure> {
     });
 
     let options = EstimatorOptions {
-        noise_floor: Vec::new(),
+        noise_floor: vec![0.0; 2],
         ..config.estimator.options.clone()
     };
     let blocks = BlockEstimator::new(structure(&model), options)?;
@@ -159,25 +186,6 @@ fn main() -> Result<(), Failure> {
             }
             estimator.update(&block);
             block.clear();
-        }
-        estimator.theta().to_vec()
-    });
-
-    let RowForm::Projected(projected) = config.identifier.rows else {
-        return Err("expected projected rows in encoder_only".into());
-    };
-    let ready = BlockEstimator::new(structure(&model), config.estimator.options.clone())?;
-    let fresh = ProjectedBlock::new(model, projected, BLOCK)?.starting_at(&config.estimator.options.theta_start)?;
-    report("log", "thetabus projected (with blocks)", &truth, || {
-        let mut estimator = ready.clone();
-        let mut block = fresh.clone();
-        for (k, sample) in seen.iter().enumerate() {
-            let _ = block.push(k as u64 * 1_000_000, sample);
-            if (k + 1) % BLOCK == 0 {
-                block.prepare(estimator.theta());
-                estimator.update(&block);
-                block.clear();
-            }
         }
         estimator.theta().to_vec()
     });

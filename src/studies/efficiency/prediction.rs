@@ -11,7 +11,7 @@ use nalgebra::{SMatrix, SVector};
 /// Standard deviation of a logarithm at the start: a factor of 2.7.
 const START_STD: f64 = 1.0;
 /// Rounds of Gauss-Newton, rejected steps included.
-const ROUNDS: usize = 40;
+const ROUNDS: usize = 60;
 /// A step is done if no parameter moves by more than this share of its standard deviation.
 const DONE: f64 = 1e-3;
 

@@ -3,6 +3,7 @@
 mod common;
 mod contenders;
 mod document;
+pub mod efficiency;
 pub mod ekf;
 pub mod emps;
 pub mod encoder;
@@ -15,6 +16,7 @@ pub mod results;
 mod scenario;
 pub mod simulated;
 mod speed;
+pub mod states;
 pub mod stress;
 pub mod trials;
 

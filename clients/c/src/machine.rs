@@ -1,6 +1,6 @@
 //! A machine that publishes its samples.
 
-use crate::{Failure, OK, guarded, hand_out, limit, place, take_back};
+use crate::{Failure, OK, guarded, hand_out, limit, place};
 use std::ffi::c_char;
 use thetabus::bus::{Delivery, Machine, monotonic_ns};
 use thetabus::messages::Sample;

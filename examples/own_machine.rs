@@ -8,11 +8,9 @@
 //! ```
 
 use std::f64::consts::TAU;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
-use thetabus::bus::{Bus, Delivery, Domain, SamplePublisher};
-use thetabus::messages::{Sample, sample_flags, signals};
+use thetabus::bus::{Domain, Machine};
+use thetabus::messages::signals;
 use thetabus::model::JointSample;
 
 const PERIOD: Duration = Duration::from_millis(1);
@@ -44,25 +42,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let seconds: f64 = arguments.next().as_deref().unwrap_or("30").parse()?;
     let domain = Domain::new(&arguments.next().unwrap_or("default".into()))?;
     let robot = arguments.next().unwrap_or("arm".into());
-    let bus = Bus::join(&domain, &robot, "own_machine")?;
-    let mut publisher = SamplePublisher::new(&bus, Delivery::Realtime, Arc::new(AtomicBool::new(false)))?;
+    let mut machine = Machine::open(&domain, &robot, 1)?;
 
-    let mut machine = Pendulum { q: 0.3, dq: 0.0 };
-    // A number that no earlier start of this machine had tells consumers that a new stream begins.
-    let stream_id = std::time::UNIX_EPOCH.elapsed()?.as_nanos() as u64;
+    let mut pendulum = Pendulum { q: 0.3, dq: 0.0 };
     let (samples, start) = ((seconds * 1e3) as u64, Instant::now());
-    for seq in 0..samples {
-        let t_ns = seq * PERIOD.as_nanos() as u64;
-        let joints = machine.sample(t_ns as f64 * 1e-9);
-        let mut sample = Sample::new(stream_id, seq, t_ns, 1, signals::Q | signals::INPUT, &joints);
-        if seq + 1 == samples {
-            sample.flags |= sample_flags::END;
-        }
+    for k in 0..samples {
+        let t_ns = k * PERIOD.as_nanos() as u64;
+        let sample = pendulum.sample(t_ns as f64 * 1e-9);
         std::thread::sleep((start + Duration::from_nanos(t_ns)).saturating_duration_since(Instant::now()));
-        publisher.send(&sample)?;
-        publisher.wake();
+        match k + 1 == samples {
+            false => machine.publish(t_ns, signals::Q | signals::INPUT, &sample)?,
+            true => machine.publish_last(t_ns, signals::Q | signals::INPUT, &sample)?,
+        };
     }
-    // Consumers map what was sent while its publisher lives.
-    std::thread::sleep(Duration::from_millis(200));
+    machine.close()?;
     Ok(())
 }

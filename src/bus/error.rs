@@ -208,6 +208,12 @@ pub enum BusError {
         /// Bytes available.
         available: u64,
     },
+    /// A machine cannot be, or cannot send, what it was asked to.
+    #[error("{problem}")]
+    Machine {
+        /// Expected and found.
+        problem: String,
+    },
     /// Nobody serves `control`.
     #[error(
         "no identifier of robot {robot:?} runs in domain {domain:?}; start one, or name another with --robot and --domain"

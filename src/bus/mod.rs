@@ -43,6 +43,7 @@ mod half_made;
 mod inspect;
 mod lock;
 mod lock_file;
+mod machine;
 mod management;
 mod membership;
 mod memory;
@@ -69,6 +70,7 @@ pub use inspect::{
     Cleaned, DomainReport, LockReport, MemoryReport, NodeReport, ServiceReport, clean, domains, inspect,
 };
 pub use lock::{Role, RoleLock};
+pub use machine::Machine;
 pub use memory::shared_memory;
 pub use participant::Bus;
 pub use publisher::Publisher;

@@ -1,6 +1,5 @@
-//! The simulator's setpoints with their derivatives: what feed-forward follows.
-//!
-//! Central differences over seven points, h the sample period; the error of q⃛ is 7/120 h⁴ q⁽⁷⁾, below 1e-4 of it up to 10 Hz at 1 kHz:
+//! The motion that a simulator is asked for, with its derivatives: what feed-forward follows. A robot's motion has its own; those of setpoints are
+//! central differences over seven points, h the sample period; the error of q⃛ is 7/120 h⁴ q⁽⁷⁾, below 1e-4 of it up to 10 Hz at 1 kHz:
 //!
 //! ```text
 //! q̇ = Σ a_k q(t + k h)/h      a = (−1, 9, −45, 0, 45, −9, 1)/60
@@ -9,7 +8,8 @@
 //! ```
 
 use crate::model::{JointSample, MAX_JOINTS};
-use crate::sim::{SetpointPath, SimOptions};
+use crate::node::model::Model;
+use crate::sim::{DesiredMotion, SetpointPath, SimOptions};
 
 const POINTS: usize = 7;
 const BEFORE: usize = 3;
@@ -20,51 +20,45 @@ const THIRD: [f64; POINTS] = [1.0, -8.0, 13.0, 0.0, -13.0, 8.0, -1.0];
 /// Desired motion of a simulated machine, sample by sample.
 #[derive(Debug, Clone)]
 pub struct Trajectory {
-    paths: Vec<SetpointPath>,
+    motion: Motion,
     sample_period_s: f64,
-    /// q of the samples k − 3 … k + 3, a half-period on: a command is held from one sample to the next, and right in the middle.
-    window: [[f64; POINTS]; MAX_JOINTS],
     k: u64,
 }
 
+#[derive(Debug, Clone)]
+enum Motion {
+    /// With its derivatives.
+    Smooth(Box<dyn DesiredMotion>),
+    /// To be differentiated.
+    Setpoints(Setpoints),
+}
+
 impl Trajectory {
+    /// Along the motion of a model's simulator, or the setpoints of a simulation that has none of its own, beginning with sample 0.
+    ///
+    /// # Errors
+    /// Setpoints that jump: no input follows them. Options that do not fit the model.
+    pub fn of(model: &dyn Model, options: &SimOptions) -> Result<Self, String> {
+        match model.desired_motion(options).map_err(|e| e.to_string())? {
+            Some(motion) => Ok(Self {
+                motion: Motion::Smooth(motion),
+                sample_period_s: options.sample_period_s,
+                k: 0,
+            }),
+            None => Self::new(options),
+        }
+    }
+
     /// Along the setpoints of a simulation, beginning with sample 0.
     ///
     /// # Errors
     /// Setpoints that jump: no input follows them.
     pub fn new(options: &SimOptions) -> Result<Self, String> {
-        let joints = options.joints();
-        if options
-            .setpoint
-            .iter()
-            .take(joints)
-            .any(crate::sim::Setpoint::has_steps)
-        {
-            return Err(
-                "expected setpoints without jumps (sines, random_sines, chirp, moves), for no input follows a jump"
-                    .to_owned(),
-            );
-        }
-        let mut trajectory = Self {
-            paths: (0..joints)
-                .map(|joint| {
-                    let setpoint = &options.setpoint[joint % options.setpoint.len()];
-                    SetpointPath::new(setpoint, joint, options.sample_period_s, options.seed)
-                })
-                .collect(),
+        Ok(Self {
+            motion: Motion::Setpoints(Setpoints::new(options)?),
             sample_period_s: options.sample_period_s,
-            window: [[0.0; POINTS]; MAX_JOINTS],
             k: 0,
-        };
-        for (window, path) in trajectory.window.iter_mut().zip(&mut trajectory.paths) {
-            for k in 0..BEFORE + 1 {
-                window[BEFORE + k] = path.value(k as u64, 0.5);
-            }
-            // before the beginning the machine rests
-            let first = window[BEFORE];
-            window[..BEFORE].fill(first);
-        }
-        Ok(trajectory)
+        })
     }
 
     /// Number of the sample whose motion comes next.
@@ -74,6 +68,69 @@ impl Trajectory {
 
     /// The desired motion in the middle between sample k and k + 1; then k + 1 is next.
     pub fn advance(&mut self) -> JointSample {
+        let motion = match &mut self.motion {
+            Motion::Smooth(motion) => motion.at((self.k as f64 + 0.5) * self.sample_period_s),
+            Motion::Setpoints(setpoints) => setpoints.advance(self.k),
+        };
+        self.k += 1;
+        motion
+    }
+
+    /// Goes on to a later sample; what lies behind cannot be had again.
+    pub fn advance_to(&mut self, k: u64) {
+        match self.motion {
+            Motion::Smooth(_) => self.k = self.k.max(k),
+            Motion::Setpoints(_) => {
+                while self.k < k {
+                    self.advance();
+                }
+            }
+        }
+    }
+}
+
+/// Setpoints, and their derivatives by differences.
+#[derive(Debug, Clone)]
+struct Setpoints {
+    paths: Vec<SetpointPath>,
+    sample_period_s: f64,
+    /// q of the samples k − 3 … k + 3, a half-period on: a command is held from one sample to the next, and right in the middle.
+    window: [[f64; POINTS]; MAX_JOINTS],
+}
+
+impl Setpoints {
+    fn new(options: &SimOptions) -> Result<Self, String> {
+        let joints = options.joints();
+        if options
+            .setpoint
+            .iter()
+            .take(joints)
+            .any(crate::sim::Setpoint::has_steps)
+        {
+            return Err("plant.setpoint.kind: expected setpoints without jumps (sines, random_sines, chirp, moves), for no input follows a jump".to_owned());
+        }
+        let mut setpoints = Self {
+            paths: (0..joints)
+                .map(|joint| {
+                    let setpoint = &options.setpoint[joint % options.setpoint.len()];
+                    SetpointPath::new(setpoint, joint, options.sample_period_s, options.seed)
+                })
+                .collect(),
+            sample_period_s: options.sample_period_s,
+            window: [[0.0; POINTS]; MAX_JOINTS],
+        };
+        for (window, path) in setpoints.window.iter_mut().zip(&mut setpoints.paths) {
+            for k in 0..BEFORE + 1 {
+                window[BEFORE + k] = path.value(k as u64, 0.5);
+            }
+            // before the beginning the machine rests
+            let first = window[BEFORE];
+            window[..BEFORE].fill(first);
+        }
+        Ok(setpoints)
+    }
+
+    fn advance(&mut self, k: u64) -> JointSample {
         let h = self.sample_period_s;
         let mut motion = JointSample::default();
         for (joint, path) in self.paths.iter_mut().enumerate() {
@@ -85,17 +142,9 @@ impl Trajectory {
             motion.dddq[joint] = sum(&THIRD) / (8.0 * h * h * h);
             motion.setpoint[joint] = window[BEFORE];
             window.rotate_left(1);
-            window[POINTS - 1] = path.value(self.k + 1 + BEFORE as u64, 0.5);
+            window[POINTS - 1] = path.value(k + 1 + BEFORE as u64, 0.5);
         }
-        self.k += 1;
         motion
-    }
-
-    /// Goes on to a later sample; what lies behind cannot be had again.
-    pub fn advance_to(&mut self, k: u64) {
-        while self.k < k {
-            self.advance();
-        }
     }
 }
 

@@ -110,6 +110,18 @@ pub trait Model: fmt::Debug + Send + Sync {
     fn simulator(&self, _options: &crate::sim::SimOptions) -> Result<SampleSource, ModelError> {
         Err(ModelError::NotSimulated(self.name().to_owned()))
     }
+
+    /// The motion that its simulator is asked for, if that is not the setpoints of the options.
+    ///
+    /// # Errors
+    /// The model cannot be simulated with these options.
+    #[cfg(feature = "sim")]
+    fn desired_motion(
+        &self,
+        _options: &crate::sim::SimOptions,
+    ) -> Result<Option<Box<dyn crate::sim::DesiredMotion>>, ModelError> {
+        Ok(None)
+    }
 }
 
 /// Samples of a simulated machine.

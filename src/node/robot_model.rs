@@ -7,6 +7,8 @@ use crate::messages::signals;
 use crate::model::{
     DerivedQuantity, DerivedValues, Equation, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter, PlantDefinition,
 };
+#[cfg(feature = "sim")]
+use crate::robot::Reference;
 use crate::robot::{
     BODY_PARAMETERS, BodyParameters, Drives, FilteredSample, IdentifyOptions, PAYLOAD_VALUES, Payload, RobotIdentifier,
     RobotModel, RobotSimOptions, Velocities, controller_values,
@@ -207,16 +209,53 @@ impl Model for RobotPlant {
             seed: options.seed,
             ..own.simulation.clone()
         };
-        let simulator = crate::robot::RobotSimulator::new(own.model.robot(), simulation).map_err(|problem| {
-            ModelError::Setting {
-                section: "simulate",
-                problem,
-            }
-        })?;
+        let simulator = crate::robot::RobotSimulator::new(own.model.robot(), simulation).map_err(not_simulated)?;
         Ok(Box::new(Driven {
             simulator,
             drives: own.drives.clone(),
         }))
+    }
+
+    #[cfg(feature = "sim")]
+    fn desired_motion(
+        &self,
+        options: &crate::sim::SimOptions,
+    ) -> Result<Option<Box<dyn crate::sim::DesiredMotion>>, ModelError> {
+        let (robot, simulation) = (self.settings.model.robot(), &self.settings.simulation);
+        let reference = Reference::new(robot, simulation.motions.clone(), simulation.limits, options.seed);
+        Ok(Some(Box::new(Wanted(reference.map_err(not_simulated)?))))
+    }
+}
+
+#[cfg(feature = "sim")]
+fn not_simulated(problem: String) -> ModelError {
+    ModelError::Setting {
+        section: "simulate",
+        problem,
+    }
+}
+
+/// What the joints of a simulated robot are asked for; nothing asks for its third derivative.
+#[cfg(feature = "sim")]
+#[derive(Debug, Clone)]
+struct Wanted(Reference);
+
+#[cfg(feature = "sim")]
+impl crate::sim::DesiredMotion for Wanted {
+    fn at(&mut self, t_s: f64) -> JointSample {
+        let setpoints = self.0.at(t_s);
+        let part = |order: usize| std::array::from_fn(|joint| setpoints[joint][order]);
+        JointSample {
+            q: part(0),
+            dq: part(1),
+            ddq: part(2),
+            setpoint: part(0),
+            ..JointSample::default()
+        }
+    }
+
+    fn copy(&self) -> Box<dyn crate::sim::DesiredMotion> {
+        Box::new(self.clone())
     }
 }
 

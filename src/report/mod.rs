@@ -9,6 +9,7 @@ mod page;
 mod plot;
 mod raster;
 mod summary;
+mod tracking;
 mod words;
 
 pub use data::{Inputs, Notes, RunData, Timing, Trace};
@@ -17,6 +18,7 @@ pub use page::page;
 pub use plot::Figure;
 pub use raster::{RasterError, png};
 pub use summary::{ChangeSummary, DerivedSummary, ParameterSummary, SampleCounts, Summary};
+pub use tracking::{TrackingPanel, tracking_figure};
 pub use words::{DERIVED_USABLE, Known, Rounded, headline, pretty_unit, symbol, with_unit};
 
 use crate::files;

@@ -44,6 +44,7 @@ struct File {
     monitor: Option<toml::Table>,
     checkpoint: Option<toml::Table>,
     supervision: Option<toml::Table>,
+    controller: Option<toml::Table>,
     realtime: Option<toml::Table>,
 }
 
@@ -161,6 +162,7 @@ enum Motion {
 enum Controller {
     ComputedTorque,
     Pd,
+    Servo,
 }
 
 #[derive(Debug, Deserialize)]
@@ -287,6 +289,7 @@ impl RobotConfig {
             ("monitor", file.monitor),
             ("checkpoint", file.checkpoint),
             ("supervision", file.supervision),
+            ("controller", file.controller),
             ("realtime", file.realtime),
         ];
         let ordinary = sections
@@ -425,6 +428,7 @@ fn simulation(section: &SimulateSection, model: &RobotModel, has_velocity: bool)
         controller: match section.controller.unwrap_or(Controller::ComputedTorque) {
             Controller::ComputedTorque => RobotController::ComputedTorque,
             Controller::Pd => RobotController::Pd,
+            Controller::Servo => RobotController::Servo,
         },
         bandwidth_rad_per_s: section.bandwidth_rad_per_s.unwrap_or(default.bandwidth_rad_per_s),
         drives,

@@ -4,6 +4,7 @@
 //! M(q) q̈ + … = τ − f,     f_i = f_v q̇ + f_c z + f_0,     dz/dt = (q̇ − |q̇| z)/δ                  (1)
 //! computed torque:  τ = ID(q, q̇, q̈_r + ω² e + 2 ω ė) + Ia (q̈_r + …)                             (2)
 //! PD:               τ = g(q) + M_ii (ω² e + 2 ω ė)                                              (3)
+//! servo:            τ = M_ii (ω² e + 2 ω ė), for feed-forward that carries weight and inertia   (4)
 //! ```
 //!
 //! q̈ is from articulated bodies, which share no step with the regressors. The controller is sampled and knows the URDF only, the machine may differ from it. z
@@ -30,6 +31,8 @@ pub enum RobotController {
     ComputedTorque,
     /// Each joint for itself, with the weight of the URDF's bodies.
     Pd,
+    /// Each joint for itself and nothing else: what commands add to if they carry the weight.
+    Servo,
 }
 
 /// Friction and rotor of a simulated joint.
@@ -351,8 +354,8 @@ impl RobotSimulator {
             let [q, dq, ddq] = setpoints[i];
             let back = w * w * (q - self.q[i]) + 2.0 * w * (dq - self.dq[i]);
             wanted[i] = match self.options.controller {
-                RobotController::ComputedTorque => ddq + back, // (2)
-                RobotController::Pd => back,                   // (3)
+                RobotController::ComputedTorque => ddq + back,        // (2)
+                RobotController::Pd | RobotController::Servo => back, // (3), (4)
             };
         }
         match self.options.controller {
@@ -365,6 +368,7 @@ impl RobotSimulator {
                 self.inverse(&still[..n], &still[..n], &mut tau[..n]); // (3)
                 (0..n).for_each(|i| tau[i] += self.gains[i] * wanted[i]); // (3)
             }
+            RobotController::Servo => (0..n).for_each(|i| tau[i] = self.gains[i] * wanted[i]), // (4)
         }
         for i in 0..n {
             self.tau[i] = (tau[i] + self.feed_forward[i]).clamp(-self.effort[i], self.effort[i]);

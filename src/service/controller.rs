@@ -26,7 +26,7 @@ pub fn run(args: &ControllerArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
     let _only_one = RoleLock::acquire(&domain, robot, Role::Controller)?;
     let sim = &config.plant.sim;
     let mut follower = Follower {
-        trajectory: Trajectory::new(sim).map_err(|e| Failure::Usage(format!("plant.setpoint.kind: {e}")))?,
+        trajectory: Trajectory::of(&*config.model, sim).map_err(Failure::Usage)?,
         feed_forward: AdaptiveFeedForward::new(config.model.clone(), &settings.theta, settings.options)
             .map_err(|e| Failure::Usage(format!("controller: {e}")))?,
         samples: sim.sample_count(),

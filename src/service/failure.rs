@@ -46,7 +46,9 @@ impl From<RunError> for Failure {
 impl From<BusError> for Failure {
     fn from(error: BusError) -> Self {
         match error {
-            BusError::Name { .. } | BusError::SocketPath { .. } => Self::Usage(error.to_string()),
+            BusError::Name { .. } | BusError::SocketPath { .. } | BusError::Machine { .. } => {
+                Self::Usage(error.to_string())
+            }
             error => Self::Failed(error.to_string()),
         }
     }

@@ -128,6 +128,7 @@ pub(super) fn as_file<'a>(
         "monitor",
         "checkpoint",
         "supervision",
+        "controller",
         "realtime",
     ] {
         if let Some(section) = resolved.get(name) {

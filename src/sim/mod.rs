@@ -5,6 +5,7 @@
 mod arm;
 mod arm_parameters;
 mod controller;
+mod desired_motion;
 mod error;
 mod faults;
 mod instants;
@@ -26,6 +27,7 @@ mod unmodelled;
 pub use arm::ArmDynamics;
 pub use arm_parameters::{ARM_JOINTS, ArmParameters};
 pub use controller::{Commanded, ControllerKind, ControllerOptions, PositionFeedback};
+pub use desired_motion::DesiredMotion;
 pub use error::SimError;
 pub use faults::{Fault, FaultKind, FaultSignal, Faults};
 pub use instants::SampleInstants;

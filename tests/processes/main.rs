@@ -20,6 +20,7 @@ mod limits;
 mod live;
 mod lockstep;
 mod log;
+mod loop_kills;
 mod order;
 mod own_plant;
 mod peers;

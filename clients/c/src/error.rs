@@ -44,8 +44,12 @@ impl Failure {
 
 impl From<BusError> for Failure {
     fn from(error: BusError) -> Self {
+        let code = match error {
+            BusError::Machine { .. } => INVALID,
+            _ => ERROR,
+        };
         Self {
-            code: ERROR,
+            code,
             words: error.to_string(),
         }
     }

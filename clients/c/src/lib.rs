@@ -77,18 +77,27 @@ unsafe fn text<'a>(text: *const c_char) -> Result<&'a str, Failure> {
     bytes.to_str().map_err(|_| Failure::invalid("expected a text in UTF-8"))
 }
 
-/// Joins a domain for a robot; a null pointer means the default of either.
+/// A domain and a robot by their names; a null pointer means the default of either.
 ///
 /// # Safety
 /// Each text is null or ends with a zero.
-unsafe fn join(domain: *const c_char, robot: *const c_char) -> Result<(Domain, Bus), Failure> {
+unsafe fn place<'a>(domain: *const c_char, robot: *const c_char) -> Result<(Domain, &'a str), Failure> {
     let or = |pointer: *const c_char, default: &'static str| match pointer.is_null() {
         true => Ok(default),
         // SAFETY: as the caller promises
         false => unsafe { text(pointer) },
     };
-    let domain = Domain::new(or(domain, "default")?)?;
-    let bus = Bus::join(&domain, or(robot, "arm")?, "c_client")?;
+    Ok((Domain::new(or(domain, "default")?)?, or(robot, "arm")?))
+}
+
+/// Joins a domain for a robot.
+///
+/// # Safety
+/// See [`place`].
+unsafe fn join(domain: *const c_char, robot: *const c_char) -> Result<(Domain, Bus), Failure> {
+    // SAFETY: as the caller promises
+    let (domain, robot) = unsafe { place(domain, robot)? };
+    let bus = Bus::join(&domain, robot, "c_client")?;
     Ok((domain, bus))
 }
 

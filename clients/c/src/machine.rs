@@ -1,22 +1,9 @@
 //! A machine that publishes its samples.
 
-use crate::{Failure, OK, guarded, hand_out, join, limit, take_back};
+use crate::{Failure, OK, guarded, hand_out, limit, place};
 use std::ffi::c_char;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
-use thetabus::bus::{Delivery, Role, RoleLock, SamplePublisher, monotonic_ns};
-use thetabus::messages::{Sample, sample_flags};
-use thetabus::model::MAX_JOINTS;
-
-/// A machine on the bus.
-pub struct Machine {
-    samples: SamplePublisher,
-    _only_one: RoleLock,
-    joints: u32,
-    stream_id: u64,
-    next_seq: u64,
-    has_ended: bool,
-}
+use thetabus::bus::{Delivery, Machine, monotonic_ns};
+use thetabus::messages::Sample;
 
 /// Takes the place of a robot's plant.
 ///
@@ -34,13 +21,7 @@ pub unsafe extern "C" fn thetabus_machine_open(
     // SAFETY: as the caller promises
     unsafe {
         hand_out(out, || {
-            if !(1..=MAX_JOINTS as u32).contains(&joints) {
-                return Err(Failure::invalid(format!(
-                    "joints: expected 1 to {MAX_JOINTS}, got {joints}"
-                )));
-            }
-            let (domain, bus) = join(domain, robot)?;
-            let only_one = RoleLock::acquire(&domain, bus.robot(), Role::Plant)?;
+            let (domain, robot) = place(domain, robot)?;
             let delivery = match consumers {
                 0 => Delivery::Realtime,
                 consumers => Delivery::Lockstep {
@@ -48,17 +29,7 @@ pub unsafe extern "C" fn thetabus_machine_open(
                     limit: limit(timeout_ms),
                 },
             };
-            let mut samples = SamplePublisher::new(&bus, delivery, Arc::new(AtomicBool::new(false)))?;
-            samples.wait_for_consumers()?;
-            Ok(Machine {
-                samples,
-                _only_one: only_one,
-                joints,
-                // a number that no earlier start of this machine had, and never 0
-                stream_id: (monotonic_ns() ^ u64::from(std::process::id()) << 40).max(1),
-                next_seq: 0,
-                has_ended: false,
-            })
+            Ok(Machine::delivering(&domain, robot, joints as usize, delivery)?)
         })
     }
 }
@@ -75,20 +46,10 @@ pub unsafe extern "C" fn thetabus_machine_publish(machine: *mut Machine, sample:
         let (Some(machine), Some(sample)) = (machine, sample) else {
             return Err(Failure::invalid("expected a machine and a sample, got a null pointer"));
         };
-        if machine.has_ended {
-            return Err(Failure::invalid(
-                "the last sample has been published; open a machine anew for another stream",
-            ));
-        }
-        (sample.stream_id, sample.seq, sample.joints, sample.pad) =
-            (machine.stream_id, machine.next_seq, machine.joints, 0);
         if sample.t_ns == u64::MAX {
             sample.t_ns = monotonic_ns();
         }
-        machine.samples.send(sample)?;
-        machine.samples.wake();
-        machine.next_seq += 1;
-        machine.has_ended = sample.flags & sample_flags::END != 0;
+        machine.send(sample)?;
         Ok(OK)
     })
 }
@@ -103,7 +64,7 @@ pub unsafe extern "C" fn thetabus_machine_skip(machine: *mut Machine, samples: u
         // SAFETY: as the caller promises
         let machine = unsafe { machine.as_mut() };
         let machine = machine.ok_or_else(|| Failure::invalid("expected a machine, got a null pointer"))?;
-        machine.next_seq = machine.next_seq.saturating_add(samples);
+        machine.skip(samples);
         Ok(OK)
     })
 }
@@ -114,15 +75,12 @@ pub unsafe extern "C" fn thetabus_machine_skip(machine: *mut Machine, samples: u
 /// `machine` is null or was opened, and is not used again.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn thetabus_machine_close(machine: *mut Machine) {
-    // SAFETY: as the caller promises
-    if let Some(machine) = unsafe { machine.as_mut() } {
+    if !machine.is_null() {
         guarded(|| {
-            if machine.next_seq > 0 {
-                machine.samples.linger()?;
-            }
+            // SAFETY: not null, and as the caller promises
+            let machine = unsafe { Box::from_raw(machine) };
+            machine.close()?;
             Ok(OK)
         });
     }
-    // SAFETY: as the caller promises
-    unsafe { take_back(machine) };
 }

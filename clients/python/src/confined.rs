@@ -28,6 +28,12 @@ impl<T> Port<T> {
         *self.lock() = None;
     }
 
+    /// Closes it by what `end` does with the port.
+    pub(crate) fn close_by<R>(&self, end: impl FnOnce(T) -> R) {
+        let port = self.lock().take();
+        port.map(|confined| end(confined.0));
+    }
+
     fn lock(&self) -> MutexGuard<'_, Option<Confined<T>>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

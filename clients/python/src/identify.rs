@@ -1,12 +1,14 @@
 //! Identification off line: samples in, estimates out, by the very node that the identifier runs.
 
+use crate::linear::LinearModel;
 use crate::{ThetabusError, bytes};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::path::PathBuf;
-use thetabus::config::{Config, Source};
+use thetabus::config::{Catalog, Config, Source};
 use thetabus::messages::{Message as _, Sample};
+use thetabus::node::model::SharedModel;
 
 /// Description, estimates and last status.
 struct Outcome {
@@ -15,8 +17,21 @@ struct Outcome {
     status: Vec<u8>,
 }
 
-fn run(sources: &[Source], arguments: &[String], samples: &[u8]) -> Result<Outcome, String> {
-    let config = Config::load(sources, arguments).map_err(|e| e.to_string())?;
+/// The same for Python.
+type Handed<'py> = (Bound<'py, PyBytes>, Bound<'py, PyBytes>, Bound<'py, PyBytes>);
+
+impl Outcome {
+    fn handed_over<'py>(&self, py: Python<'py>) -> Handed<'py> {
+        (
+            PyBytes::new(py, &self.description),
+            PyBytes::new(py, &self.estimates),
+            PyBytes::new(py, &self.status),
+        )
+    }
+}
+
+fn run(catalog: &Catalog, sources: &[Source], arguments: &[String], samples: &[u8]) -> Result<Outcome, String> {
+    let config = Config::load_for(catalog, sources, arguments).map_err(|e| e.to_string())?;
     config.limit_recorded_memory().map_err(|e| e.to_string())?;
     let mut node = config.identifier().map_err(|e| e.to_string())?;
     let mut estimates = Vec::new();
@@ -39,7 +54,7 @@ pub(crate) fn identify<'py>(
     recorded: Option<String>,
     overrides: Vec<String>,
     samples: &[u8],
-) -> PyResult<(Bound<'py, PyBytes>, Bound<'py, PyBytes>, Bound<'py, PyBytes>)> {
+) -> PyResult<Handed<'py>> {
     let mut sources = Vec::new();
     if let Some(text) = recorded {
         let name = "the configuration in the recording".to_owned();
@@ -50,11 +65,47 @@ pub(crate) fn identify<'py>(
         return Err(PyValueError::new_err("config: arrays need a configuration file"));
     }
     let outcome = py
-        .detach(|| run(&sources, &overrides, samples))
+        .detach(|| run(&Catalog::default(), &sources, &overrides, samples))
         .map_err(ThetabusError::new_err)?;
-    Ok((
-        PyBytes::new(py, &outcome.description),
-        PyBytes::new(py, &outcome.estimates),
-        PyBytes::new(py, &outcome.status),
-    ))
+    Ok(outcome.handed_over(py))
+}
+
+/// What a program with a plant of its own starts from, as far as it holds for rows that are given.
+const LINEAR: &str = "[identifier]\nrows = \"pointwise\"\n\n[estimator]\nnoise_floor = []\n";
+
+/// Identifies a machine that is linear in its parameters (name, unit, start), from rows: `phi` and `y` in bytes, with `equations` rows per sample. `file` and
+/// `overrides` may set what the estimator does.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the parts of a model, by name")]
+pub(crate) fn identify_linear<'py>(
+    py: Python<'py>,
+    parameters: Vec<(String, String, f64)>,
+    y_unit: String,
+    equations: usize,
+    phi: &[u8],
+    y: &[u8],
+    file: Option<PathBuf>,
+    overrides: Vec<String>,
+    samples: &[u8],
+) -> PyResult<Handed<'py>> {
+    let sources: Vec<Source> = Config::embedded("own_plant")
+        .into_iter()
+        .chain([Source::Embedded {
+            name: "built-in settings of linear machines".to_owned(),
+            text: LINEAR.to_owned(),
+        }])
+        .chain(file.map(Source::File))
+        .collect();
+    let model =
+        LinearModel::new(parameters, y_unit, equations, numbers(phi), numbers(y)).map_err(PyValueError::new_err)?;
+    let catalog = Catalog::default().with_model(SharedModel::new(model));
+    let outcome = py
+        .detach(|| run(&catalog, &sources, &overrides, samples))
+        .map_err(ThetabusError::new_err)?;
+    Ok(outcome.handed_over(py))
+}
+
+fn numbers(bytes: &[u8]) -> Vec<f64> {
+    let (numbers, _) = bytes.as_chunks::<8>();
+    numbers.iter().map(|number| f64::from_ne_bytes(*number)).collect()
 }

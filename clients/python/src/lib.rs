@@ -5,6 +5,7 @@ mod confined;
 mod control;
 mod controller;
 mod identify;
+mod linear;
 mod machine;
 mod reader;
 mod recording;
@@ -24,7 +25,10 @@ pyo3::create_exception!(
 );
 
 pub(crate) fn failed(error: BusError) -> PyErr {
-    ThetabusError::new_err(error.to_string())
+    match error {
+        BusError::Machine { problem } => PyValueError::new_err(problem),
+        error => ThetabusError::new_err(error.to_string()),
+    }
 }
 
 pub(crate) fn closed() -> PyErr {
@@ -84,6 +88,7 @@ fn _thetabus(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(monotonic_ns, module)?)?;
     module.add_function(wrap_pyfunction!(recording::recording, module)?)?;
     module.add_function(wrap_pyfunction!(identify::identify, module)?)?;
+    module.add_function(wrap_pyfunction!(identify::identify_linear, module)?)?;
     module.add_class::<reader::Reader>()?;
     module.add_class::<machine::Machine>()?;
     module.add_class::<control::Control>()?;

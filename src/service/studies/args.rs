@@ -65,15 +65,18 @@ pub struct TrialsArgs {
 /// `studies track`.
 #[derive(Debug, Clone, Args)]
 pub struct TrackArgs {
-    /// Configuration file with smooth setpoints and a change of the machine, such as config/adaptive.toml
-    #[arg(value_name = "CONFIG")]
-    pub file: PathBuf,
+    /// Configuration files with smooth setpoints and a change of the machine, such as config/adaptive.toml
+    #[arg(value_name = "CONFIG", required = true)]
+    pub files: Vec<PathBuf>,
     /// Runs with other seeds
     #[arg(long, value_name = "COUNT", default_value_t = 8, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub seeds: u64,
-    /// File to write the table to; standard output without it
+    /// Tables as Markdown; standard output without it
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Tracking error over time as SVG, of the first seed
+    #[arg(long, value_name = "FILE")]
+    pub figure: Option<PathBuf>,
     #[command(flatten)]
     #[allow(missing_docs, reason = "flattened")]
     pub common: CommonArgs,

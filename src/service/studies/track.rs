@@ -4,18 +4,22 @@ use super::TrackArgs;
 use crate::config::{Config, Source};
 use crate::control::{AdaptiveFeedForward, AdaptiveOptions, Trajectory};
 use crate::messages::Sample;
-use crate::model::MAX_JOINTS;
+use crate::model::{JointSample, MAX_JOINTS};
 use crate::node::model::SampleSource;
+use crate::report::{TrackingPanel, tracking_figure};
 use crate::runner::Shutdown;
 use crate::service::wiring::identifier_node;
 use crate::service::{Exit, Failure, logging};
 use crate::sim::{Machine, MachineSimulator, SimOptions};
 use crate::studies::{Document, Section, Table, for_each_index, two_digits};
+use std::path::Path;
 
 /// Time from which on a loop that began at rest is judged \[s\].
 const SETTLED_S: f64 = 10.0;
 /// Time after a change in which the identifier may find it \[s\].
 const FOUND_S: f64 = 3.0;
+/// Length of the parts over which the figure's errors are taken \[s\].
+const PART_S: f64 = 0.5;
 
 /// Whose parameters the feed-forward is made from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,27 +39,106 @@ impl Contender {
     ];
 }
 
-/// Root mean squares of the tracking error \[rad or m\] per joint, before the change and after it, and the largest input.
-#[derive(Debug, Clone, Copy, Default)]
+/// Tracking errors \[rad or m\].
+#[derive(Debug, Clone, Default)]
 struct Tracking {
-    before: [f64; MAX_JOINTS],
-    after: [f64; MAX_JOINTS],
-    largest_input: f64,
+    /// Root mean squares of each joint before the change and after it.
+    phases: [[f64; MAX_JOINTS]; 2],
     counts: [f64; 2],
+    /// Sum of squares of all joints, and samples, of each part of the run.
+    parts: Vec<(f64, f64)>,
+    largest_input: f64,
 }
 
-/// Runs the loop with each contender and writes the table.
+impl Tracking {
+    fn take(&mut self, t_s: f64, change_s: f64, joints: usize, sample: &JointSample) {
+        let part = (t_s / PART_S) as usize;
+        if self.parts.len() <= part {
+            self.parts.resize(part + 1, (0.0, 0.0));
+        }
+        self.parts[part].1 += 1.0;
+        let phase = match t_s {
+            t if (SETTLED_S..change_s).contains(&t) => Some(0),
+            t if t >= change_s + FOUND_S => Some(1),
+            _ => None,
+        };
+        for joint in 0..joints {
+            let square = (sample.setpoint[joint] - sample.q[joint]).powi(2);
+            self.parts[part].0 += square;
+            if let Some(phase) = phase {
+                self.phases[phase][joint] += square;
+                self.largest_input = self.largest_input.max(sample.input[joint].abs());
+            }
+        }
+        phase.into_iter().for_each(|phase| self.counts[phase] += 1.0);
+    }
+
+    /// From sums to root mean squares.
+    fn closed(mut self) -> Self {
+        for (phase, count) in self.phases.iter_mut().zip(self.counts) {
+            *phase = phase.map(|sum| (sum / count).sqrt());
+        }
+        self
+    }
+
+    /// Of the joints together.
+    fn together(&self, phase: usize) -> f64 {
+        self.phases[phase].iter().map(|x| x * x).sum::<f64>().sqrt()
+    }
+}
+
+/// One machine with all contenders, for each seed.
+struct Compared {
+    config: Config,
+    name: String,
+    change_s: f64,
+    runs: Vec<Vec<Tracking>>,
+}
+
+/// Runs the loop with each contender and writes tables and figure.
 ///
 /// # Errors
 /// A configuration without a controller, a change or smooth setpoints, a file that cannot be written.
 pub fn run(args: &TrackArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
-    let mut results: Vec<Vec<Tracking>> = Vec::new();
+    let all: Vec<Compared> = args
+        .files
+        .iter()
+        .map(|file| compare(file, args, shutdown))
+        .collect::<Result<_, _>>()?;
+    let write = |file: &Path, text: &str| {
+        std::fs::write(file, text).map_err(|error| Failure::Failed(format!("{}: {error}", file.display())))?;
+        logging::result(&format!("{}: written", file.display()))
+    };
+    let text = Document {
+        title: "The controller that adapts".to_owned(),
+        sections: all.iter().map(section).collect(),
+    };
+    let mut text = text.markdown(&command(args));
+    if let Some(file) = &args.figure {
+        let panels: Vec<TrackingPanel> = all.iter().map(panel).collect();
+        write(file, &tracking_figure(&panels).svg())?;
+        let beside = args.out.as_ref().and_then(|out| file.strip_prefix(out.parent()?).ok());
+        text += &format!(
+            "\n![tracking error over time]({})\n\nRoot mean square over parts of {PART_S} s, all joints together, seed 0.\n",
+            beside.unwrap_or(file).display()
+        );
+    }
+    match &args.out {
+        Some(file) => write(file, &text)?,
+        None => logging::result(&text)?,
+    }
+    Ok(Exit::Done)
+}
+
+/// All contenders on one machine.
+fn compare(file: &Path, args: &TrackArgs, shutdown: &Shutdown) -> Result<Compared, Failure> {
     let load = |seed: u64| {
         let own = [("plant.seed", Some(seed.to_string()))];
-        args.common.load(vec![Source::File(args.file.clone())], &own)
+        args.common.load(vec![Source::File(file.to_owned())], &own)
     };
     let config = load(0)?;
     let change_s = change_s(&config.plant.sim)?;
+    let mut all: Vec<Vec<Tracking>> = Vec::new();
     for (contender, _) in Contender::ALL {
         let runs = for_each_index(args.seeds as usize, |seed| {
             if shutdown.requested() {
@@ -63,17 +146,15 @@ pub fn run(args: &TrackArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
             }
             follow(&load(seed as u64)?, contender, change_s)
         });
-        results.push(runs.into_iter().collect::<Result<_, Failure>>()?);
+        all.push(runs.into_iter().collect::<Result<_, Failure>>()?);
     }
-    let text = document(&config, &results, change_s).markdown(&command(args));
-    match &args.out {
-        Some(file) => {
-            std::fs::write(file, text).map_err(|error| Failure::Failed(format!("{}: {error}", file.display())))?;
-            logging::result(&format!("{}: written", file.display()))?;
-        }
-        None => logging::result(&text)?,
-    }
-    Ok(Exit::Done)
+    let name = file.display().to_string();
+    Ok(Compared {
+        config,
+        name,
+        change_s,
+        runs: all,
+    })
 }
 
 /// When the machine changes.
@@ -100,7 +181,7 @@ fn follow(config: &Config, contender: Contender, change_s: f64) -> Result<Tracki
         _ => Box::new(MachineSimulator::new(sim).map_err(|e| Failure::Usage(e.to_string()))?),
     };
     let mut node = identifier_node(config)?;
-    let mut trajectory = Trajectory::new(sim).map_err(|e| Failure::Usage(format!("plant.setpoint.kind: {e}")))?;
+    let mut trajectory = Trajectory::of(&*config.model, sim).map_err(Failure::Usage)?;
     let options = match contender {
         // true values are taken as they are
         Contender::Knowing => AdaptiveOptions {
@@ -115,7 +196,8 @@ fn follow(config: &Config, contender: Contender, change_s: f64) -> Result<Tracki
             .map_err(|e| Failure::Usage(format!("controller: {e}")))
     };
     let mut feed_forward = match contender {
-        Contender::Knowing => begin(&sim.true_values(&names, 0.0))?,
+        // the best that can be done without estimates
+        Contender::Knowing | Contender::Fixed => begin(&sim.true_values(&names, 0.0))?,
         _ => begin(&config.controller.theta)?,
     };
     let period_s = sim.sample_period_s;
@@ -143,30 +225,37 @@ fn follow(config: &Config, contender: Contender, change_s: f64) -> Result<Tracki
                 feed_forward.on_estimate(estimate);
             });
         }
-        let part = match t_s {
-            t if (SETTLED_S..change_s).contains(&t) => 0,
-            t if t >= change_s + FOUND_S => 1,
-            _ => continue,
-        };
-        tracking.counts[part] += 1.0;
-        for joint in 0..joints {
-            let error = joint_sample.setpoint[joint] - joint_sample.q[joint];
-            let sum = [&mut tracking.before, &mut tracking.after];
-            sum.into_iter()
-                .nth(part)
-                .into_iter()
-                .for_each(|sum| sum[joint] += error * error);
-            tracking.largest_input = tracking.largest_input.max(joint_sample.input[joint].abs());
-        }
+        tracking.take(t_s, change_s, joints, &joint_sample);
     }
-    let [before, after] = tracking.counts;
-    tracking.before = tracking.before.map(|sum| (sum / before).sqrt());
-    tracking.after = tracking.after.map(|sum| (sum / after).sqrt());
-    Ok(tracking)
+    Ok(tracking.closed())
 }
 
-fn document(config: &Config, results: &[Vec<Tracking>], change_s: f64) -> Document {
-    let joints = config.plant.sim.joints();
+/// The figure's panel of a machine, from what is judged on.
+fn panel(of: &Compared) -> TrackingPanel {
+    let line = |runs: &Vec<Tracking>| {
+        let parts = runs.first().map_or(&[][..], |run| &run.parts);
+        let middle = |part: usize| (part as f64 + 0.5) * PART_S;
+        parts
+            .iter()
+            .enumerate()
+            .filter(|(part, _)| middle(*part) > SETTLED_S)
+            .map(|(part, (sum, count))| (middle(part), (sum / count).sqrt()))
+            .collect()
+    };
+    TrackingPanel {
+        name: of.config.model.name().to_owned(),
+        unit: of.config.model.definition().position_unit.clone(),
+        change: (of.change_s, format!("{} s", of.change_s)),
+        lines: Contender::ALL
+            .iter()
+            .zip(&of.runs)
+            .map(|((_, name), runs)| ((*name).to_owned(), line(runs)))
+            .collect(),
+    }
+}
+
+fn section(of: &Compared) -> Section {
+    let joints = of.config.plant.sim.joints();
     let mut columns = vec!["controller".to_owned()];
     for part in ["before", "after"] {
         columns.extend((1..=joints).map(|joint| format!("{part}, joint {joint}")));
@@ -174,27 +263,23 @@ fn document(config: &Config, results: &[Vec<Tracking>], change_s: f64) -> Docume
     columns.extend(["before / knowing", "after / fixed", "largest input"].map(str::to_owned));
     let names: Vec<&str> = columns.iter().map(String::as_str).collect();
     let mut table = Table::new(&names);
-    let norm = |run: &Tracking, part: usize| {
-        let all = if part == 0 { &run.before } else { &run.after };
-        all[..joints].iter().map(|x| x * x).sum::<f64>().sqrt()
-    };
-    let unit = &config.model.definition().position_unit;
+    let unit = &of.config.model.definition().position_unit;
     for (index, (_, name)) in Contender::ALL.iter().enumerate() {
-        let runs = &results[index];
+        let runs = &of.runs[index];
         let mean = |value: &dyn Fn(&Tracking) -> f64| {
             (runs.iter().map(|run| value(run).powi(2)).sum::<f64>() / runs.len() as f64).sqrt()
         };
         let mut row = vec![(*name).to_owned()];
-        for part in [0, 1] {
+        for phase in [0, 1] {
             for joint in 0..joints {
-                let value = mean(&|run| if part == 0 { run.before[joint] } else { run.after[joint] });
+                let value = mean(&|run| run.phases[phase][joint]);
                 row.push(format!("{} m{unit}", two_digits(1e3 * value)));
             }
         }
-        let worst = |other: usize, part: usize| {
-            let pairs = runs.iter().zip(&results[other]);
+        let worst = |other: usize, phase: usize| {
+            let pairs = runs.iter().zip(&of.runs[other]);
             pairs
-                .map(|(own, other)| norm(own, part) / norm(other, part))
+                .map(|(own, other)| own.together(phase) / other.together(phase))
                 .fold(0.0, f64::max)
         };
         row.push(format!("{:.1} %", 100.0 * worst(3, 0)));
@@ -205,27 +290,26 @@ fn document(config: &Config, results: &[Vec<Tracking>], change_s: f64) -> Docume
         ));
         table.push(row);
     }
-    Document {
-        title: "The controller that adapts".to_owned(),
-        sections: vec![Section {
-            heading: "Tracking error".to_owned(),
-            text: vec![format!(
-                "Root mean square of setpoint minus measured position, from {SETTLED_S} s to the change at {change_s} s, and from {FOUND_S} s after it to the end; \
-                     root mean square over {} seeds. The ratios are of the joints together, the worst seed. The machine's own loop is the same in all rows; fixed \
-                     feed-forward is made from the values before the change, adaptive from estimates that may be used, and the last row is told the truth.",
-                results[0].len()
-            )],
-            table,
-        }],
+    let (change_s, seeds) = (of.change_s, of.runs[0].len());
+    Section {
+        heading: of.name.clone(),
+        text: vec![format!(
+            "Root mean square of setpoint minus measured position, from {SETTLED_S} s to the change at {change_s} s, and from {FOUND_S} s after it to the end; \
+             root mean square over {seeds} seeds. The ratios are of the joints together, the worst seed. The machine's own loop is the same in all rows; fixed \
+             feed-forward is made from the true values before the change, adaptive begins with `controller.theta` and goes on with estimates that may be used, and the \
+             last row is told the truth."
+        )],
+        table,
     }
 }
 
 /// The command that makes the document again.
 fn command(args: &TrackArgs) -> String {
     let mut words = vec!["cargo run --release --features studies --bin studies -- track".to_owned()];
-    words.push(args.file.display().to_string());
+    words.extend(args.files.iter().map(|file| file.display().to_string()));
     words.push(format!("--seeds {}", args.seeds));
     words.extend(args.common.set.iter().map(|set| format!("--set {set}")));
     words.extend(args.out.iter().map(|file| format!("--out {}", file.display())));
+    words.extend(args.figure.iter().map(|file| format!("--figure {}", file.display())));
     words.join(" ")
 }

@@ -12,6 +12,7 @@ timeout in seconds, release the interpreter's lock while they wait, and end by C
 from ._control import Answer, Control, Item, Refused
 from ._identify import Identification, identify
 from ._layout import DTYPES, dtype
+from ._linear import LinearPlant
 from ._machine import Controller, Machine
 from ._messages import (
     Command,
@@ -43,6 +44,7 @@ __all__ = [
     "Identification",
     "Item",
     "Joint",
+    "LinearPlant",
     "Machine",
     "Parameter",
     "Recording",

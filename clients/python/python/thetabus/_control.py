@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import TracebackType
 from typing import NamedTuple, Optional
 
 from . import _thetabus
+from ._closing import Closing
 from ._layout import record, text
 
 _KINDS = {1: "parameter", 2: "tunable", 3: "position", 4: "input", 5: "figure"}
@@ -41,7 +41,7 @@ class Answer:
     items: tuple[Item, ...]
 
 
-class Control:
+class Control(Closing):
     """Tells the identifier of a robot what to do.
 
     >>> with thetabus.Control("arm") as control:      # doctest: +SKIP
@@ -106,14 +106,3 @@ class Control:
     def close(self) -> None:
         """Leaves the domain."""
         self._control.close()
-
-    def __enter__(self) -> Control:
-        return self
-
-    def __exit__(
-        self,
-        kind: Optional[type[BaseException]],
-        error: Optional[BaseException],
-        trace: Optional[TracebackType],
-    ) -> None:
-        self.close()

@@ -10,6 +10,7 @@ import numpy as np
 
 from . import _thetabus
 from ._layout import DTYPES
+from ._linear import LinearPlant, _rows_as_samples
 from ._messages import Description, Estimate, Status
 from ._recording import _SIGNALS, Recording
 
@@ -67,14 +68,25 @@ def identify(
     config: Optional[Union[str, os.PathLike[str]]] = None,
     *,
     set: Sequence[str] = (),
+    plant: Optional[LinearPlant] = None,
+    sample_period_s: Optional[float] = None,
 ) -> Identification:
     """Identifies off line, with the identifier's own code.
 
     `source`: a recording or its path, which has its configuration inside, or arrays by signal, samples by joints, SI and radians:
     `{"q": q, "input": torque}`, with `t_s` if samples are missing. `config`: a configuration file, needed for arrays. `set`:
     overrides, `"estimator.block_len=1000"`. Commands that a recorded run was given are not repeated; `thetabus identify` does.
+
+    `plant`: a machine that is defined in Python, whose rows are made from the arrays, samples `sample_period_s` apart, 1 ms by default. Its
+    estimator is that of every machine, so `config` and `set` may change what stands in section `estimator`.
     """
     overrides = list(set)
+    if sample_period_s is not None:
+        overrides.append(f"plant.sample_period_s={sample_period_s!r}")
+    if plant is not None:
+        if not isinstance(source, Mapping):
+            raise TypeError("plant: expected arrays by signal as the source, not a recording")
+        return _identify_linear(source, plant, config, overrides, sample_period_s or 1e-3)
     if not isinstance(source, (Recording, Mapping)):
         source = Recording(source)
     if isinstance(source, Recording):
@@ -83,7 +95,24 @@ def identify(
         # the sample period stands in the configuration, which a first look without samples gives
         described, _, _ = _thetabus.identify(config, None, overrides, b"")
         recorded, samples = None, _samples(source, round(Description._of(described).sample_period_s * 1e9))
-    described, estimates, status = _thetabus.identify(config, recorded, overrides, samples)
+    return _outcome(*_thetabus.identify(config, recorded, overrides, samples))
+
+
+def _identify_linear(
+    arrays: Mapping[str, Any],
+    plant: LinearPlant,
+    config: Optional[Union[str, os.PathLike[str]]],
+    overrides: list[str],
+    sample_period_s: float,
+) -> Identification:
+    phi, y, samples = _rows_as_samples(*plant._evaluated(arrays), arrays.get("t_s"), round(sample_period_s * 1e9))
+    found = _thetabus.identify_linear(
+        plant._parameters(), plant.y_unit, y.shape[1], phi.tobytes(), y.tobytes(), config, overrides, samples
+    )
+    return _outcome(*found)
+
+
+def _outcome(described: bytes, estimates: bytes, status: bytes) -> Identification:
     description = Description._of(described)
     size = DTYPES["Estimate"].itemsize
     parts = (estimates[at : at + size] for at in range(0, len(estimates), size))

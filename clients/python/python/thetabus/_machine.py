@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from types import TracebackType
 from typing import Any, Optional
 
 import numpy as np
 
 from . import _thetabus
+from ._closing import Closing
 from ._messages import Sample
 
 
@@ -18,7 +18,7 @@ def _values(values: Any) -> Optional[list[float]]:
     return listed
 
 
-class Machine:
+class Machine(Closing):
     """Publishes the samples of a machine; there is one per robot and domain.
 
     >>> with thetabus.Machine("arm", joints=2) as machine:       # doctest: +SKIP
@@ -74,19 +74,8 @@ class Machine:
         """Gives consumers a moment to take what was sent, then leaves."""
         self._machine.close()
 
-    def __enter__(self) -> Machine:
-        return self
 
-    def __exit__(
-        self,
-        kind: Optional[type[BaseException]],
-        error: Optional[BaseException],
-        trace: Optional[TracebackType],
-    ) -> None:
-        self.close()
-
-
-class Controller:
+class Controller(Closing):
     """Sends feed-forward to the machine of a robot, in answer to its samples; there is one per robot and domain.
 
     >>> with thetabus.Controller("arm") as controller:           # doctest: +SKIP
@@ -108,14 +97,3 @@ class Controller:
     def close(self) -> None:
         """Leaves; what was sent last ends with its time."""
         self._controller.close()
-
-    def __enter__(self) -> Controller:
-        return self
-
-    def __exit__(
-        self,
-        kind: Optional[type[BaseException]],
-        error: Optional[BaseException],
-        trace: Optional[TracebackType],
-    ) -> None:
-        self.close()

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import time
-from types import TracebackType
 from typing import Generic, Iterator, Optional, TypeVar
 
+from ._closing import Closing
 from ._messages import Command, Description, Estimate, Sample, Status
 from ._thetabus import Reader
 
 M = TypeVar("M")
-S = TypeVar("S", bound="_Topic")  # type: ignore[type-arg]
 
 
-class _Topic(Generic[M]):
+class _Topic(Closing, Generic[M]):
     _topic = ""
 
     def __init__(self, robot: str = "arm", *, domain: str = "default", timeout: Optional[float] = None) -> None:
@@ -42,17 +41,6 @@ class _Topic(Generic[M]):
     def close(self) -> None:
         """Leaves the domain."""
         self._reader.close()
-
-    def __enter__(self: S) -> S:
-        return self
-
-    def __exit__(
-        self,
-        kind: Optional[type[BaseException]],
-        error: Optional[BaseException],
-        trace: Optional[TracebackType],
-    ) -> None:
-        self.close()
 
 
 class _Gaps:

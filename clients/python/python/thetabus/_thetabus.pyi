@@ -16,6 +16,17 @@ def identify(
     file: Optional[Union[str, PathLike[str]]], recorded: Optional[str], overrides: Sequence[str], samples: bytes
 ) -> tuple[bytes, bytes, bytes]: ...
 
+def identify_linear(
+    parameters: Sequence[tuple[str, str, float]],
+    y_unit: str,
+    equations: int,
+    phi: bytes,
+    y: bytes,
+    file: Optional[Union[str, PathLike[str]]],
+    overrides: Sequence[str],
+    samples: bytes,
+) -> tuple[bytes, bytes, bytes]: ...
+
 class Reader:
     def __init__(self, topic: str, robot: str, domain: str) -> None: ...
     def next(self, timeout: Optional[float] = None) -> Optional[tuple[bytes, int]]: ...

@@ -2,14 +2,13 @@
 //!
 //! ```text
 //! configuration ─▶ simulated runs ─▶ estimators side by side ─▶ docs/results.md and others
-//! motions and sensors ─▶ estimators beside the Cramér–Rao bound ─▶ docs/efficiency.md
 //! settings of a trial ─▶ simulated runs ─▶ the identifier node ─▶ docs/trials.md
 //! ```
 #![forbid(unsafe_code)]
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
-use thetabus::service::studies::{self, CompareArgs, EfficiencyArgs, TrackArgs, TrialsArgs};
+use thetabus::service::studies::{self, CompareArgs, TrackArgs, TrialsArgs};
 use thetabus::service::{EXIT_CODES, VERSION, main_with};
 
 /// Compares estimators and tries the published evidence on simulated machines
@@ -28,9 +27,6 @@ enum Command {
     /// Try the evidence on other arms, motions, sensors and disturbances; the tables of docs/trials.md
     #[command(after_help = EXIT_CODES)]
     Trials(TrialsArgs),
-    /// Compare the errors of estimators with the least that the data allow; the tables of docs/efficiency.md
-    #[command(after_help = EXIT_CODES)]
-    Efficiency(EfficiencyArgs),
     /// Follow a trajectory with feed-forward from estimates; the table of docs/adaptive.md
     #[command(after_help = EXIT_CODES)]
     Track(TrackArgs),
@@ -40,7 +36,6 @@ fn main() -> ExitCode {
     match Program::parse().command {
         Command::Compare(args) => main_with(&args.common, |shutdown| studies::compare(&args, shutdown)),
         Command::Trials(args) => main_with(&args.common, |shutdown| studies::trials(&args, shutdown)),
-        Command::Efficiency(args) => main_with(&args.common, |shutdown| studies::efficiency(&args, shutdown)),
         Command::Track(args) => main_with(&args.common, |shutdown| studies::track(&args, shutdown)),
     }
 }

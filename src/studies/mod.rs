@@ -3,7 +3,6 @@
 mod common;
 mod contenders;
 mod document;
-pub mod efficiency;
 pub mod ekf;
 pub mod emps;
 pub mod encoder;
@@ -16,7 +15,6 @@ pub mod results;
 mod scenario;
 pub mod simulated;
 mod speed;
-pub mod states;
 pub mod stress;
 pub mod trials;
 

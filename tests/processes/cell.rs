@@ -239,7 +239,12 @@ fn fault_a_worker_that_cannot_begin_makes_no_other_wait() {
         command
             .current_dir(site.dir.path())
             .args(["-c", &format!("ulimit -n {limit} && exec \"$@\""), "sh"])
-            .args([env!("CARGO_BIN_EXE_identifier"), "--domain", site.domain.name(), "--config"])
+            .args([
+                env!("CARGO_BIN_EXE_identifier"),
+                "--domain",
+                site.domain.name(),
+                "--config",
+            ])
             .arg(&file);
         let mut identifier = Process::start(command);
         let is_refused = eventually("the identifier serves or ends", || {
@@ -247,7 +252,10 @@ fn fault_a_worker_that_cannot_begin_makes_no_other_wait() {
                 return Some(true);
             }
             let ask = ["ctl", "describe", "--timeout", "1", "--robot", "axis", "--config"];
-            let mut ctl = site.start(Program::Thetabus, &[&ask[..], &[file.to_str().expect("UTF-8")]].concat());
+            let mut ctl = site.start(
+                Program::Thetabus,
+                &[&ask[..], &[file.to_str().expect("UTF-8")]].concat(),
+            );
             ctl.wait().success().then_some(false)
         });
         if is_refused {

@@ -10,6 +10,9 @@ use tokio::sync::broadcast;
 
 /// Updates that wait for a browser at most; the oldest go first, for all together.
 const WAITING: usize = 16;
+/// Longest state inside the page \[bytes\], so that page, styles and scripts stay below 150 kB; and how much thinner it may be for that.
+const FIRST: usize = 60_000;
+const THINNEST: usize = 64;
 /// New points above which browsers get the whole, thinned state instead.
 const MANY: usize = 100;
 
@@ -102,19 +105,37 @@ impl Feed {
     /// The whole state as an event, no older than the last update. A reader subscribes first: what comes twice is known by its number.
     pub(super) fn whole(&self) -> Bytes {
         let mut whole = self.0.whole.lock().unwrap_or_else(PoisonError::into_inner);
-        let make = || event("whole", &self.with(|state| self.as_json(state)));
+        let make = || event("whole", &self.with(|state| self.as_json(state, 1)));
         whole.get_or_insert_with(make).clone()
     }
 
-    /// The same as JSON alone.
-    pub(super) fn whole_json(&self) -> String {
+    /// The same as JSON alone for the page itself, with every second point, every fourth and so on until it is no longer than [`FIRST`]: the first event
+    /// brings the others.
+    pub(super) fn first_json(&self) -> String {
         let whole = self.whole();
         let text = std::str::from_utf8(&whole).unwrap_or("");
-        let data = text.split_once("data: ").map_or("", |(_, data)| data);
-        data.trim_end().to_owned()
+        let mut data = text
+            .split_once("data: ")
+            .map_or("", |(_, data)| data)
+            .trim_end()
+            .to_owned();
+        let mut every = 1;
+        while data.len() > FIRST && every < THINNEST {
+            every *= 2;
+            data = self.with(|state| self.as_json(state, every)).to_string();
+        }
+        data
     }
 
-    fn as_json(&self, state: &LiveState) -> Value {
+    /// The state with one of `every` points, the newest among them.
+    fn as_json(&self, state: &LiveState, every: usize) -> Value {
+        let chosen = |index: usize, count: usize| (count - 1 - index).is_multiple_of(every);
+        let points = state.history().points();
+        let count = points.len();
+        let points = points.enumerate().filter(|(index, _)| chosen(*index, count));
+        let rows = signals(state, 0);
+        let count = rows.len();
+        let rows = rows.into_iter().enumerate().filter(|(index, _)| chosen(*index, count));
         let about = state.about();
         let quantities: Vec<Value> = state
             .quantities()
@@ -135,8 +156,8 @@ impl Feed {
             "quantities": quantities,
             "limit": state.history().limit(),
             "view": state.view((self.0.now_ns)()),
-            "points": state.history().points().map(point).collect::<Vec<_>>(),
-            "signals": signals(state, 0),
+            "points": points.map(|(_, own)| point(own)).collect::<Vec<_>>(),
+            "signals": rows.map(|(_, row)| row).collect::<Vec<_>>(),
         })
     }
 }
@@ -154,7 +175,7 @@ fn point(point: &Point) -> Value {
 }
 
 /// The signals after a time, as columns: time, then position, setpoint, input and predicted input of each joint.
-fn signals(state: &LiveState, after_ns: u64) -> Value {
+fn signals(state: &LiveState, after_ns: u64) -> Vec<Vec<Value>> {
     let joints = state.about().joints;
     let row = |point: &SignalPoint| {
         let mut row = vec![short(point.t_ns as f64 / 1e9)];
@@ -165,11 +186,10 @@ fn signals(state: &LiveState, after_ns: u64) -> Value {
         row
     };
     // 0 stands for "from the beginning", and a first sample may have the time 0.
-    let rows: Vec<Vec<Value>> = match after_ns {
+    match after_ns {
         0 => state.signals().points().map(row).collect(),
         _ => state.signals().after(after_ns).map(row).collect(),
-    };
-    json!(rows)
+    }
 }
 
 /// Seven significant digits: a plot needs no more. What is not finite is null.
@@ -235,6 +255,21 @@ mod tests {
             (&data["about"]["robot"], &data["control"]),
             (&json!("arm"), &json!(false))
         );
+    }
+
+    #[test]
+    fn prop_the_page_holds_no_more_of_a_long_run_than_it_may_and_the_newest_of_it() {
+        let feed = Feed::new(state(), || 0, false);
+        for block in 1..=5_000 {
+            feed.with(|state| state.on_estimate(&known(block, 170.04 + 1e-6 * block as f64, 0.04), None, block));
+        }
+        assert!(feed.whole().len() > FIRST, "{}", feed.whole().len());
+        let first = feed.first_json();
+        assert!(first.len() <= FIRST, "{}", first.len());
+        let data: Value = serde_json::from_str(&first).unwrap();
+        let points = data["points"].as_array().unwrap();
+        assert!(points.len() > 100, "{}", points.len());
+        assert_eq!(points[points.len() - 1]["b"], 5_000);
     }
 
     #[test]

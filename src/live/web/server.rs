@@ -296,7 +296,7 @@ fn events(feed: &Feed) -> Response<Answer> {
 /// The page with the state inside, so that it shows something before the first event.
 fn page(feed: &Feed) -> String {
     // No text of the state may end its element.
-    let state = feed.whole_json().replace('<', "\\u003c");
+    let state = feed.first_json().replace('<', "\\u003c");
     PAGE.replace(
         "<!--state-->",
         &format!("<script type=\"application/json\" id=\"first\">{state}</script>"),

@@ -2,12 +2,10 @@
 
 mod args;
 mod compare;
-mod efficiency;
 mod track;
 mod trials;
 
-pub use args::{CompareArgs, EfficiencyArgs, TrackArgs, TrialsArgs};
+pub use args::{CompareArgs, TrackArgs, TrialsArgs};
 pub use compare::run as compare;
-pub use efficiency::run as efficiency;
 pub use track::run as track;
 pub use trials::{run as trials, trial};

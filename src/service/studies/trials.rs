@@ -104,11 +104,9 @@ pub fn run(args: &TrialsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     for (index, case) in cases.into_iter().enumerate() {
         if args.show {
             let spec = case.spec.with(args.first_seed, args.blocks);
-            let settings = settings(&spec, &args.common.set)?.join("
-  ");
-            ticker
-                .aside(|| logging::result(&format!("{} on {}.toml
-  {settings}", case.name(), case.spec.basis())))?;
+            let settings = settings(&spec, &args.common.set)?.join("\n  ");
+            let text = format!("{} on {}.toml\n  {settings}", case.name(), case.spec.basis());
+            ticker.aside(|| logging::result(&text))?;
             continue;
         }
         ticker.at(index as f64 / chosen as f64);

@@ -127,7 +127,7 @@ impl Trial<'_> {
         let variance = sensors.resolution_rad().powi(2) / 12.0 + sensors.position_noise_rad.powi(2);
         Ok(Some(Reference {
             arm: ArmSimulator::new(&ideal)?,
-            bound: CramerRaoBound::new(&ideal, variance.sqrt(), sensors.input_noise_v),
+            bound: CramerRaoBound::new(&ideal, variance.sqrt(), sensors.input_noise_v).with_unknown_start(),
         }))
     }
 }

@@ -245,6 +245,6 @@ const EXPLANATION: [&str; 4] = [
      on. A parameter is knowable while its Cramér–Rao bound is below 1 %; the bound is that of the same run without its disturbance, up to the change of the payload.",
     "The truth is that of the block's last sample; of derived values it is what the true parameters give with the constants that the identifier is told, so that a winding that has become warm \
      counts as a true change of both.",
-    "Error ÷ bound is the root mean square over seeds and three marks before the change, of the knowable parameters together and of the worst of them; the bound leaves the nine parameters free. \
+    "Error ÷ bound is the root mean square over seeds and three marks before the change, of the knowable parameters together and of the worst of them; the bound leaves the nine parameters and the state at the start free. \
      The error at the end is that of the worst knowable parameter, of the worst of all if there is no bound.",
 ];

@@ -15,7 +15,7 @@ use crate::studies::{Document, Section, Table, for_each_index, two_digits};
 use std::path::Path;
 
 /// Time from which on a loop that began at rest is judged \[s\].
-const SETTLED_S: f64 = 10.0;
+const SETTLED_S: f64 = 20.0;
 /// Time after a change in which the identifier may find it \[s\].
 const FOUND_S: f64 = 3.0;
 /// Length of the parts over which the figure's errors are taken \[s\].

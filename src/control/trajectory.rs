@@ -30,7 +30,7 @@ enum Motion {
     /// With its derivatives.
     Smooth(Box<dyn DesiredMotion>),
     /// To be differentiated.
-    Setpoints(Setpoints),
+    Setpoints(Box<Setpoints>),
 }
 
 impl Trajectory {
@@ -55,7 +55,7 @@ impl Trajectory {
     /// Setpoints that jump: no input follows them.
     pub fn new(options: &SimOptions) -> Result<Self, String> {
         Ok(Self {
-            motion: Motion::Setpoints(Setpoints::new(options)?),
+            motion: Motion::Setpoints(Box::new(Setpoints::new(options)?)),
             sample_period_s: options.sample_period_s,
             k: 0,
         })

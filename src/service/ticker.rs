@@ -70,6 +70,7 @@ impl Ticker {
     }
 
     /// Writes something else meanwhile, on a line of its own.
+    #[cfg(feature = "studies")]
     pub(super) fn aside<T>(&self, write: impl FnOnce() -> T) -> T {
         let _only = self.shared.stderr.lock().unwrap_or_else(PoisonError::into_inner);
         if self.thread.is_some() {

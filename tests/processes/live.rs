@@ -351,6 +351,85 @@ fn attribute<'a>(html: &'a str, card: &str, name: &str) -> Option<&'a str> {
     rest.split('"').next()
 }
 
+/// A page as a browser shows it after two seconds; on a busy machine it gets more.
+fn shown(site: &Site, url: &str) -> String {
+    let mut html = String::new();
+    for timeout_ms in [2_000, 8_000, 30_000] {
+        let profile = site.dir.path().join(format!("browser{timeout_ms}"));
+        let output = Command::new("chromium")
+            .args([
+                "--headless=new",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--window-size=390,844",
+                "--dump-dom",
+            ])
+            .arg(format!("--timeout={timeout_ms}"))
+            .arg(format!("--user-data-dir={}", profile.display()))
+            .arg(url)
+            .output()
+            .expect("a browser");
+        html = String::from_utf8_lossy(&output.stdout).into_owned();
+        if html.contains("data-ready=\"yes\"") {
+            return html;
+        }
+    }
+    panic!("the page is not ready: {html:.3000}");
+}
+
+#[test]
+fn e2e_a_browser_shows_a_change_a_death_and_a_return() {
+    if !permitted("chromium", &["--version"]) {
+        return;
+    }
+    let site = Site::new();
+    let mut identifier = identifier(&site);
+    let monitor = monitor(&site, &["--web", "127.0.0.1:0", "--web-control"]);
+    let (address, token) = page_of(&monitor);
+    let _plant = site.start(
+        Program::Plant,
+        &["--config", BEST, "--speed", "10", "--duration", "1000"],
+    );
+    let mut events = Events::open(&address);
+    let url = format!("http://{address}/?token={token}");
+    events.view("the jump is told in words", |view| {
+        view["headline"]
+            .as_str()
+            .is_some_and(|words| words.contains("changed from"))
+    });
+    let html = shown(&site, &url);
+    assert!(
+        html.contains("changed from 150") && html.contains("<b>1</b> change"),
+        "{html:.3000}"
+    );
+    let block = |html: &str| attribute(html, "theta_1", "data-block").and_then(|text| text.parse::<u64>().ok());
+    let first = block(&html).expect("a block");
+    // Buttons for those who have the token, and for nobody else.
+    assert!(html.contains("<form id=\"control\">"), "{html:.3000}");
+    let later = shown(&site, &format!("http://{address}/"));
+    assert!(later.contains("<form id=\"control\" hidden=\"\">"), "{later:.3000}");
+    assert!(block(&later) > Some(first), "the values go on");
+
+    identifier.signal(Signal::SIGKILL);
+    identifier.wait();
+    Events::open(&address).view("the death is told", |view| view["alive"] == false);
+    let html = shown(&site, &url);
+    assert!(
+        html.contains("<b>no identifier</b>") && html.contains("silent for"),
+        "{html:.3000}"
+    );
+    let last = block(&html).expect("the last values stay");
+    let _second = self::identifier(&site);
+    Events::open(&address).view("the next one is shown", |view| {
+        view["alive"] == true && view["block"].as_u64() > Some(last)
+    });
+    let html = shown(&site, &url);
+    assert!(
+        !html.contains("<b>no identifier</b>") && block(&html) > Some(last),
+        "{html:.3000}"
+    );
+}
+
 #[test]
 fn e2e_a_browser_shows_the_values_and_plots_of_a_run() {
     if !permitted("chromium", &["--version"]) {
@@ -361,7 +440,7 @@ fn e2e_a_browser_shows_the_values_and_plots_of_a_run() {
         &[
             &[BEST],
             &QUICK[..],
-            &["--speed", "10", "--duration", "300", "--web", "127.0.0.1:0"],
+            &["--speed", "10", "--duration", "1000", "--web", "127.0.0.1:0"],
         ]
         .concat(),
     );
@@ -370,22 +449,7 @@ fn e2e_a_browser_shows_the_values_and_plots_of_a_run() {
         let csv = std::fs::read_to_string(site.out().join("estimates.csv")).ok()?;
         (csv.lines().count() > 10).then_some(())
     });
-    let profile = site.dir.path().join("browser");
-    let output = Command::new("chromium")
-        .args([
-            "--headless=new",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--window-size=390,844",
-            "--timeout=2000",
-            "--dump-dom",
-        ])
-        .arg(format!("--user-data-dir={}", profile.display()))
-        .arg(format!("http://{address}/"))
-        .output()
-        .expect("a browser");
-    let html = String::from_utf8_lossy(&output.stdout);
-    assert!(html.contains("data-ready=\"yes\""), "{html:.3000}");
+    let html = shown(&site, &format!("http://{address}/"));
     // Each value is that of its block in the run's own file.
     let csv = site.out().join("estimates.csv");
     let blocks = column(&csv, "block");

@@ -25,8 +25,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let mut machine = Machine::delivering(&domain, "arm", 2, delivery)?;
         let begun = used_ns();
         for k in 0..count {
-            let mut sample = JointSample::default();
-            sample.q = [1e-3 * k as f64; 8];
+            let sample = JointSample {
+                q: [1e-3 * k as f64; 8],
+                ..JointSample::default()
+            };
             machine.publish(k * 1_000_000, signals::Q | signals::INPUT, &sample)?;
         }
         let used = used_ns() - begun;

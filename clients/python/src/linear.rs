@@ -36,7 +36,7 @@ impl LinearModel {
         if !(1..=MAX_JOINTS).contains(&equations) {
             return Err(format!("expected 1 to {MAX_JOINTS} equations, got {equations}"));
         }
-        if phi.len() != y.len() * params || y.len() % equations != 0 {
+        if phi.len() != y.len() * params || !y.len().is_multiple_of(equations) {
             return Err(format!(
                 "expected {params} numbers of phi per number of y, got {} and {}",
                 phi.len(),

@@ -8,6 +8,7 @@ use crate::model::{JointSample, MAX_JOINTS};
 use crate::node::model::SampleSource;
 use crate::report::{TrackingPanel, tracking_figure};
 use crate::runner::Shutdown;
+use crate::service::ticker::Ticker;
 use crate::service::wiring::identifier_node;
 use crate::service::{Exit, Failure, logging};
 use crate::sim::{Machine, MachineSimulator, SimOptions};
@@ -138,8 +139,10 @@ fn compare(file: &Path, args: &TrackArgs, shutdown: &Shutdown) -> Result<Compare
     };
     let config = load(0)?;
     let change_s = change_s(&config.plant.sim)?;
+    let ticker = Ticker::start(&format!("controllers on {}", file.display()));
     let mut all: Vec<Vec<Tracking>> = Vec::new();
     for (contender, _) in Contender::ALL {
+        ticker.at(all.len() as f64 / Contender::ALL.len() as f64);
         let runs = for_each_index(args.seeds as usize, |seed| {
             if shutdown.requested() {
                 return Err(Failure::Failed("interrupted, nothing was written".to_owned()));

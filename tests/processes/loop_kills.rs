@@ -115,9 +115,17 @@ fn killed(kills: usize, longest: Duration) -> Outcome {
     victims[0].0.wait_for_log("no plant yet");
     victims[1].0.wait_for_log("controller");
     let mut plant = start(Program::Plant, &["--speed", "1", "--duration", "100000"]);
-    site.observer().status("motion", |status| status.last_seq > START);
+    let mut observer = site.observer();
+    observer.status("motion", |status| status.last_seq > START);
     let mut dice = Dice(14);
-    for _ in 0..kills {
+    for kill in 0..kills {
+        // Now and then the loop is closed for sure: an estimate may be used, and the controller has had time to blend it in.
+        if kill % 4 == 3 {
+            observer.look();
+            let after_ns = observer.last_estimate.map_or(0, |e| e.t_last_ns);
+            observer.estimate("one that may be used", |e| e.use_ok == 1 && e.t_last_ns > after_ns);
+            std::thread::sleep(Duration::from_millis(1500));
+        }
         std::thread::sleep(longest.mul_f64(dice.roll()));
         let (victim, again) = &mut victims[usize::from(dice.roll() < 0.5)];
         assert!(victim.is_running(), "{}", victim.said());
@@ -144,15 +152,19 @@ fn must_hold(outcome: &Outcome) {
         largest_input_v,
         ratios,
     } = outcome;
-    let (median, worst) = (ratios[ratios.len() / 2], ratios[ratios.len() - 1]);
+    let (best, median, worst) = (
+        ratios[ratios.len() / 20],
+        ratios[ratios.len() / 2],
+        ratios[ratios.len() - 1],
+    );
     println!(
-        "{samples} samples, largest input {largest_input_v:.2} V, error beside the own loop's: median {median:.4}, worst {worst:.4}"
+        "{samples} samples, largest input {largest_input_v:.2} V, error beside the own loop's: best twentieth {best:.4}, median {median:.4}, worst {worst:.4}"
     );
     // Measured voltages carry 0.05 V of noise, of which six standard deviations do not occur.
     assert!(*largest_input_v <= LIMIT_V + 0.3, "{largest_input_v}");
     assert!(worst <= 1.05, "{worst}");
-    // The loop was closed in between: else nothing was tested.
-    assert!(median < 0.95, "{median}");
+    // The loop was closed in between, with less voltage than the feed-forward asks for: else nothing was tested.
+    assert!(best < 0.9, "{best}");
 }
 
 #[test]

@@ -107,7 +107,14 @@ fn killed(kills: usize, longest: Duration) -> Outcome {
         )
     };
     // A busy machine may take some milliseconds for an answer.
-    let controller = || start(Program::Controller, &["--set", "controller.deadline_s=0.02"]);
+    // Its motion ends with its configuration's duration, which is that of the plant here.
+    let endless = [
+        "--set",
+        "controller.deadline_s=0.02",
+        "--set",
+        "plant.duration_s=100000.0",
+    ];
+    let controller = || start(Program::Controller, &endless);
     let record = site.dir.path().join("run.mcap");
     let mut monitor = start(Program::Monitor, &["--record", record.to_str().expect("UTF-8")]);
     monitor.wait_for_log("monitor");

@@ -232,7 +232,7 @@ fn e2e_a_load_of_simulated_robots_is_identified_without_a_loss() {
 #[test]
 fn fault_a_worker_that_cannot_begin_makes_no_other_wait() {
     let (mut refused, mut served) = (0, 0);
-    for limit in (24..=120).step_by(6) {
+    for limit in [24, 32, 40, 48, 56, 72, 120] {
         let site = Site::new();
         let file = file(&site);
         let mut command = Command::new("sh");

@@ -112,10 +112,9 @@ impl Site {
 
     /// Processes that have this test's directory or domain on their command line.
     pub fn processes(&self) -> Vec<u32> {
-        let marks = [
-            self.dir.path().as_os_str().as_encoded_bytes(),
-            self.domain.name().as_bytes(),
-        ];
+        let dir = self.dir.path().as_os_str().as_encoded_bytes();
+        // A whole word: t1-1 is the beginning of t1-12.
+        let domain = self.domain.name().as_bytes();
         let mut found = Vec::new();
         for entry in std::fs::read_dir("/proc").expect("/proc").flatten() {
             let Some(pid) = entry.file_name().to_str().and_then(|name| name.parse().ok()) else {
@@ -124,10 +123,8 @@ impl Site {
             let Ok(line) = std::fs::read(entry.path().join("cmdline")) else {
                 continue;
             };
-            if marks
-                .iter()
-                .any(|mark| line.windows(mark.len()).any(|part| part == *mark))
-            {
+            let is_named = line.split(|&byte| byte == 0).any(|word| word == domain);
+            if is_named || line.windows(dir.len()).any(|part| part == dir) {
                 found.push(pid);
             }
         }

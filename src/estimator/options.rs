@@ -171,8 +171,8 @@ pub struct EstimatorOptions {
     pub noise_floor_relative: f64,
     /// Standard deviation of a parameter's random walk per block, relative to the parameter; for drifting plants.
     pub random_walk: Vec<f64>,
-    /// Standard deviation of a parameter's rate of change \[1/s\], relative to the parameter, with spans in ns: how far the estimate may lag behind a
-    /// machine that warms up is considered in the published covariance; 0 for plants that stand still. Not negative.
+    /// Standard deviation of each parameter's rate of change, relative to the parameter \[1/s\], 0 to 1, for rows whose spans are in ns. The published
+    /// covariance then allows for how far the estimate may lag behind a machine that warms up; 0 if no parameter changes.
     pub drift_per_s: f64,
     /// Treatment of outliers.
     pub outliers: Outliers,

@@ -3,7 +3,7 @@
 use super::plot::{BLUE, Figure, GREY, INK, Layer, ORANGE, Panel, Scale, Stroke};
 
 const HEIGHT: f64 = 200.0;
-/// As many lines as a panel can have, from the first that is drawn to the last.
+/// The lines of a panel in the order in which they are drawn; a panel has no more.
 const STROKES: [Stroke; 4] = [
     Stroke::solid(GREY, 1.4),
     Stroke::dashed(ORANGE, 1.8, "5 3"),

@@ -482,14 +482,11 @@ impl<P: Plant> ProjectedBlock<P> {
     /// Takes over what the fit of the first blocks knows to a half; true where that is everything. A parameter that the motion so far says nothing about
     /// may have gone anywhere, to zero for one, and would take its share of the noise along.
     fn settle(&mut self) -> bool {
-        let (report, start) = (self.first_fit.report(), &self.first_fit.options().theta_start);
-        let mut all = true;
-        for (i, settled) in self.settled.iter_mut().enumerate() {
-            let known = report.theta_std[i] < KNOWN * report.theta[i].abs();
-            *settled = if known { report.theta[i] } else { start[i] };
-            all &= known;
-        }
-        all
+        take_known(
+            &self.first_fit,
+            &self.first_fit.options().theta_start,
+            &mut self.settled,
+        )
     }
 }
 
@@ -554,11 +551,7 @@ impl<P: Plant> ProjectedBlock<P> {
         }
         self.first_fit.restart(theta);
         self.first_fit.update(&self.core);
-        let report = self.first_fit.report();
-        for (i, settled) in self.settled.iter_mut().enumerate() {
-            let known = report.theta_std[i] < KNOWN * report.theta[i].abs();
-            *settled = if known { report.theta[i] } else { theta[i] };
-        }
+        take_known(&self.first_fit, theta, &mut self.settled);
         if self.core.mean_square(&self.settled) < FAR {
             self.core.smooth(&self.settled);
         }
@@ -1467,6 +1460,18 @@ impl<P: Plant> Core<P> {
         }
         f
     }
+}
+
+/// Takes over the parameters that a fit knows to a half, and `otherwise` in the place of the others; true if it knows all.
+fn take_known(fit: &BlockEstimator, otherwise: &[f64], theta: &mut [f64]) -> bool {
+    let report = fit.report();
+    let mut all = true;
+    for (i, value) in theta.iter_mut().enumerate() {
+        let known = report.theta_std[i] < KNOWN * report.theta[i].abs();
+        *value = if known { report.theta[i] } else { otherwise[i] };
+        all &= known;
+    }
+    all
 }
 
 /// The factors of an equation's monomials, a value per window each.

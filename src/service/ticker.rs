@@ -1,4 +1,4 @@
-//! How far a command is that takes a while: one line on standard error that is written over, on a terminal alone.
+//! How far a long command has come: one line on standard error that is written over, on a terminal alone.
 //!
 //! The work says how far it is and goes on; a thread of its own writes, so that a terminal that does not take the line holds nothing up. The line ends at its
 //! beginning: whatever else is written goes over it.
@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 const PERIOD: Duration = Duration::from_millis(200);
 /// Share in parts, so that an integer holds it.
 const PARTS: f64 = 1e6;
-/// A share that nobody has told.
+/// No share has been reported yet.
 const UNKNOWN: u64 = u64::MAX;
 
 /// The line; it goes on drop.

@@ -184,7 +184,7 @@ fn e2e_the_page_shows_what_is_on_the_bus_and_says_that_an_identifier_died() {
     );
     let change_s = view["changes"][0].as_f64().expect("a time");
     assert!((change_s - 45.0).abs() < 0.2, "{change_s}");
-    let told = events.view("the jump is told in words", |view| {
+    let told = events.view("the page states the jump in words", |view| {
         view["headline"]
             .as_str()
             .is_some_and(|words| words.contains("changed from"))
@@ -197,7 +197,9 @@ fn e2e_the_page_shows_what_is_on_the_bus_and_says_that_an_identifier_died() {
 
     identifier.signal(Signal::SIGKILL);
     identifier.wait();
-    let dead = events.view("the death is told", |view| view["alive"] == false);
+    let dead = events.view("the page reports that the identifier is gone", |view| {
+        view["alive"] == false
+    });
     assert!(
         dead["words"].as_str().is_some_and(|words| words.contains("silent for")),
         "{dead}"
@@ -392,7 +394,7 @@ fn e2e_a_browser_shows_a_change_a_death_and_a_return() {
     );
     let mut events = Events::open(&address);
     let url = format!("http://{address}/?token={token}");
-    events.view("the jump is told in words", |view| {
+    events.view("the page states the jump in words", |view| {
         view["headline"]
             .as_str()
             .is_some_and(|words| words.contains("changed from"))
@@ -412,7 +414,9 @@ fn e2e_a_browser_shows_a_change_a_death_and_a_return() {
 
     identifier.signal(Signal::SIGKILL);
     identifier.wait();
-    Events::open(&address).view("the death is told", |view| view["alive"] == false);
+    Events::open(&address).view("the page reports that the identifier is gone", |view| {
+        view["alive"] == false
+    });
     let html = shown(&site, &url);
     assert!(
         html.contains("<b>no identifier</b>") && html.contains("silent for"),

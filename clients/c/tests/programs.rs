@@ -87,6 +87,18 @@ impl Site {
         self.run(command)
     }
 
+    /// Starts the identifier and waits until it is heard.
+    fn start_identifier(&mut self, config: &str, args: &[&str]) -> Subscriber<Status> {
+        let mut statuses = Subscriber::<Status>::new(&self.bus()).expect("subscribe");
+        self.start("identifier", config, args);
+        assert!(statuses.next(WATCHDOG).expect("the bus").is_some());
+        statuses
+    }
+
+    fn bus(&self) -> Bus {
+        Bus::join(&self.domain, "arm", "test").expect("join")
+    }
+
     fn run(&mut self, mut command: Command) -> usize {
         let child = command.current_dir(self.directory.path()).spawn().expect("it starts");
         self.running.push(child);
@@ -203,10 +215,7 @@ fn e2e_readers_in_c_and_cpp_see_the_estimates_of_estimates_csv_to_the_bit() {
     let table = site.directory.path().join("out/estimates.csv");
     site.start("monitor", "cedro2022.toml", &[&["--out", "out"], &QUICK[..]].concat());
     eventually("the monitor is there", || table.exists().then_some(()));
-    let bus = Bus::join(&site.domain, "arm", "test").expect("join");
-    let mut statuses = Subscriber::<Status>::new(&bus).expect("subscribe");
-    site.start("identifier", "cedro2022.toml", &QUICK);
-    assert!(statuses.next(WATCHDOG).expect("the bus").is_some());
+    let _statuses = site.start_identifier("cedro2022.toml", &QUICK);
     site.start(
         "plant_simulator",
         "cedro2022.toml",
@@ -247,10 +256,7 @@ fn e2e_a_machine_in_c_loses_no_sample() {
     }
     let mut site = Site::new();
     let program = site.compile("examples/machine.c");
-    let bus = Bus::join(&site.domain, "arm", "test").expect("join");
-    let mut statuses = Subscriber::<Status>::new(&bus).expect("subscribe");
-    site.start("identifier", "servo_axis.toml", &["--set", "estimator.block_len=500"]);
-    assert!(statuses.next(WATCHDOG).expect("the bus").is_some());
+    let mut statuses = site.start_identifier("servo_axis.toml", &["--set", "estimator.block_len=500"]);
     let mut command = Command::new(program);
     command.args(["3", site.domain.name(), "arm", "fast"]);
     let machine = site.run(command);
@@ -274,10 +280,7 @@ fn e2e_commands_and_a_controller_from_c_and_cpp() {
     }
     let mut site = Site::new();
     let programs = ["tests/control.c", "tests/control.cpp"].map(|source| site.compile(source));
-    let bus = Bus::join(&site.domain, "arm", "test").expect("join");
-    let mut statuses = Subscriber::<Status>::new(&bus).expect("subscribe");
-    site.start("identifier", "cedro2022.toml", &QUICK);
-    assert!(statuses.next(WATCHDOG).expect("the bus").is_some());
+    let _statuses = site.start_identifier("cedro2022.toml", &QUICK);
     site.start(
         "plant_simulator",
         "cedro2022.toml",
@@ -300,11 +303,8 @@ fn e2e_a_controller_in_cpp_that_reads_estimates_follows_the_arm() {
     }
     let mut site = Site::new();
     let program = site.compile("examples/controller.cpp");
-    let bus = Bus::join(&site.domain, "arm", "test").expect("join");
-    let mut statuses = Subscriber::<Status>::new(&bus).expect("subscribe");
-    let mut samples = SampleSubscriber::new(&bus).expect("subscribe");
-    site.start("identifier", "adaptive.toml", &[]);
-    assert!(statuses.next(WATCHDOG).expect("the bus").is_some());
+    let mut samples = SampleSubscriber::new(&site.bus()).expect("subscribe");
+    let _statuses = site.start_identifier("adaptive.toml", &[]);
     let mut command = Command::new(program);
     command.arg(site.domain.name());
     let controller = site.run(command);

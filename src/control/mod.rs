@@ -10,4 +10,4 @@ mod trajectory;
 
 pub use adaptive::{AdaptiveFeedForward, AdaptiveOptions, Knowledge};
 #[cfg(feature = "sim")]
-pub use trajectory::Trajectory;
+pub use trajectory::{CATCH_UP, Trajectory};

@@ -17,6 +17,10 @@ const FIRST: [f64; POINTS] = [-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0];
 const SECOND: [f64; POINTS] = [2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0];
 const THIRD: [f64; POINTS] = [1.0, -8.0, 13.0, 0.0, -13.0, 8.0, -1.0];
 
+/// Samples that a trajectory of setpoints goes on by at once \[samples\]: some 10 ms of work, so that
+/// a sample number that is wrong cannot hold its caller up.
+pub const CATCH_UP: u64 = 100_000;
+
 /// Desired motion of a simulated machine, sample by sample.
 #[derive(Debug, Clone)]
 pub struct Trajectory {
@@ -76,16 +80,19 @@ impl Trajectory {
         motion
     }
 
-    /// Goes on to a later sample; what lies behind cannot be had again.
-    pub fn advance_to(&mut self, k: u64) {
+    /// Goes on to a later sample, or [`CATCH_UP`] samples towards it; true if it is there. What
+    /// lies behind cannot be had again.
+    pub fn advance_to(&mut self, k: u64) -> bool {
         match self.motion {
             Motion::Smooth(_) => self.k = self.k.max(k),
             Motion::Setpoints(_) => {
-                while self.k < k {
+                let reached = k.min(self.k.saturating_add(CATCH_UP));
+                while self.k < reached {
                     self.advance();
                 }
             }
         }
+        self.k >= k
     }
 }
 
@@ -167,7 +174,7 @@ mod tests {
             ..SimOptions::cedro2022()
         };
         let mut trajectory = Trajectory::new(&options).unwrap();
-        trajectory.advance_to(100);
+        assert!(trajectory.advance_to(100));
         for k in 100..2000 {
             let w = std::f64::consts::TAU * frequency_hz;
             let (s, c) = (w * (k as f64 + 0.5) * 1e-3 + 0.2).sin_cos();
@@ -185,6 +192,7 @@ mod tests {
                 assert!((got - expected).abs() < limit, "{k}: {got} {expected}");
             }
         }
+        assert!(!trajectory.advance_to(u64::MAX), "it comes back");
         let jumps = SimOptions::cedro2022();
         assert!(Trajectory::new(&jumps).unwrap_err().contains("without jumps"));
     }

@@ -1,9 +1,14 @@
 //! How well a block was predicted and is fitted, per joint, and what it says of each parameter.
 //!
 //! ```text
-//! innovation² = Σ r(θ̂ before)²/rows,   residual² = Σ r(θ̂)²/rows,   explained = 1 − Σ r(θ̂)²/Σ (τ − mean τ)²      (1)
-//! fit = residual²/σ_j²                                                                                             (2)
+//! innovation² = Σ r(θ̂ before)²/rows,   residual² = Σ r(θ̂)²/rows                                (1)
+//! fit = residual²/σ_j²                                                                          (2)
+//! S ← S e^(−T_b/T) + S_block   for S = Σ 1, Σ τ, Σ τ² and Σ r(θ̂)²                               (3)
+//! explained = 1 − Σ r(θ̂)²/(Σ τ² − (Σ τ)²/Σ 1)                                                   (4)
 //! ```
+//!
+//! The torque of a short block hardly changes, so (4) is about several of them: T is 10 s. The time
+//! does not run while a joint rests.
 //!
 //! Rows overlap, so that only stride/length of them count as independent in the probability of (2). σ_j is learnt from the same machine and holds
 //! friction's misfit, so three times its square is allowed, as for every noise level that is learnt.
@@ -11,13 +16,16 @@
 use super::information::{Information, Solver};
 use super::rows::WindowOptions;
 use super::sums::JointSums;
+use crate::estimator::persist::Visit;
 use crate::estimator::stats::f_tail;
 use crate::model::MAX_JOINTS;
 
 /// Slack of a variance that was learnt.
 const SLACK: f64 = 3.0;
-/// Power of the signal over that of the residuals' level from which on a block shows what is explained.
+/// Power of the signal over that of the residuals' level from which on rows show what is explained.
 const STANDS_OUT: f64 = 30.0;
+/// T \[s\].
+const MEMORY_S: f64 = 10.0;
 
 /// Figures of the last block; arrays are per joint.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,8 +40,11 @@ pub struct BlockFigures {
     pub signal_rms: [f64; MAX_JOINTS],
     /// σ_j that the block is compared with \[N m or N\]; 0 in the first block.
     pub level: [f64; MAX_JOINTS],
-    /// Share of the torque's variance that is explained, of the last block in which the torque changed enough to tell.
+    /// (4), of the last block at which the torque had changed enough to tell; 0 before, and 1 for a
+    /// joint that has rested so far, which has nothing to explain.
     pub explained: [f64; MAX_JOINTS],
+    /// (3) of each joint.
+    pub(super) recent: [RecentTorque; MAX_JOINTS],
     /// (2); 1 on average.
     pub fit: [f64; MAX_JOINTS],
     /// Probability of residuals as large as these, of the joint that fits worst.
@@ -44,6 +55,44 @@ pub struct BlockFigures {
     independent: f64,
 }
 
+/// Sums over the last seconds of a joint's rows, (3).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct RecentTorque {
+    rows: f64,
+    torque: f64,
+    torque_square: f64,
+    residual_square: f64,
+}
+
+impl RecentTorque {
+    /// Takes a block's rows in, with the sum of their squared residuals.
+    fn add(&mut self, sums: &JointSums, residual_square: f64, kept: f64) {
+        self.rows = self.rows * kept + sums.rows as f64;
+        self.torque = self.torque * kept + sums.sum;
+        self.torque_square = self.torque_square * kept + sums.square;
+        self.residual_square = self.residual_square * kept + residual_square;
+    }
+
+    /// (4); `None` while the torque does not stand out of the level of its residuals.
+    fn explained(&self, level: f64) -> Option<f64> {
+        let spread = self.torque_square - self.torque * self.torque / self.rows;
+        (self.rows > 0.0 && spread > STANDS_OUT * self.rows * level.powi(2))
+            .then(|| 1.0 - self.residual_square / spread)
+    }
+
+    /// What outlives the process.
+    pub(super) fn visit(&mut self, v: &mut impl Visit) {
+        for sum in [
+            &mut self.rows,
+            &mut self.torque,
+            &mut self.torque_square,
+            &mut self.residual_square,
+        ] {
+            v.real(sum);
+        }
+    }
+}
+
 impl BlockFigures {
     pub(super) fn new(parameters: usize) -> Self {
         Self {
@@ -52,7 +101,8 @@ impl BlockFigures {
             residual_rms: [0.0; MAX_JOINTS],
             signal_rms: [0.0; MAX_JOINTS],
             level: [0.0; MAX_JOINTS],
-            explained: [0.0; MAX_JOINTS],
+            explained: [1.0; MAX_JOINTS],
+            recent: [RecentTorque::default(); MAX_JOINTS],
             fit: [0.0; MAX_JOINTS],
             fit_probability: 1.0,
             excitation: vec![0.0; parameters],
@@ -84,23 +134,34 @@ impl BlockFigures {
         }
     }
 
-    /// Afterwards; `std` is the level by now.
-    pub(super) fn of_residual(&mut self, block: &[JointSums], theta: &[f64], std: &[f64]) {
+    /// Afterwards.
+    pub(super) fn of_residual(&mut self, block: &[JointSums], theta: &[f64]) {
         let joints = block.len() as f64;
         self.fit_probability = 1.0;
         for (j, sums) in block.iter().enumerate() {
             let rows = sums.rows.max(1) as f64;
             let square = sums.residual_square(theta);
             self.residual_rms[j] = (square / rows).sqrt(); // (1)
-            let spread = sums.square - sums.sum * sums.sum / rows;
-            if sums.rows > 0 && spread > STANDS_OUT * rows * std[j].powi(2) {
-                self.explained[j] = 1.0 - square / spread; // (1)
-            }
             self.fit[j] = 1.0;
             if sums.rows > 0 && self.level[j] > 0.0 {
                 self.fit[j] = square / (rows * self.level[j].powi(2)); // (2)
                 let tail = f_tail(self.fit[j] / (1.0 + SLACK), (rows * self.independent).max(1.0), 1e5);
                 self.fit_probability = self.fit_probability.min((joints * tail).min(1.0));
+            }
+        }
+    }
+
+    /// The same over the last blocks, of one in which the machine has not changed; `std` is the level
+    /// by now, `block_s` the length of the block \[s\].
+    pub(super) fn explain(&mut self, block: &[JointSums], theta: &[f64], std: &[f64], block_s: f64) {
+        let kept = (-block_s / MEMORY_S).exp();
+        for (j, sums) in block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+            if self.recent[j] == RecentTorque::default() {
+                self.explained[j] = 0.0;
+            }
+            self.recent[j].add(sums, sums.residual_square(theta), kept); // (3)
+            if let Some(share) = self.recent[j].explained(std[j]) {
+                self.explained[j] = share; // (4)
             }
         }
     }

@@ -489,7 +489,12 @@ impl RobotIdentifier {
             self.walk_friction();
             self.follow(changed);
         }
-        self.figures.of_residual(&self.block, &self.effective, &self.torque_std);
+        self.figures.of_residual(&self.block, &self.effective);
+        if !changed {
+            let block_s = self.options.block_s;
+            self.figures
+                .explain(&self.block, &self.effective, &self.torque_std, block_s);
+        }
         self.note_excitation();
         self.block_slices = 0;
         self.block.iter_mut().for_each(JointSums::clear);

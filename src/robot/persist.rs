@@ -49,6 +49,9 @@ impl RobotIdentifier {
         v.reals(&mut self.torque_std);
         v.reals(&mut self.inflation);
         v.reals(&mut self.figures.explained);
+        for recent in &mut self.figures.recent {
+            recent.visit(v);
+        }
         self.fixed.iter_mut().for_each(|fixed| v.flag(fixed));
         v.flag(&mut self.is_loaded);
         let mut blocks = self.blocks as u64;

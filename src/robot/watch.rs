@@ -9,8 +9,8 @@ use super::watch_room::Watch;
 
 /// Slices that are held against what was known before them.
 const WINDOW: usize = 4;
-/// Blocks that are learnt before a change can be told from what is not known yet.
-const LEARNT_BLOCKS: usize = 5;
+/// Time of learning before a change can be told from what is not known yet \[s\].
+const LEARNT_S: f64 = 5.0;
 /// ln of the Bayes factor from which on the machine has changed: a factor of 10⁸ …
 const ALARM: f64 = 18.0;
 /// … by which a payload must be likelier than friction of one joint, and by how much less than friction of all joints it may be.
@@ -66,7 +66,7 @@ impl RobotIdentifier {
     fn look(&mut self, now_s: f64) {
         let doubt = self.watch.as_ref().map_or(0, |watch| watch.doubt);
         let slices = self.pending.len().min(WINDOW + doubt);
-        if self.blocks < LEARNT_BLOCKS {
+        if (self.blocks as f64) * self.options.block_s < LEARNT_S {
             return;
         }
         let Some(mut watch) = self.watch.take() else { return };

@@ -32,8 +32,6 @@ pub struct Follower {
     pub trajectory: Trajectory,
     /// From motion to input.
     pub feed_forward: AdaptiveFeedForward,
-    /// Samples of a run: nothing is answered beyond, whatever number a sample has.
-    pub samples: u64,
     /// Sample period \[ns\].
     pub period_ns: u64,
     /// Stream time for which a command holds \[ns\].
@@ -94,19 +92,18 @@ impl Path {
         }
     }
 
-    /// The command that answers a sample; `None` beyond the end of the trajectory.
+    /// The command that answers a sample; `None` if the trajectory has not caught up with it yet.
     fn answer(&mut self, follower: &mut Follower, sample: &Sample) -> Option<MachineCommand> {
-        if sample.seq >= follower.samples {
-            return None;
-        }
-        let next = sample.seq + 1;
+        let next = sample.seq.checked_add(1)?;
         if sample.stream_id != self.stream_id || next <= follower.trajectory.position() && sample.seq < self.last_seq {
             (self.stream_id, self.last_seq) = (sample.stream_id, sample.seq);
             follower.trajectory = self.beginning.clone();
         }
         let samples = sample.seq.saturating_sub(self.last_seq).max(1);
         self.last_seq = sample.seq;
-        follower.trajectory.advance_to(next);
+        if !follower.trajectory.advance_to(next) {
+            return None;
+        }
         let motion = follower.trajectory.advance();
         let dt_s = samples as f64 * follower.period_ns as f64 * 1e-9;
         Some(MachineCommand {

@@ -29,7 +29,6 @@ pub fn run(args: &ControllerArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
         trajectory: Trajectory::of(&*config.model, sim).map_err(Failure::Usage)?,
         feed_forward: AdaptiveFeedForward::new(config.model.clone(), &settings.theta, settings.options)
             .map_err(|e| Failure::Usage(format!("controller: {e}")))?,
-        samples: sim.sample_count(),
         period_ns: (sim.sample_period_s * 1e9).round() as u64,
         deadline_ns: (settings.deadline_s * 1e9).round() as u64,
     };

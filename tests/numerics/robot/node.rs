@@ -14,6 +14,11 @@ use thetabus::robot::{
 const N: u64 = 500;
 
 fn node() -> RobotNode {
+    node_of_blocks(N, IdentifyOptions::default().block_s)
+}
+
+/// With blocks of so many samples, which last so long [s].
+fn node_of_blocks(samples: u64, block_s: f64) -> RobotNode {
     let robot = robot(SIX_AXIS);
     let friction = JointFriction {
         terms: vec![FrictionTerm::Viscous, FrictionTerm::Coulomb, FrictionTerm::Offset],
@@ -29,13 +34,14 @@ fn node() -> RobotNode {
             ..WindowOptions::default()
         },
         payload: true,
+        block_s,
         ..IdentifyOptions::default()
     };
     let options = (RobotIdentifier::new(model, options).unwrap(), Velocities::new(20, 0.02));
     RobotNode::new(
         IdentifierOptions {
             sample_period_ns: 1_000_000,
-            ..IdentifierOptions::new(N, 6, signals::Q | signals::INPUT)
+            ..IdentifierOptions::new(samples, 6, signals::Q | signals::INPUT)
         },
         RobotLearner::new(Drives::torque(6), options.0, Some(options.1)),
         1,
@@ -124,6 +130,29 @@ fn ident_a_stream_of_positions_and_torques_becomes_estimates_that_may_be_used() 
             last.theta[i],
             truth[i]
         );
+    }
+}
+
+/// Within a quarter of a second the torque of a joint hardly changes: what is explained shows over
+/// several blocks. A joint that rests all the time has nothing to explain.
+#[test]
+fn ident_short_blocks_and_a_joint_that_rests_come_to_be_used() {
+    let samples = motion(25);
+    let rests = |_: u64, sample: &mut Sample| {
+        sample.q[5] = 0.0;
+        true
+    };
+    let all = feed(&mut node_of_blocks(250, 0.25), 1, &samples, |_, _| true);
+    let five = feed(&mut node_of_blocks(250, 0.25), 1, &samples, rests);
+    for (estimates, joints) in [(all, 6), (five, 5)] {
+        let last = estimates[99];
+        assert!(
+            last.use_ok == 1,
+            "state {} explained {:?}",
+            last.state,
+            &last.explained[..6]
+        );
+        assert!(last.explained[..joints].iter().all(|share| *share > 0.9));
     }
 }
 

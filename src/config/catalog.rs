@@ -1,10 +1,10 @@
 //! Which models `model.kind` may name: those of this library, and those that a program brings along.
 
-use super::check::{Check, chosen, joints};
-use super::schema::FileForm;
+use super::check::{Check, joints};
+use super::schema::{FileForm, RowsKind};
 use crate::model::{
-    Delayed, DriveInput, ExtendedDerived, ExtendedManipulator, ExtraTerms, KnownConstants, Manipulator,
-    ManipulatorDerived, Motion, Plant, ServoAxis,
+    Delayed, ExtendedDerived, ExtendedManipulator, ExtraTerms, KnownConstants, Manipulator, ManipulatorDerived, Plant,
+    ServoAxis,
 };
 use crate::node::model::{PlantModel, SharedModel};
 
@@ -89,7 +89,7 @@ impl Catalog {
             return build(form, check);
         }
         let names: Vec<&str> = self.names().collect();
-        let hint = super::layers::nearest(kind, names.iter().copied())
+        let hint = super::words::nearest(kind, names.iter().copied())
             .map(|name| format!("; did you mean \"{name}\"?"))
             .unwrap_or_default();
         let expected = super::kind::quoted(&names);
@@ -173,7 +173,7 @@ fn manipulator(form: &FileForm, check: &mut Check<'_>) -> Option<SharedModel> {
         coulomb_friction: form.model.coulomb_friction,
         offset: form.model.offset,
     };
-    if terms.coulomb_friction && form.identifier.rows != "projected" {
+    if terms.coulomb_friction && form.identifier.rows == RowsKind::Pointwise {
         let message = "expected false with identifier.rows = \"pointwise\", since a friction that jumps has no derivative to be measured, got true; \
                        identifier.rows = \"projected\" has none either and needs none";
         check.wrong(check.culprit(&["model.coulomb_friction", "identifier.rows"]), message);
@@ -191,9 +191,7 @@ fn manipulator(form: &FileForm, check: &mut Check<'_>) -> Option<SharedModel> {
 
 fn servo_axis(form: &FileForm, check: &mut Check<'_>) -> Option<SharedModel> {
     let section = &form.servo_axis;
-    let motion = chosen(&Motion::NAMES, &section.motion);
-    let input = chosen(&DriveInput::NAMES, &section.input);
-    let Some(plant) = ServoAxis::new(motion, input, section.gain) else {
+    let Some(plant) = ServoAxis::new(section.motion, section.input, section.gain) else {
         let message = format!("expected a number that is not 0, got {}", section.gain);
         check.wrong("model.servo_axis.gain", message);
         return None;
@@ -218,6 +216,6 @@ where
 /// Start and limit of a delay that is to be identified \[s\].
 fn delay(form: &FileForm) -> Option<(f64, f64)> {
     let section = &form.projected;
-    let wanted = form.identifier.rows == "projected" && section.estimate_input_delay;
+    let wanted = form.identifier.rows == RowsKind::Projected && section.estimate_input_delay;
     wanted.then_some((section.input_delay_s, section.input_delay_limit_s))
 }

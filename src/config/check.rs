@@ -40,11 +40,3 @@ impl Check<'_> {
 pub(super) fn joints(list: &[f64]) -> [f64; ARM_JOINTS] {
     std::array::from_fn(|joint| list.get(joint).copied().unwrap_or(f64::NAN))
 }
-
-/// The value of a name that the schema has let through.
-pub(super) fn chosen<T: Copy + Default>(names: &[(T, &'static str)], name: &str) -> T {
-    names
-        .iter()
-        .find(|(_, n)| *n == name)
-        .map_or_else(T::default, |(value, _)| *value)
-}

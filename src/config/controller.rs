@@ -1,8 +1,8 @@
 //! Section `[controller]`: from its keys to what the controller is made from.
 
 use super::check::{Check, joints};
-use super::schema::FileForm;
-use super::sections::{ControllerConfig, EstimatorConfig, FeedForward};
+use super::schema::{FileForm, MachineKind};
+use super::sections::{ControllerConfig, EstimatorConfig};
 use crate::control::AdaptiveOptions;
 use crate::model::MAX_JOINTS;
 use crate::node::model::SharedModel;
@@ -34,14 +34,9 @@ pub(super) fn controller(
             fits = false;
         }
     }
-    let feed_forward = match section.feed_forward.as_str() {
-        "fixed" => FeedForward::Fixed,
-        "adaptive" => FeedForward::Adaptive,
-        _ => FeedForward::None,
-    };
-    let own_loop = match form.plant.machine.as_str() {
-        "arm" => joints(&form.controller.derivative_gain_v_s_per_rad).to_vec(),
-        _ => Vec::new(),
+    let own_loop = match form.plant.machine {
+        MachineKind::Arm => joints(&form.controller.derivative_gain_v_s_per_rad).to_vec(),
+        MachineKind::ServoAxis | MachineKind::Model => Vec::new(),
     };
     let damping = match section.derivative_gain.is_empty() {
         true => &own_loop,
@@ -51,7 +46,7 @@ pub(super) fn controller(
         std::array::from_fn(|joint| list.get(joint).copied().unwrap_or(otherwise))
     };
     fits.then(|| ControllerConfig {
-        feed_forward,
+        feed_forward: section.feed_forward,
         theta: match section.theta.is_empty() {
             true => estimator.options.theta_start.clone(),
             false => section.theta.clone(),

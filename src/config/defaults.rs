@@ -1,13 +1,11 @@
 //! The built-in defaults: the paper's experiment, from the presets of the core types into the form of the file.
 
-use super::schema::{self, FileForm, RealOrWord};
+use super::schema::{self, FileForm, RealOr};
 use crate::control::AdaptiveOptions;
 use crate::estimator::{CEDRO2022_BLOCK_LEN, ChangeDetection, cedro2022_estimator};
 use crate::model::{DriveInput, Motion};
-use crate::rows::{InputTiming, ProjectedOptions};
-use crate::sim::{
-    ARM_JOINTS, ControllerKind, Interpolation, MoveProfile, PositionFeedback, ServoAxisOptions, Setpoint, SimOptions,
-};
+use crate::rows::ProjectedOptions;
+use crate::sim::{ARM_JOINTS, Interpolation, MoveProfile, ServoAxisOptions, Setpoint, SimOptions};
 
 impl Default for FileForm {
     /// The paper's experiment, from the presets of the core types.
@@ -40,12 +38,17 @@ impl Default for FileForm {
                 steps.shift_s.push(*shift_s);
             }
         }
+        let realtime = || schema::Realtime {
+            scheduler_priority: 0,
+            cpu_affinity: Vec::new(),
+            lock_memory: false,
+        };
         let both = |value: f64| vec![value; ARM_JOINTS];
         Self {
             bus: schema::Bus {
                 robot: "arm".to_owned(),
                 domain: "default".to_owned(),
-                delivery: "auto".to_owned(),
+                delivery: schema::Delivery::Auto,
                 lockstep_consumers: 1,
                 lockstep_limit_s: 10.0,
                 sample_buffer: 4096,
@@ -55,8 +58,8 @@ impl Default for FileForm {
             },
             plant: schema::Plant {
                 duration_s: sim.duration_s,
-                machine: "arm".to_owned(),
-                speed: RealOrWord::Word("max".to_owned()),
+                machine: schema::MachineKind::Arm,
+                speed: RealOr::Word(schema::Fastest::Max),
                 seed: sim.seed,
                 sample_period_s: sim.sample_period_s,
                 substeps: sim.substeps as u64,
@@ -76,7 +79,7 @@ impl Default for FileForm {
             mass_2: schema::Mass2 {
                 t_s: sim.mass_2.points.iter().map(|point| point.0).collect(),
                 mass_kg: sim.mass_2.points.iter().map(|point| point.1).collect(),
-                between: word(&Interpolation::NAMES, sim.mass_2.interpolation),
+                between: sim.mass_2.interpolation,
             },
             servo_plant: schema::ServoAxisPlant {
                 t_s: axis.mass.points.iter().map(|point| point.0).collect(),
@@ -98,8 +101,8 @@ impl Default for FileForm {
                 derivative_gain: Vec::new(),
             },
             controller: schema::Controller {
-                kind: word(&ControllerKind::NAMES, sim.controller.kind),
-                feedback: word(&PositionFeedback::NAMES, sim.controller.feedback),
+                kind: sim.controller.kind,
+                feedback: sim.controller.feedback,
                 proportional_gain_v_per_rad: kp.clone(),
                 derivative_gain_v_s_per_rad: kd.clone(),
                 voltage_limit_v: sim.controller.voltage_limit_v,
@@ -132,7 +135,7 @@ impl Default for FileForm {
                 heating_s: sim.unmodelled.heating_s,
             },
             setpoint: schema::Setpoint {
-                kind: "steps".to_owned(),
+                kind: schema::SetpointKind::Steps,
             },
             steps,
             square: schema::Square {
@@ -160,7 +163,7 @@ impl Default for FileForm {
                 max_dwell_s: both(3.0),
             },
             moves: schema::Moves {
-                profile: word(&MoveProfile::NAMES, MoveProfile::default()),
+                profile: MoveProfile::default(),
                 min_rad: vec![-1.0, -0.8],
                 max_rad: vec![1.0, 0.8],
                 min_move_s: both(0.6),
@@ -178,7 +181,7 @@ impl Default for FileForm {
             csv: schema::Csv {
                 path: None,
                 rows: None,
-                between: "step".to_owned(),
+                between: Interpolation::Step,
             },
             model: schema::Model {
                 kind: "manipulator".to_owned(),
@@ -187,8 +190,8 @@ impl Default for FileForm {
                 offset: false,
             },
             servo_axis: schema::ServoAxisModel {
-                motion: word(&Motion::NAMES, Motion::default()),
-                input: word(&DriveInput::NAMES, DriveInput::default()),
+                motion: Motion::default(),
+                input: DriveInput::default(),
                 gain: 1.0,
             },
             known: schema::Known {
@@ -197,18 +200,18 @@ impl Default for FileForm {
                 torque_constant_n_m_per_a: None,
             },
             identifier: schema::Identifier {
-                rows: "pointwise".to_owned(),
-                input: "measured".to_owned(),
+                rows: schema::RowsKind::Pointwise,
+                input: schema::InputKind::Measured,
                 proportional_gain_v_per_rad: kp,
                 derivative_gain_v_s_per_rad: kd,
                 input_limit: vec![f64::INFINITY],
                 frozen_after_s: 0.2,
             },
             projected: schema::Projected {
-                window_s: RealOrWord::Real(rows.window_s),
+                window_s: RealOr::Real(rows.window_s),
                 stride_s: rows.stride_s,
                 velocity_half_width_s: rows.velocity_half_width as f64 * rows.sample_period_s,
-                timing: word(&InputTiming::NAMES, rows.timing),
+                timing: rows.timing,
                 input_delay_s: rows.input_delay_s,
                 estimate_input_delay: false,
                 input_delay_limit_s: 5e-3,
@@ -231,23 +234,23 @@ impl Default for FileForm {
                 block_len: CEDRO2022_BLOCK_LEN as u64,
                 theta_start: Vec::new(),
                 start_std: Vec::new(),
-                forgetting: estimator.forgetting.name().to_owned(),
-                bound: estimator.bound.name().to_owned(),
+                forgetting: estimator.forgetting,
+                bound: estimator.bound,
                 forgetting_factor: Some(estimator.forgetting_factor),
                 time_constant_s: None,
                 information_floor: estimator.information_floor,
                 max_iterations: estimator.max_iterations as u64,
                 step_factor: estimator.step_factor,
-                bounds: "none".to_owned(),
+                bounds: schema::BoundsKind::None,
                 lower: Vec::new(),
                 upper: Vec::new(),
-                relations: "none".to_owned(),
+                relations: schema::RelationsKind::None,
                 fixed: Vec::new(),
                 noise_std: Vec::new(),
                 noise_floor: Vec::new(),
                 noise_floor_relative: estimator.noise_floor_relative,
                 random_walk: Vec::new(),
-                outliers: "keep".to_owned(),
+                outliers: schema::OutliersKind::Keep,
                 huber_limit: 1.345,
                 gate_limit: 6.0,
                 change_detection: false,
@@ -260,26 +263,14 @@ impl Default for FileForm {
                 backoff_limit_s: 5.0,
                 healthy_s: 60.0,
             },
-            realtime_plant: schema::RealtimePlant {
-                scheduler_priority: 0,
-                cpu_affinity: Vec::new(),
-                lock_memory: false,
-            },
-            realtime_identifier: schema::RealtimeIdentifier {
-                scheduler_priority: 0,
-                cpu_affinity: Vec::new(),
-                lock_memory: false,
-            },
-            realtime_monitor: schema::RealtimeMonitor {
-                scheduler_priority: 0,
-                cpu_affinity: Vec::new(),
-                lock_memory: false,
-            },
+            realtime_plant: realtime(),
+            realtime_identifier: realtime(),
+            realtime_monitor: realtime(),
             log: schema::Log {
                 time: None,
-                time_unit: "s".to_owned(),
+                time_unit: schema::TimeUnit::Seconds,
                 q: Vec::new(),
-                position_unit: "rad".to_owned(),
+                position_unit: schema::PositionUnit::Radians,
                 input: Vec::new(),
                 input_unit: 1.0,
                 setpoint: Vec::new(),
@@ -290,7 +281,7 @@ impl Default for FileForm {
                 record_files: 16,
             },
             control: schema::Control {
-                feed_forward: "none".to_owned(),
+                feed_forward: schema::FeedForward::None,
                 theta: Vec::new(),
                 max_std: follow.max_std,
                 blend_s: follow.blend_s,
@@ -305,11 +296,4 @@ impl Default for FileForm {
             },
         }
     }
-}
-
-fn word<T: PartialEq>(names: &[(T, &'static str)], value: T) -> String {
-    names
-        .iter()
-        .find(|(known, _)| *known == value)
-        .map_or(String::new(), |(_, name)| (*name).to_owned())
 }

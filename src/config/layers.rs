@@ -3,7 +3,8 @@
 use super::error::{Origin, Problem};
 use super::kind::Key;
 use super::kind::{Kind, quoted};
-use super::schema::{EXCLUSIVE, RETIRED, key, keys};
+use super::schema::{EXCLUSIVE, key};
+use super::words::{cut, describe, is_section, nearest, shorten, unknown};
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -420,96 +421,4 @@ fn read(path: &Path) -> Result<String, String> {
 
 fn too_large() -> String {
     format!("expected a configuration of at most {MAX_BYTES} bytes, got a larger one")
-}
-
-fn is_section(path: &str) -> bool {
-    keys().any(|key| key.section == path || key.section.strip_prefix(path).is_some_and(|rest| rest.starts_with('.')))
-}
-
-fn unknown(path: &str) -> String {
-    let known: Vec<String> = keys().map(Key::path).collect();
-    if is_section(path) {
-        let inside = keys().find(|key| key.section == path).map(Key::path);
-        return match inside {
-            Some(key) => format!("a section, not a key; its keys are {key} and others in config/default.toml"),
-            None => "a section, not a key; config/default.toml lists its keys".to_owned(),
-        };
-    }
-    if let Some((_, what)) = RETIRED.iter().find(|(retired, _)| *retired == path) {
-        return (*what).to_owned();
-    }
-    let name = path.rsplit('.').next().unwrap_or(path);
-    // The right key in the wrong section is the commonest slip.
-    let moved = known
-        .iter()
-        .find(|key| key.rsplit('.').next() == Some(name))
-        .map(String::as_str);
-    let sections = keys().map(|key| key.section);
-    match moved.or_else(|| nearest(path, known.iter().map(String::as_str).chain(sections))) {
-        Some(key) => format!("unknown key; did you mean {key}?"),
-        None => "unknown key; config/default.toml lists all of them".to_owned(),
-    }
-}
-
-/// The word that differs least, if that is little enough to be a slip of the finger.
-pub(super) fn nearest<'a>(word: &str, words: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    words
-        .map(|candidate| (edit_distance(word, candidate), candidate))
-        .min()
-        .filter(|(distance, candidate)| *distance <= 1 + candidate.len() / 5)
-        .map(|(_, candidate)| candidate)
-}
-
-/// Levenshtein's distance, for keys of sensible length.
-fn edit_distance(a: &str, b: &str) -> usize {
-    const LONGEST: usize = 64;
-    if a.len() > LONGEST {
-        return usize::MAX;
-    }
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.bytes().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.bytes().enumerate() {
-            let replaced = diagonal + usize::from(x != y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
-}
-
-fn describe(value: &DeValue<'_>, text: &str) -> String {
-    let what = match value {
-        DeValue::String(s) => {
-            // Enough for what is shown; a string may be as long as a file.
-            let beginning: String = s.chars().take(100).collect();
-            return format!("{} (a string)", shorten(&format!("{beginning:?}")));
-        }
-        DeValue::Integer(_) => "a whole number".to_owned(),
-        DeValue::Float(x) if matches!(x.as_str().trim_start_matches(['+', '-']), "inf" | "nan") => {
-            "not a finite number".to_owned()
-        }
-        DeValue::Float(_) => "a number".to_owned(),
-        DeValue::Boolean(_) => "a truth value".to_owned(),
-        DeValue::Datetime(_) => "a date or time".to_owned(),
-        DeValue::Array(items) => format!("a list of {}", items.len()),
-        DeValue::Table(_) => return "a section".to_owned(),
-    };
-    format!("{} ({what})", shorten(text))
-}
-
-fn shorten(text: &str) -> String {
-    const LIMIT: usize = 60;
-    // Words up to the limit are all that can be shown, however long the text is.
-    let words = text.split_whitespace().take(LIMIT).map(|word| cut(word, LIMIT + 1));
-    cut(&words.collect::<Vec<_>>().join(" "), LIMIT)
-}
-
-/// The first characters, and an ellipsis where there are more.
-pub(super) fn cut(text: &str, limit: usize) -> String {
-    match text.char_indices().nth(limit) {
-        Some((end, _)) => format!("{}…", &text[..end]),
-        None => text.to_owned(),
-    }
 }

@@ -12,7 +12,7 @@ const KEYS: [&str; 5] = [
     "estimator.block_len",
     "identifier.projected.stride_s",
     "identifier.projected.window_s",
-    "identifier.projected.velocity_half_width",
+    "identifier.projected.velocity_half_width_s",
     "plant.sample_period_s",
 ];
 /// What the rows of a recorded configuration may take \[bytes\]. The default blocks of the arm take 2 MB.
@@ -97,6 +97,13 @@ mod tests {
         ];
         let user: Vec<String> = user.iter().map(|set| (*set).to_owned()).collect();
         Config::load(&sources, &user).expect("valid")
+    }
+
+    #[test]
+    fn regress_the_keys_that_decide_on_memory_exist() {
+        for key in KEYS {
+            assert!(super::super::schema::key(key).is_some(), "{key}");
+        }
     }
 
     #[test]

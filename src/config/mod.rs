@@ -12,28 +12,36 @@
 mod build;
 mod catalog;
 mod check;
+mod choice;
 mod controller;
 mod defaults;
 mod error;
+mod estimator;
+mod identifier;
 mod kind;
 mod layers;
+mod log;
 mod memory;
 mod nodes;
 mod plant;
 mod schema;
 mod sections;
+mod setpoint;
 mod setpoint_csv;
+mod suspicious;
+mod words;
 
 pub use catalog::Catalog;
+pub use choice::Choice;
 pub use error::{ConfigError, Origin, Problem};
 #[cfg(feature = "service")]
 pub(crate) use kind::Short;
 pub use kind::{Interval, Key, Kind, Len};
 pub use layers::Source;
-pub use schema::{FileForm, RealOrWord, keys};
+pub use schema::{Delivery, FeedForward, FileForm, RealOr, keys};
 pub use sections::{
-    BusConfig, CheckpointConfig, Config, ControllerConfig, Delivery, EstimatorConfig, FeedForward, IdentifierConfig,
-    LogColumns, MonitorConfig, PlantConfig, RealtimeConfig, RealtimeSettings, Speed, SupervisionConfig,
+    BusConfig, CheckpointConfig, Config, ControllerConfig, EstimatorConfig, IdentifierConfig, LogColumns,
+    MonitorConfig, PlantConfig, RealtimeConfig, RealtimeSettings, Speed, SupervisionConfig,
 };
 
 use layers::Layers;

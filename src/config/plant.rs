@@ -1,26 +1,16 @@
 //! Section `[plant]` and those below it: the simulation's options.
 
 use super::check::{Check, joints};
-use super::layers::cut;
-use super::schema::{FaultForm, FileForm, RealOrWord};
+use super::choice::Choice;
+use super::schema::{Fastest, FaultChoice, FaultForm, FileForm, MachineKind, RealOr, SetpointKind};
 use super::sections::{PlantConfig, Speed};
-use super::setpoint_csv;
+use super::setpoint;
 use crate::model::PlantDefinition;
 use crate::node::model::SharedModel;
 use crate::sim::{
-    ARM_JOINTS, ArmParameters, ControllerKind, ControllerOptions, Fault, FaultKind, FaultSignal, Interpolation,
-    Machine, MassSchedule, MoveProfile, Moves, PlantMachine, PositionFeedback, SensorOptions, ServoAxisOptions,
-    Setpoint, SimError, SimOptions, Tone, Unmodelled,
+    ArmParameters, ControllerOptions, Fault, FaultKind, FaultSignal, Interpolation, Machine, MassSchedule,
+    PlantMachine, SensorOptions, ServoAxisOptions, SimError, SimOptions, Unmodelled,
 };
-use std::path::Path;
-
-fn interpolation(word: &str) -> Interpolation {
-    if word == "linear" {
-        Interpolation::Linear
-    } else {
-        Interpolation::Step
-    }
-}
 
 /// Points of a mass over time, from two lists.
 fn schedule(section: &str, masses: &str, t_s: &[f64], mass: &[f64], check: &mut Check<'_>) -> Option<Vec<(f64, f64)>> {
@@ -41,8 +31,8 @@ fn schedule(section: &str, masses: &str, t_s: &[f64], mass: &[f64], check: &mut 
 pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Check<'_>) -> Option<PlantConfig> {
     let mass_2 = schedule("plant.mass_2", "mass_kg", &form.mass_2.t_s, &form.mass_2.mass_kg, check)?;
     let axis = &form.servo_plant;
-    let machine = if form.plant.machine == "servo_axis" {
-        Machine::ServoAxis(ServoAxisOptions {
+    let machine = match form.plant.machine {
+        MachineKind::ServoAxis => Machine::ServoAxis(ServoAxisOptions {
             gain: axis.gain,
             mass: MassSchedule {
                 points: schedule("plant.servo_axis", "mass", &axis.t_s, &axis.mass, check)?,
@@ -55,13 +45,11 @@ pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Ch
             derivative_gain: axis.derivative_gain,
             input_limit: axis.input_limit,
             position_resolution: axis.position_resolution,
-        })
-    } else if form.plant.machine == "model" {
-        Machine::Plant(own_machine(form, model?.definition(), check)?)
-    } else {
-        Machine::Arm
+        }),
+        MachineKind::Model => Machine::Plant(own_machine(form, model?.definition(), check)?),
+        MachineKind::Arm => Machine::Arm,
     };
-    let setpoint = setpoint(form, check)?;
+    let setpoint = setpoint::setpoint(form, check)?;
     let arm = &form.arm;
     let sim = SimOptions {
         sample_period_s: form.plant.sample_period_s,
@@ -80,19 +68,11 @@ pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Ch
         },
         mass_2: MassSchedule {
             points: mass_2,
-            interpolation: interpolation(&form.mass_2.between),
+            interpolation: form.mass_2.between,
         },
         controller: ControllerOptions {
-            kind: if form.controller.kind == "sampled" {
-                ControllerKind::Sampled
-            } else {
-                ControllerKind::Analog
-            },
-            feedback: if form.controller.feedback == "measured" {
-                PositionFeedback::Measured
-            } else {
-                PositionFeedback::True
-            },
+            kind: form.controller.kind,
+            feedback: form.controller.feedback,
             proportional_gain_v_per_rad: joints(&form.controller.proportional_gain_v_per_rad),
             derivative_gain_v_s_per_rad: joints(&form.controller.derivative_gain_v_s_per_rad),
             voltage_limit_v: form.controller.voltage_limit_v,
@@ -158,7 +138,7 @@ pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Ch
         ..sim.clone()
     };
     if let Err(error) = without_faults.validate() {
-        let key = sim_key(&error, &form.setpoint.kind);
+        let key = sim_key(&error, form.setpoint.kind);
         let joint = error
             .joint
             .map(|joint| format!(" for joint {}", joint + 1))
@@ -166,8 +146,8 @@ pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Ch
         check.wrong(&key, format!("expected {}{joint}, got {}", error.expected, error.got));
     }
     let speed = match form.plant.speed {
-        RealOrWord::Word(_) => Speed::Max,
-        RealOrWord::Real(factor) => Speed::Factor(factor),
+        RealOr::Word(Fastest::Max) => Speed::Max,
+        RealOr::Real(factor) => Speed::Factor(factor),
     };
     Some(PlantConfig { sim, speed })
 }
@@ -226,177 +206,44 @@ fn own_machine(form: &FileForm, definition: &PlantDefinition, check: &mut Check<
     })
 }
 
-/// The schema has let only known words through.
+/// A fault with what its table leaves out.
 fn fault(form: &FaultForm) -> Fault {
-    let kind = match form.kind.as_str() {
-        "stuck" => FaultKind::Stuck,
-        "garbage" => FaultKind::Garbage,
-        "wrong" => FaultKind::Wrong {
-            gain: form.gain,
-            offset: form.offset,
+    let period_s = form.period_s.unwrap_or(0.0);
+    let kind = match form.kind {
+        FaultChoice::Off => FaultKind::Off,
+        FaultChoice::Stuck => FaultKind::Stuck,
+        FaultChoice::Garbage => FaultKind::Garbage,
+        FaultChoice::Wrong => FaultKind::Wrong {
+            gain: form.gain.unwrap_or(1.0),
+            offset: form.offset.unwrap_or(0.0),
         },
-        "slow" => FaultKind::Slow {
-            period_s: form.period_s,
+        FaultChoice::Slow => FaultKind::Slow { period_s },
+        FaultChoice::Delayed => FaultKind::Delayed {
+            delay_s: form.delay_s.unwrap_or(0.0),
         },
-        "delayed" => FaultKind::Delayed { delay_s: form.delay_s },
-        "intermittent" => FaultKind::Intermittent {
-            share: form.share,
-            period_s: form.period_s,
+        FaultChoice::Intermittent => FaultKind::Intermittent {
+            share: form.share.unwrap_or(0.5),
+            period_s,
         },
-        _ => FaultKind::Off,
     };
-    let signal = FaultSignal::NAMES.iter().find(|(_, name)| *name == form.signal);
     Fault {
         kind,
-        signal: signal.map_or(FaultSignal::Sample, |(signal, _)| *signal),
-        joint: (form.joint as usize).checked_sub(1),
+        signal: form.signal.unwrap_or(FaultSignal::Sample),
+        joint: form.joint.and_then(|joint| (joint as usize).checked_sub(1)),
         from_s: form.from_s,
-        to_s: form.to_s,
+        to_s: form.to_s.unwrap_or(f64::INFINITY),
     }
 }
 
 /// The key behind a field of the simulation's options.
-fn sim_key(error: &SimError, setpoint_kind: &str) -> String {
+fn sim_key(error: &SimError, setpoint_kind: SetpointKind) -> String {
     match error.field.split_once('.') {
         Some(("setpoint", rest)) => {
             let rest = rest.rsplit('.').next().unwrap_or(rest);
-            format!("plant.setpoint.{setpoint_kind}.{rest}")
+            format!("plant.setpoint.{}.{rest}", setpoint_kind.word())
         }
         Some(("mass_2", _)) => "plant.mass_2.t_s".to_owned(),
         Some(("servo_axis", "mass")) => "plant.servo_axis.t_s".to_owned(),
         _ => format!("plant.{}", error.field),
-    }
-}
-
-fn setpoint(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint; ARM_JOINTS]> {
-    if form.setpoint.kind == "csv" {
-        return setpoint_from_csv(form, check);
-    }
-    if form.setpoint.kind == "sines" {
-        let sines = &form.sines;
-        for (key, lists) in [("amplitude_rad", &sines.amplitude_rad), ("phase_rad", &sines.phase_rad)] {
-            for (joint, (list, frequencies)) in lists.iter().zip(&sines.frequency_hz).enumerate() {
-                if list.len() != frequencies.len() {
-                    let message = format!(
-                        "expected as many values as frequency_hz has for joint {}, {}, got {}",
-                        joint + 1,
-                        frequencies.len(),
-                        list.len()
-                    );
-                    check.wrong(&format!("plant.setpoint.sines.{key}"), message);
-                    return None;
-                }
-            }
-        }
-    }
-    Some(std::array::from_fn(|j| match form.setpoint.kind.as_str() {
-        "square" => Setpoint::Square {
-            amplitude_rad: form.square.amplitude_rad[j],
-            offset_rad: form.square.offset_rad[j],
-            period_s: form.square.period_s[j],
-            shift_s: form.square.shift_s[j],
-        },
-        "sines" => {
-            let sines = &form.sines;
-            let tones = sines.frequency_hz[j]
-                .iter()
-                .zip(&sines.amplitude_rad[j])
-                .zip(&sines.phase_rad[j]);
-            Setpoint::Sines {
-                offset_rad: sines.offset_rad[j],
-                tones: tones
-                    .map(|((&frequency_hz, &amplitude_rad), &phase_rad)| Tone {
-                        frequency_hz,
-                        amplitude_rad,
-                        phase_rad,
-                    })
-                    .collect(),
-            }
-        }
-        "random_sines" => Setpoint::RandomSines {
-            count: form.random_sines.count as usize,
-            min_frequency_hz: form.random_sines.min_frequency_hz[j],
-            max_frequency_hz: form.random_sines.max_frequency_hz[j],
-            amplitude_rad: form.random_sines.amplitude_rad[j],
-        },
-        "random" => Setpoint::Random {
-            min_rad: form.random.min_rad[j],
-            max_rad: form.random.max_rad[j],
-            min_dwell_s: form.random.min_dwell_s[j],
-            max_dwell_s: form.random.max_dwell_s[j],
-        },
-        "moves" => Setpoint::Moves(Moves {
-            profile: MoveProfile::NAMES
-                .iter()
-                .find(|(_, name)| *name == form.moves.profile)
-                .map_or(MoveProfile::default(), |(profile, _)| *profile),
-            min_rad: form.moves.min_rad[j],
-            max_rad: form.moves.max_rad[j],
-            min_move_s: form.moves.min_move_s[j],
-            max_move_s: form.moves.max_move_s[j],
-            min_rest_s: form.moves.min_rest_s[j],
-            max_rest_s: form.moves.max_rest_s[j],
-        }),
-        "chirp" => Setpoint::Chirp {
-            amplitude_rad: form.chirp.amplitude_rad[j],
-            offset_rad: form.chirp.offset_rad[j],
-            start_frequency_hz: form.chirp.start_frequency_hz[j],
-            end_frequency_hz: form.chirp.end_frequency_hz[j],
-            sweep_s: form.chirp.sweep_s[j],
-        },
-        _ => Setpoint::Steps {
-            levels_rad: form.steps.levels_rad[j].clone(),
-            dwell_s: form.steps.dwell_s[j],
-            shift_s: form.steps.shift_s[j],
-        },
-    }))
-}
-
-/// Puts the rows of a file of setpoints in the place of its path, so that a configuration that is written out, into a recording or for the processes of a run,
-/// needs no other file.
-pub(super) fn inline_setpoints(form: &mut FileForm, check: &mut Check<'_>) {
-    const KEY: &str = "plant.setpoint.csv.path";
-    let Some(path) = form.csv.path.take_if(|_| form.setpoint.kind == "csv") else {
-        return;
-    };
-    if check.recorded(KEY) {
-        let message = format!(
-            "a recording's configuration opens no file, and it names \"{}\"; name the file on the command line, --set {KEY}=FILE",
-            cut(&path, 60)
-        );
-        check.wrong(KEY, message);
-        return;
-    }
-    match setpoint_csv::read(Path::new(&path)) {
-        Ok(columns) => form.csv.rows = Some(columns.to_rows()),
-        Err(message) => check.wrong(KEY, message),
-    }
-}
-
-fn setpoint_from_csv(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint; ARM_JOINTS]> {
-    const KEY: &str = "plant.setpoint.csv.rows";
-    let Some(rows) = &form.csv.rows else {
-        // A path that could not be read has been told.
-        if !check.stated("plant.setpoint.csv.path") {
-            check.wrong(
-                "plant.setpoint.kind",
-                "\"csv\" needs plant.setpoint.csv.path, which is not set",
-            );
-        }
-        return None;
-    };
-    match setpoint_csv::Columns::from_rows(rows) {
-        Ok(columns) => {
-            let interpolation = interpolation(&form.csv.between);
-            Some(columns.q_rad.map(|values_rad| Setpoint::Table {
-                t_s: columns.t_s.clone(),
-                values_rad,
-                interpolation,
-            }))
-        }
-        Err(message) => {
-            check.wrong(KEY, message);
-            None
-        }
     }
 }

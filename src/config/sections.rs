@@ -2,7 +2,7 @@
 
 use super::catalog::Catalog;
 use super::error::{Origin, Problem};
-use super::schema::FileForm;
+use super::schema::{Delivery, FeedForward, FileForm};
 use crate::control::AdaptiveOptions;
 use crate::estimator::EstimatorOptions;
 use crate::model::{KnownConstants, MAX_JOINTS};
@@ -10,17 +10,6 @@ use crate::node::model::SharedModel;
 use crate::rows::{InputSource, RowForm};
 use crate::sim::SimOptions;
 use std::path::PathBuf;
-
-/// How samples are delivered.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Delivery {
-    /// Lockstep for a simulation at full speed, else realtime.
-    Auto,
-    /// The plant never waits; a late consumer loses the oldest samples.
-    Realtime,
-    /// The plant waits for its consumers; nothing is lost.
-    Lockstep,
-}
 
 /// Section `[bus]`.
 #[derive(Debug, Clone, PartialEq)]
@@ -97,17 +86,6 @@ pub struct EstimatorConfig {
     pub block_len: usize,
     /// Everything else, checked against the model.
     pub options: EstimatorOptions,
-}
-
-/// How a controller makes its feed-forward.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FeedForward {
-    /// There is no controller.
-    None,
-    /// From the parameters that it began with.
-    Fixed,
-    /// From estimates that may be used.
-    Adaptive,
 }
 
 /// Section `[controller]`.

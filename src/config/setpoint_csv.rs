@@ -1,7 +1,7 @@
 //! Setpoints from a CSV file: columns `t_s`, `q1_rad`, `q2_rad`, times rising.
 
 use super::kind::{Len, MAX_ROWS_BYTES};
-use super::layers::cut;
+use super::words::cut;
 use std::fmt::Write as _;
 use std::io::Read;
 use std::path::Path;

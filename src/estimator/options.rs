@@ -34,7 +34,7 @@ impl Forgetting {
     ];
 
     /// The name in configuration files.
-    pub fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Exponential => "exponential",
             Self::BoundedAsPrinted => "bounded-as-printed",
@@ -78,7 +78,7 @@ impl Bound {
     pub const ALL: [Self; 2] = [Self::Polynomial, Self::Rational];
 
     /// The name in configuration files.
-    pub fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Polynomial => "polynomial",
             Self::Rational => "rational",

@@ -1,6 +1,6 @@
 //! Strokes and scales that the figures share.
 
-use super::plot::{BLUE, GREY, Layer, ORANGE, Scale, Stroke};
+use super::layers::{BLUE, GREY, Layer, ORANGE, Scale, Stroke};
 
 pub(super) const SMALL_PANEL: f64 = 170.0;
 pub(super) const FIRST: Stroke = Stroke::solid(BLUE, 1.6);

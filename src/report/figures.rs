@@ -4,7 +4,8 @@
 use super::axes::{FIRST, SECOND, SMALL_PANEL, bound_lines, decades, extent, padded, positive, value_scale};
 use super::data::RunData;
 use super::inputs::inputs;
-use super::plot::{BLUE, Figure, GREY, INK, Layer, Panel, Scale, Stroke};
+use super::layers::{BLUE, GREY, INK, Layer, Scale, Stroke};
+use super::plot::{Figure, Panel};
 use super::words::{pretty_unit, symbol};
 use crate::messages::Estimate;
 use crate::node::monitor::{Label, relative_error, seconds};

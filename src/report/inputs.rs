@@ -2,7 +2,8 @@
 
 use super::axes::{FIRST, SECOND, SMALL_PANEL, extent, padded};
 use super::data::{Inputs, RunData};
-use super::plot::{Figure, Layer, Panel};
+use super::layers::Layer;
+use super::plot::{Figure, Panel};
 use super::words::pretty_unit;
 use crate::node::monitor::seconds;
 use std::fmt::Write as _;

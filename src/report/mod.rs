@@ -1,12 +1,16 @@
-//! Tables and figures from estimates: the result table, SVG and PNG, one page that needs nothing else.
+//! Tables and figures from estimates: the result table, figures as SVG and with feature `png` as PNG, one page that needs nothing else.
 
 mod axes;
 mod data;
 mod figures;
+mod fonts;
 mod hover;
 mod inputs;
+mod labels;
+mod layers;
 mod page;
 mod plot;
+#[cfg(feature = "png")]
 mod raster;
 mod summary;
 mod tracking;
@@ -16,6 +20,7 @@ pub use data::{Inputs, Notes, RunData, Timing, Trace};
 pub use figures::figures;
 pub use page::page;
 pub use plot::Figure;
+#[cfg(feature = "png")]
 pub use raster::{RasterError, png};
 pub use summary::{ChangeSummary, DerivedSummary, ParameterSummary, SampleCounts, Summary};
 pub use tracking::{TrackingPanel, tracking_figure};
@@ -31,11 +36,12 @@ pub const REPORT_HTML: &str = "report.html";
 pub const FIGURES: &str = "figures";
 /// Files that may lie beside the page, for its links.
 const BESIDE: [&str; 4] = ["recording.mcap", "estimates.csv", "summary.json", "config.toml"];
+#[cfg(feature = "png")]
 /// Pixels of a PNG per unit of its SVG.
 const PNG_SCALE: f32 = 2.0;
 
-/// Writes `report.html` and `figures/NAME.svg`, `figures/NAME.png` into a directory; gives the path of the page. `look` hears what share of the
-/// figures is written.
+/// Writes `report.html` and `figures/NAME.svg` into a directory, with feature `png` `figures/NAME.png`, too; gives the path of the page.
+/// `look` hears what share of the figures is written.
 ///
 /// # Errors
 /// Where the directory cannot be written.
@@ -47,8 +53,11 @@ pub fn write_report(dir: &Path, run: &RunData, summary: &Summary, mut look: impl
         look(index as f64 / figures.len() as f64);
         let svg = figure.svg();
         files::write(&figures_dir.join(&figure.name).with_extension("svg"), svg.as_bytes())?;
-        let png = png(&svg, PNG_SCALE).map_err(io::Error::other)?;
-        files::write(&figures_dir.join(&figure.name).with_extension("png"), &png)?;
+        #[cfg(feature = "png")]
+        {
+            let png = png(&svg, PNG_SCALE).map_err(io::Error::other)?;
+            files::write(&figures_dir.join(&figure.name).with_extension("png"), &png)?;
+        }
     }
     let path = dir.join(REPORT_HTML);
     let beside: Vec<&str> = BESIDE.into_iter().filter(|name| dir.join(name).exists()).collect();

@@ -1,8 +1,9 @@
 //! One HTML page with the table, the figures and the configuration of a run; it loads nothing from anywhere.
 
 use super::data::RunData;
-use super::plot::{Figure, escape, power_of_ten};
-use super::raster::{MEDIUM, REGULAR};
+use super::fonts::{MEDIUM, REGULAR};
+use super::labels::{escape, power_of_ten};
+use super::plot::Figure;
 use super::summary::{Summary, significant};
 use super::words::{pretty_unit, symbol, with_powers};
 use std::fmt::Write as _;

@@ -4,93 +4,20 @@
 //! above the panel so that it never covers data. Lines differ by dash and by lightness as well as by hue (Okabe and Ito's colours),
 //! so a figure can be read on a grey print and by the colour-blind.
 
-use super::hover::slots;
+use super::fonts::FONT;
+use super::labels::{escape, numbers, power_of_ten, ticks};
+use super::layers::{
+    Frame, GRID, INK, LEFT, Layer, RIGHT, Scale, Stroke, VERMILION, WIDTH, attributes, cell_colour, draw_layer,
+    draw_slots,
+};
 use std::fmt::Write as _;
 
-/// Width of a figure \[px\].
-const WIDTH: f64 = 860.0;
-const LEFT: f64 = 84.0;
-const RIGHT: f64 = 24.0;
 /// Room above a panel: title or legend, labels of marks.
 const ABOVE: f64 = 34.0;
 const MARK_LABELS: f64 = 18.0;
 /// Room below the last panel: ticks and the axis' label.
 const BELOW: f64 = 50.0;
 const TITLE: f64 = 30.0;
-/// The most dots of a line that have their numbers under the pointer.
-const HOVER: usize = 400;
-/// Families by preference; the first is embedded in the program and in the page.
-pub(super) const FONT: &str = "Roboto, 'Helvetica Neue', Arial, sans-serif";
-
-pub(super) const INK: &str = "#1b1b1b";
-pub(super) const BLUE: &str = "#0072B2";
-pub(super) const ORANGE: &str = "#E69F00";
-pub(super) const GREY: &str = "#8a8a8a";
-const VERMILION: &str = "#C04A00";
-const GRID: &str = "#e4e4e4";
-
-/// How a line is drawn.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Stroke {
-    pub(super) colour: &'static str,
-    pub(super) width: f64,
-    /// SVG dash pattern; empty for a solid line.
-    pub(super) dash: &'static str,
-}
-
-impl Stroke {
-    pub(super) const fn solid(colour: &'static str, width: f64) -> Self {
-        let dash = "";
-        Self { colour, width, dash }
-    }
-
-    pub(super) const fn dashed(colour: &'static str, width: f64, dash: &'static str) -> Self {
-        Self { colour, width, dash }
-    }
-}
-
-/// What is drawn in a panel, from back to front.
-#[derive(Debug, Clone)]
-pub(super) enum Layer {
-    /// Broken where a value is not finite.
-    Line {
-        points: Vec<(f64, f64)>,
-        stroke: Stroke,
-        legend: Option<String>,
-    },
-    /// x, lower, upper; broken where one is not finite.
-    Band {
-        points: Vec<(f64, f64, f64)>,
-        colour: &'static str,
-        legend: Option<String>,
-    },
-    /// x, y, filled.
-    Dots {
-        points: Vec<(f64, f64, bool)>,
-        colour: &'static str,
-        legend: Option<(String, String)>,
-    },
-    /// A vertical line with words above it.
-    Mark { x: f64, label: String },
-    /// Rows of cells that end at x: x and row from above, 0 blank, 1 light, 2 dark.
-    Cells { cells: Vec<(f64, usize, u8)>, width: f64 },
-}
-
-/// The vertical axis.
-#[derive(Debug, Clone)]
-pub(super) enum Scale {
-    Linear {
-        from: f64,
-        to: f64,
-    },
-    Log {
-        from: f64,
-        to: f64,
-    },
-    /// Named rows instead of numbers.
-    Rows(Vec<String>),
-}
-
 /// One pair of axes.
 #[derive(Debug, Clone)]
 pub(super) struct Panel {
@@ -158,36 +85,6 @@ impl Figure {
         );
         svg.push('\n');
         svg
-    }
-}
-
-/// Where a panel lies and what its coordinates mean.
-struct Frame<'a> {
-    id: String,
-    x: (f64, f64),
-    top: f64,
-    height: f64,
-    scale: &'a Scale,
-}
-
-impl Frame<'_> {
-    fn x(&self, x: f64) -> f64 {
-        let (from, to) = self.x;
-        LEFT + (x - from) / (to - from) * (WIDTH - LEFT - RIGHT)
-    }
-
-    fn y(&self, y: f64) -> f64 {
-        let part = match *self.scale {
-            Scale::Linear { from, to } => (y - from) / (to - from),
-            Scale::Log { from, to } => (y.log10() - from.log10()) / (to.log10() - from.log10()),
-            Scale::Rows(ref rows) => 1.0 - y / rows.len() as f64,
-        };
-        // Far outside is as invisible as just outside, and short to write.
-        self.top + self.height * (1.0 - part.clamp(-2.0, 3.0))
-    }
-
-    fn bottom(&self) -> f64 {
-        self.top + self.height
     }
 }
 
@@ -427,215 +324,10 @@ impl Panel {
     }
 }
 
-/// Numbers under the pointer for lines; dots have words of their own.
-fn draw_slots(svg: &mut String, frame: &Frame, layers: &[Layer]) {
-    if layers.iter().any(|layer| matches!(layer, Layer::Dots { .. })) {
-        return;
-    }
-    let lines = layers.iter().filter_map(|layer| match layer {
-        // Two points are a level, which its legend names.
-        Layer::Line { points, legend, .. } if points.len() > 2 => Some((&points[..], legend.as_deref())),
-        _ => None,
-    });
-    for slot in slots(&lines.collect::<Vec<_>>(), frame.x, short) {
-        let (left, right) = (frame.x(slot.from), frame.x(slot.to));
-        let _ = write!(
-            svg,
-            r#"<rect x="{left:.1}" y="{:.1}" width="{:.1}" height="{}" fill="none" pointer-events="all"><title>{}</title></rect>"#,
-            frame.top,
-            right - left,
-            frame.height,
-            escape(&slot.text)
-        );
-    }
-}
-
-fn draw_layer(svg: &mut String, frame: &Frame, layer: &Layer) {
-    match layer {
-        Layer::Line { points, stroke, .. } => {
-            let mut path = String::new();
-            let mut drawing = false;
-            for &(x, y) in points {
-                if y.is_finite() {
-                    let letter = if drawing { 'L' } else { 'M' };
-                    let _ = write!(path, "{letter}{:.1} {:.1}", frame.x(x), frame.y(y));
-                }
-                drawing = y.is_finite();
-            }
-            let _ = write!(
-                svg,
-                r#"<path d="{path}" {} fill="none" stroke-linejoin="round"/>"#,
-                attributes(stroke)
-            );
-        }
-        Layer::Band { points, colour, .. } => {
-            for run in points.split(|p| !(p.1.is_finite() && p.2.is_finite())) {
-                let upper = run.iter().map(|p| (p.0, p.2));
-                let lower = run.iter().rev().map(|p| (p.0, p.1));
-                let mut path = String::new();
-                for (x, y) in upper.chain(lower) {
-                    let letter = if path.is_empty() { 'M' } else { 'L' };
-                    let _ = write!(path, "{letter}{:.1} {:.1}", frame.x(x), frame.y(y));
-                }
-                if !path.is_empty() {
-                    let _ = write!(svg, r#"<path d="{path}Z" fill="{colour}" fill-opacity=".2"/>"#);
-                }
-            }
-        }
-        Layer::Dots { points, colour, .. } => {
-            let radius = if points.len() > 150 { 1.6 } else { 2.6 };
-            // Words under the pointer cost as much as the dot itself.
-            let hover = points.len() <= HOVER;
-            for &(x, y, filled) in points.iter().filter(|p| p.1.is_finite()) {
-                let title = match hover {
-                    true => format!("><title>{} s: {}</title></circle>", short(x), short(y)),
-                    false => "/>".to_owned(),
-                };
-                let fill = if filled { colour } else { "#fff" };
-                let _ = write!(
-                    svg,
-                    r#"<circle cx="{:.1}" cy="{:.1}" r="{radius}" fill="{fill}" stroke="{colour}" stroke-width="1.3"{title}"#,
-                    frame.x(x),
-                    frame.y(y)
-                );
-            }
-        }
-        Layer::Mark { x, .. } => {
-            let _ = write!(
-                svg,
-                r#"<path d="M{:.1} {:.1}V{:.1}" stroke="{VERMILION}" stroke-width="1.6" stroke-dasharray="7 3 1.5 3"/>"#,
-                frame.x(*x),
-                frame.top,
-                frame.bottom()
-            );
-        }
-        Layer::Cells { cells, width } => {
-            for &(x, row, shade) in cells {
-                let (left, right) = (frame.x(x - width), frame.x(x));
-                let (top, bottom) = (frame.y(row as f64), frame.y(row as f64 + 1.0));
-                // A hair of white between the cells, where they are wide enough to spare it.
-                let gap = if right - left > 4.0 { 0.8 } else { 0.0 };
-                let _ = write!(
-                    svg,
-                    r#"<rect x="{left:.2}" y="{:.1}" width="{:.2}" height="{:.1}" fill="{}"/>"#,
-                    top + 2.0,
-                    right - left - gap,
-                    bottom - top - 4.0,
-                    cell_colour(shade)
-                );
-            }
-        }
-    }
-}
-
-/// Six significant digits without zeros at the end.
-fn short(value: f64) -> String {
-    let text = format!("{value:.5e}");
-    text.parse::<f64>().map_or(text, |value| value.to_string())
-}
-
-fn cell_colour(shade: u8) -> &'static str {
-    match shade {
-        0 => "#ffffff",
-        1 => "#cfe0ec",
-        _ => "#1f4e79",
-    }
-}
-
-fn attributes(stroke: &Stroke) -> String {
-    let mut text = format!(r#"stroke="{}" stroke-width="{}""#, stroke.colour, stroke.width);
-    if !stroke.dash.is_empty() {
-        let _ = write!(text, r#" stroke-dasharray="{}""#, stroke.dash);
-    }
-    text
-}
-
-/// About `count` round numbers from `from` to `to`.
-pub(super) fn ticks(from: f64, to: f64, count: usize) -> Vec<f64> {
-    let span = to - from;
-    if !(span.is_finite() && span > 0.0) {
-        return Vec::new();
-    }
-    let rough = span / count.max(2) as f64;
-    let power = 10f64.powf(rough.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0]
-        .into_iter()
-        .map(|m| m * power)
-        .find(|&step| step >= rough * 0.999)
-        .unwrap_or(10.0 * power);
-    let first = (from / step - 1e-9).ceil() as i64;
-    let last = (to / step + 1e-9).floor() as i64;
-    (first..=last).map(|i| i as f64 * step).collect()
-}
-
-/// The numbers at ticks, in a unit: all with as many decimals as their distance needs, and with a real minus.
-fn numbers(ticks: &[f64], unit: f64) -> Vec<String> {
-    let step = match ticks {
-        [first, second, ..] => (second - first) / unit,
-        _ => 1.0,
-    };
-    let decimals = (-step.log10() - 1e-9).ceil().clamp(0.0, 12.0) as usize;
-    let text = |tick: &f64| {
-        // Not the dust of binary fractions, nor a zero with a sign.
-        let value = (tick / step / unit).round() * step;
-        format!("{:.decimals$}", if value == 0.0 { 0.0 } else { value }).replace('-', "\u{2212}")
-    };
-    ticks.iter().map(text).collect()
-}
-
-pub(super) fn power_of_ten(exponent: i32) -> String {
-    let digits: String = exponent
-        .to_string()
-        .chars()
-        .map(|c| match c {
-            '-' => '\u{207b}',
-            '1' => '\u{b9}',
-            '2' => '\u{b2}',
-            '3' => '\u{b3}',
-            digit => char::from_u32(0x2070 + digit as u32 - '0' as u32).unwrap_or(digit),
-        })
-        .collect();
-    format!("10{digits}")
-}
-
-/// Text for SVG and HTML.
-pub(super) fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            c => out.push(c),
-        }
-    }
-    out
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::layers::BLUE;
     use super::*;
-
-    #[test]
-    fn regress_ticks_are_round_and_within_the_axis() {
-        assert_eq!(
-            ticks(0.0, 89.0, 9),
-            [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0]
-        );
-        assert_eq!(ticks(-0.25, 0.25, 5), [-0.2, -0.1, 0.0, 0.1, 0.2]);
-        assert_eq!(ticks(1.0, 1.0, 5), Vec::<f64>::new());
-        assert_eq!(ticks(0.0, f64::NAN, 5), Vec::<f64>::new());
-    }
-
-    #[test]
-    fn regress_numbers_of_an_axis() {
-        assert_eq!(numbers(&[0.1 + 0.2, 0.35, 0.4], 1.0), ["0.30", "0.35", "0.40"]);
-        assert_eq!(numbers(&[-20.0, -0.0, 20.0], 1.0), ["\u{2212}20", "0", "20"]);
-        assert_eq!(numbers(&[0.0, 0.002, 0.004], 1e-3), ["0", "2", "4"]);
-        assert_eq!(numbers(&[2e5], 1e3), ["200"]);
-        assert_eq!(power_of_ten(-12), "10⁻¹²");
-    }
 
     #[test]
     fn prop_values_that_are_not_finite_break_a_line_and_never_reach_the_file() {

@@ -1,12 +1,9 @@
 //! SVG to PNG, with the fonts that are embedded in the program and nothing from the system.
 
-use super::plot::FONT;
+use super::fonts::{FONT, MEDIUM, REGULAR};
 use resvg::tiny_skia::{Pixmap, Transform};
 use resvg::usvg::{Options, Tree, fontdb};
 use std::sync::{Arc, LazyLock};
-
-pub(super) const REGULAR: &[u8] = include_bytes!("../../assets/fonts/Roboto-Regular-subset.ttf");
-pub(super) const MEDIUM: &[u8] = include_bytes!("../../assets/fonts/Roboto-Medium-subset.ttf");
 
 /// Why a figure cannot be turned into pixels.
 #[derive(Debug, thiserror::Error)]

@@ -1,6 +1,7 @@
 //! Tracking error over time, of several controllers beside each other.
 
-use super::plot::{BLUE, Figure, GREY, INK, Layer, ORANGE, Panel, Scale, Stroke};
+use super::layers::{BLUE, GREY, INK, Layer, ORANGE, Scale, Stroke};
+use super::plot::{Figure, Panel};
 
 const HEIGHT: f64 = 200.0;
 /// The lines of a panel in the order in which they are drawn; a panel has no more.

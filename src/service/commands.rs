@@ -9,19 +9,33 @@ use crate::messages::{Command, Item, MAX_ITEMS, Parts, Request, Response, item_k
 use crate::node::command::{Change, NodeState};
 use crate::robot::{BodyParameters, is_physical};
 
-/// Tunables: what of section `[estimator]` may be set while it runs.
-pub(super) const TUNABLES: [&str; 11] = [
-    "block_len",
-    "forgetting_factor",
-    "time_constant_s",
-    "information_floor",
-    "max_iterations",
-    "step_factor",
-    "huber_limit",
-    "gate_limit",
-    "false_alarm_rate",
-    "change_margin_s",
-    "noise_floor_relative",
+/// Tunables: what of section `[estimator]` may be set while it runs, with the value in force.
+const TUNABLES: [(&str, fn(&Config) -> Option<f64>); 11] = [
+    ("block_len", |config| {
+        Some(config.file_form().estimator.block_len as f64)
+    }),
+    ("forgetting_factor", |config| {
+        Some(config.estimator.options.forgetting_factor)
+    }),
+    ("time_constant_s", |config| config.file_form().estimator.time_constant_s),
+    ("information_floor", |config| {
+        Some(config.file_form().estimator.information_floor)
+    }),
+    ("max_iterations", |config| {
+        Some(config.file_form().estimator.max_iterations as f64)
+    }),
+    ("step_factor", |config| Some(config.file_form().estimator.step_factor)),
+    ("huber_limit", |config| Some(config.file_form().estimator.huber_limit)),
+    ("gate_limit", |config| Some(config.file_form().estimator.gate_limit)),
+    ("false_alarm_rate", |config| {
+        Some(config.file_form().estimator.false_alarm_rate)
+    }),
+    ("change_margin_s", |config| {
+        Some(config.file_form().estimator.change_margin_s)
+    }),
+    ("noise_floor_relative", |config| {
+        Some(config.file_form().estimator.noise_floor_relative)
+    }),
 ];
 
 /// The longest block that a running identifier makes room for \[samples\]: some 500 bytes each for the arm with a window every
@@ -223,10 +237,11 @@ impl Commands {
             );
         }
         let own = name.strip_prefix("estimator.").unwrap_or(name);
-        if !TUNABLES.contains(&own) {
+        let tunables = TUNABLES.map(|(name, _)| name);
+        if !tunables.contains(&own) {
             return Err(format!(
                 "expected a tunable out of {}, got {name:?}",
-                TUNABLES.join(", ")
+                tunables.join(", ")
             ));
         }
         let Some(value) = value else {
@@ -291,24 +306,11 @@ impl Commands {
             let bounds = (options.lower[i], options.upper[i]);
             Item::new(item_kind::PARAMETER, &p.name, &p.unit, options.theta_start[i], bounds)
         });
-        let form = &self.config.file_form().estimator;
         let tunables = keys()
-            .filter(|key| key.section == "estimator" && TUNABLES.contains(&key.name))
-            .filter(|_| !self.config.model.restarts_itself())
+            .filter(|key| key.section == "estimator" && !self.config.model.restarts_itself())
             .filter_map(|key| {
-                let value = match key.name {
-                    "block_len" => form.block_len as f64,
-                    "forgetting_factor" => options.forgetting_factor,
-                    "time_constant_s" => form.time_constant_s?,
-                    "information_floor" => form.information_floor,
-                    "max_iterations" => form.max_iterations as f64,
-                    "step_factor" => form.step_factor,
-                    "huber_limit" => form.huber_limit,
-                    "gate_limit" => form.gate_limit,
-                    "false_alarm_rate" => form.false_alarm_rate,
-                    "change_margin_s" => form.change_margin_s,
-                    _ => form.noise_floor_relative,
-                };
+                let (_, value) = TUNABLES.iter().find(|(name, _)| *name == key.name)?;
+                let value = value(&self.config)?;
                 let bounds = match key.kind {
                     Kind::Whole(low, high) => (low as f64, high as f64),
                     Kind::Real(interval) => (interval.low, interval.high),

@@ -23,7 +23,7 @@ use crate::config::{Catalog, Config, FeedForward};
 use crate::files;
 use crate::messages::Status;
 use crate::recording::Span;
-use crate::report::Summary;
+use crate::report::{REPORT_HTML, Summary};
 use crate::runner::Shutdown;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -137,7 +137,7 @@ fn consumers(config: &Config, args: &RunArgs) -> usize {
     1 + usize::from(monitor) + usize::from(controller)
 }
 
-/// Reads what the monitor has written, adds the wall time, prints the table and names the directory last.
+/// Reads what the monitor has written, adds the wall time, prints the table, and last where it all is: the directory, and the page to open.
 fn show_result(
     dir: &Path,
     start: Instant,
@@ -157,7 +157,13 @@ fn show_result(
             make_report(dir, &summary, catalog)?;
             told.map(|()| summary)
         });
-    logging::note(format, &format!("results in {}", dir.display())).and(result)
+    let page = dir.join(REPORT_HTML);
+    logging::note(format, &format!("results in {}", dir.display()))
+        .and_then(|()| match page.is_file() {
+            true => logging::note(format, &format!("open {}", page.display())),
+            false => Ok(()),
+        })
+        .and(result)
 }
 
 /// Figures and page, where there is a recording.

@@ -14,13 +14,16 @@ mod children;
 mod commands;
 mod controller;
 mod ctl;
+mod ctl_args;
 mod description;
 mod desk;
+mod desk_work;
 mod doctor;
 mod excite;
 mod exit;
 mod export;
 mod failure;
+mod file_args;
 mod foreign;
 #[cfg(test)]
 mod fuzz;
@@ -45,6 +48,7 @@ mod report;
 mod robot;
 mod robot_args;
 mod robot_urdf;
+mod role_args;
 mod run_info;
 mod script;
 mod sparse;
@@ -59,21 +63,20 @@ mod web_control;
 mod wiring;
 
 pub use app::{app, main_for};
-pub use args::{
-    CommonArgs, ControllerArgs, CtlArgs, CtlCommand, DoctorArgs, ExportArgs, IdentifierArgs, IdentifyArgs, LogFormat,
-    MonitorArgs, PlantArgs, ReplayArgs, ReportArgs, RunArgs, SpanArgs, TableFormat, VERSION, WatchArgs, WebArgs,
-};
+pub use args::{CommonArgs, LogFormat, TableFormat, VERSION};
 pub use bench::{BenchArgs, run as bench};
 pub use calibrate::run as calibrate;
 pub use check::{config_check, config_new, config_show};
 pub use controller::run as controller;
 pub use ctl::run as ctl;
+pub use ctl_args::{CtlArgs, CtlCommand};
 pub use doctor::run as doctor;
 use excite::check_motion;
 pub use excite::run as excite;
 pub use exit::{EXIT_CODES, main_with};
 pub use export::run as export;
 pub use failure::{Exit, Failure};
+pub use file_args::{DoctorArgs, ExportArgs, IdentifyArgs, ReplayArgs, ReportArgs, SpanArgs};
 pub use identifier::run as identifier;
 pub use identify::run as identify;
 pub use launcher::run as launch;
@@ -84,4 +87,5 @@ pub use replay::run as replay;
 pub use report::run as report;
 pub use robot_args::{CalibrateArgs, ExciteArgs, UrdfArgs};
 pub use robot_urdf::run as urdf;
+pub use role_args::{ControllerArgs, IdentifierArgs, MonitorArgs, PlantArgs, RunArgs, WatchArgs, WebArgs};
 pub use watch::run as watch;

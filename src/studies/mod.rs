@@ -6,6 +6,7 @@ mod document;
 pub mod ekf;
 pub mod emps;
 pub mod encoder;
+mod encoder_runs;
 mod encoder_setup;
 pub mod metrics;
 pub mod paper;

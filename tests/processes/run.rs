@@ -22,10 +22,14 @@ fn e2e_the_papers_experiment_loses_nothing_and_leaves_table_and_files() {
     ] {
         assert!(stdout.contains(part), "{part:?} is not in\n{stdout}");
     }
-    let last = stdout.lines().last().expect("a line");
-    assert!(
-        last.ends_with(site.out().to_str().expect("UTF-8")),
-        "{last:?} does not name the directory"
+    let last: Vec<&str> = stdout.lines().rev().take(2).collect();
+    let page = site.out().join("report.html");
+    assert_eq!(
+        last,
+        [
+            format!("open {}", page.display()),
+            format!("results in {}", site.out().display())
+        ]
     );
 
     let summary = site.summary();
@@ -235,11 +239,13 @@ fn e2e_without_a_directory_the_results_go_to_one_named_by_the_time() {
     let stdout = run.stdout();
     let named = stdout
         .lines()
-        .last()
-        .and_then(|line| line.strip_prefix("results in "))
+        .find_map(|line| line.strip_prefix("results in "))
         .expect("the directory");
     assert!(named.starts_with("thetabus-out/"), "{named}");
     assert!(site.dir.path().join(named).join("summary.json").exists());
+    let page = format!("{named}/report.html");
+    assert_eq!(stdout.lines().last(), Some(format!("open {page}").as_str()));
+    assert!(site.dir.path().join(page).exists());
 }
 
 #[test]

@@ -3,16 +3,19 @@
 //! Each target runs in a process of its own, this test program started again, so that a limit on memory is one (`RLIMIT_AS`) and an abort is seen. A case follows from
 //! its target and number alone: `THETABUS_FUZZ=mcap:1234:1 cargo test --release --lib service::fuzz::worker -- --ignored --exact` runs number 1234 again.
 
+mod corpora;
+mod hostile;
 mod mutate;
 mod targets;
 
+use corpora::Corpora;
 use mutate::Random;
 use nix::sys::resource::{Resource, setrlimit};
 use std::fs::{self, File};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
-use targets::{Corpora, TARGETS};
+use targets::TARGETS;
 
 /// Target, first case, cases: what a worker shall do.
 const TASK: &str = "THETABUS_FUZZ";

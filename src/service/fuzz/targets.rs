@@ -1,25 +1,23 @@
 //! What is read from outside: configuration, CSV, MCAP, checkpoint, samples, control. Each with what the programs do with it afterwards.
 
+use super::corpora::{Corpora, LENGTH, QUICK, info, record};
+use super::hostile::{hostile_estimate, hostile_info, hostile_request, hostile_sample};
 use super::mutate::Random;
 use crate::checkpoint;
 use crate::config::{Catalog, Config, Source, keys};
-use crate::messages::{Command, Estimate, Journal, ParameterSet, Request, Sample, Status, sample_flags};
+use crate::messages::{Estimate, Journal, Request, Sample, Status};
 use crate::node::command::{NodeState, Order};
 use crate::node::identifier::Identifier;
 use crate::offline::LogReader;
-use crate::recording::{
-    Entry, EstimatesCsv, Recorder, RecordingLimits, RecordingReader, RunInfo, SamplesCsv, Span, read_journal,
-};
+use crate::recording::{Entry, EstimatesCsv, RecordingReader, SamplesCsv, Span, read_journal};
 use crate::report::{RunData, figures, page};
 use crate::runner::Shutdown;
 use crate::service::advice::Advisor;
 use crate::service::commands::{Commands, Wanted};
-use crate::service::run_info::run_info;
 use crate::service::wiring::{identifier_node, identity, monitor_node};
 use crate::service::{CommonArgs, IdentifyArgs, SpanArgs, TableFormat, identify, report};
-use crate::sim::MachineSimulator;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Name and what one case does.
 pub(super) const TARGETS: [(&str, fn(&mut Random, &Corpora)); 6] = [
@@ -30,113 +28,6 @@ pub(super) const TARGETS: [(&str, fn(&mut Random, &Corpora)); 6] = [
     ("samples", samples),
     ("control", control),
 ];
-
-/// A block that is soon full.
-const QUICK: [&str; 2] = ["estimator.block_len=100", "estimator.max_iterations=3"];
-/// Samples of a recording or log.
-const LENGTH: usize = 450;
-
-/// Good inputs, which the cases change.
-pub(super) struct Corpora {
-    dir: PathBuf,
-    /// Of the paper's arm, of an arm with encoders, of a servo axis.
-    configs: Vec<Config>,
-    samples: Vec<Vec<Sample>>,
-    recordings: Vec<Vec<u8>>,
-    logs: Vec<Vec<u8>>,
-    states: Vec<NodeState>,
-}
-
-impl Corpora {
-    pub(super) fn new(dir: &Path) -> Self {
-        let sets = QUICK.map(str::to_owned);
-        let load = |name: &str| {
-            let source = Config::embedded(name).expect("built in");
-            Config::load(&[source], &sets).expect("valid")
-        };
-        let configs: Vec<Config> = ["cedro2022", "encoder_only", "servo_axis"].map(load).into();
-        let samples: Vec<Vec<Sample>> = configs.iter().map(simulated).collect();
-        let recordings = configs.iter().zip(&samples).map(|(config, samples)| {
-            let path = dir.join("good.mcap");
-            record(&path, info(config), samples, &[], &[]);
-            let bytes = fs::read(&path).expect("a recording");
-            fs::remove_file(&path).expect("removed");
-            bytes
-        });
-        let states = configs.iter().zip(&samples).map(|(config, samples)| {
-            let mut node = identifier_node(config).expect("a node");
-            samples.iter().for_each(|sample| node.on_sample(sample, &mut |_| {}));
-            let mut state = NodeState::default();
-            node.save(&mut state);
-            state
-        });
-        Self {
-            dir: dir.to_path_buf(),
-            recordings: recordings.collect(),
-            logs: vec![
-                log(&samples[2]),
-                exported(&configs[2], &samples[2]),
-                exported(&configs[1], &samples[1]),
-            ],
-            states: states.collect(),
-            samples,
-            configs,
-        }
-    }
-}
-
-fn simulated(config: &Config) -> Vec<Sample> {
-    let sim = &config.plant.sim;
-    let simulator = MachineSimulator::new(sim).expect("valid");
-    let joints = config.model.definition().joints;
-    let numbered = simulator.take(LENGTH).enumerate();
-    let samples = numbered.map(|(k, s)| Sample::new(7, k as u64, k as u64 * 1_000_000, joints, sim.signals(), &s));
-    samples.collect()
-}
-
-fn info(config: &Config) -> RunInfo {
-    run_info(config, &monitor_node(config, None), true)
-}
-
-/// Columns as in `config/servo_axis.toml`.
-fn log(samples: &[Sample]) -> Vec<u8> {
-    let mut text = "t_s,q_m,q_ref_m,voltage_v\n".to_owned();
-    for s in samples {
-        text.push_str(&format!(
-            "{},{},{},{}\n",
-            s.t_ns as f64 * 1e-9,
-            s.q[0],
-            s.setpoint[0],
-            s.input[0]
-        ));
-    }
-    text.into_bytes()
-}
-
-fn exported(config: &Config, samples: &[Sample]) -> Vec<u8> {
-    let mut sink = Vec::new();
-    let mut csv = SamplesCsv::new(&mut sink, &info(config)).expect("memory");
-    samples.iter().for_each(|sample| csv.write(sample).expect("memory"));
-    csv.finish().expect("memory");
-    sink
-}
-
-fn record(path: &Path, info: RunInfo, samples: &[Sample], estimates: &[Estimate], told: &[Journal]) {
-    // What a recording cannot hold is refused.
-    let Ok(mut recorder) = Recorder::create(path, info, RecordingLimits::default()) else {
-        return;
-    };
-    told.iter().for_each(|entry| recorder.journal(entry).expect("a disk"));
-    for (k, sample) in samples.iter().enumerate() {
-        recorder.sample(sample, k as u64).expect("a disk");
-        if k % 100 == 99 {
-            recorder.flush().expect("a disk");
-        }
-    }
-    estimates.iter().for_each(|e| recorder.estimate(e, 1).expect("a disk"));
-    recorder.status(&Status::default(), 1).expect("a disk");
-    recorder.finish().expect("a disk");
-}
 
 fn configuration(random: &mut Random, corpora: &Corpora) {
     let names = [
@@ -315,78 +206,6 @@ fn show(run: &RunData, random: &mut Random) {
     }
 }
 
-fn hostile_info(random: &mut Random, info: &mut RunInfo) {
-    for _ in 0..random.below(4) {
-        match random.below(9) {
-            0 => info.joints = random.below(9),
-            1 => info.simulated = !info.simulated,
-            2 => info.parameters.truncate(random.below(10)),
-            3 => info.derived = info.parameters.iter().take(random.below(9)).cloned().collect(),
-            4 => info.equations = vec!["e".repeat(random.below(200)); random.below(9)],
-            5 => info.input_unit = random.number(),
-            6 => info.model = "m\u{1b}[2J".repeat(random.below(30)),
-            7 => info.robot = random.pick(&["", "../..", "arm", "a b", "θ"]).to_owned(),
-            _ => {
-                let mut bytes = std::mem::take(&mut info.config_toml).into_bytes();
-                random.mutate(&mut bytes);
-                info.config_toml = String::from_utf8_lossy(&bytes).into_owned();
-            }
-        }
-    }
-}
-
-fn hostile_sample(random: &mut Random, sample: &mut Sample) {
-    for _ in 0..=random.below(3) {
-        let (whole, real, joint) = (random.whole(), random.real(), random.below(8));
-        match random.below(12) {
-            0 => sample.stream_id = whole,
-            1 => sample.seq = whole,
-            2 => sample.t_ns = whole,
-            3 => sample.flags = whole as u32,
-            4 => sample.flags |= sample_flags::END,
-            5 => sample.joints = whole as u32,
-            6 => sample.signals = whole as u32,
-            7 => sample.q[joint] = real,
-            8 => sample.dq[joint] = real,
-            9 => sample.setpoint[joint] = real,
-            10 => sample.input[joint] = real,
-            _ => (sample.ddq[joint], sample.dddq[joint]) = (real, real),
-        }
-    }
-}
-
-fn hostile_estimate(random: &mut Random, block: u64) -> Estimate {
-    let reals: [f64; crate::model::MAX_PARAMS] = std::array::from_fn(|_| random.real());
-    let mut wholes = || random.whole();
-    Estimate {
-        stream_id: 7,
-        block: if wholes() % 2 == 0 { block } else { wholes() },
-        t_first_ns: wholes(),
-        t_last_ns: wholes(),
-        model_hash: wholes(),
-        config_hash: wholes(),
-        accepted: wholes(),
-        missing: wholes(),
-        rejected: wholes(),
-        excited: ParameterSet::from_bits(u128::from(wholes()) << 31),
-        usable: ParameterSet::from_bits(u128::from(wholes())),
-        fixed: ParameterSet::from_bits(u128::from(wholes()) << 64),
-        t_change_ns: wholes(),
-        state: wholes() as u32,
-        use_ok: wholes() as u32,
-        flags: wholes() as u32,
-        params: wholes() as u32,
-        equations: wholes() as u32,
-        derived_len: wholes() as u32,
-        iterations: wholes() as u32,
-        outliers: wholes() as u32,
-        condition: reals[0],
-        theta: reals,
-        theta_std: reals,
-        ..crate::node::monitor::tests::estimate(block, reals[1])
-    }
-}
-
 fn checkpoints(random: &mut Random, corpora: &Corpora) {
     let which = random.below(corpora.configs.len());
     let (config, samples) = (&corpora.configs[which], &corpora.samples[which]);
@@ -514,42 +333,4 @@ fn control(random: &mut Random, corpora: &Corpora) {
         record(&path, info(config), samples, &[], &told);
         identified(&path, None, random);
     }
-}
-
-fn hostile_request(random: &mut Random, config: &Config) -> Request {
-    let mut request = Request::new(Command::Pause);
-    request.command = match random.below(8) {
-        0 => random.whole() as u32,
-        _ => 1 + random.below(10) as u32,
-    };
-    let parameter = config.model.parameters()[random.below(config.model.parameters().len())]
-        .name
-        .as_ref();
-    let names = [
-        parameter,
-        "forgetting_factor",
-        "max_iterations",
-        "change_margin_s",
-        "gate_limit",
-        "noise_floor_relative",
-    ];
-    request = request.named(random.pick(&names));
-    if random.once_in(10) {
-        request.name = std::array::from_fn(|_| random.next() as u8);
-    }
-    if random.once_in(2) {
-        request = request.with_value(random.real());
-    }
-    request.flags = if random.once_in(10) {
-        random.whole() as u32
-    } else {
-        request.flags
-    };
-    request.from_seq = if random.once_in(2) { 0 } else { random.whole() };
-    if random.once_in(3) {
-        (request.part, request.parts) = (random.below(3) as u32, random.below(4) as u32);
-        request.data_len = random.whole() as u32;
-        request.data.fill_with(|| random.next() as u8);
-    }
-    request
 }

@@ -1,0 +1,179 @@
+//! Section `[identifier]` and those below it: how samples become rows.
+
+use super::check::Check;
+use super::schema::{Automatic, FileForm, InputKind, RealOr, RowsKind};
+use super::sections::IdentifierConfig;
+use crate::model::{MAX_JOINTS, PdController};
+use crate::node::model::SharedModel;
+use crate::rows::{
+    Considered, InputSource, ProjectedError, ProjectedOptions, RowForm, SensorNoise, auto_window_first,
+    auto_window_lengths,
+};
+
+/// A list with one number per joint, or one for all.
+fn per_joint(list: &[f64], otherwise: f64) -> [f64; MAX_JOINTS] {
+    std::array::from_fn(|joint| match list {
+        [one] => *one,
+        list => list.get(joint).copied().unwrap_or(otherwise),
+    })
+}
+
+/// What the model does not say. Positions along a line have no period of one turn.
+fn considered(form: &FileForm, linear: bool) -> Considered {
+    let section = &form.considered;
+    let all = Considered {
+        input_delay_s: section.input_delay_s,
+        gain: section.gain,
+        coulomb: section.coulomb,
+        resonance_hz: section.resonance_hz,
+        drift_per_s: section.drift_per_s,
+        zero_rad: section.zero_rad,
+        eccentricity_rad: Some(section.eccentricity_rad),
+    };
+    if linear { all.without_turns() } else { all }
+}
+
+/// Samples on either side of the velocity filter. Its time is what matters: a filter of as many samples at a lower rate smooths away the fastest
+/// motion. The polynomial of order 5 needs 3, however slow the samples are.
+fn velocity_half_width(half_width_s: f64, sample_period_s: f64, check: &mut Check<'_>) -> Option<usize> {
+    let periods = (half_width_s / sample_period_s).round();
+    if periods > 100.0 {
+        let message = format!("expected at most 100 sample periods, got {half_width_s} s, which are {periods}");
+        check.wrong("identifier.projected.velocity_half_width_s", message);
+        return None;
+    }
+    Some((periods as usize).max(3))
+}
+
+/// Says whether the noise is learnt, which the levels that are set decide if the key does not. In a configuration that is written out the
+/// decision stands, so that it is the same wherever it is read again.
+pub(super) fn decide_on_noise(form: &mut FileForm, check: &mut Check<'_>) {
+    if form.identifier.rows == RowsKind::Pointwise {
+        return;
+    }
+    let section = &mut form.projected;
+    let positions = section.position_resolution.is_some() || section.position_noise.is_some();
+    let inputs = section.input_noise.is_some() || section.input_resolution.is_some();
+    let learn = *section.learn_noise.get_or_insert(!positions && !inputs);
+    if learn || (positions && inputs) {
+        return;
+    }
+    let projected = |name: &str| format!("identifier.projected.{name}");
+    let (set, missing) = match (positions, inputs) {
+        (true, _) => (
+            ["position_resolution", "position_noise"],
+            "input_noise or input_resolution",
+        ),
+        (_, true) => (
+            ["input_noise", "input_resolution"],
+            "position_resolution or position_noise",
+        ),
+        _ => (["learn_noise"; 2], "the levels of positions and inputs"),
+    };
+    let [first, second] = set.map(projected);
+    let key = check.culprit(&[first.as_str(), second.as_str()]).to_owned();
+    let message = format!(
+        "expected {missing} as well, got none of them: state 0 for signals that are exact, or learn_noise = true to have all noise taken from the \
+         signals"
+    );
+    check.wrong(&key, message);
+}
+
+/// The projected rows' options; `None` with a problem where they do not go together.
+fn projected(form: &FileForm, linear: bool, check: &mut Check<'_>) -> Option<ProjectedOptions> {
+    let section = &form.projected;
+    let per_joint = |list: &Option<Vec<f64>>| per_joint(list.as_deref().unwrap_or(&[]), 0.0);
+    let options = ProjectedOptions {
+        sample_period_s: form.plant.sample_period_s,
+        window_s: match section.window_s {
+            RealOr::Real(window_s) => window_s,
+            RealOr::Word(Automatic::Auto) => auto_window_first(form.plant.sample_period_s),
+        },
+        stride_s: section.stride_s,
+        velocity_half_width: velocity_half_width(section.velocity_half_width_s, form.plant.sample_period_s, check)?,
+        timing: section.timing,
+        input_delay_s: section.input_delay_s,
+        noise: SensorNoise {
+            position_resolution: per_joint(&section.position_resolution),
+            position_noise: per_joint(&section.position_noise),
+            input_noise: per_joint(&section.input_noise),
+            input_resolution: per_joint(&section.input_resolution),
+        },
+        learn_noise: section.learn_noise.unwrap_or(true),
+        considered: considered(form, linear),
+    };
+    let checked = match section.window_s {
+        RealOr::Real(_) => options,
+        // what is checked of the shortest one holds for all
+        RealOr::Word(Automatic::Auto) => {
+            let shortest = auto_window_lengths(form.plant.sample_period_s).last();
+            options.with_window(shortest.unwrap_or(options.window_s))
+        }
+    };
+    if let Err(ProjectedError::Value { field, expected, got }) = checked.validate() {
+        let key = match field {
+            "sample_period_s" => "plant.sample_period_s".to_owned(),
+            field if field.starts_with("considered.") => format!("identifier.{field}"),
+            field => format!("identifier.projected.{field}"),
+        };
+        let got = match field.ends_with("_s") {
+            true if expected.contains("sample period") => {
+                let periods = (got / form.plant.sample_period_s).round();
+                format!("{got} s, which are {periods}")
+            }
+            true => format!("{got} s"),
+            false => got.to_string(),
+        };
+        check.wrong(&key, format!("expected {expected}, got {got}"));
+        return None;
+    }
+    let limit = section.input_delay_limit_s;
+    if section.estimate_input_delay && section.input_delay_s.abs() > limit {
+        let message = format!("expected at least the magnitude of input_delay_s, got {limit}");
+        check.wrong("identifier.projected.input_delay_limit_s", message);
+        return None;
+    }
+    Some(options)
+}
+
+pub(super) fn identifier(
+    form: &FileForm,
+    model: Option<&SharedModel>,
+    check: &mut Check<'_>,
+) -> Option<IdentifierConfig> {
+    let linear = model.is_some_and(|model| model.definition().position_unit == "m");
+    let rows = match form.identifier.rows {
+        RowsKind::Projected if form.identifier.input == InputKind::Controller => {
+            let message = "expected \"measured\" with projected rows, which have no velocity to put into a controller, got \"controller\"";
+            check.wrong(check.culprit(&["identifier.input", "identifier.rows"]), message);
+            return None;
+        }
+        RowsKind::Projected => RowForm::Projected(projected(form, linear, check)?),
+        RowsKind::Pointwise => RowForm::Pointwise,
+    };
+    let input = match form.identifier.input {
+        InputKind::Controller => {
+            let kp = &form.identifier.proportional_gain_v_per_rad;
+            let kd = &form.identifier.derivative_gain_v_s_per_rad;
+            let mut controllers = [PdController {
+                proportional_gain_v_per_rad: 0.0,
+                derivative_gain_v_s_per_rad: 0.0,
+            }; MAX_JOINTS];
+            for ((controller, kp), kd) in controllers.iter_mut().zip(kp).zip(kd) {
+                *controller = PdController {
+                    proportional_gain_v_per_rad: *kp,
+                    derivative_gain_v_s_per_rad: *kd,
+                };
+            }
+            InputSource::Controller(controllers)
+        }
+        InputKind::Measured => InputSource::Measured,
+    };
+    Some(IdentifierConfig {
+        rows,
+        auto_window: matches!(form.projected.window_s, RealOr::Word(Automatic::Auto)),
+        input,
+        input_limit: per_joint(&form.identifier.input_limit, f64::INFINITY),
+        frozen_after_s: form.identifier.frozen_after_s,
+    })
+}

@@ -1,0 +1,38 @@
+//! Section `[log]`: what the columns of a log file mean.
+
+use super::check::Check;
+use super::choice::Choice;
+use super::schema::FileForm;
+use super::sections::LogColumns;
+use crate::node::model::SharedModel;
+
+pub(super) fn log(form: &FileForm, model: Option<&SharedModel>, check: &mut Check<'_>) -> LogColumns {
+    let section = &form.log;
+    // Metres taken for radians would be used as they are, and nothing in the result would show it.
+    if let Some(model) = model.filter(|_| !section.q.is_empty()) {
+        let linear = model.definition().position_unit == "m";
+        if linear != section.position_unit.is_length() {
+            let (axis, units) = match linear {
+                true => ("moves along a line", "\"m\", \"mm\" or \"um\""),
+                false => ("turns", "\"rad\", \"deg\" or \"turn\""),
+            };
+            let message = format!(
+                "expected {units}, since the model {axis}, got \"{}\"",
+                section.position_unit.word()
+            );
+            check.wrong(check.culprit(&["log.position_unit", "log.q"]), message);
+        }
+    }
+    if section.input_unit == 0.0 {
+        check.wrong("log.input_unit", "expected a number that is not 0, got 0");
+    }
+    LogColumns {
+        time: section.time.clone(),
+        time_unit_s: section.time_unit.seconds(),
+        positions: section.q.clone(),
+        position_unit: section.position_unit.si(),
+        inputs: section.input.clone(),
+        input_unit: section.input_unit,
+        setpoints: section.setpoint.clone(),
+    }
+}

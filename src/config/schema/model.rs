@@ -1,0 +1,43 @@
+//! Section `[model]` and those below it: the equations whose parameters are identified.
+
+use super::super::kind::Kind;
+use super::table::{FINITE, NOT_NEGATIVE, POSITIVE, choice, joints, table};
+use crate::model::{DriveInput, Motion};
+
+table! {
+    /// Section `[model]`.
+    Model {
+        kind: String, Kind::Name, "",
+            "manipulator: the two-joint arm with DC motors of equations (24) to (27), parameters theta_1 to theta_9. servo_axis: mass, viscous_friction, coulomb_friction, offset of one axis. A program with models of its own knows their names, too, and means the first of them unless this says otherwise";
+        gravity_m_s2: f64, Kind::Real(NOT_NEGATIVE), "m/s²",
+            "Acceleration of gravity g in the equations";
+        coulomb_friction: bool, Kind::Flag, "",
+            "Whether the manipulator has Coulomb friction at both joints: parameters coulomb_friction_1 and coulomb_inductance_1 behind theta_5, coulomb_friction_2 and coulomb_inductance_2 behind theta_9; needs rows = \"projected\"";
+        offset: bool, Kind::Flag, "",
+            "Whether the manipulator has a constant torque at both joints: parameters offset_1 and offset_2, behind those of friction";
+    }
+}
+
+table! {
+    /// Section `[model.servo_axis]`.
+    ServoAxisModel {
+        motion: Motion, choice::<Motion>(), "",
+            "linear: positions in m, forces in N. rotary: positions in rad, torques in N m";
+        input: DriveInput, choice::<DriveInput>(), "",
+            "What the drive's input is: control voltage [V], motor current [A], or force or torque itself [N or N m]";
+        gain: f64, Kind::Real(FINITE), "N or N m per unit of input",
+            "What the drive gives for one unit of input; 1 for a force or torque";
+    }
+}
+
+table! {
+    /// Section `[model.known]`.
+    Known {
+        length_1_m: Option<f64>, Kind::Real(POSITIVE), "m",
+            "Length l1 of link 1";
+        winding_resistance_ohm: Option<Vec<f64>>, joints(POSITIVE), "Ω",
+            "Resistance R_w of each motor";
+        torque_constant_n_m_per_a: Option<Vec<f64>>, joints(POSITIVE), "N m/A",
+            "Torque constant k_m of each motor";
+    }
+}

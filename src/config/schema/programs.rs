@@ -1,0 +1,168 @@
+//! Sections of the programs: restarts, real time, logs, results, controller, checkpoints.
+
+use super::super::choice::choices;
+use super::super::kind::{Interval, Kind, Len};
+use super::table::{FINITE, LONGEST_S, NOT_NEGATIVE, POSITIVE, choice, equations, parameters, table};
+
+choices! {
+    /// The unit of a time column.
+    TimeUnit {
+        /// Seconds.
+        Seconds = "s",
+        /// Milliseconds.
+        Milliseconds = "ms",
+        /// Microseconds.
+        Microseconds = "us",
+        /// Nanoseconds.
+        Nanoseconds = "ns",
+    }
+
+    /// The unit of position columns.
+    PositionUnit {
+        /// Radians.
+        Radians = "rad",
+        /// Degrees.
+        Degrees = "deg",
+        /// Turns.
+        Turns = "turn",
+        /// Metres.
+        Metres = "m",
+        /// Millimetres.
+        Millimetres = "mm",
+        /// Micrometres.
+        Micrometres = "um",
+    }
+
+    /// How a controller makes its feed-forward.
+    FeedForward {
+        /// There is no controller.
+        None = "none",
+        /// From the parameters that it began with.
+        Fixed = "fixed",
+        /// From estimates that may be used.
+        Adaptive = "adaptive",
+    }
+}
+
+impl TimeUnit {
+    /// One unit \[s\].
+    pub fn seconds(self) -> f64 {
+        match self {
+            Self::Seconds => 1.0,
+            Self::Milliseconds => 1e-3,
+            Self::Microseconds => 1e-6,
+            Self::Nanoseconds => 1e-9,
+        }
+    }
+}
+
+impl PositionUnit {
+    /// One unit \[rad or m\].
+    pub fn si(self) -> f64 {
+        match self {
+            Self::Radians | Self::Metres => 1.0,
+            Self::Degrees => std::f64::consts::TAU / 360.0,
+            Self::Turns => std::f64::consts::TAU,
+            Self::Millimetres => 1e-3,
+            Self::Micrometres => 1e-6,
+        }
+    }
+
+    /// True for units of length, false for those of angle.
+    pub fn is_length(self) -> bool {
+        match self {
+            Self::Metres | Self::Millimetres | Self::Micrometres => true,
+            Self::Radians | Self::Degrees | Self::Turns => false,
+        }
+    }
+}
+
+table! {
+    /// Section `[supervision]`.
+    Supervision {
+        restarts: u64, Kind::Whole(0, 1_000_000), "",
+            "Times that each process is started again before the run gives up; 0: the run fails with the first one. A run with restarts ends with exit code 3, because something was lost with each";
+        backoff_s: f64, Kind::Real(Interval::closed(0.0, 3600.0)), "s",
+            "Pause before the first restart; twice as long before each further one";
+        backoff_limit_s: f64, Kind::Real(Interval::closed(0.0, 3600.0)), "s",
+            "Longest pause";
+        healthy_s: f64, Kind::Real(Interval::above(0.0, LONGEST_S)), "s",
+            "A process that has run this long has its restarts forgiven, and the pause begins anew";
+    }
+}
+
+table! {
+    /// Section `[realtime.*]`.
+    Realtime {
+        scheduler_priority: u64, Kind::Whole(0, 99), "",
+            "Priority of the real-time policy SCHED_FIFO, 1 to 99; 0: the system's default policy. What the system refuses is told, and the program goes on";
+        cpu_affinity: Vec<u64>, Kind::Wholes(Len::From(0, 64), 0, 1023), "",
+            "Numbers of the CPUs to run on; none: all that the system gives";
+        lock_memory: bool, Kind::Flag, "",
+            "Keep all memory from being swapped out";
+    }
+}
+
+table! {
+    /// Section `[log]`.
+    Log {
+        time: Option<String>, Kind::Label, "",
+            "Column of the time; without it rows follow each other at plant.sample_period_s";
+        time_unit: TimeUnit, choice::<TimeUnit>(), "",
+            "Unit of the time column";
+        q: Vec<String>, Kind::Words, "",
+            "Columns of the positions, one per joint";
+        position_unit: PositionUnit, choice::<PositionUnit>(), "",
+            "Unit of the position columns: of length where the model moves along a line, else of angle";
+        input: Vec<String>, Kind::Words, "",
+            "Columns of the inputs, one per joint";
+        input_unit: f64, Kind::Real(FINITE), "",
+            "One unit of the input columns in the model's unit, 0.001 for millivolts; negative where a positive input drives the machine backwards, not 0";
+        setpoint: Vec<String>, Kind::Words, "",
+            "Columns of the setpoints, one per joint in the unit of the positions, or none";
+    }
+}
+
+table! {
+    /// Section `[monitor]`.
+    Monitor {
+        out_dir: Option<String>, Kind::Path, "",
+            "Directory for estimates.csv and summary.json, which must not hold files yet; not set: `run` takes thetabus-out/TIME, `monitor` writes none";
+        record_file_mib: u64, Kind::Whole(0, 1_048_576), "MiB",
+            "A recording goes on in a new file when one has this size; 0 for no limit";
+        record_files: u64, Kind::Whole(0, 1_000_000), "",
+            "Files of a recording that are kept, the oldest making room for a new one; 0 for all";
+    }
+}
+
+table! {
+    /// Section `[controller]`.
+    Control {
+        feed_forward: FeedForward, choice::<FeedForward>(), "",
+            "adaptive: from estimates that may be used. fixed: from controller.theta throughout. none: no controller; `run` starts one otherwise";
+        theta: Vec<f64>, parameters(FINITE), "the parameters' own",
+            "Parameters that the controller begins with; none: estimator.theta_start";
+        max_std: f64, Kind::Real(Interval::closed(1e-6, 10.0)), "",
+            "Largest standard deviation of a parameter that is taken, as a share of it";
+        blend_s: f64, Kind::Real(Interval::closed(1e-3, 1e3)), "s",
+            "Time in which a parameter may move by its own size: a new estimate never steps the input";
+        silence_s: f64, Kind::Real(Interval::closed(0.1, 1e6)), "s",
+            "An identifier that has not been heard for so long is silent; the last estimates hold";
+        deadline_s: f64, Kind::Real(Interval::closed(1e-3, 10.0)), "s",
+            "Stream time for which a command holds; without a newer one the machine goes on with its own loop alone";
+        input_limit: Vec<f64>, equations(POSITIVE.or_infinite()), "unit of the input",
+            "Most feed-forward of each joint, either sign; none: no limit";
+        derivative_gain: Vec<f64>, equations(NOT_NEGATIVE), "input per rad/s or m/s",
+            "Gain Kd of each joint's own loop, which brakes the wanted velocity, too; none: that of plant.controller for an arm, else 0";
+    }
+}
+
+table! {
+    /// Section `[checkpoint]`.
+    Checkpoint {
+        dir: Option<String>, Kind::Path, "",
+            "Directory of the checkpoints, which must exist; not set: none are written, and --warm is refused";
+        period_s: f64, Kind::Real(Interval::closed(0.1, 1e6)), "s",
+            "Time from one checkpoint to the next; another is written at the end, and on `thetabus ctl save`";
+    }
+}

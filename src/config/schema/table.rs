@@ -1,0 +1,93 @@
+//! What a table of keys is made of: the macro that describes each key once, and the ranges that many keys share.
+
+use super::super::choice::Choice;
+use super::super::kind::{Interval, Kind, Len};
+use serde::{Deserialize, Serialize};
+
+/// Whether a field may be left out.
+pub(super) trait Field {
+    const OPTIONAL: bool = false;
+}
+impl Field for bool {}
+impl Field for u64 {}
+impl Field for f64 {}
+impl Field for String {}
+impl<C: Choice> Field for C {}
+impl<C: Choice> Field for RealOr<C> {}
+impl<T: Field> Field for Vec<T> {}
+impl<T: Field> Field for Option<T> {
+    const OPTIONAL: bool = true;
+}
+
+/// A number, or a word that stands for one.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum RealOr<C> {
+    /// A number.
+    Real(f64),
+    /// A word.
+    Word(C),
+}
+
+/// A structure with a field for each key, and `keys`, which has what is known of them. A key is described here and nowhere else:
+/// name, type, what it takes, unit, meaning. A key whose type is an `Option` may be left out.
+macro_rules! table {
+    ($(#[$about:meta])* $struct:ident { $( $name:ident : $type:ty, $kind:expr, $unit:literal, $meaning:literal; )* }) => {
+        $(#[$about])*
+        #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        pub struct $struct {
+            $( #[doc = $meaning] pub $name: $type, )*
+        }
+
+        impl $struct {
+            const COUNT: usize = [$( stringify!($name) ),*].len();
+
+            /// The keys of a section of this name.
+            pub(super) const fn keys(section: &'static str) -> [$crate::config::Key; Self::COUNT] {
+                [ $( $crate::config::Key {
+                    section,
+                    name: stringify!($name),
+                    kind: $kind,
+                    unit: $unit,
+                    meaning: $meaning,
+                    optional: <$type as $crate::config::schema::table::Field>::OPTIONAL,
+                }, )* ]
+            }
+        }
+    };
+}
+pub(super) use table;
+
+pub(super) const FINITE: Interval = Interval::ANY;
+pub(super) const POSITIVE: Interval = Interval::POSITIVE;
+pub(super) const NOT_NEGATIVE: Interval = Interval::NOT_NEGATIVE;
+/// Longest time that a key may ask for: some thirty years.
+pub(super) const LONGEST_S: f64 = 1e9;
+/// Any sensible number of entries.
+pub(super) const LIST: Len = Len::From(1, 100_000);
+
+/// One of the words of a choice.
+pub(super) const fn choice<C: Choice>() -> Kind {
+    Kind::Choice(C::WORDS)
+}
+
+/// A number, or the word of a choice that has one.
+pub(super) const fn real_or<C: Choice>(interval: Interval) -> Kind {
+    Kind::RealOr(interval, C::WORDS[0])
+}
+
+/// A number per joint.
+pub(super) const fn joints(interval: Interval) -> Kind {
+    Kind::Reals(Len::Joints, interval)
+}
+
+/// A number per parameter, or none.
+pub(super) const fn parameters(interval: Interval) -> Kind {
+    Kind::Reals(Len::Parameters, interval)
+}
+
+/// A number per equation, or none.
+pub(super) const fn equations(interval: Interval) -> Kind {
+    Kind::Reals(Len::Equations, interval)
+}

@@ -1,0 +1,161 @@
+//! Command lines of the programs of a run.
+
+use super::args::{CommonArgs, TableFormat};
+use crate::live::Screen;
+use clap::Args;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+/// `plant_simulator`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct PlantArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+    /// Simulated seconds per second, or max (key plant.speed)
+    #[arg(long, value_name = "X|max", allow_negative_numbers = true)]
+    pub speed: Option<String>,
+    /// Length of the run in simulated seconds (key plant.duration_s)
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    pub duration: Option<String>,
+    /// Seed of everything random (key plant.seed)
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub seed: Option<String>,
+}
+
+impl PlantArgs {
+    pub(super) fn overrides(&self) -> [(&'static str, Option<String>); 3] {
+        [
+            ("plant.speed", self.speed.clone()),
+            ("plant.duration_s", self.duration.clone()),
+            ("plant.seed", self.seed.clone()),
+        ]
+    }
+}
+
+/// `identifier`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct IdentifierArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+    /// Go on from the checkpoint in checkpoint.dir where there is one that fits
+    #[arg(long)]
+    pub warm: bool,
+}
+
+/// `controller`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct ControllerArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+}
+
+/// The page in a browser.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub struct WebArgs {
+    /// Show it live as a page in a browser, on this machine only unless another address is named; port 0 for any that is free
+    #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8080")]
+    pub web: Option<SocketAddr>,
+    /// Let the page pause, resume, reset, fix and free, for whoever knows the token in the address that is printed
+    #[arg(long, requires = "web")]
+    pub web_control: bool,
+    /// Stream samples, estimates and status to Foxglove or Lichtblick, ws://ADDRESS:PORT; the protocol has no token, so only on this machine
+    #[cfg(feature = "foxglove")]
+    #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
+    pub foxglove: Option<SocketAddr>,
+    /// Stream to Foxglove on an address of the network, too: whoever reaches it reads along
+    #[cfg(feature = "foxglove")]
+    #[arg(long, requires = "foxglove")]
+    pub foxglove_open: bool,
+}
+
+impl WebArgs {
+    /// Whether anything here shows samples.
+    pub(super) fn takes_samples(&self) -> bool {
+        #[cfg(feature = "foxglove")]
+        if self.foxglove.is_some() {
+            return true;
+        }
+        self.web.is_some()
+    }
+
+    /// Refuses what would be open to all of a network unless that is meant.
+    #[cfg(feature = "foxglove")]
+    pub(super) fn check(&self) -> Result<(), super::Failure> {
+        match self.foxglove {
+            Some(address) if !address.ip().is_loopback() && !self.foxglove_open => Err(super::Failure::Usage(format!(
+                "--foxglove {address}: expected an address of this machine alone, such as 127.0.0.1:{port}: the protocol has no token, so whoever \
+                 reaches {address} would read along; from elsewhere use ssh -L {port}:127.0.0.1:{port} HOST, or add --foxglove-open if all \
+                 of the network may",
+                port = address.port()
+            ))),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// `thetabus watch`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct WatchArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+}
+
+impl WatchArgs {
+    /// What logging may say while the terminal is drawn on.
+    pub fn logs(&self) -> CommonArgs {
+        CommonArgs {
+            draws: Screen::is_possible(),
+            ..self.common.clone()
+        }
+    }
+}
+
+/// `monitor`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct MonitorArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+    /// Directory for estimates.csv and summary.json, new or empty (key monitor.out_dir)
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Record samples, estimates and status as MCAP; the file must not exist
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub web: WebArgs,
+    /// Form of the result table on standard output
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub format: TableFormat,
+}
+
+/// `thetabus run`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct RunArgs {
+    /// Configuration file; without one config/encoder_only.toml, which is built in
+    #[arg(value_name = "CONFIG")]
+    pub file: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub plant: PlantArgs,
+    /// Directory for the results, new or empty; thetabus-out/TIME without it (key monitor.out_dir)
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Make no recording, and so no report
+    #[arg(long)]
+    pub no_record: bool,
+    /// The identifier goes on from the checkpoint in checkpoint.dir where there is one that fits
+    #[arg(long)]
+    pub warm: bool,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub web: WebArgs,
+    /// Form of the result table on standard output
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub format: TableFormat,
+}

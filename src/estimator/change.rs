@@ -1,40 +1,45 @@
 //! Has the plant changed in this block, when, and what may still be believed.
 //!
-//! **Test.** With d = θ_block − θ̄ the difference between what the block alone says and what was believed before,
+//! **Test.** With d = θ_block − θ̄ the difference between what the block alone says and what was
+//! believed before,
 //!
 //! ```text
 //! T = dᵀ (P + A⁻¹)⁻¹ d,    A = Σ_e S_e/σ_e²,    T/r ~ F(r, ν) where nothing changed
 //! ```
 //!
-//! P is the honest covariance of θ̄ (not the inverse information, which forgetting makes 1 + λ too large), r the number of directions
-//! that the block informs on, ν the degrees of freedom of σ². A⁻¹ does not exist where the block is silent, so T is formed from A d = A (θ_m − θ̄)
-//! + g(θ_m), g the score, which needs no block fit: with P = L Lᵀ and (b_k, q_k) the eigenpairs of LᵀAL,
+//! P is the honest covariance of θ̄ (not the inverse information, which forgetting makes 1 + λ too
+//! large), r the number of directions that the block informs on, ν the degrees of freedom of σ².
+//! A⁻¹ does not exist where the block is silent, so T is formed from A d = A (θ_m − θ̄) + g(θ_m), g
+//! the score, which needs no block fit: with P = L Lᵀ and (b_k, q_k) the eigenpairs of LᵀAL,
 //!
 //! ```text
 //! T = Σ_k (q_kᵀ Lᵀ A d)² / (b_k (1 + b_k))
 //! ```
 //!
-//! (less what considered errors explain of it, `considered.rs`,) a sum of squares without cancellation, in which a direction without excitation (b_k = 0) has no part. The start value is only a guess and
-//! enters P a hundredfold: to be wrong about it is not a change of the plant.
+//! (less what considered errors explain of it, `considered.rs`,) a sum of squares without
+//! cancellation, in which a direction without excitation (b_k = 0) has no part. The start value is
+//! only a guess and enters P a hundredfold: to be wrong about it is not a change of the plant.
 //!
-//! **Kind.** On an alarm the block is fitted alone. Where that fit leaves no more than noise, nothing changed inside the block: all of it
-//! is used, and the prior is widened by the difference found. Else the block is cut at the row τ that minimises
+//! **Kind.** On an alarm the block is fitted alone. Where that fit leaves no more than noise,
+//! nothing changed inside the block: all of it is used, and the prior is widened by the difference
+//! found. Else the block is cut at the row τ that minimises
 //!
 //! ```text
 //! J(τ) = min_θ [prior + Σ_{rows ending before τ} f²/σ²] + min_θ [Σ_{rows starting at τ or later} f²/σ²] + number of rows across τ
 //! ```
 //!
-//! over all groups together, and only the rows after τ are used, with the prior of the parameters that they inform on widened to 100 %.
-//! Never Λ ← κΛ, nor widening along the excited combinations alone: both keep a wrong and overconfident prior in the others
-//! (measured: θ₁ off by 10 deviations after a payload jump, because an open combination of θ₁ and θ₂ stayed what it had been). Each side is linearised at its own estimate, the
-//! later one anew until τ stays. Where a straight line θ(t) through the block costs less than the cut, the plant drifts: the
-//! block is used as a whole and its movement is expected of the next ones.
+//! over all groups together, and only the rows after τ are used, with the prior of the parameters
+//! that they inform on widened to 100 %. Never Λ ← κΛ, nor widening along the excited combinations
+//! alone: both keep a wrong and overconfident prior in the others (measured: θ₁ off by 10
+//! deviations after a payload jump, because an open combination of θ₁ and θ₂ stayed what it had
+//! been). Each side is linearised at its own estimate, the later one anew until τ stays. Where a
+//! straight line θ(t) through the block costs less than the cut, the plant drifts: the block is
+//! used as a whole and its movement is expected of the next ones.
 
 use super::equation::{EquationState, TINY};
 use super::fit::Fit;
 use super::group::GroupState;
 use super::linalg::{dot, gather, mul_vec};
-use super::line::{LineFit, LinePrior};
 use super::options::{EstimatorOptions, Outliers};
 use super::pass::{Loss, Sums, accumulate, used};
 use super::stats::f_tail;
@@ -44,24 +49,23 @@ use std::ops::Range;
 /// How much wider than stated the start value is taken to be, in variance.
 const GUESS: f64 = 100.0;
 /// A block fit whose residuals are less probable than this holds more than noise.
-const CONSISTENT: f64 = 1e-4;
-/// Share of a parameter's size by which a line may always bend.
-const BEND: f64 = 1e-3;
+pub const CONSISTENT: f64 = 1e-4;
 /// Degrees of freedom of a variance that is known.
-const MANY: f64 = 1e6;
+pub const MANY: f64 = 1e6;
 /// Share of gated rows beyond which they are no outliers but another plant.
-const GATED: f64 = 0.1;
+pub const GATED: f64 = 0.1;
 /// Boundaries per level of the search for τ.
 pub const GRID: usize = 64;
 
 impl GroupState {
-    /// Compares the block with the past, see [`change_probability`](Self::change_probability); `at` holds the sums at `theta`.
+    /// Compares the block with the past, see [`change_probability`](Self::change_probability); `at`
+    /// holds the sums at `theta`.
     pub fn look_for_change(&mut self, theta: &[f64]) {
         self.probability = self.change_probability(theta);
     }
 
-    /// Probability of a T as large as this block's, were the plant unchanged; 1 where there is nothing to compare with.
-    /// `at` holds the sums at `theta`.
+    /// Probability of a T as large as this block's, were the plant unchanged; 1 where there is
+    /// nothing to compare with. `at` holds the sums at `theta`.
     fn change_probability(&mut self, theta: &[f64]) -> f64 {
         let n = self.n;
         let freedom: f64 = self.equations.iter().map(|e| e.freedom).sum();
@@ -92,12 +96,12 @@ impl GroupState {
         }
         // L: P = L Lᵀ from the eigenvectors of the correlation matrix; zero for fixed parameters
         for i in 0..n {
-            let v = self.covariance[i * n + i] + (GUESS - 1.0) * self.guess_covariance[i * n + i];
+            let v = self.errors.total[i * n + i] + (GUESS - 1.0) * self.errors.guess[i * n + i];
             room.scale[i] = if v > 0.0 && !self.fixed[i] { v.sqrt() } else { 0.0 };
         }
         for k in 0..n * n {
             let (si, sj) = (room.scale[k / n], room.scale[k % n]);
-            let v = self.covariance[k] + (GUESS - 1.0) * self.guess_covariance[k];
+            let v = self.errors.total[k] + (GUESS - 1.0) * self.errors.guess[k];
             room.a[k] = if si > 0.0 && sj > 0.0 { v / (si * sj) } else { 0.0 };
         }
         self.eigen.decompose(n, &room.a);
@@ -223,7 +227,8 @@ impl GroupState {
         }) && !self.is_another_plant(options)
     }
 
-    /// Largest variance of the residuals in `at` of any equation, over that of the noise known so far.
+    /// Largest variance of the residuals in `at` of any equation, over that of the noise known so
+    /// far.
     pub fn excess(&self) -> f64 {
         let of = |(e, sums): (&EquationState, &Sums)| {
             let freedom = (sums.rows - sums.outliers) as f64 - sums.params as f64;
@@ -232,9 +237,11 @@ impl GroupState {
         self.equations.iter().zip(&self.at).map(of).fold(0.0, f64::max)
     }
 
-    /// Widens the covariance of the parameters that `at` informs on, alone or in combination: parameter i by `sizes`[i], or by its whole size.
+    /// Widens the covariance of the parameters that `at` informs on, alone or in combination:
+    /// parameter i by `sizes`[i], or by its whole size.
     ///
-    /// Where a combination remains open, all its members are widened alike: what was known of it was known of the old plant.
+    /// Where a combination remains open, all its members are widened alike: what was known of it
+    /// was known of the old plant.
     pub fn widen(&mut self, theta: &[f64], sizes: Option<&[f64]>) {
         let n = self.n;
         self.excite(theta);
@@ -253,148 +260,13 @@ impl GroupState {
                 _ if self.excitation.touches(i) => share * size,
                 _ => 0.0,
             };
-            self.change_covariance[i * n + i] += by * by;
+            self.errors.change[i * n + i] += by * by;
         }
         self.total_covariance();
     }
 
-    /// Fits a line to the whole block, see `line.rs`; its cost in units of the noise, infinite where there is none to be had.
-    pub fn line_cost<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> f64 {
-        let own = self.parameters.clone();
-        self.line
-            .fit(rows, &self.equations, theta, own, &self.fixed, None)
-            .unwrap_or(f64::INFINITY)
-    }
-
-    /// True where the line's residuals are no larger than the noise known so far.
-    pub fn line_is_consistent(&self) -> bool {
-        let rows: usize = self.at.iter().map(|s| s.rows).sum();
-        let outliers: usize = self.line.outliers.iter().sum();
-        let freedom = (rows - outliers.min(rows)) as f64 - 2.0 * self.n as f64;
-        let known: f64 = self.equations.iter().map(|e| e.freedom).sum();
-        let cost: f64 = self
-            .equations
-            .iter()
-            .zip(&self.line.costs)
-            .map(|(e, cost)| cost / e.variance.max(TINY))
-            .sum();
-        let noise = freedom < 1.0 || f_tail(cost / freedom, freedom, known.max(1.0)) > CONSISTENT;
-        noise && outliers as f64 <= GATED * rows as f64
-    }
-
-    /// After [`line_cost`](Self::line_cost): the shares of their sizes by which the parameters surely move within the block, and by which
-    /// the line's start is surely off what was known; what does not exceed three deviations is not sure.
-    pub fn line_rates(&self, theta: &[f64]) -> (f64, f64) {
-        let (mut rate, mut off) = (0.0f64, 0.0f64);
-        let sure = |value: f64, variance: f64| {
-            if value * value > 9.0 * variance {
-                value.abs()
-            } else {
-                0.0
-            }
-        };
-        for i in (0..self.n).filter(|&i| !self.fixed[i]) {
-            let size = self.size(theta, i);
-            let start = self.line.middle[i] - 0.5 * self.line.slope[i] - self.centre[i];
-            rate = rate.max(sure(self.line.slope[i], self.line.slope_variance(i)) / size);
-            off = off.max(sure(start, self.line.start_variance(i)) / size);
-        }
-        (rate, off)
-    }
-
-    /// Begins to follow a drift: fits the line again with what was known before the block, where every parameter may be off by the share `off`
-    /// of its size and move by the share `rate`, and takes its end.
-    pub fn start_line<R: Residuals>(&mut self, rows: &R, theta: &mut [f64], rate: f64, off: f64) -> bool {
-        for i in 0..self.n {
-            let size = self.size(theta, i);
-            self.slope[i] = 0.0;
-            self.slope_variance[i] = (rate * size).powi(2);
-            if !self.fixed[i] {
-                self.change_covariance[i * self.n + i] += (off.min(1.0) * size).powi(2);
-            }
-        }
-        self.total_covariance();
-        self.drifting = self.fit_line(rows, theta) && self.end_line(theta);
-        self.drifting
-    }
-
-    /// Share of its size by which the fastest parameter moves per block.
-    pub fn slope_rate(&self, theta: &[f64]) -> f64 {
-        (0..self.n)
-            .map(|i| self.slope[i].abs() / self.size(theta, i))
-            .fold(0.0, f64::max)
-    }
-
-    /// Fits the line that goes on from the last; true where it leaves no more than noise and is near what was expected of it. `change` is the
-    /// share of their sizes by which slopes may have changed.
-    pub fn follow_line<R: Residuals>(&mut self, rows: &R, theta: &[f64], change: f64) -> bool {
-        for i in 0..self.n {
-            self.slope_variance[i] += (change * self.size(theta, i)).powi(2);
-        }
-        let directions = 2.0 * self.n as f64;
-        if !(self.fit_line(rows, theta) && self.line_is_consistent()) {
-            return false;
-        }
-        !self.line_bends(theta) || f_tail(self.line.surprise / directions, directions, MANY) > CONSISTENT
-    }
-
-    /// True where the line that was fitted is off the one before by more than no user would notice, however exact the signals are.
-    pub fn line_bends(&self, theta: &[f64]) -> bool {
-        (0..self.n).any(|i| {
-            let start = self.line.middle[i] - 0.5 * self.line.slope[i] - self.centre[i];
-            let turned = self.line.slope[i] - self.slope[i];
-            start.abs().max(turned.abs()) > BEND * self.size(theta, i)
-        })
-    }
-
-    /// True where the line that was fitted moves by more than three deviations.
-    pub fn line_moves(&self) -> bool {
-        (0..self.n).any(|i| self.line.slope[i].powi(2) > 9.0 * self.line.slope_variance(i))
-    }
-
-    fn fit_line<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> bool {
-        let n = self.n;
-        self.prior_from_covariance();
-        let variance = self.variance().max(TINY);
-        self.prior.iter_mut().for_each(|v| *v /= variance);
-        let prior = LinePrior {
-            start: &self.centre,
-            start_information: &self.prior,
-            slope: &self.slope,
-            slope_variance: &self.slope_variance,
-        };
-        let own = self.parameters.clone();
-        debug_assert_eq!(own.len(), n);
-        self.line
-            .fit(rows, &self.equations, theta, own, &self.fixed, Some(prior))
-            .is_some()
-    }
-
-    /// The line's end is the estimate, with its covariance and the information that belongs to it.
-    pub fn end_line(&mut self, theta: &mut [f64]) -> bool {
-        let n = self.n;
-        let own = self.parameters.clone();
-        let end = |line: &LineFit, i: usize| line.middle[i] + 0.5 * line.slope[i];
-        if (0..n).any(|i| !(end(&self.line, i).is_finite() && self.line.end_covariance(i, i) >= 0.0)) {
-            return false;
-        }
-        for i in 0..n {
-            theta[own.start + i] = end(&self.line, i).clamp(self.lower[i], self.upper[i]);
-            self.slope[i] = self.line.slope[i];
-            self.slope_variance[i] = self.line.slope_variance(i);
-            for j in 0..n {
-                let free = !self.fixed[i] && !self.fixed[j];
-                self.change_covariance[i * n + j] = if free { self.line.end_covariance(i, j) } else { 0.0 };
-            }
-        }
-        for (k, sums) in self.at.iter_mut().enumerate() {
-            (sums.cost, sums.outliers) = (self.line.costs[k], self.line.outliers[k]);
-        }
-        true
-    }
-
-    /// Adds to `costs`[k] the least cost, in units of the noise, of the rows before (`after` false) or from (`after` true) boundary k on,
-    /// with the prior as it is and linearised at `theta`.
+    /// Adds to `costs`[k] the least cost, in units of the noise, of the rows before (`after` false)
+    /// or from (`after` true) boundary k on, with the prior as it is and linearised at `theta`.
     pub fn segment_costs<R: Residuals>(
         &mut self,
         rows: &R,
@@ -501,7 +373,8 @@ impl Boundary {
     }
 }
 
-// What the residuals of one equation would leave if it were fitted alone, over its degrees of freedom.
+// What the residuals of one equation would leave if it were fitted alone, over its degrees of
+// freedom.
 fn own_variance(sums: &Sums, factor: &mut super::linalg::Cholesky, work: &mut [f64]) -> f64 {
     let p = sums.params;
     let freedom = sums.rows as f64 - p as f64;
@@ -518,10 +391,12 @@ fn own_variance(sums: &Sums, factor: &mut super::linalg::Cholesky, work: &mut [f
     cost.max(0.0) / freedom
 }
 
-/// Finds the cut of `whole` that costs least, for the groups in `joined` together; returns it with its cost.
+/// Finds the cut of `whole` that costs least, for the groups in `joined` together; returns it with
+/// its cost.
 ///
-/// `before` and `later` are the points of linearisation of either side. The earlier side is held by what was known before the block, unless
-/// it is `free` of it because an earlier cut separates them.
+/// `before` and `later` are the points of linearisation of either side. The earlier side is held by
+/// what was known before the block, unless it is `free` of it because an earlier cut separates
+/// them.
 #[allow(clippy::too_many_arguments)]
 pub fn locate<R: Residuals>(
     groups: &mut [GroupState],

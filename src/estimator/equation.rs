@@ -1,8 +1,13 @@
 //! An equation of a group: its noise, its residuals, and what it adds to the normal equations.
+//!
+//! σ_e² is the residuals' sum of squares over their degrees of freedom, rows less tr(K S_e), both
+//! forgotten with λ: a block that a strong prior holds is charged less than one parameter per
+//! parameter. It never goes below the floor of the options.
 
 use super::Residuals;
-use super::options::EstimatorOptions;
+use super::options::{EstimatorOptions, Outliers};
 use super::pass::{Loss, Sums, accumulate};
+use super::persist::Visit;
 use std::ops::Range;
 
 /// Noise variances are kept above this, so that they may divide.
@@ -34,7 +39,8 @@ pub struct EquationState {
 }
 
 impl EquationState {
-    /// Equation `index` with parameters `own`, in a group of `parameters`; nothing is known of its noise.
+    /// Equation `index` with parameters `own`, in a group of `parameters`; nothing is known of its
+    /// noise.
     pub fn new(index: usize, own: Range<usize>, parameters: &Range<usize>, options: &EstimatorOptions) -> Self {
         let n = parameters.len();
         Self {
@@ -53,8 +59,50 @@ impl EquationState {
         }
     }
 
-    /// Learns the noise from residuals of `cost` of which the parameters took `taken` degrees of freedom. A block counts as at most four
-    /// times as noisy as known so far: more is something else than noise, or is learnt in two blocks.
+    /// What goes from block to block; see `persist.rs`.
+    pub fn visit(&mut self, v: &mut impl Visit) {
+        for number in [&mut self.spread, &mut self.freedom, &mut self.variance, &mut self.scale] {
+            v.real(number);
+        }
+        v.reals(&mut self.noise_covariance);
+    }
+
+    /// Forgets the level of the noise.
+    pub fn forget(&mut self) {
+        (self.spread, self.freedom, self.variance, self.scale) = (0.0, 0.0, 0.0, 0.0);
+    }
+
+    /// True if nothing is negative that cannot be.
+    pub fn is_sound(&self) -> bool {
+        let n = self.noise_covariance.len().isqrt();
+        let numbers = [self.spread, self.freedom, self.variance, self.scale];
+        (0..n).all(|i| self.noise_covariance[i * n + i] >= 0.0) && numbers.iter().all(|v| *v >= 0.0)
+    }
+
+    /// Sets the noise variance for a block's decisions from what was learnt.
+    pub fn set_variance(&mut self, sums: &Sums, options: &EstimatorOptions) {
+        let learnt = if self.freedom > 0.0 {
+            self.spread / self.freedom
+        } else {
+            0.0
+        };
+        self.variance = learnt.max(floor_variance(self, sums, options));
+    }
+
+    /// Sets the loss from the median of the divided residuals' magnitudes; a gate that is not
+    /// `closed` is Huber's function.
+    pub fn limit_outliers(&mut self, median: f64, sums: &Sums, closed: bool, options: &EstimatorOptions) {
+        // the median of |f| of a normal distribution is 0.6745 σ
+        self.scale = (median / 0.6745).max(floor_variance(self, sums, options).sqrt());
+        self.loss = match options.outliers {
+            Outliers::Gate(k) if !closed => Outliers::Huber(k).loss(self.scale),
+            outliers => outliers.loss(self.scale),
+        };
+    }
+
+    /// Learns the noise from residuals of `cost` of which the parameters took `taken` degrees of
+    /// freedom. A block counts as at most four times as noisy as known so far: more is something
+    /// else than noise, or is learnt in two blocks.
     pub fn learn(&mut self, sums: &Sums, cost: f64, taken: f64, options: &EstimatorOptions) {
         let freedom = (sums.rows - sums.outliers) as f64 - taken;
         if freedom > 1e-6 * sums.rows as f64 {
@@ -73,7 +121,7 @@ impl EquationState {
 }
 
 /// Smallest noise variance that is believed.
-pub fn floor_variance(e: &EquationState, sums: &Sums, options: &EstimatorOptions) -> f64 {
+fn floor_variance(e: &EquationState, sums: &Sums, options: &EstimatorOptions) -> f64 {
     let size = if sums.rows > 0 {
         sums.size / sums.rows as f64
     } else {
@@ -131,4 +179,27 @@ pub fn add_scores(equations: &[EquationState], sums: &[Sums], gradient: &mut [f6
             *g += s;
         }
     }
+}
+
+/// Mean noise variance of the rows in the sums.
+pub fn mean_variance(equations: &[EquationState], sums: &[Sums]) -> f64 {
+    let rows: f64 = sums.iter().map(|s| s.rows as f64).sum();
+    let weighted = equations.iter().zip(sums).map(|(e, s)| e.variance * s.rows as f64);
+    let sum: f64 = weighted.sum();
+    if rows > 0.0 { sum / rows } else { 0.0 }
+}
+
+/// χ² of the residuals and its degrees of freedom, in units of the noise that was told, or else of
+/// the learnt one; and that unit.
+pub fn chi_square(equations: &[EquationState], sums: &[Sums], told: bool) -> (f64, f64, f64) {
+    let (mut misfit, mut freedom, mut unit, mut rows) = (0.0, 0.0, 0.0, 0.0);
+    for (e, sums) in equations.iter().zip(sums) {
+        let variance = if told { e.floor * e.floor } else { e.variance.max(TINY) };
+        let own = (sums.rows - sums.outliers) as f64;
+        misfit += sums.cost / variance;
+        freedom += own - sums.params as f64;
+        unit += own * variance;
+        rows += own;
+    }
+    (misfit, freedom.max(0.0), if rows > 0.0 { unit / rows } else { 1.0 })
 }

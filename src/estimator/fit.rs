@@ -27,6 +27,17 @@ pub struct Fit {
     pub converged: bool,
 }
 
+impl Fit {
+    /// Both of two fits.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            iterations: self.iterations.max(other.iterations),
+            converged: self.converged & other.converged,
+        }
+    }
+}
+
 /// How often a step is halved before the fit gives up.
 const HALVINGS: usize = 20;
 

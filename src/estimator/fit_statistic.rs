@@ -43,6 +43,42 @@ pub struct NoiseLevel {
     pub freedom: f64,
 }
 
+/// What the equations of a block say together.
+#[derive(Debug, Clone)]
+pub struct BlockFit {
+    tests: usize,
+    /// Smallest tail probability of each equation.
+    tails: [f64; 64],
+}
+
+impl Default for BlockFit {
+    fn default() -> Self {
+        Self {
+            tests: 0,
+            tails: [1.0; 64],
+        }
+    }
+}
+
+impl BlockFit {
+    /// Takes an equation in.
+    pub fn take(&mut self, equation: usize, fit: &EquationFit) {
+        self.tests += fit.tests;
+        self.tails[equation % 64] = fit.tail;
+    }
+
+    /// Probability of residuals as large as these if the model is right, and the equations, a bit each, that do not fit.
+    pub fn judge(&self, equations: usize) -> (f64, u64) {
+        let (mut least, mut misfit) = (1.0f64, 0);
+        for (e, tail) in self.tails.iter().enumerate().take(equations) {
+            let probability = (tail * self.tests.max(1) as f64).min(1.0);
+            least = least.min(probability);
+            misfit |= u64::from(probability < MISFIT) << e;
+        }
+        (least, misfit)
+    }
+}
+
 /// How well one equation fits a block.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct EquationFit {

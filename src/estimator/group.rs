@@ -1,4 +1,5 @@
-//! One independent least squares problem: the parameters of a connected group of equations, and what is known about them.
+//! One independent least squares problem: the parameters of a connected group of equations, and
+//! what is known about them.
 //!
 //! ```text
 //! Λ       from Γ_{m−1}⁻¹ by the forgetting rule                       begin
@@ -6,30 +7,19 @@
 //! Γ_m⁻¹   = Λ + S, S = Σ w φφᵀ at θ̂_m                                 conclude, (9)
 //! ```
 //!
-//! # Covariance
-//! θ̂ is a linear function of what came before: with K = Γ_m and A = I − K S the error obeys e_m = A e_{m−1} + K Σ φ n, whatever
-//! the forgetting rule. So its covariance is carried along as it is (Joseph's form):
-//!
-//! ```text
-//! P ← A P Aᵀ + K (Σ_e σ_e² S_e) K
-//! ```
-//!
-//! For exponential forgetting this is the sandwich Γ M Γ with M ← λ² M + S. It is kept per equation for noise of unit variance, so
-//! that the noise level may still be learnt, and apart for what the start value (or a change since) leaves unknown.
-//!
-//! # Noise
-//! σ_e² is the residuals' sum of squares over their degrees of freedom, rows less tr(K S_e), both forgotten with λ: a block that a
-//! strong prior holds is charged less than one parameter per parameter. It never goes below the floor of the options.
+//! The covariance of θ̂ is carried along whatever the forgetting rule (`error_covariance.rs`); each
+//! equation learns its noise (`equation.rs`).
 
 use super::clusters::Clusters;
 use super::conditioning::{LARGEST_CONDITION, invert, repair};
 use super::confirmation::Confirmation;
 use super::considered::Considered;
 use super::constrained::ConstrainedStep;
-use super::equation::{EquationState, TINY, add_gram, add_grams, evaluate, floor_variance};
+use super::drift::Drift;
+use super::equation::{EquationState, TINY, add_gram, add_grams, chi_square, evaluate, mean_variance};
+use super::error_covariance::{ErrorCovariance, clear_entries};
 use super::forgetting::{Excitation, Rule};
-use super::linalg::{Cholesky, Congruence, Eigen, gather, mul, scatter};
-use super::line::LineFit;
+use super::linalg::{Cholesky, Eigen, gather, mul, scatter};
 use super::options::{EstimatorOptions, Forgetting, Outliers};
 use super::pass::{Loss, Sums};
 use super::persist::Visit;
@@ -46,25 +36,19 @@ pub struct GroupState {
     pub equations: Vec<EquationState>,
     /// Γ⁻¹, n × n.
     pub information: Vec<f64>,
-    /// Covariance of the error that the start value left, n × n.
-    pub guess_covariance: Vec<f64>,
-    /// Covariance of the error that changes of the plant since then brought, n × n.
-    pub change_covariance: Vec<f64>,
-    /// Total, weighted with the noise variances, n × n.
-    pub covariance: Vec<f64>,
-    /// What is published: the total, widened by repeats that disagree and by considered errors, n × n.
+    /// Covariance of the error of θ̂.
+    pub errors: ErrorCovariance,
+    /// What is published: the total, widened by repeats that disagree and by considered errors, n ×
+    /// n.
     pub honest: Vec<f64>,
-    /// The covariance that may be published, without what drifts widen it by: what relations are imposed with. Empty if no drifts are considered, n × n.
+    /// The covariance that may be published, without what drifts widen it by: what relations are
+    /// imposed with. Empty if no drifts are considered, n × n.
     pub undrifted: Vec<f64>,
     /// Probability of the last block, were the plant unchanged.
     pub probability: f64,
     pub clusters: Clusters,
     pub considered: Considered,
-    /// True while the parameters move along a line, with its slope per block and the variance of that.
-    pub drifting: bool,
-    pub slope: Vec<f64>,
-    pub slope_variance: Vec<f64>,
-    pub line: LineFit,
+    pub drift: Drift,
     /// Blocks that this group was updated with, and how many since its last alarm.
     pub blocks: u64,
     pub since_alarm: u32,
@@ -90,7 +74,6 @@ pub struct GroupState {
     pub step: ConstrainedStep,
     pub cholesky: Cholesky,
     pub eigen: Eigen,
-    congruence: Congruence,
     pub magnitudes: Magnitudes,
     pub room: Workspace,
 }
@@ -112,9 +95,7 @@ impl GroupState {
         let mut state = Self {
             n,
             information: vec![0.0; n * n],
-            guess_covariance: vec![0.0; n * n],
-            change_covariance: vec![0.0; n * n],
-            covariance: vec![0.0; n * n],
+            errors: ErrorCovariance::new(n),
             honest: vec![0.0; n * n],
             undrifted: vec![0.0; if options.drift_per_s > 0.0 { n * n } else { 0 }],
             probability: 1.0,
@@ -125,10 +106,7 @@ impl GroupState {
                 structure.equations.len(),
                 options.drift_per_s > 0.0,
             ),
-            drifting: false,
-            slope: vec![0.0; n],
-            slope_variance: vec![0.0; n],
-            line: LineFit::new(n, structure.params, equations.len()),
+            drift: Drift::new(n, structure.params, equations.len()),
             blocks: 0,
             since_alarm: u32::MAX,
             since_misfit: u32::MAX,
@@ -147,7 +125,6 @@ impl GroupState {
             step: ConstrainedStep::new(n),
             cholesky: Cholesky::new(n),
             eigen: Eigen::new(n),
-            congruence: Congruence::new(n),
             magnitudes: Magnitudes::new(),
             room: Workspace::new(n),
             parameters,
@@ -163,31 +140,18 @@ impl GroupState {
 
     /// What goes from block to block; see `persist.rs`.
     pub fn visit(&mut self, v: &mut impl Visit) {
-        for matrix in [
-            &mut self.information,
-            &mut self.guess_covariance,
-            &mut self.change_covariance,
-            &mut self.covariance,
-            &mut self.slope,
-            &mut self.slope_variance,
-        ] {
-            v.reals(matrix);
-        }
-        self.line.visit(v);
+        v.reals(&mut self.information);
+        self.errors.visit(v);
+        self.drift.visit(v);
         self.confirmation.visit(v);
         self.clusters.visit(v);
         self.considered.visit(v);
-        v.flag(&mut self.drifting);
+        v.flag(&mut self.drift.active);
         v.count(&mut self.blocks);
         v.small(&mut self.since_alarm);
         v.small(&mut self.since_misfit);
         self.fixed.iter_mut().for_each(|fixed| v.flag(fixed));
-        for e in &mut self.equations {
-            for number in [&mut e.spread, &mut e.freedom, &mut e.variance, &mut e.scale] {
-                v.real(number);
-            }
-            v.reals(&mut e.noise_covariance);
-        }
+        self.equations.iter_mut().for_each(|e| e.visit(v));
     }
 
     /// Back to knowing nothing, in place; `theta` holds all parameters of the plant.
@@ -196,12 +160,8 @@ impl GroupState {
             self.fixed[i] = options.fixed[self.parameters.start + i];
             self.forget_parameter(i, options.information_floor);
         }
-        for e in &mut self.equations {
-            (e.spread, e.freedom, e.variance, e.scale) = (0.0, 0.0, 0.0, 0.0);
-        }
-        self.drifting = false;
-        self.slope.fill(0.0);
-        self.slope_variance.fill(0.0);
+        self.equations.iter_mut().for_each(EquationState::forget);
+        self.drift.forget();
         (self.blocks, self.since_alarm, self.since_misfit) = (0, u32::MAX, u32::MAX);
         self.condition = 1.0;
         self.excitation.clear();
@@ -216,47 +176,30 @@ impl GroupState {
     /// True for a state that this could be in: positive information, no negative variance.
     pub fn is_sound(&mut self) -> bool {
         let n = self.n;
-        let covariances = [&self.guess_covariance, &self.change_covariance, &self.covariance];
-        let own = self.equations.iter().map(|e| &e.noise_covariance);
-        let variances_hold = covariances
-            .into_iter()
-            .chain(own)
-            .all(|matrix| (0..n).all(|i| matrix[i * n + i] >= 0.0));
-        let numbers_hold = self
-            .equations
-            .iter()
-            .all(|e| e.spread >= 0.0 && e.freedom >= 0.0 && e.variance >= 0.0 && e.scale >= 0.0);
+        let equations_hold = self.equations.iter().all(EquationState::is_sound);
         let symmetric = (0..n).all(|i| (0..i).all(|j| self.information[i * n + j] == self.information[j * n + i]));
-        variances_hold && numbers_hold && symmetric && self.cholesky.factor(n, &self.information)
+        self.errors.is_sound() && equations_hold && symmetric && self.cholesky.factor(n, &self.information)
     }
 
     /// Puts parameter i back to what is known at the start: information ε, no correlation.
     pub fn forget_parameter(&mut self, i: usize, floor: f64) {
         let n = self.n;
-        let clear = |m: &mut [f64], diagonal: f64| {
-            for k in 0..n {
-                m[i * n + k] = 0.0;
-                m[k * n + i] = 0.0;
-            }
-            m[i * n + i] = diagonal;
-        };
-        clear(&mut self.information, floor);
+        clear_entries(n, &mut self.information, i, floor);
         let variance = if self.fixed[i] {
             0.0
         } else {
             self.start_std[i] * self.start_std[i]
         };
-        clear(&mut self.guess_covariance, variance);
-        clear(&mut self.change_covariance, 0.0);
-        clear(&mut self.covariance, variance);
+        self.errors.forget_parameter(i, variance);
         for e in &mut self.equations {
-            clear(&mut e.noise_covariance, 0.0);
+            clear_entries(n, &mut e.noise_covariance, i, 0.0);
         }
         self.clusters.forget_parameter(i);
         self.considered.forget_parameter(i);
     }
 
-    /// Looks at the block from the present estimate: innovation and sums at θ̄. False where the rows are not finite there.
+    /// Looks at the block from the present estimate: innovation and sums at θ̄. False where the
+    /// rows are not finite there.
     pub fn look<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> bool {
         self.equations.iter_mut().for_each(|e| e.loss = Loss::Square);
         let finite = self.evaluate_at(rows, 0..rows.len(), theta);
@@ -289,8 +232,8 @@ impl GroupState {
         evaluate(rows, range, theta, &self.equations, &mut self.at)
     }
 
-    /// Sets the losses from the residuals at θ and renews the sums there; an open gate is Huber's function. Does nothing where every row
-    /// counts in full.
+    /// Sets the losses from the residuals at θ and renews the sums there; an open gate is Huber's
+    /// function. Does nothing where every row counts in full.
     pub fn limit_outliers<R: Residuals>(
         &mut self,
         rows: &R,
@@ -304,19 +247,14 @@ impl GroupState {
         }
         for (e, sums) in self.equations.iter_mut().zip(&self.at) {
             let regressor = &mut self.room.regressor[..e.own.len()];
-            let median = self.magnitudes.median(rows, e.index, range.clone(), theta, regressor) / e.divisor;
-            // the median of |f| of a normal distribution is 0.6745 σ
-            e.scale = (median / 0.6745).max(floor_variance(e, sums, options).sqrt());
-            e.loss = match options.outliers {
-                Outliers::Gate(k) if !closed => Outliers::Huber(k).loss(e.scale),
-                outliers => outliers.loss(e.scale),
-            };
+            let median = self.magnitudes.median(rows, e.index, range.clone(), theta, regressor);
+            e.limit_outliers(median / e.divisor, sums, closed, options);
         }
         self.evaluate_at(rows, range, theta);
     }
 
-    /// Γ_m⁻¹ and the covariance from the prior and the sums in `at`; learns the noise from the residuals in `at`, or those in `trial`
-    /// where the sums in `at` were taken before the step.
+    /// Γ_m⁻¹ and the covariance from the prior and the sums in `at`; learns the noise from the
+    /// residuals in `at`, or those in `trial` where the sums in `at` were taken before the step.
     /// The block ends at `end_ns`.
     pub fn conclude(&mut self, theta: &[f64], stepped: bool, end_ns: u64, options: &EstimatorOptions) {
         let n = self.n;
@@ -357,18 +295,11 @@ impl GroupState {
             &self.at,
             &room.offset,
         );
-        for covariance in [&mut self.guess_covariance, &mut self.change_covariance] {
-            self.congruence.apply(n, &room.transition, covariance, &mut room.b);
-            covariance.copy_from_slice(&room.b);
-        }
+        self.errors.carry(room);
         for ((e, sums), after) in self.equations.iter_mut().zip(&self.at).zip(&self.trial) {
-            self.congruence
-                .apply(n, &room.transition, &e.noise_covariance, &mut room.b);
-            e.noise_covariance.copy_from_slice(&room.b);
             room.total.fill(0.0);
             add_gram(n, e, sums, &mut room.total);
-            self.congruence.apply(n, &room.gain, &room.total, &mut room.b);
-            e.noise_covariance.iter_mut().zip(&room.b).for_each(|(p, v)| *p += v);
+            self.errors.carry_noise(room, &mut e.noise_covariance);
             // tr(K S_e): what the parameters take of the rows
             let taken: f64 = room.gain.iter().zip(&room.total).map(|(k, s)| k * s).sum();
             e.learn(sums, if stepped { after.cost } else { sums.cost }, taken, options);
@@ -382,7 +313,7 @@ impl GroupState {
     /// Concludes a block that a line was fitted to: the covariance is the line's.
     pub fn conclude_line(&mut self, theta: &[f64], options: &EstimatorOptions) {
         let n = self.n as f64;
-        self.guess_covariance.fill(0.0);
+        self.errors.guess.fill(0.0);
         for (e, sums) in self.equations.iter_mut().zip(&self.at) {
             e.noise_covariance.fill(0.0);
             let freedom = (sums.rows - sums.outliers) as f64 - 2.0 * n;
@@ -429,7 +360,7 @@ impl GroupState {
         let room = &mut self.room;
         for i in (0..n).filter(|&i| !self.fixed[i]) {
             let q = (walks[i] * self.centre[i]).powi(2);
-            self.change_covariance[i * n + i] += q;
+            self.errors.change[i * n + i] += q;
             room.gain[i * n + i] += q / variance;
         }
         invert(
@@ -442,7 +373,8 @@ impl GroupState {
         );
         for i in 0..n {
             for j in 0..n {
-                // a fixed parameter keeps its own information and has none in common with the others
+                // a fixed parameter keeps its own information and has none in common with the
+                // others
                 if !self.fixed[i] && !self.fixed[j] {
                     self.information[i * n + j] = room.gain[i * n + j];
                 }
@@ -454,21 +386,13 @@ impl GroupState {
     // noise variances for this block's decisions
     fn set_variances(&mut self, options: &EstimatorOptions) {
         for (e, sums) in self.equations.iter_mut().zip(&self.at) {
-            let learnt = if e.freedom > 0.0 { e.spread / e.freedom } else { 0.0 };
-            e.variance = learnt.max(floor_variance(e, sums, options));
+            e.set_variance(sums, options);
         }
     }
 
     /// Mean noise variance of the rows in `at`.
     pub fn variance(&self) -> f64 {
-        let rows: f64 = self.at.iter().map(|s| s.rows as f64).sum();
-        let sum: f64 = self
-            .equations
-            .iter()
-            .zip(&self.at)
-            .map(|(e, s)| e.variance * s.rows as f64)
-            .sum();
-        if rows > 0.0 { sum / rows } else { 0.0 }
+        mean_variance(&self.equations, &self.at)
     }
 
     /// Size of parameter i: what a change of 100 % means.
@@ -477,15 +401,17 @@ impl GroupState {
         if size > 0.0 { size } else { 1.0 }
     }
 
-    /// True where a free parameter is known to no better than half its size, which `theta` is close to.
+    /// True where a free parameter is known to no better than half its size, which `theta` is close
+    /// to.
     pub fn is_open(&self, theta: &[f64]) -> bool {
-        let wide = |i: usize| self.covariance[i * self.n + i] > (0.5 * self.size(theta, i)).powi(2);
+        let wide = |i: usize| self.errors.total[i * self.n + i] > (0.5 * self.size(theta, i)).powi(2);
         (0..self.n).any(|i| !self.fixed[i] && wide(i))
     }
 
-    /// Makes the covariance that may be published: P, widened by what the model may lack, of what the data since the last change confirm.
+    /// Makes the covariance that may be published: P, widened by what the model may lack, of what
+    /// the data since the last change confirm.
     pub fn publish(&mut self, theta: &[f64]) {
-        self.honest.copy_from_slice(&self.covariance);
+        self.honest.copy_from_slice(&self.errors.total);
         self.clusters.widen(&mut self.honest);
         if self.considered.has_drifts() {
             self.undrifted.copy_from_slice(&self.honest);
@@ -526,14 +452,7 @@ impl GroupState {
 
     /// The total covariance from its parts.
     pub fn total_covariance(&mut self) {
-        for (k, c) in self.covariance.iter_mut().enumerate() {
-            *c = self.guess_covariance[k] + self.change_covariance[k];
-        }
-        for e in &self.equations {
-            for (c, p) in self.covariance.iter_mut().zip(&e.noise_covariance) {
-                *c += e.variance * p;
-            }
-        }
+        self.errors.add_up(&self.equations);
     }
 
     /// Sums over the columns of considered errors, at `theta` and over the rows that the fit used.
@@ -550,7 +469,7 @@ impl GroupState {
         self.considered.step_line(
             rows,
             &self.equations,
-            &self.line,
+            &self.drift.line,
             &self.prior,
             &self.fixed,
             theta,
@@ -563,26 +482,17 @@ impl GroupState {
         self.equations.iter().all(|e| e.floor > 0.0)
     }
 
-    /// χ² of the residuals in `at` and its degrees of freedom, in units of the noise that was told, or else of the learnt one; and that unit.
+    /// χ² of the residuals in `at` and its degrees of freedom, in units of the noise that was told,
+    /// or else of the learnt one; and that unit.
     pub fn misfit(&self) -> (f64, f64, f64) {
-        let (mut misfit, mut freedom, mut unit, mut rows) = (0.0, 0.0, 0.0, 0.0);
-        let told = self.noise_is_told();
-        for (e, sums) in self.equations.iter().zip(&self.at) {
-            let variance = if told { e.floor * e.floor } else { e.variance.max(TINY) };
-            let own = (sums.rows - sums.outliers) as f64;
-            misfit += sums.cost / variance;
-            freedom += own - sums.params as f64;
-            unit += own * variance;
-            rows += own;
-        }
-        (misfit, freedom.max(0.0), if rows > 0.0 { unit / rows } else { 1.0 })
+        chi_square(&self.equations, &self.at, self.noise_is_told())
     }
 
     /// Λ = σ² P⁻¹ from the covariance as it is, for a fit whose prior is the honest one.
     pub fn prior_from_covariance(&mut self) {
         let n = self.n;
         let variance = self.variance().max(TINY);
-        self.prior.copy_from_slice(&self.covariance);
+        self.prior.copy_from_slice(&self.errors.total);
         let room = &mut self.room;
         invert(
             n,

@@ -18,6 +18,7 @@
 //! speak against it, or where the answer would leave the bounds.
 
 use super::group::GroupState;
+use super::groups::Groups;
 use super::linalg::dot;
 
 /// Deviations of ρ from which on the data contradict the relation: once in 16 000 blocks by chance.
@@ -31,7 +32,7 @@ const ITERATIONS: usize = 20;
 pub struct Published {
     pub theta: Vec<f64>,
     /// P of each group, in the order of the groups.
-    pub covariance: Vec<Vec<f64>>,
+    covariance: Vec<Vec<f64>>,
     /// W of each group, if it is another one.
     weights: Vec<Vec<f64>>,
     gradient: Vec<f64>,
@@ -64,6 +65,27 @@ impl Published {
             let holder = groups.iter().position(|g| g.parameters.contains(&relation[0]));
             if let Some(k) = holder {
                 self.impose(k, &groups[k], relation.map(|index| index - groups[k].parameters.start));
+            }
+        }
+    }
+
+    /// Covariance of the errors of two parameters; 0 between groups.
+    pub fn covariance(&self, groups: &Groups, i: usize, j: usize) -> f64 {
+        groups.entry(i, j, |k| &self.covariance[k])
+    }
+
+    /// Writes the correlation matrix, P × P and row-major; 1 on the diagonal, 0 for what has no deviation.
+    pub fn correlation(&self, groups: &Groups, out: &mut [f64]) {
+        let params = self.theta.len();
+        for i in 0..params {
+            for j in 0..params {
+                let scale = (self.covariance(groups, i, i) * self.covariance(groups, j, j)).sqrt();
+                let value = if scale > 0.0 {
+                    self.covariance(groups, i, j) / scale
+                } else {
+                    0.0
+                };
+                out[i * params + j] = if i == j { 1.0 } else { value.clamp(-1.0, 1.0) };
             }
         }
     }

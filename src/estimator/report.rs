@@ -1,6 +1,18 @@
 //! What a block gives: the estimate with its evidence.
 
+use super::fit::Fit;
+use super::group::GroupState;
+use super::groups::Groups;
+use super::options::EstimatorOptions;
+use super::relation::Published;
 use super::score_test::Suspicion;
+use super::{Residuals, Structure};
+
+/// Three relative standard deviations below which a parameter counts as usable.
+const USABLE: f64 = 0.05;
+/// Share of variance removed from which a parameter counts as excited: the block alone knows it to
+/// within 32 %.
+const EXCITED: f64 = 0.9;
 
 /// Why a block gave no new estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -33,7 +45,19 @@ pub struct Change {
     pub time: u64,
 }
 
-/// The answer to a block with its evidence. Parameters in the plant's units and order, equations in the structure's order.
+impl Change {
+    /// One that all rows of a block come after.
+    pub(super) fn over_the_block<R: Residuals>(kind: ChangeKind, rows: &R) -> Self {
+        Self {
+            kind,
+            row: 0,
+            time: rows.span(0).0,
+        }
+    }
+}
+
+/// The answer to a block with its evidence. Parameters in the plant's units and order, equations in
+/// the structure's order.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Report {
     /// θ̂, with [`EstimatorOptions::relations`](super::EstimatorOptions::relations) imposed.
@@ -42,32 +66,41 @@ pub struct Report {
     pub theta_std: Vec<f64>,
     /// Root mean square of f(θ̂ before the update) per equation, in the equation's unit.
     pub innovation_rms: Vec<f64>,
-    /// Root mean square of f(θ̂ after the update) over the rows used, per equation, in the equation's unit.
+    /// Root mean square of f(θ̂ after the update) over the rows used, per equation, in the
+    /// equation's unit.
     pub residual_rms: Vec<f64>,
     /// Estimated noise standard deviation per equation, in the equation's unit.
     pub noise_std: Vec<f64>,
-    /// Root mean square of √Σ(φ_i θ_i)² per equation, in the equation's unit: the size of what the equation balances.
+    /// Root mean square of √Σ(φ_i θ_i)² per equation, in the equation's unit: the size of what the
+    /// equation balances.
     pub signal_rms: Vec<f64>,
-    /// Per parameter the share of the variance of a parameter known to within 100 % that this block alone would remove, 0 to 1.
+    /// Per parameter the share of the variance of a parameter known to within 100 % that this block
+    /// alone would remove, 0 to 1.
     pub excitation: Vec<f64>,
     /// Bit i: the block informed on parameter i, to a third of its size at least.
     pub excited: u128,
-    /// Bit i: parameter i is known from data. Three standard deviations of it are below 5 %, by what the data since the last change say; its group of
-    /// equations showed no change in this block or the one before, and both fit in each of its equations; no parameter of its group is
+    /// Bit i: parameter i is known from data. Three standard deviations of it are below 5 %, by
+    /// what the data since the last change say; its group of equations showed no change in this
+    /// block or the one before, and both fit in each of its equations; no parameter of its group is
     /// held by a bound against the data. A fixed parameter is nobody's finding and never usable.
     pub usable: u128,
-    /// χ² of the whitened residuals over their number, per equation, see `fit_statistic.rs`: 1 on average if the block fits. Relative to the noise
-    /// that was told, otherwise to the level that was learnt before the block.
+    /// χ² of the whitened residuals over their number, per equation, see `fit_statistic.rs`: 1 on
+    /// average if the block fits. Relative to the noise that was told, otherwise to the level that
+    /// was learnt before the block.
     pub fit: Vec<f64>,
-    /// Probability of residuals as large as these, in the block or in its last part, if the model is right; below 1e-4 the block does not fit.
+    /// Probability of residuals as large as these, in the block or in its last part, if the model
+    /// is right; below 1e-4 the block does not fit.
     pub fit_probability: f64,
     /// Bit e: the block does not fit in equation e.
     pub misfit: u64,
-    /// Share of the power of the equation's signal that the model explains, of the last block in which it stood out of the noise; 0 before.
+    /// Share of the power of the equation's signal that the model explains, of the last block in
+    /// which it stood out of the noise; 0 before.
     pub explained: Vec<f64>,
-    /// Bit i: parameter i sits on a bound and the data push it outwards, or another one of its group does.
+    /// Bit i: parameter i sits on a bound and the data push it outwards, or another one of its
+    /// group does.
     pub pressed: u128,
-    /// True once the data have informed on more than half of the directions of the free parameters, in every group of equations.
+    /// True once the data have informed on more than half of the directions of the free parameters,
+    /// in every group of equations.
     pub informed: bool,
     /// Bit i: parameter i is fixed.
     pub fixed: u128,
@@ -75,7 +108,8 @@ pub struct Report {
     pub blocks: u64,
     /// Rows per equation in this block.
     pub rows: usize,
-    /// Number of independent directions that the block informed on, at most the number of parameters.
+    /// Number of independent directions that the block informed on, at most the number of
+    /// parameters.
     pub rank: usize,
     /// Gauss–Newton iterations of the estimate, the largest number of any group.
     pub iterations: u32,
@@ -83,9 +117,11 @@ pub struct Report {
     pub converged: bool,
     /// Rows treated as outliers, over all equations.
     pub outliers: u32,
-    /// Condition number of the column-scaled information, the largest of any group, `inf` where singular.
+    /// Condition number of the column-scaled information, the largest of any group, `inf` where
+    /// singular.
     pub condition: f64,
-    /// Probability of a block as different from the past as this one, were the plant unchanged; the smallest of any group.
+    /// Probability of a block as different from the past as this one, were the plant unchanged; the
+    /// smallest of any group.
     pub change_probability: f64,
     /// The change found in this block.
     pub change: Option<Change>,
@@ -93,4 +129,136 @@ pub struct Report {
     pub suspicion: Option<Suspicion>,
     /// Why there is no new estimate.
     pub held: Option<Held>,
+}
+
+impl Report {
+    /// Nothing but the start values is known.
+    pub(super) fn new(structure: &Structure, options: &EstimatorOptions) -> Self {
+        let (params, equations) = (structure.params, structure.equations.len());
+        Self {
+            theta: options.theta_start.clone(),
+            theta_std: options.start_std.clone(),
+            innovation_rms: vec![0.0; equations],
+            residual_rms: vec![0.0; equations],
+            noise_std: vec![0.0; equations],
+            signal_rms: vec![0.0; equations],
+            excitation: vec![0.0; params],
+            excited: 0,
+            usable: 0,
+            fit: vec![1.0; equations],
+            fit_probability: 1.0,
+            misfit: 0,
+            explained: vec![0.0; equations],
+            pressed: 0,
+            informed: false,
+            fixed: 0,
+            blocks: 0,
+            rows: 0,
+            rank: 0,
+            iterations: 0,
+            converged: true,
+            outliers: 0,
+            condition: 1.0,
+            change_probability: 1.0,
+            change: None,
+            suspicion: None,
+            held: None,
+        }
+    }
+
+    /// Back to knowing nothing.
+    pub(super) fn forget(&mut self) {
+        (self.blocks, self.change, self.change_probability) = (0, None, 1.0);
+        (self.misfit, self.pressed, self.fit_probability) = (0, 0, 1.0);
+        self.fit.fill(1.0);
+        self.suspicion = None;
+    }
+
+    /// Begins with a block of `rows` rows per equation.
+    pub(super) fn begin(&mut self, rows: usize) {
+        self.rows = rows;
+        self.blocks += 1;
+        (self.held, self.change, self.change_probability) = (None, None, 1.0);
+        (self.iterations, self.converged, self.outliers) = (0, true, 0);
+        (self.misfit, self.pressed, self.fit_probability) = (0, 0, 1.0);
+    }
+
+    /// The block gives no new estimate.
+    pub(super) fn hold(&mut self, held: Held) {
+        self.held = Some(held);
+        (self.excited, self.rank) = (0, 0);
+        self.excitation.fill(0.0);
+    }
+
+    /// Takes the fit of a group in.
+    pub(super) fn note(&mut self, fit: Fit) {
+        self.iterations = self.iterations.max(fit.iterations);
+        self.converged &= fit.converged;
+    }
+
+    /// Takes the estimate in as it is published, and what of it may be used; `since_change` counts
+    /// the blocks since the last change.
+    pub(super) fn take_parameters(
+        &mut self,
+        groups: &Groups,
+        published: &Published,
+        since_change: u32,
+        options: &EstimatorOptions,
+    ) {
+        let mut usable = 0;
+        for i in 0..self.theta.len() {
+            let variance = published.covariance(groups, i, i);
+            let group = groups.holding(i);
+            let known = group.is_some();
+            // who had no part in a change is confirmed by the data since then alone
+            let quiet = since_change > 1 || since_change == 1 && group.is_some_and(|g| g.since_alarm > 1);
+            // rows that did not fit are in the estimate: the next block has to show that they did
+            // no harm
+            let fits = group.is_none_or(|g| g.since_misfit > 1);
+            let free = self.pressed >> i & 1 == 0 && !options.fixed[i];
+            // a parameter of no equation stays what it was
+            let std = if known {
+                variance.max(0.0).sqrt()
+            } else {
+                options.start_std[i]
+            };
+            self.theta_std[i] = std;
+            let small = 3.0 * std < USABLE * published.theta[i].abs();
+            usable |= u128::from(small && quiet && fits && free) << i;
+        }
+        self.theta.copy_from_slice(&published.theta);
+        self.usable = usable;
+    }
+
+    /// Takes what the groups know of the block in: excitation, condition and residuals.
+    pub(super) fn take_groups(&mut self, groups: &[GroupState], options: &EstimatorOptions) {
+        (self.excited, self.fixed, self.rank, self.condition, self.outliers) = (0, 0, 0, 1.0, 0);
+        for (i, fixed) in options.fixed.iter().enumerate() {
+            self.fixed |= u128::from(*fixed) << i;
+        }
+        for group in groups {
+            let start = group.parameters.start;
+            for i in 0..group.n {
+                let share = group.excitation.share(i);
+                self.excitation[start + i] = share;
+                self.excited |= u128::from(share > EXCITED) << (start + i);
+            }
+            self.rank += group.excitation.rank;
+            self.condition = self.condition.max(group.condition);
+            for (e, sums) in group.equations.iter().zip(&group.at) {
+                let rms = |(sum, rows): (f64, usize)| {
+                    if rows > 0 {
+                        (sum / rows as f64).sqrt() * e.divisor
+                    } else {
+                        0.0
+                    }
+                };
+                self.innovation_rms[e.index] = rms(e.innovation);
+                self.residual_rms[e.index] = rms((sums.cost, sums.rows));
+                self.signal_rms[e.index] = rms((sums.size, sums.rows));
+                self.noise_std[e.index] = e.variance.sqrt() * e.divisor;
+                self.outliers = self.outliers.saturating_add(sums.outliers as u32);
+            }
+        }
+    }
 }

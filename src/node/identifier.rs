@@ -31,69 +31,9 @@ use crate::messages::{
     ErrorCode, Estimate, LastError, ParameterSet, Sample, State, Status, StreamFaults, estimate_flags, sample_flags,
     status_flags, stream_tag,
 };
-use std::any::Any;
 
+pub use super::identifier_object::Identifier;
 pub use super::identifier_options::IdentifierOptions;
-
-/// An identifier node of whatever model.
-pub trait Identifier: Send {
-    /// See [`IdentifierNode::on_sample`].
-    fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate));
-    /// See [`IdentifierNode::status`].
-    fn status(&self) -> Status;
-    /// See [`Learner::window_s`].
-    fn window_s(&self) -> Option<f64>;
-    /// See [`IdentifierNode::offer`].
-    ///
-    /// # Errors
-    /// The order, where there is no room for it or it is for other rows.
-    fn offer(&mut self, order: Order) -> Result<Border, Order>;
-    /// See [`IdentifierNode::take_done`].
-    fn take_done(&mut self) -> Option<Order>;
-    /// The rows of a node that has no other use, for a [`Change::Tune`] of another.
-    fn into_rows(self: Box<Self>) -> Box<dyn Any + Send>;
-    /// See [`IdentifierNode::save`].
-    fn save(&mut self, into: &mut NodeState);
-    /// See [`IdentifierNode::load`].
-    ///
-    /// # Errors
-    /// A state that does not belong here.
-    fn load(&mut self, state: &NodeState) -> Result<(), StateError>;
-}
-
-impl<L: Learner> Identifier for IdentifierNode<L> {
-    fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate)) {
-        IdentifierNode::on_sample(self, sample, emit);
-    }
-
-    fn status(&self) -> Status {
-        IdentifierNode::status(self)
-    }
-
-    fn window_s(&self) -> Option<f64> {
-        self.learner.window_s()
-    }
-
-    fn offer(&mut self, order: Order) -> Result<Border, Order> {
-        IdentifierNode::offer(self, order)
-    }
-
-    fn take_done(&mut self) -> Option<Order> {
-        IdentifierNode::take_done(self)
-    }
-
-    fn into_rows(self: Box<Self>) -> Box<dyn Any + Send> {
-        Box::new(self.learner).into_rows()
-    }
-
-    fn save(&mut self, into: &mut NodeState) {
-        IdentifierNode::save(self, into);
-    }
-
-    fn load(&mut self, state: &NodeState) -> Result<(), StateError> {
-        IdentifierNode::load(self, state)
-    }
-}
 
 /// Consumes samples, gives an estimate per block; what it learns, and how, is its learner's.
 pub struct IdentifierNode<L> {
@@ -210,6 +150,11 @@ impl<L: Learner> IdentifierNode<L> {
     /// What learns, for its evidence beyond the message.
     pub fn learner(&self) -> &L {
         &self.learner
+    }
+
+    /// What has learnt, of a node that has no other use.
+    pub(super) fn into_learner(self) -> L {
+        self.learner
     }
 
     /// Takes an order for the next border, and carries it out at once where no block is open. Returns the border as far as it is known now: lost

@@ -1,6 +1,7 @@
 //! The three roles as values: messages in, messages out, no I/O, no clock. The runner waits, the node computes.
 
 mod block_grid;
+mod block_history;
 pub mod block_learner;
 mod bound;
 pub mod command;
@@ -8,6 +9,7 @@ mod command_queue;
 mod estimate_message;
 mod freeze;
 pub mod identifier;
+mod identifier_object;
 mod identifier_options;
 mod lacking;
 pub mod learner;

@@ -1,9 +1,12 @@
 //! The monitor as a value: estimates in, readable lines and a record of the run out.
 
+use super::block_history::BlockHistory;
 use super::stream::{Place, StreamCursor};
 use crate::estimator::{LEAST_EXPLAINED, MISFIT};
 use crate::messages::{Description, ErrorCode, Estimate, LastError, State, Status, estimate_flags};
 use std::fmt::Write as _;
+
+pub use super::block_history::{BlockRecord, Change};
 
 /// Name and unit of a column: a parameter or a derived value.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -22,49 +25,13 @@ pub trait Truth {
     fn derived(&self, t_s: f64) -> Vec<f64>;
 }
 
-/// What the monitor remembers of a block.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BlockRecord {
-    /// Block number, from 1.
-    pub block: u64,
-    /// Stream time of the last sample \[s\].
-    pub t_s: f64,
-    /// Time of a change that this block announced \[s\].
-    pub change_s: Option<f64>,
-    /// Largest relative error over the judged parameters, where the truth is known.
-    ///
-    /// Judged are the parameters that the estimate marks usable; all of them where it marks none.
-    pub worst_relative_error: Option<f64>,
-}
-
-/// A change that was found, as the summary tells it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Change {
-    /// Block that announced the change.
-    pub block: u64,
-    /// Located time of the change \[s\].
-    pub t_s: f64,
-    /// Stream time of the last sample of the announcing block \[s\].
-    pub detected_t_s: f64,
-    /// Blocks from the one holding the change (0) to the first from which on the judged parameters stay within 1 % of the
-    /// truth, up to the next change; `None` where the truth is unknown or they do not.
-    pub blocks_to_1_percent: Option<u64>,
-}
-
-/// Blocks remembered at least; the memory of a monitor that follows a machine for months stays within twice that.
-const REMEMBERED: usize = 8192;
-
 /// Collects estimates and status of one robot.
 pub struct MonitorNode {
     parameters: Vec<Label>,
     derived: Vec<Label>,
     truth: Option<Box<dyn Truth>>,
     cursor: StreamCursor,
-    /// The last blocks of the stream.
-    records: Vec<BlockRecord>,
-    /// Changes announced by blocks before these.
-    settled: Vec<Change>,
-    blocks: u64,
+    history: BlockHistory,
     last: Option<Estimate>,
     status: Option<Status>,
     /// The last word on what the model lacks.
@@ -84,9 +51,7 @@ impl MonitorNode {
             derived,
             truth,
             cursor: StreamCursor::new(),
-            records: Vec::new(),
-            settled: Vec::new(),
-            blocks: 0,
+            history: BlockHistory::default(),
             last: None,
             status: None,
             misfit: None,
@@ -128,9 +93,7 @@ impl MonitorNode {
             Place::Duplicate => return false,
             // A new stream: what the record says of the previous one no longer belongs to this run.
             Place::First => {
-                self.records.clear();
-                self.settled.clear();
-                self.blocks = 0;
+                self.history.clear();
                 self.lost_estimates = 0;
             }
             // Estimates are numbered by block, so a block without an estimate looks like a lost one; both deserve a count.
@@ -138,7 +101,7 @@ impl MonitorNode {
             Place::Next => {}
         }
         let t_s = seconds(estimate.t_last_ns);
-        self.records.push(BlockRecord {
+        self.history.push(BlockRecord {
             block: estimate.block,
             t_s,
             change_s: (estimate.flags & estimate_flags::CHANGED != 0).then(|| seconds(estimate.t_change_ns)),
@@ -147,21 +110,8 @@ impl MonitorNode {
                 .as_ref()
                 .map(|truth| worst_relative_error(estimate, &truth.theta(t_s))),
         });
-        self.blocks += 1;
-        if self.records.len() == 2 * REMEMBERED {
-            self.forget();
-        }
         self.last = Some(*estimate);
         true
-    }
-
-    /// Drops the older half of the records, after settling what they announced.
-    fn forget(&mut self) {
-        let border = self.records[REMEMBERED].block;
-        let changes = self.recent_changes();
-        self.settled
-            .extend(changes.into_iter().filter(|change| change.block < border));
-        self.records.drain(..REMEMBERED);
     }
 
     /// Takes a status in.
@@ -239,12 +189,12 @@ impl MonitorNode {
 
     /// Blocks of the current stream that had an estimate.
     pub fn blocks(&self) -> u64 {
-        self.blocks
+        self.history.blocks()
     }
 
     /// The last blocks of the current stream, some thousands at most.
     pub fn records(&self) -> &[BlockRecord] {
-        &self.records
+        self.history.records()
     }
 
     /// The last estimate.
@@ -269,44 +219,8 @@ impl MonitorNode {
 
     /// The changes announced so far.
     pub fn changes(&self) -> Vec<Change> {
-        let mut changes = self.settled.clone();
-        changes.extend(self.recent_changes());
-        changes
+        self.history.changes()
     }
-
-    fn recent_changes(&self) -> Vec<Change> {
-        let announced: Vec<(usize, f64)> = self
-            .records
-            .iter()
-            .enumerate()
-            .filter_map(|(i, r)| r.change_s.map(|t| (i, t)))
-            .collect();
-        announced
-            .iter()
-            .enumerate()
-            .map(|(k, &(index, t_s))| {
-                // The block that holds the change ends at or after it; it can lie before the one that announced it.
-                let holding = self.records[..=index]
-                    .iter()
-                    .position(|r| r.t_s >= t_s)
-                    .unwrap_or(index);
-                let end = announced.get(k + 1).map_or(self.records.len(), |&(next, _)| next);
-                Change {
-                    block: self.records[index].block,
-                    t_s,
-                    detected_t_s: self.records[index].t_s,
-                    blocks_to_1_percent: blocks_to_settle(&self.records[holding..end], 0.01),
-                }
-            })
-            .collect()
-    }
-}
-
-/// Index of the first block from which on the worst relative error stays within `limit`.
-fn blocks_to_settle(records: &[BlockRecord], limit: f64) -> Option<u64> {
-    let within = |r: &BlockRecord| r.worst_relative_error.is_some_and(|error| error <= limit);
-    let settled = records.iter().rev().take_while(|r| within(r)).count();
-    (settled > 0).then(|| (records.len() - settled) as u64)
 }
 
 fn worst_relative_error(estimate: &Estimate, truth: &[f64]) -> f64 {
@@ -352,6 +266,7 @@ pub fn seconds(t_ns: u64) -> f64 {
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use super::super::block_history::REMEMBERED;
     use super::*;
     use crate::messages::MAX_DERIVED;
     use crate::model::{MAX_JOINTS, MAX_PARAMS};

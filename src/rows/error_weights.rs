@@ -8,7 +8,8 @@
 //! and depend on the position alone.
 
 use super::kernel::Kernels;
-use super::separation::{MAX_ORDER, Polynomial, Sensitivity};
+use super::separation::{MAX_ORDER, Sensitivity};
+use super::theta_polynomial::Polynomial;
 
 /// What the weights of one equation are made of.
 pub(super) struct ErrorWeights<'a> {

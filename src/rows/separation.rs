@@ -4,59 +4,25 @@
 //! g_{e,d}(q, q̇; θ) = Σ_m μ_m(θ) [ Σ_j a_{d,m,j} q̇_j + b_{d,m}(q, q̇) ]        μ_m ∈ {1, θ_i, θ_i θ_j}
 //! ```
 //!
-//! Terms that are polynomials in θ of degree 2 at most, which the arm's and the servo axis' are, can be projected before θ is known:
-//! only the a and b are, and a row is a handful of products at any θ. The coefficients are derivatives in θ at θ = 0 and come from hyper-dual
-//! numbers, exactly. Parts that are a constant times a velocity need no velocity: integrated by parts once more they need the position.
+//! Terms that are polynomials in θ of degree 2 at most, which the arm's and the servo axis' are,
+//! can be projected before θ is known: only the a and b are, and a row is a handful of products at
+//! any θ. The coefficients are derivatives in θ at θ = 0 and come from hyper-dual numbers, exactly.
+//! Parts that are a constant times a velocity need no velocity: integrated by parts once more they
+//! need the position.
 //!
-//! Which form a plant has is found when it is set up by evaluating it at seeded random points; coefficients that are zero at all of them are
-//! zero. Terms that are not such polynomials are evaluated anew at each θ, which costs more.
+//! Which form a plant has is found when it is set up by evaluating it at seeded random points;
+//! coefficients that are zero at all of them are zero. Terms that are not such polynomials are
+//! evaluated anew at each θ, which costs more.
 
+use super::probes::{Probe, probes};
+use super::theta_polynomial::{FeatureTerm, Monomial, Polynomial, VelocityTerm};
 use crate::model::{MAX_JOINTS, MAX_PARAMS, Plant};
 use num_dual::{Dual64, HyperDual64};
 
 /// Highest derivative d of a term.
 pub(super) const MAX_ORDER: usize = 3;
-/// Random points that decide on the form.
-const PROBES: usize = 24;
 /// Agreement that counts as equal: some hundred roundings.
 const EQUAL: f64 = 1e-10;
-
-/// 1, θ_i or θ_i θ_j, indices among all parameters.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Monomial {
-    One,
-    Linear(usize),
-    Product(usize, usize),
-}
-
-impl Monomial {
-    #[inline]
-    pub fn value(self, theta: &[f64]) -> f64 {
-        match self {
-            Self::One => 1.0,
-            Self::Linear(i) => theta[i],
-            Self::Product(i, j) => theta[i] * theta[j],
-        }
-    }
-}
-
-/// a: this much q̇ of a joint, in the d-th derivative.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct VelocityTerm {
-    pub monomial: usize,
-    pub derivative: usize,
-    pub joint: usize,
-    pub coefficient: f64,
-}
-
-/// b: a function of the signals, kept per sample.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct FeatureTerm {
-    pub monomial: usize,
-    pub derivative: usize,
-    /// Index among the features of the whole plant.
-    pub feature: usize,
-}
 
 /// Which derivative of a hyper-dual evaluation is a feature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,7 +43,8 @@ struct Pass {
     takes: Vec<(Part, usize, usize)>,
 }
 
-/// Signals that the remaining, nonlinear part of an equation depends on; for the propagation of sensor noise.
+/// Signals that the remaining, nonlinear part of an equation depends on; for the propagation of
+/// sensor noise.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sensitivity {
     pub position: Vec<usize>,
@@ -92,14 +59,6 @@ impl Sensitivity {
     }
 }
 
-/// An equation whose terms are polynomials in θ.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Polynomial {
-    pub monomials: Vec<Monomial>,
-    pub velocity: Vec<VelocityTerm>,
-    pub features: Vec<FeatureTerm>,
-}
-
 /// The plant's equations taken apart.
 #[derive(Debug, Clone)]
 pub(super) struct Separation {
@@ -111,64 +70,7 @@ pub(super) struct Separation {
     passes: Vec<Pass>,
 }
 
-/// Random numbers for the probes: SplitMix64.
-struct Random(u64);
-
-impl Random {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 * (-53f64).exp2()
-    }
-
-    /// Either sign, magnitudes over three decades.
-    fn signed(&mut self, largest: f64) -> f64 {
-        let magnitude = largest * 10f64.powf(-3.0 * self.uniform());
-        if self.uniform() < 0.5 { -magnitude } else { magnitude }
-    }
-}
-
-/// A state of the joints and parameters to evaluate the terms at.
-struct Probe {
-    q: [f64; MAX_JOINTS],
-    dq: [f64; MAX_JOINTS],
-    theta: Vec<f64>,
-}
-
 type Terms = [f64; MAX_ORDER + 1];
-
-fn probes(plant: &impl Plant) -> Vec<Probe> {
-    let mut random = Random(0x7468_6574_6162_7573);
-    (0..PROBES)
-        .map(|_| {
-            let mut probe = Probe {
-                q: [0.0; MAX_JOINTS],
-                dq: [0.0; MAX_JOINTS],
-                theta: Vec::new(),
-            };
-            for joint in 0..plant.joints() {
-                probe.q[joint] = random.signed(3.0);
-                probe.dq[joint] = random.signed(10.0);
-            }
-            probe.theta = plant
-                .parameters()
-                .iter()
-                .map(|p| {
-                    let size = if p.start != 0.0 { p.start.abs() } else { 1.0 };
-                    let sign = if p.lower >= 0.0 {
-                        1.0
-                    } else {
-                        2.0 * random.uniform() - 1.0
-                    };
-                    (sign * size * 10f64.powf(2.0 * random.uniform() - 1.0)).clamp(p.lower, p.upper)
-                })
-                .collect();
-            probe
-        })
-        .collect()
-}
 
 fn values(plant: &impl Plant, equation: usize, q: &[f64], dq: &[f64], theta: &[f64]) -> Terms {
     let mut g = [0.0; MAX_ORDER + 1];
@@ -417,7 +319,8 @@ fn constant_slopes(
     (linear && slopes.iter().any(|a| *a != 0.0)).then_some(slopes)
 }
 
-/// Partial derivatives of an equation's terms in the position and velocity of one joint at θ, `(∂g/∂q, ∂g/∂q̇)` for each d.
+/// Partial derivatives of an equation's terms in the position and velocity of one joint at θ,
+/// `(∂g/∂q, ∂g/∂q̇)` for each d.
 #[inline]
 pub(super) fn partials(
     plant: &impl Plant,
@@ -486,6 +389,7 @@ fn sensitivity(plant: &impl Plant, equation: usize, polynomial: Option<&Polynomi
 
 #[cfg(test)]
 mod tests {
+    use super::super::probes::Random;
     use super::*;
     use crate::model::{Manipulator, RawManipulator};
 
@@ -522,7 +426,7 @@ mod tests {
     fn val_the_parts_add_up_to_the_terms() {
         let plant = Manipulator::default();
         let separation = Separation::new(&plant);
-        let mut random = Random(5);
+        let mut random = Random::new(5);
         for _ in 0..200 {
             let mut q = [0.0; MAX_JOINTS];
             let mut dq = [0.0; MAX_JOINTS];

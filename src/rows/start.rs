@@ -13,7 +13,7 @@
 //! Source of the overparametrised start: E.-W. Bai, An optimal two-stage identification algorithm for
 //! Hammerstein-Wiener nonlinear systems, Automatica 34 (1998).
 
-use super::separation::{Monomial, Polynomial};
+use super::theta_polynomial::{Monomial, Polynomial};
 use crate::estimator::{BlockEstimator, EstimatorOptions, Residuals, Structure};
 use std::ops::Range;
 

@@ -13,38 +13,46 @@
 //! | a resonance between motor and load | s ∫ψ″ u | s² |
 //! | an encoder's zero, or gravity's direction: q + a is read | Σ_k ∂f_i/∂q_k | rad |
 //!
-//! u_r is the largest root mean square of a block's input so far, so that one default fits drives of any voltage. sat is sign with a straight piece of
-//! three standard deviations of the velocity's noise: at rest friction may have either sign, and noise has both. A flexible joint gives
-//! u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of the
-//! input, whatever the equation is.
+//! u_r is the largest root mean square of a block's input so far, so that one default fits drives
+//! of any voltage. sat is sign with a straight piece of three standard deviations of the velocity's
+//! noise: at rest friction may have either sign, and noise has both. A flexible joint gives u (1 +
+//! s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid model is off by
+//! (1/ω_r² − 1/ω_a²) s² u: the second derivative of the input, whatever the equation is.
 //!
-//! The estimator widens its published covariance by what the data leave open of the errors that have a prior standard
-//! deviation ([`Considered`]), and tests for all of them
+//! The estimator widens its published covariance by what the data leave open of the errors that
+//! have a prior standard deviation ([`Considered`]), and tests for all of them
 //! (`estimator/considered.rs`, `estimator/score_test.rs`). Neither estimates them.
 
 use super::kernel::{Kernels, dot};
+use super::trajectory::Trajectory;
 use super::whitening::{Direction, Whitening};
 use crate::estimator::ERRORS_PER_EQUATION;
 use crate::model::{MAX_JOINTS, Plant};
 use std::f64::consts::TAU;
 use std::fmt;
 
-/// Standard deviations of errors that are not estimated but widen the estimate's by what they could do.
+/// Standard deviations of errors that are not estimated but widen the estimate's by what they could
+/// do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Considered {
     /// Further delay of the recorded input \[s\], ≥ 0.
     pub input_delay_s: f64,
     /// Gain of each drive, relative, ≥ 0.
     pub gain: f64,
-    /// Coulomb friction at each joint whose model has none, as a share of the largest root mean square of its input so far, ≥ 0.
+    /// Coulomb friction at each joint whose model has none, as a share of the largest root mean
+    /// square of its input so far, ≥ 0.
     pub coulomb: f64,
-    /// Natural frequency of the flexibility between each motor and its load \[Hz\], one standard deviation of 1/(2π f)²; 0 for rigid joints.
+    /// Natural frequency of the flexibility between each motor and its load \[Hz\], one standard
+    /// deviation of 1/(2π f)²; 0 for rigid joints.
     pub resonance_hz: f64,
-    /// Rate at which each parameter may change \[1/s\], relative to the parameter, ≥ 0; it has no column, the estimator makes one.
+    /// Rate at which each parameter may change \[1/s\], relative to the parameter, ≥ 0; it has no
+    /// column, the estimator makes one.
     pub drift_per_s: f64,
-    /// Zero of each encoder \[rad\], ≥ 0: an error of the angle against gravity and the links, which a tilted base causes, too.
+    /// Zero of each encoder \[rad\], ≥ 0: an error of the angle against gravity and the links,
+    /// which a tilted base causes, too.
     pub zero_rad: f64,
-    /// Eccentricity of each encoder \[rad\], ≥ 0: the amplitude of an error of one period per turn. `None` where joints move along lines.
+    /// Eccentricity of each encoder \[rad\], ≥ 0: the amplitude of an error of one period per turn.
+    /// `None` where joints move along lines.
     pub eccentricity_rad: Option<f64>,
 }
 
@@ -72,9 +80,11 @@ impl Considered {
 }
 
 impl Default for Considered {
-    /// What a good installation leaves. Delay: 40 µs, a fraction of a sample at 1 kHz. Gain: 0, since parameters are in units of the drive as it
-    /// reports itself. Coulomb friction: 1 % of the input. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. Motion that shows an error brings σ back to
-    /// what it is without; motion that does not show it leaves σ at what the error may do.
+    /// What a good installation leaves. Delay: 40 µs, a fraction of a sample at 1 kHz. Gain: 0,
+    /// since parameters are in units of the drive as it reports itself. Coulomb friction: 1 % of
+    /// the input. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity:
+    /// 0.05 mrad, 10″. Motion that shows an error brings σ back to what it is without; motion that
+    /// does not show it leaves σ at what the error may do.
     fn default() -> Self {
         Self {
             input_delay_s: 4e-5,
@@ -144,7 +154,8 @@ impl fmt::Display for Suspect<'_> {
     }
 }
 
-/// Errors of each equation: gain, Coulomb friction, eccentricity in sine and cosine, resonance, zero.
+/// Errors of each equation: gain, Coulomb friction, eccentricity in sine and cosine, resonance,
+/// zero.
 const PER_EQUATION: usize = ERRORS_PER_EQUATION;
 /// Velocity noise, in standard deviations, within which a joint may stand still.
 const STANDING: f64 = 3.0;
@@ -167,15 +178,6 @@ pub(super) struct SuspectColumns {
     turns: Vec<[Vec<f64>; 2]>,
     /// Root of the sum of squares of the velocity filter's weights.
     velocity_gain: f64,
-}
-
-/// What the columns are made of, borrowed from the block.
-pub(super) struct Signals<'a> {
-    pub len: usize,
-    pub q: &'a [Vec<f64>],
-    pub dq: &'a [Vec<f64>],
-    pub q_std: &'a [Vec<f64>],
-    pub u: &'a [Vec<f64>],
 }
 
 impl SuspectColumns {
@@ -311,15 +313,15 @@ impl SuspectColumns {
         }
     }
 
-    /// Prepares the signals of a block.
-    pub fn sense(&mut self, signals: &Signals<'_>) {
-        let len = signals.len;
+    /// Prepares the first `len` samples of a block; `q_std` are the standard deviations of the
+    /// positions.
+    pub fn sense(&mut self, len: usize, signals: &Trajectory, q_std: &[Vec<f64>]) {
         for joint in 0..self.signs.len() {
             let u = &signals.u[joint][..len];
             let size = (dot(u, u) / len.max(1) as f64).sqrt();
             self.sizes[joint] = self.sizes[joint].max(size);
             if !self.signs[joint].is_empty() {
-                let velocity = signals.dq[joint].iter().zip(&signals.q_std[joint]);
+                let velocity = signals.dq[joint].iter().zip(&q_std[joint]);
                 for (sign, (dq, q_std)) in self.signs[joint][..len].iter_mut().zip(velocity) {
                     let standing = STANDING * self.velocity_gain * q_std;
                     *sign = (dq / standing.max(f64::MIN_POSITIVE)).clamp(-1.0, 1.0);
@@ -332,7 +334,8 @@ impl SuspectColumns {
         }
     }
 
-    /// Projects what hangs on the input and on the sign of the velocity: one row. `moments` are ∫ψ^(r) u with the input's scale.
+    /// Projects what hangs on the input and on the sign of the velocity: one row. `moments` are
+    /// ∫ψ^(r) u with the input's scale.
     pub fn project(&mut self, e: usize, row: usize, centre: usize, scale: f64, kernels: &Kernels, moments: [f64; 3]) {
         let own = 1 + PER_EQUATION * e;
         let columns = &mut self.columns[e];
@@ -350,7 +353,8 @@ impl SuspectColumns {
         }
     }
 
-    /// What eccentricities and zeros do to a row: `c` holds −∂f/∂q of `support` positions per joint from buffer position `first` on.
+    /// What eccentricities and zeros do to a row: `c` holds −∂f/∂q of `support` positions per joint
+    /// from buffer position `first` on.
     pub fn turn(&mut self, e: usize, row: usize, c: &[f64], support: usize, first: usize) {
         for of in 0..self.inputs.len() {
             let joint = self.inputs[of];
@@ -378,7 +382,8 @@ impl SuspectColumns {
     }
 }
 
-/// True where an equation jumps as a joint begins to move: the model has Coulomb friction, or something like it.
+/// True where an equation jumps as a joint begins to move: the model has Coulomb friction, or
+/// something like it.
 fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> bool {
     let theta: Vec<f64> = plant
         .parameters()

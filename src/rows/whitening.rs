@@ -1,10 +1,12 @@
 //! Whitening of overlapping rows: r ← L⁻¹ r with R = L Lᵀ the covariance of their noise.
 //!
-//! Neighbouring windows share samples, so the noise of their rows is correlated; a least squares fit that takes them for independent reports
-//! deviations that are too small. R is banded, because windows that do not overlap share nothing, and known up to scale, because the sensors are.
+//! Neighbouring windows share samples, so the noise of their rows is correlated; a least squares
+//! fit that takes them for independent reports deviations that are too small. R is banded, because
+//! windows that do not overlap share nothing, and known up to scale, because the sensors are.
 //!
-//! Forward whitening makes row i of windows 0..=i, backward whitening of windows i..n (R = Uᵀ-type factor of the reversed order); rᵀR⁻¹r is the
-//! same. Sums over the start of a block need the former; the latter serves sums over its end, and so every fit.
+//! Forward whitening makes row i of windows 0..=i, backward whitening of windows i..n (R = Uᵀ-type
+//! factor of the reversed order); rᵀR⁻¹r is the same. Sums over the start of a block need the
+//! former; the latter serves sums over its end, and so every fit.
 
 /// Symmetric banded matrix, and its two factors.
 #[derive(Debug, Clone)]
@@ -25,6 +27,11 @@ pub(super) struct Whitening {
 pub(super) enum Direction {
     Forward,
     Backward,
+}
+
+impl Direction {
+    /// Both, in the order of their numbers.
+    pub const BOTH: [Self; 2] = [Self::Forward, Self::Backward];
 }
 
 impl Whitening {
@@ -50,8 +57,8 @@ impl Whitening {
         self.any_excluded = false;
     }
 
-    /// Leaves a row out, after its entries were added and before [`factor`](Self::factor): the others are whitened as if it did not exist, and it
-    /// reads 0.
+    /// Leaves a row out, after its entries were added and before [`factor`](Self::factor): the
+    /// others are whitened as if it did not exist, and it reads 0.
     pub fn exclude(&mut self, row: usize) {
         let width = self.bandwidth + 1;
         self.band[row * width..(row + 1) * width].fill(0.0);
@@ -71,7 +78,8 @@ impl Whitening {
         }
     }
 
-    /// Factors R both ways. Where it is not positive definite its diagonal alone is used; a row without noise is left as it is.
+    /// Factors R both ways. Where it is not positive definite its diagonal alone is used; a row
+    /// without noise is left as it is.
     pub fn factor(&mut self) {
         let (n, width) = (self.rows, self.bandwidth + 1);
         let forward = |i: usize, lag: usize| self.band[i * width + lag];
@@ -193,14 +201,15 @@ mod tests {
         let matrix = nalgebra::DMatrix::from_fn(n, n, r);
         let vector = nalgebra::DVector::from_column_slice(&x);
         let wanted = vector.dot(&matrix.lu().solve(&vector).unwrap());
-        for direction in [Direction::Forward, Direction::Backward] {
+        for direction in Direction::BOTH {
             let mut y = x.clone();
             whitening.apply(direction, &mut y);
             let sum: f64 = y.iter().map(|v| v * v).sum();
             // a dozen rows of a well-conditioned matrix
             assert!((sum / wanted - 1.0).abs() < 1e-13, "{direction:?}");
         }
-        // a change of the last value changes only the last forward row, and no backward row but all before it
+        // a change of the last value changes only the last forward row, and no backward row but all
+        // before it
         let mut changed = x.clone();
         changed[n - 1] += 1.0;
         let (mut a, mut b) = (x, changed);
@@ -227,7 +236,7 @@ mod tests {
         let matrix = nalgebra::DMatrix::from_fn(kept.len(), kept.len(), |i, j| r(kept[i], kept[j]));
         let vector = nalgebra::DVector::from_fn(kept.len(), |i, _| x[kept[i]]);
         let wanted = vector.dot(&matrix.lu().solve(&vector).unwrap());
-        for direction in [Direction::Forward, Direction::Backward] {
+        for direction in Direction::BOTH {
             let mut y = x.clone();
             whitening.apply(direction, &mut y);
             assert!(out.iter().all(|&row| y[row] == 0.0));

@@ -1,183 +1,15 @@
-//! Faults of sensors and of their transport, by a schedule, between the simulated machine and its listeners.
+//! Faults of sensors and of their transport, by a schedule, between the simulated machine and its
+//! listeners.
 //!
-//! A fault changes what is published, never the machine or its controller. Faults act in the order of the list, each on what the one
-//! before left; a sample that one of them loses is lost. Random draws come from a stream per fault, so that one more fault at the end of
-//! the list changes nothing about the others.
+//! A fault changes what is published, never the machine or its controller. Faults act in the order
+//! of the list, each on what the one before left; a sample that one of them loses is lost. Random
+//! draws come from a stream per fault, so that one more fault at the end of the list changes
+//! nothing about the others.
 
-use super::arm_parameters::ARM_JOINTS;
-use super::error::{SimError, finite, in_range};
+use super::fault::{Fault, FaultKind, FaultSignal};
 use super::noise::Noise;
-use crate::messages::{Passage, Sample, signals};
+use crate::messages::{Passage, Sample};
 use std::collections::VecDeque;
-
-/// What a fault does to its signal.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum FaultKind {
-    /// Nothing comes. A whole sample is lost; a signal loses its bit in the mask and reads 0; a single joint reads NaN.
-    Off,
-    /// Keeps the value that it had when the fault began.
-    Stuck,
-    /// Random values: NaN, infinities, and finite ones of any magnitude. A whole sample has a random joint count and mask, too.
-    Garbage,
-    /// gain · x + offset; time is scaled from the fault's beginning.
-    Wrong {
-        /// Factor.
-        gain: f64,
-        /// Addend, in the signal's unit.
-        offset: f64,
-    },
-    /// A new value only once per period; whole samples come only once per period.
-    Slow {
-        /// Period \[s\].
-        period_s: f64,
-    },
-    /// The value of some time ago; whole samples come later, all that are late at once when the fault ends.
-    Delayed {
-        /// How much later \[s\], above 0 to 10.
-        delay_s: f64,
-    },
-    /// Off in some periods, by chance.
-    Intermittent {
-        /// Share of periods without, 0 to 1.
-        share: f64,
-        /// Length of a period \[s\].
-        period_s: f64,
-    },
-}
-
-/// What a fault acts on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FaultSignal {
-    /// The whole sample.
-    Sample,
-    /// Its time stamp.
-    Time,
-    /// Positions.
-    Q,
-    /// Velocities.
-    Dq,
-    /// Accelerations.
-    Ddq,
-    /// Jerks.
-    Dddq,
-    /// Setpoints.
-    Setpoint,
-    /// Inputs.
-    Input,
-}
-
-impl FaultSignal {
-    /// All of them with their names in configuration files.
-    pub const NAMES: [(Self, &'static str); 8] = [
-        (Self::Sample, "sample"),
-        (Self::Time, "time"),
-        (Self::Q, "q"),
-        (Self::Dq, "dq"),
-        (Self::Ddq, "ddq"),
-        (Self::Dddq, "dddq"),
-        (Self::Setpoint, "setpoint"),
-        (Self::Input, "input"),
-    ];
-
-    /// Its bit in a sample's mask, 0 for what has none.
-    pub fn bit(self) -> u32 {
-        match self {
-            Self::Sample | Self::Time => 0,
-            Self::Q => signals::Q,
-            Self::Dq => signals::DQ,
-            Self::Ddq => signals::DDQ,
-            Self::Dddq => signals::DDDQ,
-            Self::Setpoint => signals::SETPOINT,
-            Self::Input => signals::INPUT,
-        }
-    }
-
-    fn of(self, sample: &mut Sample) -> Option<&mut [f64]> {
-        let array = match self {
-            Self::Sample | Self::Time => return None,
-            Self::Q => &mut sample.q,
-            Self::Dq => &mut sample.dq,
-            Self::Ddq => &mut sample.ddq,
-            Self::Dddq => &mut sample.dddq,
-            Self::Setpoint => &mut sample.setpoint,
-            Self::Input => &mut sample.input,
-        };
-        Some(&mut array[..ARM_JOINTS])
-    }
-
-    /// The signals that a whole sample consists of.
-    const PARTS: [Self; 6] = [Self::Q, Self::Dq, Self::Ddq, Self::Dddq, Self::Setpoint, Self::Input];
-}
-
-/// One fault of a schedule.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fault {
-    /// What it does.
-    pub kind: FaultKind,
-    /// To what.
-    pub signal: FaultSignal,
-    /// To which joint, counted from 0; `None` for all. For signals of joints only.
-    pub joint: Option<usize>,
-    /// First instant \[s\], ≥ 0.
-    pub from_s: f64,
-    /// First instant that is right again \[s\], above `from_s`; `inf` for never.
-    pub to_s: f64,
-}
-
-impl Fault {
-    /// Checks every value against its domain.
-    ///
-    /// # Errors
-    /// The first value outside, with its name.
-    pub fn validate(&self) -> Result<(), SimError> {
-        in_range("faults.from_s", self.from_s, 0.0, 1e9)?;
-        if !(self.to_s > self.from_s) {
-            return Err(SimError::new("faults.to_s", "a time after from_s", self.to_s));
-        }
-        let of_joint = self.signal.bit() != 0;
-        if let Some(joint) = self.joint
-            && (!of_joint || joint >= ARM_JOINTS)
-        {
-            let expected = if of_joint {
-                "1 or 2, or 0 for both"
-            } else {
-                "0 for a sample or its time"
-            };
-            return Err(SimError::new("faults.joint", expected, joint + 1));
-        }
-        match (self.signal, self.kind) {
-            (FaultSignal::Time, FaultKind::Stuck | FaultKind::Wrong { .. }) => {}
-            (FaultSignal::Time, _) => {
-                return Err(SimError::new(
-                    "faults.kind",
-                    "stuck or wrong for the signal time",
-                    "another",
-                ));
-            }
-            (FaultSignal::Sample, FaultKind::Wrong { .. }) => {
-                return Err(SimError::new(
-                    "faults.signal",
-                    "a single signal for the kind wrong",
-                    "sample",
-                ));
-            }
-            _ => {}
-        }
-        match self.kind {
-            FaultKind::Off | FaultKind::Stuck | FaultKind::Garbage => Ok(()),
-            FaultKind::Wrong { gain, offset } => {
-                finite("faults.gain", gain)?;
-                finite("faults.offset", offset)
-            }
-            FaultKind::Slow { period_s } => in_range("faults.period_s", period_s, 0.0, 1e9),
-            FaultKind::Delayed { delay_s } => in_range("faults.delay_s", delay_s, 1e-9, 10.0),
-            FaultKind::Intermittent { share, period_s } => {
-                in_range("faults.share", share, 0.0, 1.0)?;
-                in_range("faults.period_s", period_s, 0.0, 1e9)
-            }
-        }
-    }
-}
 
 /// A schedule at work: sees every sample of a stream in turn.
 #[derive(Debug, Clone)]
@@ -186,7 +18,8 @@ pub struct Faults {
 }
 
 impl Faults {
-    /// The faults of a run with this sample period \[s\] and seed; the list must be [valid](Fault::validate).
+    /// The faults of a run with this sample period \[s\] and seed; the list must be
+    /// [valid](Fault::validate).
     pub fn new(list: &[Fault], sample_period_s: f64, seed: u64) -> Self {
         let new = |(index, &fault): (usize, &Fault)| Active {
             noise: Noise::new(seed, Noise::FAULTS + index as u64),
@@ -210,7 +43,8 @@ impl Faults {
         }
     }
 
-    /// Does to a sample what the schedule says; to be called with each sample of the stream once, in order.
+    /// Does to a sample what the schedule says; to be called with each sample of the stream once,
+    /// in order.
     pub fn apply(&mut self, sample: &mut Sample) -> Passage {
         let t_ns = sample.t_ns;
         let mut passage = Passage::default();
@@ -299,7 +133,8 @@ impl Active {
         Passage::default()
     }
 
-    /// Shows what was kept, after keeping this sample where there is none yet or a fresh one is due.
+    /// Shows what was kept, after keeping this sample where there is none yet or a fresh one is
+    /// due.
     fn hold(&mut self, sample: &mut Sample, fresh: bool) {
         if fresh || self.held.is_none() {
             self.held = Some(*sample);
@@ -391,7 +226,9 @@ fn samples(time_s: f64, sample_period_s: f64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::messages::signals;
     use crate::model::JointSample;
+    use crate::sim::ARM_JOINTS;
 
     const MS: u64 = 1_000_000;
 
@@ -405,7 +242,8 @@ mod tests {
         }
     }
 
-    /// 30 samples at 1 kHz, every signal x of joint j being 1 + seq + 100 j, and what became of each.
+    /// 30 samples at 1 kHz, every signal x of joint j being 1 + seq + 100 j, and what became of
+    /// each.
     fn emitted(fault: Fault) -> Vec<(Passage, Sample)> {
         fault.validate().expect("valid");
         let mut faults = Faults::new(&[fault], 1e-3, 5);

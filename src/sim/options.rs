@@ -3,7 +3,7 @@
 use super::arm_parameters::{ARM_JOINTS, ArmParameters};
 use super::controller::ControllerOptions;
 use super::error::{SimError, in_range, positive};
-use super::faults::Fault;
+use super::fault::Fault;
 use super::schedule::MassSchedule;
 use super::sensors::SensorOptions;
 use super::servo_axis_options::ServoAxisOptions;

@@ -5,20 +5,25 @@
 //! var f_k = Σ c_k² σ_q² + s² σ_u² Σ w_k² + what jumps and repaired inputs add
 //! ```
 //!
-//! A regular window weights its middle, so a plant that changes some 80 ms before a block ends shows in none of them. These windows look at the end. The
-//! velocities of the last samples, which have no neighbours behind them, are those of the polynomial that is fitted to the last samples. What that costs in noise is part of the
-//! variance. The windows are too few to estimate from, but a residual of many of their standard deviations tells that the block's estimate no longer
-//! holds at its end. They serve the fit statistic only (`estimator/fit_statistic.rs`).
+//! A regular window weights its middle, so a plant that changes some 80 ms before a block ends
+//! shows in none of them. These windows look at the end. The velocities of the last samples, which
+//! have no neighbours behind them, are those of the polynomial that is fitted to the last samples.
+//! What that costs in noise is part of the variance. The windows are too few to estimate from, but
+//! a residual of many of their standard deviations tells that the block's estimate no longer holds
+//! at its end. They serve the fit statistic only (`estimator/fit_statistic.rs`).
 
-use super::end_kernel::EndKernels;
-use super::error_weights::{linear_in_velocity, nonlinear};
-use super::kernel::{InputTiming, dot};
-use super::separation::{MAX_ORDER, Separation, partials};
-use super::smoothing::beyond;
+use super::measured::MeasuredBlock;
+use super::velocity_filter::ORDER;
+use super::weak_form::{WeakForm, highest_order};
 use crate::model::{MAX_JOINTS, Plant};
+use crate::rows::end_kernel::EndKernels;
+use crate::rows::error_weights::{linear_in_velocity, nonlinear};
+use crate::rows::kernel::dot;
+use crate::rows::separation::{MAX_ORDER, Separation, partials};
+use crate::rows::smoothing::beyond;
 
 /// Windows per equation.
-pub(super) const COUNT: usize = 4;
+const COUNT: usize = 4;
 /// The fewest intervals of a window.
 const SHORTEST: usize = 16;
 /// Samples at the end that cannot be told from spikes yet, in a block that has some.
@@ -31,7 +36,8 @@ pub(super) struct Tail {
     /// Samples of the longest window, and of either side of the velocity filter.
     longest: usize,
     velocity_half: usize,
-    /// Weights of the last 2 `velocity_half` + 1 positions for the velocity 1, 2, … samples behind their middle.
+    /// Weights of the last 2 `velocity_half` + 1 positions for the velocity 1, 2, … samples behind
+    /// their middle.
     last_velocities: Vec<Vec<f64>>,
     /// Y₀ times the input's scale and the factors of the monomials \[equation\]\[window\].
     input: Vec<[f64; COUNT]>,
@@ -46,41 +52,22 @@ pub(super) struct Tail {
     slopes: Vec<[f64; MAX_ORDER + 1]>,
 }
 
-/// The block that windows end, borrowed.
-pub(super) struct Ending<'a, P> {
-    pub plant: &'a P,
-    pub separation: &'a Separation,
-    pub velocity_weights: &'a [f64],
-    pub q: &'a [Vec<f64>],
-    pub dq: &'a [Vec<f64>],
-    pub q_std: &'a [Vec<f64>],
-    pub u: &'a [Vec<f64>],
-    pub features: &'a [Vec<f64>],
-    pub jumps: &'a [Vec<(usize, f64)>],
-    pub surplus: &'a [Vec<(usize, f64)>],
-    /// Buffer positions that follow the last hole.
-    pub samples: std::ops::Range<usize>,
-    /// Standard deviation of each input.
-    pub input_std: [f64; MAX_JOINTS],
-    /// The block has samples that were wrong or lost.
-    pub mended: bool,
-}
-
 impl Tail {
-    /// Windows beside regular ones of `half` samples to either side.
-    pub fn new(
-        separation: &Separation,
-        (half, velocity_half, joints): (usize, usize, usize),
-        (period_s, timing, delay_s): (f64, InputTiming, f64),
-        order: usize,
-    ) -> Self {
+    /// Windows beside the regular ones of a plant.
+    pub fn new<P: Plant>(form: &WeakForm<P>) -> Self {
+        let (half, velocity_half) = (form.kernels.half, form.velocity.half);
+        let (options, separation, joints) = (&form.options, &form.separation, form.plant.joints());
+        let (period_s, order) = (options.sample_period_s, highest_order(&form.plant) + 1);
         let kernels: Vec<EndKernels> = [3 * half, 2 * half, half, half / 2]
-            .map(|intervals| EndKernels::new(intervals.max(SHORTEST) + 1, period_s, order, timing, delay_s))
+            .map(|intervals| {
+                let count = intervals.max(SHORTEST) + 1;
+                EndKernels::new(count, period_s, order, options.timing, options.input_delay_s)
+            })
             .into();
         let equations = separation.equations.len();
         let longest = kernels[0].count.max(2 * velocity_half + 1);
         let last_velocities = (1..=velocity_half)
-            .filter_map(|ahead| beyond(velocity_half, 5, 1, ahead))
+            .filter_map(|ahead| beyond(velocity_half, ORDER, 1, ahead))
             .map(|weights| weights.into_iter().map(|w| w / period_s).collect())
             .collect();
         Self {
@@ -106,19 +93,19 @@ impl Tail {
     }
 
     /// Projects the end of a block; θ is that of the weights.
-    pub fn project<P: Plant>(&mut self, end: &Ending<'_, P>, theta: &[f64]) {
+    pub fn project<P: Plant>(&mut self, end: &MeasuredBlock<P>, theta: &[f64]) {
         self.clear();
-        let spare = if end.mended { UNSURE } else { 0 };
+        let spare = if end.samples.repair.touched() { UNSURE } else { 0 };
         let late = self.kernels.iter().map(|k| k.after).max().unwrap_or(0);
         // the windows end before this buffer position
-        let stop = end.samples.end.saturating_sub(spare + late);
+        let stop = end.samples.len.saturating_sub(spare + late);
         let reach = self.longest + self.velocity_half + self.kernels[0].before;
-        if stop < end.samples.start + reach {
+        if stop < end.samples.segment + reach {
             return;
         }
         self.sense(end, stop);
         for e in 0..self.input.len() {
-            if end.separation.equations[e].is_some() {
+            if end.form.separation.equations[e].is_some() {
                 self.differentiate(end, e, stop, theta);
                 for k in 0..COUNT {
                     self.project_window(end, e, k, stop, theta);
@@ -128,57 +115,58 @@ impl Tail {
     }
 
     /// Velocities and features of the samples before `stop`.
-    fn sense<P: Plant>(&mut self, end: &Ending<'_, P>, stop: usize) {
+    fn sense<P: Plant>(&mut self, end: &MeasuredBlock<P>, stop: usize) {
         let first = stop - self.longest;
         let known = self.longest - self.velocity_half;
-        for (own, all) in self.dq.iter_mut().zip(end.dq) {
+        for (own, all) in self.dq.iter_mut().zip(&end.samples.signals.dq) {
             own[..known].copy_from_slice(&all[first..first + known]);
         }
-        for (own, all) in self.features.iter_mut().zip(end.features) {
+        for (own, all) in self.features.iter_mut().zip(&end.samples.signals.features) {
             own[..known].copy_from_slice(&all[first..first + known]);
         }
         let around = stop - 2 * self.velocity_half - 1..stop;
         for (i, weights) in (known..self.longest).zip(&self.last_velocities) {
             let mut q = [0.0; MAX_JOINTS];
             let mut dq = [0.0; MAX_JOINTS];
-            for joint in 0..end.q.len() {
-                q[joint] = end.q[joint][first + i];
-                dq[joint] = dot(weights, &end.q[joint][around.clone()]);
+            for joint in 0..end.samples.signals.joints() {
+                q[joint] = end.samples.signals.q[joint][first + i];
+                dq[joint] = dot(weights, &end.samples.signals.q[joint][around.clone()]);
                 self.dq[joint][i] = dq[joint];
             }
             let features = &mut self.features;
-            end.separation
-                .extract(end.plant, &q, &dq, |feature, value| features[feature][i] = value);
+            end.form
+                .separation
+                .extract(&end.form.plant, &q, &dq, |feature, value| features[feature][i] = value);
         }
     }
 
     /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at these samples.
-    fn differentiate<P: Plant>(&mut self, end: &Ending<'_, P>, e: usize, stop: usize, theta: &[f64]) {
+    fn differentiate<P: Plant>(&mut self, end: &MeasuredBlock<P>, e: usize, stop: usize, theta: &[f64]) {
         let first = stop - self.longest;
-        for (joint, velocity) in end.separation.sensitivities[e].kinds() {
-            let linear = linear_in_velocity(end.separation.equations[e].as_ref(), joint, velocity, theta);
+        for (joint, velocity) in end.form.separation.sensitivities[e].kinds() {
+            let linear = linear_in_velocity(end.form.separation.equations[e].as_ref(), joint, velocity, theta);
             for i in 0..self.longest {
                 let mut q = [0.0; MAX_JOINTS];
                 let mut dq = [0.0; MAX_JOINTS];
-                for j in 0..end.q.len() {
-                    (q[j], dq[j]) = (end.q[j][first + i], self.dq[j][i]);
+                for j in 0..end.samples.signals.joints() {
+                    (q[j], dq[j]) = (end.samples.signals.q[j][first + i], self.dq[j][i]);
                 }
-                let all = partials(end.plant, e, &q, &dq, theta, joint, velocity);
+                let all = partials(&end.form.plant, e, &q, &dq, theta, joint, velocity);
                 self.slopes[(2 * joint + usize::from(velocity)) * self.longest + i] = nonlinear(all, &linear);
             }
         }
     }
 
-    fn project_window<P: Plant>(&mut self, end: &Ending<'_, P>, e: usize, k: usize, stop: usize, theta: &[f64]) {
-        let Some(polynomial) = &end.separation.equations[e] else {
+    fn project_window<P: Plant>(&mut self, end: &MeasuredBlock<P>, e: usize, k: usize, stop: usize, theta: &[f64]) {
+        let Some(polynomial) = &end.form.separation.equations[e] else {
             return;
         };
         let kernels = &self.kernels[k];
-        let form = &end.plant.equations()[e];
+        let form = &end.form.plant.equations()[e];
         let (input, scale) = (form.input, form.input_scale);
         let first = stop - kernels.count;
         let from = first - kernels.before;
-        let u = &end.u[input][from..stop + kernels.after];
+        let u = &end.samples.signals.u[input][from..stop + kernels.after];
         let within = |jumps: &[(usize, f64)], weights: &[f64], add: &mut dyn FnMut(f64, f64)| {
             for &(at, value) in jumps {
                 if let Some(weight) = at.checked_sub(from).and_then(|i| weights.get(i)) {
@@ -186,21 +174,21 @@ impl Tail {
                 }
             }
         };
-        let own = end.input_std[input].powi(2);
+        let own = end.noise.input_std(input).powi(2);
         let mut moment = dot(&kernels.input, u);
         let mut variance = own * dot(&kernels.input, &kernels.input);
-        within(&end.jumps[input], &kernels.jump, &mut |weight, size| {
+        within(&end.jumps.all()[input], &kernels.jump, &mut |weight, size| {
             moment += weight * size;
             variance += weight * weight * (5.0 * own + 1e-6 * size * size);
         });
-        within(&end.surplus[input], &kernels.input, &mut |weight, more| {
+        within(&end.noise.surplus[input], &kernels.input, &mut |weight, more| {
             variance += weight * weight * more;
         });
         self.input[e][k] = scale * moment;
         let factors = &mut self.factors[e];
         factors.iter_mut().for_each(|factor| factor[k] = 0.0);
         for term in &polynomial.velocity {
-            let q = &end.q[term.joint][first..stop];
+            let q = &end.samples.signals.q[term.joint][first..stop];
             factors[term.monomial][k] += term.coefficient * dot(&kernels.position[term.derivative + 1], q);
         }
         for term in &polynomial.features {
@@ -214,19 +202,19 @@ impl Tail {
     /// Σ c² σ_q² of one window, c = −∂f/∂q as in `error_weights.rs`.
     fn position_variance<P: Plant>(
         &mut self,
-        end: &Ending<'_, P>,
+        end: &MeasuredBlock<P>,
         e: usize,
         k: usize,
         stop: usize,
         theta: &[f64],
     ) -> f64 {
         let (kernels, half, longest) = (&self.kernels[k], self.velocity_half, self.longest);
-        let order = end.plant.equations()[e].order;
+        let order = end.form.plant.equations()[e].order;
         let support = longest + half;
         let skipped = longest - kernels.count;
         let c = &mut self.weights;
         c.fill(0.0);
-        if let Some(polynomial) = &end.separation.equations[e] {
+        if let Some(polynomial) = &end.form.separation.equations[e] {
             for term in &polynomial.velocity {
                 let factor = polynomial.monomials[term.monomial].value(theta) * term.coefficient;
                 let own = &mut c[term.joint * support + half + skipped..(term.joint + 1) * support];
@@ -235,7 +223,7 @@ impl Tail {
                 }
             }
         }
-        for (joint, velocity) in end.separation.sensitivities[e].kinds() {
+        for (joint, velocity) in end.form.separation.sensitivities[e].kinds() {
             let own = &mut c[joint * support..(joint + 1) * support];
             let slopes = &self.slopes[(2 * joint + usize::from(velocity)) * longest..];
             for i in skipped..longest {
@@ -249,7 +237,7 @@ impl Tail {
                 // the transposed velocity filter
                 let (from, weights) = match i.checked_sub(longest - half) {
                     Some(ahead) => (support - 2 * half - 1, &self.last_velocities[ahead][..]),
-                    None => (i, end.velocity_weights),
+                    None => (i, &end.form.velocity.weights[..]),
                 };
                 for (c, weight) in own[from..].iter_mut().zip(weights) {
                     *c += weight * at;
@@ -258,7 +246,7 @@ impl Tail {
         }
         let mut variance = 0.0;
         for (joint, c) in c.chunks_exact(support).enumerate() {
-            let std = &end.q_std[joint][stop - support..stop];
+            let std = &end.noise.q_std[joint][stop - support..stop];
             variance += c.iter().zip(std).map(|(c, s)| (c * s).powi(2)).sum::<f64>();
         }
         variance

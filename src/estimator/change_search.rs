@@ -1,0 +1,265 @@
+//! What happened in a block that raised an alarm, and the fit of the rows that may still be
+//! believed. See `change.rs` for the equations.
+
+use super::Residuals;
+use super::change::locate;
+use super::fit::Fit;
+use super::group::GroupState;
+use super::options::{ChangeDetection, EstimatorOptions};
+use super::report::{Change, ChangeKind};
+use std::ops::Range;
+
+/// Changes looked for in one block, and repetitions until the place of one settles.
+const CUTS: usize = 3;
+const PASSES: usize = 6;
+/// Share of the residuals' excess over the noise that a further cut may at most leave.
+const EXPLAINS: f64 = 0.5;
+
+/// A group that gave no alarm follows one that did where its own test is below this.
+const JOINS: f64 = 1e-2;
+/// Alarms at most this many blocks apart are a drift.
+const DRIFT_BLOCKS: u32 = 8;
+
+/// What the groups' tests say of a block.
+#[derive(Debug, Clone, Copy)]
+pub struct Alarm {
+    /// Smallest probability of a block as different from the past as this one, were nothing changed.
+    pub probability: f64,
+    /// A test raised an alarm …
+    pub raised: bool,
+    /// … of a group whose parameters were known by then.
+    pub known: bool,
+    /// Groups that take part in what happened.
+    pub joined: u64,
+}
+
+/// A cut of a block, see [`ChangeSearch::cut`].
+#[derive(Debug, Clone, Copy)]
+struct Cut {
+    /// First row after it.
+    row: usize,
+    cost: f64,
+    /// What follows it leaves no more than noise …
+    consistent: bool,
+    /// … and this much of it, in units of the noise's variance.
+    excess: f64,
+}
+
+/// The search in one block, with what it works on. Sets of groups are masks of a bit each.
+pub struct ChangeSearch<'a, R> {
+    pub rows: &'a R,
+    pub groups: &'a mut [GroupState],
+    pub options: &'a EstimatorOptions,
+    /// θ̂ as it becomes.
+    pub theta: &'a mut [f64],
+    /// Points of linearisation of what lies before a cut and behind it.
+    pub before: &'a mut [f64],
+    pub later: &'a mut [f64],
+}
+
+impl<R: Residuals> ChangeSearch<'_, R> {
+    /// The alarm of the groups that follow none of the `lines`.
+    pub fn alarm(&self, lines: u64, detection: ChangeDetection) -> Alarm {
+        let level = detection.false_alarm_rate / self.groups.len() as f64;
+        let mut alarm = Alarm {
+            probability: 1.0,
+            raised: false,
+            known: false,
+            joined: 0,
+        };
+        for (k, group) in self.groups.iter().enumerate() {
+            if lines >> k & 1 == 1 {
+                continue;
+            }
+            let probability = group.probability;
+            alarm.probability = alarm.probability.min(probability);
+            let another = group.is_another_plant(self.options);
+            let raised = probability < level || another;
+            alarm.raised |= raised;
+            alarm.known |= raised && !group.is_open(self.before);
+            if probability < JOINS || another {
+                alarm.joined |= 1 << k;
+            }
+        }
+        alarm
+    }
+
+    /// Says what happened: a block that one fit explains differs from those before it, another one is
+    /// to be cut. Alarms soon after each other are a drift.
+    pub fn explain(&mut self, joined: u64, margin: u64) -> Change {
+        let consistent = self.fit_alone(joined);
+        let mut again = false;
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            if joined >> k & 1 == 1 {
+                again |= group.since_alarm <= DRIFT_BLOCKS;
+                group.since_alarm = 0;
+            }
+        }
+        if !consistent {
+            return self.find(joined, margin);
+        }
+        let kind = if again { ChangeKind::Drift } else { ChangeKind::Between };
+        Change::over_the_block(kind, self.rows)
+    }
+
+    /// Fits the block alone; true if that leaves no more than noise in the groups of `joined`.
+    pub fn fit_alone(&mut self, joined: u64) -> bool {
+        let mut consistent = true;
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            if joined >> k & 1 == 1 {
+                group.fit_alone(self.rows, 0..self.rows.len(), self.theta, self.options);
+                consistent &= group.is_consistent(self.options);
+            }
+        }
+        consistent
+    }
+
+    /// The cut of the block, the last one where there are several, or a drift where a line through
+    /// the block explains it better.
+    fn find(&mut self, joined: u64, margin: u64) -> Change {
+        let rows = self.rows;
+        let end = rows.len();
+        let mut line = 0.0;
+        let mut straight = true;
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            if joined >> k & 1 == 1 {
+                // two more per parameter: Akaike's price of the slopes
+                group.set_losses(true, self.options);
+                line += group.line_cost(rows, self.theta) + 2.0 * group.n as f64;
+                straight &= group.line_is_consistent();
+            }
+        }
+        let mut start = 0;
+        let mut excess = f64::INFINITY;
+        self.later.copy_from_slice(self.theta);
+        for cut in 0..CUTS {
+            // after the first cut, what lies before the next is free of the past
+            let found = self.cut(joined, start..end, cut > 0, margin);
+            if cut == 0 && straight && line < found.cost {
+                return Change::over_the_block(ChangeKind::Drift, rows);
+            }
+            if found.excess > EXPLAINS * excess {
+                // noise that is larger here than it was learnt to be, and no second change
+                break;
+            }
+            (start, excess) = (found.row, found.excess);
+            for (k, group) in self.groups.iter().enumerate() {
+                if joined >> k & 1 == 1 {
+                    let own = group.parameters.clone();
+                    self.theta[own.clone()].copy_from_slice(&self.later[own]);
+                }
+            }
+            if found.consistent || end - start < 4 {
+                break;
+            }
+            self.before.copy_from_slice(self.later);
+        }
+        Change {
+            kind: ChangeKind::Within,
+            row: start,
+            time: rows.span(start).0,
+        }
+    }
+
+    /// The best single cut of `whole`; `later` becomes the fit of what follows it.
+    ///
+    /// Rows within `margin` after the cut have no say in that fit: where rows overlap, the first of
+    /// them may still touch what was before.
+    fn cut(&mut self, joined: u64, whole: Range<usize>, free: bool, margin: u64) -> Cut {
+        let rows = self.rows;
+        let (mut row, mut cost) = (whole.start, f64::INFINITY);
+        let (mut consistent, mut excess) = (true, 0.0);
+        for pass in 0..PASSES {
+            for group in self.groups.iter_mut() {
+                group.set_losses(pass > 0, self.options);
+            }
+            let (found, least) = locate(self.groups, joined, rows, whole.clone(), self.before, self.later, free);
+            let settled = pass > 0 && found == row;
+            (row, cost) = (found, least);
+            if settled {
+                break;
+            }
+            (consistent, excess) = (true, 0.0);
+            let from = first_after(rows, row..whole.end, margin);
+            for (k, group) in self.groups.iter_mut().enumerate() {
+                if joined >> k & 1 == 1 {
+                    // from θ̄: a fit to both plants at once may have gone astray
+                    let own = group.parameters.clone();
+                    self.later[own.clone()].copy_from_slice(&group.centre);
+                    group.fit_alone(rows, from..whole.end, self.later, self.options);
+                    consistent &= group.is_consistent(self.options);
+                    excess = group.excess().max(excess);
+                    if free && row > whole.start {
+                        self.before[own.clone()].copy_from_slice(&group.centre);
+                        // the sums that count are those of the later part
+                        group.fit_alone(rows, whole.start..row, self.before, self.options);
+                    }
+                }
+            }
+        }
+        Cut {
+            row,
+            cost,
+            consistent,
+            excess,
+        }
+    }
+
+    /// Fits the rows that may still be believed with a prior that allows for the change; gives
+    /// these rows, and how the fit ended.
+    pub fn refit(&mut self, joined: u64, lines: u64, change: Change, margin: u64) -> (Range<usize>, Fit) {
+        let rows = self.rows;
+        let from = match change.kind {
+            ChangeKind::Within => {
+                let usable = change.time.saturating_add(margin);
+                (change.row..rows.len())
+                    .find(|&row| rows.span(row).0 >= usable)
+                    .unwrap_or(rows.len())
+            }
+            ChangeKind::Between | ChangeKind::Drift => 0,
+        };
+        let mut all = Fit {
+            iterations: 0,
+            converged: true,
+        };
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            let range = from..rows.len();
+            if joined >> k & 1 == 0 {
+                // the plant changed for this group, too, though it shows no sign of it: what came
+                // before says nothing any more
+                if change.kind == ChangeKind::Within && lines >> k & 1 == 0 {
+                    group.evaluate_at(rows, range.clone(), self.theta);
+                    let fit = group.fit(rows, range, self.theta, self.options);
+                    all = all.and(fit);
+                }
+                continue;
+            }
+            group.set_losses(false, self.options);
+            group.evaluate_at(rows, range.clone(), self.theta);
+            match change.kind {
+                ChangeKind::Within => group.widen(self.theta, None),
+                ChangeKind::Between | ChangeKind::Drift => {
+                    let own = group.parameters.clone();
+                    for i in 0..group.n {
+                        self.later[i] = self.theta[own.start + i] - group.centre[i];
+                    }
+                    group.widen(self.theta, Some(&self.later[..group.n]));
+                }
+            }
+            group.prior_from_covariance();
+            let fit = group.fit(rows, range, self.theta, self.options);
+            all = all.and(fit);
+        }
+        (from..rows.len(), all)
+    }
+}
+
+/// The first row that begins `margin` after the first of `range` does, or the first where none is
+/// left then.
+fn first_after<R: Residuals>(rows: &R, range: Range<usize>, margin: u64) -> usize {
+    let usable = rows.span(range.start).0.saturating_add(margin);
+    range
+        .clone()
+        .find(|&row| rows.span(row).0 >= usable)
+        .unwrap_or(range.start)
+}

@@ -1,0 +1,89 @@
+//! How long a drift is followed: from the block that shows one until its line no longer explains a
+//! block, or no longer moves.
+
+use super::Residuals;
+use super::group::GroupState;
+use super::options::EstimatorOptions;
+use super::persist::Visit;
+
+/// Share of its size by which a drifting parameter may always move per block.
+const DRIFT_RATE: f64 = 0.01;
+/// Blocks in a row without movement after which a drift has ended.
+const STILL_BLOCKS: u32 = 4;
+
+/// The drift that is followed, in all groups or none.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct DriftWatch {
+    /// Blocks in a row in which the line that is followed did not move for sure.
+    still: u32,
+}
+
+impl DriftWatch {
+    /// What goes from block to block; see `persist.rs`.
+    pub fn visit(&mut self, v: &mut impl Visit) {
+        v.small(&mut self.still);
+    }
+
+    /// Goes on with the lines of a drift while they explain the block and any of them moves;
+    /// returns the groups that do, all or none, and whether a line ended because it does not
+    /// explain the block.
+    pub fn follow<R: Residuals>(
+        &mut self,
+        rows: &R,
+        groups: &mut [GroupState],
+        theta: &mut [f64],
+        options: &EstimatorOptions,
+    ) -> (u64, bool) {
+        let lines = drifting(groups);
+        if lines == 0 {
+            return (0, false);
+        }
+        // the speed of a drift may change by a third from block to block
+        let change = 0.3 * groups.iter().map(|g| g.slope_rate(theta)).fold(DRIFT_RATE, f64::max);
+        let (mut explained, mut moves, mut bends) = (true, false, false);
+        for group in groups.iter_mut().filter(|g| g.drift.active) {
+            group.set_losses(true, options);
+            explained &= group.follow_line(rows, theta, change);
+            moves |= group.drift.moves();
+            bends |= group.line_bends(theta);
+        }
+        self.still = if moves { 0 } else { self.still.saturating_add(1) };
+        for group in groups.iter_mut().filter(|g| g.drift.active) {
+            group.drift.active = explained && self.still < STILL_BLOCKS && group.end_line(theta);
+        }
+        let lines = drifting(groups);
+        (lines, !explained && bends)
+    }
+
+    /// Begins to follow a drift in every group, for one that shows no sign of it alone would turn
+    /// it into errors of weak parameters. Returns the groups that could.
+    pub fn start<R: Residuals>(
+        &mut self,
+        rows: &R,
+        groups: &mut [GroupState],
+        theta: &mut [f64],
+        options: &EstimatorOptions,
+    ) -> u64 {
+        let (mut rate, mut off) = (DRIFT_RATE, DRIFT_RATE);
+        for group in groups.iter_mut() {
+            group.set_losses(true, options);
+            group.line_cost(rows, theta);
+            let (own_rate, own_off) = group.line_rates(theta);
+            (rate, off) = (rate.max(own_rate), off.max(own_off));
+        }
+        self.still = 0;
+        let mut started = 0;
+        for (k, group) in groups.iter_mut().enumerate() {
+            started |= u64::from(group.start_line(rows, theta, rate, off)) << k;
+        }
+        started
+    }
+}
+
+/// The groups that follow a line, a bit each.
+fn drifting(groups: &[GroupState]) -> u64 {
+    groups
+        .iter()
+        .enumerate()
+        .fold(0, |mask, (k, g)| mask | u64::from(g.drift.active) << k)
+}

@@ -1,0 +1,149 @@
+//! A group that follows a drift: its lines are fitted with what was known before the block.
+
+use super::Residuals;
+use super::change::{CONSISTENT, GATED, MANY};
+use super::equation::TINY;
+use super::group::GroupState;
+use super::line::LinePrior;
+use super::stats::f_tail;
+
+/// Share of a parameter's size by which a line may always bend.
+const BEND: f64 = 1e-3;
+
+impl GroupState {
+    /// Fits a line to the whole block, see `line.rs`; its cost in units of the noise, infinite if
+    /// there is none to be had.
+    pub fn line_cost<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> f64 {
+        let own = self.parameters.clone();
+        self.drift
+            .line
+            .fit(rows, &self.equations, theta, own, &self.fixed, None)
+            .unwrap_or(f64::INFINITY)
+    }
+
+    /// True where the line's residuals are no larger than the noise known so far.
+    pub fn line_is_consistent(&self) -> bool {
+        let rows: usize = self.at.iter().map(|s| s.rows).sum();
+        let outliers: usize = self.drift.line.outliers.iter().sum();
+        let freedom = (rows - outliers.min(rows)) as f64 - 2.0 * self.n as f64;
+        let known: f64 = self.equations.iter().map(|e| e.freedom).sum();
+        let cost: f64 = self
+            .equations
+            .iter()
+            .zip(&self.drift.line.costs)
+            .map(|(e, cost)| cost / e.variance.max(TINY))
+            .sum();
+        let noise = freedom < 1.0 || f_tail(cost / freedom, freedom, known.max(1.0)) > CONSISTENT;
+        noise && outliers as f64 <= GATED * rows as f64
+    }
+
+    /// After [`line_cost`](Self::line_cost): the shares of their sizes by which the parameters
+    /// surely move within the block, and by which the line's start is surely off what was known;
+    /// what does not exceed three standard deviations is not sure.
+    pub fn line_rates(&self, theta: &[f64]) -> (f64, f64) {
+        let (mut rate, mut off) = (0.0f64, 0.0f64);
+        let sure = |value: f64, variance: f64| {
+            if value * value > 9.0 * variance {
+                value.abs()
+            } else {
+                0.0
+            }
+        };
+        for i in (0..self.n).filter(|&i| !self.fixed[i]) {
+            let size = self.size(theta, i);
+            let start = self.drift.start(i) - self.centre[i];
+            rate = rate.max(sure(self.drift.line.slope[i], self.drift.line.slope_variance(i)) / size);
+            off = off.max(sure(start, self.drift.line.start_variance(i)) / size);
+        }
+        (rate, off)
+    }
+
+    /// Begins to follow a drift: fits the line again with what was known before the block, where
+    /// every parameter may be off by the share `off` of its size and move by the share `rate`, and
+    /// takes its end.
+    pub fn start_line<R: Residuals>(&mut self, rows: &R, theta: &mut [f64], rate: f64, off: f64) -> bool {
+        for i in 0..self.n {
+            let size = self.size(theta, i);
+            self.drift.slope[i] = 0.0;
+            self.drift.slope_variance[i] = (rate * size).powi(2);
+            if !self.fixed[i] {
+                self.errors.change[i * self.n + i] += (off.min(1.0) * size).powi(2);
+            }
+        }
+        self.total_covariance();
+        self.drift.active = self.fit_line(rows, theta) && self.end_line(theta);
+        self.drift.active
+    }
+
+    /// Share of its size by which the fastest parameter moves per block.
+    pub fn slope_rate(&self, theta: &[f64]) -> f64 {
+        (0..self.n)
+            .map(|i| self.drift.slope[i].abs() / self.size(theta, i))
+            .fold(0.0, f64::max)
+    }
+
+    /// Fits the line that goes on from the last; true where it leaves no more than noise and is
+    /// near what was expected of it. `change` is the share of their sizes by which slopes may have
+    /// changed.
+    pub fn follow_line<R: Residuals>(&mut self, rows: &R, theta: &[f64], change: f64) -> bool {
+        for i in 0..self.n {
+            self.drift.slope_variance[i] += (change * self.size(theta, i)).powi(2);
+        }
+        let directions = 2.0 * self.n as f64;
+        if !(self.fit_line(rows, theta) && self.line_is_consistent()) {
+            return false;
+        }
+        !self.line_bends(theta) || f_tail(self.drift.line.surprise / directions, directions, MANY) > CONSISTENT
+    }
+
+    /// True where the line that was fitted is off the one before by more than no user would notice,
+    /// however exact the signals are.
+    pub fn line_bends(&self, theta: &[f64]) -> bool {
+        (0..self.n).any(|i| {
+            let start = self.drift.start(i) - self.centre[i];
+            let turned = self.drift.line.slope[i] - self.drift.slope[i];
+            start.abs().max(turned.abs()) > BEND * self.size(theta, i)
+        })
+    }
+
+    fn fit_line<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> bool {
+        self.prior_from_covariance();
+        let variance = self.variance().max(TINY);
+        self.prior.iter_mut().for_each(|v| *v /= variance);
+        let prior = LinePrior {
+            start: &self.centre,
+            start_information: &self.prior,
+            slope: &self.drift.slope,
+            slope_variance: &self.drift.slope_variance,
+        };
+        let own = self.parameters.clone();
+        self.drift
+            .line
+            .fit(rows, &self.equations, theta, own, &self.fixed, Some(prior))
+            .is_some()
+    }
+
+    /// The line's end is the estimate, with its covariance and the information that belongs to it.
+    pub fn end_line(&mut self, theta: &mut [f64]) -> bool {
+        let n = self.n;
+        if !self.drift.take() {
+            return false;
+        }
+        for i in 0..n {
+            theta[self.parameters.start + i] = self.drift.end(i).clamp(self.lower[i], self.upper[i]);
+            for j in 0..n {
+                let free = !self.fixed[i] && !self.fixed[j];
+                let covariance = if free {
+                    self.drift.line.end_covariance(i, j)
+                } else {
+                    0.0
+                };
+                self.errors.change[i * n + j] = covariance;
+            }
+        }
+        for (k, sums) in self.at.iter_mut().enumerate() {
+            (sums.cost, sums.outliers) = (self.drift.line.costs[k], self.drift.line.outliers[k]);
+        }
+        true
+    }
+}

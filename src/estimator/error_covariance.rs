@@ -1,0 +1,104 @@
+//! Covariance of the error of θ̂, by what caused it.
+//!
+//! θ̂ is a linear function of what came before: with K = Γ_m and A = I − K S the error obeys e_m =
+//! A e_{m−1} + K Σ φ n, whatever the forgetting rule. So its covariance is carried along as it is
+//! (Joseph's form):
+//!
+//! ```text
+//! P ← A P Aᵀ + K (Σ_e σ_e² S_e) K
+//! ```
+//!
+//! For exponential forgetting this is the sandwich Γ M Γ with M ← λ² M + S. It is kept per equation
+//! for noise of unit variance, so that the noise level may still be learnt, and apart for what the
+//! start value (or a change since) leaves unknown.
+
+use super::equation::EquationState;
+use super::linalg::Congruence;
+use super::persist::Visit;
+use super::workspace::Workspace;
+
+/// The covariances of a group, n × n each. What an equation's noise of unit variance causes is the
+/// equation's own ([`EquationState::noise_covariance`]).
+#[derive(Debug, Clone)]
+pub struct ErrorCovariance {
+    n: usize,
+    /// Of the error that the start value left.
+    pub guess: Vec<f64>,
+    /// Of the error that changes of the plant since then brought.
+    pub change: Vec<f64>,
+    /// P, all of it, weighted with the noise variances.
+    pub total: Vec<f64>,
+    congruence: Congruence,
+}
+
+impl ErrorCovariance {
+    /// No error of n parameters.
+    pub fn new(n: usize) -> Self {
+        Self {
+            n,
+            guess: vec![0.0; n * n],
+            change: vec![0.0; n * n],
+            total: vec![0.0; n * n],
+            congruence: Congruence::new(n),
+        }
+    }
+
+    /// What goes from block to block; see `persist.rs`.
+    pub fn visit(&mut self, v: &mut impl Visit) {
+        v.reals(&mut self.guess);
+        v.reals(&mut self.change);
+        v.reals(&mut self.total);
+    }
+
+    /// True if no variance is negative.
+    pub fn is_sound(&self) -> bool {
+        let diagonal = |m: &[f64]| (0..self.n).all(|i| m[i * self.n + i] >= 0.0);
+        diagonal(&self.guess) && diagonal(&self.change) && diagonal(&self.total)
+    }
+
+    /// Puts parameter i back to a guess of this variance.
+    pub fn forget_parameter(&mut self, i: usize, variance: f64) {
+        clear_entries(self.n, &mut self.guess, i, variance);
+        clear_entries(self.n, &mut self.change, i, 0.0);
+        clear_entries(self.n, &mut self.total, i, variance);
+    }
+
+    /// P ← A P Aᵀ of guess and change; `room` holds A as `transition`.
+    pub fn carry(&mut self, room: &mut Workspace) {
+        for covariance in [&mut self.guess, &mut self.change] {
+            self.congruence.apply(self.n, &room.transition, covariance, &mut room.b);
+            covariance.copy_from_slice(&room.b);
+        }
+    }
+
+    /// P ← A P Aᵀ + K S K of one equation's noise; `room` holds A as `transition`, K as `gain`, S
+    /// as `total`.
+    pub fn carry_noise(&mut self, room: &mut Workspace, noise: &mut [f64]) {
+        self.congruence.apply(self.n, &room.transition, noise, &mut room.b);
+        noise.copy_from_slice(&room.b);
+        self.congruence.apply(self.n, &room.gain, &room.total, &mut room.b);
+        noise.iter_mut().zip(&room.b).for_each(|(p, v)| *p += v);
+    }
+
+    /// Makes the total of its parts.
+    pub fn add_up(&mut self, equations: &[EquationState]) {
+        for (k, c) in self.total.iter_mut().enumerate() {
+            *c = self.guess[k] + self.change[k];
+        }
+        for e in equations {
+            for (c, p) in self.total.iter_mut().zip(&e.noise_covariance) {
+                *c += e.variance * p;
+            }
+        }
+    }
+}
+
+/// Forgets what an n × n matrix holds of parameter i, and puts `diagonal` in the place of its own
+/// entry.
+pub fn clear_entries(n: usize, matrix: &mut [f64], i: usize, diagonal: f64) {
+    for k in 0..n {
+        matrix[i * n + k] = 0.0;
+        matrix[k * n + i] = 0.0;
+    }
+    matrix[i * n + i] = diagonal;
+}

@@ -1,0 +1,117 @@
+//! All independent groups of parameters: what is asked of them together.
+
+use super::group::GroupState;
+use super::options::EstimatorOptions;
+use super::{Residuals, Structure};
+use std::ops::{Deref, DerefMut};
+
+/// The groups, ordered by their first parameter.
+#[derive(Debug, Clone)]
+pub struct Groups(Vec<GroupState>);
+
+impl Deref for Groups {
+    type Target = [GroupState];
+
+    fn deref(&self) -> &[GroupState] {
+        &self.0
+    }
+}
+
+impl DerefMut for Groups {
+    fn deref_mut(&mut self) -> &mut [GroupState] {
+        &mut self.0
+    }
+}
+
+impl Groups {
+    /// The start state of validated options.
+    pub fn new(structure: &Structure, options: &EstimatorOptions) -> Self {
+        let groups = structure.groups();
+        let states = groups.iter().map(|group| GroupState::new(group, structure, options));
+        Self(states.collect())
+    }
+
+    /// The group of a parameter; `None` if no equation has it.
+    pub fn holding(&self, parameter: usize) -> Option<&GroupState> {
+        self.iter().find(|g| g.parameters.contains(&parameter))
+    }
+
+    /// Looks at the block from θ, see [`GroupState::look`]: all groups or none, for half a block
+    /// would be no estimate of the plant. False if any row is not finite there.
+    pub fn look<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> bool {
+        self.iter_mut()
+            .map(|g| g.look(rows, theta))
+            .fold(true, |all, finite| all & finite)
+    }
+
+    /// Begins at θ: nothing is confirmed yet.
+    pub fn begin(&mut self, theta: &[f64]) {
+        for group in self.iter_mut() {
+            group.confirmation.begin(&theta[group.parameters.clone()]);
+        }
+    }
+
+    /// The plant has changed: nothing is confirmed any more, in no group.
+    pub fn doubt(&mut self, theta: &[f64]) {
+        for group in self.iter_mut() {
+            let own = group.parameters.clone();
+            group.confirmation.restart(&theta[own]);
+        }
+    }
+
+    /// Fixes a parameter, or sets it free; either way nothing is known of it but θ and the floor of
+    /// the information.
+    pub fn fix(&mut self, index: usize, fixed: bool, theta: &[f64], floor: f64) {
+        for group in self.iter_mut().filter(|g| g.parameters.contains(&index)) {
+            let i = index - group.parameters.start;
+            group.fixed[i] = fixed;
+            group.forget_parameter(i, floor);
+            group.confirmation.begin(&theta[group.parameters.clone()]);
+        }
+    }
+
+    /// Entry of the matrix that `of` gives for a group, of two parameters of all; 0 between groups.
+    pub fn entry<'a>(&self, i: usize, j: usize, of: impl Fn(usize) -> &'a Vec<f64>) -> f64 {
+        let holds = |g: &GroupState| g.parameters.contains(&i) && g.parameters.contains(&j);
+        self.iter().position(holds).map_or(0.0, |k| {
+            let group = &self[k];
+            let (i, j) = (i - group.parameters.start, j - group.parameters.start);
+            of(k)[i * group.n + j]
+        })
+    }
+
+    /// See [`BlockEstimator::product_ratio`](super::BlockEstimator::product_ratio).
+    pub fn product_ratio(&self, theta: &[f64], [a, b]: [usize; 2], [c, d]: [usize; 2]) -> (f64, f64) {
+        let ratio = theta[a] * theta[b] / (theta[c] * theta[d]);
+        // d ln ratio = dθ_a/θ_a + dθ_b/θ_b − dθ_c/θ_c − dθ_d/θ_d
+        let terms = [(a, 1.0), (b, 1.0), (c, -1.0), (d, -1.0)];
+        let mut variance = 0.0;
+        for (i, s) in terms {
+            for (j, t) in terms {
+                let covariance = self.entry(i, j, |k| &self[k].honest);
+                variance += s * t * covariance / (theta[i] * theta[j]);
+            }
+        }
+        (ratio - 1.0, ratio.abs() * variance.max(0.0).sqrt())
+    }
+
+    /// See [`BlockEstimator::information_figures`](super::BlockEstimator::information_figures).
+    pub fn information_figures(&self) -> (f64, f64) {
+        let (mut sum, mut asymmetry) = (0.0, 0.0f64);
+        for group in self.iter() {
+            let (n, m) = (group.n, &group.information);
+            for i in 0..n {
+                if !group.fixed[i] {
+                    sum += m[i * n + i].max(f64::MIN_POSITIVE).ln();
+                }
+                for j in 0..i {
+                    let scale = (m[i * n + i] * m[j * n + j]).sqrt();
+                    if scale > 0.0 {
+                        asymmetry = asymmetry.max((m[i * n + j] - m[j * n + i]).abs() / scale);
+                    }
+                }
+            }
+        }
+        (sum, asymmetry)
+    }
+}

@@ -1,0 +1,123 @@
+//! What the monitor remembers of the blocks of a stream, and the changes of the plant that they
+//! announced.
+
+/// What the monitor remembers of a block.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BlockRecord {
+    /// Block number, from 1.
+    pub block: u64,
+    /// Stream time of the last sample \[s\].
+    pub t_s: f64,
+    /// Time of a change that this block announced \[s\].
+    pub change_s: Option<f64>,
+    /// Largest relative error over the judged parameters, where the truth is known.
+    ///
+    /// Judged are the parameters that the estimate marks usable; all of them where it marks none.
+    pub worst_relative_error: Option<f64>,
+}
+
+/// A change that was found, as the summary tells it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Change {
+    /// Block that announced the change.
+    pub block: u64,
+    /// Located time of the change \[s\].
+    pub t_s: f64,
+    /// Stream time of the last sample of the announcing block \[s\].
+    pub detected_t_s: f64,
+    /// Blocks from the one holding the change (0) to the first from which on the judged parameters
+    /// stay within 1 % of the truth, up to the next change; `None` where the truth is unknown or
+    /// they do not.
+    pub blocks_to_1_percent: Option<u64>,
+}
+
+/// Blocks remembered at least; the memory of a monitor that follows a machine for months stays
+/// within twice that.
+pub(super) const REMEMBERED: usize = 8192;
+
+/// The last blocks of a stream.
+#[derive(Debug, Clone, Default)]
+pub(super) struct BlockHistory {
+    records: Vec<BlockRecord>,
+    /// Changes announced by blocks before these.
+    settled: Vec<Change>,
+    /// All blocks of the stream.
+    blocks: u64,
+}
+
+impl BlockHistory {
+    /// Takes a block in.
+    pub fn push(&mut self, record: BlockRecord) {
+        self.records.push(record);
+        self.blocks += 1;
+        if self.records.len() == 2 * REMEMBERED {
+            self.forget();
+        }
+    }
+
+    /// Drops the older half of the records, after settling what they announced.
+    fn forget(&mut self) {
+        let border = self.records[REMEMBERED].block;
+        let changes = self.recent_changes();
+        self.settled
+            .extend(changes.into_iter().filter(|change| change.block < border));
+        self.records.drain(..REMEMBERED);
+    }
+
+    /// Begins a new stream.
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Number of blocks taken in.
+    pub fn blocks(&self) -> u64 {
+        self.blocks
+    }
+
+    /// The last blocks, some thousands at most.
+    pub fn records(&self) -> &[BlockRecord] {
+        &self.records
+    }
+
+    /// The changes announced so far.
+    pub fn changes(&self) -> Vec<Change> {
+        let mut changes = self.settled.clone();
+        changes.extend(self.recent_changes());
+        changes
+    }
+
+    fn recent_changes(&self) -> Vec<Change> {
+        let announced: Vec<(usize, f64)> = self
+            .records
+            .iter()
+            .enumerate()
+            .filter_map(|(i, r)| r.change_s.map(|t| (i, t)))
+            .collect();
+        announced
+            .iter()
+            .enumerate()
+            .map(|(k, &(index, t_s))| {
+                // The block that holds the change ends at or after it; it can lie before the one
+                // that announced it.
+                let holding = self.records[..=index]
+                    .iter()
+                    .position(|r| r.t_s >= t_s)
+                    .unwrap_or(index);
+                let end = announced.get(k + 1).map_or(self.records.len(), |&(next, _)| next);
+                Change {
+                    block: self.records[index].block,
+                    t_s,
+                    detected_t_s: self.records[index].t_s,
+                    blocks_to_1_percent: blocks_to_settle(&self.records[holding..end], 0.01),
+                }
+            })
+            .collect()
+    }
+}
+
+/// Index of the first block from which on the worst relative error stays within `limit`.
+fn blocks_to_settle(records: &[BlockRecord], limit: f64) -> Option<u64> {
+    let within = |r: &BlockRecord| r.worst_relative_error.is_some_and(|error| error <= limit);
+    let settled = records.iter().rev().take_while(|r| within(r)).count();
+    (settled > 0).then(|| (records.len() - settled) as u64)
+}

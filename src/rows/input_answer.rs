@@ -1,0 +1,62 @@
+//! An input that answers to a position may jump for one sample because the position did: a count of
+//! an encoder, or a spike of it that the controller saw, too.
+
+use super::mended_signal::MendedSignal;
+use std::ops::Range;
+
+/// Samples on either side among which counts are looked for that the input answered to.
+const AROUND: usize = 500;
+
+/// How an input's jump goes with the position.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Answer {
+    /// It does not.
+    None,
+    /// To a count of the encoder: it is as real as that.
+    Count,
+    /// To a spike, if the controller saw it.
+    Spike,
+}
+
+/// What the input at `k` may have answered to: a spike of the position, or a count that it changed
+/// by after a while. Counts are believed to have an effect where many of them have: a third of
+/// those around.
+pub(super) fn answers(
+    q: &[f64],
+    u: &[f64],
+    position: &MendedSignal,
+    stretch: &Range<usize>,
+    k: usize,
+    count: f64,
+) -> Answer {
+    let near = k.saturating_sub(2).max(stretch.start)..(k + 2).min(stretch.end);
+    if near.clone().any(|i| position.bad[i]) {
+        return Answer::Spike;
+    }
+    if !(count > 0.0) {
+        return Answer::None;
+    }
+    let moves = |i: usize| (q[i] - q[i - 1]).abs() > 0.5 * count;
+    let moving = |from: usize, to: usize| {
+        let range = from.max(stretch.start + 1)..to.min(stretch.end);
+        range.filter(|&i| moves(i)).count()
+    };
+    // a count or two among a dozen samples at rest
+    let alone = |k: usize| moving(k.saturating_sub(1), k + 2) > 0 && moving(k.saturating_sub(6), k + 7) <= 3;
+    if !alone(k) {
+        return Answer::None;
+    }
+    // how far the input is off the mean of its neighbours, here and at other counts
+    let off = |i: usize| (u[i] - 0.5 * (u[i - 1] + u[i + 1])).abs();
+    let around = k.saturating_sub(AROUND).max(stretch.start + 2)..(k + AROUND).min(stretch.end.saturating_sub(3));
+    let (mut counts, mut effects) = (0, 0);
+    for i in around.filter(|i| i.abs_diff(k) > 6).filter(|&i| moves(i) && alone(i)) {
+        counts += 1;
+        effects += usize::from(off(i).max(off(i + 1)) > 0.3 * off(k));
+    }
+    if counts > 0 && 3 * effects > counts {
+        Answer::Count
+    } else {
+        Answer::None
+    }
+}

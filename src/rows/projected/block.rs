@@ -1,0 +1,157 @@
+//! A block of samples as projected rows, for an estimator.
+
+use super::first_fit::FirstFit;
+use super::measured::MeasuredBlock;
+use super::options::{ProjectedError, ProjectedOptions};
+use super::projection::Projection;
+use super::sensor_noise::SensorNoise;
+use crate::estimator::Residuals;
+use crate::model::{JointSample, Plant};
+use crate::rows::separation::MAX_ORDER;
+use crate::rows::suspects::Suspect;
+use crate::rows::{SampleBlock, structure};
+
+/// A block of samples as projected rows, see the module's head.
+#[derive(Debug, Clone)]
+pub struct ProjectedBlock<P: Plant> {
+    rows: Projection<P>,
+    first_fit: FirstFit,
+}
+
+impl<P: Plant + Clone> ProjectedBlock<P> {
+    /// An empty block for up to `block_len` samples; the only place that allocates.
+    ///
+    /// # Errors
+    /// Options out of range, or a plant with terms differentiated more than twice or without
+    /// parameters.
+    pub fn new(plant: P, options: ProjectedOptions, block_len: usize) -> Result<Self, ProjectedError> {
+        options.validate()?;
+        if let Some(equation) = plant.equations().iter().find(|e| e.order >= MAX_ORDER) {
+            return Err(ProjectedError::Order {
+                equation: equation.name.to_string(),
+                expected: MAX_ORDER - 1,
+                got: equation.order,
+            });
+        }
+        let first_fit = FirstFit::new(&plant, structure(&plant)).map_err(|_| ProjectedError::Plant)?;
+        let block = MeasuredBlock::new(plant, options, block_len)?;
+        Ok(Self {
+            first_fit: first_fit.with_finder(&block.form.separation.equations),
+            rows: Projection::new(block),
+        })
+    }
+
+    /// The same with other start values than the plant's own for the first block's weights.
+    ///
+    /// # Errors
+    /// Not one finite value within its bounds for each parameter.
+    pub fn starting_at(mut self, theta: &[f64]) -> Result<Self, ProjectedError> {
+        let structure = structure(self.plant());
+        let started = self.first_fit.starting_at(structure, theta);
+        self.first_fit = started.map_err(|_| ProjectedError::Plant)?;
+        Ok(self)
+    }
+
+    /// The plant behind the rows.
+    pub fn plant(&self) -> &P {
+        &self.rows.block.form.plant
+    }
+
+    /// What the sensors do, as told or as learnt up to the last block that was prepared.
+    pub fn noise(&self) -> &SensorNoise {
+        &self.rows.block.noise.sensors
+    }
+
+    /// The options in force.
+    pub fn options(&self) -> &ProjectedOptions {
+        &self.rows.block.form.options
+    }
+
+    /// The longest uninterrupted stretch of a joint's positions in the block that was prepared, and
+    /// the variance of their noise.
+    pub(in crate::rows) fn positions(&self, joint: usize) -> (&[f64], f64) {
+        let samples = &self.rows.block.samples;
+        let positions = &samples.signals.q[joint][samples.longest_stretch()];
+        (positions, self.noise().deviations(joint)[0].powi(2))
+    }
+
+    /// Goes on with what another block of this plant has learnt of the sensors; the estimator knows
+    /// θ by then.
+    pub(in crate::rows) fn take_over(&mut self, other: &Self) {
+        self.first_fit.end();
+        self.rows.block.noise.take_over(&other.rows.block.noise);
+    }
+}
+
+impl<P: Plant> Residuals for ProjectedBlock<P> {
+    fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    #[inline]
+    fn row(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        self.rows.row(equation, index, theta, regressor)
+    }
+
+    fn span(&self, index: usize) -> (u64, u64) {
+        self.rows.span(index)
+    }
+
+    fn is_used(&self, equation: usize, index: usize) -> bool {
+        self.rows.is_used(equation, index)
+    }
+
+    fn tail(&self, equation: usize, k: usize, theta: &[f64]) -> Option<f64> {
+        self.rows.tail(equation, k, theta)
+    }
+
+    fn suspects(&self) -> usize {
+        self.rows.suspects.count()
+    }
+
+    fn suspect_std(&self, suspect: usize) -> f64 {
+        self.rows.suspects.std(suspect)
+    }
+
+    fn suspect_row(&self, equation: usize, index: usize, columns: &mut [f64]) {
+        self.rows.suspects.row(equation, index, columns);
+    }
+
+    fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        self.rows.row_forward(equation, index, theta, regressor)
+    }
+
+    fn start(&self) -> Option<&[f64]> {
+        self.first_fit.start()
+    }
+}
+
+impl<P: Plant> SampleBlock for ProjectedBlock<P> {
+    fn push(&mut self, t_ns: u64, sample: &JointSample) -> bool {
+        self.rows.block.push(t_ns, sample)
+    }
+
+    fn prepare(&mut self, theta: &[f64]) {
+        self.rows.project();
+        if !self.rows.is_empty() {
+            self.first_fit.weigh(&mut self.rows, theta);
+        }
+    }
+
+    fn replaced(&self) -> u32 {
+        self.rows.block.samples.repair.replaced()
+    }
+
+    fn suspect(&self, index: usize) -> Option<Suspect<'_>> {
+        let unit = self.rows.block.form.plant.input_unit();
+        self.rows.suspects.describe(index, unit)
+    }
+
+    fn clear(&mut self) {
+        self.rows.clear();
+    }
+
+    fn reset(&mut self) {
+        self.rows.reset();
+    }
+}

@@ -1,0 +1,113 @@
+//! Errors in variables: positions less the errors that the residuals show of them.
+//!
+//! ```text
+//! n̂ = E[n | f] = −Σ_q Cᵀ R⁻¹ f(θ̄)        q̂ = q − n̂
+//! ```
+//!
+//! C holds the c_i = −∂f_i/∂q, R is the covariance of the rows (`covariance.rs`), θ̄ is θ̂ before
+//! the block. What is made of it: the head of `projected/mod.rs`.
+
+use super::covariance::{RowCovariance, first_position};
+use super::measured::MeasuredBlock;
+use super::samples::Samples;
+use crate::model::Plant;
+use crate::rows::trajectory::Trajectory;
+use crate::rows::whitening::Whitening;
+
+/// Largest error of a position that a residual may show, in its standard deviations.
+const LARGEST_ERROR: f64 = 3.0;
+
+/// The smoothed signals of a block.
+#[derive(Debug, Clone)]
+pub(super) struct SmoothedSignals {
+    signals: Trajectory,
+    /// The rows are made of them.
+    applied: bool,
+    /// Scratch: R⁻¹ f of one equation.
+    weighted: Vec<f64>,
+}
+
+impl SmoothedSignals {
+    /// Room for a block and `rows` rows of each equation.
+    pub fn new<P: Plant>(block: &MeasuredBlock<P>, rows: usize) -> Self {
+        let (features, capacity) = (block.form.separation.features, block.samples.capacity());
+        Self {
+            signals: Trajectory::new(block.form.plant.joints(), features, capacity),
+            applied: false,
+            weighted: vec![0.0; rows],
+        }
+    }
+
+    /// The signals that the rows are made of: smoothed ones if there are, otherwise those measured.
+    pub fn or<'a>(&'a self, measured: &'a Trajectory) -> &'a Trajectory {
+        if self.applied { &self.signals } else { measured }
+    }
+
+    /// Goes back to the signals as they were measured.
+    pub fn forget(&mut self) {
+        self.applied = false;
+    }
+
+    /// Begins with the signals as they were measured.
+    pub fn begin(&mut self, samples: &Samples) {
+        let (own, measured) = (&mut self.signals, &samples.signals);
+        let own = own.q.iter_mut().chain(&mut own.u);
+        for (own, measured) in own.zip(measured.q.iter().chain(&measured.u)) {
+            own[..samples.len].copy_from_slice(&measured[..samples.len]);
+        }
+    }
+
+    /// q̂ += σ_q² Σ_i c_i (R⁻¹ f)_i for the rows of one equation, whose residuals are whitened
+    /// forwards; its input likewise.
+    pub fn subtract<P: Plant>(
+        &mut self,
+        block: &MeasuredBlock<P>,
+        covariance: &RowCovariance,
+        whitening: &Whitening,
+        e: usize,
+        residuals: &[f64],
+    ) {
+        let windows = block.samples.windows.all();
+        let weighted = &mut self.weighted[..windows.len()];
+        weighted.copy_from_slice(&residuals[..windows.len()]);
+        whitening.apply_transposed(weighted);
+        for (i, window) in windows.iter().enumerate() {
+            let first = first_position(block, window);
+            for (joint, q) in self.signals.q.iter_mut().enumerate() {
+                let c = covariance.sensitivity(e, i, joint);
+                let std = &block.noise.q_std[joint][first..];
+                for ((q, c), std) in q[first..].iter_mut().zip(c).zip(std) {
+                    *q += std * c * weighted[i];
+                }
+            }
+        }
+        let (input, scale) = block.form.input(e);
+        let kernel = &block.form.kernels.input[0];
+        for (i, window) in windows.iter().enumerate() {
+            let variance = block.noise.sensors.input_noise[input].powi(2) + covariance.rounding(i);
+            let moved = variance * scale * weighted[i];
+            let from = window.centre - block.form.kernels.input_half;
+            let u = &mut self.signals.u[input][from..from + kernel.len()];
+            u.iter_mut().zip(kernel).for_each(|(u, weight)| *u -= moved * weight);
+        }
+    }
+
+    /// Limits the errors that were found, and makes velocities and features of what is left.
+    pub fn finish<P: Plant>(&mut self, block: &MeasuredBlock<P>) {
+        let (covered, reach) = (block.samples.windows.covered(), block.form.velocity.half);
+        if covered.is_empty() {
+            return;
+        }
+        for (joint, q) in self.signals.q.iter_mut().enumerate() {
+            for at in covered.start - reach..covered.end + reach {
+                let measured = block.samples.signals.q[joint][at];
+                let most = LARGEST_ERROR * block.noise.q_std[joint][at];
+                q[at] = q[at].clamp(measured - most, measured + most);
+            }
+        }
+        for at in covered {
+            block.form.differentiate(&mut self.signals, at);
+        }
+        self.applied = true;
+    }
+}

@@ -1,0 +1,131 @@
+//! Rows at one θ, of equations whose terms are no polynomials in θ.
+//!
+//! ```text
+//! z₀ = Σ_d ∫K_d g_d(q, q̇; θ)        z_p = ∂z₀/∂θ_p, by automatic differentiation        whitened as the rows are
+//! ```
+//!
+//! Rows of other equations are products of θ and columns that are made once per block
+//! (`separation.rs`); these are made anew at each θ.
+
+use super::measured::MeasuredBlock;
+use crate::model::{MAX_JOINTS, MAX_PARAMS, Plant};
+use crate::rows::kernel::dot;
+use crate::rows::separation::MAX_ORDER;
+use crate::rows::trajectory::Trajectory;
+use crate::rows::whitening::{Direction, Whitening};
+use num_dual::Dual64;
+
+/// What rows are made of.
+pub(super) struct Source<'a, P> {
+    pub block: &'a MeasuredBlock<P>,
+    /// The block's signals, as measured or freed of their noise.
+    pub signals: &'a Trajectory,
+}
+
+/// The values at the θ that came last.
+#[derive(Debug, Clone)]
+pub(super) struct Evaluation {
+    theta: Vec<f64>,
+    valid: bool,
+    /// \[direction\]\[equation\]\[column\]\[row\]; z₀ first, then z_p.
+    columns: [Vec<Vec<Vec<f64>>>; 2],
+    /// Scratch: a term and its derivatives in θ over the samples.
+    samples: Vec<Vec<f64>>,
+}
+
+impl Evaluation {
+    /// Room for `rows` rows of each equation that is no polynomial.
+    pub fn new<P: Plant>(block: &MeasuredBlock<P>, rows: usize) -> Self {
+        let form = &block.form;
+        let columns_of = |e: usize| match form.separation.equations[e] {
+            None => form.own(e) + 1,
+            Some(_) => 0,
+        };
+        let widest = (0..form.equations()).map(columns_of).max().unwrap_or(0);
+        let columns: Vec<Vec<Vec<f64>>> = (0..form.equations())
+            .map(|e| vec![vec![0.0; rows]; columns_of(e)])
+            .collect();
+        Self {
+            theta: vec![0.0; form.plant.parameters().len()],
+            valid: false,
+            columns: [columns.clone(), columns],
+            samples: vec![vec![0.0; block.samples.capacity()]; widest * (MAX_ORDER + 1)],
+        }
+    }
+
+    /// The signals or their weights have changed.
+    pub fn forget(&mut self) {
+        self.valid = false;
+    }
+
+    /// Column of an equation at θ \[row\], of z₀ and the z_p in turn.
+    pub fn columns<P: Plant>(
+        &mut self,
+        source: &Source<'_, P>,
+        whitening: &[Whitening],
+        direction: Direction,
+        equation: usize,
+        theta: &[f64],
+    ) -> &[Vec<f64>] {
+        if !self.valid || self.theta != theta {
+            self.theta.copy_from_slice(theta);
+            self.valid = true;
+            for e in 0..whitening.len() {
+                if source.block.form.separation.equations[e].is_none() {
+                    self.evaluate(source, e);
+                    self.project(source, e, &whitening[e]);
+                }
+            }
+        }
+        &self.columns[direction as usize][equation]
+    }
+
+    /// Terms of an equation and their derivatives in θ at every sample that a window holds.
+    fn evaluate<P: Plant>(&mut self, source: &Source<'_, P>, e: usize) {
+        let (plant, signals) = (&source.block.form.plant, source.signals);
+        let form = &plant.equations()[e];
+        let (terms, joints) = (form.order + 1, signals.joints());
+        let params = self.theta.len();
+        let mut theta = [Dual64::from_re(0.0); MAX_PARAMS];
+        for (dual, &value) in theta.iter_mut().zip(&self.theta) {
+            dual.re = value;
+        }
+        for at in source.block.samples.windows.covered() {
+            let mut q = [Dual64::from_re(0.0); MAX_JOINTS];
+            let mut dq = [Dual64::from_re(0.0); MAX_JOINTS];
+            for j in 0..joints {
+                (q[j].re, dq[j].re) = (signals.q[j][at], signals.dq[j][at]);
+            }
+            for (slot, parameter) in form.parameters.clone().enumerate() {
+                theta[parameter].eps = 1.0;
+                let mut g = [Dual64::from_re(0.0); MAX_ORDER + 1];
+                plant.terms(e, &q[..joints], &dq[..joints], &theta[..params], &mut g[..terms]);
+                theta[parameter].eps = 0.0;
+                for d in 0..terms {
+                    self.samples[d][at] = g[d].re;
+                    self.samples[(slot + 1) * terms + d][at] = g[d].eps;
+                }
+            }
+        }
+    }
+
+    /// Projects and whitens what was evaluated.
+    fn project<P: Plant>(&mut self, source: &Source<'_, P>, e: usize, whitening: &Whitening) {
+        let (form, windows) = (&source.block.form, source.block.samples.windows.all());
+        let (kernels, terms) = (&form.kernels, form.plant.equations()[e].order + 1);
+        for column in 0..=form.own(e) {
+            for (row, window) in windows.iter().enumerate() {
+                let span = window.centre - kernels.half..window.centre + kernels.half + 1;
+                let samples = &self.samples[column * terms..];
+                let sum: f64 = (0..terms)
+                    .map(|d| dot(&kernels.position[d], &samples[d][span.clone()]))
+                    .sum();
+                self.columns.iter_mut().for_each(|c| c[e][column][row] = sum);
+            }
+            for direction in Direction::BOTH {
+                let own = &mut self.columns[direction as usize][e][column];
+                whitening.apply(direction, &mut own[..windows.len()]);
+            }
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! A first θ for the weights of the rows, while the estimator has none.
+//!
+//! R depends on θ. Before the first estimate θ is not known well enough for it: the first blocks
+//! are fitted once with the R known so far, then R is made anew, until every parameter is known to
+//! a half. What is not yet keeps its start value in R: a joint that has not moved may have any
+//! inertia, but not any noise.
+//!
+//! Later the same fit serves a block that θ̂ before it does not explain: it is fitted alone, and
+//! its positions are smoothed with that.
+
+use super::projection::Projection;
+use crate::estimator::{BlockEstimator, EstimatorError, EstimatorOptions, Structure};
+use crate::model::Plant;
+use crate::rows::start::StartFinder;
+use crate::rows::theta_polynomial::Polynomial;
+
+/// Blocks that are fitted for their weights at most.
+const FIRST_BLOCKS: u32 = 10;
+/// Relative standard deviation below which a parameter is known well enough for weights.
+const KNOWN: f64 = 0.5;
+/// Mean square of whitened residuals from which on they hold more than noise.
+const FAR: f64 = 2.0;
+
+/// The fit of the first blocks.
+#[derive(Debug, Clone)]
+pub(super) struct FirstFit {
+    estimator: BlockEstimator,
+    /// Blocks that may still be fitted.
+    left: u32,
+    /// Finds a start beside the configured one, if there can be more than one minimum.
+    finder: Option<StartFinder>,
+    /// The block was the first one, and its θ̂ is where the estimator had better begin.
+    begins: bool,
+    /// What is known of θ: the start value of a parameter of which nothing is.
+    settled: Vec<f64>,
+}
+
+impl FirstFit {
+    /// A fit that begins at the plant's own start values and keeps its bounds.
+    ///
+    /// # Errors
+    /// Start values, bounds and structure do not fit together.
+    pub fn new(plant: &impl Plant, structure: Structure) -> Result<Self, EstimatorError> {
+        let parameters = plant.parameters();
+        let starts = parameters.iter().map(|p| p.start).collect();
+        let mut options = EstimatorOptions::recommended(starts, plant.equations().len());
+        options.lower = parameters.iter().map(|p| p.lower).collect();
+        options.upper = parameters.iter().map(|p| p.upper).collect();
+        options.change_detection = None;
+        let estimator = BlockEstimator::new(structure, options)?;
+        Ok(Self {
+            left: FIRST_BLOCKS,
+            finder: None,
+            begins: false,
+            settled: estimator.theta().to_vec(),
+            estimator,
+        })
+    }
+
+    /// The same with a second start that the rows of these equations give.
+    #[must_use]
+    pub fn with_finder(mut self, equations: &[Option<Polynomial>]) -> Self {
+        let options = self.estimator.options();
+        self.finder = StartFinder::new(equations, &options.lower, &options.upper);
+        self
+    }
+
+    /// The same from other start values.
+    ///
+    /// # Errors
+    /// Not one finite value within its bounds for each parameter.
+    pub fn starting_at(mut self, structure: Structure, theta: &[f64]) -> Result<Self, EstimatorError> {
+        let options = EstimatorOptions {
+            theta_start: theta.to_vec(),
+            start_std: theta.iter().map(|t| t.abs()).collect(),
+            ..self.estimator.options().clone()
+        };
+        self.estimator = BlockEstimator::new(structure, options)?;
+        self.settled.copy_from_slice(theta);
+        Ok(self)
+    }
+
+    /// Where the estimator had better begin; `None` after the first block.
+    pub fn start(&self) -> Option<&[f64]> {
+        self.begins.then(|| self.estimator.theta())
+    }
+
+    /// No block is fitted for its weights any more: the estimator knows θ.
+    pub fn end(&mut self) {
+        (self.left, self.begins) = (0, false);
+    }
+
+    /// Weighs and smooths the rows of a block, with a fit of its own for the first blocks and with
+    /// θ̂ before the block from then on.
+    pub fn weigh<P: Plant>(&mut self, rows: &mut Projection<P>, theta: &[f64]) {
+        if self.left > 0 {
+            self.fit(rows);
+        } else {
+            self.begins = false;
+            rows.weigh(theta);
+            self.smooth_near(rows, theta);
+        }
+    }
+
+    /// Fits one of the first blocks for the weights of its rows.
+    fn fit<P: Plant>(&mut self, rows: &mut Projection<P>) {
+        self.begins = self.left == FIRST_BLOCKS;
+        self.left -= 1;
+        rows.weigh(&self.settled);
+        if self.begins {
+            self.estimator.update(rows);
+            self.try_other_start(rows);
+            // once more with regressors that the first fit has freed of noise
+            rows.weigh(&self.settled);
+        }
+        self.smooth(rows);
+        self.estimator.update(rows);
+        let start = &self.estimator.options().theta_start;
+        if take_known(&self.estimator, start, &mut self.settled) {
+            self.left = 0;
+        }
+        rows.weigh(&self.settled);
+        self.smooth(rows);
+    }
+
+    /// Fits the first block from the start that its rows give, too, and goes on from the better of
+    /// the two.
+    fn try_other_start<P: Plant>(&mut self, rows: &Projection<P>) {
+        let Some(finder) = &mut self.finder else { return };
+        let estimator = &mut self.estimator;
+        let configured = rows.mean_square(estimator.theta());
+        let row = |e: usize, row: usize, factors: &mut [f64]| rows.linear_row(e, row, factors);
+        let count = rows.block.samples.windows.len();
+        let theta = finder.find(count, row, &estimator.options().theta_start);
+        self.settled.copy_from_slice(estimator.theta());
+        estimator.restart(theta);
+        estimator.update(rows);
+        if rows.mean_square(estimator.theta()) > configured {
+            estimator.restart(&self.settled);
+            estimator.update(rows);
+        }
+        self.settled.copy_from_slice(&estimator.options().theta_start);
+    }
+
+    /// Smooths with the residuals at the fit, unless it leaves more in them than noise.
+    fn smooth<P: Plant>(&self, rows: &mut Projection<P>) {
+        let theta = self.estimator.theta();
+        if rows.mean_square(theta) < FAR {
+            rows.smooth(theta);
+        }
+    }
+
+    /// Smooths with the residuals at θ̂ before the block, or at a fit of this block alone if the
+    /// plant has moved away from that. Leaves the rows as they are measured if either leaves more
+    /// in them than noise.
+    ///
+    /// A parameter that the block does not tell to a half stays what it was: a fit of rows that
+    /// hold next to no motion puts it anywhere, and positions made to agree with that would speak
+    /// for it.
+    fn smooth_near<P: Plant>(&mut self, rows: &mut Projection<P>, theta: &[f64]) {
+        if rows.mean_square(theta) < FAR {
+            rows.smooth(theta);
+            return;
+        }
+        self.estimator.restart(theta);
+        self.estimator.update(rows);
+        take_known(&self.estimator, theta, &mut self.settled);
+        if rows.mean_square(&self.settled) < FAR {
+            rows.smooth(&self.settled);
+        }
+    }
+}
+
+/// Takes over the parameters that a fit knows to a half, and `otherwise` in the place of the
+/// others; true if it knows all. A parameter that the motion so far says nothing about may have
+/// gone anywhere, to zero for one, and would take its share of the noise along.
+fn take_known(fit: &BlockEstimator, otherwise: &[f64], theta: &mut [f64]) -> bool {
+    let report = fit.report();
+    let mut all = true;
+    for (i, value) in theta.iter_mut().enumerate() {
+        let known = report.theta_std[i] < KNOWN * report.theta[i].abs();
+        *value = if known { report.theta[i] } else { otherwise[i] };
+        all &= known;
+    }
+    all
+}

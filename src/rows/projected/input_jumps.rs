@@ -1,0 +1,103 @@
+//! Jumps of the inputs, for inputs that are continuous otherwise: where they are and how large.
+//!
+//! ```text
+//! e_k = d_k − (d_{k−1} + d_{k+1})/2        d_k = u_k − u_{k−1}
+//! j_k = (e_k − (e_{k−1} + e_{k+1})/2)/1.5
+//! ```
+//!
+//! A jump Δ at t_k gives e = (−Δ/2, Δ, −Δ/2) around k, white noise a variance of 5 σ_u², and a
+//! smooth input next to nothing, of slowly varying sign. j tells them apart best.
+
+use super::setpoint_steps::SetpointSteps;
+use crate::rows::kernel::{Kernels, dot};
+
+/// The jumps of each joint's input in a block: buffer position and size.
+#[derive(Debug, Clone)]
+pub(super) struct InputJumps {
+    found: Vec<Vec<(usize, f64)>>,
+    /// Scratch: |j|.
+    statistic: Vec<f64>,
+}
+
+impl InputJumps {
+    /// Room for `capacity` samples.
+    pub fn new(joints: usize, capacity: usize) -> Self {
+        Self {
+            // a vector's clone has no room
+            found: (0..joints).map(|_| Vec::with_capacity(capacity)).collect(),
+            statistic: Vec::with_capacity(capacity),
+        }
+    }
+
+    /// Finds the jumps of a joint's input `u`, which has noise of standard deviation `noise`. One
+    /// that no step of the setpoint explains may have happened anywhere since the sample before, as
+    /// when a drive leaves its limit: it goes to `surplus` instead, as a variance.
+    pub fn find(
+        &mut self,
+        joint: usize,
+        u: &[f64],
+        noise: f64,
+        steps: &SetpointSteps,
+        surplus: &mut Vec<(usize, f64)>,
+    ) {
+        let jumps = &mut self.found[joint];
+        jumps.clear();
+        let len = u.len();
+        if len < 9 {
+            return;
+        }
+        let e = |k: usize| 1.5 * (u[k] - u[k - 1]) - 0.5 * (u[k + 1] - u[k - 2]);
+        let contrast = |k: usize| (e(k) - 0.5 * (e(k - 1) + e(k + 1))) / 1.5;
+        let candidates = 5..len - 2;
+        self.statistic.clear();
+        self.statistic.extend(candidates.clone().map(|k| contrast(k).abs()));
+        let middle = self.statistic.len() / 2;
+        let (_, median, _) = self.statistic.select_nth_unstable_by(middle, f64::total_cmp);
+        // the variance of j is 7 σ_u², and a median of 0.67 standard deviations
+        let threshold = (8.0 * 7f64.sqrt() * noise).max(12.0 * *median).max(f64::MIN_POSITIVE);
+        for k in candidates {
+            let here = e(k);
+            let shape = (e(k - 1) + 0.5 * here).abs() + (e(k + 1) + 0.5 * here).abs();
+            if contrast(k).abs() > threshold && shape < 0.5 * here.abs() {
+                // without noise the left limit is extrapolated, which is exact for polynomials of
+                // degree 4
+                let left = 5.0 * (u[k - 1] - u[k - 4]) - 10.0 * (u[k - 2] - u[k - 3]) + u[k - 5];
+                let size = if noise > 0.0 { here } else { u[k] - left };
+                if steps.explain(joint, k) {
+                    jumps.push((k, size));
+                } else {
+                    let place = surplus.partition_point(|entry| entry.0 < k);
+                    surplus.insert(place, (k, size * size / 12.0));
+                }
+            }
+        }
+    }
+
+    /// All jumps \[joint\].
+    pub fn all(&self) -> &[Vec<(usize, f64)>] {
+        &self.found
+    }
+
+    /// Jumps of a joint's input at buffer positions `from..from + len`.
+    pub fn within(&self, joint: usize, from: usize, len: usize) -> &[(usize, f64)] {
+        within(&self.found[joint], from, len)
+    }
+
+    /// ∫ψ^(r) u of the window around a centre, `u` being all of a joint's input.
+    pub fn moment(&self, kernels: &Kernels, r: usize, centre: usize, joint: usize, u: &[f64]) -> f64 {
+        let from = centre - kernels.input_half;
+        let u = &u[from..=centre + kernels.input_half];
+        let mut sum = dot(&kernels.input[r], u);
+        for &(at, size) in self.within(joint, from, u.len()) {
+            sum += kernels.jump[r][at - from] * size;
+        }
+        sum
+    }
+}
+
+/// The entries of a list ordered by buffer position at `from..from + len`.
+pub(super) fn within(entries: &[(usize, f64)], from: usize, len: usize) -> &[(usize, f64)] {
+    let start = entries.partition_point(|entry| entry.0 < from);
+    let end = entries.partition_point(|entry| entry.0 < from + len);
+    &entries[start..end]
+}

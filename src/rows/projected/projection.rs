@@ -1,0 +1,247 @@
+//! From a block of samples to its rows, step by step: measured, projected, whitened, smoothed.
+
+use super::covariance::{RowCovariance, first_position};
+use super::errors_in_variables::SmoothedSignals;
+use super::evaluation::Source;
+use super::measured::MeasuredBlock;
+use super::tail::Tail;
+use super::whitened_rows::WhitenedRows;
+use crate::estimator::Residuals;
+use crate::model::{MAX_PARAMS, Plant};
+use crate::rows::standstill::Standstill;
+use crate::rows::suspects::SuspectColumns;
+use crate::rows::trajectory::Trajectory;
+use crate::rows::whitening::Direction;
+
+/// Rows of a block at any θ, with the weights of one.
+#[derive(Debug, Clone)]
+pub(super) struct Projection<P> {
+    pub block: MeasuredBlock<P>,
+    pub suspects: SuspectColumns,
+    standstill: Standstill,
+    covariance: RowCovariance,
+    rows: WhitenedRows,
+    smoothed: SmoothedSignals,
+    tail: Tail,
+}
+
+impl<P: Plant> Projection<P> {
+    /// Rows for a block.
+    pub fn new(block: MeasuredBlock<P>) -> Self {
+        let (form, capacity) = (&block.form, block.samples.capacity());
+        let rows = block.samples.windows.capacity();
+        let covariance = RowCovariance::new(&block, rows);
+        Self {
+            suspects: SuspectColumns::new(
+                &form.plant,
+                form.options.considered,
+                &form.velocity.weights,
+                |equation, joint| form.moves(equation, joint),
+                rows,
+                capacity,
+            ),
+            standstill: Standstill::new(&form.plant, &form.kernels.position[0], capacity, rows),
+            rows: WhitenedRows::new(&block, rows, covariance.bandwidth()),
+            smoothed: SmoothedSignals::new(&block, rows),
+            tail: Tail::new(form),
+            covariance,
+            block,
+        }
+    }
+
+    /// Mends and projects a block that is complete.
+    pub fn project(&mut self) {
+        self.block.sense();
+        self.find_rests();
+        let samples = &self.block.samples;
+        self.suspects
+            .sense(samples.len, &samples.signals, &self.block.noise.q_std);
+        self.block.find_jumps();
+        let (block, signals) = (&self.block, &self.block.samples.signals);
+        for e in 0..block.form.equations() {
+            for (row, window) in block.samples.windows.all().iter().enumerate() {
+                let moments = project_errors(block, &mut self.suspects, e, row, window.centre, signals);
+                self.rows.set_input(e, row, moments);
+            }
+            self.rows.project(block, e);
+        }
+    }
+
+    /// Finds the rows that a joint at rest spoils.
+    fn find_rests(&mut self) {
+        let (samples, sensors) = (&self.block.samples, &self.block.noise.sensors);
+        for (joint, q) in samples.signals.q.iter().enumerate() {
+            if !self.standstill.concerns(joint) {
+                continue;
+            }
+            let (resolution, white) = (sensors.position_resolution[joint], sensors.position_noise[joint]);
+            self.standstill.begin(joint);
+            for stretch in samples.repair.stretches(samples.len) {
+                self.standstill.look(joint, q, stretch, resolution, white);
+            }
+        }
+        self.standstill
+            .judge(samples.windows.all().iter().map(|window| window.centre));
+    }
+
+    /// Makes R at θ and whitens the rows by it, as they are measured.
+    pub fn weigh(&mut self, theta: &[f64]) {
+        self.smoothed.forget();
+        let rows = self.len();
+        for e in 0..self.block.form.equations() {
+            let whitening = &mut self.rows.whitening[e];
+            self.covariance
+                .make(&self.block, e, theta, whitening, &mut self.suspects);
+            self.standstill.exclude(e, rows, whitening);
+            whitening.factor();
+            self.suspects.whiten(e, rows, whitening);
+            self.rows.whiten(e, rows);
+        }
+        self.rows.forget();
+        // the windows at the end know the configured delay only
+        if self.block.form.delay.is_none() {
+            self.tail.project(&self.block, theta);
+        }
+    }
+
+    /// Makes the regressors of smoothed positions. The rows must have been [weighed](Self::weigh);
+    /// `theta` is to leave no more in them than noise.
+    pub fn smooth(&mut self, theta: &[f64]) {
+        let block = &self.block;
+        let measured = Source {
+            block,
+            signals: &block.samples.signals,
+        };
+        self.rows.keep_residuals(&measured, theta);
+        self.smoothed.begin(&block.samples);
+        for e in 0..block.form.equations() {
+            let residuals = self.rows.measured(e);
+            self.smoothed
+                .subtract(block, &self.covariance, &self.rows.whitening[e], e, residuals);
+        }
+        self.smoothed.finish(block);
+        let signals = self.smoothed.or(&block.samples.signals);
+        self.rows.replace_regressors(&Source { block, signals }, theta);
+        self.smooth_suspects();
+    }
+
+    /// Makes the columns of considered errors of smoothed signals. Residual and column would
+    /// otherwise share the noise: with motion so slow that the second derivative of the input is
+    /// less than its noise, the score of a resonance is −σ_u² Σ ψ′², always of one sign, and the
+    /// sine of a joint that hardly moves would explain all noise by an eccentricity of 1 rad.
+    fn smooth_suspects(&mut self) {
+        let (block, rows) = (&self.block, self.block.samples.windows.len());
+        let signals = self.smoothed.or(&block.samples.signals);
+        self.suspects.sense(block.samples.len, signals, &block.noise.q_std);
+        for e in 0..block.form.equations() {
+            for (row, window) in block.samples.windows.all().iter().enumerate() {
+                project_errors(block, &mut self.suspects, e, row, window.centre, signals);
+                // exact positions need no smoothing
+                if let Some(c) = self.covariance.unscaled(block, e, row) {
+                    let support = block.form.support();
+                    self.suspects.turn(e, row, c, support, first_position(block, window));
+                }
+            }
+            self.suspects.whiten(e, rows, &self.rows.whitening[e]);
+        }
+    }
+
+    /// A whitened row with a coefficient for each monomial: writes the factors of those other than
+    /// 1, returns what is left without them.
+    pub fn linear_row(&self, e: usize, row: usize, factors: &mut [f64]) -> f64 {
+        self.rows.linear_row(&self.block.form.separation, e, row, factors)
+    }
+
+    /// Mean square of the whitened residuals at θ: 1 if they hold sensor noise alone.
+    pub fn mean_square(&self, theta: &[f64]) -> f64 {
+        let mut regressor = [0.0; MAX_PARAMS];
+        let (mut sum, mut count) = (0.0, 0usize);
+        for e in 0..self.block.form.equations() {
+            let regressor = &mut regressor[..self.block.form.own(e)];
+            for row in (0..self.len()).filter(|&row| self.is_used(e, row)) {
+                let f = self.row_forward(e, row, theta, regressor);
+                sum += f * f;
+                count += 1;
+            }
+        }
+        sum / count.max(1) as f64
+    }
+
+    /// What the rows are made of.
+    #[inline]
+    fn source(&self) -> Source<'_, P> {
+        Source {
+            block: &self.block,
+            signals: self.smoothed.or(&self.block.samples.signals),
+        }
+    }
+
+    /// Keeps what the next block's windows reach back to.
+    pub fn clear(&mut self) {
+        self.block.clear();
+        self.rows.forget();
+    }
+
+    /// Begins a new stream.
+    pub fn reset(&mut self) {
+        self.block.reset();
+        self.suspects.reset();
+    }
+}
+
+/// The columns of a row that hang on the input and on the sign of the velocity; gives s ∫ψ^(r) u,
+/// which they are made of.
+fn project_errors<P: Plant>(
+    block: &MeasuredBlock<P>,
+    suspects: &mut SuspectColumns,
+    e: usize,
+    row: usize,
+    centre: usize,
+    signals: &Trajectory,
+) -> [f64; 3] {
+    let moments = block.moments(e, centre, &signals.u);
+    let scale = block.form.input(e).1;
+    suspects.project(e, row, centre, scale, &block.form.kernels, moments);
+    moments
+}
+
+/// The rows without the errors that are considered: a first fit knows of none.
+impl<P: Plant> Residuals for Projection<P> {
+    fn len(&self) -> usize {
+        self.block.samples.windows.len()
+    }
+
+    #[inline]
+    fn row(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        let backward = Direction::Backward;
+        self.rows
+            .row(&self.source(), backward, equation, index, theta, regressor)
+    }
+
+    fn span(&self, index: usize) -> (u64, u64) {
+        let window = &self.block.samples.windows.all()[index];
+        (window.start_ns, window.end_ns)
+    }
+
+    fn is_used(&self, equation: usize, index: usize) -> bool {
+        !self.standstill.is_spoilt(equation, index)
+    }
+
+    fn tail(&self, equation: usize, k: usize, theta: &[f64]) -> Option<f64> {
+        let rests = self
+            .len()
+            .checked_sub(1)
+            .is_none_or(|last| self.standstill.is_spoilt(equation, last));
+        if rests {
+            None
+        } else {
+            self.tail.residual(&self.block.form.separation, equation, k, theta)
+        }
+    }
+
+    fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
+        let forward = Direction::Forward;
+        self.rows
+            .row(&self.source(), forward, equation, index, theta, regressor)
+    }
+}

@@ -1,0 +1,131 @@
+//! A plant's equations in the weak form: what the rows of every block are made with.
+//!
+//! ```text
+//! f_i(θ) = s ∫ψ_i u dt − Σ_d (−1)^d ∫ψ_i^(d) g_d(q, q̇; θ) dt        g = Σ_m μ_m(θ) [Σ_j a_j q̇_j + b_m(q, q̇)]
+//! ```
+//!
+//! with the plant's terms g taken apart (`separation.rs`), ψ and its derivatives as weights on
+//! samples (`kernel.rs`) and the velocity filter. Nothing here changes after construction.
+
+use super::options::{ProjectedError, ProjectedOptions};
+use super::velocity_filter::VelocityFilter;
+use super::windows::Window;
+use crate::model::{MAX_JOINTS, Plant};
+use crate::rows::kernel::{Kernels, dot};
+use crate::rows::separation::Separation;
+use crate::rows::trajectory::Trajectory;
+
+/// The equations, windows and filter of projected rows.
+#[derive(Debug, Clone)]
+pub(super) struct WeakForm<P> {
+    pub plant: P,
+    pub options: ProjectedOptions,
+    pub separation: Separation,
+    pub kernels: Kernels,
+    pub velocity: VelocityFilter,
+    /// Index of the parameter that is the input's delay.
+    pub delay: Option<usize>,
+}
+
+impl<P: Plant> WeakForm<P> {
+    /// Takes the plant apart and makes the windows' weights. The options must be valid.
+    ///
+    /// # Errors
+    /// A velocity filter over too few samples.
+    pub fn new(plant: P, options: ProjectedOptions) -> Result<Self, ProjectedError> {
+        let half_width = options.velocity_half_width;
+        let velocity = VelocityFilter::new(half_width, options.sample_period_s).ok_or(ProjectedError::Value {
+            field: "velocity_half_width",
+            expected: "3 to 100",
+            got: half_width as f64,
+        })?;
+        let kernels = Kernels::new(
+            options.half(),
+            options.sample_period_s,
+            highest_order(&plant) + 1,
+            options.timing,
+            options.input_delay_s,
+        );
+        Ok(Self {
+            separation: Separation::new(&plant),
+            kernels,
+            velocity,
+            delay: plant.input_delay(),
+            plant,
+            options,
+        })
+    }
+
+    /// Number of equations.
+    pub fn equations(&self) -> usize {
+        self.separation.equations.len()
+    }
+
+    /// Positions of each joint that a row depends on, by way of the velocity filter as well.
+    pub fn support(&self) -> usize {
+        2 * (self.kernels.half + self.velocity.half) + 1
+    }
+
+    /// Number of the input of an equation, and its factor s.
+    pub fn input(&self, equation: usize) -> (usize, f64) {
+        let form = &self.plant.equations()[equation];
+        (form.input, form.input_scale)
+    }
+
+    /// Number of parameters of an equation.
+    #[inline]
+    pub fn own(&self, equation: usize) -> usize {
+        self.plant.equations()[equation].parameters.len()
+    }
+
+    /// True if a joint's position is part of an equation.
+    pub fn moves(&self, equation: usize, joint: usize) -> bool {
+        let nonlinear = &self.separation.sensitivities[equation];
+        let linear = self.separation.equations[equation].iter().flat_map(|p| &p.velocity);
+        nonlinear.position.contains(&joint)
+            || nonlinear.velocity.contains(&joint)
+            || linear.map(|term| term.joint).any(|own| own == joint)
+    }
+
+    /// Velocities and features of a sample whose neighbours are known.
+    pub fn differentiate(&self, signals: &mut Trajectory, at: usize) {
+        let mut q = [0.0; MAX_JOINTS];
+        let mut dq = [0.0; MAX_JOINTS];
+        for joint in 0..signals.joints() {
+            q[joint] = signals.q[joint][at];
+            dq[joint] = self.velocity.at(&signals.q[joint], at);
+            signals.dq[joint][at] = dq[joint];
+        }
+        let features = &mut signals.features;
+        self.separation
+            .extract(&self.plant, &q, &dq, |feature, value| features[feature][at] = value);
+    }
+
+    /// The factors of an equation's monomials \[monomial\]\[window\]; nothing for an equation that
+    /// is no polynomial in θ.
+    pub fn project(&self, equation: usize, windows: &[Window], signals: &Trajectory, factors: &mut [Vec<f64>]) {
+        let Some(polynomial) = &self.separation.equations[equation] else {
+            return;
+        };
+        let kernels = &self.kernels;
+        for (row, window) in windows.iter().enumerate() {
+            for column in factors.iter_mut() {
+                column[row] = 0.0;
+            }
+            let span = window.centre - kernels.half..window.centre + kernels.half + 1;
+            for term in &polynomial.velocity {
+                let weights = &kernels.position[term.derivative + 1];
+                factors[term.monomial][row] += term.coefficient * dot(weights, &signals.q[term.joint][span.clone()]);
+            }
+            for term in &polynomial.features {
+                let weights = &kernels.position[term.derivative];
+                factors[term.monomial][row] += dot(weights, &signals.features[term.feature][span.clone()]);
+            }
+        }
+    }
+}
+
+/// Highest derivative of a term.
+pub(super) fn highest_order(plant: &impl Plant) -> usize {
+    plant.equations().iter().map(|e| e.order).max().unwrap_or(0)
+}

@@ -1,0 +1,212 @@
+//! The rows of a block: what is linear in the coefficients of θ is made once, and a row at any θ is
+//! a handful of products.
+//!
+//! ```text
+//! f_i(θ) = Y_i − Σ_m μ_m(θ) z_im        μ_m ∈ {1, θ_j, θ_j θ_k}
+//! Y(ε) = Y₀ + ε Y₁ + ε²/2 Y₂            ε of an input delay that is a parameter, beyond the configured one
+//! ```
+//!
+//! The columns Y and z are whitened (`whitening.rs`), both ways. Equations that are no polynomials
+//! in θ are evaluated instead (`evaluation.rs`).
+
+use super::evaluation::{Evaluation, Source};
+use super::measured::MeasuredBlock;
+use crate::model::{MAX_PARAMS, Plant};
+use crate::rows::separation::Separation;
+use crate::rows::theta_polynomial::{Monomial, Polynomial};
+use crate::rows::whitening::{Direction, Whitening};
+use std::cell::RefCell;
+
+/// The columns of one equation: a value per window each.
+#[derive(Debug, Clone)]
+struct Columns {
+    /// Y₀, Y₁, Y₂ times the input's scale; only Y₀ if the delay is not estimated.
+    input: Vec<Vec<f64>>,
+    /// z: the factors of the monomials.
+    factors: Vec<Vec<f64>>,
+}
+
+/// The rows.
+#[derive(Debug, Clone)]
+pub(super) struct WhitenedRows {
+    /// As projected \[equation\].
+    raw: Vec<Columns>,
+    /// As whitened \[direction\]\[equation\].
+    white: [Vec<Columns>; 2],
+    /// R of each equation, and its factors.
+    pub whitening: Vec<Whitening>,
+    evaluation: RefCell<Evaluation>,
+    /// Residuals as measured at the θ of the smoothing \[direction\]\[equation\]\[row\].
+    measured: [Vec<Vec<f64>>; 2],
+}
+
+impl WhitenedRows {
+    /// Room for `rows` rows of each equation that correlate over `bandwidth` neighbours.
+    pub fn new<P: Plant>(block: &MeasuredBlock<P>, rows: usize, bandwidth: usize) -> Self {
+        let form = &block.form;
+        let column = vec![0.0; rows];
+        let raw: Vec<Columns> = (0..form.equations())
+            .map(|e| Columns {
+                input: vec![column.clone(); if form.delay.is_some() { 3 } else { 1 }],
+                factors: vec![column.clone(); form.separation.equations[e].as_ref().map_or(0, |p| p.monomials.len())],
+            })
+            .collect();
+        Self {
+            white: [raw.clone(), raw.clone()],
+            raw,
+            whitening: vec![Whitening::new(rows, bandwidth); form.equations()],
+            evaluation: RefCell::new(Evaluation::new(block, rows)),
+            measured: std::array::from_fn(|_| vec![column.clone(); form.equations()]),
+        }
+    }
+
+    /// Sets the input's part of a row as projected, s ∫ψ^(r) u.
+    pub fn set_input(&mut self, e: usize, row: usize, moments: [f64; 3]) {
+        for (column, moment) in self.raw[e].input.iter_mut().zip(moments) {
+            column[row] = moment;
+        }
+    }
+
+    /// Projects the factors of an equation's monomials, of the signals as they were measured.
+    pub fn project<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize) {
+        let (windows, signals) = (block.samples.windows.all(), &block.samples.signals);
+        block.form.project(e, windows, signals, &mut self.raw[e].factors);
+    }
+
+    /// Whitens the rows of an equation, as they were projected, by the R that was made for it.
+    pub fn whiten(&mut self, e: usize, rows: usize) {
+        let raw = &self.raw[e];
+        for (direction, white) in Direction::BOTH.into_iter().zip(&mut self.white) {
+            let white = &mut white[e];
+            let columns = white.input.iter_mut().chain(&mut white.factors);
+            for (white, raw) in columns.zip(raw.input.iter().chain(&raw.factors)) {
+                white[..rows].copy_from_slice(&raw[..rows]);
+                self.whitening[e].apply(direction, &mut white[..rows]);
+            }
+        }
+    }
+
+    /// Forgets what was evaluated: the signals or their weights have changed.
+    pub fn forget(&mut self) {
+        self.evaluation.get_mut().forget();
+    }
+
+    /// Keeps the residuals at θ as measured, to be told of by [`measured`](Self::measured).
+    pub fn keep_residuals<P: Plant>(&mut self, source: &Source<'_, P>, theta: &[f64]) {
+        let mut regressor = [0.0; MAX_PARAMS];
+        for e in 0..self.raw.len() {
+            let regressor = &mut regressor[..source.block.form.own(e)];
+            for direction in Direction::BOTH {
+                for row in 0..source.block.samples.windows.len() {
+                    let f = self.row(source, direction, e, row, theta, regressor);
+                    self.measured[direction as usize][e][row] = f;
+                }
+            }
+        }
+    }
+
+    /// The residuals of an equation that were kept, whitened forwards.
+    pub fn measured(&self, e: usize) -> &[f64] {
+        &self.measured[Direction::Forward as usize][e]
+    }
+
+    /// Makes the regressors of other signals, and leaves the residuals at θ what they were when
+    /// they were kept.
+    pub fn replace_regressors<P: Plant>(&mut self, source: &Source<'_, P>, theta: &[f64]) {
+        self.forget();
+        let windows = source.block.samples.windows.all();
+        let rows = windows.len();
+        for e in 0..self.raw.len() {
+            let [forward, backward] = &mut self.white;
+            let (forward, backward) = (&mut forward[e].factors, &mut backward[e].factors);
+            source.block.form.project(e, windows, source.signals, forward);
+            for (forward, backward) in forward.iter_mut().zip(backward) {
+                backward[..rows].copy_from_slice(&forward[..rows]);
+                self.whitening[e].apply(Direction::Forward, &mut forward[..rows]);
+                self.whitening[e].apply(Direction::Backward, &mut backward[..rows]);
+            }
+        }
+        let mut regressor = [0.0; MAX_PARAMS];
+        for e in 0..self.raw.len() {
+            let regressor = &mut regressor[..source.block.form.own(e)];
+            for direction in Direction::BOTH {
+                for row in 0..rows {
+                    let f = self.row(source, direction, e, row, theta, regressor);
+                    let shift = self.measured[direction as usize][e][row] - f;
+                    self.white[direction as usize][e].input[0][row] += shift;
+                }
+            }
+        }
+    }
+
+    /// Residual of a row at θ; writes the regressor −∂f/∂θ over the equation's own parameters.
+    #[inline]
+    pub fn row<P: Plant>(
+        &self,
+        source: &Source<'_, P>,
+        direction: Direction,
+        e: usize,
+        row: usize,
+        theta: &[f64],
+        regressor: &mut [f64],
+    ) -> f64 {
+        let columns = &self.white[direction as usize][e];
+        let form = &source.block.form;
+        let first = form.plant.equations()[e].parameters.start;
+        regressor.fill(0.0);
+        let mut f = columns.input[0][row];
+        if let (Some(delay), [_, y1, y2]) = (form.delay, columns.input.as_slice()) {
+            let more = theta[delay] - form.options.input_delay_s;
+            f += more * (y1[row] + 0.5 * more * y2[row]);
+            regressor[delay - first] = -(y1[row] + more * y2[row]);
+        }
+        match &form.separation.equations[e] {
+            Some(Polynomial { monomials, .. }) => {
+                for (monomial, factors) in monomials.iter().zip(&columns.factors) {
+                    let z = factors[row];
+                    match *monomial {
+                        Monomial::One => f -= z,
+                        Monomial::Linear(i) => {
+                            f -= z * theta[i];
+                            regressor[i - first] += z;
+                        }
+                        Monomial::Product(i, j) => {
+                            f -= z * theta[i] * theta[j];
+                            regressor[i - first] += z * theta[j];
+                            regressor[j - first] += z * theta[i];
+                        }
+                    }
+                }
+            }
+            None => {
+                let mut evaluation = self.evaluation.borrow_mut();
+                let columns = evaluation.columns(source, &self.whitening, direction, e, theta);
+                f -= columns[0][row];
+                for (slot, column) in columns[1..].iter().enumerate() {
+                    regressor[slot] += column[row];
+                }
+            }
+        }
+        f
+    }
+
+    /// A row with a coefficient for each monomial: writes the factors of those other than 1,
+    /// returns what is left without them.
+    pub fn linear_row(&self, separation: &Separation, e: usize, row: usize, factors: &mut [f64]) -> f64 {
+        let columns = &self.white[Direction::Forward as usize][e];
+        let mut y = columns.input[0][row];
+        let mut slots = factors.iter_mut();
+        let monomials = separation.equations[e].iter().flat_map(|p| &p.monomials);
+        for (monomial, column) in monomials.zip(&columns.factors) {
+            match monomial {
+                Monomial::One => y -= column[row],
+                _ => {
+                    if let Some(slot) = slots.next() {
+                        *slot = column[row];
+                    }
+                }
+            }
+        }
+        y
+    }
+}

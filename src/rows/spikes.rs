@@ -1,0 +1,289 @@
+//! Single wrong samples of a signal, told from its motion and from steps by their neighbours.
+//!
+//! **Spikes.** r_k = x_k − (15 (x_{k−1} + x_{k+1}) − 6 (x_{k−2} + x_{k+2}) + x_{k−3} + x_{k+3})/20
+//! is the sixth difference over −20: next to nothing of a motion, 1.52 σ of white noise, and all of
+//! a spike. Where it exceeds eight standard deviations, known or taken from its median, the samples
+//! that lie off the robust trend of their neighbours are left out, and are spikes where what
+//! remains on *both* sides is one smooth curve that they are far off: six times as far as any of
+//! its own samples. At a step of a setpoint the two sides do not fit to one curve, a saturated
+//! input has no single samples, and noise of any size fits itself. A signal with more than 5 % of
+//! spikes has none: that is its nature.
+//!
+//! Beside a step a curve through two samples on its side and five on the other decides. What stands
+//! right at a step and does not belong to its own side's curve may be a spike or a part of the
+//! step: it stays, and its variance is raised by the square of its distance.
+//!
+//! An input that answers to a position may jump for one sample because the position did: a count of
+//! an encoder, or a spike of it that the controller saw, too. With a count the input is believed,
+//! with a spike it is kept and its variance raised by the square of its jump.
+
+use super::input_answer::Answer;
+use super::mended_signal::MendedSignal;
+use super::neighbours::{Neighbours, SIDE};
+use super::polynomial::MOST;
+use std::ops::Range;
+
+/// Neighbours on the side of a step that is near.
+const NEAR: usize = 2;
+/// Neighbours on either side that the trend at a sample is taken from.
+const TREND: usize = 4;
+/// Standard deviations that a spike is off at least, and multiples of what its neighbours are off
+/// their curve.
+const SPIKE: f64 = 8.0;
+const CLEAR: f64 = 6.0;
+/// Standard deviation of r for white noise of 1: √924/20.
+const GAIN: f64 = 1.52;
+/// Wrong samples in a row that can be told from a pulse.
+const RUN: usize = 3;
+/// Longest stretch of large r that is looked into.
+const CLUSTER: usize = 40;
+
+/// Finds spikes, with room for it.
+#[derive(Debug, Clone)]
+pub(super) struct SpikeFinder {
+    scratch: Vec<f64>,
+    marked: Vec<usize>,
+}
+
+impl SpikeFinder {
+    /// Room for signals of `capacity` samples.
+    pub fn new(capacity: usize) -> Self {
+        Self {
+            scratch: Vec::with_capacity(capacity),
+            marked: Vec::with_capacity(capacity),
+        }
+    }
+
+    /// Spikes that were found last.
+    pub fn found(&self) -> usize {
+        self.marked.len()
+    }
+
+    /// Marks the spikes of a signal from `from` on as bad. `answer` says of a sample that looks
+    /// like a spike what else it may be. True if a sample was kept whose variance is raised.
+    pub fn find(
+        &mut self,
+        x: &[f64],
+        signal: &mut MendedSignal,
+        stretch: &Range<usize>,
+        from: usize,
+        std: f64,
+        answer: impl Fn(usize) -> Answer,
+    ) -> bool {
+        self.marked.clear();
+        let region = (stretch.start + 3).max(from)..stretch.end.saturating_sub(3);
+        if region.len() < 16 {
+            return false;
+        }
+        let scratch = &mut self.scratch;
+        scratch.clear();
+        scratch.extend(region.clone().step_by(5).map(|k| roughness(x, k)).filter(|v| *v > 0.0));
+        let mut spread = GAIN * std;
+        if scratch.len() >= 30 {
+            let middle = scratch.len() / 2;
+            let (_, median, _) = scratch.select_nth_unstable_by(middle, f64::total_cmp);
+            spread = spread.max(*median / 0.6745);
+        }
+        if !(spread > 0.0) {
+            return false;
+        }
+        let threshold = SPIKE * spread;
+        let mut search = Search {
+            x,
+            signal,
+            stretch,
+            threshold,
+            marked: &mut self.marked,
+        };
+        let mut doubted = false;
+        let most = region.len() / 20 + 2;
+        let mut k = region.start;
+        while k < region.end {
+            if roughness(x, k) <= threshold {
+                k += 1;
+                continue;
+            }
+            let (first, mut last) = (k, k);
+            while let Some(next) = (last + 1..(last + 4).min(region.end)).find(|&i| roughness(x, i) > threshold) {
+                last = next;
+            }
+            k = last + 1;
+            if last - first >= CLUSTER {
+                continue;
+            }
+            let cluster = first..last + 1;
+            let (raised, settled) = search.judge(cluster.clone(), &answer);
+            doubted |= raised;
+            // what an exact signal does at a step is its own
+            if !settled && std > 0.0 {
+                doubted |= search.doubt_about_step(cluster);
+            }
+            if search.marked.len() > most {
+                // that is no accident but the signal
+                search.unmark();
+                return doubted;
+            }
+        }
+        doubted
+    }
+}
+
+/// The search in one stretch of a signal.
+struct Search<'a> {
+    x: &'a [f64],
+    signal: &'a mut MendedSignal,
+    stretch: &'a Range<usize>,
+    /// r from which on a sample is looked at.
+    threshold: f64,
+    marked: &'a mut Vec<usize>,
+}
+
+impl Search<'_> {
+    /// Looks into a stretch of large r: whether a variance was raised, and whether anything was
+    /// found that is no step.
+    fn judge(&mut self, cluster: Range<usize>, answer: &impl Fn(usize) -> Answer) -> (bool, bool) {
+        let mut suspect = [false; CLUSTER + 1];
+        let mut any = false;
+        for at in cluster.clone().filter(|&at| !self.signal.bad[at]) {
+            let off = self.off_trend(at);
+            suspect[at - cluster.start] = off > self.threshold;
+            any |= off > self.threshold;
+        }
+        if !any {
+            let largest = cluster
+                .clone()
+                .filter(|&at| !self.signal.bad[at])
+                .max_by(|a, b| roughness(self.x, *a).total_cmp(&roughness(self.x, *b)));
+            let Some(largest) = largest else {
+                return (false, true);
+            };
+            suspect[largest - cluster.start] = true;
+        }
+        let is_suspect = |k: usize| cluster.contains(&k) && suspect[k - cluster.start];
+        let (mut doubted, mut settled) = (false, false);
+        let mut at = cluster.start;
+        while at < cluster.end {
+            if !is_suspect(at) {
+                at += 1;
+                continue;
+            }
+            let end = (at..cluster.end).find(|&k| !is_suspect(k)).unwrap_or(cluster.end);
+            let run = at..end;
+            at = end;
+            if run.len() > RUN {
+                continue;
+            }
+            let origin = 0.5 * (run.start + run.end) as f64 - 0.5;
+            // behind a step, or before it, one side has little to say
+            let mut off = [0.0; RUN];
+            for (left, right, degree) in [(SIDE, SIDE, 3), (SIDE, NEAR, 2), (NEAR, SIDE, 2)] {
+                let good = |k: usize| !self.signal.bad[k] && !is_suspect(k);
+                let around = Neighbours::new(self.x, good, self.stretch, &run, (left, right));
+                if around.left < left.min(3) || around.right() < right.min(3) || around.count < 6 {
+                    continue;
+                }
+                let (limit, mut w) = (self.threshold.max(CLEAR * around.misfit(degree)), [0.0; MOST]);
+                for (off, k) in off.iter_mut().zip(run.clone()) {
+                    let own = (self.x[k] - around.at(degree, k as f64 - origin, &mut w)).abs();
+                    *off = if own > limit { own } else { 0.0 };
+                }
+                if off.iter().any(|off| *off > 0.0) {
+                    break;
+                }
+            }
+            settled |= off.iter().any(|off| *off > 0.0);
+            for (k, off) in run.zip(off).filter(|(_, off)| *off > 0.0) {
+                match answer(k) {
+                    Answer::None => {
+                        self.signal.bad[k] = true;
+                        self.marked.push(k);
+                    }
+                    Answer::Spike => {
+                        self.signal.extra[k] = off * off;
+                        doubted = true;
+                    }
+                    Answer::Count => {}
+                }
+            }
+        }
+        (doubted, settled)
+    }
+
+    /// Raises the variance of a sample beside a step that its own side of it does not bear out: a
+    /// spike there cannot be told from a part of the step.
+    fn doubt_about_step(&mut self, cluster: Range<usize>) -> bool {
+        let (x, stretch) = (self.x, self.stretch);
+        let size = |k: usize| (x[k] - x[k - 1]).abs();
+        let inner = cluster.start.max(stretch.start + 1)..cluster.end;
+        let Some(step) = inner.max_by(|a, b| size(*a).total_cmp(&size(*b))) else {
+            return false;
+        };
+        let mut doubted = false;
+        let from = step.saturating_sub(NEAR).max(stretch.start);
+        for k in from..(step + NEAR).min(stretch.end) {
+            let side = if k < step {
+                stretch.start..step
+            } else {
+                step..stretch.end
+            };
+            let own = Neighbours::new(x, |i| !self.signal.bad[i], &side, &(k..k + 1), (SIDE + 1, SIDE + 1));
+            if own.count < SIDE || self.signal.bad[k] {
+                continue;
+            }
+            let off = (x[k] - own.at(2, 0.0, &mut [0.0; MOST])).abs();
+            if off > self.threshold.max(CLEAR * own.misfit(2)) {
+                self.signal.extra[k] = off * off;
+                doubted = true;
+            }
+        }
+        doubted
+    }
+
+    /// How far a sample is off the robust straight line of its neighbours, less what they
+    /// themselves are off it.
+    fn off_trend(&self, at: usize) -> f64 {
+        let (x, stretch, bad) = (self.x, self.stretch, &self.signal.bad);
+        let mut values = [0.0; 2 * TREND + 1];
+        let range = at.saturating_sub(TREND).max(stretch.start)..(at + TREND + 1).min(stretch.end);
+        let mut count = 0;
+        for k in range.clone().skip(1).filter(|&k| !bad[k] && !bad[k - 1]) {
+            values[count] = x[k] - x[k - 1];
+            count += 1;
+        }
+        let slope = median(&mut values[..count]);
+        let detrended = |k: usize| x[k] - slope * (k as f64 - at as f64);
+        count = 0;
+        for k in range.clone().filter(|&k| !bad[k]) {
+            values[count] = detrended(k);
+            count += 1;
+        }
+        let middle = median(&mut values[..count]);
+        for value in &mut values[..count] {
+            *value = (*value - middle).abs();
+        }
+        let spread = median(&mut values[..count]);
+        let off = (x[at] - middle).abs();
+        if off > 4.0 * spread { off } else { 0.0 }
+    }
+
+    /// Takes back what was found.
+    fn unmark(&mut self) {
+        for at in self.marked.drain(..) {
+            self.signal.bad[at] = false;
+        }
+    }
+}
+
+/// |r_k|: how far a sample is off the curve through its neighbours.
+fn roughness(x: &[f64], k: usize) -> f64 {
+    let sum = 15.0 * (x[k - 1] + x[k + 1]) - 6.0 * (x[k - 2] + x[k + 2]) + (x[k - 3] + x[k + 3]);
+    (x[k] - 0.05 * sum).abs()
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}

@@ -1,0 +1,41 @@
+//! The signals of a block's samples, as they were measured or freed of their noise.
+
+/// A value per sample each.
+#[derive(Debug, Clone)]
+pub(super) struct Trajectory {
+    /// Positions \[joint\]\[sample\].
+    pub q: Vec<Vec<f64>>,
+    /// Velocities \[joint\]\[sample\].
+    pub dq: Vec<Vec<f64>>,
+    /// Inputs \[joint\]\[sample\].
+    pub u: Vec<Vec<f64>>,
+    /// What the plant's nonlinear terms make of them (`separation.rs`) \[feature\]\[sample\].
+    pub features: Vec<Vec<f64>>,
+}
+
+impl Trajectory {
+    /// Room for `capacity` samples.
+    pub fn new(joints: usize, features: usize, capacity: usize) -> Self {
+        let buffers = |count: usize| vec![vec![0.0; capacity]; count];
+        Self {
+            q: buffers(joints),
+            dq: buffers(joints),
+            u: buffers(joints),
+            features: buffers(features),
+        }
+    }
+
+    /// Number of joints.
+    pub fn joints(&self) -> usize {
+        self.q.len()
+    }
+
+    /// Makes `kept` samples from `from` on the first ones.
+    pub fn keep(&mut self, from: usize, kept: usize) {
+        for buffer in [&mut self.q, &mut self.dq, &mut self.u, &mut self.features] {
+            for values in buffer {
+                values.copy_within(from..from + kept, 0);
+            }
+        }
+    }
+}

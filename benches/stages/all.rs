@@ -288,7 +288,7 @@ fn axis() -> Vec<Stage> {
 }
 
 fn robot_sample(k: u32) -> RobotSample {
-    let t_s = 0.01 * f64::from(k);
+    let t_s = 0.001 * f64::from(k);
     let mut sample = RobotSample {
         t_s,
         ..RobotSample::default()
@@ -300,21 +300,23 @@ fn robot_sample(k: u32) -> RobotSample {
     sample
 }
 
-/// The six-axis robot: 70 parameters.
+/// The six-axis robot at 1 kHz: 70 parameters, blocks of a second.
 fn robot() -> Vec<Stage> {
     let urdf = include_str!("../../config/robots/six_axis.urdf");
     let robot = Robot::from_urdf(urdf, &Selection::default()).expect("a sound URDF");
     let model = RobotModel::new(robot, true, vec![JointFriction::default(); 6]).expect("sound friction");
     let mut ready = RobotIdentifier::new(model, IdentifyOptions::default()).expect("sound options");
     let mut next = 0;
-    while ready.blocks() < 5 || next % 100 != 0 {
+    while ready.blocks() < 5 || next % 1000 != 0 {
         let _ = ready.push(&robot_sample(next));
         next += 1;
     }
     let before_end = ready.clone();
-    let samples: Vec<RobotSample> = (next..next + 90).map(robot_sample).collect();
+    // the first sample of a block ends the one before
+    let _ = ready.push(&robot_sample(next));
+    let samples: Vec<RobotSample> = (next + 1..next + 901).map(robot_sample).collect();
     vec![
-        stage("robot/sample", 90, move || {
+        stage("robot/sample", samples.len(), move || {
             let (mut ready, samples) = (ready.clone(), samples.clone());
             Box::new(move || {
                 for sample in &samples {
@@ -358,11 +360,12 @@ fn info() -> RunInfo {
     }
 }
 
-/// A recording, written, read, and read and identified as `thetabus identify` does it.
+/// A recording in the midst of a run: written, read, and read and identified as `thetabus identify` does it.
 fn recording() -> Vec<Stage> {
-    let seen = seen_samples(10 * BLOCK);
-    let messages: Vec<Sample> = (0..)
-        .zip(&seen)
+    const SETTLED: usize = 3 * BLOCK;
+    let seen = seen_samples(SETTLED + 10 * BLOCK);
+    let messages: Vec<Sample> = (SETTLED as u64..)
+        .zip(&seen[SETTLED..])
         .map(|(k, sample)| {
             let mut message = Sample::EMPTY;
             (message.stream_id, message.seq, message.t_ns) = (1, k, k * 1_000_000);
@@ -385,6 +388,7 @@ fn recording() -> Vec<Stage> {
         noise_floor: vec![1.0; 2],
         ..arm_options()
     };
+    let (empty, settled) = in_run(&Manipulator::default(), arm_rows(), &options, &seen[..SETTLED]);
     vec![
         stage("recording/write", count, move || {
             let messages = messages.clone();
@@ -406,7 +410,7 @@ fn recording() -> Vec<Stage> {
         }),
         stage("recording/identify", count, move || {
             let path = identified_from.path().join(FILE);
-            let (mut block, mut estimator) = in_run(&Manipulator::default(), arm_rows(), &options, &[]);
+            let (mut block, mut estimator) = (empty.clone(), settled.clone());
             Box::new(move || {
                 let mut taken = 0;
                 each_sample(&path, |sample, t_ns| {

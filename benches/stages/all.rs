@@ -1,0 +1,437 @@
+//! What the way from a sample to an estimate consists of, a stage each: for the times of `stages` and the counts of `instructions`.
+
+use std::hint::black_box;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use thetabus::estimator::{BlockEstimator, EstimatorOptions};
+use thetabus::messages::{Sample, signals};
+use thetabus::model::{DriveInput, JointSample, Manipulator, Motion, Plant, ServoAxis};
+use thetabus::node::monitor::Label;
+use thetabus::recording::{Entry, Recorder, RecordingLimits, RecordingReader, RunInfo, Span};
+use thetabus::robot::{IdentifyOptions, JointFriction, Robot, RobotIdentifier, RobotModel, RobotSample, Selection};
+use thetabus::rows::{
+    InputSource, InputTiming, PointwiseBlock, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, structure,
+};
+use thetabus::sim::{
+    ArmSimulator, Machine, MachineSimulator, MassSchedule, SensorOptions, ServoAxisOptions, SimOptions,
+};
+
+/// N of the shipped configurations.
+const BLOCK: usize = 1900;
+
+/// Name of a stage's recording.
+const FILE: &str = "stage.mcap";
+
+/// A piece of work, done once.
+pub type Work = Box<dyn FnOnce()>;
+
+/// One stage.
+pub struct Stage {
+    /// Its path.
+    pub name: &'static str,
+    /// Pieces of work in one go: samples, blocks.
+    pub pieces: u64,
+    /// Everything up to the work, which can be made ready as often as needed.
+    pub ready: Box<dyn Fn() -> Work>,
+}
+
+fn stage(name: &'static str, pieces: usize, ready: impl Fn() -> Work + 'static) -> Stage {
+    Stage {
+        name,
+        pieces: pieces as u64,
+        ready: Box::new(ready),
+    }
+}
+
+/// All stages; those whose names do not contain `only` are left out before anything is made ready for them.
+pub fn stages(only: &str) -> Vec<Stage> {
+    let groups: [(&str, fn() -> Vec<Stage>); 6] = [
+        ("rows/", rows),
+        ("block/", blocks),
+        ("alarm/", alarms),
+        ("axis/", axis),
+        ("robot/", robot),
+        ("recording/", recording),
+    ];
+    let wanted = groups
+        .into_iter()
+        .filter(|(group, _)| only.contains(group) || group.contains(only) || only.is_empty());
+    wanted
+        .flat_map(|(_, make)| make())
+        .filter(|stage| stage.name.contains(only))
+        .collect()
+}
+
+/// The paper's arm, both joints in motion from the first sample on.
+fn exact_samples(count: usize, mass_2: MassSchedule) -> Vec<JointSample> {
+    let sim = SimOptions {
+        mass_2,
+        sensors: SensorOptions {
+            input_noise_v: 0.05,
+            ..SensorOptions::exact()
+        },
+        ..SimOptions::cedro2022()
+    };
+    ArmSimulator::new(&sim)
+        .expect("valid options")
+        .skip(BLOCK)
+        .take(count)
+        .collect()
+}
+
+fn seen_samples(count: usize) -> Vec<JointSample> {
+    let sim = SimOptions {
+        sensors: SensorOptions::encoder(16, 0.05),
+        ..SimOptions::cedro2022()
+    };
+    ArmSimulator::new(&sim).expect("valid options").take(count).collect()
+}
+
+fn pointwise(samples: &[JointSample]) -> PointwiseBlock<Manipulator> {
+    let mut block = PointwiseBlock::new(Manipulator::default(), InputSource::Measured, samples.len());
+    for (k, sample) in samples.iter().enumerate() {
+        assert!(block.push(k as u64 * 1_000_000, sample));
+    }
+    block
+}
+
+fn arm_options() -> EstimatorOptions {
+    let truth = SimOptions::cedro2022().true_theta(0.0);
+    let start = truth
+        .iter()
+        .zip([2.5, 0.4].into_iter().cycle())
+        .map(|(t, factor)| t * factor);
+    EstimatorOptions {
+        lower: vec![0.0; 9],
+        ..EstimatorOptions::recommended(start.collect(), 2)
+    }
+}
+
+fn estimator(options: EstimatorOptions) -> BlockEstimator {
+    BlockEstimator::new(structure(&Manipulator::default()), options).expect("valid options")
+}
+
+fn arm_rows() -> ProjectedOptions {
+    ProjectedOptions {
+        timing: InputTiming::Continuous,
+        noise: SensorNoise::encoder(16, 0.05),
+        ..ProjectedOptions::recommended()
+    }
+}
+
+/// A projected block in the midst of a run, empty, with an estimator that has seen what came before.
+fn in_run<P: Plant + Clone + 'static>(
+    plant: &P,
+    rows: ProjectedOptions,
+    options: &EstimatorOptions,
+    samples: &[JointSample],
+) -> (ProjectedBlock<P>, BlockEstimator) {
+    let mut block = ProjectedBlock::new(plant.clone(), rows, BLOCK)
+        .and_then(|block| block.starting_at(&options.theta_start))
+        .expect("valid options");
+    let mut settled = BlockEstimator::new(structure(plant), options.clone()).expect("valid options");
+    for (k, sample) in samples.iter().enumerate() {
+        assert!(block.push(k as u64 * 1_000_000, sample));
+        if (k + 1) % BLOCK == 0 {
+            block.prepare(settled.theta());
+            settled.update(&block);
+            block.clear();
+        }
+    }
+    (block, settled)
+}
+
+/// Samples to rows.
+fn rows() -> Vec<Stage> {
+    let exact = exact_samples(BLOCK, MassSchedule::constant(150.0));
+    let seen = seen_samples(4 * BLOCK);
+    let options = EstimatorOptions {
+        noise_floor: vec![1.0; 2],
+        ..arm_options()
+    };
+    let (empty, settled) = in_run(&Manipulator::default(), arm_rows(), &options, &seen[..3 * BLOCK]);
+    let last = seen[3 * BLOCK..].to_vec();
+    let mut full = empty.clone();
+    for (k, sample) in last.iter().enumerate() {
+        assert!(full.push((3 * BLOCK + k) as u64 * 1_000_000, sample));
+    }
+    let (unweighted, theta) = (full.clone(), settled.theta().to_vec());
+    vec![
+        stage("rows/pointwise/sample", BLOCK, move || {
+            let samples = exact.clone();
+            let mut block = PointwiseBlock::new(Manipulator::default(), InputSource::Measured, BLOCK);
+            Box::new(move || {
+                for (k, sample) in samples.iter().enumerate() {
+                    black_box(block.push(k as u64 * 1_000_000, black_box(sample)));
+                }
+            })
+        }),
+        stage("rows/projected/sample", BLOCK, move || {
+            let (mut block, samples) = (empty.clone(), last.clone());
+            Box::new(move || {
+                for (k, sample) in samples.iter().enumerate() {
+                    black_box(block.push((3 * BLOCK + k) as u64 * 1_000_000, black_box(sample)));
+                }
+            })
+        }),
+        stage("rows/projected/whitening", 1, move || {
+            let (mut block, theta) = (unweighted.clone(), theta.clone());
+            Box::new(move || block.prepare(black_box(&theta)))
+        }),
+        stage("rows/projected/block", 1, move || {
+            let (mut settled, mut block) = (settled.clone(), full.clone());
+            Box::new(move || {
+                block.prepare(settled.theta());
+                black_box(settled.update(black_box(&block)).iterations);
+            })
+        }),
+    ]
+}
+
+/// The update by the length of the block and by its iterations.
+fn blocks() -> Vec<Stage> {
+    let by = |name, len: usize, iterations: usize| {
+        let options = EstimatorOptions {
+            max_iterations: iterations,
+            ..arm_options()
+        };
+        let fresh = estimator(options);
+        let block = pointwise(&exact_samples(len, MassSchedule::constant(150.0)));
+        stage(name, 1, move || {
+            let (mut fresh, block) = (fresh.clone(), block.clone());
+            Box::new(move || {
+                black_box(fresh.update(black_box(&block)).iterations);
+            })
+        })
+    };
+    vec![
+        by("block/p9/n475/iterations3", 475, 3),
+        by("block/p9/n1900/iterations1", BLOCK, 1),
+        by("block/p9/n1900/iterations3", BLOCK, 3),
+        by("block/p9/n1900/iterations10", BLOCK, 10),
+        by("block/p9/n7600/iterations3", 4 * BLOCK, 3),
+    ]
+}
+
+/// A settled estimator's block without and with a change of the payload in it.
+fn alarms() -> Vec<Stage> {
+    let at_s = (BLOCK as f64 * 6.4) * 1e-3;
+    let settled = |mass_2: MassSchedule| {
+        let samples = exact_samples(6 * BLOCK, mass_2);
+        let mut settled = estimator(arm_options());
+        for chunk in samples[..5 * BLOCK].chunks_exact(BLOCK) {
+            settled.update(&pointwise(chunk));
+        }
+        (settled, pointwise(&samples[5 * BLOCK..]))
+    };
+    let case = |name, mass_2, changes: bool| {
+        let (settled, block) = settled(mass_2);
+        assert_eq!(settled.clone().update(&block).change.is_some(), changes, "{name}");
+        stage(name, 1, move || {
+            let (mut settled, block) = (settled.clone(), block.clone());
+            Box::new(move || {
+                black_box(settled.update(black_box(&block)).iterations);
+            })
+        })
+    };
+    vec![
+        case("alarm/quiet", MassSchedule::constant(150.0), false),
+        case("alarm/jump", MassSchedule::jump(150.0, at_s, 170.0), true),
+    ]
+}
+
+/// The servo axis: four parameters.
+fn axis() -> Vec<Stage> {
+    let machine = ServoAxisOptions::emps();
+    let plant = ServoAxis::new(Motion::Linear, DriveInput::Voltage, machine.gain).expect("a gain");
+    let sim = SimOptions {
+        machine: Machine::ServoAxis(machine),
+        sensors: SensorOptions {
+            input_noise_v: 0.05,
+            ..SensorOptions::exact()
+        },
+        ..SimOptions::cedro2022()
+    };
+    let samples: Vec<JointSample> = MachineSimulator::new(&sim)
+        .expect("valid options")
+        .take(4 * BLOCK)
+        .collect();
+    let start = plant.parameters().iter().map(|p| p.start).collect();
+    let options = EstimatorOptions::recommended(start, 1);
+    let rows = ProjectedOptions {
+        timing: InputTiming::Continuous,
+        ..ProjectedOptions::recommended()
+    };
+    let (empty, settled) = in_run(&plant, rows, &options, &samples[..3 * BLOCK]);
+    let last = samples[3 * BLOCK..].to_vec();
+    let mut full = empty.clone();
+    for (k, sample) in last.iter().enumerate() {
+        assert!(full.push((3 * BLOCK + k) as u64 * 1_000_000, sample));
+    }
+    vec![
+        stage("axis/projected/sample", BLOCK, move || {
+            let (mut block, samples) = (empty.clone(), last.clone());
+            Box::new(move || {
+                for (k, sample) in samples.iter().enumerate() {
+                    black_box(block.push((3 * BLOCK + k) as u64 * 1_000_000, black_box(sample)));
+                }
+            })
+        }),
+        stage("axis/projected/block", 1, move || {
+            let (mut settled, mut block) = (settled.clone(), full.clone());
+            Box::new(move || {
+                block.prepare(settled.theta());
+                black_box(settled.update(black_box(&block)).iterations);
+            })
+        }),
+    ]
+}
+
+fn robot_sample(k: u32) -> RobotSample {
+    let t_s = 0.001 * f64::from(k);
+    let mut sample = RobotSample {
+        t_s,
+        ..RobotSample::default()
+    };
+    for i in 0..6 {
+        let w = 1.0 + 0.3 * i as f64;
+        (sample.q[i], sample.dq[i], sample.tau[i]) = ((w * t_s).sin(), w * (w * t_s).cos(), 10.0 * (w * t_s).cos());
+    }
+    sample
+}
+
+/// The six-axis robot at 1 kHz: 70 parameters, blocks of a second.
+fn robot() -> Vec<Stage> {
+    let urdf = include_str!("../../config/robots/six_axis.urdf");
+    let robot = Robot::from_urdf(urdf, &Selection::default()).expect("a sound URDF");
+    let model = RobotModel::new(robot, true, vec![JointFriction::default(); 6]).expect("sound friction");
+    let mut ready = RobotIdentifier::new(model, IdentifyOptions::default()).expect("sound options");
+    let mut next = 0;
+    while ready.blocks() < 5 || next % 1000 != 0 {
+        let _ = ready.push(&robot_sample(next));
+        next += 1;
+    }
+    let before_end = ready.clone();
+    // the first sample of a block ends the one before
+    let _ = ready.push(&robot_sample(next));
+    let samples: Vec<RobotSample> = (next + 1..next + 901).map(robot_sample).collect();
+    vec![
+        stage("robot/sample", samples.len(), move || {
+            let (mut ready, samples) = (ready.clone(), samples.clone());
+            Box::new(move || {
+                for sample in &samples {
+                    let _ = black_box(ready.push(black_box(sample)));
+                }
+            })
+        }),
+        stage("robot/block", 1, move || {
+            let ready = before_end.clone();
+            Box::new(move || {
+                let mut ready = ready;
+                let _ = black_box(ready.end_of_recording());
+            })
+        }),
+    ]
+}
+
+/// A name for a file that nobody else has; the file goes with its last user.
+fn temporary() -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let path = folder.path().join(FILE);
+    (folder, path)
+}
+
+fn info() -> RunInfo {
+    let plant = Manipulator::default();
+    let label = |name: &str, unit: &str| Label {
+        name: name.to_owned(),
+        unit: unit.to_owned(),
+    };
+    RunInfo {
+        recording_id: "stages".to_owned(),
+        robot: "default".to_owned(),
+        model: plant.name().to_owned(),
+        joints: 2,
+        position_unit: "rad".to_owned(),
+        input_unit: "V".to_owned(),
+        equations: plant.equations().iter().map(|e| e.name.to_string()).collect(),
+        parameters: plant.parameters().iter().map(|p| label(&p.name, &p.unit)).collect(),
+        ..RunInfo::default()
+    }
+}
+
+/// A recording in the midst of a run: written, read, and read and identified as `thetabus identify` does it.
+fn recording() -> Vec<Stage> {
+    const SETTLED: usize = 3 * BLOCK;
+    let seen = seen_samples(SETTLED + 10 * BLOCK);
+    let messages: Vec<Sample> = (SETTLED as u64..)
+        .zip(&seen[SETTLED..])
+        .map(|(k, sample)| {
+            let mut message = Sample::EMPTY;
+            (message.stream_id, message.seq, message.t_ns) = (1, k, k * 1_000_000);
+            (message.joints, message.signals) = (2, signals::Q | signals::SETPOINT | signals::INPUT);
+            (message.q, message.setpoint, message.input) = (sample.q, sample.setpoint, sample.input);
+            message
+        })
+        .collect();
+    let count = messages.len();
+    let (folder, path) = temporary();
+    // lives as long as any stage that reads from it
+    let read_from = Rc::new(folder);
+    let identified_from = Rc::clone(&read_from);
+    let mut recorder = Recorder::create(&path, info(), RecordingLimits::default()).expect("a recording");
+    for message in &messages {
+        recorder.sample(message, message.t_ns).expect("room on the disk");
+    }
+    recorder.finish().expect("room on the disk");
+    let options = EstimatorOptions {
+        noise_floor: vec![1.0; 2],
+        ..arm_options()
+    };
+    let (empty, settled) = in_run(&Manipulator::default(), arm_rows(), &options, &seen[..SETTLED]);
+    vec![
+        stage("recording/write", count, move || {
+            let messages = messages.clone();
+            let (folder, path) = temporary();
+            let mut recorder = Recorder::create(&path, info(), RecordingLimits::default()).expect("a recording");
+            Box::new(move || {
+                for message in &messages {
+                    recorder
+                        .sample(black_box(message), message.t_ns)
+                        .expect("room on the disk");
+                }
+                recorder.finish().expect("room on the disk");
+                drop(folder);
+            })
+        }),
+        stage("recording/read", count, move || {
+            let path = read_from.path().join(FILE);
+            Box::new(move || each_sample(&path, |sample, t_ns| _ = black_box((sample, t_ns))))
+        }),
+        stage("recording/identify", count, move || {
+            let path = identified_from.path().join(FILE);
+            let (mut block, mut estimator) = (empty.clone(), settled.clone());
+            Box::new(move || {
+                let mut taken = 0;
+                each_sample(&path, |sample, t_ns| {
+                    assert!(block.push(t_ns, &sample.joint_sample()));
+                    taken += 1;
+                    if taken % BLOCK == 0 {
+                        block.prepare(estimator.theta());
+                        black_box(estimator.update(&block).iterations);
+                        block.clear();
+                    }
+                });
+            })
+        }),
+    ]
+}
+
+fn each_sample(path: &Path, mut take: impl FnMut(&Sample, u64)) {
+    let mut reader = RecordingReader::open(path, Span::default()).expect("a recording");
+    while let Some(entry) = reader.next_entry().expect("readable") {
+        if let Entry::Sample { sample, .. } = entry {
+            take(sample, sample.t_ns);
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! Times of every stage from a sample to an estimate; a table of their medians is in docs/speed.md.
+//!
+//! `cargo bench --bench stages` runs them all; `THETABUS_STAGE=block/` those with this in their name.
+
+mod all;
+
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+
+fn times(c: &mut Criterion) {
+    let only = std::env::var("THETABUS_STAGE").unwrap_or_default();
+    for stage in all::stages(&only) {
+        let mut group = c.benchmark_group("stages");
+        group.sample_size(30);
+        group.throughput(Throughput::Elements(stage.pieces));
+        group.bench_function(stage.name, |b| {
+            b.iter_batched(|| (stage.ready)(), |work| work(), BatchSize::PerIteration);
+        });
+        group.finish();
+    }
+}
+
+criterion_group!(benches, times);
+criterion_main!(benches);

@@ -88,14 +88,11 @@ pub fn accumulate<R: Residuals>(
     loss: Loss,
     sums: &mut Sums,
 ) {
-    // the plain loss is a case of its own, so that its loop carries no branch
+    // The plain loss has loops of its own, without branches, of each length that equations have.
     macro_rules! sized {
         ($($n:literal)*) => {
             match (own.len(), loss) {
-                $(
-                    ($n, Loss::Square) => fixed::<R, $n, false>(rows, equation, range, theta, own, divisor, loss, sums),
-                    ($n, _) => fixed::<R, $n, true>(rows, equation, range, theta, own, divisor, loss, sums),
-                )*
+                $(($n, Loss::Square) => fixed::<R, $n>(rows, equation, range, theta, own, divisor, sums),)*
                 _ => general(rows, equation, range, theta, own, divisor, loss, sums),
             }
         };
@@ -103,21 +100,19 @@ pub fn accumulate<R: Residuals>(
     sized!(1 2 3 4 5 6 7 8);
 }
 
-#[allow(clippy::too_many_arguments)]
-fn fixed<R: Residuals, const N: usize, const ROBUST: bool>(
+fn fixed<R: Residuals, const N: usize>(
     rows: &R,
     equation: usize,
     range: Range<usize>,
     theta: &[f64],
     own: Range<usize>,
     divisor: f64,
-    loss: Loss,
     sums: &mut Sums,
 ) {
     // rows go in LANES at a time, so that each product of two regressor entries is one vector operation
     let mut gram = [[[0.0; LANES]; N]; N];
     let mut score = [[0.0; LANES]; N];
-    let (mut cost, mut outliers) = ([0.0; LANES], 0);
+    let mut cost = [0.0; LANES];
     let inverse = 1.0 / divisor;
     let count = used(rows, equation, range.clone());
     let mut start = range.start;
@@ -125,38 +120,23 @@ fn fixed<R: Residuals, const N: usize, const ROBUST: bool>(
         let lanes = LANES.min(range.end - start);
         let mut phi = [[0.0; LANES]; N];
         let mut f = [0.0; LANES];
-        let mut weight = [1.0; LANES];
         for lane in 0..lanes {
             let mut regressor = [0.0; N];
             f[lane] = rows.row(equation, start + lane, theta, &mut regressor) * inverse;
             for i in 0..N {
                 phi[i][lane] = regressor[i] * inverse;
             }
-            if ROBUST {
-                let (rho, w, outlier) = loss.at(f[lane]);
-                cost[lane] += rho;
-                weight[lane] = w;
-                outliers += usize::from(outlier);
-            }
         }
-        if !ROBUST {
-            for lane in 0..LANES {
-                cost[lane] += f[lane] * f[lane]; // Σ f² of (6)
-            }
+        for lane in 0..LANES {
+            cost[lane] += f[lane] * f[lane]; // Σ f² of (6)
         }
         for i in 0..N {
-            let mut weighted = phi[i];
-            if ROBUST {
-                for lane in 0..LANES {
-                    weighted[lane] *= weight[lane];
-                }
-            }
             for lane in 0..LANES {
-                score[i][lane] += weighted[lane] * f[lane]; // Σ φ f of (8)
+                score[i][lane] += phi[i][lane] * f[lane]; // Σ φ f of (8)
             }
             for j in 0..=i {
                 for lane in 0..LANES {
-                    gram[i][j][lane] += weighted[lane] * phi[j][lane]; // Σ φ φᵀ of (9)
+                    gram[i][j][lane] += phi[i][lane] * phi[j][lane]; // Σ φ φᵀ of (9)
                 }
             }
         }
@@ -171,7 +151,7 @@ fn fixed<R: Residuals, const N: usize, const ROBUST: bool>(
             sums.gram[j * N + i] = v;
         }
     }
-    (sums.cost, sums.outliers, sums.rows) = (sum(cost), outliers, count);
+    (sums.cost, sums.outliers, sums.rows) = (sum(cost), 0, count);
     sums.size = size(N, &sums.gram, &theta[own]);
 }
 

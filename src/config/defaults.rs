@@ -288,6 +288,7 @@ impl Default for FileForm {
                 out_dir: None,
                 record_file_mib: 1024,
                 record_files: 16,
+                record_joint_states: true,
             },
             control: schema::Control {
                 feed_forward: "none".to_owned(),

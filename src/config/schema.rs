@@ -647,6 +647,8 @@ sections! {
             "A recording goes on in a new file when one has this size; 0 for no limit";
         record_files: u64, Kind::Whole(0, 1_000_000), "",
             "Files of a recording that are kept, the oldest making room for a new one; 0 for all";
+        record_joint_states: bool, Kind::Flag, "",
+            "Samples stand in recordings as sensor_msgs/msg/JointState, too, on the topic /ROBOT/joint_states, which tools of ROS 2 know";
     }
     control: Control = "controller", "The controller that uses estimates: feed-forward beside the machine's own loop" {
         feed_forward: String, Kind::Choice(&["none", "fixed", "adaptive"]), "",

@@ -2,13 +2,14 @@
 //!
 //! ```text
 //! configuration ─▶ simulated runs ─▶ estimators side by side ─▶ docs/results.md and others
+//! machines and motions by seed ─▶ simulated robots ─▶ their identifier ─▶ docs/robot-trials.md
 //! settings of a trial ─▶ simulated runs ─▶ the identifier node ─▶ docs/trials.md
 //! ```
 #![forbid(unsafe_code)]
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
-use thetabus::service::studies::{self, CompareArgs, TrackArgs, TrialsArgs};
+use thetabus::service::studies::{self, CompareArgs, RobotsArgs, TrackArgs, TrialsArgs};
 use thetabus::service::{EXIT_CODES, VERSION, main_with};
 
 /// Compares estimators and tries the published evidence on simulated machines
@@ -27,6 +28,9 @@ enum Command {
     /// Try the evidence on other arms, motions, sensors and disturbances; the tables of docs/trials.md
     #[command(after_help = EXIT_CODES)]
     Trials(TrialsArgs),
+    /// Identify simulated robots of many seeds; the tables of docs/robot-trials.md
+    #[command(after_help = EXIT_CODES)]
+    Robots(RobotsArgs),
     /// Follow a trajectory with feed-forward from estimates; the table of docs/adaptive.md
     #[command(after_help = EXIT_CODES)]
     Track(TrackArgs),
@@ -36,6 +40,7 @@ fn main() -> ExitCode {
     match Program::parse().command {
         Command::Compare(args) => main_with(&args.common, |shutdown| studies::compare(&args, shutdown)),
         Command::Trials(args) => main_with(&args.common, |shutdown| studies::trials(&args, shutdown)),
+        Command::Robots(args) => main_with(&args.common, |shutdown| studies::robots(&args, shutdown)),
         Command::Track(args) => main_with(&args.common, |shutdown| studies::track(&args, shutdown)),
     }
 }

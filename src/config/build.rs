@@ -52,6 +52,7 @@ pub(super) fn config(mut form: FileForm, catalog: &Catalog, layers: &Layers) -> 
         out_dir: form.monitor.out_dir.as_ref().map(PathBuf::from),
         record_file_bytes: form.monitor.record_file_mib.saturating_mul(1 << 20),
         record_files: form.monitor.record_files as usize,
+        record_joint_states: form.monitor.record_joint_states,
     };
     let checkpoint = CheckpointConfig {
         dir: form.checkpoint.dir.as_ref().map(PathBuf::from),

@@ -279,6 +279,7 @@ impl Default for FileForm {
                 out_dir: None,
                 record_file_mib: 1024,
                 record_files: 16,
+                record_joint_states: true,
             },
             control: schema::Control {
                 feed_forward: schema::FeedForward::None,

@@ -110,6 +110,8 @@ pub struct MonitorConfig {
     pub record_file_bytes: u64,
     /// Files of a recording that are kept; 0 for all.
     pub record_files: usize,
+    /// Samples are recorded as joint states, too.
+    pub record_joint_states: bool,
 }
 
 /// Section `[checkpoint]`.

@@ -47,6 +47,11 @@ impl Visit for CdrWriter<'_> {
         Ok(())
     }
     fn u64s(&mut self, field: &Field, values: &mut [u64]) -> Result<(), Self::Error> {
+        if let Some(bools) = self.counts.bools(field) {
+            let bit = |i: usize| values.get(i / 64).is_some_and(|word| word >> (i % 64) & 1 == 1);
+            self.buffer.extend((0..bools).map(|i| u8::from(bit(i))));
+            return Ok(());
+        }
         let count = self.counts.values(field, values.len());
         values[..count].iter().for_each(|value| self.put(value.to_le_bytes()));
         Ok(())
@@ -116,6 +121,15 @@ impl Visit for CdrReader<'_> {
         })
     }
     fn u64s(&mut self, field: &Field, values: &mut [u64]) -> Result<(), NotThisMessage> {
+        if let Some(bools) = self.counts.bools(field) {
+            values.fill(0);
+            for (i, byte) in self.bytes(bools)?.iter().enumerate() {
+                if let Some(word) = values.get_mut(i / 64) {
+                    *word |= u64::from(*byte != 0) << (i % 64);
+                }
+            }
+            return Ok(());
+        }
         let count = self.counts.values(field, values.len());
         values[..count].iter_mut().try_for_each(|value| {
             *value = u64::from_le_bytes(self.take()?);
@@ -186,12 +200,12 @@ mod tests {
     }
 
     #[test]
-    fn prop_one_scalar_is_written_per_joint_and_parameter_and_sets_of_schema_2_have_one_word() {
+    fn prop_one_scalar_is_written_per_joint_and_parameter_and_sets_stand_as_each_form_has_them() {
         use crate::messages::Estimate;
         let mut info = arm();
         let mut lengths = Vec::new();
-        for schema in [2, 3] {
-            info.schema = schema;
+        for (schema, first_form) in [(2, true), (3, true), (3, false)] {
+            (info.schema, info.first_form) = (schema, first_form);
             let counts = Counts::of(&info);
             let mut sent = Estimate {
                 usable: [0, 5].into_iter().collect(),
@@ -207,6 +221,8 @@ mod tests {
             assert_eq!((got.theta[8], got.theta[9], got.derived[0]), (1.5, 0.0, 2.5));
             lengths.push(buffer.len());
         }
+        // Three sets: a word more each, then 9 bools in the place of 16 bytes, and padding.
         assert_eq!(lengths[1] - lengths[0], 3 * 8);
+        assert_eq!(lengths[1] - lengths[2], 3 * 16 - 32);
     }
 }

@@ -3,6 +3,7 @@
 use super::cdr::CdrWriter;
 use super::info::RunInfo;
 use super::layout::{Channel, Counts, NameCollision, channels, check_names};
+use super::unmeasured::marked;
 use crate::messages::{Estimate, Message, Sample, Status};
 
 /// Turns messages into the bytes that a [`Recorder`](super::Recorder) writes.
@@ -34,7 +35,7 @@ impl Encoder {
 
     /// A sample as CDR.
     pub fn sample(&mut self, sample: &Sample) -> &[u8] {
-        self.encode(*sample)
+        self.encode(marked(sample))
     }
 
     /// An estimate as CDR.

@@ -36,6 +36,12 @@ pub struct RunInfo {
     pub parameters: Vec<Label>,
     /// Derived values, in the order of the message.
     pub derived: Vec<Label>,
+    /// Time of day at which CLOCK_MONOTONIC was 0, since 1970 \[ns\]; 0 if recordings did not tell yet.
+    pub clock_epoch_ns: u64,
+    /// Samples stand as `sensor_msgs/msg/JointState`, too.
+    pub joint_states: bool,
+    /// The first form of a recording: sets of parameters are words in the place of a bool for each parameter, and log times are stream times.
+    pub first_form: bool,
 }
 
 /// Schema versions that this program reads. In 2 a set of parameters has one word, everything else is the same.
@@ -81,6 +87,9 @@ impl RunInfo {
         [
             ("thetabus_version", env!("CARGO_PKG_VERSION").to_string()),
             ("schema_version", SCHEMA_VERSION.to_string()),
+            ("form", if self.first_form { "1" } else { "2" }.to_string()),
+            ("clock_epoch_ns", self.clock_epoch_ns.to_string()),
+            ("joint_states", self.joint_states.to_string()),
             ("recording_id", self.recording_id.clone()),
             ("robot", self.robot.clone()),
             ("model", self.model.clone()),
@@ -141,7 +150,21 @@ impl RunInfo {
         let simulated = simulated
             .parse()
             .map_err(|_| InfoError::invalid("simulated", "true or false", simulated))?;
+        let first_form = match map.get("form").map(String::as_str) {
+            None | Some("1") => true,
+            Some("2") => false,
+            Some(got) => return Err(InfoError::invalid("form", "1 or 2", got)),
+        };
+        let clock_epoch_ns = match map.get("clock_epoch_ns") {
+            None => 0,
+            Some(got) => got
+                .parse()
+                .map_err(|_| InfoError::invalid("clock_epoch_ns", "nanoseconds since 1970", got))?,
+        };
         let info = Self {
+            clock_epoch_ns,
+            joint_states: map.get("joint_states").is_some_and(|value| value == "true"),
+            first_form,
             schema,
             simulated,
             recording_id: text("recording_id")?,
@@ -256,6 +279,9 @@ pub(crate) mod tests {
             equations: vec!["joint_1".into(), "joint_2".into()],
             parameters: (1..=9).map(|i| label(format!("theta_{i}"), "V s/rad")).collect(),
             derived: vec![label("mass_2".into(), "kg")],
+            clock_epoch_ns: 1_700_000_000_123_456_789,
+            joint_states: true,
+            first_form: false,
         }
     }
 
@@ -278,6 +304,8 @@ pub(crate) mod tests {
             ("joints", "-1"),
             ("schema_version", "1"),
             ("schema_version", "4"),
+            ("form", "3"),
+            ("clock_epoch_ns", "yesterday"),
             ("model_hash", "no"),
             ("parameters", "name without unit"),
         ] {

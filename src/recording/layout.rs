@@ -7,7 +7,7 @@
 use super::info::RunInfo;
 use super::names::channel;
 use crate::messages::table::message;
-use crate::messages::{Estimate, Field, Message, Per, Sample, Status, Visit};
+use crate::messages::{Estimate, Field, Message, Per, Sample, State, Status, Visit, signals};
 use std::collections::BTreeSet;
 use std::convert::Infallible;
 use std::fmt::Write as _;
@@ -41,8 +41,17 @@ pub(super) struct Counts {
     equations: usize,
     parameters: usize,
     derived: usize,
-    /// Words of a set of parameters: one up to schema 2, two since.
-    pub(super) set_words: usize,
+    /// How a set of parameters stands in a message.
+    sets: Sets,
+}
+
+/// How a set of parameters stands in a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Sets {
+    /// Words of 64 parameters: one up to schema 2, two in the first recordings of schema 3.
+    Words(usize),
+    /// A bool for each parameter, in the order of θ.
+    Bools,
 }
 
 impl Counts {
@@ -53,7 +62,7 @@ impl Counts {
             equations,
             parameters,
             derived,
-            set_words: 2,
+            sets: Sets::Bools,
         }
     }
 
@@ -64,8 +73,17 @@ impl Counts {
             equations: info.equations.len(),
             parameters: info.parameters.len(),
             derived: info.derived.len(),
-            set_words: if info.schema < 3 { 1 } else { 2 },
+            sets: match (info.first_form, info.schema) {
+                (false, _) => Sets::Bools,
+                (true, ..3) => Sets::Words(1),
+                (true, _) => Sets::Words(2),
+            },
         }
+    }
+
+    /// Number of bools that stand for a set of parameters; `None` if `field` is no set, or its words stand there.
+    pub(super) fn bools(&self, field: &Field) -> Option<usize> {
+        (field.per == Per::One && field.is_array && self.sets == Sets::Bools).then_some(self.parameters)
     }
 
     /// Values of `field` that are in the file, out of `len`.
@@ -76,7 +94,10 @@ impl Counts {
             Per::Parameter => self.parameters,
             Per::Derived => self.derived,
             Per::Padding => 0,
-            Per::One if field.is_array => self.set_words,
+            Per::One if field.is_array => match self.sets {
+                Sets::Words(words) => words,
+                Sets::Bools => len,
+            },
             _ => len,
         };
         count.min(len)
@@ -93,16 +114,22 @@ pub(super) fn check_names(info: &RunInfo) -> Result<(), NameCollision> {
         ("Sample", schema::<Sample>(info)),
     ] {
         let mut names = BTreeSet::new();
-        for name in schema.lines().filter_map(|line| line.split_whitespace().nth(1)) {
+        for name in field_names(&schema) {
             if !names.insert(name) {
                 return Err(NameCollision {
                     message,
-                    field: name.to_string(),
+                    field: name.to_owned(),
                 });
             }
         }
     }
     Ok(())
+}
+
+/// Names of the fields of a `ros2msg` text, without its constants.
+fn field_names(schema: &str) -> impl Iterator<Item = &str> {
+    let names = schema.lines().filter_map(|line| line.split_whitespace().nth(1));
+    names.filter(|name| !name.contains('='))
 }
 
 /// The `ros2msg` text of a message.
@@ -130,7 +157,7 @@ pub struct Channel {
     pub schema: String,
 }
 
-/// The topics of a recording, the recorder's own last.
+/// The topics of this program's own messages, the recorder's last.
 pub(super) fn channels(info: &RunInfo) -> [Channel; 4] {
     [
         (channel::SAMPLE, "sample", "Sample", schema::<Sample>(info)),
@@ -149,6 +176,27 @@ pub(super) fn channels(info: &RunInfo) -> [Channel; 4] {
         schema_name: format!("thetabus/msg/{message}"),
         schema,
     })
+}
+
+/// Names for the values of a field that counts kinds, in the form that ROS 2 wants of constants.
+fn constants(field: &str) -> Vec<(String, u32)> {
+    let states = || (0..).map_while(State::from_wire);
+    match field {
+        "state" => states()
+            .map(|state| (format!("STATE_{}", state.name().to_uppercase()), state as u32))
+            .collect(),
+        "signals" => [
+            ("Q", signals::Q),
+            ("DQ", signals::DQ),
+            ("DDQ", signals::DDQ),
+            ("DDDQ", signals::DDDQ),
+            ("SETPOINT", signals::SETPOINT),
+            ("INPUT", signals::INPUT),
+        ]
+        .map(|(name, bit)| (format!("SIGNAL_{name}"), bit))
+        .to_vec(),
+        _ => Vec::new(),
+    }
 }
 
 /// A name in the form that ROS 2 wants of a field.
@@ -196,6 +244,16 @@ impl SchemaText<'_> {
             .unit
             .replace("{position}", &info.position_unit)
             .replace("{input}", &info.input_unit);
+        for (name, value) in constants(field.name) {
+            let _ = writeln!(self.text, "{kind} {name}={value}");
+        }
+        if let Some(parameters) = self.counts.bools(field) {
+            for label in info.parameters.iter().take(parameters) {
+                let name = field_name(&format!("{}_{}", label.name, field.name));
+                self.line("bool", &name, field.meaning);
+            }
+            return Ok(());
+        }
         // theta_1 and theta_1_std: the part behind the name of the array
         let suffix = if field.name.ends_with("_std") { "_std" } else { "" };
         for i in 0..self.counts.values(field, len) {
@@ -282,7 +340,8 @@ mod tests {
         let text = schema::<Estimate>(&arm());
         assert!(text.contains("float64 theta_9  # Estimate [V s/rad]\n"), "{text}");
         assert!(text.contains("float64 residual_rms_joint_2  # Root"), "{text}");
-        assert!(text.contains("uint64[2] usable  # Parameters"), "{text}");
+        assert!(text.contains("bool theta_9_usable  # Parameters"), "{text}");
+        assert!(text.contains("uint32 STATE_POORLY_EXCITED=4\n"), "{text}");
         let deviation = "float64 mass_2_std  # Its standard deviation, NaN if it is not known [kg]\n";
         assert!(text.contains(deviation), "{text}");
         let text = schema::<Sample>(&arm());
@@ -312,6 +371,9 @@ mod tests {
                     (Per::Equation, _) => info.equations.iter().map(|e| format!("{own}_{e}")).collect(),
                     (Per::Parameter, _) => labelled(&info.parameters),
                     (Per::Derived, _) => labelled(&info.derived),
+                    (Per::One, _) if field.is_array => {
+                        info.parameters.iter().map(|l| format!("{}_{own}", l.name)).collect()
+                    }
                     _ => vec![own],
                 };
                 names.extend(list);
@@ -320,7 +382,7 @@ mod tests {
         fn check<M: Message>() {
             let info = arm();
             let text = schema::<M>(&info);
-            let found: Vec<&str> = text.lines().filter_map(|line| line.split_whitespace().nth(1)).collect();
+            let found: Vec<&str> = field_names(&text).collect();
             let mut names = Vec::new();
             expected(&info, "", M::LAYOUT, &mut names);
             assert_eq!(found, names);
@@ -366,11 +428,11 @@ mod tests {
             check_names(&info),
             Err(NameCollision {
                 message: "Estimate",
-                field: "theta_9".into()
+                field: "theta_9_excited".into()
             })
         );
         // A parameter cannot take the name of a field that every estimate has, nor of another's deviation.
-        for name in ["block", "theta_2_std"] {
+        for name in ["block", "theta_2_std", "theta_2_fixed"] {
             let mut info = arm();
             info.parameters[0].name = name.into();
             assert!(check_names(&info).is_err(), "{name}");

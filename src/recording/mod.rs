@@ -4,11 +4,14 @@
 //! and `mcap-ros2-support` open it with the plant's own parameter names. It holds what is needed to identify again to the same bits:
 //! every sample, the configuration, and what the identifier was told meanwhile.
 
+mod bag;
 mod cdr;
+mod clock;
 mod encoder;
 mod estimates_csv;
 mod info;
 mod joint_state;
+mod joint_state_out;
 mod journal;
 mod layout;
 mod loss;
@@ -18,6 +21,7 @@ mod record_file;
 mod samples_csv;
 #[cfg(test)]
 mod tests;
+mod unmeasured;
 mod wire;
 mod writer;
 

@@ -9,12 +9,15 @@ pub(super) mod channel {
     pub(in super::super) const ESTIMATE: u16 = 2;
     pub(in super::super) const STATUS: u16 = 3;
     pub(in super::super) const RECORDER: u16 = 4;
+    pub(in super::super) const JOINT_STATES: u16 = 5;
 }
 
 /// Name of the metadata record with [`RunInfo`].
 pub(super) const RUN_METADATA: &str = "thetabus_run";
 /// Name of the metadata records with what the identifier was told.
 pub(super) const JOURNAL_METADATA: &str = "thetabus_journal";
+/// Name of the metadata records with the clock of the streams behind them.
+pub(super) const CLOCK_METADATA: &str = "thetabus_clock";
 /// Name of the metadata record that a finished file ends with.
 pub(super) const END_METADATA: &str = "thetabus_end";
 

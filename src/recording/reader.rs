@@ -4,12 +4,14 @@
 //! found in a damaged file is `record_file.rs`.
 
 use super::cdr::CdrReader;
+use super::clock::stream_epoch;
 use super::info::RunInfo;
 use super::journal::journal_from_map;
 use super::layout::{Counts, RecorderStatus, check_names};
 use super::loss::{Loss, ReadError};
-use super::names::{END_METADATA, JOURNAL_METADATA, channel, numbered, series};
+use super::names::{CLOCK_METADATA, END_METADATA, JOURNAL_METADATA, channel, numbered, series};
 use super::record_file::{Next, RecordFile, decompress};
+use super::unmeasured::cleared;
 use crate::messages::{Estimate, Journal, Message as _, Sample, Status};
 use mcap::records::{MessageHeader, op};
 use std::path::{Path, PathBuf};
@@ -67,6 +69,10 @@ pub struct RecordingReader {
     counts: Counts,
     span: Span,
     file: RecordFile,
+    /// Time of day at which CLOCK_MONOTONIC was 0.
+    clock_epoch_ns: u64,
+    /// Time of day at which the stream's time was 0; `None` as long as the file has not told it.
+    stream_epoch_ns: Option<u64>,
     next_number: u32,
     first: PathBuf,
     /// Of all files, as they are now, and of those that have been read.
@@ -101,6 +107,8 @@ impl RecordingReader {
         let (first, number) = series(path);
         Ok(Self {
             counts: Counts::of(&info),
+            clock_epoch_ns: info.clock_epoch_ns,
+            stream_epoch_ns: info.first_form.then_some(0),
             info,
             span,
             bytes: file.length() + rest_of_series(&first, number),
@@ -143,16 +151,17 @@ impl RecordingReader {
         loop {
             while let Some(range) = self.next_message_of_chunk() {
                 let (header, body) = message(&self.chunk[range.clone()]);
-                if header.log_time < self.span.from_ns || header.log_time > self.span.to_ns {
-                    continue;
-                }
                 let Ok(mut reader) = CdrReader::new(body, &self.counts) else {
                     self.loss.messages += 1;
                     continue;
                 };
-                let sent_ns = header.publish_time;
+                let sent_ns = header.publish_time.saturating_sub(self.clock_epoch_ns);
                 let decoded = match header.channel_id {
-                    channel::SAMPLE => self.sample.visit(&mut reader),
+                    channel::SAMPLE => {
+                        let decoded = self.sample.visit(&mut reader);
+                        self.sample = cleared(&self.sample);
+                        decoded
+                    }
                     channel::ESTIMATE => self.estimate.visit(&mut reader),
                     channel::STATUS => self.status.visit(&mut reader),
                     channel::RECORDER => {
@@ -170,6 +179,14 @@ impl RecordingReader {
                 };
                 if decoded.is_err() {
                     self.loss.messages += 1;
+                    continue;
+                }
+                let t_ns = match header.channel_id {
+                    channel::SAMPLE => self.sample.t_ns,
+                    channel::ESTIMATE => self.estimate.t_last_ns,
+                    _ => self.status.last_t_ns,
+                };
+                if t_ns < self.span.from_ns || t_ns > self.span.to_ns {
                     continue;
                 }
                 return Ok(Some(match header.channel_id {
@@ -222,8 +239,11 @@ impl RecordingReader {
                         self.file.resynchronise(&mut self.loss)?;
                         continue;
                     };
-                    let outside =
-                        header.message_end_time < self.span.from_ns || header.message_start_time > self.span.to_ns;
+                    // Without the clock, which is damaged then, every chunk is looked at.
+                    let outside = self.stream_epoch_ns.is_some_and(|epoch| {
+                        header.message_end_time < self.span.from_ns.saturating_add(epoch)
+                            || header.message_start_time > self.span.to_ns.saturating_add(epoch)
+                    });
                     // A chunk of definitions alone states 0 for both times.
                     if outside && header.message_end_time != 0 {
                         continue;
@@ -243,8 +263,12 @@ impl RecordingReader {
                     }
                 }
                 Next::Record(op::METADATA) => {
-                    let named = self.file.metadata().map(|(name, _)| name);
-                    self.file_ended |= named.is_some_and(|name| name == END_METADATA);
+                    if let Some((name, map)) = self.file.metadata() {
+                        self.file_ended |= name == END_METADATA;
+                        if name == CLOCK_METADATA {
+                            self.stream_epoch_ns = stream_epoch(&map);
+                        }
+                    }
                 }
                 Next::Record(_) => {}
                 Next::CutChunk => {
@@ -274,9 +298,14 @@ impl RecordingReader {
         }
         let mut file = RecordFile::open(&path)?;
         // Another recording that happens to have such a name is not the continuation.
-        if file.find_info()?.recording_id != self.info.recording_id {
+        let info = file.find_info()?;
+        if info.recording_id != self.info.recording_id {
             return Ok(false);
         }
+        // Another program may have gone on with the recording, after a restart of the machine.
+        self.counts = Counts::of(&info);
+        self.clock_epoch_ns = info.clock_epoch_ns;
+        self.stream_epoch_ns = info.first_form.then_some(0);
         self.bytes_read += self.file.length();
         self.file = file;
         self.file_ended = false;

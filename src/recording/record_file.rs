@@ -44,6 +44,13 @@ pub(super) fn decompress(header: &ChunkHeader, data: &[u8], out: &mut Vec<u8>) -
                 Err(_) => false,
             }
         }
+        "zstd" => {
+            // As above; the window is a part of what comes out.
+            match ruzstd::decoding::StreamingDecoder::new_with_max_window_size(data, RECORD_LIMIT) {
+                Ok(decoder) => decoder.take(size as u64).read_to_end(out).is_ok(),
+                Err(_) => false,
+            }
+        }
         _ => false,
     };
     whole && out.len() == size && (header.uncompressed_crc == 0 || crc32fast::hash(out) == header.uncompressed_crc)

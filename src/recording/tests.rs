@@ -3,7 +3,7 @@
 use super::info::tests::arm;
 use super::names::{RUN_METADATA, numbered};
 use super::*;
-use crate::messages::{ErrorCode, Estimate, LastError, ParameterSet, Sample, Status};
+use crate::messages::{ErrorCode, Estimate, LastError, ParameterSet, Sample, Status, signals};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -35,7 +35,7 @@ fn estimate(block: u64) -> Estimate {
     (e.stream_id, e.block, e.t_last_ns) = (77, block, block * 1_900_000_000);
     (e.params, e.equations, e.derived_len, e.state, e.flags) = (9, 2, 1, 1, 0b101);
     (e.excited, e.usable) = (ParameterSet::from_bits(0b1_0101_0101), ParameterSet::from_bits(0b11));
-    (e.fixed, e.condition) = (ParameterSet::from_bits(1 << 2 | 1 << 127), f64::INFINITY);
+    (e.fixed, e.condition) = (ParameterSet::from_bits(1 << 2 | 1 << 8), f64::INFINITY);
     for i in 0..9 {
         (e.theta[i], e.theta_std[i]) = (0.1 * i as f64 + block as f64, f64::NAN);
     }
@@ -362,7 +362,8 @@ fn val_the_mcap_crate_reads_every_message_with_its_checksums() {
         .filter(|m| m.channel.topic == "/thetabus/arm/sample");
     assert_eq!(samples.count(), 3_000);
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
-    assert_eq!(summary.stats.unwrap().message_count, 3_000 + 30 + 30 + 7);
+    // Samples twice: as they are, and as joint states.
+    assert_eq!(summary.stats.unwrap().message_count, 2 * 3_000 + 30 + 30 + 7);
     let index = summary
         .metadata_indexes
         .iter()
@@ -372,23 +373,35 @@ fn val_the_mcap_crate_reads_every_message_with_its_checksums() {
     assert_eq!(metadata["config_toml"], arm().config_toml);
 }
 
-/// The Python with `mcap` and `mcap-ros2-support`; `None`, with a word why, where there is none and none is required.
+/// The Python with the packages that recordings are read with; `None`, with a word why, where there is none and none is required.
 fn peer_python() -> Option<String> {
     let named = std::env::var("THETABUS_PEERS_PYTHON").ok();
     let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/ci-venv/bin/python");
     let candidates = [named, Some(ours.to_string_lossy().into_owned()), Some("python3".into())];
     let found = candidates.into_iter().flatten().find(|python| {
         let imports = std::process::Command::new(python)
-            .args(["-c", "import mcap, mcap_ros2"])
+            .args(["-c", "import mcap, mcap_ros2, rosbags"])
             .output();
         imports.is_ok_and(|output| output.status.success())
     });
     if found.is_none() {
-        let why = "no Python with the packages mcap and mcap-ros2-support (set THETABUS_PEERS_PYTHON)";
+        let why = "no Python with the packages mcap, mcap-ros2-support and rosbags (set THETABUS_PEERS_PYTHON)";
         assert!(std::env::var("THETABUS_REQUIRE_PEERS").as_deref() != Ok("1"), "{why}");
         eprintln!("skipped: {why}");
     }
     found
+}
+
+/// What a script of `tests/peers` finds in a recording.
+fn peer(python: &str, script: &str, path: &Path) -> serde_json::Value {
+    let scripts = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers");
+    let output = std::process::Command::new(python)
+        .arg(scripts.join(script))
+        .arg(path)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
 }
 
 #[test]
@@ -397,16 +410,7 @@ fn val_the_python_packages_decode_every_message() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run.mcap");
     write(&path, 1_000, 300, NO_LIMITS, true);
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/read_recording.py");
-    let output = std::process::Command::new(python)
-        .arg(script)
-        .arg(&path)
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let text = String::from_utf8(output.stdout).unwrap();
-    let found: serde_json::Value = serde_json::from_str(&text).unwrap();
-
+    let found = peer(&python, "read_recording.py", &path);
     for (topic, count) in [("sample", 1_000), ("estimate", 10), ("status", 10), ("recorder", 4)] {
         assert_eq!(found["counts"][format!("/thetabus/arm/{topic}")], count, "{topic}");
     }
@@ -437,4 +441,156 @@ fn val_the_python_packages_decode_every_message() {
     assert_eq!(float(&last["mass_2"]), 170.1);
     assert_eq!(found["metadata"][RUN_METADATA]["config_toml"], arm().config_toml);
     assert_eq!(found["metadata"]["thetabus_end"]["samples"], "1000");
+}
+
+#[test]
+fn val_rosbags_reads_every_topic_by_its_own_definition_at_the_time_of_day() {
+    let Some(python) = peer_python() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    let mut recorder = Recorder::create(&path, arm(), NO_LIMITS).unwrap();
+    // A machine without measured velocities, whose clock has run for an hour.
+    let begin_ns = 3_600_000_000_000;
+    let machine = |seq: u64| Sample {
+        t_ns: begin_ns + seq * 1_000_000,
+        signals: signals::Q | signals::INPUT,
+        ..sample(seq)
+    };
+    for seq in 0..500 {
+        recorder
+            .sample(&machine(seq), begin_ns + seq * 1_000_000 + 70_000)
+            .unwrap();
+    }
+    let last_ns = begin_ns + 499_000_000;
+    let learnt = Estimate {
+        t_last_ns: last_ns,
+        ..estimate(1)
+    };
+    recorder.estimate(&learnt, last_ns + 90_000).unwrap();
+    let status = Status {
+        last_t_ns: last_ns,
+        state: 4,
+        ..Status::default()
+    };
+    recorder.status(&status, last_ns + 95_000).unwrap();
+    recorder.finish().unwrap();
+
+    let found = peer(&python, "read_rosbag.py", &path);
+    let topics = [
+        ("/thetabus/arm/sample", "thetabus/msg/Sample", 500),
+        ("/thetabus/arm/estimate", "thetabus/msg/Estimate", 1),
+        ("/thetabus/arm/status", "thetabus/msg/Status", 1),
+        ("/thetabus/arm/recorder", "thetabus/msg/Recorder", 1),
+        ("/arm/joint_states", "sensor_msgs/msg/JointState", 500),
+    ];
+    assert_eq!(found["types"].as_object().unwrap().len(), topics.len());
+    let wall_ns = arm().clock_epoch_ns + last_ns;
+    for (topic, kind, count) in topics {
+        assert_eq!(
+            (&found["types"][topic], &found["counts"][topic]),
+            (&kind.into(), &count.into())
+        );
+        assert_eq!(found["times"][topic][1], wall_ns, "{topic}");
+    }
+    assert_eq!(found["times"]["/arm/joint_states"][0], wall_ns - 499_000_000);
+
+    let text = |value: f64| serde_json::Value::from(format!("{value:?}"));
+    let joints = &found["last"]["/arm/joint_states"];
+    let s = machine(499);
+    assert_eq!(joints["name"], serde_json::json!(["joint_1", "joint_2"]));
+    assert_eq!(joints["position"], serde_json::json!([text(s.q[0]), text(s.q[1])]));
+    assert_eq!(joints["velocity"], serde_json::json!([]));
+    assert_eq!(
+        joints["effort"],
+        serde_json::json!([text(s.input[0]), text(s.input[1])])
+    );
+    let stamp = &joints["header"]["stamp"];
+    assert_eq!(
+        stamp["sec"].as_u64().unwrap() * 1_000_000_000 + stamp["nanosec"].as_u64().unwrap(),
+        wall_ns
+    );
+
+    // What is not measured is no number; sets are a bool for each parameter; states have names.
+    let last = &found["last"]["/thetabus/arm/sample"];
+    assert_eq!(
+        (&last["q_1"], &last["dq_1"], &last["setpoint_2"]),
+        (&text(s.q[0]), &"nan".into(), &"nan".into())
+    );
+    let last = &found["last"]["/thetabus/arm/estimate"];
+    assert_eq!(
+        (&last["theta_1_usable"], &last["theta_3_usable"]),
+        (&true.into(), &false.into())
+    );
+    assert_eq!(
+        (&last["theta_3_fixed"], &last["theta_9_excited"]),
+        (&true.into(), &true.into())
+    );
+    let constants = &found["constants"]["/thetabus/arm/status"];
+    assert_eq!(
+        (&constants["STATE_POORLY_EXCITED"], &constants["STATE_MISFIT"]),
+        (&4.into(), &9.into())
+    );
+    assert_eq!(found["constants"]["/thetabus/arm/sample"]["SIGNAL_INPUT"], 32);
+
+    // Nothing of this is in the way of reading it again.
+    let mut reader = RecordingReader::open(&path, Span::default()).unwrap();
+    let mut read = 0;
+    while let Some(entry) = reader.next_entry().unwrap() {
+        if let Entry::Sample { sample: s, sent_ns } = entry {
+            let cleared = Sample {
+                dq: [0.0; 8],
+                ddq: [0.0; 8],
+                dddq: [0.0; 8],
+                setpoint: [0.0; 8],
+                ..machine(s.seq)
+            };
+            assert_eq!((*s, sent_ns), (cleared, s.t_ns + 70_000));
+            read += 1;
+        }
+    }
+    assert_eq!((read, reader.loss().is_none()), (500, true));
+    let states = read_joint_states(&path, &["joint_2", "joint_1"]).unwrap();
+    assert_eq!((states.len(), states[499].t_ns), (500, wall_ns));
+    assert_eq!(states[499].position, [s.q[1], s.q[0]]);
+}
+
+#[test]
+fn prop_spans_hold_for_streams_that_begin_again_and_for_recordings_without_joint_states() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    let info = RunInfo {
+        joint_states: false,
+        ..arm()
+    };
+    let mut recorder = Recorder::create(&path, info, NO_LIMITS).unwrap();
+    // Two simulations, an hour apart, whose times begin at 0.
+    for (stream_id, sent_ns) in [(1, 5_000_000_000), (2, 3_605_000_000_000)] {
+        for seq in 0..2_000 {
+            let s = Sample {
+                stream_id,
+                ..sample(seq)
+            };
+            recorder.sample(&s, sent_ns + seq).unwrap();
+        }
+    }
+    recorder.finish().unwrap();
+    let span = Span {
+        from_ns: 500_000_000,
+        to_ns: 599_000_000,
+    };
+    let mut reader = RecordingReader::open(&path, span).unwrap();
+    let mut found = Vec::new();
+    while let Some(entry) = reader.next_entry().unwrap() {
+        if let Entry::Sample { sample, .. } = entry {
+            found.push((sample.stream_id, sample.seq));
+        }
+    }
+    let expected: Vec<(u64, u64)> = [1, 2]
+        .into_iter()
+        .flat_map(|id| (500..600).map(move |seq| (id, seq)))
+        .collect();
+    assert_eq!(found, expected);
+    let bytes = fs::read(&path).unwrap();
+    let mut messages = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
+    assert!(messages.all(|m| m.channel.topic.starts_with("/thetabus/arm/")));
 }

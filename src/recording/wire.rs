@@ -6,6 +6,7 @@
 use super::cdr::{CdrReader, CdrWriter};
 use super::info::RunInfo;
 use super::layout::Counts;
+use super::unmeasured::{cleared, marked};
 use crate::messages::{
     Description, Estimate, Journal, MAX_DERIVED, Message, Request, Response, SCHEMA_VERSION, Sample, Status,
 };
@@ -50,6 +51,16 @@ pub trait OnWire: Message {
     fn dimensions(&self) -> Dimensions {
         Dimensions::ALL
     }
+
+    /// The message as it is written.
+    fn outgoing(&self) -> Self {
+        *self
+    }
+
+    /// The message as it was before it was written.
+    fn incoming(self) -> Self {
+        self
+    }
 }
 
 impl OnWire for Description {}
@@ -69,6 +80,14 @@ impl OnWire for Sample {
             joints: self.joints.min(MAX_JOINTS as u32) as u8,
             ..Dimensions::default()
         }
+    }
+
+    fn outgoing(&self) -> Self {
+        marked(self)
+    }
+
+    fn incoming(self) -> Self {
+        cleared(&self)
     }
 }
 
@@ -99,7 +118,7 @@ pub struct NotOnWire {
 pub fn to_cdr<M: OnWire>(message: &M) -> Vec<u8> {
     let mut buffer = Vec::new();
     let counts = message.dimensions().counts();
-    let Ok(()) = { *message }.visit(&mut CdrWriter::new(&mut buffer, &counts));
+    let Ok(()) = message.outgoing().visit(&mut CdrWriter::new(&mut buffer, &counts));
     buffer
 }
 
@@ -116,7 +135,7 @@ pub fn from_cdr<M: OnWire>(bytes: &[u8], dimensions: Dimensions) -> Result<M, No
     let mut message = M::EMPTY;
     let read = CdrReader::new(bytes, &counts).and_then(|mut reader| message.visit(&mut reader));
     match read {
-        Ok(()) if message.dimensions() == dimensions => Ok(message),
+        Ok(()) if message.dimensions() == dimensions => Ok(message.incoming()),
         _ => Err(failed),
     }
 }
@@ -190,6 +209,7 @@ mod tests {
         }
         let mut sample = Sample {
             joints: 2,
+            signals: crate::messages::signals::Q,
             seq: 5,
             ..Sample::EMPTY
         };

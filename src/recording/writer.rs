@@ -1,13 +1,15 @@
 //! Writes a run as MCAP: `cdr` messages with `ros2msg` schemas, lz4 chunks, the run's metadata first.
 //!
-//! The log time of a message is its stream time, so that a recording of a simulation shows simulated time in every viewer; the publish
-//! time is the clock at sending. Messages are in the file, readable after a kill, from the next [`Recorder::flush`] on.
+//! The log time of a message is its stream time and the publish time the clock at sending, both as time of day (`clock.rs`). Messages are in the file, readable after a kill, from the next [`Recorder::flush`] on.
 
 use super::cdr::CdrWriter;
+use super::clock::WallClock;
 use super::info::{InfoError, RunInfo};
+use super::joint_state_out::JointStates;
 use super::journal::journal_to_map;
 use super::layout::{Counts, NameCollision, RecorderStatus, channels, check_names};
-use super::names::{END_METADATA, JOURNAL_METADATA, RUN_METADATA, channel, existing_files, numbered};
+use super::names::{CLOCK_METADATA, END_METADATA, JOURNAL_METADATA, RUN_METADATA, channel, existing_files, numbered};
+use super::unmeasured::marked;
 use crate::files::{Temporary, vacant};
 use crate::messages::{Estimate, Journal, Message, SCHEMA_VERSION, Sample, Status};
 use crate::node::stream::{Place, StreamCursor};
@@ -62,7 +64,10 @@ pub struct Recorder {
     rotations: u32,
     written: RecorderStatus,
     cursor: StreamCursor,
+    clock: WallClock,
+    joint_states: Option<JointStates>,
     last_t_ns: u64,
+    last_sent_ns: u64,
     buffer: Vec<u8>,
 }
 
@@ -70,7 +75,7 @@ struct OpenFile {
     path: PathBuf,
     writer: mcap::Writer<CountingFile>,
     bytes: Arc<AtomicU64>,
-    sequence: [u32; 5],
+    sequence: [u32; 6],
 }
 
 impl Recorder {
@@ -81,6 +86,7 @@ impl Recorder {
     pub fn create(path: &Path, info: RunInfo, limits: RecordingLimits) -> Result<Self, RecordError> {
         let info = RunInfo {
             schema: SCHEMA_VERSION,
+            first_form: false,
             ..info
         };
         info.check()?;
@@ -88,6 +94,8 @@ impl Recorder {
         let file = OpenFile::create(path, &info)?;
         Ok(Self {
             counts: Counts::of(&info),
+            clock: WallClock::new(info.clock_epoch_ns),
+            joint_states: info.joint_states.then(|| JointStates::new(&info)),
             info,
             limits,
             first: path.to_path_buf(),
@@ -97,6 +105,7 @@ impl Recorder {
             written: RecorderStatus::default(),
             cursor: StreamCursor::new(),
             last_t_ns: 0,
+            last_sent_ns: 0,
             buffer: Vec::with_capacity(4096),
         })
     }
@@ -133,9 +142,20 @@ impl Recorder {
             }
             Place::First | Place::Next | Place::Duplicate => {}
         }
+        if self.clock.follow(sample, sent_ns) {
+            // What was written so far has another clock, or none.
+            let begun = self.file.writer.flush();
+            self.file.check(begun)?;
+            self.file.tell_clock(&self.clock)?;
+        }
         self.last_t_ns = sample.t_ns;
-        self.encode(*sample);
+        self.last_sent_ns = sent_ns;
+        self.encode(marked(sample));
         self.put(channel::SAMPLE, sample.t_ns, sent_ns)?;
+        if let Some(joint_states) = &self.joint_states {
+            joint_states.write(sample, self.clock.of_stream(sample.t_ns), &mut self.buffer);
+            self.put(channel::JOINT_STATES, sample.t_ns, sent_ns)?;
+        }
         self.written.samples += 1;
         Ok(())
     }
@@ -183,7 +203,7 @@ impl Recorder {
     pub fn flush(&mut self) -> Result<(), RecordError> {
         self.written.file_bytes = self.file.bytes.load(Ordering::Relaxed);
         self.encode(self.written);
-        self.put(channel::RECORDER, self.last_t_ns, 0)?;
+        self.put(channel::RECORDER, self.last_t_ns, self.last_sent_ns)?;
         let flushed = self.file.writer.flush();
         self.file.check(flushed)
     }
@@ -216,8 +236,12 @@ impl Recorder {
         let header = MessageHeader {
             channel_id: channel,
             sequence: self.file.sequence[channel as usize],
-            log_time: t_ns,
-            publish_time: sent_ns,
+            // Before the first sample there is no stream time.
+            log_time: match t_ns {
+                0 => self.clock.of_sending(sent_ns).max(self.clock.of_stream(0)),
+                _ => self.clock.of_stream(t_ns),
+            },
+            publish_time: self.clock.of_sending(sent_ns),
         };
         let put = self.file.writer.write_to_known_channel(&header, &self.buffer);
         self.file.check(put)?;
@@ -232,7 +256,8 @@ impl Recorder {
     fn rotate(&mut self) -> Result<(), RecordError> {
         self.rotations += 1;
         let path = numbered(&self.first, self.rotations);
-        let next = OpenFile::create(&path, &self.info)?;
+        let mut next = OpenFile::create(&path, &self.info)?;
+        next.tell_clock(&self.clock)?;
         std::mem::replace(&mut self.file, next).finish(&self.written)?;
         self.kept.push_back(path);
         self.make_room()
@@ -268,6 +293,7 @@ impl OpenFile {
             .compression(Some(Compression::Lz4))
             .compression_level(0)
             .chunk_size(Some(CHUNK_BYTES))
+            .profile("ros2")
             .library(concat!("thetabus ", env!("CARGO_PKG_VERSION")))
             .create(sink)
             .map_err(|e| failed(io_error(e)))?;
@@ -275,7 +301,7 @@ impl OpenFile {
             path: path.to_path_buf(),
             writer,
             bytes,
-            sequence: [0; 5],
+            sequence: [0; 6],
         };
         let defined = open.begin(info);
         open.check(defined)?;
@@ -288,7 +314,8 @@ impl OpenFile {
             name: RUN_METADATA.into(),
             metadata: info.to_map(),
         })?;
-        for channel in channels(info) {
+        let joint_states = info.joint_states.then(|| JointStates::channel(info));
+        for channel in channels(info).into_iter().chain(joint_states) {
             let id = channel.id;
             self.writer
                 .add_schema_with_id(id, &channel.schema_name, "ros2msg", channel.schema.as_bytes())?;
@@ -297,6 +324,18 @@ impl OpenFile {
         }
         // The definitions in a chunk of their own: small, so seldom hit by damage.
         self.writer.flush()
+    }
+
+    /// By what times are shifted from here on.
+    fn tell_clock(&mut self, clock: &WallClock) -> Result<(), RecordError> {
+        let Some(metadata) = clock.to_map() else {
+            return Ok(());
+        };
+        let told = self.writer.write_metadata(&Metadata {
+            name: CLOCK_METADATA.into(),
+            metadata,
+        });
+        self.check(told)
     }
 
     fn finish(mut self, written: &RecorderStatus) -> Result<(), RecordError> {

@@ -115,7 +115,7 @@ impl fmt::Display for LogError {
 
 impl std::error::Error for LogError {}
 
-/// Reads a log; numbers are separated by commas, semicolons or white space, a first line of names is skipped.
+/// Reads a log; numbers are separated by semicolons, bars, tabs, commas or spaces, a first line of names is skipped. Where commas do not separate they are decimal commas.
 ///
 /// # Errors
 /// The first line that does not hold finite numbers in the columns, or whose time is not after the line before.
@@ -153,7 +153,7 @@ pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Vec
         if fields.is_empty() {
             continue;
         }
-        let is_header = samples.is_empty() && fields.iter().all(|field| field.parse::<f64>().is_err());
+        let is_header = samples.is_empty() && fields.iter().all(|field| number_of(field).is_none());
         if is_header {
             continue;
         }
@@ -165,8 +165,8 @@ pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Vec
         }
         let value = |column: usize| -> Result<f64, LogError> {
             let field = fields[column - 1];
-            match field.parse::<f64>() {
-                Ok(x) if x.is_finite() => Ok(x),
+            match number_of(field) {
+                Some(x) if x.is_finite() => Ok(x),
                 _ => Err(problem(
                     number,
                     format!("column {column}: expected a finite number, got \"{field}\""),
@@ -197,10 +197,15 @@ pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Vec
     Ok(samples)
 }
 
-/// Fields of a line: at commas or semicolons if there are any, else at white space.
+/// With a decimal point, or with a comma in its place.
+fn number_of(field: &str) -> Option<f64> {
+    field.parse().or_else(|_| field.replacen(',', ".", 1).parse()).ok()
+}
+
+/// Fields of a line: at semicolons, bars, tabs or commas, whichever is there first in this order, else at white space.
 pub(super) fn split<'a>(line: &'a str, fields: &mut Vec<&'a str>) {
     let line = line.trim();
-    let separator = [',', ';', '\t'].into_iter().find(|c| line.contains(*c));
+    let separator = [';', '|', '\t', ','].into_iter().find(|c| line.contains(*c));
     match separator {
         Some(c) => fields.extend(line.split(c).map(str::trim)),
         None => fields.extend(line.split_whitespace()),

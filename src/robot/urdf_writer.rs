@@ -32,7 +32,10 @@ pub struct JointValues {
     pub source: Vec<String>,
 }
 
-/// The text of a URDF with these values in the place of its own; `header` is a comment at its top.
+/// What comments of this writer begin with, so that it can take them back.
+const MARK: &str = "thetabus:";
+
+/// The text of a URDF with these values in the place of its own; `header` is a comment at its top. Comments that were written before are replaced, too.
 ///
 /// # Errors
 /// A text that is no XML, a link or joint that it does not have, a link without `<inertial>`.
@@ -56,13 +59,15 @@ pub fn write_urdf(
     let mut edits: Vec<(Range<usize>, String)> = Vec::new();
     if let Some(first) = robot.first_child() {
         let at = first.range().start;
-        edits.push((at..at, format!("\n{}", comment(header, "  "))));
+        edits.push((at..at, format!("\n{}", comment(header, "  ").trim_end())));
     }
+    take_back(text, &robot, &mut edits);
     let (all_links, all_joints) = (named("link"), named("joint"));
     for link in links {
         let node = all_links
             .get(link.name.as_str())
             .ok_or_else(|| missing("link", &link.name, "a link of this file"))?;
+        take_back(text, node, &mut edits);
         let old = child(node, "inertial")
             .ok_or_else(|| missing("inertial", &link.name, "an <inertial> in the link"))?
             .range();
@@ -80,6 +85,7 @@ pub fn write_urdf(
         let node = all_joints
             .get(joint.name.as_str())
             .ok_or_else(|| missing("joint", &joint.name, "a joint of this file"))?;
+        take_back(text, node, &mut edits);
         let old = child(node, "dynamics");
         let kept = |name: &str| old.and_then(|node| node.attribute(name)).map(str::to_owned);
         let value = |name: &str, value: Option<f64>| -> Option<(String, String)> {
@@ -134,6 +140,25 @@ fn child<'a>(node: &Node<'a, 'a>, tag: &str) -> Option<Node<'a, 'a>> {
     node.children().find(|child| child.has_tag_name(tag))
 }
 
+/// Removes the comments of an earlier writing from an element, with the lines that hold nothing else.
+fn take_back(text: &str, of: &Node<'_, '_>, edits: &mut Vec<(Range<usize>, String)>) {
+    let is_ours = |node: &Node<'_, '_>| {
+        node.is_comment() && node.text().is_some_and(|words| words.trim_start().starts_with(MARK))
+    };
+    for node in of.children().filter(is_ours) {
+        let Range { mut start, mut end } = node.range();
+        let line = text[..start].rfind('\n').map_or(0, |at| at + 1);
+        let next = text[end..].find('\n').map_or(text.len(), |at| end + at + 1);
+        if text[line..start].trim().is_empty() {
+            match text[end..next].trim().is_empty() {
+                true => (start, end) = (line, next),
+                false => start = line.saturating_sub(1),
+            }
+        }
+        edits.push((start..end, String::new()));
+    }
+}
+
 /// White space before a place in its line.
 fn indent(text: &str, at: usize) -> String {
     let line = text[..at].rfind('\n').map_or(0, |at| at + 1);
@@ -142,7 +167,10 @@ fn indent(text: &str, at: usize) -> String {
 
 /// Lines as one XML comment, which must not hold two hyphens in a row.
 fn comment(lines: &[String], indent: &str) -> String {
-    let lines: Vec<String> = lines.iter().map(|line| line.replace("--", "- -")).collect();
+    let mut lines: Vec<String> = lines.iter().map(|line| line.replace("--", "- -")).collect();
+    if let Some(first) = lines.first_mut() {
+        first.insert_str(0, &format!("{MARK} "));
+    }
     match &lines[..] {
         [] => String::new(),
         [line] => format!("{indent}<!-- {line} -->\n"),
@@ -215,8 +243,8 @@ mod tests {
         for kept in [
             "<!-- kept -->",
             "<mesh filename=\"arm.stl\"/>",
-            "<!-- header -->",
-            "<!-- from - - a test -->",
+            "<!-- thetabus: header -->",
+            "<!-- thetabus: from - - a test -->",
         ] {
             assert!(text.contains(kept), "{kept}: {text}");
         }
@@ -224,8 +252,11 @@ mod tests {
             text.contains("<dynamics damping=\"0.4\" friction=\"0\"/>\n  </joint>"),
             "{text}"
         );
-        // Written twice is written once, but for the comments.
+        // Written twice is written once.
+        let again = write_urdf(&text, &["header".to_owned()], &links, &joints).unwrap();
+        assert_eq!(again, text);
         let again = write_urdf(&text, &[], &links, &joints).unwrap();
+        assert_eq!(again.matches("thetabus:").count(), 2);
         assert_eq!(again.matches("<dynamics").count(), 1);
         assert_eq!(again.matches("<inertial>").count(), 1);
     }

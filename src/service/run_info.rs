@@ -27,5 +27,10 @@ pub(super) fn run_info(config: &Config, node: &MonitorNode, simulated: bool) -> 
         equations: plant.equations.iter().map(|e| e.name.to_string()).collect(),
         parameters: node.parameters().to_vec(),
         derived: node.derived().to_vec(),
+        clock_epoch_ns: u64::try_from(now)
+            .unwrap_or(u64::MAX)
+            .saturating_sub(crate::bus::monotonic_ns()),
+        joint_states: config.monitor.record_joint_states,
+        first_form: false,
     }
 }

@@ -13,6 +13,8 @@ pub mod paper;
 mod parallel;
 mod references;
 pub mod results;
+#[cfg(feature = "robot")]
+pub mod robots;
 mod scenario;
 pub mod simulated;
 mod speed;

@@ -43,6 +43,8 @@ def exact(value):
         return {key: exact(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [exact(item) for item in value]
+    if hasattr(value, "__slots__"):
+        return {name: exact(getattr(value, name)) for name in value.__slots__}
     return repr(value) if isinstance(value, float) else value
 
 

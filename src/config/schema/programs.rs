@@ -132,6 +132,8 @@ table! {
             "A recording goes on in a new file when one has this size; 0 for no limit";
         record_files: u64, Kind::Whole(0, 1_000_000), "",
             "Files of a recording that are kept, the oldest making room for a new one; 0 for all";
+        record_joint_states: bool, Kind::Flag, "",
+            "Samples are recorded as sensor_msgs/msg/JointState, too, on the topic /ROBOT/joint_states, which tools of ROS 2 know";
     }
 }
 

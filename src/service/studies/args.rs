@@ -62,6 +62,26 @@ pub struct TrialsArgs {
     pub common: CommonArgs,
 }
 
+/// `studies robots`.
+#[derive(Debug, Clone, Args)]
+pub struct RobotsArgs {
+    /// Machines and motions to try
+    #[arg(long, value_name = "COUNT", default_value_t = 40, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    pub seeds: u64,
+    /// First of the seeds
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=1_000_000))]
+    pub first_seed: u64,
+    /// What was found in each run
+    #[arg(long)]
+    pub details: bool,
+    /// File to write the tables to; standard output without it
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "flattened")]
+    pub common: CommonArgs,
+}
+
 /// `studies track`.
 #[derive(Debug, Clone, Args)]
 pub struct TrackArgs {

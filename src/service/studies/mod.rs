@@ -2,10 +2,12 @@
 
 mod args;
 mod compare;
+mod robots;
 mod track;
 mod trials;
 
-pub use args::{CompareArgs, TrackArgs, TrialsArgs};
+pub use args::{CompareArgs, RobotsArgs, TrackArgs, TrialsArgs};
 pub use compare::run as compare;
+pub use robots::run as robots;
 pub use track::run as track;
 pub use trials::{run as trials, trial};

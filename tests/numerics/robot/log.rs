@@ -26,6 +26,8 @@ fn regress_logs_with_any_separator_and_with_or_without_names() {
         "t,a,b,c,d,e,f\n0,1,2,3,4,5,6\n0.01,1,2,3,4,5,6\n",
         "0;1;2;3;4;5;6;ignored\n\n0.01;1;2;3;4;5;6;7\n",
         "0 1  2 3 4 5 6\n0.01\t1\t2\t3\t4\t5\t6\n",
+        "0|1|2|3|4|5|6\n0,01;1,0;2;3;4;5;6\n",
+        "0 1.0 2 3 4 5 6\n0.01 | 1 | 2 | 3 | 4 | 5 | 6\n",
     ] {
         let log = read_log(text, &columns(), &drives).unwrap();
         assert_eq!(log.len(), 2);

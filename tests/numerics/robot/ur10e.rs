@@ -84,6 +84,23 @@ fn val_one_pass_over_30_s_predicts_a_recording_of_a_month_earlier() {
     );
 }
 
+/// Every other sample of the recording that is learnt, 47 Hz: no option has to be changed for it.
+#[test]
+fn val_logs_from_50_hz_on_are_enough() {
+    let (Some(train), Some(later), Some(mut identifier)) = (
+        recording("train_30s_12harm.csv", 635..3511),
+        recording("validation_ptp.csv", 700..4201),
+        identifier(JointFriction::default()),
+    ) else {
+        return;
+    };
+    let half: Vec<RobotSample> = train.into_iter().step_by(2).collect();
+    learn(&mut identifier, &half);
+    let model = identifier.model();
+    let fit = TorqueFit::of(model, identifier.theta(), &filtered(model, &later));
+    assert_below("47 Hz", residuals(&fit), [12.7, 4.2, 4.6, 8.4, 16.0, 56.0]);
+}
+
 /// Recordings that no choice of this project was made on: another day, other trajectories.
 #[test]
 fn val_recordings_of_another_day_predict_each_other() {

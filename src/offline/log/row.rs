@@ -1,0 +1,169 @@
+//! A line of a log as a row: columns by their names in the header, units by configuration.
+
+use super::super::lines::fields;
+use super::super::log_error::{LogError, cut, listed};
+use super::super::profile::Signal;
+use super::super::suspicion::{Suspicion, judge_field, judge_header};
+use super::super::time::Stamp;
+use crate::config::LogColumns;
+use crate::messages::signals;
+use crate::model::{JointSample, MAX_JOINTS};
+
+/// Times further from the first one are none \[s\]: `t_ns` holds them all.
+const LONGEST_S: f64 = 1e10;
+
+/// A row of the file that is a sample but for its `seq`.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Row {
+    pub line: u64,
+    /// From the first row that was read.
+    pub t_s: f64,
+    pub joints: JointSample,
+}
+
+impl Row {
+    pub fn is_finite(&self) -> bool {
+        let JointSample { q, input, setpoint, .. } = &self.joints;
+        self.t_s.abs() <= LONGEST_S && q.iter().chain(input).chain(setpoint).all(|v| v.is_finite())
+    }
+}
+
+/// Where each signal stands, and what it is measured in.
+#[derive(Debug, Clone)]
+pub(super) struct RowReader {
+    columns: LogColumns,
+    period_s: f64,
+    fields: usize,
+    time: Option<usize>,
+    q: Vec<usize>,
+    input: Vec<usize>,
+    setpoint: Vec<usize>,
+    /// The first time stamp.
+    origin: Option<Stamp>,
+}
+
+impl RowReader {
+    /// Finds the columns in the header, the first line of a file.
+    ///
+    /// # Errors
+    /// A header that is none, columns that are not there, or of another number than the model's joints.
+    pub fn new(header: &[u8], line: u64, columns: &LogColumns, joints: usize, period_s: f64) -> Result<Self, LogError> {
+        let text = std::str::from_utf8(header).map_err(|_| LogError::Header { line })?;
+        let mut names = Vec::new();
+        if !fields(text, &mut names) {
+            return Err(LogError::Header { line });
+        }
+        let find = |key: &'static str, name: &String| {
+            let place = names.iter().position(|column| column == name);
+            place.ok_or_else(|| LogError::Column {
+                key,
+                name: cut(name),
+                columns: listed(&names),
+                likely: judge_header(text).map(Box::new),
+            })
+        };
+        let per_joint = |key: &'static str, names: &[String], may_be_none: bool| {
+            if names.len() != joints.min(MAX_JOINTS) && !(may_be_none && names.is_empty()) {
+                return Err(LogError::Columns {
+                    key,
+                    expected: joints,
+                    got: names.len(),
+                });
+            }
+            names.iter().map(|name| find(key, name)).collect::<Result<Vec<_>, _>>()
+        };
+        Ok(Self {
+            fields: names.len(),
+            time: columns.time.as_ref().map(|name| find("log.time", name)).transpose()?,
+            q: per_joint("log.q", &columns.positions, false)?,
+            input: per_joint("log.input", &columns.inputs, false)?,
+            setpoint: per_joint("log.setpoint", &columns.setpoints, true)?,
+            columns: columns.clone(),
+            period_s,
+            origin: None,
+        })
+    }
+
+    /// Number of joints.
+    pub fn joints(&self) -> usize {
+        self.q.len()
+    }
+
+    /// The signals that rows hold, as bits of [`signals`].
+    pub fn signals(&self) -> u32 {
+        let setpoint = match self.setpoint.is_empty() {
+            true => 0,
+            false => signals::SETPOINT,
+        };
+        signals::Q | signals::INPUT | setpoint
+    }
+
+    /// The columns that are read, with what each of them holds.
+    pub fn read(&self) -> impl Iterator<Item = (String, Signal)> {
+        let named = |names: &[String], signal: fn(usize) -> Signal| -> Vec<(String, Signal)> {
+            let joints = names.iter().enumerate();
+            joints.map(|(joint, name)| (name.clone(), signal(joint))).collect()
+        };
+        let read = [
+            named(&self.columns.positions, Signal::Position),
+            named(&self.columns.inputs, Signal::Input),
+            named(&self.columns.setpoints, Signal::Setpoint),
+        ];
+        read.into_iter().flatten()
+    }
+
+    /// Name of the time column, if there is one.
+    pub fn time_column(&self) -> Option<&str> {
+        self.columns.time.as_deref()
+    }
+
+    /// Unit of the time column \[s\].
+    pub fn time_unit_s(&self) -> f64 {
+        self.columns.time_unit_s
+    }
+
+    /// The row in a line, number `number` of those behind the header, from 0.
+    ///
+    /// # Errors
+    /// It is none; what a field that is no number looks like.
+    pub fn parse(&mut self, bytes: &[u8], number: u64, line: u64) -> Result<Row, Option<Suspicion>> {
+        // A row that is no text is a bad row.
+        let text = std::str::from_utf8(bytes).map_err(|_| None)?;
+        let mut cells = Vec::with_capacity(self.fields);
+        if !fields(text, &mut cells) || cells.len() != self.fields {
+            // Decimal commas make two fields of each number.
+            let commas = cells.len() + 1 >= 2 * self.fields && self.fields > 1;
+            let decimal = commas.then(|| Suspicion::DecimalComma { field: cut(text) });
+            return Err(judge_header(text).or(decimal));
+        }
+        let field = |index: usize| -> Result<f64, Option<Suspicion>> {
+            let cell = cells.get(index).ok_or(None)?;
+            cell.parse().map_err(|_| judge_field(cell))
+        };
+        let stamp = match self.time {
+            Some(index) => Stamp::parse(cells[index]).ok_or_else(|| judge_field(cells[index]))?,
+            None => Stamp::of(number as f64 * self.period_s / self.columns.time_unit_s),
+        };
+        let mut joints = JointSample::default();
+        let signals = [
+            (&self.q, &mut joints.q, self.columns.position_unit),
+            (&self.input, &mut joints.input, self.columns.input_unit),
+            (&self.setpoint, &mut joints.setpoint, self.columns.position_unit),
+        ];
+        for (places, values, unit) in signals {
+            for (value, &index) in values.iter_mut().zip(places) {
+                *value = field(index)? * unit;
+            }
+        }
+        let from_origin = self.origin.map_or(0.0, |origin| stamp.since(&origin));
+        let t_s = match self.origin {
+            None if !stamp.since(&Stamp::of(0.0)).is_finite() => f64::NAN,
+            None => {
+                self.origin = Some(stamp);
+                0.0
+            }
+            Some(_) => from_origin * self.columns.time_unit_s,
+        };
+        Ok(Row { line, t_s, joints })
+    }
+}

@@ -1,0 +1,78 @@
+//! The messages of one type in an MCAP file, whoever wrote it: plain, or in chunks that are compressed with lz4 or zstd.
+
+use super::record_file::decompress;
+use mcap::McapError;
+use mcap::read::LinearReader;
+use mcap::records::{MessageHeader, Record};
+use std::collections::{HashMap, HashSet};
+
+/// Hands the messages whose schema has this name to `take`: topic, header, data.
+///
+/// # Errors
+/// What the file has in the place of what is expected, in words; the first error of `take`.
+pub(super) fn messages_of(
+    bytes: &[u8],
+    schema: &str,
+    take: &mut dyn FnMut(&str, &MessageHeader, &[u8]) -> Result<(), String>,
+) -> Result<(), String> {
+    let mut bag = Bag {
+        schema,
+        schemas: HashSet::new(),
+        topics: HashMap::new(),
+    };
+    let mut plain = Vec::new();
+    for record in LinearReader::new(bytes).map_err(in_words)? {
+        let record = record.map_err(in_words)?;
+        let Record::Chunk { header, data } = &record else {
+            bag.record(&record, take)?;
+            continue;
+        };
+        if !decompress(header, data, &mut plain) {
+            return Err(format!(
+                "expected chunks without compression or with lz4 or zstd, of at most 64 MiB, got a damaged one or \"{}\"",
+                header.compression
+            ));
+        }
+        for record in LinearReader::sans_magic(&plain) {
+            bag.record(&record.map_err(in_words)?, take)?;
+        }
+    }
+    Ok(())
+}
+
+fn in_words(error: McapError) -> String {
+    format!("{error}; expected an MCAP file, as `ros2 bag record` writes it")
+}
+
+/// What the file has defined so far.
+struct Bag<'a> {
+    schema: &'a str,
+    /// Schemas of that name.
+    schemas: HashSet<u16>,
+    /// Topics of such a schema, by channel.
+    topics: HashMap<u16, String>,
+}
+
+impl Bag<'_> {
+    fn record(
+        &mut self,
+        record: &Record<'_>,
+        take: &mut dyn FnMut(&str, &MessageHeader, &[u8]) -> Result<(), String>,
+    ) -> Result<(), String> {
+        match record {
+            Record::Schema { header, .. } if header.name == self.schema => {
+                self.schemas.insert(header.id);
+            }
+            Record::Channel(channel) if self.schemas.contains(&channel.schema_id) => {
+                self.topics.insert(channel.id, channel.topic.clone());
+            }
+            Record::Message { header, data } => {
+                if let Some(topic) = self.topics.get(&header.channel_id) {
+                    take(topic, header, data)?;
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,77 @@
+//! `studies robots`.
+
+use super::RobotsArgs;
+use crate::runner::Shutdown;
+use crate::service::ticker::Ticker;
+use crate::service::{Exit, Failure, logging};
+use crate::studies::for_each_index;
+use crate::studies::robots::{RobotTrial, robot_trial, robots_document};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+/// Runs the trials and writes their tables; a signal ends it and nothing is written.
+///
+/// # Errors
+/// The arm cannot be simulated, a signal came, or the file cannot be written.
+pub fn run(args: &RobotsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
+    let started = Instant::now();
+    let ticker = Ticker::start("trials of robots");
+    let done = AtomicUsize::new(0);
+    let runs = for_each_index(args.seeds as usize, |index| {
+        if shutdown.requested() {
+            return Ok(RobotTrial::default());
+        }
+        let seed = args.first_seed + index as u64;
+        let trial = robot_trial(seed);
+        ticker.at((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / args.seeds as f64);
+        trial
+    });
+    drop(ticker);
+    if shutdown.requested() {
+        return Err(Failure::Failed("interrupted, nothing was written".to_owned()));
+    }
+    let trials: Vec<RobotTrial> = runs
+        .into_iter()
+        .collect::<Result<_, String>>()
+        .map_err(Failure::Failed)?;
+    if args.details {
+        for (seed, trial) in (args.first_seed..).zip(&trials) {
+            logging::result(&details(seed, trial))?;
+        }
+    }
+    let text = robots_document(&trials).markdown(&command(args));
+    match &args.out {
+        Some(file) => {
+            std::fs::write(file, text).map_err(|error| Failure::Failed(format!("{}: {error}", file.display())))?;
+            logging::result(&format!(
+                "{}: written after {} s",
+                file.display(),
+                started.elapsed().as_secs()
+            ))?;
+        }
+        None => logging::result(text.trim_end())?,
+    }
+    Ok(Exit::Done)
+}
+
+/// What was found in the runs of a seed.
+fn details(seed: u64, trial: &RobotTrial) -> String {
+    let loaded = &trial.loaded;
+    format!(
+        "seed {seed}: alarms without a load {:?}, with one that is not declared {:?}\n  load: before {}, found {:?}, behind {}, mass {:.3?}",
+        trial.empty.alarms, trial.undeclared.alarms, loaded.early, loaded.found, loaded.late, loaded.mass
+    )
+}
+
+/// The command that makes the document again.
+fn command(args: &RobotsArgs) -> String {
+    let mut words = vec![format!(
+        "cargo run --release --features studies --bin studies -- robots --seeds {}",
+        args.seeds
+    )];
+    if args.first_seed != 1 {
+        words.push(format!("--first-seed {}", args.first_seed));
+    }
+    words.extend(args.out.iter().map(|file| format!("--out {}", file.display())));
+    words.join(" ")
+}

@@ -1,0 +1,226 @@
+//! Trials of robots: the seven-axis arm simulated over many seeds, identified as a service does it, and compared with what was simulated.
+//!
+//! Each seed is another machine (bodies 15 % off the URDF) on another motion: 1 kHz, 16-bit encoders, torque noise of 0.5 % of the range, velocities formed
+//! from positions. Motion, machine and noise follow from the seed alone.
+
+mod table;
+
+pub use table::robots_document;
+
+use crate::robot::{
+    ChangeCause, FrictionTerm, IdentifyOptions, JointFriction, PayloadChange, Robot, RobotChange, RobotIdentifier,
+    RobotModel, RobotSample, RobotSimOptions, RobotSimulator, Selection, Velocities, WindowOptions,
+};
+
+/// The arm of the trials.
+const URDF: &str = include_str!("../../../config/robots/seven_axis.urdf");
+/// Time from sample to sample \[s\].
+const PERIOD_S: f64 = 1e-3;
+/// Samples to either side that a velocity is formed from.
+const HALF_WIDTH: usize = 20;
+/// Length of a run of an arm that carries nothing new \[s\].
+pub const EMPTY_S: f64 = 60.0;
+/// The load is picked up within a second after this, at another instant for each seed \[s\].
+pub const LOADED_FROM_S: f64 = 20.0;
+/// From one seed's instant to the next \[s\]; 73 of them make a second. No border of a window or a block is preferred.
+const LOADED_STEP_S: f64 = 0.0137;
+/// How long a run goes on behind the load \[s\].
+const BEHIND_S: f64 = 5.1;
+/// A velocity, and so an estimate, comes so much later than its sample \[s\].
+const LAG_S: f64 = HALF_WIDTH as f64 * PERIOD_S;
+/// Mass of the load \[kg\].
+pub const LOAD_KG: f64 = 3.0;
+/// Mass of a load that is there from the start and that nobody declares \[kg\].
+pub const UNDECLARED_KG: f64 = 2.0;
+/// A parameter is excited if its standard deviation is below this part of it.
+pub const EXCITED: f64 = 0.002;
+
+/// A parameter at the end of a run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outcome {
+    /// Of the arm's bodies and rotors, not of its friction.
+    pub is_base: bool,
+    /// Error over the truth.
+    pub relative: f64,
+    /// Error over the standard deviation.
+    pub sigmas: f64,
+    /// Standard deviation over the truth.
+    pub relative_std: f64,
+}
+
+/// An arm that carries the same thing all the time.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct EmptyRun {
+    /// Each parameter at the end.
+    pub parameters: Vec<Outcome>,
+    /// Changes that were found although nothing changed.
+    pub alarms: Vec<RobotChange>,
+    /// Blocks of the run.
+    pub blocks: usize,
+}
+
+/// An arm that picks up a load.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct LoadedRun {
+    /// When the load was picked up \[s\].
+    pub at_s: f64,
+    /// Changes before the load.
+    pub early: usize,
+    /// The first change behind it.
+    pub found: Option<RobotChange>,
+    /// Changes behind that.
+    pub late: usize,
+    /// Mass and its standard deviation, as published until 2 s and until 5 s behind the load \[kg\].
+    pub mass: [Option<[f64; 2]>; 2],
+}
+
+/// Everything of one seed.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RobotTrial {
+    /// Without a load.
+    pub empty: EmptyRun,
+    /// With a load that is picked up.
+    pub loaded: LoadedRun,
+    /// With a load that nobody declares from the start.
+    pub undeclared: EmptyRun,
+}
+
+/// Runs the trials of a seed.
+///
+/// # Errors
+/// In words, if the arm cannot be simulated or identified.
+pub fn robot_trial(seed: u64) -> Result<RobotTrial, String> {
+    let robot = Robot::from_urdf(URDF, &Selection::default()).map_err(|e| e.to_string())?;
+    let load = |t_s: f64, mass_kg: f64| PayloadChange {
+        t_s,
+        mass_kg,
+        center_m: [0.02, 0.01, 0.08],
+        inertia_kg_m2: [0.01, 0.0, 0.012, 0.0, 0.0, 0.008].map(|x| x * mass_kg / LOAD_KG),
+    };
+    let options = |payloads: Vec<PayloadChange>| RobotSimOptions {
+        seed,
+        machine_seed: seed,
+        difference: 0.15,
+        payloads,
+        ..RobotSimOptions::new(&robot)
+    };
+    let at_s = LOADED_FROM_S + (seed % 73) as f64 * LOADED_STEP_S;
+    Ok(RobotTrial {
+        empty: empty_run(&robot, options(Vec::new()))?,
+        loaded: loaded_run(&robot, options(vec![load(at_s, LOAD_KG)]), at_s)?,
+        undeclared: empty_run(&robot, options(vec![load(0.0, UNDECLARED_KG)]))?,
+    })
+}
+
+fn identifier(robot: &Robot) -> Result<RobotIdentifier, String> {
+    let friction = JointFriction {
+        terms: vec![FrictionTerm::Viscous, FrictionTerm::Coulomb, FrictionTerm::Offset],
+        presliding: 1e-4,
+        ..JointFriction::default()
+    };
+    let model = RobotModel::new(robot.clone(), true, vec![friction; robot.len()])?;
+    let options = IdentifyOptions {
+        windows: WindowOptions {
+            length_s: 0.1,
+            stride_s: 0.02,
+            max_gap_s: 0.02,
+            ..WindowOptions::default()
+        },
+        friction_walk: 0.0,
+        payload: true,
+        ..IdentifyOptions::default()
+    };
+    RobotIdentifier::new(model, options)
+}
+
+/// Hands the samples of a simulation to an identifier, with velocities formed from positions; `closed` sees it after each block.
+fn run(
+    simulator: RobotSimulator,
+    seconds: f64,
+    identifier: &mut RobotIdentifier,
+    mut closed: impl FnMut(f64, &RobotIdentifier),
+) -> Result<(), String> {
+    let mut velocities = Velocities::new(HALF_WIDTH, 0.01);
+    for (k, sample) in simulator.take((seconds / PERIOD_S).round() as usize).enumerate() {
+        let sample = RobotSample {
+            t_s: PERIOD_S * k as f64,
+            q: sample.q,
+            dq: sample.dq,
+            tau: sample.input,
+        };
+        if let Some(sample) = velocities.push(&sample)
+            && identifier.push(&sample).map_err(|e| e.to_string())?
+        {
+            closed(sample.t_s, identifier);
+        }
+    }
+    Ok(())
+}
+
+fn empty_run(robot: &Robot, options: RobotSimOptions) -> Result<EmptyRun, String> {
+    let mut identifier = identifier(robot)?;
+    let simulator = RobotSimulator::new(robot, options)?;
+    let truth = simulator.truth(identifier.model(), EMPTY_S);
+    let mut alarms = Vec::new();
+    run(simulator, EMPTY_S, &mut identifier, |_, identifier| {
+        alarms.extend(identifier.change())
+    })?;
+    let (arm, base) = (
+        identifier.model().parameters().len(),
+        identifier.model().base().parameters.len(),
+    );
+    let outcome = |(i, truth): (usize, &f64)| {
+        let (error, std) = (identifier.theta()[i] - truth, identifier.theta_std(i));
+        Outcome {
+            is_base: i < base,
+            relative: (error / truth).abs(),
+            sigmas: error / std,
+            relative_std: (std / truth).abs(),
+        }
+    };
+    Ok(EmptyRun {
+        parameters: truth[..arm].iter().enumerate().map(outcome).collect(),
+        alarms,
+        blocks: identifier.blocks(),
+    })
+}
+
+fn loaded_run(robot: &Robot, options: RobotSimOptions, at_s: f64) -> Result<LoadedRun, String> {
+    let mut identifier = identifier(robot)?;
+    let simulator = RobotSimulator::new(robot, options)?;
+    let mut result = LoadedRun {
+        at_s,
+        ..LoadedRun::default()
+    };
+    run(simulator, at_s + BEHIND_S, &mut identifier, |t_s, identifier| {
+        if let Some(change) = identifier.change() {
+            match &result.found {
+                _ if change.found_s < at_s => result.early += 1,
+                None => result.found = Some(change),
+                Some(_) => result.late += 1,
+            }
+        }
+        for (mass, after_s) in result.mass.iter_mut().zip([2.0, 5.0]) {
+            if t_s >= at_s && t_s <= at_s + after_s + LAG_S {
+                // Nothing is carried as far as is known: a mass of 0.
+                let carried = identifier.carried().map(|carried| [carried.values[0], carried.std[0]]);
+                *mass = Some(carried.unwrap_or_default());
+            }
+        }
+    })?;
+    Ok(result)
+}
+
+impl LoadedRun {
+    /// The located instant less the true one \[s\]; `None` if no payload was found.
+    pub fn located_s(&self) -> Option<f64> {
+        let found = self.found.filter(|change| change.cause == ChangeCause::Payload)?;
+        Some(found.t_s - self.at_s)
+    }
+
+    /// How long it took to find the payload \[s\].
+    pub fn delay_s(&self) -> Option<f64> {
+        let found = self.found.filter(|change| change.cause == ChangeCause::Payload)?;
+        Some(found.found_s - self.at_s)
+    }
+}

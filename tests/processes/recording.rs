@@ -208,9 +208,9 @@ fn fault_of_a_recorder_killed_with_9_what_was_flushed_is_identified_with_exit_co
         Program::Plant,
         &[&["--speed", "4", "--duration", "60"], &QUICK[..]].concat(),
     );
-    // A flush a second writes near 4000 samples of 136 bytes.
+    // A flush a second writes near 4000 samples of 260 bytes.
     let size = || fs::metadata(&recording).map_or(0, |file| file.len());
-    eventually("some seconds have been recorded", || (size() > 1_000_000).then_some(()));
+    eventually("some seconds have been recorded", || (size() > 2_000_000).then_some(()));
     kill(nix::unistd::Pid::from_raw(monitor.pid().cast_signed()), Signal::SIGKILL).expect("it lives");
     drop(monitor);
 

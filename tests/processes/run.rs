@@ -158,7 +158,7 @@ fn e2e_interrupting_the_job_or_the_launcher_still_writes_table_and_files() {
         }
         run.expect_code(0);
         assert!(run.stdout().contains("theta_9"), "{}", run.said());
-        assert!(run.stdout().trim_end().ends_with("out"), "{}", run.said());
+        assert!(run.stdout().trim_end().ends_with("report.html"), "{}", run.said());
         let summary = site.summary();
         assert!(summary.blocks >= 3, "{summary:?}");
         // The plant's END came first, so all that was sent was also taken in.

@@ -267,9 +267,10 @@ impl GroupState {
 
     /// Adds to `costs`[k] the least cost, in units of the noise, of the rows before (`after` false)
     /// or from (`after` true) boundary k on, with the prior as it is and linearised at `theta`.
-    pub fn segment_costs<R: Residuals>(
+    /// One copy serves the rows of all plants: its time is that of the sums.
+    pub fn segment_costs(
         &mut self,
-        rows: &R,
+        rows: &dyn Residuals,
         whole: Range<usize>,
         theta: &[f64],
         boundaries: &[Boundary],

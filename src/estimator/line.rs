@@ -82,9 +82,9 @@ impl LineFit {
     }
 
     /// Fits a line to the rows, from θ and no slope. Returns Σ ρ(f)/σ², `None` where it cannot be fitted.
-    pub fn fit<R: Residuals>(
+    pub fn fit(
         &mut self,
-        rows: &R,
+        rows: &dyn Residuals,
         equations: &[EquationState],
         theta: &[f64],
         own: Range<usize>,
@@ -131,7 +131,7 @@ impl LineFit {
     }
 
     // Σ over the rows of the outer products of (φ, s φ), of these times f, and of f²
-    fn sums<R: Residuals>(&mut self, rows: &R, equations: &[EquationState], first: usize) -> f64 {
+    fn sums(&mut self, rows: &dyn Residuals, equations: &[EquationState], first: usize) -> f64 {
         let (n, m) = (self.n, 2 * self.n);
         let length = rows.len().max(2) as f64 - 1.0;
         self.matrix.fill(0.0);

@@ -175,9 +175,9 @@ pub trait Residuals {
 }
 
 /// The rows of a block in their forward form.
-struct Forward<'a, R>(&'a R);
+struct Forward<'a>(&'a dyn Residuals);
 
-impl<R: Residuals> Residuals for Forward<'_, R> {
+impl Residuals for Forward<'_> {
     fn len(&self) -> usize {
         self.0.len()
     }

@@ -78,7 +78,7 @@ impl Loss {
 
 /// Sums over the rows `range` of one equation at θ. `own` is the equation's range of parameters, `divisor` its noise_std.
 #[allow(clippy::too_many_arguments)]
-pub fn accumulate<R: Residuals>(
+pub fn accumulate<R: Residuals + ?Sized>(
     rows: &R,
     equation: usize,
     range: Range<usize>,
@@ -100,7 +100,7 @@ pub fn accumulate<R: Residuals>(
     sized!(1 2 3 4 5 6 7 8);
 }
 
-fn fixed<R: Residuals, const N: usize>(
+fn fixed<R: Residuals + ?Sized, const N: usize>(
     rows: &R,
     equation: usize,
     range: Range<usize>,
@@ -156,7 +156,7 @@ fn fixed<R: Residuals, const N: usize>(
 }
 
 /// Number of rows of an equation that are used.
-pub fn used<R: Residuals>(rows: &R, equation: usize, range: Range<usize>) -> usize {
+pub fn used<R: Residuals + ?Sized>(rows: &R, equation: usize, range: Range<usize>) -> usize {
     range.filter(|&index| rows.is_used(equation, index)).count()
 }
 
@@ -168,7 +168,7 @@ fn size(n: usize, gram: &[f64], theta: &[f64]) -> f64 {
 }
 
 #[allow(clippy::too_many_arguments)]
-fn general<R: Residuals>(
+fn general<R: Residuals + ?Sized>(
     rows: &R,
     equation: usize,
     range: Range<usize>,

@@ -22,7 +22,7 @@ pub trait Identifier: Send {
     fn offer(&mut self, order: Order) -> Result<Border, Order>;
     /// See [`IdentifierNode::take_done`].
     fn take_done(&mut self) -> Option<Order>;
-    /// The rows of a node that has no other use, for a [`Change::Tune`] of another.
+    /// The rows of a node that has no other use, for a command that tunes another one.
     fn into_rows(self: Box<Self>) -> Box<dyn Any + Send>;
     /// See [`IdentifierNode::save`].
     fn save(&mut self, into: &mut NodeState);

@@ -1,4 +1,4 @@
-//! Times of every stage from a sample to an estimate; a table of their medians is in docs/speed.md.
+//! Times of every stage from a sample to an estimate; `table.py` makes a table of their medians.
 //!
 //! `cargo bench --bench stages` runs them all; `THETABUS_STAGE=block/` those with this in their name.
 

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Checks the structure of src/: no cycle between files, no import from a lower layer of an upper one.
+"""Checks the structure of src/: no cycle between files, no import from a lower layer of an upper one,
+no file much beyond 500 lines, no prose in comments beyond column 100.
 
 Reads the paths `crate::…`, `super::…` and `self::…` of each file, outside its unit tests and comments,
 and finds the file that defines each name, through re-exports (`pub use`). Re-exports themselves are
@@ -9,6 +10,7 @@ no dependencies: a mod.rs only shows what lies in its folder.
 import pathlib
 import re
 import sys
+import unicodedata
 
 # From the ground up. A module may import those of lower lines only, never one of its own line.
 LAYERS = [
@@ -25,6 +27,9 @@ LAYERS = [
 ]
 
 SOURCE = pathlib.Path(__file__).resolve().parent.parent / "src"
+
+# Lines of a file that is part of the product, and columns of a comment.
+LINES, COLUMNS = 550, 100
 
 
 def module_of(file):
@@ -139,12 +144,34 @@ def cycles(edges):
     return result
 
 
+def width(text):
+    """Columns that a text takes: a combining character such as the hat of θ̂ takes none."""
+    return sum(not unicodedata.combining(letter) for letter in text)
+
+
+def untidy():
+    """Files that are too long, and comments that are too wide; tables and displays may be wider."""
+    for file in sorted(SOURCE.rglob("*.rs")):
+        lines = file.read_text().splitlines()
+        if file.name != "tests.rs" and len(lines) > LINES:
+            yield f"src/{file.relative_to(SOURCE)} has {len(lines)} lines, {LINES} at most: cut it by what it is about"
+        display = False
+        for number, line in enumerate(lines, 1):
+            comment = re.match(r"\s*//[/!]?\s*(.*)", line)
+            if comment is None:
+                display = False
+            elif comment[1].startswith("```"):
+                display = not display
+            elif not display and not comment[1].startswith("|") and width(line) > COLUMNS:
+                yield f"src/{file.relative_to(SOURCE)}:{number}: the comment takes {width(line)} columns, {COLUMNS} at most"
+
+
 def main():
     name = lambda module: "::".join(module) or "lib"
     layer = {folder: floor for floor, folders in enumerate(LAYERS) for folder in folders}
     source = Source()
     edges = source.imports()
-    problems = []
+    problems = list(untidy())
     for folder in sorted({module[0] for module in source.code if module} - set(layer)):
         problems.append(f"src/{folder} has no layer: add it to LAYERS in .ci/structure.py and to docs/design.md")
     for (lower, upper), names in sorted(edges.items()):

@@ -118,7 +118,8 @@ fn identifier(c: &mut Criterion) {
         );
     });
 
-    // the most that a block can ask for: three changes, each to be located, and every fit to the last iteration
+    // the most that a block can ask for: three changes, each to be located, and every fit to the
+    // last iteration
     let points = vec![
         (0.0, 150.0),
         (at(0.2), 250.0),
@@ -143,7 +144,8 @@ fn identifier(c: &mut Criterion) {
     });
 }
 
-/// Projected rows with automatic differentiation: taking samples in, making the rows of a block with their weights, and the update.
+/// Projected rows with automatic differentiation: taking samples in, making the rows of a block
+/// with their weights, and the update.
 fn projected(c: &mut Criterion) {
     let sim = SimOptions {
         sensors: SensorOptions::encoder(16, 0.05),

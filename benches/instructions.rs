@@ -1,7 +1,9 @@
-//! One stage under valgrind, which counts its instructions: `instructions STAGE`, or `instructions --list`.
+//! One stage under valgrind, which counts its instructions: `instructions STAGE`, or `instructions
+//! --list`.
 //!
-//! `.ci/instructions.py` runs it for every stage and holds the counts against benches/instructions.csv. Nothing here measures time, so that what other
-//! programs do on the machine does not count.
+//! `.ci/instructions.py` runs it for every stage and holds the counts against
+//! benches/instructions.csv. Nothing here measures time, so that what other programs do on the
+//! machine does not count.
 
 #[path = "stages/all.rs"]
 mod all;

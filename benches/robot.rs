@@ -1,4 +1,5 @@
-//! The cost of identifying a six-axis robot with 70 parameters on line, one thread: a sample, and the end of a block.
+//! The cost of identifying a six-axis robot with 70 parameters on line, one thread: a sample, and
+//! the end of a block.
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use std::hint::black_box;

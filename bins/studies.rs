@@ -25,7 +25,8 @@ enum Command {
     /// Put estimators side by side on one simulated run
     #[command(after_help = EXIT_CODES)]
     Compare(CompareArgs),
-    /// Try the evidence on other arms, motions, sensors and disturbances; the tables of docs/trials.md
+    /// Try the evidence on other arms, motions, sensors and disturbances; the tables of
+    /// docs/trials.md
     #[command(after_help = EXIT_CODES)]
     Trials(TrialsArgs),
     /// Identify simulated robots of many seeds; the tables of docs/robot-trials.md

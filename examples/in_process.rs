@@ -4,8 +4,9 @@
 //! cargo run --release --example in_process
 //! ```
 //!
-//! What is pushed here comes from a simulated arm, read by encoders of 16 bits; a machine's own loop would do the same. The identifier is the value that the
-//! identifier process runs: it validates samples, follows gaps, cuts blocks, and says what may be used.
+//! What is pushed here comes from a simulated arm, read by encoders of 16 bits; a machine's own
+//! loop would do the same. The identifier is the value that the identifier process runs: it
+//! validates samples, follows gaps, cuts blocks, and says what may be used.
 
 use thetabus::identify::Identifier;
 use thetabus::model::Manipulator;

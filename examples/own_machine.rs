@@ -1,7 +1,9 @@
-//! A machine of one's own on the bus, in place of the simulator: publish a sample every millisecond.
+//! A machine of one's own on the bus, in place of the simulator: publish a sample every
+//! millisecond.
 //!
-//! Here it is a pendulum, J = 2.5 kg m², d = 0.8 N m s/rad, w = 12 N m, pushed by a torque that is held from sample to sample, its angle
-//! read from an encoder of 16 bits; `own_plant` identifies it. On a real machine, read the drive where this one computes. Ctrl-C ends it.
+//! Here it is a pendulum, J = 2.5 kg m², d = 0.8 N m s/rad, w = 12 N m, pushed by a torque that is
+//! held from sample to sample, its angle read from an encoder of 16 bits; `own_plant` identifies
+//! it. On a real machine, read the drive where this one computes. Ctrl-C ends it.
 //!
 //! ```text
 //! cargo run --release --example own_machine [SECONDS] [DOMAIN] [ROBOT]

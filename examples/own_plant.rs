@@ -1,6 +1,8 @@
-//! A plant of one's own, and the whole identification service for it: write the equations down, call one function.
+//! A plant of one's own, and the whole identification service for it: write the equations down,
+//! call one function.
 //!
-//! A driven pendulum, J q̈ + d q̇ + w sin q = τ, the torque τ measured and the angle read from an encoder.
+//! A driven pendulum, J q̈ + d q̇ + w sin q = τ, the torque τ measured and the angle read from an
+//! encoder.
 //!
 //! ```text
 //! cargo run --release --example own_plant -- run              # its equations simulated, identified, reported

@@ -1,10 +1,13 @@
-//! Your robot from its URDF and a log: base parameters with standard deviations, and how well the torques are predicted.
+//! Your robot from its URDF and a log: base parameters with standard deviations, and how well the
+//! torques are predicted.
 //!
 //! ```text
-//! cargo run --release --example robot_from_urdf -- arm.urdf train.csv [validate.csv] [--gain 14.87,13.26,…] [--tip LINK]
+//! cargo run --release --example robot_from_urdf -- \
+//!     arm.urdf train.csv [validate.csv] [--gain 14.87,13.26,…] [--tip LINK]
 //! ```
 //!
-//! Columns of the logs are t, then q, q̇ and the drives' currents or torques of each joint, in SI units.
+//! Columns of the logs are t, then q, q̇ and the drives' currents or torques of each joint, in SI
+//! units.
 
 use std::path::Path;
 use std::process::ExitCode;

@@ -5,8 +5,9 @@
 //! cargo run --release -- run --speed 1               # in another
 //! ```
 //!
-//! Start order does not matter, and one that comes late gets the last estimate at once. Names and units come from the identifier, so this
-//! serves any model. Ctrl-C ends it. The optional arguments are the domain and the robot.
+//! Start order does not matter, and one that comes late gets the last estimate at once. Names and
+//! units come from the identifier, so this serves any model. Ctrl-C ends it. The optional arguments
+//! are the domain and the robot.
 
 use std::time::Duration;
 use thetabus::bus::{Bus, Domain, Subscriber};
@@ -22,7 +23,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut estimates = Subscriber::<Estimate>::new(&bus)?;
     let (mut names, mut units) = (ParameterNames::default(), Vec::new());
     loop {
-        // Sleeps until the identifier publishes; the limit lets the subscriber meet an identifier that starts later.
+        // Sleeps until the identifier publishes; the limit lets the subscriber meet an identifier
+        // that starts later.
         estimates.wait(Duration::from_millis(100))?;
         descriptions.drain(|description| {
             names = ParameterNames::described(description);

@@ -4,9 +4,10 @@
 //! magic 8 | version u32 | CRC-32 of what follows u32 | length u64 | bincode: identity, block, state
 //! ```
 //!
-//! Written to a temporary file, synced, renamed, and the directory synced, so that a crash or a full disk leaves the previous checkpoint. Read only
-//! where magic, version, length and CRC hold, model and configuration are the same, and the state is one that this estimator can be in. bincode
-//! 2 is no longer maintained, and no other module names it.
+//! Written to a temporary file, synced, renamed, and the directory synced, so that a crash or a
+//! full disk leaves the previous checkpoint. Read only if magic, version, length and CRC hold,
+//! model and configuration are the same, and the state is one that this estimator can be in.
+//! bincode 2 is no longer maintained, and no other module names it.
 
 use crate::estimator::EstimatorState;
 use crate::files;
@@ -211,7 +212,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), CheckpointError> {
     })
 }
 
-/// The bytes of a checkpoint; `None` where there is none.
+/// The bytes of a checkpoint; `None` if there is none.
 ///
 /// # Errors
 /// A file that cannot be read, or is larger than any checkpoint.

@@ -1,15 +1,18 @@
 //! Files that appear whole or not at all, written through no link that somebody else has laid.
 //!
-//! Everything is written to `TARGET.PID.tmp` beside its target and renamed. The temporary file is opened with `O_CREAT | O_EXCL`, which POSIX lets fail on
-//! a symbolic link, dangling or not, and it is locked (`flock`) while its process lives. So what a killed process has left is told from a file in use, whatever
-//! became of the process id, and the next writer of the same target removes it.
+//! Everything is written to `TARGET.PID.tmp` beside its target and renamed. The temporary file is
+//! opened with `O_CREAT | O_EXCL`, which POSIX lets fail on a symbolic link, dangling or not, and
+//! it is locked (`flock`) while its process lives. So what a killed process has left is told from a
+//! file in use, whatever became of the process id, and the next writer of the same target removes
+//! it.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Names that are tried: one that somebody occupies, with a link for instance, must not deny the service.
+/// Names that are tried: one that somebody occupies, with a link for instance, must not deny the
+/// service.
 const NAMES: u32 = 16;
 
 /// A file that has not got its name yet; removed on drop unless it gets it.
@@ -21,7 +24,8 @@ pub(crate) struct Temporary {
 }
 
 impl Temporary {
-    /// A new file beside `target`, after what killed processes have left of the same target has been removed.
+    /// A new file beside `target`, after what killed processes have left of the same target has
+    /// been removed.
     ///
     /// # Errors
     /// A directory that cannot be written to.
@@ -38,7 +42,8 @@ impl Temporary {
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => continue,
                 file => file?,
             };
-            // Between the two lines a sweep of another process may have taken the file for one that was left behind.
+            // Between the two lines a sweep of another process may have taken the file for one that
+            // was left behind.
             let locked = !matches!(file.try_lock(), Err(TryLockError::WouldBlock));
             if locked && is_still(&path, &file) {
                 return Ok(Self {
@@ -132,7 +137,8 @@ pub(crate) fn write_synced(path: &Path, bytes: &[u8]) -> io::Result<()> {
     File::open(directory(path))?.sync_all()
 }
 
-/// Removes what killed processes have left of a target. What cannot be removed stays: the target itself is not concerned.
+/// Removes what killed processes have left of a target. What cannot be removed stays: the target
+/// itself is not concerned.
 fn sweep(target: &Path) {
     let Some(name) = target.file_name() else { return };
     let name = name.as_encoded_bytes();
@@ -194,7 +200,8 @@ mod tests {
     fn fault_what_a_killed_process_has_left_is_removed_and_what_is_in_use_is_not() {
         let dir = tempfile::tempdir().unwrap();
         let target = dir.path().join("summary.json");
-        // of a process that is gone, of this process id in an earlier life, and files that only look similar
+        // of a process that is gone, of this process id in an earlier life, and files that only
+        // look similar
         let left = [
             "summary.json.1.tmp".to_owned(),
             format!("summary.json.{}.tmp", std::process::id()),

@@ -1,4 +1,5 @@
-//! Identification in a few lines, inside your own program: a plant, what its sensors are, samples in, estimates out.
+//! Identification in a few lines, inside your own program: a plant, what its sensors are, samples
+//! in, estimates out.
 //!
 //! ```
 //! use thetabus::identify::Identifier;
@@ -22,8 +23,9 @@
 //! # Ok::<(), thetabus::identify::BuildError>(())
 //! ```
 //!
-//! What is not said is chosen as `config/own_plant.toml` does: rows over windows of the positions, noise and window learnt from the signals, the estimator
-//! that forgets only where new data come, bounds by physics, changes detected. The service makes its identifier in the same way, from its
+//! What is not said is chosen as `config/own_plant.toml` does: rows over windows of the positions,
+//! noise and window learnt from the signals, the estimator that forgets only where new data come,
+//! bounds by physics, changes detected. The service makes its identifier in the same way, from its
 //! configuration: both end at [`Model::identifier`](crate::node::model::Model::identifier).
 
 use crate::estimator::{ChangeDetection, EstimatorOptions};
@@ -82,7 +84,8 @@ pub struct ParameterPrior {
     pub upper: f64,
     /// The start holds: it is not estimated.
     pub fixed: bool,
-    /// Standard deviation of its random walk per block as a share of the parameter, ≥ 0; 0 for a constant.
+    /// Standard deviation of its random walk per block as a share of the parameter, ≥ 0; 0 for a
+    /// constant.
     pub random_walk: f64,
 }
 
@@ -171,8 +174,9 @@ impl IdentifierBuilder {
         self
     }
 
-    /// Encoders of 2^`bits` counts per turn, and white noise of this standard deviation on the input, in its unit; the same for all joints. Without a word
-    /// on the sensors their noise is learnt from the signals.
+    /// Encoders of 2^`bits` counts per turn, and white noise of this standard deviation on the
+    /// input, in its unit; the same for all joints. Without a word on the sensors their noise is
+    /// learnt from the signals.
     #[must_use]
     pub fn encoder(self, bits: u32, input_noise: f64) -> Self {
         self.sensors(SensorNoise::encoder(bits, input_noise))
@@ -185,14 +189,16 @@ impl IdentifierBuilder {
         self
     }
 
-    /// Samples carry exact velocities, accelerations and, if the equations ask for it, jerks, as those of a simulation do: one row per sample.
+    /// Samples carry exact velocities, accelerations and, if the equations ask for it, jerks, as
+    /// those of a simulation do: one row per sample.
     #[must_use]
     pub fn exact_derivatives(mut self) -> Self {
         self.signals = Signals::Derivatives;
         self
     }
 
-    /// Length of the windows that rows are made over \[s\], 8 to 2000 sample periods; chosen from the signals by default.
+    /// Length of the windows that rows are made over \[s\], 8 to 2000 sample periods; chosen from
+    /// the signals by default.
     #[must_use]
     pub fn window_s(mut self, window_s: f64) -> Self {
         self.window_s = Some(window_s);
@@ -270,7 +276,8 @@ impl IdentifierBuilder {
                         sample_period_s: period_s,
                         noise: noise.unwrap_or(SensorNoise::NONE),
                         learn_noise: noise.is_none(),
-                        // positions along a line have no turn that an encoder could be off its centre in
+                        // positions along a line have no turn that an encoder could be off its
+                        // centre in
                         considered: match &*definition.position_unit {
                             "m" => self.considered.without_turns(),
                             _ => self.considered,
@@ -332,7 +339,8 @@ impl IdentifierBuilder {
 
 /// An identifier inside a program: samples in, estimates out, no bus.
 ///
-/// After [`build`](IdentifierBuilder::build) it allocates nothing and locks nothing; the same samples give the same bits.
+/// After [`build`](IdentifierBuilder::build) it allocates nothing and locks nothing; the same
+/// samples give the same bits.
 pub struct Identifier {
     node: Box<dyn Node>,
     model: SharedModel,
@@ -375,14 +383,16 @@ impl Identifier {
         }
     }
 
-    /// Takes the next sample in, one period after the one before. Returns the estimate that it completes.
+    /// Takes the next sample in, one period after the one before. Returns the estimate that it
+    /// completes.
     pub fn push(&mut self, sample: &JointSample) -> Option<Estimate> {
         self.push_at(self.seq * self.period_ns, sample)
     }
 
     /// Takes the next sample in, at a stream time \[ns\] of its own.
     ///
-    /// A sample that cannot be used, because a signal is not finite or its time goes back, is counted in [`status`](Self::status) and left out.
+    /// A sample that cannot be used, because a signal is not finite or its time goes back, is
+    /// counted in [`status`](Self::status) and left out.
     pub fn push_at(&mut self, t_ns: u64, sample: &JointSample) -> Option<Estimate> {
         let message = Sample::new(STREAM, self.seq, t_ns, self.joints, self.signals, sample);
         self.seq += 1;

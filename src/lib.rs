@@ -1,8 +1,9 @@
 //! On-line identification of a running machine's physical parameters.
 //!
-//! thetabus attaches to a machine through shared memory and publishes its physical parameters with their uncertainty, live, every
-//! N samples. The method is weighted recursive least squares, generalised to models that are nonlinear in their parameters by
-//! linearising around the current estimate; it starts from L. Cedro, *Model parameter on-line identification with nonlinear
+//! thetabus attaches to a machine through shared memory and publishes its physical parameters with
+//! their uncertainty, live, every N samples. The method is weighted recursive least squares,
+//! generalised to models that are nonlinear in their parameters by linearising around the current
+//! estimate; it starts from L. Cedro, *Model parameter on-line identification with nonlinear
 //! parametrization – manipulator model* (Technical Transactions e2022007, 2022).
 //!
 //! Without any bus it is a library. A two-joint arm, simulated and identified:
@@ -19,7 +20,8 @@
 //! let arm = SimOptions::cedro2022();
 //! for sample in ArmSimulator::new(&arm)?.take(1900) {
 //!     let Some(estimate) = identifier.push(&sample) else { continue };
-//!     for (name, (theta_hat, theta)) in identifier.names().as_slice().iter().zip(estimate.theta.iter().zip(arm.true_theta(0.0))) {
+//!     let values = estimate.theta.iter().zip(arm.true_theta(0.0));
+//!     for (name, (theta_hat, theta)) in identifier.names().as_slice().iter().zip(values) {
 //!         println!("{name} = {theta_hat:.9}, true {theta:.9}");
 //! #       assert!((theta_hat / theta - 1.0).abs() < 1e-6);
 //!     }
@@ -58,8 +60,8 @@
 //! | `studies` | estimators side by side, and trials of the evidence: the tables in `docs/` | `studies` |
 //! | [`notation`] | every symbol of the paper with its name in the code | |
 //!
-//! `estimator` and `model` import nothing of ours: the estimator sees rows, never a model or the simulator, so it serves any plant
-//! and cannot peek at the truth.
+//! `estimator` and `model` import nothing of ours: the estimator sees rows, never a model or the
+//! simulator, so it serves any plant and cannot peek at the truth.
 
 #[cfg(feature = "bus")]
 pub mod bus;

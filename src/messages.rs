@@ -1,10 +1,11 @@
 //! The bus payloads: fixed size, `repr(C)`, explicit padding, one schema version.
 //!
-//! This is the only place that translates between messages and core types. The derive of `ZeroCopySend` is the one mention of
-//! iceoryx2 outside `bus/`: a trait can be derived only where its type is declared.
+//! This is the only place that translates between messages and core types. The derive of
+//! `ZeroCopySend` is the one mention of iceoryx2 outside `bus/`: a trait can be derived only where
+//! its type is declared.
 //!
-//! Each message is one [table of fields](Layout); the structure, its empty value, the schema of recordings and the layouts for other languages follow
-//! from it.
+//! Each message is one [table of fields](Layout); the structure, its empty value, the schema of
+//! recordings and the layouts for other languages follow from it.
 //!
 //! Bit-identity of two runs covers every field except `stream_id`.
 

@@ -1,15 +1,17 @@
-//! Every symbol of the paper, with its name in the code, its unit and shape, and where it is defined.
+//! Every symbol of the paper, with its name in the code, its unit and shape, and where it is
+//! defined.
 //!
-//! The paper is L. Cedro, *Model parameter on-line identification with nonlinear parametrization – manipulator model*,
-//! Technical Transactions e2022007 (2022), doi 10.37705/TechTrans/e2022007. `J` is the number of joints, `P` the number of
-//! parameters. SI units and radians everywhere inside; at every edge the unit is part of the name.
+//! The paper is L. Cedro, *Model parameter on-line identification with nonlinear parametrization –
+//! manipulator model*, Technical Transactions e2022007 (2022), doi 10.37705/TechTrans/e2022007. `J`
+//! is the number of joints, `P` the number of parameters. SI units and radians everywhere inside;
+//! at every edge the unit is part of the name.
 //!
 //! | paper | code | unit, shape | equation |
 //! |---|---|---|---|
 //! | φ_j, φ̇_j, φ̈_j, φ⃛_j (joint variable) | `q`, `dq`, `ddq`, `dddq` | rad, rad/s, rad/s², rad/s³; J | (13), (19)–(27) |
 //! | φ_n (signal vector) | `regressor`, −∂f/∂θ at θ̂ | P (or the equation's own parameters) | (1), (7) |
 //! | φ_z | `setpoint` | rad; J | (13) |
-//! | u_z | `input`, where its kind is known `voltage` | V; J | (12), (13) |
+//! | u_z | `input`, or `voltage` if its kind is known | V; J | (12), (13) |
 //! | θ, θ̂ | `theta`, `theta_hat` | as the model says; P | (1), (25) |
 //! | θ̂ − θ | `theta_error` | P | |
 //! | f_n(θ̂) | `innovation` before the update, `residual` after it | the equation's unit | (5), (8) |

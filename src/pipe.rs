@@ -4,8 +4,8 @@ use std::io;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
-/// Refuses a named pipe: to open one waits for a writer, and no signal ends that wait. What a shell passes as `<(…)` is a pipe
-/// below /dev or /proc that has its writer already, and is let through.
+/// Refuses a named pipe: to open one waits for a writer, and no signal ends that wait. What a shell
+/// passes as `<(…)` is a pipe below /dev or /proc that has its writer already, and is let through.
 ///
 /// # Errors
 /// A named pipe elsewhere. What cannot be looked at is left to the caller, who opens it next.

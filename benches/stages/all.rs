@@ -1,4 +1,5 @@
-//! What the way from a sample to an estimate consists of, a stage each: for the times of `stages` and the counts of `instructions`.
+//! What the way from a sample to an estimate consists of, a stage each: for the times of `stages`
+//! and the counts of `instructions`.
 
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -43,7 +44,8 @@ fn stage(name: &'static str, pieces: usize, ready: impl Fn() -> Work + 'static) 
     }
 }
 
-/// All stages; those whose names do not contain `only` are left out before anything is made ready for them.
+/// All stages; those whose names do not contain `only` are left out before anything is made ready
+/// for them.
 pub fn stages(only: &str) -> Vec<Stage> {
     let groups: [(&str, fn() -> Vec<Stage>); 6] = [
         ("rows/", rows),
@@ -119,7 +121,8 @@ fn arm_rows() -> ProjectedOptions {
     }
 }
 
-/// A projected block in the midst of a run, empty, with an estimator that has seen what came before.
+/// A projected block in the midst of a run, empty, with an estimator that has seen what came
+/// before.
 fn in_run<P: Plant + Clone + 'static>(
     plant: &P,
     rows: ProjectedOptions,
@@ -360,7 +363,8 @@ fn info() -> RunInfo {
     }
 }
 
-/// A recording in the midst of a run: written, read, and read and identified as `thetabus identify` does it.
+/// A recording in the midst of a run: written, read, and read and identified as `thetabus identify`
+/// does it.
 fn recording() -> Vec<Stage> {
     const SETTLED: usize = 3 * BLOCK;
     let seen = seen_samples(SETTLED + 10 * BLOCK);

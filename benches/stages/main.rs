@@ -1,6 +1,7 @@
 //! Times of every stage from a sample to an estimate; `table.py` makes a table of their medians.
 //!
-//! `cargo bench --bench stages` runs them all; `THETABUS_STAGE=block/` those with this in their name.
+//! `cargo bench --bench stages` runs them all; `THETABUS_STAGE=block/` those with this in their
+//! name.
 
 mod all;
 

@@ -1,4 +1,5 @@
-//! Processor time per message in Rust: `cost publish|read COUNT DOMAIN` prints nanoseconds. See cost.py.
+//! Processor time per message in Rust: `cost publish|read COUNT DOMAIN` prints nanoseconds. See
+//! cost.py.
 
 use std::time::Duration;
 use thetabus::bus::{Bus, Delivery, Domain, Machine, SampleSubscriber};

@@ -6,7 +6,8 @@
 //!                     questions to thetabus/<host>/<robot>/control ◀────┘  └── requests of ctl
 //! ```
 //!
-//! In the domain this process is the identifier of each robot that it brings, and its plant where it brings samples.
+//! In the domain this process is the identifier of each robot that it brings, and its plant where
+//! it brings samples.
 
 use crate::envelope::{Envelope, unix_ns};
 use crate::error::{GatewayError, network};
@@ -123,7 +124,8 @@ impl Inbox {
 pub fn run(args: &InArgs, stop: &AtomicBool) -> Result<(), GatewayError> {
     let from = args.from.as_deref().map(Host::new).transpose()?;
     let domain = Domain::new(&args.domain)?;
-    // A member from the start: what is wrong with the domain is said at once, and robots come and go.
+    // A member from the start: what is wrong with the domain is said at once, and robots come and
+    // go.
     let _member = Bus::join(&domain, args.robot.first().map_or("arm", String::as_str), "gateway_in")?;
     let Some(session) = network::open(&args.network, Part::Guest, stop)? else {
         return Ok(());
@@ -194,7 +196,8 @@ fn subscribe(session: &Session, from: Option<&Host>, args: &InArgs, put: &Inbox)
                 .wait()
                 .map_err(network("subscribing"))?;
         }
-        // After the topics: whoever appears is asked for its last messages, and nothing may fall between.
+        // After the topics: whoever appears is asked for its last messages, and nothing may fall
+        // between.
         let put = put.clone();
         session
             .liveliness()

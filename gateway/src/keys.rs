@@ -55,7 +55,8 @@ pub fn is_name(name: &str) -> bool {
     (1..=32).contains(&name.len()) && name.chars().all(legal)
 }
 
-/// Key of a robot's topic, of its token, or of all that it has: `last` is the topic's name, [`ALIVE`], or `*`. `host` and `robot` may be `*`.
+/// Key of a robot's topic, of its token, or of all that it has: `last` is the topic's name,
+/// [`ALIVE`], or `*`. `host` and `robot` may be `*`.
 pub fn key(host: &str, robot: &str, last: &str) -> String {
     format!("{ROOT}/{host}/{robot}/{last}")
 }

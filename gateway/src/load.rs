@@ -326,7 +326,8 @@ impl Usage {
     /// Zero for a process that has gone.
     fn of(pid: u32) -> Self {
         let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-        // The name in parentheses may hold anything. Behind it, user and system time are fields 12 and 13.
+        // The name in parentheses may hold anything. Behind it, user and system time are fields 12
+        // and 13.
         let fields: Vec<&str> = stat
             .rsplit_once(')')
             .map_or("", |(_, rest)| rest)

@@ -57,7 +57,7 @@ enum Command {
 
 fn main() -> ExitCode {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env()
-        // What zenoh says of its own affairs is said again, in our words, where it matters.
+        // What zenoh says of its own affairs is said again, in our words, if it matters.
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("error,thetabus=info,thetabus_gateway=info"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)

@@ -1,7 +1,8 @@
 //! zenoh's configuration and session.
 //!
-//! zenoh by itself listens on every interface, finds others by multicast and takes messages of 1 GiB. Here nothing of that holds unless the user's
-//! own file says so: the file is laid over the defaults below, key by key, and endpoints of the command line over both.
+//! zenoh by itself listens on every interface, finds others by multicast and takes messages of 1
+//! GiB. Here nothing of that holds unless the user's own file says so: the file is laid over the
+//! defaults below, key by key, and endpoints of the command line over both.
 
 use crate::error::{GatewayError, network};
 use serde_json::{Value, json};
@@ -12,7 +13,8 @@ use zenoh::{Config, Session, Wait};
 
 /// Where a gateway listens, or looks for one, if nothing else is said: this host alone.
 pub const LOOPBACK: &str = "tcp/127.0.0.1:7447";
-/// Pauses between attempts to connect, each twice the one before, as zenoh's own: from this one to that.
+/// Pauses between attempts to connect, each twice the one before, as zenoh's own: from this one to
+/// that.
 const FIRST_PAUSE: Duration = Duration::from_millis(250);
 const LONGEST_PAUSE: Duration = Duration::from_secs(4);
 /// How often it looks meanwhile whether it shall stop.
@@ -21,7 +23,8 @@ const LOOK: Duration = Duration::from_millis(50);
 /// How the network is reached.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct NetworkArgs {
-    /// Endpoint of a router or gateway, for example tcp/10.0.0.5:7447 or tls/router.example:7447; may be repeated
+    /// Endpoint of a router or gateway, for example tcp/10.0.0.5:7447 or tls/router.example:7447;
+    /// may be repeated
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
     /// Endpoint to be reached at, for example tcp/10.0.0.4:7447; may be repeated
@@ -103,7 +106,8 @@ fn read(path: &Path) -> Result<Value, GatewayError> {
     }
 }
 
-/// The whole configuration as JSON: defaults, file, command line, and `part` where all three are silent.
+/// The whole configuration as JSON: defaults, file, command line, and `part` where all three are
+/// silent.
 ///
 /// # Errors
 /// The file cannot be read.

@@ -27,7 +27,7 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{Query, Queryable};
 use zenoh::{Session, Wait};
 
-/// Pause where nothing wakes this thread: questions, statuses and the journal wait as long.
+/// Pause if nothing wakes this thread: questions, statuses and the journal wait as long.
 const PAUSE: Duration = Duration::from_millis(5);
 /// The same between samples of several robots.
 const SHORT_PAUSE: Duration = Duration::from_millis(1);
@@ -213,7 +213,8 @@ impl OutRobot {
     }
 }
 
-/// Answers questions of the network about `robot`: for its last messages at once, for control by way of the bus.
+/// Answers questions of the network about `robot`: for its last messages at once, for control by
+/// way of the bus.
 fn answer(
     session: &Session,
     host: &Host,
@@ -272,7 +273,8 @@ struct Sender {
 impl Sender {
     fn new(robot: &str, topic: Topic, to: &To<'_>) -> Result<Self, GatewayError> {
         let key = keys::key(to.host.name(), robot, topic.name());
-        // What comes often is dropped if the network stands still; what comes once waits for it, for 5 s at most.
+        // What comes often is dropped if the network stands still; what comes once waits for it,
+        // for 5 s at most.
         let (congestion, priority) = match topic {
             Topic::Sample => (CongestionControl::Drop, Priority::DataLow),
             Topic::Status => (CongestionControl::Drop, Priority::Data),

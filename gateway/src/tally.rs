@@ -26,8 +26,8 @@ pub struct Numbered {
 }
 
 impl Numbers {
-    /// Places the next message; `None` for one that was there before. `is_live` is false for the answer to a question about last messages: what it
-    /// is ahead of is still on its way.
+    /// Places the next message; `None` for one that was there before. `is_live` is false for the
+    /// answer to a question about last messages: what it is ahead of is still on its way.
     pub fn admit(&mut self, envelope: &Envelope, is_live: bool) -> Option<Numbered> {
         let (run, number) = (envelope.run, envelope.number);
         let before = self.last.filter(|(last_run, _)| *last_run == run).map(|(_, last)| last);
@@ -49,7 +49,8 @@ pub struct Tally {
     pub carried: u64,
     /// Messages that the sending gateway numbered and that never came.
     pub lost: u64,
-    /// Gaps in the machine's own count, seq of samples or number of blocks, wherever they arose: on the way, or while no gateway ran.
+    /// Gaps in the machine's own count, seq of samples or number of blocks, wherever they arose: on
+    /// the way, or while no gateway ran.
     pub gaps: u64,
     /// Messages that could not be read, or of another schema.
     pub left_out: u64,
@@ -75,7 +76,8 @@ impl Tally {
         }
     }
 
-    /// Places a message by its envelope; false for one that was there before. `is_live` is as for [`Numbers::admit`].
+    /// Places a message by its envelope; false for one that was there before. `is_live` is as for
+    /// [`Numbers::admit`].
     pub fn admit(&mut self, envelope: &Envelope, is_live: bool) -> bool {
         let mut numbers = self.numbers;
         let is_new = self.admit_by(&mut numbers, envelope, is_live);

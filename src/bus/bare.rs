@@ -1,5 +1,5 @@
-//! iceoryx2 alone: a message and an event to another process and back, without anything of this library between. What `thetabus bench` measures the
-//! topics against.
+//! iceoryx2 alone: a message and an event to another process and back, without anything of this
+//! library between. What `thetabus bench` measures the topics against.
 
 use super::subscriber::wait;
 use super::{Bus, BusError, Listener, Notifier, PubSubService, PublisherPort, SubscriberPort, Topic, monotonic_ns};

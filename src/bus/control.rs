@@ -1,6 +1,7 @@
 //! Requests to the identifier and its answers: one server, clients with a patience of their own.
 //!
-//! A request wakes the server by an event; a server that died or was stopped never answers, so a client waits no longer than it was told to.
+//! A request wakes the server by an event; a server that died or was stopped never answers, so a
+//! client waits no longer than it was told to.
 
 use super::memory;
 use super::subscriber::{listener, wait};
@@ -61,7 +62,8 @@ impl ControlServer {
         })
     }
 
-    /// Waits until a request may be there; at most `timeout`. Signals end the wait early. A [polled](Self::polled) one sleeps.
+    /// Waits until a request may be there; at most `timeout`. Signals end the wait early. A
+    /// [polled](Self::polled) one sleeps.
     ///
     /// # Errors
     /// The bus fails.
@@ -98,7 +100,8 @@ impl ControlServer {
     }
 }
 
-/// A request that waits for its answer. Dropped without one, it lets its client wait until the client's own limit.
+/// A request that waits for its answer. Dropped without one, it lets its client wait until the
+/// client's own limit.
 #[derive(Debug)]
 pub struct Asked(ActiveRequest<ipc::Service, Request, (), Response, ()>);
 
@@ -127,7 +130,7 @@ impl ControlClient {
     /// Finds the identifier of the bus's robot.
     ///
     /// # Errors
-    /// [`BusError::NoIdentifier`] where none runs.
+    /// [`BusError::NoIdentifier`] if none runs.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
         let service = bus.open_control()?.ok_or_else(|| nobody(bus))?;
         if service.dynamic_config().number_of_servers() == 0 {
@@ -155,7 +158,8 @@ impl ControlClient {
     /// Sends a request and waits for its answer, at most for `limit`.
     ///
     /// # Errors
-    /// [`BusError::NoAnswer`] past the limit, [`BusError::NoIdentifier`] where the identifier has gone.
+    /// [`BusError::NoAnswer`] past the limit, [`BusError::NoIdentifier`] if the identifier has
+    /// gone.
     pub fn ask(&self, request: &Request, limit: Duration) -> Result<Response, BusError> {
         let start = Instant::now();
         let pending = self.begin(request)?;

@@ -6,8 +6,9 @@ use std::fs::Metadata;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
-/// Longest file name that iceoryx2 appends to root path and prefix for a socket: a decimal and `.event`. The decimal is a count of
-/// the process's ports times 2^96 plus time and process: 33 digits suffice for 12 000 ports, and sockets are among the first.
+/// Longest file name that iceoryx2 appends to root path and prefix for a socket: a decimal and
+/// `.event`. The decimal is a count of the process's ports times 2^96 plus time and process: 33
+/// digits suffice for 12 000 ports, and sockets are among the first.
 const SOCKET_NAME_LEN: usize = 33 + ".event".len();
 /// Linux keeps a socket's path in 108 bytes, the closing zero included.
 const SOCKET_PATH_MAX: usize = 107;
@@ -27,9 +28,10 @@ pub(super) fn check_name(what: &'static str, name: &str) -> Result<(), BusError>
 
 /// A set of shared-memory topics separate from all others on this machine.
 ///
-/// Its files, locks and sockets live in [`root`](Self::root), its shared memory under [`prefix`](Self::prefix) in /dev/shm. Both
-/// follow from the name and the user alone, so programs in any language find each other, and users do not meet. No configuration
-/// file of iceoryx2 takes part.
+/// Its files, locks and sockets live in [`root`](Self::root), its shared memory under
+/// [`prefix`](Self::prefix) in /dev/shm. Both follow from the name and the user alone, so programs
+/// in any language find each other, and users do not meet. No configuration file of iceoryx2 takes
+/// part.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Domain {
     name: String,
@@ -38,7 +40,8 @@ pub struct Domain {
     limits: Limits,
 }
 
-/// How many can be on a topic at a time. Whoever makes a topic decides; everybody else takes it as it is.
+/// How many can be on a topic at a time. Whoever makes a topic decides; everybody else takes it as
+/// it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
     /// Samples that a consumer may be behind in real time before it loses the oldest.
@@ -64,9 +67,11 @@ impl Default for Limits {
 }
 
 impl Domain {
-    /// The domain called `name`, below `$XDG_RUNTIME_DIR` where that is set and below /tmp otherwise.
+    /// The domain called `name`, below `$XDG_RUNTIME_DIR` if that is set and below /tmp
+    /// otherwise.
     ///
-    /// Fails for a name other than `[a-z0-9_-]{1,32}` and where the paths of its sockets would not fit into 107 bytes.
+    /// Fails for a name other than `[a-z0-9_-]{1,32}` and if the paths of its sockets would not
+    /// fit into 107 bytes.
     pub fn new(name: &str) -> Result<Self, BusError> {
         let runtime_dir = std::env::var_os("XDG_RUNTIME_DIR").filter(|dir| !dir.is_empty());
         Self::below(name, runtime_dir.as_deref().map(Path::new))
@@ -156,8 +161,9 @@ impl Domain {
         &self.prefix
     }
 
-    /// What a program of iceoryx2 itself needs in its configuration file to see this domain, the `iox2` command line for instance: TOML for
-    /// `config/iceoryx2.toml` below the directory that it is started in.
+    /// What a program of iceoryx2 itself needs in its configuration file to see this domain, the
+    /// `iox2` command line for instance: TOML for `config/iceoryx2.toml` below the directory that
+    /// it is started in.
     pub fn iceoryx2_toml(&self) -> String {
         // A TOML string escapes what a Rust string escapes; names of domains need none of it.
         format!(
@@ -173,7 +179,8 @@ impl Domain {
             .recursive(true)
             .mode(0o700)
             .create(&self.root);
-        // In /tmp anybody could have put a directory or a link here first, which says more than the failure to create it.
+        // In /tmp anybody could have put a directory or a link here first, which says more than the
+        // failure to create it.
         match (std::fs::symlink_metadata(&self.root), created) {
             (Ok(found), _) => self.check_root(&found),
             (Err(source), Ok(())) | (Err(_), Err(source)) => Err(BusError::Root {

@@ -145,7 +145,7 @@ pub enum BusError {
         robot: String,
         /// The domain.
         domain: String,
-        /// The first one's process id, `?` where it could not be read.
+        /// The first one's process id, `?` if it could not be read.
         pid: String,
     },
     /// This process could not become part of the domain.

@@ -1,9 +1,10 @@
 //! Half-made objects: their maker was killed or stopped before they were complete.
 //!
-//! iceoryx2 makes an object in three steps: it creates it empty and closed to readers, gives it its size, opens it to readers.
-//! A program that finds the object in between waits for the maker: up to a limit while the object is closed, for ever while it
-//! is empty and can be opened (by root always). A maker that was killed never comes back. So if no process has the object open,
-//! it will stay as it is, and is removed.
+//! iceoryx2 makes an object in three steps: it creates it empty and closed to readers, gives it its
+//! size, opens it to readers. A program that finds the object in between waits for the maker: up to
+//! a limit while the object is closed, for ever while it is empty and can be opened (by root
+//! always). A maker that was killed never comes back. So if no process has the object open, it will
+//! stay as it is, and is removed.
 
 use super::Domain;
 use super::lock_file::open_lock;
@@ -15,14 +16,16 @@ use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How long something must have been half-made although no process that we see has it open: a maker in another process
-/// namespace, who cannot be seen, takes microseconds.
+/// How long something must have been half-made although no process that we see has it open: a maker
+/// in another process namespace, who cannot be seen, takes microseconds.
 pub(super) const GRACE: Duration = Duration::from_millis(100);
-/// How long a living maker may keep an empty object from the others: it is stopped, and whoever opens the object hangs.
+/// How long a living maker may keep an empty object from the others: it is stopped, and whoever
+/// opens the object hangs.
 const MAKER_LIMIT: Duration = Duration::from_secs(1);
 /// The lock of the program that removes something.
 const QUEUE: &str = "sweep.lock";
-/// How long that program is left to it. It takes milliseconds, unless it is stopped, and then its lock must protect nothing.
+/// How long that program is left to it. It takes milliseconds, unless it is stopped, and then its
+/// lock must protect nothing.
 const QUEUE_LIMIT: Duration = Duration::from_secs(1);
 /// Pause between two looks.
 const PAUSE: Duration = Duration::from_millis(20);
@@ -46,7 +49,8 @@ impl Tender {
         }
     }
 
-    /// Looks once, and removes what is due; returns how many objects may become due within [`GRACE`].
+    /// Looks once, and removes what is due; returns how many objects may become due within
+    /// [`GRACE`].
     pub(super) fn look(&mut self) -> usize {
         let found = half_made(&self.domain);
         self.first_seen
@@ -79,7 +83,8 @@ impl Tender {
     }
 }
 
-/// Removes what is half-made and will stay so; returns how many objects. Waits for [`GRACE`] where there are any, else not at all.
+/// Removes what is half-made and will stay so; returns how many objects. Waits for [`GRACE`] if
+/// there are any, else not at all.
 pub(super) fn sweep(domain: &Domain) -> usize {
     let mut tender = Tender::new(domain);
     while tender.look() > 0 {
@@ -127,8 +132,9 @@ fn is_due(path: &Path, metadata: &Metadata, age: Duration) -> bool {
     }
 }
 
-/// Removes the object that was seen if it is due, and no other that has its name by now. Programs take turns with this, because
-/// each looks at every process for those that have the object open; a program that is stopped in its turn is passed over.
+/// Removes the object that was seen if it is due, and no other that has its name by now. Programs
+/// take turns with this, because each looks at every process for those that have the object open; a
+/// program that is stopped in its turn is passed over.
 fn remove(domain: &Domain, path: &Path, seen: &Metadata, age: Duration) -> bool {
     let removed = open_lock(domain, QUEUE, |queue| {
         if queue.try_lock().is_err() && age < GRACE + QUEUE_LIMIT {
@@ -145,7 +151,8 @@ fn remove(domain: &Domain, path: &Path, seen: &Metadata, age: Duration) -> bool 
     removed.unwrap_or(false)
 }
 
-/// An empty object that somebody else has put among the domain's names cannot be removed, but with a size it makes nobody wait.
+/// An empty object that somebody else has put among the domain's names cannot be removed, but with
+/// a size it makes nobody wait.
 fn release(domain: &Domain, path: &Path, metadata: &Metadata) {
     if metadata.len() > 0 {
         return;

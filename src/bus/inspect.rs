@@ -1,7 +1,7 @@
 //! What is there in a domain, who lives in it, and how to remove what is dead and only that.
 //!
-//! Dead is what belongs to no living process: nodes whose lock the kernel has released, and files and shared memory that nobody holds
-//! open. Looking changes nothing and disturbs nobody.
+//! Dead is what belongs to no living process: nodes whose lock the kernel has released, and files
+//! and shared memory that nobody holds open. Looking changes nothing and disturbs nobody.
 
 use super::domain::check_name;
 use super::half_made;
@@ -30,13 +30,13 @@ const CLEAN_LIMIT: Duration = Duration::from_secs(20);
 /// A program in a domain.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NodeReport {
-    /// What it calls itself; empty where that cannot be read.
+    /// What it calls itself; empty if that cannot be read.
     pub name: String,
     /// Its process.
     pub pid: Option<i32>,
     /// Its file.
     pub executable: String,
-    /// Whether it lives; `None` where that cannot be told.
+    /// Whether it lives; `None` if that cannot be told.
     pub alive: Option<bool>,
 }
 
@@ -47,7 +47,7 @@ pub struct ServiceReport {
     pub name: String,
     /// `publish-subscribe`, `event`, `request-response`, `blackboard`.
     pub pattern: &'static str,
-    /// Type and size of its messages, where it has messages of one type.
+    /// Type and size of its messages, if it has messages of one type.
     pub message: Option<(String, usize)>,
     /// Programs that have opened it.
     pub nodes: usize,
@@ -101,7 +101,8 @@ pub struct DomainReport {
 }
 
 impl DomainReport {
-    /// True where something dead is in it; the files of a domain that was left in good order are none.
+    /// True if something dead is in it; the files of a domain that was left in good order are
+    /// none.
     pub fn has_dead(&self) -> bool {
         let left_behind = self.abandoned && (self.memory.objects > 0 || !self.services.is_empty());
         let half_made = self.is_blocked || !self.half_made.is_empty();
@@ -146,7 +147,8 @@ pub fn domains() -> Vec<Domain> {
     found.into_values().collect()
 }
 
-/// `thetabus_1000_left-arm_<40 hexadecimal digits>_…` is of `left-arm` of user 1000, whose objects begin with `ours`.
+/// `thetabus_1000_left-arm_<40 hexadecimal digits>_…` is of `left-arm` of user 1000, whose objects
+/// begin with `ours`.
 fn domain_of_memory<'a>(object: &'a str, ours: &str) -> Option<&'a str> {
     let rest = object.strip_prefix(ours)?;
     let name = rest.match_indices('_').map(|(at, _)| &rest[..at]).find(|name| {
@@ -159,8 +161,8 @@ fn domain_of_memory<'a>(object: &'a str, ours: &str) -> Option<&'a str> {
 /// Looks at a domain.
 ///
 /// # Errors
-/// The domain's directory belongs to somebody else or cannot be named to iceoryx2, or somebody else has put an object among
-/// its names.
+/// The domain's directory belongs to somebody else or cannot be named to iceoryx2, or somebody else
+/// has put an object among its names.
 pub fn inspect(domain: &Domain) -> Result<DomainReport, BusError> {
     set_log_level_from_env_or(LogLevel::Error);
     let config = domain.config()?;
@@ -252,15 +254,16 @@ fn settled_half_made(domain: &Domain) -> Vec<String> {
     first.into_iter().filter(|name| second.contains(name)).collect()
 }
 
-/// Removes what is dead in a domain, all of it where nobody lives there.
+/// Removes what is dead in a domain, all of it if nobody lives there.
 ///
 /// # Errors
-/// The domain's directory belongs to somebody else or cannot be used, or an object of its names does; a time limit has passed.
+/// The domain's directory belongs to somebody else or cannot be used, or an object of its names
+/// does; a time limit has passed.
 pub fn clean(domain: &Domain) -> Result<Cleaned, BusError> {
     set_log_level_from_env_or(LogLevel::Error);
     domain.check_existing_root()?;
     refuse_foreign(domain)?;
-    // Frees the clean-up where another process is killed meanwhile.
+    // Frees the clean-up if another process is killed meanwhile.
     let _watch = Watch::start(domain)?;
     let half_made = settled_half_made(domain).len();
     half_made::sweep(domain);
@@ -298,7 +301,7 @@ fn clean_up(domain: &Domain) -> Result<Cleaned, BusError> {
         match state {
             NodeState::Dead(view) => dead.push(view),
             NodeState::Alive(view) => living.push(view.id().pid::<ipc::Service>().ok().map(|pid| pid.value())),
-            // Of an unknown kind: dead where its process is.
+            // Of an unknown kind: dead if its process is.
             NodeState::Inaccessible(id) | NodeState::Undefined(id) => {
                 match id.pid::<ipc::Service>().ok().map(|pid| pid.value()) {
                     Some(pid) if !exists(pid) => cleaned.files += remove_node(domain, &id.value().to_string()),
@@ -376,7 +379,7 @@ fn node(state: &NodeState<ipc::Service>) -> NodeReport {
     NodeReport {
         name: details.map_or_else(String::new, |details| details.name().to_string()),
         executable: details.map_or_else(String::new, |details| details.executable().to_string()),
-        // A node in an unknown state is dead where its process is.
+        // A node in an unknown state is dead if its process is.
         alive: alive.or_else(|| pid.filter(|pid| !exists(*pid)).map(|_| false)),
         pid,
     }

@@ -45,7 +45,8 @@ impl Role {
 
 /// Holds a role of a robot for as long as it lives.
 ///
-/// The kernel releases the lock when the process ends, however it ends; a file that is left behind means nothing.
+/// The kernel releases the lock when the process ends, however it ends; a file that is left behind
+/// means nothing.
 #[derive(Debug)]
 pub struct RoleLock {
     _file: File,
@@ -57,7 +58,8 @@ impl RoleLock {
         check_name("robot", robot)?;
         let name = format!("{robot}.{}.lock", role.file_stem());
         let (mut file, taken) = open_lock(domain, &name, |file| {
-            // Who looks at the domain holds the lock for an instant, so a refusal gets a second look.
+            // Who looks at the domain holds the lock for an instant, so a refusal gets a second
+            // look.
             for _ in 0..LOOKS {
                 match file.try_lock() {
                     Ok(()) => return Ok((file.try_clone()?, false)),
@@ -87,13 +89,14 @@ impl RoleLock {
     }
 }
 
-/// The process that holds a role, or held it last; `None` where nobody ever did.
+/// The process that holds a role, or held it last; `None` if nobody ever did.
 pub(super) fn role_holder(domain: &Domain, robot: &str, role: Role) -> Option<i32> {
     let path = domain.root().join(format!("{robot}.{}.lock", role.file_stem()));
     std::fs::read_to_string(path).ok()?.strip_suffix('\n')?.parse().ok()
 }
 
-/// The process id in a lock file. Its holder writes it just after it has locked, so an empty file is worth a second look.
+/// The process id in a lock file. Its holder writes it just after it has locked, so an empty file
+/// is worth a second look.
 fn holder(file: &mut File) -> Option<String> {
     for _ in 0..20 {
         let mut text = String::new();

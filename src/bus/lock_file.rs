@@ -9,7 +9,8 @@ use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 /// A lock file that somebody removes just when it is opened is made anew so often.
 const ATTEMPTS: usize = 20;
 
-/// Opens a lock file of the domain and locks it. A file that a clean-up removed in between is no lock any more, and is made anew.
+/// Opens a lock file of the domain and locks it. A file that a clean-up removed in between is no
+/// lock any more, and is made anew.
 pub(super) fn open_lock<T>(
     domain: &Domain,
     name: &str,

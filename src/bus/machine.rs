@@ -41,7 +41,8 @@ impl Machine {
         Self::delivering(domain, robot, joints, Delivery::Realtime)
     }
 
-    /// The same with another [`Delivery`]: a simulation that is faster than real time waits for its consumers, here for the first time.
+    /// The same with another [`Delivery`]: a simulation that is faster than real time waits for its
+    /// consumers, here for the first time.
     ///
     /// # Errors
     /// See [`open`](Self::open).
@@ -66,8 +67,9 @@ impl Machine {
         })
     }
 
-    /// Sends what was measured at `t_ns` of stream time, CLOCK_MONOTONIC for a real machine; gives the sample's seq. `signals` says which arrays of `joints`
-    /// hold data ([`crate::messages::signals`]).
+    /// Sends what was measured at `t_ns` of stream time, CLOCK_MONOTONIC for a real machine; gives
+    /// the sample's seq. `signals` says which arrays of `joints` hold data
+    /// ([`crate::messages::signals`]).
     ///
     /// # Errors
     /// The last sample has been published; the bus fails.
@@ -86,7 +88,8 @@ impl Machine {
         self.send(&mut sample)
     }
 
-    /// Sends a sample whose signals, time and flags are set; stream, seq and joints are filled in here.
+    /// Sends a sample whose signals, time and flags are set; stream, seq and joints are filled in
+    /// here.
     ///
     /// # Errors
     /// See [`publish`](Self::publish).

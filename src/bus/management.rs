@@ -1,7 +1,8 @@
 //! The object that iceoryx2 keeps once per domain, made by us.
 //!
-//! iceoryx2 makes it step by step and then opens it to everybody. Here it appears complete and closed to others from its first
-//! moment: it is written without a name, and linked to its name when it is done.
+//! iceoryx2 makes it step by step and then opens it to everybody. Here it appears complete and
+//! closed to others from its first moment: it is written without a name, and linked to its name
+//! when it is done.
 
 use super::objects::{SHM, is_management, of_domain};
 use super::{Domain, ICEORYX2_VERSION};
@@ -31,7 +32,8 @@ fn contents() -> [u8; 16] {
     bytes
 }
 
-/// Makes the object where it is missing. Where that fails iceoryx2 makes it, and [`close_to_others`] shuts it.
+/// Makes the object if it is missing. If that fails iceoryx2 makes it, and
+/// [`close_to_others`] shuts it.
 pub(super) fn make(domain: &Domain) {
     let path = path(domain);
     if path.exists() {
@@ -57,7 +59,8 @@ fn link_new(path: &Path) -> io::Result<()> {
     }
 }
 
-/// iceoryx2 lets everybody read and write the object; all else is the user's alone, and so becomes this.
+/// iceoryx2 lets everybody read and write the object; all else is the user's alone, and so becomes
+/// this.
 pub(super) fn close_to_others(domain: &Domain) {
     let uid = nix::unistd::geteuid().as_raw();
     for entry in of_domain(domain) {

@@ -1,10 +1,11 @@
 //! Joining a domain on clean ground.
 //!
-//! iceoryx2 frees what dead processes of its own version leave behind, but stumbles over files that were cut off, damaged or made
-//! by another version, and would have a person remove them. Members of a domain therefore share a lock. If a program that joins
-//! finds nobody holding the lock, no living node and yet services, these are leftovers, and it removes them before it begins. The
-//! last program to leave removes what is left, too: of a process that is killed while it connects, iceoryx2 may miss the
-//! connection. Half-made objects are removed at any time, by every member.
+//! iceoryx2 frees what dead processes of its own version leave behind, but stumbles over files that
+//! were cut off, damaged or made by another version, and would have a person remove them. Members
+//! of a domain therefore share a lock. If a program that joins finds nobody holding the lock, no
+//! living node and yet services, these are leftovers, and it removes them before it begins. The
+//! last program to leave removes what is left, too: of a process that is killed while it connects,
+//! iceoryx2 may miss the connection. Half-made objects are removed at any time, by every member.
 //!
 //! Nothing here waits without a limit: neither for the lock, nor for iceoryx2.
 
@@ -27,9 +28,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How long a join may take at each step that depends on others. On clean ground all of it takes milliseconds.
+/// How long a join may take at each step that depends on others. On clean ground all of it takes
+/// milliseconds.
 const JOIN_LIMIT: Duration = Duration::from_secs(5);
-/// How often iceoryx2's refusal is believed only after another look, while others live in the domain.
+/// How often iceoryx2's refusal is believed only after another look, while others live in the
+/// domain.
 const SECOND_LOOKS: usize = 20;
 const PAUSE: Duration = Duration::from_millis(50);
 
@@ -68,7 +71,7 @@ impl Drop for Leaving {
 }
 
 impl Membership {
-    /// Creates the node; sweeps first where only rubbish is in the way.
+    /// Creates the node; sweeps first if only rubbish is in the way.
     pub(super) fn new(
         domain: &Domain,
         config: &Config,
@@ -168,7 +171,7 @@ pub(super) fn lock_members(domain: &Domain) -> Result<Lock, BusError> {
     })
 }
 
-/// Shares a lock file; fails with its holder where that takes too long.
+/// Shares a lock file; fails with its holder if that takes too long.
 fn lock_shared(file: &File) -> io::Result<()> {
     let start = Instant::now();
     loop {
@@ -202,12 +205,13 @@ fn lock_holder(file: &File) -> Option<u32> {
     })
 }
 
-/// Is any node but our own alive, in whatever language it is written? In doubt, yes, where we have one of our own.
+/// Is any node but our own alive, in whatever language it is written? In doubt, yes, if we have
+/// one of our own.
 pub(super) fn others_live(config: &Config, own: Option<&Node>) -> bool {
     living(config, own).unwrap_or(own.is_some())
 }
 
-/// Is any node but our own alive? `None` where they cannot be listed and none was seen.
+/// Is any node but our own alive? `None` if they cannot be listed and none was seen.
 fn living(config: &Config, own: Option<&Node>) -> Option<bool> {
     let mut alive = false;
     let listed = Node::list(config, |state| {
@@ -233,7 +237,8 @@ fn leaves_services(domain: &Domain) -> bool {
     entries(&domain.root().join("services")).next().is_some()
 }
 
-/// Removes all that iceoryx2 keeps for a domain, but not our locks; returns how many files there were.
+/// Removes all that iceoryx2 keeps for a domain, but not our locks; returns how many files there
+/// were.
 fn sweep(domain: &Domain) -> usize {
     let mut count = 0;
     let mut remove = |path: &Path| count += usize::from(std::fs::remove_file(path).is_ok());
@@ -254,8 +259,9 @@ fn sweep(domain: &Domain) -> usize {
 
 /// Shared-memory objects of the domain's services that are ours and that no process has mapped.
 ///
-/// The names depend on the domain alone. The same user may have another domain of this name below another root directory, in a
-/// session with $XDG_RUNTIME_DIR and in one without; what lives there is mapped.
+/// The names depend on the domain alone. The same user may have another domain of this name below
+/// another root directory, in a session with $XDG_RUNTIME_DIR and in one without; what lives there
+/// is mapped.
 fn unused_memory(domain: &Domain) -> Vec<DirEntry> {
     let mapped = mapped_memory(domain, &[]).unwrap_or_default();
     entries(Path::new(SHM))
@@ -269,7 +275,7 @@ fn unused_memory(domain: &Domain) -> Vec<DirEntry> {
         .collect()
 }
 
-/// Removes what iceoryx2 keeps once per domain; to be called where nobody lives there.
+/// Removes what iceoryx2 keeps once per domain; to be called if nobody lives there.
 fn remove_management(domain: &Domain) -> usize {
     let mapped = mapped_memory(domain, &[]).unwrap_or_default();
     let is_unused = |entry: &DirEntry| {
@@ -283,7 +289,8 @@ fn remove_management(domain: &Domain) -> usize {
         .count()
 }
 
-/// Removes a domain in which nobody lives; returns how many files there were. To be called with the members' lock held alone.
+/// Removes a domain in which nobody lives; returns how many files there were. To be called with the
+/// members' lock held alone.
 pub(super) fn remove_domain(domain: &Domain) -> usize {
     let mut count = sweep(domain) + remove_management(domain);
     let mut remove = |path: &Path| count += usize::from(std::fs::remove_file(path).is_ok());
@@ -301,12 +308,13 @@ pub(super) fn remove_domain(domain: &Domain) -> usize {
 pub(super) struct RoleFile<'a>(pub &'a Path);
 
 impl RoleFile<'_> {
-    /// Does anybody hold it? Asked by holding it for an instant, which [`RoleLock`](super::RoleLock) forgives.
+    /// Does anybody hold it? Asked by holding it for an instant, which
+    /// [`RoleLock`](super::RoleLock) forgives.
     pub fn is_held(&self) -> bool {
         File::open(self.0).is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
     }
 
-    /// The process id that its holder wrote into it; `None` where nobody holds it.
+    /// The process id that its holder wrote into it; `None` if nobody holds it.
     pub fn holder(&self) -> Option<String> {
         let text = std::fs::read_to_string(self.0).unwrap_or_default();
         self.is_held().then(|| text.trim().to_owned())

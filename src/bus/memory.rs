@@ -1,9 +1,11 @@
 //! Room in /dev/shm: asked for before a port is made, taken before it is used.
 //!
-//! Shared memory is sparse: making a segment of any size succeeds, and the kernel kills (SIGBUS) at the first page that does not fit.
-//! So a port refuses to start where it could outgrow what is left, and then takes all its pages at once, so that nothing which
-//! fills /dev/shm later can take them away. Between asking and taking, programs of one domain let each other pass one by one;
-//! others who write to /dev/shm in these milliseconds are the risk that remains, and [`SPARE`] is what they may take.
+//! Shared memory is sparse: making a segment of any size succeeds, and the kernel kills (SIGBUS) at
+//! the first page that does not fit. So a port refuses to start if it could outgrow what is
+//! left, and then takes all its pages at once, so that nothing which fills /dev/shm later can take
+//! them away. Between asking and taking, programs of one domain let each other pass one by one;
+//! others who write to /dev/shm in these milliseconds are the risk that remains, and [`SPARE`] is
+//! what they may take.
 
 use super::lock_file::open_lock;
 use super::objects::{SHM, entries, is_service_memory};
@@ -15,15 +17,16 @@ use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Room that a port needs for its small objects (service, event, connections: a page each, 25 of them in all programs
-/// together), and that others may take meanwhile \[bytes\].
+/// Room that a port needs for its small objects (service, event, connections: a page each, 25 of
+/// them in all programs together), and that others may take meanwhile \[bytes\].
 pub(super) const SPARE: u64 = 512 << 10;
 /// The lock that is held between asking and taking.
 const QUEUE: &str = "memory.lock";
-/// How long a program waits for others to take their memory; who takes longer is stopped, and not waited for.
+/// How long a program waits for others to take their memory; who takes longer is stopped, and not
+/// waited for.
 const QUEUE_LIMIT: Duration = Duration::from_secs(1);
 
-/// Size and free room of /dev/shm \[bytes\]; `None` where it cannot be asked.
+/// Size and free room of /dev/shm \[bytes\]; `None` if it cannot be asked.
 pub fn shared_memory() -> Option<(u64, u64)> {
     let found = nix::sys::statvfs::statvfs(SHM).ok()?;
     #[allow(
@@ -42,7 +45,8 @@ pub(super) struct Claim<'a> {
     _queue: Option<File>,
 }
 
-/// Waits for others who are making ports, and refuses where a port that takes `needed` bytes does not fit.
+/// Waits for others who are making ports, and refuses if a port that takes `needed` bytes does
+/// not fit.
 pub(super) fn claim(bus: &Bus, topic: Topic, needed: u64) -> Result<Claim<'_>, BusError> {
     let start = Instant::now();
     let queue = open_lock(bus.domain(), QUEUE, |file| {
@@ -69,7 +73,7 @@ impl Claim<'_> {
     }
 }
 
-/// Refuses where `needed` bytes are more than there are.
+/// Refuses if `needed` bytes are more than there are.
 pub(super) fn check(bus: &Bus, topic: Topic, needed: u64) -> Result<(), BusError> {
     // Where it cannot be asked, taking the pages will tell.
     match shared_memory() {
@@ -109,7 +113,8 @@ fn reserve(bus: &Bus, topic: Topic) -> Result<(), BusError> {
     Ok(())
 }
 
-/// Segments of this user that lack pages. One look at each: beside hundreds of robots there are thousands, and nearly all have theirs.
+/// Segments of this user that lack pages. One look at each: beside hundreds of robots there are
+/// thousands, and nearly all have theirs.
 fn sparse_segments(domain: &Domain) -> Vec<std::path::PathBuf> {
     let uid = nix::unistd::geteuid().as_raw();
     let is_of_service = |entry: &std::fs::DirEntry| {

@@ -14,9 +14,10 @@
 //! | `journal` | one, and a spare for bridges | overflow on, buffer 64, history 64; 32 subscribers |
 //! | `control` + event | request-response: one server, 8 clients | one request at a time per client |
 //!
-//! Numbers of subscribers and the buffer of samples are defaults: [`Limits`]. Service names are `thetabus/<robot>/<topic>`, isolated from other runs by a [`Domain`]. Every message has the user header
-//! [`Header`]. Ports belong to the thread that made them. What a killed process leaves behind is
-//! cleaned up by the next one that joins.
+//! Numbers of subscribers and the buffer of samples are defaults: [`Limits`]. Service names are
+//! `thetabus/<robot>/<topic>`, isolated from other runs by a [`Domain`]. Every message has the user
+//! header [`Header`]. Ports belong to the thread that made them. What a killed process leaves
+//! behind is cleaned up by the next one that joins.
 //!
 //! # Subscribing to the estimates
 //!
@@ -29,8 +30,8 @@
 //! let bus = Bus::join(&Domain::new("default")?, "arm", "my_controller")?;
 //! let mut estimates = Subscriber::<Estimate>::new(&bus)?;
 //! loop {
-//!     estimates.wait(Duration::from_millis(100))?;
-//!     estimates.drain(|estimate| println!("block {}: {:?}", estimate.block, &estimate.theta[..9]))?;
+//!   estimates.wait(Duration::from_millis(100))?;
+//!   estimates.drain(|estimate| println!("block {}: {:?}", estimate.block, &estimate.theta[..9]))?;
 //! }
 //! # }
 //! ```
@@ -93,7 +94,8 @@ type ControlService =
 type PublisherPort<T> = iceoryx2::port::publisher::Publisher<ipc::Service, T, Header>;
 type SubscriberPort<T> = iceoryx2::port::subscriber::Subscriber<ipc::Service, T, Header>;
 
-/// How often a port must be looked after at least: publishers connect late joiners, consumers connect to new publishers.
+/// How often a port must be looked after at least: publishers connect late joiners, consumers
+/// connect to new publishers.
 pub const IDLE_TICK: Duration = Duration::from_millis(100);
 
 /// CLOCK_MONOTONIC \[ns\], the clock of [`Header::sent_ns`].

@@ -19,7 +19,8 @@ pub(super) fn is_ours(entry: &DirEntry) -> bool {
     entry.metadata().is_ok_and(|found| found.uid() == uid)
 }
 
-/// The prefix, 40 hexadecimal digits, an underscore. The digits keep domain `a` from domain `a_b`, whose prefix begins with its own.
+/// The prefix, 40 hexadecimal digits, an underscore. The digits keep domain `a` from domain `a_b`,
+/// whose prefix begins with its own.
 pub(super) fn is_service_memory(name: &str, prefix: &str) -> bool {
     is_of_domain(name, prefix) && !name.ends_with(".global_mgmt")
 }
@@ -44,7 +45,8 @@ pub(super) fn of_domain(domain: &Domain) -> impl Iterator<Item = DirEntry> + use
     })
 }
 
-/// Refuses a domain in whose names somebody else has put an object: it could be read, damaged or never finished by its owner.
+/// Refuses a domain in whose names somebody else has put an object: it could be read, damaged or
+/// never finished by its owner.
 pub(super) fn refuse_foreign(domain: &Domain) -> Result<(), BusError> {
     let uid = nix::unistd::geteuid().as_raw();
     for entry in of_domain(domain) {
@@ -61,7 +63,8 @@ pub(super) fn refuse_foreign(domain: &Domain) -> Result<(), BusError> {
     Ok(())
 }
 
-/// The domain's objects that processes have mapped, by path; `None` where one of `living` does not show what it has.
+/// The domain's objects that processes have mapped, by path; `None` if one of `living` does not
+/// show what it has.
 pub(super) fn mapped_memory(domain: &Domain, living: &[i32]) -> Option<HashSet<String>> {
     let path = format!("{SHM}/{}", domain.prefix());
     let mut mapped = HashSet::new();
@@ -81,8 +84,8 @@ pub(super) fn mapped_memory(domain: &Domain, living: &[i32]) -> Option<HashSet<S
     living.iter().all(|pid| seen.contains(pid)).then_some(mapped)
 }
 
-/// Looks at a file before it counts as held, and the pause between them: who waits for a maker opens the file for an instant
-/// once per millisecond.
+/// Looks at a file before it counts as held, and the pause between them: who waits for a maker
+/// opens the file for an instant once per millisecond.
 const LOOKS: usize = 10;
 const PAUSE: Duration = Duration::from_millis(2);
 

@@ -1,8 +1,9 @@
 //! Services that nobody has any more, and nobody will remove.
 //!
-//! A node that has a service keeps a tag of it: the tag is made before the service's file and goes before it. So a node that is
-//! killed in the middle of letting go leaves a file without a tag, which the clean-up of dead nodes does not know of, and
-//! which hinders whoever wants to open or make the service.
+//! A node that has a service keeps a tag of it: the tag is made before the service's file and goes
+//! before it. So a node that is killed in the middle of letting go leaves a file without a tag,
+//! which the clean-up of dead nodes does not know of, and which hinders whoever wants to open or
+//! make the service.
 
 use super::Domain;
 use super::half_made::GRACE;
@@ -11,7 +12,8 @@ use std::collections::{HashMap, HashSet};
 use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 
-/// Removes the files of services that no node has; waits for [`GRACE`] where there are any, else not at all.
+/// Removes the files of services that no node has; waits for [`GRACE`] if there are any, else
+/// not at all.
 pub(super) fn sweep(domain: &Domain) {
     let first = orphans(domain);
     if first.is_empty() {

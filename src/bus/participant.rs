@@ -20,7 +20,8 @@ use std::fmt;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-/// Patience with something that another process is doing at the same moment, and the pause between attempts.
+/// Patience with something that another process is doing at the same moment, and the pause between
+/// attempts.
 const PATIENCE: Duration = Duration::from_secs(4);
 const PAUSE: Duration = Duration::from_millis(50);
 
@@ -45,10 +46,12 @@ impl fmt::Debug for Bus {
 }
 
 impl Bus {
-    /// Joins a domain; `name` tells others who this is. Resources of dead processes are cleaned up on the way.
+    /// Joins a domain; `name` tells others who this is. Resources of dead processes are cleaned up
+    /// on the way.
     pub fn join(domain: &Domain, robot: &str, name: &str) -> Result<Self, BusError> {
         check_name("robot", robot)?;
-        // Its messages about retries and missing files are not for users; ours name robot, domain and topic.
+        // Its messages about retries and missing files are not for users; ours name robot, domain
+        // and topic.
         set_log_level_from_env_or(LogLevel::Error);
         domain.create_root()?;
         let config = domain.config()?;
@@ -170,8 +173,8 @@ impl Bus {
         })
     }
 
-    /// `estimate`, `status`, `description` or `journal`; made by whoever comes first, with its [`Limits`](super::Limits), and taken as it is by
-    /// whoever comes later.
+    /// `estimate`, `status`, `description` or `journal`; made by whoever comes first, with its
+    /// [`Limits`](super::Limits), and taken as it is by whoever comes later.
     pub(super) fn latched<T: Latched>(&self) -> Result<PubSubService<T>, BusError> {
         let name = self.service_name(T::TOPIC)?;
         let limits = self.domain().limits();
@@ -199,8 +202,9 @@ impl Bus {
         .map_err(|e| self.pub_sub_error::<T>(T::TOPIC, &e))
     }
 
-    /// `sample` as its publisher opens it. Consumers of an earlier publisher with another delivery mode let go of the service
-    /// once they notice that it is gone, so a mismatch gets a second look.
+    /// `sample` as its publisher opens it. Consumers of an earlier publisher with another delivery
+    /// mode let go of the service once they notice that it is gone, so a mismatch gets a second
+    /// look.
     pub(super) fn create_sample(&self, overflow: bool, buffer: usize) -> Result<PubSubService<Sample>, BusError> {
         let name = self.service_name(Topic::Sample)?;
         let limits = self.domain().limits();
@@ -264,7 +268,8 @@ impl Bus {
         }
     }
 
-    /// Services of iceoryx2 alone, with its own defaults but for the message; made by whoever comes first.
+    /// Services of iceoryx2 alone, with its own defaults but for the message; made by whoever comes
+    /// first.
     pub(super) fn bare(&self, name: &str) -> Result<(PubSubService<Sample>, EventService), BusError> {
         let failed = |e: &dyn fmt::Debug| self.topic_error(Topic::Sample, format!("{name} cannot be opened: {e:?}"));
         let name = ServiceName::new(&format!("thetabus/{}/{name}", self.0.robot)).map_err(|e| failed(&e))?;
@@ -337,7 +342,8 @@ impl Bus {
             .max_nodes(control::MAX_NODES)
     }
 
-    /// Tries again as long as the failure says that somebody else is just at it, or was killed over it.
+    /// Tries again as long as the failure says that somebody else is just at it, or was killed over
+    /// it.
     fn persist<T, E>(&self, mut attempt: impl FnMut() -> Result<T, E>, passing: impl Fn(&E) -> bool) -> Result<T, E> {
         let start = Instant::now();
         loop {
@@ -467,7 +473,8 @@ fn in_flux(error: &PublishSubscribeOpenOrCreateError) -> bool {
     )
 }
 
-/// Made by somebody with other limits. Where the topic is there already, it is taken as it is at the next attempt.
+/// Made by somebody with other limits. Where the topic is there already, it is taken as it is at
+/// the next attempt.
 fn has_other_limits(error: &PublishSubscribeOpenOrCreateError) -> bool {
     matches!(
         error,

@@ -52,9 +52,9 @@ impl<T: Latched> Publisher<T> {
         })
     }
 
-    /// From now on keeps fewer messages on the way than a queue holds, by the receipts of the one reader that
-    /// [gives them](super::Subscriber::give_receipts): for runs in which nothing may be lost. A reader silent for `limit` is not waited
-    /// for again, and nobody is once `stop` is set.
+    /// From now on keeps fewer messages on the way than a queue holds, by the receipts of the one
+    /// reader that [gives them](super::Subscriber::give_receipts): for runs in which nothing may be
+    /// lost. A reader silent for `limit` is not waited for again, and nobody is once `stop` is set.
     pub fn await_receipts(&mut self, bus: &Bus, limit: Duration, stop: Arc<AtomicBool>) -> Result<(), BusError> {
         self.receipts = Some(ReceiptBook::new(bus, T::TOPIC, limit, stop)?);
         Ok(())
@@ -86,7 +86,8 @@ impl<T: Latched> Publisher<T> {
         Ok(())
     }
 
-    /// Gives the last message to whoever joined since; to be called once per [`IDLE_TICK`](super::IDLE_TICK).
+    /// Gives the last message to whoever joined since; to be called once per
+    /// [`IDLE_TICK`](super::IDLE_TICK).
     pub fn serve_late_joiners(&mut self) -> Result<(), BusError> {
         self.port.update_connections().map_err(|e| BusError::Transfer {
             topic: T::TOPIC,

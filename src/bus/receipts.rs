@@ -1,8 +1,9 @@
 //! Flow control for the estimates of a lockstep run.
 //!
-//! The topic `estimate` never waits for a reader, which is right beside a machine. In lockstep nothing may be lost, and short blocks
-//! at full speed give thousands of estimates a second. There the reader that counts gives a receipt for each, by an event, and the
-//! publisher keeps fewer on the way than a queue holds.
+//! The topic `estimate` never waits for a reader, which is right beside a machine. In lockstep
+//! nothing may be lost, and short blocks at full speed give thousands of estimates a second. There
+//! the reader that counts gives a receipt for each, by an event, and the publisher keeps fewer on
+//! the way than a queue holds.
 
 use super::topic::latched;
 use super::{Bus, BusError, Listener, Notifier, Topic};
@@ -61,7 +62,8 @@ impl ReceiptBook {
         })
     }
 
-    /// Waits until one more may be on the way, then counts it. A reader that stays silent past the limit is not waited for again.
+    /// Waits until one more may be on the way, then counts it. A reader that stays silent past the
+    /// limit is not waited for again.
     pub(super) fn before_send(&mut self) -> Result<(), BusError> {
         if self.given_up {
             return Ok(());

@@ -1,12 +1,16 @@
 //! Publishing samples, in real time or in lockstep.
 //!
-//! In lockstep a full queue makes the publisher wait, and three things must not make it wait for ever or lose a sample:
-//! - A consumer that died: its queue is full for good until somebody cleans up, so this port does while it waits.
+//! In lockstep a full queue makes the publisher wait, and three things must not make it wait for
+//! ever or lose a sample:
+//! - A consumer that died: its queue is full for good until somebody cleans up, so this port does
+//!   while it waits.
 //! - A consumer that is stuck: it is cut off when the limit has passed, and counted.
-//! - A consumer that has registered but not yet connected its end, because it was there before this publisher: once its
-//!   queue is full, iceoryx2 drops the sample and merely reports one receiver less.
+//! - A consumer that has registered but not yet connected its end, because it was there before this
+//!   publisher: once its queue is full, iceoryx2 drops the sample and merely reports one receiver
+//!   less.
 //!
-//! A sample that did not reach everybody is sent again with the header flag `RESENT`; who had it already drops it.
+//! A sample that did not reach everybody is sent again with the header flag `RESENT`; who had it
+//! already drops it.
 
 use super::memory;
 use super::topic::sample;
@@ -23,7 +27,7 @@ use tracing::warn;
 
 /// How long one attempt waits for a full queue before the port looks for dead consumers.
 const ATTEMPT: Duration = Duration::from_millis(50);
-/// Pause between attempts where an attempt does not wait by itself.
+/// Pause between attempts if an attempt does not wait by itself.
 const PAUSE: Duration = Duration::from_millis(1);
 /// How much patience is left for consumers once this process was asked to stop.
 const STOPPING_LIMIT: Duration = Duration::from_secs(2);
@@ -31,7 +35,8 @@ const STOPPING_LIMIT: Duration = Duration::from_secs(2);
 /// What happens when a consumer does not keep up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delivery {
-    /// A live machine: nobody is waited for, a consumer further behind than the buffer loses the oldest samples.
+    /// A live machine: nobody is waited for, a consumer further behind than the buffer loses the
+    /// oldest samples.
     Realtime,
     /// Simulation and replay: the publisher waits, nothing is lost.
     Lockstep {
@@ -71,7 +76,7 @@ pub struct Loss {
 }
 
 impl Loss {
-    /// True where everybody got everything.
+    /// True if everybody got everything.
     pub fn is_none(self) -> bool {
         self == Self::default()
     }
@@ -116,7 +121,8 @@ impl SamplePublisher {
             + subscribers as u64 * sample::connection_bytes(subscribers, buffer);
         memory::check(bus, Topic::Sample, needed + memory::SPARE)?;
         let service = bus.create_sample(delivery == Delivery::Realtime, buffer)?;
-        // Consumers of a publisher that has gone let go within an idle tick and come back to this one, connected from the start.
+        // Consumers of a publisher that has gone let go within an idle tick and come back to this
+        // one, connected from the start.
         let start = Instant::now();
         while service.dynamic_config().number_of_subscribers() > 0 && start.elapsed() < 3 * IDLE_TICK {
             std::thread::sleep(PAUSE);
@@ -215,7 +221,8 @@ impl SamplePublisher {
         Ok(Attached::Yes)
     }
 
-    /// Gives `consumers` the chance to be there from the first sample on, in any delivery mode, for `limit` at most.
+    /// Gives `consumers` the chance to be there from the first sample on, in any delivery mode, for
+    /// `limit` at most.
     pub fn hold_for(&mut self, consumers: usize, limit: Duration) {
         let start = Instant::now();
         while self.attached() < consumers && start.elapsed() < limit && !self.stop.load(Ordering::Relaxed) {
@@ -224,7 +231,8 @@ impl SamplePublisher {
         }
     }
 
-    /// Sends a copy. In real time it never waits; in lockstep it returns when everybody has it or was given up.
+    /// Sends a copy. In real time it never waits; in lockstep it returns when everybody has it or
+    /// was given up.
     pub fn send(&mut self, message: &Sample) -> Result<(), BusError> {
         let sent = self.attempt(message, 0)?;
         match self.delivery {
@@ -245,7 +253,8 @@ impl SamplePublisher {
         let _ = self.notifier.notify();
     }
 
-    /// Stays for two ticks after the last sample, so that a consumer which has only just attached can map the queue while its publisher lives.
+    /// Stays for two ticks after the last sample, so that a consumer which has only just attached
+    /// can map the queue while its publisher lives.
     ///
     /// # Errors
     /// The bus fails.
@@ -266,7 +275,7 @@ impl SamplePublisher {
             .map_err(|e| transfer("connecting to late joiners", &e))
     }
 
-    /// One attempt: the number of consumers reached, `None` where a queue stayed full.
+    /// One attempt: the number of consumers reached, `None` if a queue stayed full.
     fn attempt(&mut self, message: &Sample, flags: u32) -> Result<Option<usize>, BusError> {
         let mut loan = self.port.loan_uninit().map_err(|e| transfer("sending", &e))?;
         *loan.user_header_mut() = Header {

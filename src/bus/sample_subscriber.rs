@@ -11,8 +11,9 @@ use std::time::{Duration, Instant};
 
 /// Receives [`Sample`]s.
 ///
-/// Only the publisher makes the service, because the delivery mode is its choice: this one opens it when it exists, in whatever
-/// mode, and lets go of it when the publisher is gone, so that the next one may choose again.
+/// Only the publisher makes the service, because the delivery mode is its choice: this one opens it
+/// when it exists, in whatever mode, and lets go of it when the publisher is gone, so that the next
+/// one may choose again.
 #[derive(Debug)]
 pub struct SampleSubscriber {
     bus: Bus,
@@ -41,7 +42,8 @@ impl SampleSubscriber {
         Self::with(bus, Some(listener))
     }
 
-    /// The same for one who looks by the clock and is not to be woken, which saves the publisher a system call per sample.
+    /// The same for one who looks by the clock and is not to be woken, which saves the publisher a
+    /// system call per sample.
     pub fn polled(bus: &Bus) -> Result<Self, BusError> {
         Self::with(bus, None)
     }
@@ -64,12 +66,13 @@ impl SampleSubscriber {
         self.connection.is_some()
     }
 
-    /// Connects when a publisher has appeared, lets go when it has disappeared; to be called once per
-    /// [`IDLE_TICK`](super::IDLE_TICK), with an empty queue.
+    /// Connects when a publisher has appeared, lets go when it has disappeared; to be called once
+    /// per [`IDLE_TICK`](super::IDLE_TICK), with an empty queue.
     pub fn refresh(&mut self) -> Result<(), BusError> {
         match &self.connection {
             Some(connection) if connection.service.dynamic_config().number_of_publishers() == 0 => {
-                // Between looking into the queue and here a publisher may have put its last samples in and gone.
+                // Between looking into the queue and here a publisher may have put its last samples
+                // in and gone.
                 let waiting = connection.port.has_samples().map_err(|e| receiving(&e))?;
                 if !waiting {
                     self.connection = None;
@@ -98,7 +101,8 @@ impl SampleSubscriber {
         let Some(service) = self.bus.open_sample()? else {
             return Ok(());
         };
-        // Subscribing after the publisher connects both ends at once; before it, samples could fall between.
+        // Subscribing after the publisher connects both ends at once; before it, samples could fall
+        // between.
         if service.dynamic_config().number_of_publishers() == 0 {
             return Ok(());
         }
@@ -114,7 +118,8 @@ impl SampleSubscriber {
         Ok(())
     }
 
-    /// Waits until a sample may be there; at most `timeout`. Signals end the wait early. A [polled](Self::polled) one sleeps.
+    /// Waits until a sample may be there; at most `timeout`. Signals end the wait early. A
+    /// [polled](Self::polled) one sleeps.
     pub fn wait(&self, timeout: Duration) -> Result<(), BusError> {
         match &self.listener {
             Some(listener) => wait(listener, Topic::Sample, timeout),
@@ -132,12 +137,14 @@ impl SampleSubscriber {
 
     /// Hands over what has arrived, at most `limit` samples; returns how many.
     ///
-    /// A sample that its publisher had to send again, because another consumer missed it, is handed over once.
+    /// A sample that its publisher had to send again, because another consumer missed it, is handed
+    /// over once.
     pub fn drain(&mut self, limit: usize, mut take: impl FnMut(&Sample)) -> Result<usize, BusError> {
         self.drain_timed(limit, |sample, _| take(sample))
     }
 
-    /// As [`drain`](Self::drain), with the time of sending \[ns of CLOCK_MONOTONIC\] beside each sample.
+    /// As [`drain`](Self::drain), with the time of sending \[ns of CLOCK_MONOTONIC\] beside each
+    /// sample.
     pub fn drain_timed(&mut self, limit: usize, mut take: impl FnMut(&Sample, u64)) -> Result<usize, BusError> {
         let Some(connection) = &self.connection else {
             return Ok(0);
@@ -160,8 +167,8 @@ impl SampleSubscriber {
         Ok(limit)
     }
 
-    /// Waits for the next sample, at most for `limit`; gives a copy with the time of sending \[ns of CLOCK_MONOTONIC\], `None` past the limit.
-    /// [Connects](Self::refresh) on the way.
+    /// Waits for the next sample, at most for `limit`; gives a copy with the time of sending \[ns
+    /// of CLOCK_MONOTONIC\], `None` past the limit. [Connects](Self::refresh) on the way.
     ///
     /// # Errors
     /// The bus fails.

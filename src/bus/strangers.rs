@@ -1,7 +1,9 @@
-//! Messages of strangers: of another schema, or of a second publisher beside the identifier. They are left out, counted, and told once.
+//! Messages of strangers: of another schema, or of a second publisher beside the identifier. They
+//! are left out, counted, and told once.
 //!
-//! Topics of the identifier have room for a second publisher, because bridges need one. A reader that took both in would show two truths as
-//! one, so it listens to the process that holds the identifier's role, and where none does, to the first publisher until that has gone.
+//! Topics of the identifier have room for a second publisher, because bridges need one. A reader
+//! that took both in would show two truths as one, so it listens to the process that holds the
+//! identifier's role, and if none does, to the first publisher until that has gone.
 
 use super::lock::role_holder;
 use super::membership::exists;
@@ -101,7 +103,7 @@ impl Speaker {
     }
 }
 
-/// Who is listened to instead of `publisher`; `None` where that one is.
+/// Who is listened to instead of `publisher`; `None` if that one is.
 fn choose(ports: &[Port], holder: Option<i32>, current: Option<u128>, publisher: u128) -> Option<Port> {
     let of_holder = |port: &&Port| holder.is_some() && port.1 == holder;
     if ports.iter().any(|port| port.0 == publisher && of_holder(&port)) {

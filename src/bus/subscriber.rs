@@ -12,7 +12,8 @@ use std::time::{Duration, Instant};
 /// How often one who waits for a message looks, on a topic whose messages wake nobody.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// Receives [`Latched`] messages, the last one before it joined included. Works in any order of starting.
+/// Receives [`Latched`] messages, the last one before it joined included. Works in any order of
+/// starting.
 #[derive(Debug)]
 pub struct Subscriber<T: Latched> {
     listener: Option<Listener>,
@@ -82,7 +83,8 @@ impl<T: Latched> Subscriber<T> {
         self.drain_timed(|message, _| take(message))
     }
 
-    /// As [`drain`](Self::drain), with the time of sending \[ns of CLOCK_MONOTONIC\] beside each message.
+    /// As [`drain`](Self::drain), with the time of sending \[ns of CLOCK_MONOTONIC\] beside each
+    /// message.
     pub fn drain_timed(&mut self, mut take: impl FnMut(&T, u64)) -> Result<usize, BusError> {
         let mut count = 0;
         while self.take_one(&mut take)? {
@@ -91,7 +93,8 @@ impl<T: Latched> Subscriber<T> {
         Ok(count)
     }
 
-    /// Waits for the next message, at most for `limit`; gives a copy with the time of sending \[ns of CLOCK_MONOTONIC\], `None` past the limit.
+    /// Waits for the next message, at most for `limit`; gives a copy with the time of sending \[ns
+    /// of CLOCK_MONOTONIC\], `None` past the limit.
     ///
     /// # Errors
     /// The bus fails.

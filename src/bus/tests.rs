@@ -91,7 +91,8 @@ fn lockstep_fills_the_startup_hole_of_a_consumer_that_was_there_before_the_publi
     let domain = TestDomain::new();
     const COUNT: u64 = 5_000;
     let bus = Bus::join(&domain.0, "arm", "test").expect("join");
-    // Two consumers of a first publisher outlive it; only one of them listens at once when the second one comes.
+    // Two consumers of a first publisher outlive it; only one of them listens at once when the
+    // second one comes.
     let first = SamplePublisher::new(&bus, lockstep(2, 20_000), never()).expect("publish");
     let (attached, is_attached) = std::sync::mpsc::channel();
     let (go, may_go) = std::sync::mpsc::channel::<()>();
@@ -111,7 +112,8 @@ fn lockstep_fills_the_startup_hole_of_a_consumer_that_was_there_before_the_publi
             let bus = Bus::join(domain, "arm", "sleepy").expect("join");
             let mut subscriber = SampleSubscriber::new(&bus).expect("subscribe");
             attached.send(()).expect("main waits");
-            // More than the buffer's worth of samples is sent in this time, were they not held back.
+            // More than the buffer's worth of samples is sent in this time, were they not held
+            // back.
             thread::sleep(Duration::from_millis(1_500));
             receive(&mut subscriber, COUNT as usize)
         });
@@ -142,7 +144,8 @@ fn lockstep_cuts_off_a_stuck_consumer_once_and_counts_it() {
         publisher.send(&sample(seq)).expect("send");
     }
     assert_eq!(publisher.loss().cut_off, 1);
-    // Once cut off it costs nothing: paying the limit for each of the 3 000 samples would take ten minutes.
+    // Once cut off it costs nothing: paying the limit for each of the 3 000 samples would take ten
+    // minutes.
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
     assert!(stuck.is_connected());
 }
@@ -401,7 +404,8 @@ fn prop_what_a_port_asks_for_is_what_it_takes_at_most_and_not_much_more() {
     let mut took = |asked: u64| {
         let now = bytes(&domain.0, ".data");
         let taken = std::mem::replace(&mut before, now).abs_diff(now);
-        // Per chunk 128 bytes are asked for its header and alignment; for the smallest message that is a third of it.
+        // Per chunk 128 bytes are asked for its header and alignment; for the smallest message that
+        // is a third of it.
         assert!(taken <= asked && asked < 2 * taken, "{taken} of {asked}");
     };
     let _sample = SamplePublisher::new(&bus, Delivery::Realtime, never()).expect("publish");

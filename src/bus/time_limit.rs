@@ -4,11 +4,12 @@ use super::{BusError, Domain};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
-/// Calls `f` on a thread of its own; `action` says what it does. Past the limit the thread is left to itself, and what it may
-/// still return is dropped there.
+/// Calls `f` on a thread of its own; `action` says what it does. Past the limit the thread is left
+/// to itself, and what it may still return is dropped there.
 ///
 /// # Errors
-/// [`BusError::TimeLimit`] if `f` has not returned within `limit`, [`BusError::Thread`] if the system gives no thread.
+/// [`BusError::TimeLimit`] if `f` has not returned within `limit`, [`BusError::Thread`] if the
+/// system gives no thread.
 pub(super) fn within<T: Send + 'static>(
     domain: &Domain,
     action: &'static str,

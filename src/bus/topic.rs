@@ -52,7 +52,7 @@ pub trait Latched: ZeroCopySend + fmt::Debug + Copy + 'static {
     const HISTORY: usize = latched::HISTORY;
     /// How many messages a reader may be behind.
     const BUFFER: usize = latched::BUFFER;
-    /// Whether a message wakes its readers; they look once per tick where it does not.
+    /// Whether a message wakes its readers; they look once per tick if it does not.
     const WAKES: bool = true;
 }
 
@@ -84,7 +84,8 @@ impl Latched for Journal {
     const WAKES: bool = false;
 }
 
-/// Sizes of `sample`; how many subscribers there can be, and the buffer in real time, is in [`Limits`](super::Limits).
+/// Sizes of `sample`; how many subscribers there can be, and the buffer in real time, is in
+/// [`Limits`](super::Limits).
 pub(super) mod sample {
     use super::Sample;
 
@@ -92,15 +93,16 @@ pub(super) mod sample {
     pub const MAX_BORROWED: usize = 2;
     /// Realtime: what a consumer gets that connects later, 256 ms at 1 kHz.
     pub const HISTORY: usize = 256;
-    /// Lockstep: the publisher waits, so this needs only to bridge the scheduler's pauses; small enough to stay in the cache.
+    /// Lockstep: the publisher waits, so this needs only to bridge the scheduler's pauses; small
+    /// enough to stay in the cache.
     pub const LOCKSTEP_BUFFER: usize = 1024;
     /// Bytes of a publisher's data segment at worst.
     pub const fn segment_bytes(subscribers: usize, buffer: usize) -> u64 {
         // Headers and alignment take less than 128 bytes.
         (chunks(subscribers, buffer) * (size_of::<Sample>() + 128)) as u64
     }
-    /// Bytes of the connection of a publisher and a subscriber at worst: a word per place in the queues to and fro, a byte per
-    /// sample that may be on loan, and a page for what describes it.
+    /// Bytes of the connection of a publisher and a subscriber at worst: a word per place in the
+    /// queues to and fro, a byte per sample that may be on loan, and a page for what describes it.
     pub const fn connection_bytes(subscribers: usize, buffer: usize) -> u64 {
         (2 * 8 * (buffer + MAX_BORROWED + 2) + chunks(subscribers, buffer) + 4096) as u64
     }
@@ -117,7 +119,8 @@ pub(super) mod control {
     pub const MAX_NODES: usize = 12;
     /// iceoryx2's own limits: responses that a client holds, messages that a port fills at a time.
     const BORROWED_AND_LOANED: usize = 4;
-    /// Bytes of the server's data segment at worst: each client has a request under way, and one that it has dropped.
+    /// Bytes of the server's data segment at worst: each client has a request under way, and one
+    /// that it has dropped.
     pub const fn server_bytes() -> u64 {
         (2 * MAX_CLIENTS * (1 + BORROWED_AND_LOANED) * (size_of::<Response>() + 128)) as u64
     }
@@ -133,8 +136,8 @@ pub(super) mod latched {
     pub const BUFFER: usize = 64;
     pub const HISTORY: usize = 1;
     pub const MAX_BORROWED: usize = 2;
-    /// Bytes of a publisher's data segment at worst, for so many subscribers with this buffer, messages of this size and so many of them for late
-    /// joiners.
+    /// Bytes of a publisher's data segment at worst, for so many subscribers with this buffer,
+    /// messages of this size and so many of them for late joiners.
     pub const fn segment_bytes(subscribers: usize, buffer: usize, message: usize, history: usize) -> u64 {
         ((subscribers * (buffer + MAX_BORROWED) + history + 2) * (message + 128)) as u64
     }

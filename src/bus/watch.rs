@@ -1,10 +1,11 @@
 //! A thread that frees this process from waiting for what nobody will finish.
 //!
-//! A program that opens an empty object hangs inside iceoryx2 until the object is finished or gone, signals or not, whether it
-//! joins, makes or opens a service or a port, connects to a new port while it runs, or leaves. No such call can be given up
-//! from outside, so its limit is set here: each member looks after the domain's half-made objects from a thread of its own,
-//! from before its first call until after its last. What nobody has open goes after 0.1 s, what a stopped maker has open after
-//! 1 s, and after 1 s more if the program whose turn it is to remove it is stopped, too.
+//! A program that opens an empty object hangs inside iceoryx2 until the object is finished or gone,
+//! signals or not, whether it joins, makes or opens a service or a port, connects to a new port
+//! while it runs, or leaves. No such call can be given up from outside, so its limit is set here:
+//! each member looks after the domain's half-made objects from a thread of its own, from before its
+//! first call until after its last. What nobody has open goes after 0.1 s, what a stopped maker has
+//! open after 1 s, and after 1 s more if the program whose turn it is to remove it is stopped, too.
 
 use super::half_made::Tender;
 use super::{BusError, Domain};

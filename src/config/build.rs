@@ -1,4 +1,5 @@
-//! From the form of the file to the core types, with the checks that concern several keys, and the defaults the other way.
+//! From the form of the file to the core types, with the checks that concern several keys, and the
+//! defaults the other way.
 
 use super::catalog::{self, Catalog};
 use super::check::Check;
@@ -98,7 +99,8 @@ pub(super) fn config(mut form: FileForm, catalog: &Catalog, layers: &Layers) -> 
     }
 }
 
-/// Without a word on the model, a program with models of its own means the first of them, and without one on the machine, its equations simulated.
+/// Without a word on the model, a program with models of its own means the first of them, and
+/// without one on the machine, its equations simulated.
 fn prefer(catalog: &Catalog, form: &mut FileForm, check: &Check<'_>) {
     if let Some(name) = catalog.preferred().filter(|_| !check.stated("model.kind")) {
         form.model.kind = name.to_owned();

@@ -1,4 +1,5 @@
-//! Which models `model.kind` may name: those of this library, and those that a program brings along.
+//! Which models `model.kind` may name: those of this library, and those that a program brings
+//! along.
 
 use super::check::{Check, joints};
 use super::schema::{FileForm, RowsKind};
@@ -11,7 +12,8 @@ use crate::node::model::{PlantModel, SharedModel};
 /// From the keys of a configuration to a model; `None` with a problem told.
 type Build = fn(&FileForm, &mut Check<'_>) -> Option<SharedModel>;
 
-/// The models of this library, by the name in `model.kind`. A model that everybody should have is a line here.
+/// The models of this library, by the name in `model.kind`. A model that everybody should have is a
+/// line here.
 const BUILT_IN: &[(&str, Build)] = &[("manipulator", manipulator), ("servo_axis", servo_axis)];
 
 /// The models that `model.kind` may name: those of this library, and a program's own.
@@ -25,15 +27,15 @@ const BUILT_IN: &[(&str, Build)] = &[("manipulator", manipulator), ("servo_axis"
 /// #     fn joints(&self) -> usize { 1 }
 /// #     fn input_unit(&self) -> &str { "N m" }
 /// #     fn parameters(&self) -> &[Parameter] {
-/// #         const P: &[Parameter] = &[Parameter::positive("inertia", "kg m^2", "about the axis", 1.0)];
-/// #         P
+/// #    const P: &[Parameter] = &[Parameter::positive("inertia", "kg m^2", "about the axis", 1.0)];
+/// #    P
 /// #     }
 /// #     fn equations(&self) -> &[Equation] {
-/// #         const E: &[Equation] = &[Equation::new("axis", 0, 1.0, 1, 0..1)];
-/// #         E
+/// #    const E: &[Equation] = &[Equation::new("axis", 0, 1.0, 1, 0..1)];
+/// #    E
 /// #     }
 /// #     fn terms<D: Scalar>(&self, _: usize, _q: &[D], dq: &[D], theta: &[D], g: &mut [D]) {
-/// #         g[1] = theta[0] * dq[0];
+/// #    g[1] = theta[0] * dq[0];
 /// #     }
 /// # }
 /// use thetabus::config::Catalog;
@@ -47,9 +49,11 @@ pub struct Catalog {
 }
 
 impl Catalog {
-    /// With one more model, under the name of the plant. The first one is what a configuration without `model.kind` means.
+    /// With one more model, under the name of the plant. The first one is what a configuration
+    /// without `model.kind` means.
     ///
-    /// A definition that breaks a rule, or a name that is taken, is an error when a configuration is loaded.
+    /// A definition that breaks a rule, or a name that is taken, is an error when a configuration
+    /// is loaded.
     #[must_use]
     pub fn with(self, plant: impl Plant + Clone + Send + Sync + 'static) -> Self {
         self.with_model(SharedModel::new(PlantModel::new(plant)))

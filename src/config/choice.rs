@@ -1,7 +1,9 @@
-//! Keys that hold one of a few words: each is an enum, so that the compiler sees every place that decides on it.
+//! Keys that hold one of a few words: each is an enum, so that the compiler sees every place that
+//! decides on it.
 //!
-//! Words stand in one place only, beside their variants. Choices of the configuration alone are made by [`choices!`]; those that the
-//! core types have keep their own names, and are read and written by them.
+//! Words stand in one place only, beside their variants. Choices of the configuration alone are
+//! made by [`choices!`]; those that the core types have keep their own names, and are read and
+//! written by them.
 
 use crate::estimator::{Bound, Forgetting};
 use crate::model::{DriveInput, Motion};

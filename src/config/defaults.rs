@@ -1,4 +1,5 @@
-//! The built-in defaults: the paper's experiment, from the presets of the core types into the form of the file.
+//! The built-in defaults: the paper's experiment, from the presets of the core types into the form
+//! of the file.
 
 use super::schema::{self, FileForm, RealOr};
 use crate::control::AdaptiveOptions;

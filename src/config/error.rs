@@ -11,7 +11,7 @@ pub enum Origin {
     File {
         /// The file's name as it was given.
         name: String,
-        /// Line of the key, 0 where the whole file is meant.
+        /// Line of the key, 0 if the whole file is meant.
         line: usize,
     },
     /// In a `--set` argument, quoted as given.
@@ -34,9 +34,9 @@ impl fmt::Display for Origin {
 pub struct Problem {
     /// Where it was written.
     pub origin: Origin,
-    /// Full key, `estimator.block_len`; empty where no key is concerned.
+    /// Full key, `estimator.block_len`; empty if no key is concerned.
     pub key: String,
-    /// What was expected and what came, with a hint where there is one.
+    /// What was expected and what came, with a hint if there is one.
     pub message: String,
 }
 

@@ -33,8 +33,9 @@ fn considered(form: &FileForm, linear: bool) -> Considered {
     if linear { all.without_turns() } else { all }
 }
 
-/// Samples on either side of the velocity filter. Its time is what matters: a filter of as many samples at a lower rate smooths away the fastest
-/// motion. The polynomial of order 5 needs 3, however slow the samples are.
+/// Samples on either side of the velocity filter. Its time is what matters: a filter of as many
+/// samples at a lower rate smooths away the fastest motion. The polynomial of order 5 needs 3,
+/// however slow the samples are.
 fn velocity_half_width(half_width_s: f64, sample_period_s: f64, check: &mut Check<'_>) -> Option<usize> {
     let periods = (half_width_s / sample_period_s).round();
     if periods > 100.0 {
@@ -45,8 +46,9 @@ fn velocity_half_width(half_width_s: f64, sample_period_s: f64, check: &mut Chec
     Some((periods as usize).max(3))
 }
 
-/// Says whether the noise is learnt, which the levels that are set decide if the key does not. In a configuration that is written out the
-/// decision stands, so that it is the same wherever it is read again.
+/// Says whether the noise is learnt, which the levels that are set decide if the key does not. In a
+/// configuration that is written out the decision stands, so that it is the same wherever it is
+/// read again.
 pub(super) fn decide_on_noise(form: &mut FileForm, check: &mut Check<'_>) {
     if form.identifier.rows == RowsKind::Pointwise {
         return;
@@ -79,7 +81,7 @@ pub(super) fn decide_on_noise(form: &mut FileForm, check: &mut Check<'_>) {
     check.wrong(&key, message);
 }
 
-/// The projected rows' options; `None` with a problem where they do not go together.
+/// The projected rows' options; `None` with a problem if they do not go together.
 fn projected(form: &FileForm, linear: bool, check: &mut Check<'_>) -> Option<ProjectedOptions> {
     let section = &form.projected;
     let per_joint = |list: &Option<Vec<f64>>| per_joint(list.as_deref().unwrap_or(&[]), 0.0);

@@ -1,4 +1,5 @@
-//! A key of the configuration and what it may hold: type, range, and how both are shown to a reader.
+//! A key of the configuration and what it may hold: type, range, and how both are shown to a
+//! reader.
 
 use std::fmt;
 use toml::Value;
@@ -13,7 +14,7 @@ pub struct Key {
     pub name: &'static str,
     /// What it may hold.
     pub kind: Kind,
-    /// SI unit, empty where there is none.
+    /// SI unit, empty if there is none.
     pub unit: &'static str,
     /// What it is.
     pub meaning: &'static str,
@@ -195,7 +196,8 @@ pub enum Kind {
     Words,
     /// One list of finite numbers for each joint.
     RealsPerJoint(Len, Interval),
-    /// Any number of tables with these keys, `[[section.key]]`; keys without a default must stand in each.
+    /// Any number of tables with these keys, `[[section.key]]`; keys without a default must stand
+    /// in each.
     Tables(&'static [Key]),
 }
 
@@ -241,7 +243,7 @@ impl Kind {
         }
     }
 
-    /// The value in the shape that the file structures take, or `None` where it does not fit.
+    /// The value in the shape that the file structures take, or `None` if it does not fit.
     pub(super) fn check(&self, value: &DeValue<'_>) -> Option<Value> {
         match self {
             Self::Flag => value.as_bool().map(Value::Boolean),

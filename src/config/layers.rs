@@ -11,7 +11,8 @@ use std::path::{Path, PathBuf};
 use toml::Value;
 use toml::de::{DeTable, DeValue};
 
-/// Larger files are refused: a mistyped path to a recording must not be read whole, and a parser takes up to a hundred bytes for each byte of garbage.
+/// Larger files are refused: a mistyped path to a recording must not be read whole, and a parser
+/// takes up to a hundred bytes for each byte of garbage.
 pub(super) const MAX_BYTES: u64 = 4 << 20;
 
 /// More problems than this are counted, not told: a file of garbage has one in each line.
@@ -40,8 +41,9 @@ pub enum Source {
         /// TOML.
         text: String,
     },
-    /// The configuration in a recording, which may come from anywhere: it makes the program open no file. Paths for results and checkpoints are those
-    /// of another machine and do not count, and setpoints stand in it as rows.
+    /// The configuration in a recording, which may come from anywhere: it makes the program open no
+    /// file. Paths for results and checkpoints are those of another machine and do not count, and
+    /// setpoints stand in it as rows.
     Recorded {
         /// Shown in messages.
         name: String,
@@ -290,7 +292,8 @@ impl Layers {
         for group in EXCLUSIVE.iter().filter(|group| group.contains(&path)) {
             for other in group.iter().filter(|other| **other != path) {
                 match self.entries.get(*other) {
-                    // Stated side by side they contradict each other; a later source just decides anew.
+                    // Stated side by side they contradict each other; a later source just decides
+                    // anew.
                     Some(entry) if entry.layer == self.layer => self.problems.push(Problem::expected(
                         origin.clone(),
                         path,

@@ -1,6 +1,7 @@
 //! The memory that a configuration asks for, as far as a recording may decide on it.
 //!
-//! A recording is somebody else's file: to read it must not take gigabytes unasked. What the user states takes what it takes.
+//! A recording is somebody else's file: to read it must not take gigabytes unasked. What the user
+//! states takes what it takes.
 
 use super::error::{ConfigError, Origin, Problem};
 use super::layers::Layers;
@@ -15,7 +16,8 @@ const KEYS: [&str; 5] = [
     "identifier.projected.velocity_half_width_s",
     "plant.sample_period_s",
 ];
-/// What the rows of a recorded configuration may take \[bytes\]. The default blocks of the arm take 2 MB.
+/// What the rows of a recorded configuration may take \[bytes\]. The default blocks of the arm take
+/// 2 MB.
 const LIMIT: u64 = 512 << 20;
 
 /// Those of [`KEYS`] that a recording states.
@@ -25,11 +27,12 @@ pub(super) fn recorded(layers: &Layers) -> Vec<(&'static str, Origin)> {
 }
 
 impl Config {
-    /// Refuses a configuration out of a recording whose blocks take more memory than a reader of somebody else's file should
-    /// spend unasked.
+    /// Refuses a configuration out of a recording whose blocks take more memory than a reader of
+    /// somebody else's file should spend unasked.
     ///
     /// # Errors
-    /// Rows of more than 512 MiB by a key that only the recording states; the command line may state it again.
+    /// Rows of more than 512 MiB by a key that only the recording states; the command line may
+    /// state it again.
     pub fn limit_recorded_memory(&self) -> Result<(), ConfigError> {
         let bytes = self.rows_bytes();
         let Some((key, origin)) = self.recorded.first().filter(|_| bytes > LIMIT) else {
@@ -56,8 +59,9 @@ impl Config {
         })
     }
 
-    /// Memory for the rows of a block \[bytes\], rather too much than too little: signals and features of each sample, columns of
-    /// each window, and three bands of the windows' covariance, as wide as a window reaches.
+    /// Memory for the rows of a block \[bytes\], rather too much than too little: signals and
+    /// features of each sample, columns of each window, and three bands of the windows' covariance,
+    /// as wide as a window reaches.
     fn rows_bytes(&self) -> u64 {
         let definition = self.model.definition();
         let (joints, equations) = (definition.joints as u64, definition.equations.len() as u64);
@@ -139,7 +143,8 @@ mod tests {
 
     #[test]
     fn val_the_memory_of_rows_is_not_far_from_what_was_measured() {
-        // Resident memory of `identify` over that of a block of 1900 samples, 500 000 samples at 1 kHz.
+        // Resident memory of `identify` over that of a block of 1900 samples, 500 000 samples at 1
+        // kHz.
         for (stride, measured_mb) in [("0.02", 265), ("0.001", 3_930)] {
             let stride = format!("identifier.projected.stride_s={stride}");
             let config = recorded(&[], &["estimator.block_len=500000", &stride]);

@@ -1,7 +1,9 @@
-//! Configuration files: TOML ⇄ validated core types. The only place that translates between the two.
+//! Configuration files: TOML ⇄ validated core types. The only place that translates between the
+//! two.
 //!
-//! Sources are laid over each other: built-in defaults, then files in the order given, then `section.key=value` arguments. A file
-//! states only what differs. Every problem is told with its place, key, what was expected and what came, and all of them at once:
+//! Sources are laid over each other: built-in defaults, then files in the order given, then
+//! `section.key=value` arguments. A file states only what differs. Every problem is told with its
+//! place, key, what was expected and what came, and all of them at once:
 //!
 //! ```text
 //! config/arm.toml:12: estimator.block_len: expected a whole number from 1 to 10000000 [samples], got "abc" (a string)
@@ -61,7 +63,8 @@ const EMBEDDED: &[(&str, &str)] = &[
 ];
 
 impl Config {
-    /// Lays files over the built-in defaults in the order given, then `section.key=value` arguments over these.
+    /// Lays files over the built-in defaults in the order given, then `section.key=value` arguments
+    /// over these.
     ///
     /// # Errors
     /// Everything that is wrong with any of them.
@@ -69,7 +72,8 @@ impl Config {
         Self::load_for(&Catalog::default(), sources, arguments)
     }
 
-    /// The same with models of the caller's own, by name in `model.kind`; without that key the first of them is meant.
+    /// The same with models of the caller's own, by name in `model.kind`; without that key the
+    /// first of them is meant.
     ///
     /// # Errors
     /// Everything that is wrong with any of them, and with the models.
@@ -104,7 +108,8 @@ impl Config {
         )
     }
 
-    /// A configuration that is built in, `cedro2022` for instance; the same as the file of that name in `config/`.
+    /// A configuration that is built in, `cedro2022` for instance; the same as the file of that
+    /// name in `config/`.
     pub fn embedded(name: &str) -> Option<Source> {
         let (name, text) = EMBEDDED.iter().find(|(known, _)| *known == name)?;
         Some(Source::Embedded {
@@ -121,7 +126,7 @@ impl Config {
     /// The same with one key set to a number, as while an identifier runs.
     ///
     /// # Errors
-    /// What is wrong with it, with the key; also where the key would have no effect.
+    /// What is wrong with it, with the key; also if the key would have no effect.
     pub fn with_number(&self, path: &str, value: f64) -> Result<Self, ConfigError> {
         let whole = matches!(schema::key(path).map(|key| key.kind), Some(Kind::Whole(..)));
         let value = if whole && value.fract() == 0.0 && value.abs() < 1e18 {
@@ -163,7 +168,8 @@ impl Config {
         &self.warnings
     }
 
-    /// A number that changes with whatever determines the estimates: model, rows, estimator, sample period.
+    /// A number that changes with whatever determines the estimates: model, rows, estimator, sample
+    /// period.
     ///
     /// 64-bit FNV-1a over the settings' text, the same in every build and on every machine.
     pub fn config_hash(&self) -> u64 {

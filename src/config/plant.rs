@@ -152,7 +152,8 @@ pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Ch
     Some(PlantConfig { sim, speed })
 }
 
-/// True values are this much above the start values unless the configuration has others: a machine with something to find out.
+/// True values are this much above the start values unless the configuration has others: a machine
+/// with something to find out.
 const TRUE_SHARE: f64 = 1.25;
 
 /// The machine of the model's own equations.

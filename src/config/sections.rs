@@ -68,8 +68,8 @@ pub struct PlantConfig {
 pub struct IdentifierConfig {
     /// Form of the rows.
     pub rows: RowForm,
-    /// Whether the window of projected rows is chosen from the signals; the stride and the velocity filter of `rows` are upper limits then, and its
-    /// window is the one to begin with.
+    /// Whether the window of projected rows is chosen from the signals; the stride and the velocity
+    /// filter of `rows` are upper limits then, and its window is the one to begin with.
     pub auto_window: bool,
     /// Source of u.
     pub input: InputSource,
@@ -104,7 +104,7 @@ pub struct ControllerConfig {
 /// Section `[monitor]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MonitorConfig {
-    /// Directory for the results, where one is stated.
+    /// Directory for the results, if one is stated.
     pub out_dir: Option<PathBuf>,
     /// A file of a recording that has this size is followed by another \[bytes\]; 0 for no limit.
     pub record_file_bytes: u64,
@@ -161,7 +161,7 @@ pub struct RealtimeConfig {
 /// Section `[log]`: what the columns of a log file mean.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogColumns {
-    /// Column of the time; rows follow each other at the sample period where there is none.
+    /// Column of the time; rows follow each other at the sample period if there is none.
     pub time: Option<String>,
     /// One unit of the time column \[s\].
     pub time_unit_s: f64,

@@ -1,4 +1,5 @@
-//! Section `[plant.setpoint]` and those below it: commanded positions, drawn, computed or read from a file.
+//! Section `[plant.setpoint]` and those below it: commanded positions, drawn, computed or read from
+//! a file.
 
 use super::check::Check;
 use super::schema::{FileForm, SetpointKind};
@@ -92,8 +93,8 @@ fn sines(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint; ARM_JOINTS
     }))
 }
 
-/// Puts the rows of a file of setpoints in the place of its path, so that a configuration that is written out, into a recording or for the processes of a run,
-/// needs no other file.
+/// Puts the rows of a file of setpoints in the place of its path, so that a configuration that is
+/// written out, into a recording or for the processes of a run, needs no other file.
 pub(super) fn inline_setpoints(form: &mut FileForm, check: &mut Check<'_>) {
     const KEY: &str = "plant.setpoint.csv.path";
     let Some(path) = form.csv.path.take_if(|_| form.setpoint.kind == SetpointKind::Csv) else {

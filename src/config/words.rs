@@ -92,7 +92,7 @@ pub(super) fn shorten(text: &str) -> String {
     cut(&words.collect::<Vec<_>>().join(" "), LIMIT)
 }
 
-/// The first characters, and an ellipsis where there are more.
+/// The first characters, and an ellipsis if there are more.
 pub(super) fn cut(text: &str, limit: usize) -> String {
     match text.char_indices().nth(limit) {
         Some((end, _)) => format!("{}…", &text[..end]),

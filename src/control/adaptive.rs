@@ -1,15 +1,16 @@
 //! Feed-forward from estimated parameters.
 //!
 //! ```text
-//! u_ff = h(q_d, q̇_d, q̈_d, q⃛_d; θ_c) + K_d q̇_d        h: the input at which f_e(…, u; θ) = 0            (1)
-//! θ_c ← θ_c + clamp(θ_t − θ_c, ± s Δ/T_b)             s the larger of |θ_t| and |θ_c|                 (2)
-//! θ_t,i = θ̂_i   if use_ok = 1, and σ_i ≤ ρ |θ̂_i|      otherwise θ_t,i stays                            (3)
-//! |u_ff| ≤ u_max                                                                                       (4)
+//! u_ff = h(q_d, q̇_d, q̈_d, q⃛_d; θ_c) + K_d q̇_d        h: the input at which f_e(…, u; θ) = 0    (1)
+//! θ_c ← θ_c + clamp(θ_t − θ_c, ± s Δ/T_b)             s the larger of |θ_t| and |θ_c|          (2)
+//! θ_t,i = θ̂_i   if use_ok = 1, and σ_i ≤ ρ |θ̂_i|      otherwise θ_t,i stays                    (3)
+//! |u_ff| ≤ u_max                                                                               (4)
 //! ```
 //!
-//! The machine's own loop is u = K_p (q_d − q) − K_d q̇ + u_ff, so that K_d q̇_d turns its damping into damping of the error. T_b is the time in which (2)
-//! carries a parameter over its own size: a new estimate never steps the input. Silence of the identifier changes nothing: the last θ_t that passed (3) is
-//! the best that is known, and the loop below works without any.
+//! The machine's own loop is u = K_p (q_d − q) − K_d q̇ + u_ff, so that K_d q̇_d turns its damping
+//! into damping of the error. T_b is the time in which (2) carries a parameter over its own size: a
+//! new estimate never steps the input. Silence of the identifier changes nothing: the last θ_t that
+//! passed (3) is the best that is known, and the loop below works without any.
 
 use crate::messages::Estimate;
 use crate::model::{JointSample, MAX_JOINTS};
@@ -26,7 +27,8 @@ pub struct AdaptiveOptions {
     pub derivative_gain: [f64; MAX_JOINTS],
     /// u_max of each joint, in the input's unit, above 0; `inf` for none.
     pub input_limit: [f64; MAX_JOINTS],
-    /// An identifier that has not been heard for so long is [silent](Knowledge::Silent) \[s\], above 0.
+    /// An identifier that has not been heard for so long is [silent](Knowledge::Silent) \[s\],
+    /// above 0.
     pub silence_s: f64,
 }
 
@@ -73,7 +75,8 @@ impl AdaptiveFeedForward {
     /// For a model, from values that hold until estimates come.
     ///
     /// # Errors
-    /// Another number of values than the model has parameters, or an option out of its range, in words.
+    /// Another number of values than the model has parameters, or an option out of its range, in
+    /// words.
     pub fn new(model: SharedModel, theta: &[f64], options: AdaptiveOptions) -> Result<Self, String> {
         let params = model.parameters().len();
         if theta.len() != params || theta.iter().any(|x| !x.is_finite()) {
@@ -129,9 +132,11 @@ impl AdaptiveFeedForward {
         true
     }
 
-    /// Feed-forward along a trajectory: `motion` has the desired q, q̇, q̈ and q⃛, `dt_s` is the time since the last call \[s\].
+    /// Feed-forward along a trajectory: `motion` has the desired q, q̇, q̈ and q⃛, `dt_s` is the
+    /// time since the last call \[s\].
     ///
-    /// In the input's unit, one value per joint; 0 for a joint whose value is not finite, so that its own loop carries it alone.
+    /// In the input's unit, one value per joint; 0 for a joint whose value is not finite, so that
+    /// its own loop carries it alone.
     pub fn next(&mut self, motion: &JointSample, dt_s: f64) -> [f64; MAX_JOINTS] {
         self.silent_for_s += dt_s;
         if self.silent_for_s > self.options.silence_s && self.knowledge != Knowledge::Initial {

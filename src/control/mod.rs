@@ -1,7 +1,9 @@
 //! The loop that the method is for: a controller that uses θ̂.
 //!
 //! ```text
-//! estimates ─▶ gate (use_ok, σ) ─▶ bumpless θ ─▶ u_ff = the input that the equations ask for along the trajectory ─▶ machine, on top of its PD loop
+//! estimates ─▶ gate (use_ok, σ) ─▶ bumpless θ ─▶ u_ff ─▶ machine, on top of its PD loop
+//!
+//! u_ff: the input that the equations ask for along the trajectory
 //! ```
 
 mod adaptive;

@@ -1,5 +1,6 @@
-//! The motion that a simulator is asked for, with its derivatives: what feed-forward follows. A robot's motion has its own; those of setpoints are
-//! central differences over seven points, h the sample period; the error of q⃛ is 7/120 h⁴ q⁽⁷⁾, below 1e-4 of it up to 10 Hz at 1 kHz:
+//! The motion that a simulator is asked for, with its derivatives: what feed-forward follows. A
+//! robot's motion has its own; those of setpoints are central differences over seven points, h the
+//! sample period; the error of q⃛ is 7/120 h⁴ q⁽⁷⁾, below 1e-4 of it up to 10 Hz at 1 kHz:
 //!
 //! ```text
 //! q̇ = Σ a_k q(t + k h)/h      a = (−1, 9, −45, 0, 45, −9, 1)/60
@@ -17,8 +18,8 @@ const FIRST: [f64; POINTS] = [-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0];
 const SECOND: [f64; POINTS] = [2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0];
 const THIRD: [f64; POINTS] = [1.0, -8.0, 13.0, 0.0, -13.0, 8.0, -1.0];
 
-/// Samples that a trajectory of setpoints goes on by at once \[samples\]: some 10 ms of work, so that
-/// a sample number that is wrong cannot hold its caller up.
+/// Samples that a trajectory of setpoints goes on by at once \[samples\]: some 10 ms of work, so
+/// that a sample number that is wrong cannot hold its caller up.
 pub const CATCH_UP: u64 = 100_000;
 
 /// Desired motion of a simulated machine, sample by sample.
@@ -38,7 +39,8 @@ enum Motion {
 }
 
 impl Trajectory {
-    /// Along the motion of a model's simulator, or the setpoints of a simulation that has none of its own, beginning with sample 0.
+    /// Along the motion of a model's simulator, or the setpoints of a simulation that has none of
+    /// its own, beginning with sample 0.
     ///
     /// # Errors
     /// Setpoints that jump: no input follows them. Options that do not fit the model.
@@ -101,7 +103,8 @@ impl Trajectory {
 struct Setpoints {
     paths: Vec<SetpointPath>,
     sample_period_s: f64,
-    /// q of the samples k − 3 … k + 3, a half-period on: a command is held from one sample to the next, and right in the middle.
+    /// q of the samples k − 3 … k + 3, a half-period on: a command is held from one sample to the
+    /// next, and right in the middle.
     window: [[f64; POINTS]; MAX_JOINTS],
 }
 

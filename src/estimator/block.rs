@@ -140,7 +140,7 @@ impl BlockEstimator {
     }
 
     /// Copies out what the estimator and its judge need to go on exactly as they would have;
-    /// allocates only where `into` has no room.
+    /// allocates only if `into` has no room.
     pub fn save(&mut self, judge: &mut StateMachine, into: &mut EstimatorState) {
         into.reals.clear();
         into.counts.clear();
@@ -211,7 +211,7 @@ impl BlockEstimator {
     }
 
     /// Holds parameter `index` at `value`, clamped to its bounds, or sets it free with the
-    /// deviation of the start; false where there is no such parameter or the value is not finite.
+    /// deviation of the start; false if there is no such parameter or the value is not finite.
     /// What the others know of each other stays.
     pub fn fix(&mut self, index: usize, value: Option<f64>) -> bool {
         if index >= self.structure.params || value.is_some_and(|v| !v.is_finite()) {
@@ -228,7 +228,7 @@ impl BlockEstimator {
     }
 
     /// Information Γ⁻¹ of the group that holds `parameter`, in (parameters, row-major matrix);
-    /// `None` where no equation has it.
+    /// `None` if no equation has it.
     pub fn information(&self, parameter: usize) -> Option<(Range<usize>, &[f64])> {
         let group = self.groups.holding(parameter)?;
         Some((group.parameters.clone(), &group.information))
@@ -251,7 +251,7 @@ impl BlockEstimator {
     ///
     /// The arm has θ₁θ₄ = θ₂θ₃, for both are products with the same winding: nine parameters, eight
     /// degrees of freedom. This is of θ̂ before [`EstimatorOptions::relations`] are imposed, so
-    /// that it tells whether the data agree. `NaN` where the right side is 0.
+    /// that it tells whether the data agree. `NaN` if the right side is 0.
     pub fn product_ratio(&self, [a, b]: [usize; 2], [c, d]: [usize; 2]) -> (f64, f64) {
         self.groups.product_ratio(&self.theta, [a, b], [c, d])
     }
@@ -435,7 +435,7 @@ impl BlockEstimator {
         (self.report.fit_probability, self.report.misfit) = whole.judge(equations);
     }
 
-    /// Tests the groups that follow no line, and where one raises an alarm finds out what happened
+    /// Tests the groups that follow no line, and if one raises an alarm, finds out what happened
     /// and fits anew. Returns the groups that now follow a line.
     fn watch<R: Residuals>(&mut self, rows: &R, lines: u64, detection: ChangeDetection) -> u64 {
         let alarm = self.search(rows).alarm(lines, detection);

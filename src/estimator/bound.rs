@@ -4,10 +4,12 @@
 //! Γ = ε⁻¹ G(ε Π),    x ≤ G(x) ≤ 1 on [0, 1],    G(1) = 1,    G′(0) = 1/λ
 //! ```
 //!
-//! G acts on the eigenvalues of εΠ. Near 0, where information abounds, it is the straight line x/λ: exponential forgetting.
-//! At 1 it stays: with Π⁻¹ = εI nothing is left to forget, hence Γ⁻¹ ≥ εI for ever.
+//! G acts on the eigenvalues of εΠ. Near 0, where information abounds, it is the straight line x/λ:
+//! exponential forgetting. At 1 it stays: with Π⁻¹ = εI nothing is left to forget, hence Γ⁻¹ ≥ εI
+//! for ever.
 //!
-//! The estimators keep information, not covariance, so each G also states its closed form Π⁻¹ → Γ⁻¹, which needs no eigenvectors.
+//! The estimators keep information, not covariance, so each G also states its closed form Π⁻¹ →
+//! Γ⁻¹, which needs no eigenvectors.
 
 use super::linalg::Cholesky;
 
@@ -15,9 +17,10 @@ use super::linalg::Cholesky;
 pub trait CovarianceBound {
     /// G(x) for x in [0, 1].
     fn value(&self, x: f64) -> f64;
-    /// Γ⁻¹ from Π⁻¹ (n × n, row-major, symmetric positive definite) in place, with ε the floor; `work` has n² + n entries.
+    /// Γ⁻¹ from Π⁻¹ (n × n, row-major, symmetric positive definite) in place, with ε the floor;
+    /// `work` has n² + n entries.
     ///
-    /// False where Π⁻¹ is not positive definite enough for G, and nothing has been changed then.
+    /// False if Π⁻¹ is not positive definite enough for G, and nothing has been changed then.
     fn information(&self, n: usize, floor: f64, matrix: &mut [f64], factor: &mut Factor, work: &mut [f64]) -> bool;
 }
 
@@ -45,8 +48,8 @@ impl CovarianceBound for Polynomial {
     }
 
     fn information(&self, n: usize, floor: f64, matrix: &mut [f64], factor: &mut Factor, work: &mut [f64]) -> bool {
-        // an eigenvalue p of Π⁻¹ becomes λ p²/(p − c) = λ (p + c + c²/(p − c)) with c = (1 − λ) ε: the first two terms are
-        // exact for large p, and the third only matters near the floor
+        // an eigenvalue p of Π⁻¹ becomes λ p²/(p − c) = λ (p + c + c²/(p − c)) with c = (1 − λ) ε:
+        // the first two terms are exact for large p, and the third only matters near the floor
         let lambda = self.forgetting_factor;
         let c = (1.0 - lambda) * floor;
         if c == 0.0 {

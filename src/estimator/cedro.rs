@@ -10,10 +10,12 @@
 //! G(x)  = λ⁻¹ (x − (1 − λ) x²)                                                                   (11)
 //! ```
 //!
-//! θ is P × 1 with all parameters of the plant, Γ is P × P without the noise variance. Where the print slips (the
-//! exponent, the sign of v, the interval α(m), the λ of (10)) this page follows docs/errata.md. It allocates and
-//! inverts as the formulas do and serves as an oracle: [`BlockEstimator`](super::BlockEstimator) with
-//! [`EstimatorOptions::paper`](super::EstimatorOptions::paper) computes the same and is the one to use.
+//! θ is P × 1 with all parameters of the plant, Γ is P × P without the noise variance. Where the
+//! print slips (the exponent, the sign of v, the interval α(m), the λ of (10)) this page follows
+//! docs/errata.md. It allocates and inverts as the formulas do and serves as an oracle:
+//! [`BlockEstimator`](super::BlockEstimator) with
+//! [`EstimatorOptions::paper`](super::EstimatorOptions::paper) computes the same and is the one to
+//! use.
 
 use super::{Residuals, Structure};
 use nalgebra::{DMatrix, DVector};
@@ -29,7 +31,8 @@ pub enum CedroRule {
     Corrected,
 }
 
-/// A matrix that the recursion must invert is not positive definite: the block, λ or ε are not finite, or not positive.
+/// A matrix that the recursion must invert is not positive definite: the block, λ or ε are not
+/// finite, or not positive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("expected a positive definite information matrix, got one that has no Cholesky factor")]
 pub struct NotPositiveDefinite;
@@ -89,7 +92,8 @@ impl CedroRecursion {
     }
 }
 
-/// J_m(θ) of all blocks so far, in order; what the recursion with (9) minimises if f is linear in θ.
+/// J_m(θ) of all blocks so far, in order; what the recursion with (9) minimises if f is linear in
+/// θ.
 pub fn cedro_cost<R: Residuals>(
     structure: &Structure,
     blocks: &[R],

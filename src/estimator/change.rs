@@ -4,12 +4,12 @@
 //! believed before,
 //!
 //! ```text
-//! T = dᵀ (P + A⁻¹)⁻¹ d,    A = Σ_e S_e/σ_e²,    T/r ~ F(r, ν) where nothing changed
+//! T = dᵀ (P + A⁻¹)⁻¹ d,    A = Σ_e S_e/σ_e²,    T/r ~ F(r, ν) if nothing changed
 //! ```
 //!
 //! P is the honest covariance of θ̄ (not the inverse information, which forgetting makes 1 + λ too
 //! large), r the number of directions that the block informs on, ν the degrees of freedom of σ².
-//! A⁻¹ does not exist where the block is silent, so T is formed from A d = A (θ_m − θ̄) + g(θ_m), g
+//! A⁻¹ does not exist if the block is silent, so T is formed from A d = A (θ_m − θ̄) + g(θ_m), g
 //! the score, which needs no block fit: with P = L Lᵀ and (b_k, q_k) the eigenpairs of LᵀAL,
 //!
 //! ```text
@@ -25,7 +25,8 @@
 //! found. Else the block is cut at the row τ that minimises
 //!
 //! ```text
-//! J(τ) = min_θ [prior + Σ_{rows ending before τ} f²/σ²] + min_θ [Σ_{rows starting at τ or later} f²/σ²] + number of rows across τ
+//! J(τ) = min_θ [prior + Σ_{rows ending before τ} f²/σ²]
+//!      + min_θ [Σ_{rows starting at τ or later} f²/σ²] + number of rows across τ
 //! ```
 //!
 //! over all groups together, and only the rows after τ are used, with the prior of the parameters
@@ -64,7 +65,7 @@ impl GroupState {
         self.probability = self.change_probability(theta);
     }
 
-    /// Probability of a T as large as this block's, were the plant unchanged; 1 where there is
+    /// Probability of a T as large as this block's, were the plant unchanged; 1 if there is
     /// nothing to compare with. `at` holds the sums at `theta`.
     fn change_probability(&mut self, theta: &[f64]) -> f64 {
         let n = self.n;
@@ -179,7 +180,7 @@ impl GroupState {
         }
     }
 
-    /// True where a gate dropped more rows than outliers can be.
+    /// True if a gate dropped more rows than outliers can be.
     pub fn is_another_plant(&self, options: &EstimatorOptions) -> bool {
         let gated = |s: &Sums| s.outliers as f64 > GATED * s.rows as f64;
         matches!(options.outliers, Outliers::Gate(_)) && self.blocks > 0 && self.at.iter().any(gated)
@@ -210,7 +211,7 @@ impl GroupState {
         self.fit(rows, range, theta, options)
     }
 
-    /// True where the residuals in `at` are no larger than the noise known so far.
+    /// True if the residuals in `at` are no larger than the noise known so far.
     pub fn is_consistent(&self, options: &EstimatorOptions) -> bool {
         self.equations.iter().zip(&self.at).all(|(e, sums)| {
             let mut freedom = (sums.rows - sums.outliers) as f64 - sums.params as f64;

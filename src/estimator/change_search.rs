@@ -15,7 +15,7 @@ const PASSES: usize = 6;
 /// Share of the residuals' excess over the noise that a further cut may at most leave.
 const EXPLAINS: f64 = 0.5;
 
-/// A group that gave no alarm follows one that did where its own test is below this.
+/// A group that gave no alarm follows one that did if its own test is below this.
 const JOINS: f64 = 1e-2;
 /// Alarms at most this many blocks apart are a drift.
 const DRIFT_BLOCKS: u32 = 8;
@@ -23,7 +23,8 @@ const DRIFT_BLOCKS: u32 = 8;
 /// What the groups' tests say of a block.
 #[derive(Debug, Clone, Copy)]
 pub struct Alarm {
-    /// Smallest probability of a block as different from the past as this one, were nothing changed.
+    /// Smallest probability of a block as different from the past as this one, were nothing
+    /// changed.
     pub probability: f64,
     /// A test raised an alarm …
     pub raised: bool,
@@ -84,8 +85,8 @@ impl<R: Residuals> ChangeSearch<'_, R> {
         alarm
     }
 
-    /// Says what happened: a block that one fit explains differs from those before it, another one is
-    /// to be cut. Alarms soon after each other are a drift.
+    /// Says what happened: a block that one fit explains differs from those before it, another one
+    /// is to be cut. Alarms soon after each other are a drift.
     pub fn explain(&mut self, joined: u64, margin: u64) -> Change {
         let consistent = self.fit_alone(joined);
         let mut again = false;
@@ -114,7 +115,7 @@ impl<R: Residuals> ChangeSearch<'_, R> {
         consistent
     }
 
-    /// The cut of the block, the last one where there are several, or a drift where a line through
+    /// The cut of the block, the last one if there are several, or a drift where a line through
     /// the block explains it better.
     fn find(&mut self, joined: u64, margin: u64) -> Change {
         let rows = self.rows;
@@ -163,7 +164,7 @@ impl<R: Residuals> ChangeSearch<'_, R> {
 
     /// The best single cut of `whole`; `later` becomes the fit of what follows it.
     ///
-    /// Rows within `margin` after the cut have no say in that fit: where rows overlap, the first of
+    /// Rows within `margin` after the cut have no say in that fit: if rows overlap, the first of
     /// them may still touch what was before.
     fn cut(&mut self, joined: u64, whole: Range<usize>, free: bool, margin: u64) -> Cut {
         let rows = self.rows;
@@ -254,7 +255,7 @@ impl<R: Residuals> ChangeSearch<'_, R> {
     }
 }
 
-/// The first row that begins `margin` after the first of `range` does, or the first where none is
+/// The first row that begins `margin` after the first of `range` does, or the first if none is
 /// left then.
 fn first_after<R: Residuals>(rows: &R, range: Range<usize>, margin: u64) -> usize {
     let usable = rows.span(range.start).0.saturating_add(margin);

@@ -2,21 +2,25 @@
 //!
 //! ```text
 //! d_m   = what an honest Kalman step would move θ̂ by in block m,   Var d_m = V_m from P and the block's information
-//! t     = d_i/√V_ii                       standard normal for each parameter i where the rows are what they are taken for
+//! t     = d_i/√V_ii                       N(0, 1) for each parameter i if the rows are what they are taken for
 //! κ_i   = π/2 (Σ w |t|/Σ w)²              w: the share of a parameter's size that the block informs on
 //! b_i   = Σ ρ^k d_i / Σ ρ^k g_i           g = V_ii/P_ii, the share of the way from θ̂ to what the block says
 //! P_ij  ← √(κ_i κ_j) P_ij,  P_ii ← P_ii + b_i²
 //! ```
 //!
-//! Residuals that are correlated over a second (friction that hangs on the place, a sensor that warms up) give σ² times the number of rows too much information, and no
-//! row tells. Another block does: each block is one cluster, and its innovation, taken before the block has a say, needs no correction for
-//! the parameters that were fitted to it, unlike J′r r′J of residuals (K.-Y. Liang and S. L. Zeger 1986; R. T. Birge's ratio of 1932 is the same for one parameter).
-//! Magnitudes (C. A. F. Peters 1856) let one odd block among a dozen weigh a third of what squares do.
-//! A parameter that moves while λ still remembers shows otherwise: the d_m have one sign. b_i is how far θ̂ lags behind, its mean over some five blocks.
+//! Residuals that are correlated over a second (friction that hangs on the place, a sensor that
+//! warms up) give σ² times the number of rows too much information, and no row tells. Another block
+//! does: each block is one cluster, and its innovation, taken before the block has a say, needs no
+//! correction for the parameters that were fitted to it, unlike J′r r′J of residuals (K.-Y. Liang
+//! and S. L. Zeger 1986; R. T. Birge's ratio of 1932 is the same for one parameter). Magnitudes (C.
+//! A. F. Peters 1856) let one odd block among a dozen weigh a third of what squares do. A parameter
+//! that moves while λ still remembers shows otherwise: the d_m have one sign. b_i is how far θ̂
+//! lags behind, its mean over some five blocks.
 //!
-//! By chance κ and b are neither 1 nor 0. P is widened only by what chance does not explain: κ by more than four of its own standard deviations where the sensors were
-//! told, two where the noise is learnt from the residuals; b by three and a half. Learnt noise knows nothing of correlation, so that two repeats are enough there, and
-//! two that agree are added to them.
+//! By chance κ and b are neither 1 nor 0. P is widened only by what chance does not explain: κ by
+//! more than four of its own standard deviations if the sensors were told, two if the noise
+//! is learnt from the residuals; b by three and a half. Learnt noise knows nothing of correlation,
+//! so that two repeats are enough there, and two that agree are added to them.
 
 use super::persist::Visit;
 
@@ -24,7 +28,8 @@ use super::persist::Visit;
 const MEAN: f64 = 0.797_884_560_802_865_4;
 /// ρ of the lag: five blocks.
 const RECENT: f64 = 0.8;
-/// Standard deviations of κ that chance may reach, with noise that was told and that was learnt; and of the lag.
+/// Standard deviations of κ that chance may reach, with noise that was told and that was learnt;
+/// and of the lag.
 const CHANCE: f64 = 4.0;
 const CHANCE_LEARNT: f64 = 2.0;
 const LAG: f64 = 3.5;
@@ -32,7 +37,7 @@ const LAG: f64 = 3.5;
 const ENOUGH: f64 = 3.0;
 const ENOUGH_LEARNT: f64 = 1.5;
 const AGREED: f64 = 2.0;
-/// κ's memory per block where the estimate has a longer one.
+/// κ's memory per block if the estimate has a longer one.
 const MEMORY: f64 = 0.98;
 
 /// What a group's innovations said so far.
@@ -108,7 +113,8 @@ impl Clusters {
         self.pending = true;
     }
 
-    /// Adds a direction with entries `along`(i) for which P is 1: the block's information b on it and its score c.
+    /// Adds a direction with entries `along`(i) for which P is 1: the block's information b on it
+    /// and its score c.
     pub fn add(&mut self, b: f64, c: f64, along: impl Fn(usize) -> f64) {
         for i in 0..self.moved.len() {
             let x = along(i);
@@ -118,7 +124,8 @@ impl Clusters {
         }
     }
 
-    /// Ends a block: `changed` where the plant is another one, so that the block is no repeat; `share` of the parameters' sizes that it informed on.
+    /// Ends a block: `changed` if the plant is another one, so that the block is no repeat;
+    /// `share` of the parameters' sizes that it informed on.
     pub fn end(&mut self, changed: bool, told: bool, share: impl Fn(usize) -> f64) {
         self.told = told;
         let pending = std::mem::take(&mut self.pending);
@@ -160,7 +167,7 @@ impl Clusters {
         }
     }
 
-    /// b_i: how far the estimate lags behind, 0 where chance explains it.
+    /// b_i: how far the estimate lags behind, 0 if chance explains it.
     pub fn lag(&self, i: usize) -> f64 {
         let chance = if self.told { 1.0 } else { self.ratio(i) };
         if self.lag_gain[i] > 0.0 && self.lag[i] * self.lag[i] > LAG * LAG * chance * self.lag_variance[i] {
@@ -210,7 +217,8 @@ mod tests {
         assert_eq!(after(&agreeing, true).ratio(0), 1.0);
         let apart: Vec<f64> = agreeing.iter().map(|c| 10.0 * c).collect();
         let clusters = after(&apart, true);
-        // the mean magnitude of the eight is 0.8, so tenfold it is 8 with some per cent for the later ones that count more: κ = 64 π/2
+        // the mean magnitude of the eight is 0.8, so tenfold it is 8 with some per cent for the
+        // later ones that count more: κ = 64 π/2
         assert!((90.0..115.0).contains(&clusters.ratio(0)), "{}", clusters.ratio(0));
         let clusters = after(&apart, false);
         assert_eq!(clusters.lag(0), 0.0, "signs alternate, and the noise is learnt");

@@ -1,4 +1,5 @@
-//! Considered errors: what the model leaves out and σ must allow for (S. F. Schmidt, 1966: consider covariance).
+//! Considered errors: what the model leaves out and σ must allow for (S. F. Schmidt, 1966: consider
+//! covariance).
 //!
 //! ```text
 //! f(θ*)  = n + Σ_s a_s d_s                        the machine has errors a_s, a priori N(0, σ_s²)            (a)
@@ -7,33 +8,40 @@
 //! P_pub  = P + T M Tᵀ,  M = E[a aᵀ | data]        second moments, from score_test.rs                         (d)
 //! ```
 //!
-//! The errors are constant, so T_s accumulates over the blocks instead of averaging out. If the data say nothing about an error, M stays at its
-//! prior σ_s² and no number of blocks takes σ below what the error could do: a delay of 150 µs and smooth motion shift θ₉ by 5 % and leave a
-//! perfect residual. If the motion does show the error, M shrinks to what the data leave open, and σ is what it would be without it. (d) is exact for
-//! linear rows: the part of e that noise causes is uncorrelated with the innovations, and a is learnt from nothing else.
+//! The errors are constant, so T_s accumulates over the blocks instead of averaging out. If the
+//! data say nothing about an error, M stays at its prior σ_s² and no number of blocks takes σ below
+//! what the error could do: a delay of 150 µs and smooth motion shift θ₉ by 5 % and leave a perfect
+//! residual. If the motion does show the error, M shrinks to what the data leave open, and σ is
+//! what it would be without it. (d) is exact for linear rows: the part of e that noise causes is
+//! uncorrelated with the innovations, and a is learnt from nothing else.
 //!
-//! **No change of the plant.** The estimate moves with the motion if there is such an error, and a change is looked for against it: the test of
-//! `change.rs` counts d_s − φᵀT_s, the share of the innovation that the error causes, as noise of covariance M. **No noise.** What an error leaves in the
-//! residuals is counted as noise if the noise level is learnt, which widens σ further and never narrows it.
+//! **No change of the plant.** The estimate moves with the motion if there is such an error, and a
+//! change is looked for against it: the test of `change.rs` counts d_s − φᵀT_s, the share of the
+//! innovation that the error causes, as noise of covariance M. **No noise.** What an error leaves
+//! in the residuals is counted as noise if the noise level is learnt, which widens σ further and
+//! never narrows it.
 //!
 //! # Drift
-//! Parameters may move while they are averaged: θ(t) = θ(t_end) + ρ (t − t_end) leaves f = n + φᵀρ (t − t_end). The rates are constant errors like the
-//! others, with size_i (1/s) for unit, and what T says is how far θ̂ lags behind the parameters at the end of the block:
+//! Parameters may move while they are averaged: θ(t) = θ(t_end) + ρ (t − t_end) leaves f = n + φᵀρ
+//! (t − t_end). The rates are constant errors like the others, with size_i (1/s) for unit, and what
+//! T says is how far θ̂ lags behind the parameters at the end of the block:
 //!
 //! ```text
-//! d_i = φ_i size_i (t − t_end),   T_i ← T_i − size_i Δt e_i at the start of each block that ends Δt after the last one         (f)
+//! d_i = φ_i size_i (t − t_end),   T_i ← T_i − size_i Δt e_i at the start of each block    (f)
 //! ```
 //!
 //! A moving parameter is a change of the plant, so the test for changes does not allow for it.
 //!
 //! # Scores
-//! Under the errors a the innovation is ν = n + (D − Φ T) a with T of before the block, of covariance V = I + Φ Λ⁻¹ Φᵀ in units of σ². With H = D − Φ T
+//! Under the errors a the innovation is ν = n + (D − Φ T) a with T of before the block, of
+//! covariance V = I + Φ Λ⁻¹ Φᵀ in units of σ². With H = D − Φ T
 //!
 //! ```text
-//! u = Hᵀ V⁻¹ ν,  I = Hᵀ V⁻¹ H,   V⁻¹ = I − Φ K Φᵀ                                                            (e)
+//! u = Hᵀ V⁻¹ ν,  I = Hᵀ V⁻¹ H,   V⁻¹ = I − Φ K Φᵀ                                              (e)
 //! ```
 //!
-//! are the score of the errors and their information matrix, which `score_test.rs` adds up over the blocks.
+//! are the score of the errors and their information matrix, which `score_test.rs` adds up over the
+//! blocks.
 
 use super::Residuals;
 use super::equation::EquationState;
@@ -46,7 +54,8 @@ use std::ops::Range;
 /// Errors of each equation that there is room for.
 pub const PER_EQUATION: usize = 6;
 
-/// Errors of the rows that there is room for: one of the whole machine and those of each equation. The drifts of the parameters, one each, follow.
+/// Errors of the rows that there is room for: one of the whole machine and those of each equation.
+/// The drifts of the parameters, one each, follow.
 pub const fn room_for(equations: usize) -> usize {
     1 + PER_EQUATION * equations
 }
@@ -64,7 +73,8 @@ const ROUNDING: f64 = 1e-9;
 #[derive(Debug, Clone)]
 pub struct Considered {
     n: usize,
-    /// Errors that the last block had columns for: those that the rows know, and with the drifts all that there is room for.
+    /// Errors that the last block had columns for: those that the rows know, and with the drifts
+    /// all that there is room for.
     count: usize,
     known: usize,
     /// Where the drifts of this group's parameters begin and end; empty if none is considered.
@@ -73,7 +83,8 @@ pub struct Considered {
     sizes: Vec<f64>,
     /// End of the block before, in ns; 0 before the first.
     end_ns: u64,
-    /// M of (d), room × room; rows and columns of errors without a prior that nothing was found of are 0.
+    /// M of (d), room × room; rows and columns of errors without a prior that nothing was found of
+    /// are 0.
     pub moments: Vec<f64>,
     /// T_s at s n.
     sensitivity: Vec<f64>,
@@ -99,7 +110,8 @@ pub struct Considered {
 }
 
 impl Considered {
-    /// Room for a group with these of the `params` parameters of a plant of `equations` equations; with `drift`, for the drift of each.
+    /// Room for a group with these of the `params` parameters of a plant of `equations` equations;
+    /// with `drift`, for the drift of each.
     pub fn new(parameters: &Range<usize>, params: usize, equations: usize, drift: bool) -> Self {
         let (n, first) = (parameters.len(), room_for(equations));
         let (room, drifts) = match drift {
@@ -238,8 +250,9 @@ impl Considered {
         }
     }
 
-    /// Goes on to the estimate after the block: scores, then T. `gain` is K, `transition` A, `total` Σ S_e, `sums` those at the θ that was
-    /// accumulated at, `moved` its distance from θ̄; the block ends at `end_ns`.
+    /// Goes on to the estimate after the block: scores, then T. `gain` is K, `transition` A,
+    /// `total` Σ S_e, `sums` those at the θ that was accumulated at, `moved` its distance from θ̄;
+    /// the block ends at `end_ns`.
     #[allow(clippy::too_many_arguments)]
     pub fn step(
         &mut self,
@@ -308,7 +321,8 @@ impl Considered {
         }
     }
 
-    /// The same for a line through the block, whose end is the estimate: with C⁻¹ the information of its start and W its weights
+    /// The same for a line through the block, whose end is the estimate: with C⁻¹ the information
+    /// of its start and W its weights
     ///
     /// ```text
     /// T ← (I, ½ I) Cov(c, v) (Σ w (φ, sφ) d + (I, −½ I) C⁻¹ T)
@@ -408,8 +422,9 @@ impl Considered {
         }
     }
 
-    /// What the errors explain of Σ c_k², where c = `values` are uncorrelated, of variance 1 and made from A (θ_block − θ̄): c = `image`(w) for
-    /// w = (Σ φ d − S T)/σ², the part of the innovation's score that an error brings. Woodbury's formula.
+    /// What the errors explain of Σ c_k², where c = `values` are uncorrelated, of variance 1 and
+    /// made from A (θ_block − θ̄): c = `image`(w) for w = (Σ φ d − S T)/σ², the part of the
+    /// innovation's score that an error brings. Woodbury's formula.
     pub fn explained(
         &mut self,
         values: &[f64],

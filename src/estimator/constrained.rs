@@ -4,12 +4,14 @@
 //! minimise ½ δᵀ H δ − gᵀ δ   subject to   lower ≤ δ ≤ upper,   lower ≤ 0 ≤ upper
 //! ```
 //!
-//! by the primal active set method from δ = 0 (Nocedal and Wright, Numerical Optimization, 2nd ed., section 16.5), which for
-//! bounds alone only needs factors of the free submatrix. Every iterate is feasible and lowers the cost, so that the step
-//! is one of descent wherever it stops. Fixed parameters are bounds that coincide.
+//! by the primal active set method from δ = 0 (Nocedal and Wright, Numerical Optimization, 2nd ed.,
+//! section 16.5), which for bounds alone only needs factors of the free submatrix. Every iterate is
+//! feasible and lowers the cost, so that the step is one of descent wherever it stops. Fixed
+//! parameters are bounds that coincide.
 //!
-//! A singular H (a parameter, or a combination, that the data do not inform on and no prior holds) gives the step of least length in
-//! units of the columns: nothing moves where there is no information.
+//! A singular H (a parameter, or a combination, that the data do not inform on and no prior holds)
+//! gives the step of least length in units of the columns: nothing moves if there is no
+//! information.
 
 use super::linalg::{Cholesky, Eigen, RANK_TOLERANCE};
 
@@ -61,7 +63,8 @@ impl ConstrainedStep {
                 down && up
             };
         }
-        // each round fixes or frees one; a handful is usual, the limit guards against cycling on rounding
+        // each round fixes or frees one; a handful is usual, the limit guards against cycling on
+        // rounding
         for _ in 0..4 * n + 4 {
             self.solve_free(h, g);
             let mut fraction = 1.0;
@@ -86,7 +89,8 @@ impl ConstrainedStep {
                 self.free[i] = false;
                 continue;
             }
-            // optimal in the free ones: free the bound whose multiplier has the wrong sign most, in units of the column
+            // optimal in the free ones: free the bound whose multiplier has the wrong sign most, in
+            // units of the column
             let mut worst = 0.0;
             let mut release = None;
             for i in 0..n {
@@ -219,7 +223,8 @@ mod tests {
                 let d = step.delta()[i];
                 let slope = step.slope(&h, &g, i);
                 prop_assert!(d >= lower[i] && d <= upper[i]);
-                // H has eigenvalues of at least 0.1, so rounding of slopes below 10 stays below 1e-12
+                // H has eigenvalues of at least 0.1, so rounding of slopes below 10 stays below
+                // 1e-12
                 if d > lower[i] && d < upper[i] {
                     prop_assert!(slope.abs() < 1e-12, "slope {slope} in a free parameter");
                 } else if d == upper[i] && lower[i] < upper[i] {

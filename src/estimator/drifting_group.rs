@@ -21,7 +21,7 @@ impl GroupState {
             .unwrap_or(f64::INFINITY)
     }
 
-    /// True where the line's residuals are no larger than the noise known so far.
+    /// True if the line's residuals are no larger than the noise known so far.
     pub fn line_is_consistent(&self) -> bool {
         let rows: usize = self.at.iter().map(|s| s.rows).sum();
         let outliers: usize = self.drift.line.outliers.iter().sum();
@@ -82,7 +82,7 @@ impl GroupState {
             .fold(0.0, f64::max)
     }
 
-    /// Fits the line that goes on from the last; true where it leaves no more than noise and is
+    /// Fits the line that goes on from the last; true if it leaves no more than noise and is
     /// near what was expected of it. `change` is the share of their sizes by which slopes may have
     /// changed.
     pub fn follow_line<R: Residuals>(&mut self, rows: &R, theta: &[f64], change: f64) -> bool {
@@ -96,8 +96,8 @@ impl GroupState {
         !self.line_bends(theta) || f_tail(self.drift.line.surprise / directions, directions, MANY) > CONSISTENT
     }
 
-    /// True where the line that was fitted is off the one before by more than no user would notice,
-    /// however exact the signals are.
+    /// True if the fitted line differs from the previous one by more than `BEND` (0.1 %) of a
+    /// parameter's size, however exact the signals are.
     pub fn line_bends(&self, theta: &[f64]) -> bool {
         (0..self.n).any(|i| {
             let start = self.drift.start(i) - self.centre[i];

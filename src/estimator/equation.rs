@@ -101,8 +101,8 @@ impl EquationState {
     }
 
     /// Learns the noise from residuals of `cost` of which the parameters took `taken` degrees of
-    /// freedom. A block counts as at most four times as noisy as known so far: more is something
-    /// else than noise, or is learnt in two blocks.
+    /// freedom. A block raises the noise variance by at most a factor of four: a larger jump is not
+    /// noise, and a real one is learnt in two blocks.
     pub fn learn(&mut self, sums: &Sums, cost: f64, taken: f64, options: &EstimatorOptions) {
         let freedom = (sums.rows - sums.outliers) as f64 - taken;
         if freedom > 1e-6 * sums.rows as f64 {
@@ -130,7 +130,7 @@ fn floor_variance(e: &EquationState, sums: &Sums, options: &EstimatorOptions) ->
     (e.floor * e.floor).max(options.noise_floor_relative.powi(2) * size)
 }
 
-/// Sums of every equation at θ; false where something is not finite.
+/// Sums of every equation at θ; false if something is not finite.
 pub fn evaluate<R: Residuals>(
     rows: &R,
     range: Range<usize>,

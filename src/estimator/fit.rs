@@ -1,14 +1,15 @@
 //! Gauss–Newton on one block with the prior frozen.
 //!
 //! ```text
-//! J(θ) = Σ ρ(f_n(θ)) + (θ − θ̄)ᵀ Λ (θ − θ̄)                 the cost of the block, (6) with one interval and its past as Λ
+//! J(θ) = Σ ρ(f_n(θ)) + (θ − θ̄)ᵀ Λ (θ − θ̄)    (6) of one block, its past as Λ
 //! δ    = argmin ½ δᵀ (Λ + S) δ − (g − Λ (θ − θ̄))ᵀ δ       in a box
 //! ```
 //!
-//! With one iteration from θ = θ̄, (8) as it stands. With more, θ is linearised anew at each iteration while the prior stays
-//! frozen, so that an old linearisation at a bad estimate leaves nothing in the information. The box is the bounds and a
-//! factor `step_factor` per positive parameter and iteration: without it a far start walks along the curved valley of the products θ₆θ₉
-//! and θ₇θ₉, in 15 steps where 6 do. A step is halved until the cost falls.
+//! With one iteration from θ = θ̄, (8) as it stands. With more, θ is linearised anew at each
+//! iteration while the prior stays frozen, so that an old linearisation at a bad estimate leaves
+//! nothing in the information. The box is the bounds and a factor `step_factor` per positive
+//! parameter and iteration: without it a far start walks along the curved valley of the products
+//! θ₆θ₉ and θ₇θ₉, in 15 steps when 6 do. A step is halved until the cost falls.
 
 use super::Residuals;
 use super::equation::{add_grams, add_scores};
@@ -23,7 +24,7 @@ use std::ops::Range;
 pub struct Fit {
     /// Iterations made.
     pub iterations: u32,
-    /// False where the iterations ran out.
+    /// False if the iterations ran out.
     pub converged: bool,
 }
 
@@ -59,7 +60,8 @@ impl GroupState {
         }
     }
 
-    /// Minimises the cost over the rows of `range` from the present θ; `at` holds the sums there, and at the result afterwards.
+    /// Minimises the cost over the rows of `range` from the present θ; `at` holds the sums there,
+    /// and at the result afterwards.
     pub fn fit<R: Residuals>(
         &mut self,
         rows: &R,
@@ -82,8 +84,8 @@ impl GroupState {
                 cost = self.cost(&self.at, theta);
             }
             if self.blocks == 0 {
-                // before the first block nothing is known: ε keeps silent directions in place, as Levenberg's method does, but the
-                // guess itself has no pull
+                // before the first block nothing is known: ε keeps silent directions in place, as
+                // Levenberg's method does, but the guess itself has no pull
                 self.centre.copy_from_slice(&theta[self.parameters.clone()]);
                 cost = self.cost(&self.at, theta);
             }
@@ -187,7 +189,8 @@ impl GroupState {
             let (mut down, mut up) = (lower - from, upper - from);
             if lower >= 0.0 && from > 0.0 && factor.is_finite() {
                 down = down.max(from / factor - from);
-                // a parameter that noise has driven to zero finds back to its usual size in one step
+                // a parameter that noise has driven to zero finds back to its usual size in one
+                // step
                 up = up.min((from * factor).max(self.centre[i]).max(self.start_std[i]) - from);
             }
             if self.fixed[i] {

@@ -1,31 +1,39 @@
 //! Does the block fit: χ² of its whitened residuals, as a whole and over its last parts.
 //!
 //! ```text
-//! χ²_k = Σ_{last k rows} f_n(θ̂)²/σ²        k = 1, 2, 4, … rows and all N of them; χ²_k/k ~ F(k, ν) if the model and θ̂ are right
+//! χ²_k = Σ_{last k rows} f_n(θ̂)²/σ²        k = 1, 2, 4, … rows and all N of them
+//! χ²_k/k ~ F(k, ν)                         if the model and θ̂ are right
 //! p    = min(1, tests · min_k P(F > χ²_k/(k (1 + slack))))                          over all equations: Bonferroni
 //! ```
 //!
-//! A plant that changes near the end of a block leaves its residuals in the last rows, where they drown in the mean over the block and are too few for the test
-//! of `change.rs` against what was known before. A change in the last tenth of a second shows only in the windows that end with the block ([`Residuals::tail`]), each
-//! of which is one more test. Because the rows are whitened backwards, a sum over the last k of them is the cost of these windows alone.
+//! A plant that changes near the end of a block leaves its residuals in the last rows, where they
+//! drown in the mean over the block and are too few for the test of `change.rs` against what was
+//! known before. A change in the last tenth of a second shows only in the windows that end with the
+//! block ([`Residuals::tail`]), each of which is one more test. Because the rows are whitened
+//! backwards, a sum over the last k of them is the cost of these windows alone.
 //!
-//! σ² is the variance that the user has specified (`noise_floor`, 1 for rows that are whitened by the sensors' noise), ν = ∞. If none was specified, it is the level that
-//! the blocks before have learnt, ν their degrees of freedom: what a block does not fit must not be learnt from the same block. A level that was learnt holds what the
-//! model leaves out, too, which is no white noise, so the slack is larger there, and residuals within [`SHARE`] of the equation's signal are never a misfit.
+//! σ² is the variance that the user has specified (`noise_floor`, 1 for rows that are whitened by
+//! the sensors' noise), ν = ∞. If none was specified, it is the level that the blocks before have
+//! learnt, ν their degrees of freedom: what a block does not fit must not be learnt from the same
+//! block. A level that was learnt holds what the model leaves out, too, which is no white noise, so
+//! the slack is larger there, and residuals within [`SHARE`] of the equation's signal are never a
+//! misfit.
 
 use super::Residuals;
 use super::pass::{Loss, Sums};
 use super::stats::f_tail;
 use std::ops::Range;
 
-/// A block whose p is below this does not fit: a right model does so once in five thousand blocks, if the noise is what it is said to be. That costs two blocks; a
-/// change that is overlooked costs wrong values.
+/// A block whose p is below this does not fit: a right model does so once in five thousand blocks,
+/// if the noise is what it is said to be. That costs two blocks; a change that is overlooked costs
+/// wrong values.
 pub const MISFIT: f64 = 2e-4;
 /// Share by which the variance may exceed the specified one: sensors are never known better.
 const SLACK: f64 = 0.25;
 /// The same for a variance that was learnt.
 const LEARNT_SLACK: f64 = 3.0;
-/// Root mean square of residuals, relative to the equation's signal, that a learnt noise level never calls a misfit.
+/// Root mean square of residuals, relative to the equation's signal, that a learnt noise level
+/// never calls a misfit.
 const SHARE: f64 = 2e-3;
 /// Degrees of freedom of a variance that is known.
 const MANY: f64 = 1e5;
@@ -67,7 +75,8 @@ impl BlockFit {
         self.tails[equation % 64] = fit.tail;
     }
 
-    /// Probability of residuals as large as these if the model is right, and the equations, a bit each, that do not fit.
+    /// Probability of residuals as large as these if the model is right, and the equations, a bit
+    /// each, that do not fit.
     pub fn judge(&self, equations: usize) -> (f64, u64) {
         let (mut least, mut misfit) = (1.0f64, 0);
         for (e, tail) in self.tails.iter().enumerate().take(equations) {
@@ -88,10 +97,11 @@ pub struct EquationFit {
     pub tail: f64,
     /// Number of parts that were tested.
     pub tests: usize,
-    /// Σ f² over the rows that show what the model explains: all but the last few, whose whitening has not settled.
+    /// Σ f² over the rows that show what the model explains: all but the last few, whose whitening
+    /// has not settled.
     pub residual: f64,
-    /// Σ (v − v̄)² over the same rows, v = f + φᵀθ̂ the signal of the linear form (1): for a model that is linear in θ, the input. The mean is left out,
-    /// because a constant explains it.
+    /// Σ (v − v̄)² over the same rows, v = f + φᵀθ̂ the signal of the linear form (1): for a model
+    /// that is linear in θ, the input. The mean is left out, because a constant explains it.
     pub signal: f64,
     /// Their number; outliers do not count.
     pub rows: usize,

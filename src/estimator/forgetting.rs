@@ -3,14 +3,15 @@
 //! ```text
 //! exponential         Λ = λ Γ⁻¹                                        Γ_m⁻¹ = Λ + S                 (9)
 //! bounded-as-printed  Λ = λ Γ⁻¹          Π⁻¹ = Λ + S                   Γ_m = ε⁻¹ G(ε Π)              (10), (11)
-//! bounded             Λ = Γ⁻¹            Π⁻¹ = Λ + S                   Γ_m = ε⁻¹ G(ε Π)              (10) without its λ
+//! bounded             Λ = Γ⁻¹            Π⁻¹ = Λ + S                   Γ_m = ε⁻¹ G(ε Π)              (10), no λ
 //! floor               Λ = λ Γ⁻¹ + (1 − λ) ε I                          Γ_m⁻¹ = Λ + S
 //! directional         Λ = Γ⁻¹ − (1 − λ) Γ⁻¹U (UᵀΓ⁻¹U)⁻¹ UᵀΓ⁻¹          Γ_m⁻¹ = Λ + S                 arXiv 2404.10844
 //! ```
 //!
-//! U spans the directions that the block excites strongly, in units of the parameters themselves. With all directions excited
-//! `directional` is `exponential`; with none it forgets nothing. To replace what was known to a thousandth by what a block finds to within its
-//! own size is no gain, so that it takes more to be forgotten than to be informed on.
+//! U spans the directions that the block excites strongly, in units of the parameters themselves.
+//! With all directions excited `directional` is `exponential`; with none it forgets nothing. To
+//! replace what was known to a thousandth by what a block finds to within its own size is no gain,
+//! so that it takes more to be forgotten than to be informed on.
 
 use super::bound::{CovarianceBound, Factor, Polynomial, Rational};
 use super::linalg::{Eigen, dot};
@@ -18,9 +19,10 @@ use super::options::{Bound, EstimatorOptions, Forgetting};
 
 /// The directions of parameter space that a block informs on.
 ///
-/// Parameters are measured in units of their own size, so that directions mean the same whatever the units. With e_k the eigenvalues of
-/// the scaled information over the noise variance, a block alone would find direction k to within 1/√e_k of the
-/// parameters' size; it is excited where e_k > 1.
+/// Parameters are measured in units of their own size, so that directions mean the same whatever
+/// the units. With e_k the eigenvalues of the scaled information over the noise variance, a block
+/// alone would find direction k to within 1/√e_k of the parameters' size; it is excited if
+/// e_k > 1.
 #[derive(Debug, Clone)]
 pub struct Excitation {
     eigen: Eigen,
@@ -38,7 +40,8 @@ pub struct Excitation {
 impl Excitation {
     /// Eigenvalues of the scaled information below this share of the largest are rounding.
     const ROUNDING: f64 = 1e-12;
-    /// Eigenvalue from which a direction is strongly excited: the block alone finds it to within 10 %.
+    /// Eigenvalue from which a direction is strongly excited: the block alone finds it to within 10
+    /// %.
     const STRONG: f64 = 100.0;
 
     /// Back to nothing excited.
@@ -103,12 +106,13 @@ impl Excitation {
         }
     }
 
-    /// Share of the variance of parameter i, known to within its own size, that this block alone would remove: 0 to 1.
+    /// Share of the variance of parameter i, known to within its own size, that this block alone
+    /// would remove: 0 to 1.
     pub fn share(&self, i: usize) -> f64 {
         self.shares[i]
     }
 
-    /// True where parameter i has a part of at least a tenth in an excited direction.
+    /// True if parameter i has a part of at least a tenth in an excited direction.
     pub fn touches(&self, i: usize) -> bool {
         self.directions[i * self.n..i * self.n + self.rank]
             .iter()
@@ -175,17 +179,19 @@ impl Rule {
         }
     }
 
-    // With Γ⁻¹ = L Lᵀ and Q the projector on the range of LᵀU the rule reads Λ = λ Γ⁻¹ + (1 − λ) L (I − Q) Lᵀ: a sum of two
-    // positive semidefinite matrices instead of a difference.
+    // With Γ⁻¹ = L Lᵀ and Q the projector on the range of LᵀU the rule reads Λ = λ Γ⁻¹ + (1 − λ) L
+    // (I − Q) Lᵀ: a sum of two positive semidefinite matrices instead of a difference.
     fn forget_directions(&mut self, n: usize, excitation: &Excitation, prior: &mut [f64]) {
         let lambda = self.lambda;
         let (lower, _) = self.work.split_at_mut(n * n);
         if !plain_cholesky(n, prior, lower) {
-            // cannot be: the information is kept positive definite; forgetting all of it is the safe side
+            // cannot be: the information is kept positive definite; forgetting all of it is the
+            // safe side
             prior.iter_mut().for_each(|v| *v *= lambda);
             return;
         }
-        // rows of `basis`: an orthonormal basis of range(LᵀU) by Gram–Schmidt, twice for orthogonality to rounding
+        // rows of `basis`: an orthonormal basis of range(LᵀU) by Gram–Schmidt, twice for
+        // orthogonality to rounding
         let mut kept = 0;
         for k in 0..excitation.strong {
             let (done, rest) = self.basis.split_at_mut(kept * n);
@@ -217,7 +223,8 @@ impl Rule {
         }
     }
 
-    /// Γ_m⁻¹ from Λ + S in place. False, and nothing changed, where G cannot be applied because Π⁻¹ is singular to rounding.
+    /// Γ_m⁻¹ from Λ + S in place. False, and nothing changed, if G cannot be applied because Π⁻¹
+    /// is singular to rounding.
     pub fn posterior(&mut self, n: usize, matrix: &mut [f64]) -> bool {
         if !self.forgetting.is_bounded() {
             return true;
@@ -304,7 +311,8 @@ mod tests {
     fn val_directional_with_full_excitation_is_exponential_and_with_none_forgets_nothing() {
         let mut excitation = Excitation::new(3);
         let mut prior = [0.0; 9];
-        // the least eigenvalue is above 1, so that all directions are informed on, and a hundredfold strongly so
+        // the least eigenvalue is above 1, so that all directions are informed on, and a
+        // hundredfold strongly so
         excitation.analyse(&INFORMATION, &[1.0; 3], &[true; 3]);
         assert_eq!((excitation.rank, excitation.strong), (3, 0));
         rule(Forgetting::Directional, 0.8, 1e-6).prior(3, &INFORMATION, &excitation, &mut prior);
@@ -320,7 +328,8 @@ mod tests {
 
     #[test]
     fn val_as_printed_falls_to_lambda_times_one_plus_lambda() {
-        // without data the eigenvalue x of εΓ obeys x ← G(x/λ); its fixed point is λ(1 + λ): 1.71, 1.8525, 1.9701
+        // without data the eigenvalue x of εΓ obeys x ← G(x/λ); its fixed point is λ(1 + λ): 1.71,
+        // 1.8525, 1.9701
         for lambda in [0.9, 0.95, 0.99] {
             let mut rule = rule(Forgetting::BoundedAsPrinted, lambda, 0.5);
             let excitation = Excitation::new(3);

@@ -198,7 +198,7 @@ impl GroupState {
         self.considered.forget_parameter(i);
     }
 
-    /// Looks at the block from the present estimate: innovation and sums at θ̄. False where the
+    /// Looks at the block from the present estimate: innovation and sums at θ̄. False if the
     /// rows are not finite there.
     pub fn look<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> bool {
         self.equations.iter_mut().for_each(|e| e.loss = Loss::Square);
@@ -233,7 +233,7 @@ impl GroupState {
     }
 
     /// Sets the losses from the residuals at θ and renews the sums there; an open gate is Huber's
-    /// function. Does nothing where every row counts in full.
+    /// function. Does nothing if every row counts in full.
     pub fn limit_outliers<R: Residuals>(
         &mut self,
         rows: &R,
@@ -254,7 +254,7 @@ impl GroupState {
     }
 
     /// Γ_m⁻¹ and the covariance from the prior and the sums in `at`; learns the noise from the
-    /// residuals in `at`, or those in `trial` where the sums in `at` were taken before the step.
+    /// residuals in `at`, or those in `trial` if the sums in `at` were taken before the step.
     /// The block ends at `end_ns`.
     pub fn conclude(&mut self, theta: &[f64], stepped: bool, end_ns: u64, options: &EstimatorOptions) {
         let n = self.n;
@@ -270,7 +270,7 @@ impl GroupState {
         );
         self.invert_free();
         let room = &mut self.room;
-        // A = I − K S, which is K Λ, and without cancellation, where Γ⁻¹ is Λ + S as it stands
+        // A = I − K S, which is K Λ, and without cancellation, if Γ⁻¹ is Λ + S as it stands
         if options.forgetting.is_bounded() || self.condition > LARGEST_CONDITION {
             room.total.fill(0.0);
             add_grams(n, &self.equations, &self.at, &mut room.total);
@@ -401,7 +401,7 @@ impl GroupState {
         if size > 0.0 { size } else { 1.0 }
     }
 
-    /// True where a free parameter is known to no better than half its size, which `theta` is close
+    /// True if a free parameter is known to no better than half its size, which `theta` is close
     /// to.
     pub fn is_open(&self, theta: &[f64]) -> bool {
         let wide = |i: usize| self.errors.total[i * self.n + i] > (0.5 * self.size(theta, i)).powi(2);
@@ -464,7 +464,7 @@ impl GroupState {
         self.considered.accumulate(rows, range, theta, &self.equations);
     }
 
-    /// The same where a line was fitted; `theta` is room for all parameters.
+    /// The same if a line was fitted; `theta` is room for all parameters.
     pub fn suspect_line<R: Residuals>(&mut self, rows: &R, theta: &mut [f64]) {
         self.considered.step_line(
             rows,
@@ -477,7 +477,7 @@ impl GroupState {
         );
     }
 
-    /// True where no residual taught the noise level: it stands at the floor that the options tell.
+    /// True if no residual taught the noise level: it stands at the floor that the options tell.
     pub fn noise_is_told(&self) -> bool {
         self.equations.iter().all(|e| e.floor > 0.0)
     }

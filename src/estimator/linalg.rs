@@ -1,10 +1,12 @@
 //! Dense kernels for the small symmetric problems of the estimators, on slices, without allocation.
 //!
-//! Matrices are n × n, row-major. A symmetric matrix is always stored in full. Factoring is column-scaled: with
-//! D = diag(1/√a_ii) the matrix D A D has a unit diagonal, so that parameters of very different units (jerk times 0.004,
-//! velocity times 23) meet on equal terms, which is van der Sluis's nearly optimal scaling.
+//! Matrices are n × n, row-major. A symmetric matrix is always stored in full. Factoring is
+//! column-scaled: with D = diag(1/√a_ii) the matrix D A D has a unit diagonal, so that parameters
+//! of very different units (jerk times 0.004, velocity times 23) meet on equal terms, which is van
+//! der Sluis's nearly optimal scaling.
 
-/// Scaled pivots below this are rounding, not information: with n ≤ 64 the rounding of a Gram matrix stays below it.
+/// Scaled pivots below this are rounding, not information: with n ≤ 64 the rounding of a Gram
+/// matrix stays below it.
 pub const RANK_TOLERANCE: f64 = 1e-13;
 
 /// a ← xᵀ y.
@@ -30,9 +32,10 @@ pub fn mul(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
 
 /// A S Aᵀ for a positive semidefinite S, by way of S = G Gᵀ.
 ///
-/// The product of the three matrices as they stand loses more than an answer can bear: where A maps a direction that S knows to 1e-11 of its
-/// size onto one that is wide open, as after a block in which a joint stood still, rounding leaves negative variances. (A G)(A G)ᵀ has none, and
-/// its error is that of G, which is small beside S in every direction.
+/// The product of the three matrices as they stand loses more than an answer can bear: where A maps
+/// a direction that S knows to 1e-11 of its size onto one that is wide open, as after a block in
+/// which a joint stood still, rounding leaves negative variances. (A G)(A G)ᵀ has none, and its
+/// error is that of G, which is small beside S in every direction.
 #[derive(Debug, Clone)]
 pub struct Congruence {
     factor: Vec<f64>,
@@ -69,7 +72,8 @@ impl Congruence {
         }
     }
 
-    // G of S = G Gᵀ: Cholesky's method with column scaling and complete pivoting, which ends where only rounding is left
+    // G of S = G Gᵀ: Cholesky's method with column scaling and complete pivoting, which ends where
+    // only rounding is left
     fn split(&mut self, n: usize, s: &[f64]) -> usize {
         for i in 0..n {
             self.scale[i] = s[i * n + i].max(0.0).sqrt();
@@ -123,7 +127,8 @@ impl Congruence {
     }
 }
 
-/// Copies the rows and columns of `a` that are not `dropped` to the head of `out`; returns how many they are.
+/// Copies the rows and columns of `a` that are not `dropped` to the head of `out`; returns how many
+/// they are.
 pub fn gather(n: usize, a: &[f64], dropped: &[bool], out: &mut [f64]) -> usize {
     let mut at = 0;
     for i in (0..n).filter(|&i| !dropped[i]) {
@@ -167,7 +172,8 @@ impl Cholesky {
         }
     }
 
-    /// Factors the leading n × n problem `a`; false where it is not positive definite beyond rounding.
+    /// Factors the leading n × n problem `a`; false if it is not positive definite beyond
+    /// rounding.
     pub fn factor(&mut self, n: usize, a: &[f64]) -> bool {
         self.n = n;
         self.smallest_pivot = f64::INFINITY;
@@ -205,7 +211,8 @@ impl Cholesky {
         (0..n).map(|i| 2.0 * (self.lower[i * n + i] / self.scale[i]).ln()).sum()
     }
 
-    /// x ← F⁻¹ x with A = F Fᵀ: half of [`solve`](Self::solve), so that yᵀ A⁻¹ x is the product of two halves.
+    /// x ← F⁻¹ x with A = F Fᵀ: half of [`solve`](Self::solve), so that yᵀ A⁻¹ x is the product of
+    /// two halves.
     #[cfg(feature = "robot")]
     pub fn solve_half(&self, x: &mut [f64]) {
         let n = self.n;
@@ -249,8 +256,8 @@ impl Cholesky {
     }
 }
 
-/// Eigenvalues and eigenvectors of a symmetric matrix by cyclic Jacobi rotations: slow for large n, exact to rounding, and
-/// without allocation.
+/// Eigenvalues and eigenvectors of a symmetric matrix by cyclic Jacobi rotations: slow for large n,
+/// exact to rounding, and without allocation.
 #[derive(Debug, Clone)]
 pub struct Eigen {
     /// Eigenvalues, unordered.

@@ -5,8 +5,9 @@
 //! minimise Σ_e Σ f_n(θ(s_n))²/σ_e² + (c − v/2 − θ̄)ᵀ C⁻¹ (c − v/2 − θ̄) + Σ_i (v_i − v̄_i)²/V_i
 //! ```
 //!
-//! by Gauss–Newton over (c, v), each row at its own θ. A constant fitted to a drifting block is worse than late: the movement of a
-//! strong parameter turns up in the weak ones, by a hundred times its size. The estimate is the line's end, c + v/2.
+//! by Gauss–Newton over (c, v), each row at its own θ. A constant fitted to a drifting block is
+//! worse than late: the movement of a strong parameter turns up in the weak ones, by a hundred
+//! times its size. The estimate is the line's end, c + v/2.
 
 use super::Residuals;
 use super::equation::{EquationState, TINY};
@@ -35,7 +36,8 @@ pub struct LineFit {
     pub middle: Vec<f64>,
     /// v.
     pub slope: Vec<f64>,
-    /// What the fit costs against its prior: χ² with at most 2n degrees of freedom where the line goes on as expected.
+    /// What the fit costs against its prior: χ² with at most 2n degrees of freedom if the line
+    /// goes on as expected.
     pub surprise: f64,
     /// Covariance of (c, v), 2n × 2n.
     pub covariance: Vec<f64>,
@@ -81,7 +83,8 @@ impl LineFit {
         v.reals(&mut self.covariance);
     }
 
-    /// Fits a line to the rows, from θ and no slope. Returns Σ ρ(f)/σ², `None` where it cannot be fitted.
+    /// Fits a line to the rows, from θ and no slope. Returns Σ ρ(f)/σ², `None` if it cannot be
+    /// fitted.
     pub fn fit(
         &mut self,
         rows: &dyn Residuals,

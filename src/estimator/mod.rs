@@ -1,8 +1,9 @@
-//! Estimators. They see rows, never a model or the simulator, so they serve any plant and cannot peek at the truth.
+//! Estimators. They see rows, never a model or the simulator, so they serve any plant and cannot
+//! peek at the truth.
 //!
 //! ```text
-//! f_n(θ)                     residual of a scalar equation at sample n, (5); f = s·u − Σ_d (d/dt)^d g_d
-//! φ_n(θ) = −∂f_n/∂θ          regressor, (7)
+//! f_n(θ)                residual of a scalar equation at sample n, (5); f = s·u − Σ_d (d/dt)^d g_d
+//! φ_n(θ) = −∂f_n/∂θ     regressor, (7)
 //! v_n = f_n(θ̂) + φ_nᵀ θ̂      the signal of the linear form (1)
 //! ```
 //!
@@ -80,8 +81,8 @@ pub struct Structure {
     pub equations: Vec<Range<usize>>,
 }
 
-/// Parameters that are estimated together, because some equation links them: a connected component of the graph of
-/// equations and parameters, and a least squares problem of its own.
+/// Parameters that are estimated together, because some equation links them: a connected component
+/// of the graph of equations and parameters, and a least squares problem of its own.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Group {
     /// The parameters: overlapping ranges unite to one range.
@@ -91,7 +92,8 @@ pub struct Group {
 }
 
 impl Structure {
-    /// The independent groups, ordered by their first parameter. A parameter of no equation is in no group.
+    /// The independent groups, ordered by their first parameter. A parameter of no equation is in
+    /// no group.
     pub fn groups(&self) -> Vec<Group> {
         let mut order: Vec<usize> = (0..self.equations.len())
             .filter(|&e| !self.equations[e].is_empty())
@@ -122,51 +124,59 @@ impl Structure {
 ///
 /// Row `index` of `0..len()` exists for each equation. Rows are ordered in time.
 pub trait Residuals {
-    /// Number of rows per equation in the block: the sample instants of the pointwise form, the windows of the projected one.
+    /// Number of rows per equation in the block: the sample instants of the pointwise form, the
+    /// windows of the projected one.
     fn len(&self) -> usize;
-    /// True where the block holds nothing.
+    /// True if the block holds nothing.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
     /// Residual f_n(θ); writes the regressor φ_n = −∂f_n/∂θ over the equation's own parameters.
     ///
-    /// `theta` holds all parameters of the plant, `regressor` has the length of the equation's range in [`Structure`].
+    /// `theta` holds all parameters of the plant, `regressor` has the length of the equation's
+    /// range in [`Structure`].
     fn row(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64;
-    /// First and last instant that the row depends on, in the unit that a located change is to be reported in (stream time
-    /// in ns). Both are the sample's own time in the pointwise form. The default counts rows.
+    /// First and last instant that the row depends on, in the unit that a located change is to be
+    /// reported in (stream time in ns). Both are the sample's own time in the pointwise form. The
+    /// default counts rows.
     fn span(&self, index: usize) -> (u64, u64) {
         (index as u64, index as u64)
     }
-    /// Where an estimator that has seen nothing had better begin than at its configured start; `None`, the default, if the rows know
-    /// no better place. All parameters of the plant.
+    /// Where an estimator that has seen nothing had better begin than at its configured start;
+    /// `None`, the default, if the rows know no better place. All parameters of the plant.
     fn start(&self) -> Option<&[f64]> {
         None
     }
-    /// False for a row that says nothing about its equation, because the equation does not hold there: a joint that friction holds at rest, for
-    /// one. Such a row reads residual 0 and regressor 0, and counts neither as a row nor as a degree of freedom. All are used by default.
+    /// False for a row that says nothing about its equation, because the equation does not hold
+    /// there: a joint that friction holds at rest, for one. Such a row reads residual 0 and
+    /// regressor 0, and counts neither as a row nor as a degree of freedom. All are used by
+    /// default.
     fn is_used(&self, _equation: usize, _index: usize) -> bool {
         true
     }
     /// The row of a whitening that runs forwards in time, for sums over the start of a block.
     ///
-    /// Overlapping rows are whitened: row `index` of [`row`](Self::row) depends on the windows `index..len()` only, so that a sum from any
-    /// row to the end is the cost of these windows alone, with nothing from before a change. Here row `index` depends on the windows
-    /// `0..=index` only, so that a sum from the start up to any row is theirs alone. Sums over the whole block are equal. The same as `row`
-    /// where rows do not overlap.
+    /// Overlapping rows are whitened: row `index` of [`row`](Self::row) depends on the windows
+    /// `index..len()` only, so that a sum from any row to the end is the cost of these windows
+    /// alone, with nothing from before a change. Here row `index` depends on the windows
+    /// `0..=index` only, so that a sum from the start up to any row is theirs alone. Sums over the
+    /// whole block are equal. The same as `row` if rows do not overlap.
     fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
         self.row(equation, index, theta, regressor)
     }
-    /// Residual at θ of a window that ends with the block, in its standard deviations if the model and θ are right; `k` counts from 0.
-    /// `None`, the default, if there is no such window. A plant that changes just before the block ends shows here first.
+    /// Residual at θ of a window that ends with the block, in its standard deviations if the model
+    /// and θ are right; `k` counts from 0. `None`, the default, if there is no such window. A plant
+    /// that changes just before the block ends shows here first.
     fn tail(&self, _equation: usize, _k: usize, _theta: &[f64]) -> Option<f64> {
         None
     }
-    /// Number of errors of the model that the rows know a column for, at most 1 and [`ERRORS_PER_EQUATION`] per
-    /// equation; any beyond that are ignored.
+    /// Number of errors of the model that the rows know a column for, at most 1 and
+    /// [`ERRORS_PER_EQUATION`] per equation; any beyond that are ignored.
     fn suspects(&self) -> usize {
         0
     }
-    /// Standard deviation of an error's amplitude; 0 for one that is tested for and does not widen the covariance.
+    /// Standard deviation of an error's amplitude; 0 for one that is tested for and does not widen
+    /// the covariance.
     fn suspect_std(&self, _suspect: usize) -> f64 {
         0.0
     }

@@ -4,10 +4,11 @@
 //! θ̂ = argmin Σ_e Σ_n f_n(θ)²,     linearised as in (7): minimise ‖f − Φ δ‖, Φ the stacked φᵀ
 //! ```
 //!
-//! Each linear problem is solved by Householder QR with column pivoting of the column-scaled Φ (Golub and Van Loan, Matrix
-//! Computations, 4th ed., section 5.4.2). Unlike the Gram matrix of the on-line estimators it does not square the condition
-//! number, and its diagonal shows the rank. A deficient problem gets the basic solution: parameters that the data do not
-//! determine beside the others keep their start value, and nothing becomes NaN.
+//! Each linear problem is solved by Householder QR with column pivoting of the column-scaled Φ
+//! (Golub and Van Loan, Matrix Computations, 4th ed., section 5.4.2). Unlike the Gram matrix of the
+//! on-line estimators it does not square the condition number, and its diagonal shows the rank. A
+//! deficient problem gets the basic solution: parameters that the data do not determine beside the
+//! others keep their start value, and nothing becomes NaN.
 
 use super::Residuals;
 use super::Structure;
@@ -28,15 +29,17 @@ pub struct BatchReport {
     pub residual_rms: f64,
     /// Linearisations made.
     pub iterations: usize,
-    /// False where the iterations ran out before the step became small.
+    /// False if the iterations ran out before the step became small.
     pub converged: bool,
 }
 
-/// Diagonal entries of R below this share of the first are rounding: some hundred units of it for thousands of rows.
+/// Diagonal entries of R below this share of the first are rounding: some hundred units of it for
+/// thousands of rows.
 const RANK_TOLERANCE: f64 = 1e-11;
 
-/// Minimises the sum of squares over all rows from `theta_start`, by at most `max_iterations` linearisations; one is enough
-/// for models linear in θ. A step that does not lower the cost is halved.
+/// Minimises the sum of squares over all rows from `theta_start`, by at most `max_iterations`
+/// linearisations; one is enough for models linear in θ. A step that does not lower the cost is
+/// halved.
 ///
 /// # Errors
 /// Where `theta_start` has the wrong length, or it, a residual or a regressor at it is not finite.
@@ -148,7 +151,7 @@ impl Stack {
         }
     }
 
-    /// Fills both at θ and returns Σ f², `NaN` where a number is not finite.
+    /// Fills both at θ and returns Σ f², `NaN` if a number is not finite.
     fn fill<R: Residuals>(&mut self, structure: &Structure, rows: &R, theta: &[f64]) -> f64 {
         let mut phi = vec![0.0; structure.params];
         let mut finite = true;
@@ -199,7 +202,8 @@ impl Stack {
         let rank = (0..r.nrows())
             .take_while(|&k| r[(k, k)].abs() > RANK_TOLERANCE * first)
             .count();
-        // Basic solution R₁₁ x = (Qᵀf)₁, the diagonal of (R₁₁ᵀR₁₁)⁻¹, and how the other columns depend on the first ones.
+        // Basic solution R₁₁ x = (Qᵀf)₁, the diagonal of (R₁₁ᵀR₁₁)⁻¹, and how the other columns
+        // depend on the first ones.
         let r11 = r.view((0, 0), (rank, rank));
         let solve = |rhs: DMatrix<f64>| r11.solve_upper_triangular(&rhs).unwrap_or(rhs);
         let x = solve(DMatrix::from_column_slice(rank, 1, &rotated.as_slice()[..rank]));
@@ -208,7 +212,7 @@ impl Stack {
         for i in 0..rank {
             let parameter = order[i];
             step[parameter] = x[(i, 0)] / scale[parameter];
-            // Determined only where no undetermined column is a combination that includes it.
+            // Determined only if no undetermined column is a combination that includes it.
             if dependence.row(i).iter().all(|c| c.abs() <= 1e-8) {
                 unit_variance[parameter] = inverse.row(i).norm_squared() / scale[parameter].powi(2);
             }

@@ -7,19 +7,21 @@ use std::str::FromStr;
 
 /// How the information of earlier blocks is forgotten.
 ///
-/// Γ_m⁻¹ is the information after block m, S = Σ φφᵀ what block m adds, Λ what is left of Γ_{m−1}⁻¹ when block m is fitted.
+/// Γ_m⁻¹ is the information after block m, S = Σ φφᵀ what block m adds, Λ what is left of Γ_{m−1}⁻¹
+/// when block m is fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Forgetting {
     /// Λ = λ Γ⁻¹, Γ_m⁻¹ = Λ + S: (9).
     Exponential,
-    /// Π⁻¹ = λ Γ⁻¹ + S, Γ_m = G(εΠ)/ε: (10) and (11) to the letter. Forgets twice: the effective factor is λ².
+    /// Π⁻¹ = λ Γ⁻¹ + S, Γ_m = G(εΠ)/ε: (10) and (11) to the letter. Forgets twice: the effective
+    /// factor is λ².
     BoundedAsPrinted,
     /// Π⁻¹ = Γ⁻¹ + S, Γ_m = G(εΠ)/ε: (10) without its λ, which keeps Γ⁻¹ ≥ εI.
     Bounded,
     /// Λ = λ Γ⁻¹ + (1 − λ) ε I, Γ_m⁻¹ = Λ + S: information falls to ε and no further.
     Floor,
-    /// Λ = Γ⁻¹ − (1 − λ) Γ⁻¹U (UᵀΓ⁻¹U)⁻¹ UᵀΓ⁻¹ with U the directions that the block excites: forget only what is
-    /// learnt anew (SIFt-RLS, Lai and Bernstein, arXiv 2404.10844).
+    /// Λ = Γ⁻¹ − (1 − λ) Γ⁻¹U (UᵀΓ⁻¹U)⁻¹ UᵀΓ⁻¹ with U the directions that the block excites: forget
+    /// only what is learnt anew (SIFt-RLS, Lai and Bernstein, arXiv 2404.10844).
     Directional,
 }
 
@@ -105,7 +107,8 @@ impl FromStr for Bound {
 pub enum Outliers {
     /// Every row counts in full.
     Keep,
-    /// Rows beyond this many standard deviations pull with constant force (Huber's M-estimator; 1.345 keeps 95 % efficiency).
+    /// Rows beyond this many standard deviations pull with constant force (Huber's M-estimator;
+    /// 1.345 keeps 95 % efficiency).
     Huber(f64),
     /// Rows beyond this many standard deviations do not count.
     Gate(f64),
@@ -137,15 +140,16 @@ impl Default for ChangeDetection {
 pub struct EstimatorOptions {
     /// Start value θ̂₀.
     pub theta_start: Vec<f64>,
-    /// Standard deviation of the start value, in the parameter's unit; not negative. It is the deviation reported until
-    /// data come, not the weight of the start value, which is `information_floor`.
+    /// Standard deviation of the start value, in the parameter's unit; not negative. It is the
+    /// deviation reported until data come, not the weight of the start value, which is
+    /// `information_floor`.
     pub start_std: Vec<f64>,
     /// Lower bound, `-inf` for none.
     pub lower: Vec<f64>,
     /// Upper bound, `+inf` for none.
     pub upper: Vec<f64>,
-    /// What the published estimate satisfies whatever the data say: \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l. All four belong to one group of
-    /// equations and differ.
+    /// What the published estimate satisfies whatever the data say: \[i, j, k, l\] for θ_i/θ_j =
+    /// θ_k/θ_l. All four belong to one group of equations and differ.
     pub relations: Vec<[usize; 4]>,
     /// Parameters that keep their start value.
     pub fixed: Vec<bool>,
@@ -157,31 +161,37 @@ pub struct EstimatorOptions {
     pub forgetting_factor: f64,
     /// ε > 0: the initial information is εI, and the floor of the bounded rules and of `floor`.
     pub information_floor: f64,
-    /// Gauss–Newton iterations per block, at least 1. With 1 the step is the paper's (8), undamped and unlimited.
+    /// Gauss–Newton iterations per block, at least 1. With 1 the step is the paper's (8), undamped
+    /// and unlimited.
     pub max_iterations: usize,
-    /// Largest factor by which an iteration changes a parameter whose lower bound is not negative; above 1, `inf` for none.
+    /// Largest factor by which an iteration changes a parameter whose lower bound is not negative;
+    /// above 1, `inf` for none.
     pub step_factor: f64,
-    /// Standard deviation by which the rows of each equation are divided, so that equations that share parameters weigh what
-    /// they are worth; positive. 1 leaves the rows as they are.
+    /// Standard deviation by which the rows of each equation are divided, so that equations that
+    /// share parameters weigh what they are worth; positive. 1 leaves the rows as they are.
     pub noise_std: Vec<f64>,
-    /// Smallest standard deviation of the divided rows that is believed; not negative. Noise-free data would otherwise
-    /// alarm on rounding.
+    /// Smallest standard deviation of the divided rows that is believed; not negative. Noise-free
+    /// data would otherwise alarm on rounding.
     pub noise_floor: Vec<f64>,
-    /// The same as a share of the rows' size, the root mean square of √Σ(φ_i θ_i)²; the larger of both floors counts.
+    /// The same as a share of the rows' size, the root mean square of √Σ(φ_i θ_i)²; the larger of
+    /// both floors counts.
     pub noise_floor_relative: f64,
-    /// Standard deviation of a parameter's random walk per block, relative to the parameter; for drifting plants.
+    /// Standard deviation of a parameter's random walk per block, relative to the parameter; for
+    /// drifting plants.
     pub random_walk: Vec<f64>,
-    /// Standard deviation of each parameter's rate of change, relative to the parameter \[1/s\], 0 to 1, for rows whose spans are in ns. The published
-    /// covariance then allows for how far the estimate may lag behind a machine that warms up; 0 if no parameter changes.
+    /// Standard deviation of each parameter's rate of change, relative to the parameter \[1/s\], 0
+    /// to 1, for rows whose spans are in ns. The published covariance then allows for how far the
+    /// estimate may lag behind a machine that warms up; 0 if no parameter changes.
     pub drift_per_s: f64,
     /// Treatment of outliers.
     pub outliers: Outliers,
-    /// Change detection, where wanted.
+    /// Change detection, if wanted.
     pub change_detection: Option<ChangeDetection>,
 }
 
 impl EstimatorOptions {
-    /// The paper's recursion (8), (9) from the given start: exponential forgetting, one iteration, no bounds, nothing beyond.
+    /// The paper's recursion (8), (9) from the given start: exponential forgetting, one iteration,
+    /// no bounds, nothing beyond.
     pub fn paper(theta_start: Vec<f64>, equations: usize) -> Self {
         let params = theta_start.len();
         Self {
@@ -207,7 +217,8 @@ impl EstimatorOptions {
         }
     }
 
-    /// Re-linearised and self-aware: ten damped iterations limited to a factor of 3, directional forgetting, change detection.
+    /// Re-linearised and self-aware: ten damped iterations limited to a factor of 3, directional
+    /// forgetting, change detection.
     pub fn recommended(theta_start: Vec<f64>, equations: usize) -> Self {
         Self {
             forgetting: Forgetting::Directional,
@@ -339,7 +350,8 @@ impl EstimatorOptions {
     }
 }
 
-/// λ = exp(−N Δ/τ): the factor per block of `block_len` samples that forgets with the time constant `time_constant_s`.
+/// λ = exp(−N Δ/τ): the factor per block of `block_len` samples that forgets with the time constant
+/// `time_constant_s`.
 ///
 /// # Errors
 /// Where an argument is not a positive finite number or λ would not lie in (0, 1).
@@ -404,7 +416,8 @@ fn one(option: &'static str, expected: &'static str, got: f64, good: bool) -> Re
 /// An option that an estimator cannot work with.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EstimatorError {
-    /// The structure has no parameters, no equations, or an equation with parameters that do not exist.
+    /// The structure has no parameters, no equations, or an equation with parameters that do not
+    /// exist.
     #[error(
         "expected equations with 1 to 64 parameters that lie within the plant's, got {equations} equations and {params} parameters"
     )]

@@ -4,8 +4,9 @@
 //! S = Σ w φφᵀ    g = Σ w φ f    cost = Σ ρ(f)       rows divided by the equation's noise_std
 //! ```
 //!
-//! This is where the time goes: 1900 rows of two equations several times per block. Up to eight parameters per equation, which
-//! covers the arm and the servo axis, the sums live in arrays whose size the compiler knows.
+//! This is where the time goes: 1900 rows of two equations several times per block. Up to eight
+//! parameters per equation, which covers the arm and the servo axis, the sums live in arrays whose
+//! size the compiler knows.
 
 use super::Residuals;
 use std::ops::Range;
@@ -19,7 +20,7 @@ pub struct Sums {
     pub gram: Vec<f64>,
     /// Σ w φ f.
     pub score: Vec<f64>,
-    /// Σ ρ(f), which is Σ f² where nothing is an outlier.
+    /// Σ ρ(f), which is Σ f² if nothing is an outlier.
     pub cost: f64,
     /// Σ Σ_i (φ_i θ_i)²: the size of the terms that f is the difference of.
     pub size: f64,
@@ -43,7 +44,7 @@ impl Sums {
         }
     }
 
-    /// True where every sum is a finite number.
+    /// True if every sum is a finite number.
     pub fn is_finite(&self) -> bool {
         self.cost.is_finite() && self.size.is_finite() && self.gram.iter().chain(&self.score).all(|v| v.is_finite())
     }
@@ -76,7 +77,8 @@ impl Loss {
     }
 }
 
-/// Sums over the rows `range` of one equation at θ. `own` is the equation's range of parameters, `divisor` its noise_std.
+/// Sums over the rows `range` of one equation at θ. `own` is the equation's range of parameters,
+/// `divisor` its noise_std.
 #[allow(clippy::too_many_arguments)]
 pub fn accumulate<R: Residuals + ?Sized>(
     rows: &R,
@@ -109,7 +111,8 @@ fn fixed<R: Residuals + ?Sized, const N: usize>(
     divisor: f64,
     sums: &mut Sums,
 ) {
-    // rows go in LANES at a time, so that each product of two regressor entries is one vector operation
+    // rows go in LANES at a time, so that each product of two regressor entries is one vector
+    // operation
     let mut gram = [[[0.0; LANES]; N]; N];
     let mut score = [[0.0; LANES]; N];
     let mut cost = [0.0; LANES];

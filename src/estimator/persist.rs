@@ -1,7 +1,9 @@
-//! What an estimator must keep to go on as if it had never stopped, visited field by field in one order.
+//! What an estimator must keep to go on as if it had never stopped, visited field by field in one
+//! order.
 //!
-//! One definition serves to count, to copy out and to copy in, so the three cannot disagree. What is not visited is workspace
-//! that each block fills anew. A test stops and continues estimators amid jumps and drifts and wants the same bits.
+//! One definition serves to count, to copy out and to copy in, so the three cannot disagree. What
+//! is not visited is workspace that each block fills anew. A test stops and continues estimators
+//! amid jumps and drifts and wants the same bits.
 
 /// Visits the numbers and counts of a state in their order.
 pub trait Visit {
@@ -30,7 +32,8 @@ pub trait Visit {
     }
 }
 
-/// The state of an estimator and of its judgement, as plain lists: what a checkpoint holds. The first numbers are θ̂.
+/// The state of an estimator and of its judgement, as plain lists: what a checkpoint holds. The
+/// first numbers are θ̂.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct EstimatorState {
     /// The real numbers.
@@ -67,7 +70,7 @@ pub enum StateError {
     NotPositive,
 }
 
-/// Copies a state out; allocates only where the lists have no room yet.
+/// Copies a state out; allocates only if the lists have no room yet.
 #[derive(Debug)]
 pub struct Save<'a>(pub &'a mut EstimatorState);
 

@@ -1,4 +1,5 @@
-//! The estimators of the paper's experiment, as `config/cedro2022.toml` and `config/cedro2022_best.toml` have them.
+//! The estimators of the paper's experiment, as `config/cedro2022.toml` and
+//! `config/cedro2022_best.toml` have them.
 
 use super::options::{EstimatorOptions, Forgetting};
 
@@ -10,14 +11,18 @@ pub const CEDRO2022_BLOCK_LEN: usize = 1900;
 
 /// θ̂₀ of `config/cedro2022.toml`; the paper gives none.
 ///
-/// Orders of magnitude only, except θ₉ = l₂, which a tape measure gives. It multiplies θ₆ and θ₇; started at 0.5 m, the recursion does not
-/// settle after the jump, because it never linearises a block again (docs/paper-results.md).
+/// Orders of magnitude only, except θ₉ = l₂, which a tape measure gives. It multiplies θ₆ and θ₇;
+/// started at 0.5 m, the recursion does not settle after the jump, because it never linearises a
+/// block again (docs/paper-results.md).
 pub const CEDRO2022_START: [f64; PARAMS] = [0.01, 0.01, 0.1, 0.1, 10.0, 0.01, 0.1, 10.0, 1.0];
 
-/// The paper's recursion with (10) without its λ, as `config/cedro2022.toml` has it. λ and ε are our choice:
+/// The paper's recursion with (10) without its λ, as `config/cedro2022.toml` has it. λ and ε are
+/// our choice:
 ///
-/// - λ = 0.9, the low end of the paper's 0.9 to 0.99, because the payload changes and nothing is noisy;
-/// - ε = 10⁻³, within the 10⁻³ to 10⁻⁶ that the paper's "10³ to 10⁶" has to mean; within it the value makes no difference.
+/// - λ = 0.9, the low end of the paper's 0.9 to 0.99, because the payload changes and nothing is
+///   noisy;
+/// - ε = 10⁻³, within the 10⁻³ to 10⁻⁶ that the paper's "10³ to 10⁶" has to mean; within it the
+///   value makes no difference.
 pub fn cedro2022_estimator() -> EstimatorOptions {
     EstimatorOptions {
         forgetting: Forgetting::Bounded,
@@ -27,7 +32,8 @@ pub fn cedro2022_estimator() -> EstimatorOptions {
     }
 }
 
-/// θ̂₀ of `config/cedro2022_best.toml`: the true values, those with odd numbers times 2.5, those with even numbers divided by 2.5.
+/// θ̂₀ of `config/cedro2022_best.toml`: the true values, those with odd numbers times 2.5, those
+/// with even numbers divided by 2.5.
 pub const fn cedro2022_best_start() -> [f64; PARAMS] {
     // (25) of Section 5's arm with 150 kg, six digits, times or over 2.5.
     [
@@ -35,8 +41,8 @@ pub const fn cedro2022_best_start() -> [f64; PARAMS] {
     ]
 }
 
-/// Our estimator on the paper's signals, as `config/cedro2022_best.toml` has it: every parameter is known to be positive, the rest is
-/// [`EstimatorOptions::recommended`].
+/// Our estimator on the paper's signals, as `config/cedro2022_best.toml` has it: every parameter is
+/// known to be positive, the rest is [`EstimatorOptions::recommended`].
 pub fn cedro2022_best_estimator() -> EstimatorOptions {
     EstimatorOptions {
         lower: vec![0.0; PARAMS],

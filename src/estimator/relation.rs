@@ -1,4 +1,5 @@
-//! What parameters must satisfy whatever the data say: equal ratios, imposed on the estimate that is published.
+//! What parameters must satisfy whatever the data say: equal ratios, imposed on the estimate that
+//! is published.
 //!
 //! ```text
 //! ρ(θ) = θ_i θ_l − θ_j θ_k = 0                     θ_i/θ_j = θ_k/θ_l
@@ -7,15 +8,19 @@
 //! P*   = P − P a aᵀ P / (aᵀ P a)
 //! ```
 //!
-//! The arm's θ₁/θ₃ and θ₂/θ₄ are both L/R of one winding, so nine parameters have eight degrees of freedom. θ̂ and P hold all that the data
-//! said, so the constrained estimate follows from them alone, and the recursion, its test for changes and its weights never hear of it: whether the
-//! data agree with the relation stays to be seen ([`product_ratio`](super::BlockEstimator::product_ratio)).
+//! The arm's θ₁/θ₃ and θ₂/θ₄ are both L/R of one winding, so nine parameters have eight degrees of
+//! freedom. θ̂ and P hold all that the data said, so the constrained estimate follows from them
+//! alone, and the recursion, its test for changes and its weights never hear of it: whether the
+//! data agree with the relation stays to be seen
+//! ([`product_ratio`](super::BlockEstimator::product_ratio)).
 //!
-//! If drifts are considered, (θ* − θ̂) is weighed by the covariance W without them, because how far a moving parameter may lag is no measure of what the data say of a
-//! resting one; with G = I − W a aᵀ/(aᵀ W a), P* = G P Gᵀ.
+//! If drifts are considered, (θ* − θ̂) is weighed by the covariance W without them, because how far
+//! a moving parameter may lag is no measure of what the data say of a resting one; with G = I − W a
+//! aᵀ/(aᵀ W a), P* = G P Gᵀ.
 //!
-//! Nothing is imposed where ρ is not known to half the size of its products, where it is more than [`CONTRADICTION`] deviations from 0, so that the data
-//! speak against it, or where the answer would leave the bounds.
+//! Nothing is imposed if ρ is not known to half the size of its products, if it is more than
+//! [`CONTRADICTION`] deviations from 0, so that the data speak against it, or if the answer
+//! would leave the bounds.
 
 use super::group::GroupState;
 use super::groups::Groups;
@@ -54,7 +59,8 @@ impl Published {
         }
     }
 
-    /// Takes over θ̂ and P and imposes the relations, each \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l, one after the other.
+    /// Takes over θ̂ and P and imposes the relations, each \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l,
+    /// one after the other.
     pub fn take(&mut self, theta: &[f64], groups: &[GroupState], relations: &[[usize; 4]]) {
         self.theta.copy_from_slice(theta);
         for ((own, weights), group) in self.covariance.iter_mut().zip(&mut self.weights).zip(groups) {
@@ -74,7 +80,8 @@ impl Published {
         groups.entry(i, j, |k| &self.covariance[k])
     }
 
-    /// Writes the correlation matrix, P × P and row-major; 1 on the diagonal, 0 for what has no deviation.
+    /// Writes the correlation matrix, P × P and row-major; 1 on the diagonal, 0 for what has no
+    /// deviation.
     pub fn correlation(&self, groups: &Groups, out: &mut [f64]) {
         let params = self.theta.len();
         for i in 0..params {

@@ -113,11 +113,11 @@ pub struct Report {
     pub rank: usize,
     /// Gauss–Newton iterations of the estimate, the largest number of any group.
     pub iterations: u32,
-    /// False where the iterations ran out.
+    /// False if the iterations ran out.
     pub converged: bool,
     /// Rows treated as outliers, over all equations.
     pub outliers: u32,
-    /// Condition number of the column-scaled information, the largest of any group, `inf` where
+    /// Condition number of the column-scaled information, the largest of any group, `inf` if
     /// singular.
     pub condition: f64,
     /// Probability of a block as different from the past as this one, were the plant unchanged; the
@@ -125,7 +125,7 @@ pub struct Report {
     pub change_probability: f64,
     /// The change found in this block.
     pub change: Option<Change>,
-    /// The likeliest term that the model lacks, where the residuals speak for one.
+    /// The likeliest term that the model lacks, if the residuals speak for one.
     pub suspicion: Option<Suspicion>,
     /// Why there is no new estimate.
     pub held: Option<Held>,

@@ -4,14 +4,16 @@
 //! limit = k · max(s, floor),   s = median |f| / 0.6745
 //! ```
 //!
-//! The scale s is taken from the block itself at the present θ (median absolute deviation of the residuals, whose mean is zero): it
-//! resists up to half the rows being wrong, and it is large while θ is still far off, so that a bad start
-//! throws nothing away. Between the halvings of one step the limit stays, so that the falling cost is that of one function.
+//! The scale s is taken from the block itself at the present θ (median absolute deviation of the
+//! residuals, whose mean is zero): it resists up to half the rows being wrong, and it is large
+//! while θ is still far off, so that a bad start throws nothing away. Between the halvings of one
+//! step the limit stays, so that the falling cost is that of one function.
 //!
-//! The median comes from a histogram of log |f|, because a step must not allocate: 16 bins per octave, interpolated.
+//! The median comes from a histogram of log |f|, because a step must not allocate: 16 bins per
+//! octave, interpolated.
 //!
-//! Huber's function (Robust Estimation of a Location Parameter, 1964) bounds a row's pull; a gate drops it. Both count the rows they
-//! touch.
+//! Huber's function (Robust Estimation of a Location Parameter, 1964) bounds a row's pull; a gate
+//! drops it. Both count the rows they touch.
 
 use super::Residuals;
 use super::options::Outliers;
@@ -35,7 +37,8 @@ impl Magnitudes {
         Self { bins: vec![0; BINS] }
     }
 
-    /// The median of |f| over the rows of an equation at θ; `regressor` is room for the equation's regressor.
+    /// The median of |f| over the rows of an equation at θ; `regressor` is room for the equation's
+    /// regressor.
     pub fn median<R: Residuals>(
         &mut self,
         rows: &R,
@@ -70,7 +73,8 @@ impl Magnitudes {
 }
 
 impl Outliers {
-    /// The loss for residuals of noise standard deviation `scale`, which must be positive to limit anything.
+    /// The loss for residuals of noise standard deviation `scale`, which must be positive to limit
+    /// anything.
     pub(super) fn loss(self, scale: f64) -> Loss {
         match self {
             Self::Huber(k) if scale > 0.0 => Loss::Huber(k * scale),

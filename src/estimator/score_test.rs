@@ -5,23 +5,27 @@
 //! z_s² = U_s² / (I_s x),  â = U_s/I_s             y_s² = U_s² / Σ (u − i â)²
 //! ```
 //!
-//! x ≥ 1 is the ratio by which the residuals exceed the noise after the term has explained its share. Σ (u − i â)², the scatter of the blocks about one
-//! amplitude, is the score's variance if the residuals are correlated over a block, whatever their level (a cluster-robust variance, K.-Y. Liang and
-//! S. L. Zeger 1986). U²/I is the χ² that the term would take away (C. R. Rao's score test). It is reported as a share of the misfit: of χ² beyond the
-//! rows if the noise was specified, of all χ² if it was learnt from the residuals themselves.
+//! x ≥ 1 is the ratio by which the residuals exceed the noise after the term has explained its
+//! share. Σ (u − i â)², the scatter of the blocks about one amplitude, is the score's variance if
+//! the residuals are correlated over a block, whatever their level (a cluster-robust variance,
+//! K.-Y. Liang and S. L. Zeger 1986). U²/I is the χ² that the term would take away (C. R. Rao's
+//! score test). It is reported as a share of the misfit: of χ² beyond the rows if the noise was
+//! specified, of all χ² if it was learnt from the residuals themselves.
 //!
-//! A term is named if z exceeds [`NAMED`] and y [`REPEATED`]. With a dozen terms and some hundred blocks in memory a right model names one once in 1e6
-//! runs by chance; the rest of the margin is for quadrature and filters. If several pass, the one that explains most is the likeliest.
+//! A term is named if z exceeds [`NAMED`] and y [`REPEATED`]. With a dozen terms and some hundred
+//! blocks in memory a right model names one once in 1e6 runs by chance; the rest of the margin is
+//! for quadrature and filters. If several pass, the one that explains most is the likeliest.
 //!
-//! **Posterior.** Before anything is named, σ allows for what the terms may be. With the prior N(0, Σ), Σ = diag(σ_s²), U and I over all terms
-//! at once, and X the larger of x and the scatter's ratio to what noise would give,
+//! **Posterior.** Before anything is named, σ allows for what the terms may be. With the prior N(0,
+//! Σ), Σ = diag(σ_s²), U and I over all terms at once, and X the larger of x and the scatter's
+//! ratio to what noise would give,
 //!
 //! ```text
-//! C = (Σ⁻¹ + I/X)⁻¹,  m = C U/X,  M = C + m mᵀ                                              (d) of considered.rs
+//! C = (Σ⁻¹ + I/X)⁻¹,  m = C U/X,  M = C + m mᵀ                                (d) of considered.rs
 //! ```
 //!
-//! A term without a prior counts with its amplitude â once z exceeds [`BELIEVED`]. The estimate is not corrected by either: that is what
-//! a term of the model is for.
+//! A term without a prior counts with its amplitude â once z exceeds [`BELIEVED`]. The estimate is
+//! not corrected by either: that is what a term of the model is for.
 
 use super::considered::room_for;
 use super::linalg::Cholesky;
@@ -30,12 +34,13 @@ use std::ops::Range;
 
 /// Standard deviations from which on a term is named.
 const NAMED: f64 = 6.0;
-/// Ratio of a term's sum to the scatter of the blocks about it from which on it is one amplitude and no accident of some blocks.
+/// Ratio of a term's sum to the scatter of the blocks about it from which on it is one amplitude
+/// and no accident of some blocks.
 const REPEATED: f64 = 3.0;
 /// Standard deviations, and that ratio, from which on σ allows for a term.
 const BELIEVED: f64 = 4.0;
 const REPEATED_BELIEVED: f64 = 2.0;
-/// Share of all χ² that a term must explain where the noise was learnt.
+/// Share of all χ² that a term must explain if the noise was learnt.
 const OF_ALL: f64 = 0.2;
 /// Blocks that a scatter needs.
 const ENOUGH: f64 = 2.5;
@@ -45,9 +50,11 @@ const MEMORY: f64 = 0.98;
 /// A term that the model lacks, by its evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Suspicion {
-    /// Which error of [`Residuals::suspects`](super::Residuals::suspects); beyond these if a parameter drifts.
+    /// Which error of [`Residuals::suspects`](super::Residuals::suspects); beyond these if a
+    /// parameter drifts.
     pub suspect: usize,
-    /// The parameter that drifts, if that is the cause; the amplitude is its rate \[1/s\], relative to the parameter.
+    /// The parameter that drifts, if that is the cause; the amplitude is its rate \[1/s\], relative
+    /// to the parameter.
     pub drifting: Option<usize>,
     /// Its amplitude, were it there and alone.
     pub amplitude: f64,
@@ -161,7 +168,8 @@ impl ScoreTest {
         v.flag(&mut self.told);
     }
 
-    /// M for the block to come: the prior `std(s)` of an error, and `drift(i)` of a parameter, until a block has been seen. Returns it, room × room.
+    /// M for the block to come: the prior `std(s)` of an error, and `drift(i)` of a parameter,
+    /// until a block has been seen. Returns it, room × room.
     pub fn prepare(&mut self, count: usize, std: impl Fn(usize) -> f64, drift: impl Fn(usize) -> f64) -> &[f64] {
         let room = self.std.len();
         for s in 0..room {
@@ -187,8 +195,9 @@ impl ScoreTest {
         self.told = true;
     }
 
-    /// Adds the evidence of a group: scores and information of the terms with noise of `variance`, and the χ² of its residuals with its degrees of freedom;
-    /// `told` is true if the variance is not learnt from these residuals.
+    /// Adds the evidence of a group: scores and information of the terms with noise of `variance`,
+    /// and the χ² of its residuals with its degrees of freedom; `told` is true if the variance is
+    /// not learnt from these residuals.
     pub fn take(
         &mut self,
         (scores, information): (&[f64], &[f64]),
@@ -294,7 +303,8 @@ impl ScoreTest {
         }
     }
 
-    /// Scatter of the blocks' scores about one amplitude over what white noise would give, averaged over those of the terms that have a prior; at least 1.
+    /// Scatter of the blocks' scores about one amplitude over what white noise would give, averaged
+    /// over those of the terms that have a prior; at least 1.
     fn scatter_ratio(&self, terms: Range<usize>) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for (s, term) in terms.clone().zip(&self.terms[terms]) {
@@ -322,7 +332,7 @@ impl ScoreTest {
     fn believed(&self, suspect: usize) -> f64 {
         let judged = self.judge(suspect);
         judged.map_or(0.0, |j| {
-            // where the noise was told, the first block may speak for itself
+            // if the noise was told, the first block may speak for itself
             let one = j.repeated > REPEATED_BELIEVED || self.told && j.blocks < ENOUGH;
             match j.suspicion.deviations > BELIEVED && one && self.counts(&j.suspicion) {
                 true => j.suspicion.amplitude.abs(),
@@ -331,7 +341,8 @@ impl ScoreTest {
         })
     }
 
-    /// Residuals that taught the noise level hold all sorts of things: a term that explains little of them is one of many.
+    /// Residuals that taught the noise level hold all sorts of things: a term that explains little
+    /// of them is one of many.
     fn counts(&self, suspicion: &Suspicion) -> bool {
         self.told || suspicion.share > OF_ALL
     }
@@ -422,7 +433,8 @@ mod tests {
 
     #[test]
     fn val_moments_are_those_of_the_normal_posterior() {
-        // prior N(0, 3²), information 10 a block with one memory: scalar case of C = 1/(1/σ² + I), m = C U
+        // prior N(0, 3²), information 10 a block with one memory: scalar case of C = 1/(1/σ² + I),
+        // m = C U
         let blocks = [(1.0, 10.0), (-2.0, 10.0), (3.0, 10.0)];
         let test = after(&blocks, 0.0, 3.0);
         let (score, information) = blocks

@@ -11,13 +11,17 @@
 //! | `Misfit` | a block that does not fit, or a model that leaves too much unexplained | a block that fits |
 //! | `Invalid` | a block that cannot be evaluated at θ̂ | the next that can |
 //!
-//! *Predicted* means that the innovation is within 1.5 standard deviations of the noise, or 2 % of the size of the equation's terms, in every
-//! equation; to fall from `Converged` it takes twice the former and 5 %. This judges θ̂ as a whole: a direction that hardly
-//! acts on the plant need not be known for the plant to be predicted. *Moved little* means by less than three standard deviations or 1 %.
+//! *Predicted* means that the innovation is within 1.5 standard deviations of the noise, or 2 % of
+//! the size of the equation's terms, in every equation; to fall from `Converged` it takes twice the
+//! former and 5 %. This judges θ̂ as a whole: a direction that hardly acts on the plant need not be
+//! known for the plant to be predicted. *Moved little* means by less than three standard deviations
+//! or 1 %.
 //!
-//! Controllers may use θ̂ (`use_ok`) in `Converged`, and in `PoorlyExcited` if it had converged before and no change was seen since; in both only with the
-//! evidence of `evidence.rs`: the data have informed on more than half of the directions of every group, the block fits, the model explains the signals of
-//! every equation, no parameter is held by a bound against the data, and at least one parameter is usable.
+//! Controllers may use θ̂ (`use_ok`) in `Converged`, and in `PoorlyExcited` if it had converged
+//! before and no change was seen since; in both only with the evidence of `evidence.rs`: the data
+//! have informed on more than half of the directions of every group, the block fits, the model
+//! explains the signals of every equation, no parameter is held by a bound against the data, and at
+//! least one parameter is usable.
 
 use super::evidence::LEAST_EXPLAINED;
 use super::persist::Visit;
@@ -50,7 +54,7 @@ pub enum Phase {
 pub struct Verdict {
     /// State of the identification.
     pub phase: Phase,
-    /// True where controllers may use θ̂.
+    /// True if controllers may use θ̂.
     pub use_ok: bool,
 }
 
@@ -96,7 +100,8 @@ impl StateMachine {
         }
     }
 
-    /// The same for a machine of which a model can be expected to explain this share of each signal's power, 0 to 1.
+    /// The same for a machine of which a model can be expected to explain this share of each
+    /// signal's power, 0 to 1.
     #[must_use]
     pub fn explaining(mut self, share: f64) -> Self {
         self.least_explained = share;
@@ -129,7 +134,8 @@ impl StateMachine {
         }
     }
 
-    /// Takes the next report; `lost` is the share of the block's samples that are missing or were refused, 0 to 1.
+    /// Takes the next report; `lost` is the share of the block's samples that are missing or were
+    /// refused, 0 to 1.
     pub fn step(&mut self, report: &Report, lost: f64) -> Verdict {
         let equations = report.residual_rms.len().max(1);
         let outliers = f64::from(report.outliers) / (report.rows * equations).max(1) as f64;
@@ -202,7 +208,8 @@ impl StateMachine {
         } else if self.predicted > 0 {
             self.changing = false;
         }
-        // before θ̂ predicts anything, a model that explains little is one that is still being learnt
+        // before θ̂ predicts anything, a model that explains little is one that is still being
+        // learnt
         let explains = report.explained.iter().all(|&share| share >= self.least_explained);
         self.misfit = report.misfit != 0 || self.converged && !(explains && report.pressed == 0);
         self.informed = report.informed && report.usable != 0;

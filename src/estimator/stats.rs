@@ -4,8 +4,9 @@
 //! P(F > x) = I_{d₂/(d₂ + d₁x)}(d₂/2, d₁/2)        I: regularised incomplete beta function
 //! ```
 //!
-//! by Lentz's continued fraction (NIST Digital Library of Mathematical Functions, 8.17.22); χ² is the limit of many d₂. No table of quantiles is kept: the
-//! degrees of freedom change with every lost sample.
+//! by Lentz's continued fraction (NIST Digital Library of Mathematical Functions, 8.17.22); χ² is
+//! the limit of many d₂. No table of quantiles is kept: the degrees of freedom change with every
+//! lost sample.
 
 /// ln Γ(x) for x > 0, Lanczos's approximation (g = 7, nine terms), 15 digits.
 fn ln_gamma(x: f64) -> f64 {

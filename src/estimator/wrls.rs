@@ -5,15 +5,17 @@
 //! Γ_n⁻¹ = λ Γ_{n−1}⁻¹ + φ_n φ_nᵀ                                    (4)
 //! ```
 //!
-//! minimises Σ λ^(n−i) (v_i − φ_iᵀθ)² + λⁿ (θ − θ̂₀)ᵀ Γ₀⁻¹ (θ − θ̂₀), which is (2) with its weight put right. `v` is the signal of
-//! (1), `φ` the regressor, `λ` the forgetting factor per sample, Γ the covariance without the noise variance.
+//! minimises Σ λ^(n−i) (v_i − φ_iᵀθ)² + λⁿ (θ − θ̂₀)ᵀ Γ₀⁻¹ (θ − θ̂₀), which is (2) with its weight
+//! put right. `v` is the signal of (1), `φ` the regressor, `λ` the forgetting factor per sample, Γ
+//! the covariance without the noise variance.
 //!
-//! The matrix inversion lemma makes (4) a rank-one update of Γ without inversion. Written out as P ← (P − k (P x)ᵀ)/λ it loses
-//! symmetry: each step divides the skew part by λ, so that rounding grows like λ⁻ⁿ. Here Γ = U D Uᵀ is kept as a unit upper
-//! triangular U and a diagonal D, updated by Bierman's algorithm (Factorization Methods for Discrete Sequential Estimation,
-//! 1977, section V): symmetric by construction, D stays positive because each of its steps multiplies by a positive
-//! ratio, and no square roots. Potter's square root costs roots and n² more operations; an information square root needs a
-//! back-substitution for every θ̂.
+//! The matrix inversion lemma makes (4) a rank-one update of Γ without inversion. Written out as P
+//! ← (P − k (P x)ᵀ)/λ it loses symmetry: each step divides the skew part by λ, so that rounding
+//! grows like λ⁻ⁿ. Here Γ = U D Uᵀ is kept as a unit upper triangular U and a diagonal D, updated
+//! by Bierman's algorithm (Factorization Methods for Discrete Sequential Estimation, 1977, section
+//! V): symmetric by construction, D stays positive because each of its steps multiplies by a
+//! positive ratio, and no square roots. Potter's square root costs roots and n² more operations; an
+//! information square root needs a back-substitution for every θ̂.
 
 /// What a [`Wrls`] cannot start from.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -37,17 +39,20 @@ pub struct Wrls {
     // row-major, unit upper triangular; the diagonal is not read
     upper: Vec<f64>,
     diagonal: Vec<f64>,
-    // without excitation D grows by 1/λ a sample; beyond this it stays, long before it would overflow
+    // without excitation D grows by 1/λ a sample; beyond this it stays, long before it would
+    // overflow
     limit: f64,
     f: Vec<f64>,
     gain: Vec<f64>,
 }
 
 impl Wrls {
-    /// How many times the initial covariance an unexcited direction can reach; then it grows no more.
+    /// How many times the initial covariance an unexcited direction can reach; then it grows no
+    /// more.
     pub const GROWTH_LIMIT: f64 = 1e20;
 
-    /// Starts at `theta_start` with Γ₀ = I/ε, ε = `information_floor` > 0 and λ = `forgetting_factor` in (0, 1].
+    /// Starts at `theta_start` with Γ₀ = I/ε, ε = `information_floor` > 0 and λ =
+    /// `forgetting_factor` in (0, 1].
     ///
     /// # Errors
     /// Where a value is out of its range.
@@ -75,7 +80,8 @@ impl Wrls {
 
     /// Takes one sample: φ (P numbers) and v. Returns the innovation v − φᵀθ̂ before the update.
     ///
-    /// A sample that is not finite, or so large that the arithmetic overflows, is refused: `None`, and nothing changes.
+    /// A sample that is not finite, or so large that the arithmetic overflows, is refused: `None`,
+    /// and nothing changes.
     pub fn update(&mut self, regressor: &[f64], v: f64) -> Option<f64> {
         let n = self.theta.len();
         assert_eq!(regressor.len(), n, "one regressor entry per parameter");
@@ -134,8 +140,9 @@ impl Wrls {
 mod tests {
     use super::*;
 
-    // A deterministic, persistently exciting regressor: four incommensurate tones and a constant, as unequal in size as the
-    // arm's signals, sampled so that the hundred samples of memory at λ = .99 see some periods of each.
+    // A deterministic, persistently exciting regressor: four incommensurate tones and a constant,
+    // as unequal in size as the arm's signals, sampled so that the hundred samples of memory at λ =
+    // .99 see some periods of each.
     fn regressor(k: usize) -> [f64; 5] {
         let t = k as f64 * 0.05;
         [
@@ -212,7 +219,8 @@ mod tests {
             wrls.update(&x, v(k, &x)).expect("finite");
         }
         for (got, want) in wrls.theta().iter().zip(TRUTH) {
-            // the disturbance, below 0.01, against signals of at least 1 that each parameter multiplies
+            // the disturbance, below 0.01, against signals of at least 1 that each parameter
+            // multiplies
             assert!((got - want).abs() < 0.01, "{got} {want}");
         }
     }

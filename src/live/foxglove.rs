@@ -1,6 +1,7 @@
 //! The topics of a recording over the Foxglove protocol, for Foxglove and Lichtblick.
 //!
-//! What is sent is what a recording holds, byte for byte: same topics, schemas and encoding. Nothing can be asked for by it.
+//! What is sent is what a recording holds, byte for byte: same topics, schemas and encoding.
+//! Nothing can be asked for by it.
 
 use crate::messages::{Estimate, Sample, Status};
 use crate::recording::{Encoder, NameCollision, RunInfo};

@@ -1,4 +1,5 @@
-//! The estimates so far, in bounded memory: the newest all, the older ones the thinner the older they are.
+//! The estimates so far, in bounded memory: the newest all, the older ones the thinner the older
+//! they are.
 
 use std::collections::VecDeque;
 
@@ -66,7 +67,7 @@ impl History {
         self.points.clear();
     }
 
-    /// Adds a point; where there is no room, every second one of the older half goes.
+    /// Adds a point; if there is no room, every second one of the older half goes.
     pub(super) fn push(&mut self, point: Point) {
         if self.points.len() >= self.limit {
             let half = self.points.len() / 2;

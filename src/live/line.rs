@@ -1,4 +1,4 @@
-//! One readable line: per block where lines are kept, or in place where there is one line.
+//! One readable line: per block if lines are kept, or in place if there is one line.
 
 use super::view::View;
 use std::fmt::Write as _;
@@ -6,8 +6,8 @@ use std::fmt::Write as _;
 /// Columns after which a line names no more values.
 const COLUMNS: usize = 150;
 
-/// A line of a log: block, time, state, how many parameters may be used, values, what is wrong. What may not be used stands behind the
-/// rest, with a question mark.
+/// A line of a log: block, time, state, how many parameters may be used, values, what is wrong.
+/// What may not be used stands behind the rest, with a question mark.
 pub fn block_line(view: &View, changed_t_s: Option<f64>) -> String {
     let mut line = format!(
         "block {:>4}  {:>9.3} s  {:<14}{}/{} usable",

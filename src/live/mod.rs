@@ -6,7 +6,8 @@
 //!                                          └─ web       a page in a browser (feature `web`)
 //! ```
 //!
-//! [`LiveState`] is plain: messages in, a [`View`] out, no I/O and no clock. All views show the same words and numbers.
+//! [`LiveState`] is plain: messages in, a [`View`] out, no I/O and no clock. All views show the
+//! same words and numbers.
 
 #[cfg(feature = "foxglove")]
 mod foxglove;

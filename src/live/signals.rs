@@ -20,7 +20,8 @@ pub struct SignalPoint {
     pub setpoint: [f64; MAX_JOINTS],
     /// Input, in the drive's unit; `NaN` if it is not measured.
     pub input: [f64; MAX_JOINTS],
-    /// The input that the model predicts with the estimate of the blocks before, in the drive's unit; `NaN` if it is not known.
+    /// The input that the model predicts with the estimate of the blocks before, in the drive's
+    /// unit; `NaN` if it is not known.
     pub predicted: [f64; MAX_JOINTS],
 }
 

@@ -95,7 +95,7 @@ impl LiveState {
         *self = Self { generation, ..new };
     }
 
-    /// Takes an estimate in, each of them once; `truth` where somebody knows it.
+    /// Takes an estimate in, each of them once; `truth` if somebody knows it.
     pub fn on_estimate(&mut self, estimate: &Estimate, truth: Option<&dyn Truth>, sent_ns: u64) {
         match self.estimate.as_ref().map(|(last, _)| (last.stream_id, last.block)) {
             Some((stream_id, block)) if stream_id == estimate.stream_id && block < estimate.block => {
@@ -153,7 +153,8 @@ impl LiveState {
         self.status = Some((*status, sent_ns));
     }
 
-    /// Takes a sample in. With a prediction it is shown once its neighbours are there, some hundredths of a second later.
+    /// Takes a sample in. With a prediction it is shown once its neighbours are there, some
+    /// hundredths of a second later.
     pub fn on_sample(&mut self, sample: &Sample) {
         let signals = &mut self.signals;
         match &mut self.prediction {

@@ -21,7 +21,8 @@ pub enum Key {
     Redraw,
 }
 
-/// A terminal that shows the table in place of what was there, which comes back on drop and after a panic.
+/// A terminal that shows the table in place of what was there, which comes back on drop and after a
+/// panic.
 #[derive(Debug)]
 pub struct Screen {
     terminal: DefaultTerminal,

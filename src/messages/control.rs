@@ -89,7 +89,8 @@ pub mod request_flags {
     pub const VALUE: u32 = 1 << 0;
 }
 
-/// What a [`Request`] knows a stream by; never 0. Two of some 10⁵ streams would have to meet for two tags to agree by chance.
+/// What a [`Request`] knows a stream by; never 0. Two of some 10⁵ streams would have to meet for
+/// two tags to agree by chance.
 pub fn stream_tag(stream_id: u64) -> u32 {
     ((stream_id ^ (stream_id >> 32)) as u32).max(1)
 }
@@ -107,7 +108,8 @@ message! {
         part: u32, One, "", "Number of this part of a state, from 0";
         parts: u32, One, "", "Parts of the state";
         data_len: u32, One, "bytes", "Length of this part; of a payload 80, or 0 for none";
-        /// See [`stream_tag`]. It waits for that stream, and what it did is undone when another one begins.
+        /// See [`stream_tag`]. It waits for that stream, and what it did is undone when another one
+        /// begins.
         stream: u32, One, "", "Tag of the only stream that this is for; 0: for whichever is open, and to stay";
         data: [u8; DATA], Byte, "", "The part; of a payload m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the flange as float64";
     }
@@ -137,7 +139,8 @@ impl Request {
         self
     }
 
-    /// A request that says what the flange carries: nothing, or ten parameters about the flange, m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+    /// A request that says what the flange carries: nothing, or ten parameters about the flange, m,
+    /// hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
     pub fn payload(body: Option<&[f64; PAYLOAD]>) -> Self {
         let mut request = Self::new(Command::Payload);
         for (bytes, x) in request.data.chunks_exact_mut(8).zip(body.into_iter().flatten()) {
@@ -173,12 +176,12 @@ impl Request {
         text_of(&self.name)
     }
 
-    /// The value, where there is one.
+    /// The value, if there is one.
     pub fn value(&self) -> Option<f64> {
         (self.flags & request_flags::VALUE != 0).then_some(self.value)
     }
 
-    /// Requests that together carry a state; `None` where it is too long.
+    /// Requests that together carry a state; `None` if it is too long.
     pub fn restore(state: &[u8]) -> Option<Vec<Self>> {
         let parts = u32::try_from(state.len().div_ceil(DATA))
             .ok()
@@ -202,7 +205,8 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// Takes the next part; gives the state with the last one, an error where a part is missing or out of its range.
+    /// Takes the next part; gives the state with the last one, an error if a part is missing or
+    /// out of its range.
     pub fn take(&mut self, part: &Request) -> Result<Option<Vec<u8>>, String> {
         if part.part == 0 {
             *self = Self::default();
@@ -309,7 +313,8 @@ impl Response {
 }
 
 message! {
-    /// Topic `journal`: a command that took effect, with the place where it did. A recording keeps them, so that a replay repeats them.
+    /// Topic `journal`: a command that took effect, with the place where it did. A recording keeps
+    /// them, so that a replay repeats them.
     pub struct Journal = "ThetabusJournalV3" {
         stream_id: u64, One, "", "The sample stream; 0 before the first one";
         block: u64, One, "", "Number of the block that begins at the first sample that the command holds for";

@@ -1,4 +1,5 @@
-//! Topic `description`: names, units, meanings and bounds, so that no reader needs a configuration file to label a number.
+//! Topic `description`: names, units, meanings and bounds, so that no reader needs a configuration
+//! file to label a number.
 
 use super::table::message;
 use super::{MAX_DERIVED, NAME, UNIT, put_text, text_of};
@@ -40,7 +41,8 @@ message! {
 }
 
 message! {
-    /// Topic `description`: what an identifier identifies. Sent at its start and kept for late joiners.
+    /// Topic `description`: what an identifier identifies. Sent at its start and kept for late
+    /// joiners.
     pub struct Description = "ThetabusDescriptionV3" {
         model: [u8; NAME], Text, "", "Name of the model";
         input_kind: [u8; UNIT], Text, "", "Kind of the input: voltage, current, torque or force";
@@ -201,7 +203,8 @@ fn fill<T>(target: &mut [T], values: impl IntoIterator<Item = T>) -> u32 {
     count
 }
 
-/// What an input in this unit is: voltage \[V\], current \[A\], torque \[N m\], force \[N\]; `input` for any other unit.
+/// What an input in this unit is: voltage \[V\], current \[A\], torque \[N m\], force \[N\];
+/// `input` for any other unit.
 pub fn input_kind_of(unit: &str) -> &'static str {
     match unit {
         "V" => "voltage",

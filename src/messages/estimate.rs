@@ -29,7 +29,8 @@ pub enum State {
     Invalid = 7,
     /// The stream ended and everything received has been processed (status only).
     Ended = 8,
-    /// The model does not fit the block: residuals beyond the noise, signals that it does not explain, or a bound that the data push against.
+    /// The model does not fit the block: residuals beyond the noise, signals that it does not
+    /// explain, or a bound that the data push against.
     Misfit = 9,
 }
 

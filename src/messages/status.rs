@@ -28,7 +28,8 @@ pub mod status_flags {
 message! {
     /// What was wrong with a stream, counted since it began.
     ///
-    /// Each refused sample counts in [`Status::rejected`] and in one of the fields from `duplicates` to `frozen`.
+    /// Each refused sample counts in [`Status::rejected`] and in one of the fields from
+    /// `duplicates` to `frozen`.
     #[derive(Eq)]
     pub struct StreamFaults = "ThetabusStreamFaultsV3" {
         gaps: u64, One, "", "Holes in seq; missing counts the samples in them";
@@ -236,7 +237,7 @@ impl LastError {
         Self::with_text(code, seq, code.describe())
     }
 
-    /// An error with words of its own, cut where they do not fit.
+    /// An error with words of its own, cut if they do not fit.
     pub fn with_text(code: ErrorCode, seq: u64, words: &str) -> Self {
         let mut text = [0; ERROR_TEXT];
         put_text(&mut text, words);

@@ -1,8 +1,9 @@
 //! One table of fields per message, and what follows from it.
 //!
-//! `message!` takes the table: name, type, what an array runs over, unit, meaning. From it come the `repr(C)` structure with its documentation, an
-//! empty value, the [`Layout`] that programs can read at run time, and a walk through the values. Recordings take their schema from the walk; the C
-//! header and the Python dtype are written from the layout.
+//! `message!` takes the table: name, type, what an array runs over, unit, meaning. From it come the
+//! `repr(C)` structure with its documentation, an empty value, the [`Layout`] that programs can
+//! read at run time, and a walk through the values. Recordings take their schema from the walk; the
+//! C header and the Python dtype are written from the layout.
 
 /// What the values of a field are numbered by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -67,7 +68,8 @@ pub struct Field {
     pub is_array: bool,
     /// What the values are numbered by.
     pub per: Per,
-    /// SI unit; empty for none. In braces if the [`Description`](super::Description) tells it: `{position}`, `{input}`, `{parameter}`, `{derived}`.
+    /// SI unit; empty for none. In braces if the [`Description`](super::Description) tells it:
+    /// `{position}`, `{input}`, `{parameter}`, `{derived}`.
     pub unit: &'static str,
     /// What it is, in a few words.
     pub meaning: &'static str,
@@ -95,7 +97,8 @@ pub trait Message: Copy + 'static {
     /// The table.
     const LAYOUT: &'static Layout;
 
-    /// Hands every field to `visitor`, in order; what lies in a structure between [`enter`](Visit::enter) and [`leave`](Visit::leave).
+    /// Hands every field to `visitor`, in order; what lies in a structure between
+    /// [`enter`](Visit::enter) and [`leave`](Visit::leave).
     ///
     /// # Errors
     /// The visitor's.

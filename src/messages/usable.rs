@@ -13,14 +13,16 @@ pub struct Usable {
 }
 
 impl Estimate {
-    /// True if parameter `index`, counted from 0, may be used: `use_ok` is 1 and its bit in `usable` is set. This is the one rule for controllers.
+    /// True if parameter `index`, counted from 0, may be used: `use_ok` is 1 and its bit in
+    /// `usable` is set. This is the one rule for controllers.
     ///
     /// | | says | needs |
     /// |---|---|---|
     /// | `use_ok` | the model with θ̂ describes the machine | the last blocks were predicted; this one fits; the signals are explained; the data have informed on more than half of the directions since the start; no bound is at odds with the data; no change in this block, few samples lost |
     /// | bit i of `usable` | parameter i is known | three standard deviations below 5 % of it, by the data since the last change; no change of its group of equations in this block or the one before, and both fit; no bound of the group is at odds with the data; it is not fixed |
     ///
-    /// A parameter that is fixed is not usable in this sense: its value is the operator's, see `fixed`. False for an index that the model does not have.
+    /// A parameter that is fixed is not usable in this sense: its value is the operator's, see
+    /// `fixed`. False for an index that the model does not have.
     pub fn is_usable(&self, index: usize) -> bool {
         index < (self.params as usize).min(MAX_PARAMS) && self.use_ok == 1 && self.usable.contains(index)
     }
@@ -33,9 +35,10 @@ impl Estimate {
         })
     }
 
-    /// The parameter of this name with its standard deviation, if it [may be used](Self::is_usable). `None` for a name that is not among `names`, and
-    /// for an estimate of another model than theirs, too: ask [`ParameterNames::index`] once at the start to tell a misspelt name, and
-    /// [`ParameterNames::fit`] to tell another model.
+    /// The parameter of this name with its standard deviation, if it [may be
+    /// used](Self::is_usable). `None` for a name that is not among `names`, and for an estimate of
+    /// another model than theirs, too: ask [`ParameterNames::index`] once at the start to tell a
+    /// misspelt name, and [`ParameterNames::fit`] to tell another model.
     pub fn usable(&self, names: &ParameterNames, name: &str) -> Option<Usable> {
         names.fit(self).then(|| self.usable_at(names.index(name)?))?
     }
@@ -59,8 +62,8 @@ pub struct ParameterNames {
 }
 
 impl ParameterNames {
-    /// These names, in the order of θ: of a recording, for example. Which model they are of is not known, so that they
-    /// [fit](Self::fit) every estimate.
+    /// These names, in the order of θ: of a recording, for example. Which model they are of is not
+    /// known, so that they [fit](Self::fit) every estimate.
     pub fn new(names: impl IntoIterator<Item = impl Into<String>>) -> Self {
         Self {
             names: names.into_iter().map(Into::into).collect(),
@@ -84,7 +87,8 @@ impl ParameterNames {
         }
     }
 
-    /// False if the estimate is of another model: its θ has other names. An estimate without a `model_hash` (0) fits every model.
+    /// False if the estimate is of another model: its θ has other names. An estimate without a
+    /// `model_hash` (0) fits every model.
     pub fn fit(&self, estimate: &Estimate) -> bool {
         self.model_hash == 0 || estimate.model_hash == 0 || self.model_hash == estimate.model_hash
     }

@@ -1,12 +1,13 @@
 //! The pointwise form of any plant by automatic differentiation.
 //!
 //! ```text
-//! f_e(θ) = s_e u_e − Σ_d (d/dt)^d g_{e,d}(q, q̇; θ)        φ_e = −∂f_e/∂θ = Σ_d (d/dt)^d ∂g_{e,d}/∂θ
+//! f_e(θ) = s_e u_e − Σ_d (d/dt)^d g_{e,d}(q, q̇; θ)      φ_e = −∂f_e/∂θ = Σ_d (d/dt)^d ∂g_{e,d}/∂θ
 //! ```
 //!
-//! Time derivatives by numbers that carry a value with its first and second derivative: q = (q, q̇, q̈) and q̇ = (q̇, q̈, q⃛) go in, so every
-//! term comes out with (d/dt)² at most. Derivatives in θ by dual numbers inside these, one parameter at a time: no size has to be known
-//! when compiling, and nothing is allocated.
+//! Time derivatives by numbers that carry a value with its first and second derivative: q = (q, q̇,
+//! q̈) and q̇ = (q̇, q̈, q⃛) go in, so every term comes out with (d/dt)² at most. Derivatives in θ
+//! by dual numbers inside these, one parameter at a time: no size has to be known when compiling,
+//! and nothing is allocated.
 
 use super::{AutoDiff, JointSample, MAX_JOINTS, MAX_PARAMS, Plant, PointwiseModel};
 use num_dual::{Dual2, Dual64};
@@ -28,7 +29,8 @@ impl<P: Plant> PointwiseModel for AutoDiff<P> {
         *sample
     }
 
-    /// See [`PointwiseModel::row`]. The equation's order must be at most 2: samples carry no derivative beyond the jerk.
+    /// See [`PointwiseModel::row`]. The equation's order must be at most 2: samples carry no
+    /// derivative beyond the jerk.
     fn row(&self, equation: usize, sample: &JointSample, theta: &[f64], regressor: &mut [f64]) -> f64 {
         let plant = &self.0;
         let joints = plant.joints();

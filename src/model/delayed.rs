@@ -4,8 +4,9 @@
 //! f_e(t; θ, δ) = s_e u_e(t − δ) − Σ_d (d/dt)^d g_{e,d}(q, q̇; θ)
 //! ```
 //!
-//! u is the recorded input, δ \[s\] the time that it takes to act on the plant; negative where the record is late. Half a sample of delay that
-//! nobody modelled biases an inertia by 10 % at 1 kHz, so where it is not known it is estimated. Projected rows only: a delay needs the input's
+//! u is the recorded input, δ \[s\] the time that it takes to act on the plant; negative if the
+//! record is late. Half a sample of delay that nobody modelled biases an inertia by 10 % at 1 kHz,
+//! so if it is not known it is estimated. Projected rows only: a delay needs the input's
 //! derivatives, which no pointwise row has.
 
 use super::{DerivedQuantity, Equation, Parameter, Plant, Scalar};
@@ -19,7 +20,8 @@ pub struct Delayed<P> {
 }
 
 impl<P: Plant> Delayed<P> {
-    /// `plant` with the parameter `input_delay`, from −`limit_s` to `limit_s` \[s\], starting at `start_s`.
+    /// `plant` with the parameter `input_delay`, from −`limit_s` to `limit_s` \[s\], starting at
+    /// `start_s`.
     pub fn new(plant: P, start_s: f64, limit_s: f64) -> Self {
         let mut parameters = plant.parameters().to_vec();
         let mut equations = plant.equations().to_vec();

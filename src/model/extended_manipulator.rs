@@ -14,8 +14,9 @@
 //! | κ_j | `coulomb_inductance_j` | half the voltage-time area that turns this current round at a reversal | V s |
 //! | o_j | `offset_j` | voltage for a constant torque | V |
 //!
-//! As θ₁ and θ₃ belong to one inertia, κ and c belong to one friction: κ₁/c₁ = θ₁/θ₃ and κ₂/c₂ = θ₆/θ₇ are both L/R of a winding. Both enter linearly.
-//! sign 0 = 0, so rows over a standstill of the joint are left out. The parameters of joint 1 come first, then those of joint 2.
+//! As θ₁ and θ₃ belong to one inertia, κ and c belong to one friction: κ₁/c₁ = θ₁/θ₃ and κ₂/c₂ =
+//! θ₆/θ₇ are both L/R of a winding. Both enter linearly. sign 0 = 0, so rows over a standstill of
+//! the joint are left out. The parameters of joint 1 come first, then those of joint 2.
 
 use super::{Equation, MANIPULATOR_PARAMS, Manipulator, Parameter, Plant, Scalar};
 

@@ -5,7 +5,7 @@
 //! ```text
 //! joint 1   12 u₁ = 12 θ₅ q̇₁ + d/dt [(θ₃ + 3 θ₄ cos²q₂) q̇₁] + d²/dt² [(θ₁ + 3 θ₂ cos²q₂) q̇₁]
 //! joint 2   12 u₂ = 12 θ₈ q̇₂ + 3/2 θ₇ θ₉ sin 2q₂ q̇₁² + 6 g θ₇ cos q₂
-//!                 + d/dt [4 θ₇ θ₉ q̇₂ + θ₆ (3/2 θ₉ sin 2q₂ q̇₁² + 6 g cos q₂)] + d²/dt² [4 θ₆ θ₉ q̇₂]
+//!              + d/dt [4 θ₇ θ₉ q̇₂ + θ₆ (3/2 θ₉ sin 2q₂ q̇₁² + 6 g cos q₂)] + d²/dt² [4 θ₆ θ₉ q̇₂]
 //! ```
 //!
 //! | symbol | meaning | unit |
@@ -15,15 +15,17 @@
 //! | g | gravity | m/s² |
 //! | θ₁…θ₉ | (25), see [`PARAMETERS`] | |
 //!
-//! Differentiating gives (26) term by term. θ₁…θ₅ belong to joint 1 and enter linearly, θ₆…θ₉ to joint 2 with the products θ₆θ₉ and
-//! θ₇θ₉. The nine numbers have eight degrees of freedom: θ₁/θ₃ and θ₂/θ₄ are both L₁/R₁.
+//! Differentiating gives (26) term by term. θ₁…θ₅ belong to joint 1 and enter linearly, θ₆…θ₉ to
+//! joint 2 with the products θ₆θ₉ and θ₇θ₉. The nine numbers have eight degrees of freedom: θ₁/θ₃
+//! and θ₂/θ₄ are both L₁/R₁.
 
 use super::{Equation, JointSample, Parameter, Plant, PointwiseModel, Scalar};
 
 /// Number of parameters of the arm.
 pub const MANIPULATOR_PARAMS: usize = 9;
 
-/// θ₁…θ₉ of (25). All are positive for every physical arm; the starts are orders of magnitude, and a round number for the length.
+/// θ₁…θ₉ of (25). All are positive for every physical arm; the starts are orders of magnitude, and
+/// a round number for the length.
 pub static PARAMETERS: [Parameter; MANIPULATOR_PARAMS] = [
     Parameter::positive(
         "theta_1",
@@ -81,7 +83,7 @@ pub struct Manipulator {
 }
 
 impl Manipulator {
-    /// An arm where gravity is `gravity_m_s2` \[m/s²\]; must be finite and ≥ 0, otherwise `None`.
+    /// An arm under gravity `gravity_m_s2` \[m/s²\]; must be finite and ≥ 0, otherwise `None`.
     pub fn new(gravity_m_s2: f64) -> Option<Self> {
         (gravity_m_s2.is_finite() && gravity_m_s2 >= 0.0).then_some(Self { gravity_m_s2 })
     }
@@ -165,7 +167,8 @@ pub struct ManipulatorFeatures {
 impl ManipulatorFeatures {
     /// The row as (1) has it, v = φᵀβ, for estimators that are linear in their parameters: (φ, v).
     ///
-    /// Equation 0: β = θ₁…θ₅. Equation 1 is linear in five numbers that hold θ₆…θ₉ with their products: β = θ₆, θ₇, θ₈, θ₆θ₉, θ₇θ₉.
+    /// Equation 0: β = θ₁…θ₅. Equation 1 is linear in five numbers that hold θ₆…θ₉ with their
+    /// products: β = θ₆, θ₇, θ₈, θ₆θ₉, θ₇θ₉.
     pub fn linear_row(&self, equation: usize) -> ([f64; 5], f64) {
         if equation == 0 {
             (self.phi_1, self.v_1)

@@ -7,9 +7,10 @@
 //! φ_e(t; θ) = −∂f_e/∂θ                                          the regressor of (7)
 //! ```
 //!
-//! with `q` the joint positions \[rad or m\], `u_e` the drive's input (voltage, current, torque or force), `s_e` a constant
-//! scale and `θ` the parameters to be identified. From this one definition follow the pointwise form (each sample gives one
-//! row per equation, the derivatives expanded by the chain rule) and the projected form (integrals against a smooth window).
+//! with `q` the joint positions \[rad or m\], `u_e` the drive's input (voltage, current, torque or
+//! force), `s_e` a constant scale and `θ` the parameters to be identified. From this one definition
+//! follow the pointwise form (each sample gives one row per equation, the derivatives expanded by
+//! the chain rule) and the projected form (integrals against a smooth window).
 
 mod autodiff;
 mod controller;
@@ -38,13 +39,16 @@ pub const MAX_JOINTS: usize = 8;
 /// The most parameters that an estimate, and so a plant, can have.
 pub const MAX_PARAMS: usize = 128;
 
-/// The numbers that a plant's equations are written in: `f64` itself, dual numbers, truncated series in time.
+/// The numbers that a plant's equations are written in: `f64` itself, dual numbers, truncated
+/// series in time.
 pub trait Scalar: num_dual::DualNum<Primitive = f64> + Copy {}
 impl<T: num_dual::DualNum<Primitive = f64> + Copy> Scalar for T {}
 
-/// Everything that is known about the joints at one instant; SI units, the first `joints` entries count.
+/// Everything that is known about the joints at one instant; SI units, the first `joints` entries
+/// count.
 ///
-/// A signal that was not measured is zero here; which signals are valid is stated by the message that carries them.
+/// A signal that was not measured is zero here; which signals are valid is stated by the message
+/// that carries them.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct JointSample {
     /// Joint position q \[rad or m\].
@@ -70,11 +74,11 @@ pub struct Parameter {
     pub unit: Cow<'static, str>,
     /// What it is, in a few words.
     pub meaning: Cow<'static, str>,
-    /// Value to start from where the configuration gives none.
+    /// Value to start from if the configuration gives none.
     pub start: f64,
-    /// Physical lower bound, `-inf` where there is none.
+    /// Physical lower bound, `-inf` if there is none.
     pub lower: f64,
-    /// Physical upper bound, `+inf` where there is none.
+    /// Physical upper bound, `+inf` if there is none.
     pub upper: f64,
 }
 
@@ -122,12 +126,14 @@ pub struct Equation {
     pub order: usize,
     /// Indices of the parameters that this equation depends on. Equations may share parameters.
     pub parameters: Range<usize>,
-    /// Bit j: this equation holds only while joint j moves, see [`needing_motion`](Self::needing_motion).
+    /// Bit j: this equation holds only while joint j moves, see
+    /// [`needing_motion`](Self::needing_motion).
     pub motion: u32,
 }
 
 impl Equation {
-    /// An equation whose residual is `input_scale` times the input of joint `input`, minus its terms up to the derivative `order`.
+    /// An equation whose residual is `input_scale` times the input of joint `input`, minus its
+    /// terms up to the derivative `order`.
     pub const fn new(
         name: &'static str,
         input: usize,
@@ -145,12 +151,15 @@ impl Equation {
         }
     }
 
-    /// The same, for an equation with a term that jumps where joint `joint` reverses, such as Coulomb friction F sign q̇ or Stribeck's.
+    /// The same, for an equation with a term that jumps where joint `joint` reverses, such as
+    /// Coulomb friction F sign q̇ or Stribeck's.
     ///
-    /// Such a term does not say what friction does at rest: a joint that sticks carries any force up to the friction's, while sign 0 = 0. So rows
-    /// over a standstill of that joint are left out of this equation; a reversal, which passes through zero without resting, stays in. Terms that jump
-    /// at q̇ = 0 are found without being told; a term that is merely steep there, tanh(q̇/v) for one, is not. `joint` is counted from 0; call it
-    /// once for each joint that the equation needs moving.
+    /// Such a term does not say what friction does at rest: a joint that sticks carries any force
+    /// up to the friction's, while sign 0 = 0. So rows over a standstill of that joint are left out
+    /// of this equation; a reversal, which passes through zero without resting, stays in. Terms
+    /// that jump at q̇ = 0 are found without being told; a term that is merely steep there,
+    /// tanh(q̇/v) for one, is not. `joint` is counted from 0; call it once for each joint that the
+    /// equation needs moving.
     ///
     /// # Panics
     /// `joint` is not below [`MAX_JOINTS`].
@@ -198,8 +207,9 @@ impl PlantDefinition {
         }
     }
 
-    /// A number that changes with whatever gives θ its meaning: names, units, equations. 64-bit FNV-1a of their text, the same on every
-    /// machine; estimates and recordings carry it as `model_hash`.
+    /// A number that changes with whatever gives θ its meaning: names, units, equations. 64-bit
+    /// FNV-1a of their text, the same on every machine; estimates and recordings carry it as
+    /// `model_hash`.
     pub fn hash(&self) -> u64 {
         let parameters = self.parameters.iter().map(|p| format!("{} [{}]", p.name, p.unit));
         let equations = self.equations.iter().map(|e| {
@@ -310,12 +320,14 @@ pub trait Plant {
     fn parameters(&self) -> &[Parameter];
     /// The equations.
     fn equations(&self) -> &[Equation];
-    /// What θ satisfies by its meaning: \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l, indices from 0. None by default.
+    /// What θ satisfies by its meaning: \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l, indices from 0. None
+    /// by default.
     fn relations(&self) -> &[[usize; 4]] {
         &[]
     }
-    /// Index of the parameter that is the delay \[s\] with which the recorded input acts; every equation must then have it among its
-    /// parameters. `None`, the default, where the delay is not estimated.
+    /// Index of the parameter that is the delay \[s\] with which the recorded input acts; every
+    /// equation must then have it among its parameters. `None`, the default, if the delay is not
+    /// estimated.
     fn input_delay(&self) -> Option<usize> {
         None
     }
@@ -323,27 +335,31 @@ pub trait Plant {
     fn derived(&self) -> &[DerivedQuantity] {
         &[]
     }
-    /// The derived value `index`, in the order of [`derived`](Self::derived); its gradient, and so its standard deviation, follows from it.
-    /// Never called by default, for there is none.
+    /// The derived value `index`, in the order of [`derived`](Self::derived); its gradient, and so
+    /// its standard deviation, follows from it. Never called by default, for there is none.
     fn derived_value<D: Scalar>(&self, index: usize, theta: &[D]) -> D {
         let _ = (index, theta);
         D::from(f64::NAN)
     }
-    /// Writes the terms `g[d]`, d = 0..=order, of one equation; `theta` holds all parameters of the plant.
+    /// Writes the terms `g[d]`, d = 0..=order, of one equation; `theta` holds all parameters of the
+    /// plant.
     fn terms<D: Scalar>(&self, equation: usize, q: &[D], dq: &[D], theta: &[D], g: &mut [D]);
 }
 
 /// A plant evaluated sample by sample from q, q̇, q̈, q⃛ and u.
 ///
-/// [`AutoDiff`] gives this for any [`Plant`]; a plant may bring a faster one of its own, tested equal.
+/// [`AutoDiff`] gives this for any [`Plant`]; a plant may bring a faster one of its own, tested
+/// equal.
 pub trait PointwiseModel {
     /// What a sample contributes independently of θ, computed once per sample.
     type Features: Copy + Default;
     /// Extracts the features of a sample.
     fn features(&self, sample: &JointSample) -> Self::Features;
-    /// Residual f_n(θ) of one equation; writes the regressor φ_n = −∂f_n/∂θ over the equation's own parameters.
+    /// Residual f_n(θ) of one equation; writes the regressor φ_n = −∂f_n/∂θ over the equation's own
+    /// parameters.
     ///
-    /// `theta` holds all parameters of the plant, `regressor` has the length of the equation's `parameters`.
+    /// `theta` holds all parameters of the plant, `regressor` has the length of the equation's
+    /// `parameters`.
     fn row(&self, equation: usize, features: &Self::Features, theta: &[f64], regressor: &mut [f64]) -> f64;
 }
 
@@ -373,21 +389,23 @@ impl DerivedQuantity {
     }
 }
 
-/// Standard deviation of a parameter, relative to it, up to which the delta method holds for what is made of it: a quotient is then off by a twentieth of its
-/// own standard deviation.
+/// Standard deviation of a parameter, relative to it, up to which the delta method holds for what
+/// is made of it: a quotient is then off by a twentieth of its own standard deviation.
 const LINEAR: f64 = 0.05;
 
 /// Values that follow from θ̂, with their standard deviations.
 pub trait DerivedValues {
     /// Names and units, at most [`MAX_DERIVED`](crate::messages::MAX_DERIVED).
     fn quantities(&self) -> &[DerivedQuantity];
-    /// One value; writes its gradient over all parameters. `NaN` where θ̂ does not allow the value.
+    /// One value; writes its gradient over all parameters. `NaN` if θ̂ does not allow the value.
     fn value_and_gradient(&self, index: usize, theta: &[f64], gradient: &mut [f64]) -> f64;
 
     /// One value and its standard deviation by the delta method, √(∇ᵀ P ∇).
     ///
-    /// `covariance(i, j)` is the covariance P of θ̂. The standard deviation is `NaN`, not known, if P is not finite, and if a parameter that the value is made of has a
-    /// standard deviation of more than a twentieth of its size: first order says nothing about a quotient whose denominator may be anything.
+    /// `covariance(i, j)` is the covariance P of θ̂. The standard deviation is `NaN`, not known, if
+    /// P is not finite, and if a parameter that the value is made of has a standard deviation of
+    /// more than a twentieth of its size: first order says nothing about a quotient whose
+    /// denominator may be anything.
     fn value_and_std(&self, index: usize, theta: &[f64], covariance: &dyn Fn(usize, usize) -> f64) -> (f64, f64) {
         let mut gradient = [0.0; MAX_PARAMS];
         let gradient = &mut gradient[..theta.len()];

@@ -1,15 +1,16 @@
 //! Between the physical parameters of the arm and θ, equation (25), in both directions.
 //!
-//! Forward is (25) itself. Backward, nine numbers cannot give twelve: θ fixes k_e1 = θ₅, k_e2 = θ₈, l₂ = θ₉, the electrical time constants
-//! L₁/R₁ = θ₂/θ₄ and L₂/R₂ = θ₆/θ₇, and products of masses with R/k_m. With the resistances, the torque constants and l₁ known, the rest
-//! follows:
+//! Forward is (25) itself. Backward, nine numbers cannot give twelve: θ fixes k_e1 = θ₅, k_e2 = θ₈,
+//! l₂ = θ₉, the electrical time constants L₁/R₁ = θ₂/θ₄ and L₂/R₂ = θ₆/θ₇, and products of masses
+//! with R/k_m. With the resistances, the torque constants and l₁ known, the rest follows:
 //!
 //! ```text
 //! m₂ = θ₇ k_m2 / (θ₉ R₂)     m₁ = θ₃ k_m1 / (l₁² R₁)     L₁ = R₁ θ₂/θ₄     L₂ = R₂ θ₆/θ₇
 //! ```
 //!
-//! m₂ could also come from θ₄ = l₂² m₂ R₁/k_m1 and L₁ from θ₁/θ₃. Joint 2 gives the better m₂ (gravity acts on it even at rest), and link 2
-//! gives the better L₁, because it is the heavier one.
+//! m₂ could also come from θ₄ = l₂² m₂ R₁/k_m1 and L₁ from θ₁/θ₃. Joint 2 gives the better m₂
+//! (gravity acts on it even at rest), and link 2 gives the better L₁, because it is the heavier
+//! one.
 
 use super::{DerivedQuantity, DerivedValues, MANIPULATOR_PARAMS, Scalar};
 use num_dual::Dual64;
@@ -97,7 +98,8 @@ impl PhysicalParameters {
     /// The physical parameters behind θ, as far as `known` allows: the inverse of (25).
     ///
     /// # Errors
-    /// A known constant, or a parameter of θ that the inverse needs, is not a positive finite number.
+    /// A known constant, or a parameter of θ that the inverse needs, is not a positive finite
+    /// number.
     pub fn from_theta(theta: &[f64; MANIPULATOR_PARAMS], known: &KnownConstants) -> Result<Self, RecoveryError> {
         known.validate()?;
         for (index, &value) in theta.iter().enumerate() {
@@ -157,9 +159,11 @@ impl KnownConstants {
     }
 }
 
-/// Physical values of the arm that follow from θ̂ once the motor constants are known, with deviations by the delta method.
+/// Physical values of the arm that follow from θ̂ once the motor constants are known, with
+/// deviations by the delta method.
 ///
-/// The inverse of (25) as in [`PhysicalParameters::from_theta`]. Values are `NaN` where θ̂ does not allow them (θ₉ = 0, for instance).
+/// The inverse of (25) as in [`PhysicalParameters::from_theta`]. Values are `NaN` if θ̂ does not
+/// allow them (θ₉ = 0, for instance).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ManipulatorDerived {
     known: KnownConstants,
@@ -214,7 +218,8 @@ impl DerivedValues for ManipulatorDerived {
     }
 }
 
-/// The same values of an arm with [extra terms](super::ExtendedManipulator), which do not change them.
+/// The same values of an arm with [extra terms](super::ExtendedManipulator), which do not change
+/// them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExtendedDerived {
     arm: ManipulatorDerived,
@@ -223,7 +228,8 @@ pub struct ExtendedDerived {
 }
 
 impl ExtendedDerived {
-    /// Derived values of an arm whose θ₁ to θ₉ stand at `places`, see [`ExtendedManipulator::places`](super::ExtendedManipulator::places).
+    /// Derived values of an arm whose θ₁ to θ₉ stand at `places`, see
+    /// [`ExtendedManipulator::places`](super::ExtendedManipulator::places).
     pub fn new(arm: ManipulatorDerived, places: [usize; MANIPULATOR_PARAMS]) -> Self {
         Self { arm, places }
     }

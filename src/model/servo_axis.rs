@@ -1,7 +1,7 @@
 //! One servo axis: an inertia with viscous and Coulomb friction, driven by a force or torque.
 //!
 //! ```text
-//! M q̈ + F_v q̇ + F_c sign q̇ + b = k u          as terms: g₀ = F_v q̇ + F_c sign q̇ + b, g₁ = M q̇, s = k
+//! M q̈ + F_v q̇ + F_c sign q̇ + b = k u  as terms: g₀ = F_v q̇ + F_c sign q̇ + b, g₁ = M q̇, s = k
 //! ```
 //!
 //! | symbol | meaning | linear axis | rotary axis |
@@ -14,8 +14,9 @@
 //! | F_c | `coulomb_friction` | N | N m |
 //! | b | `offset`: what pulls or pushes constantly | N | N m |
 //!
-//! The model and its names are those of the EMPS benchmark: A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, Workshop on
-//! Nonlinear System Identification Benchmarks, 2019. sign 0 = 0, so rows over a standstill are left out.
+//! The model and its names are those of the EMPS benchmark: A. Janot, M. Gautier, M. Brunot, Data
+//! Set and Reference Models of EMPS, Workshop on Nonlinear System Identification Benchmarks, 2019.
+//! sign 0 = 0, so rows over a standstill are left out.
 
 use super::{Equation, Parameter, Plant, Scalar};
 
@@ -81,7 +82,8 @@ pub struct ServoAxis {
 }
 
 impl ServoAxis {
-    /// An axis whose drive gives `gain` \[N or N m per unit of input\]; must be finite and not 0, otherwise `None`.
+    /// An axis whose drive gives `gain` \[N or N m per unit of input\]; must be finite and not 0,
+    /// otherwise `None`.
     pub fn new(motion: Motion, input: DriveInput, gain: f64) -> Option<Self> {
         (gain.is_finite() && gain != 0.0).then_some(Self {
             motion,

@@ -10,9 +10,9 @@ pub struct BlockRecord {
     pub t_s: f64,
     /// Time of a change that this block announced \[s\].
     pub change_s: Option<f64>,
-    /// Largest relative error over the judged parameters, where the truth is known.
+    /// Largest relative error over the judged parameters, if the truth is known.
     ///
-    /// Judged are the parameters that the estimate marks usable; all of them where it marks none.
+    /// Judged are the parameters that the estimate marks usable; all of them if it marks none.
     pub worst_relative_error: Option<f64>,
 }
 
@@ -26,7 +26,7 @@ pub struct Change {
     /// Stream time of the last sample of the announcing block \[s\].
     pub detected_t_s: f64,
     /// Blocks from the one holding the change (0) to the first from which on the judged parameters
-    /// stay within 1 % of the truth, up to the next change; `None` where the truth is unknown or
+    /// stay within 1 % of the truth, up to the next change; `None` if the truth is unknown or
     /// they do not.
     pub blocks_to_1_percent: Option<u64>,
 }

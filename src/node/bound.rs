@@ -1,8 +1,10 @@
-//! Orders that are for one stream alone: a replay repeats what its recording holds, and none of it is left to the machine that comes next.
+//! Orders that are for one stream alone: a replay repeats what its recording holds, and none of it
+//! is left to the machine that comes next.
 //!
-//! An order with a tag waits for the stream with this tag. What it changes is remembered as it was before the first such order of the
-//! stream, and put back when the stream is over: at its END, or when another stream begins without one. Pause, held parameters and
-//! tunables are put back here; what was learnt, and an estimator that was exchanged, by `replayed.rs`. A command without a tag
+//! An order with a tag waits for the stream with this tag. What it changes is remembered as it was
+//! before the first such order of the stream, and put back when the stream is over: at its END, or
+//! when another stream begins without one. Pause, held parameters and tunables are put back here;
+//! what was learnt, and an estimator that was exchanged, by `replayed.rs`. A command without a tag
 //! makes what it touches stay.
 
 use super::command::{Change, Fate, Order};
@@ -25,15 +27,15 @@ enum Was {
 /// What the orders of a stream have changed, as it was before.
 #[derive(Debug)]
 pub(super) struct BoundEffects {
-    /// The stream; 0 where nothing was changed.
+    /// The stream; 0 if nothing was changed.
     tag: u32,
     paused: Option<bool>,
-    /// [`status_flags::COMMANDED`], where it was set.
+    /// [`status_flags::COMMANDED`], if it was set.
     commanded: Option<u32>,
     held: [Was; MAX_PARAMS],
     /// The first change of tunables, with those of before inside.
     tuned: Option<Order>,
-    /// The first change of N where that is another one, with the rows of before inside.
+    /// The first change of N if that is another one, with the rows of before inside.
     resized: Option<Order>,
 }
 
@@ -91,8 +93,8 @@ impl BoundEffects {
         }
     }
 
-    /// To be called after an order was carried out: keeps its contents where they are needed later. Gives back what a command without a tag
-    /// makes superfluous.
+    /// To be called after an order was carried out: keeps its contents if they are needed later.
+    /// Gives back what a command without a tag makes superfluous.
     pub(super) fn keep(&mut self, order: &mut Order) -> [Option<Order>; KEPT] {
         let Change::Tune { rows, .. } = &order.change else {
             return [None, None];
@@ -231,7 +233,8 @@ mod tests {
         estimates
     }
 
-    /// What commands can change: flags, λ, what is fixed, and by the estimates N, configuration and pause.
+    /// What commands can change: flags, λ, what is fixed, and by the estimates N, configuration and
+    /// pause.
     fn shape(
         status: &Status,
         node: &IdentifierNode<BlockLearner<Spring>>,
@@ -279,7 +282,8 @@ mod tests {
             let estimate = feed(&mut node, 2, 0..3 * N, true)[2];
             let before = shape(&node.status(), &node, &estimate);
 
-            // A replay tells in advance what it will repeat, and is broken off anywhere, or not at all, or before its first sample.
+            // A replay tells in advance what it will repeat, and is broken off anywhere, or not at
+            // all, or before its first sample.
             let tag = stream_tag(3);
             let (mut offered, mut returned) = (0, 0);
             let mut len = N;

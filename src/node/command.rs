@@ -1,7 +1,8 @@
 //! Commands to an identifier: prepared elsewhere, in force from a border between two blocks on.
 //!
-//! Whatever needs memory is made before an order is offered: a new estimator, new rows, new options. At the border it is exchanged
-//! for the old, and the order goes back with the old inside, so that the node neither allocates nor frees.
+//! Whatever needs memory is made before an order is offered: a new estimator, new rows, new
+//! options. At the border it is exchanged for the old, and the order goes back with the old inside,
+//! so that the node neither allocates nor frees.
 
 use crate::estimator::{BlockEstimator, EstimatorOptions, EstimatorState, StateMachine};
 use std::any::Any;
@@ -9,8 +10,8 @@ use std::fmt;
 
 /// Orders that a node can hold at a time.
 pub const MAX_ORDERS: usize = 64;
-/// Places among them for orders that wait for nothing but the next border: those that wait for a far sample must not keep an operator
-/// from pausing.
+/// Places among them for orders that wait for nothing but the next border: those that wait for a
+/// far sample must not keep an operator from pausing.
 pub const RESERVED_ORDERS: usize = 16;
 
 /// What a command changes.
@@ -19,7 +20,8 @@ pub enum Change {
     Pause,
     /// Go on with the next block.
     Resume,
-    /// Another estimator with its judge in the place of the present one: as at the start, or out of a checkpoint.
+    /// Another estimator with its judge in the place of the present one: as at the start, or out of
+    /// a checkpoint.
     Replace {
         /// The estimator.
         estimator: Box<BlockEstimator>,
@@ -41,7 +43,8 @@ pub enum Change {
         config_hash: u64,
         /// N.
         block_len: u64,
-        /// Rows for blocks of the new length, of the type of the present ones; needed where `block_len` is another.
+        /// Rows for blocks of the new length, of the type of the present ones; needed if
+        /// `block_len` is another.
         rows: Option<Box<dyn Any + Send>>,
     },
     /// Hold a parameter, at this value or at its estimate.
@@ -109,7 +112,8 @@ pub struct Order {
     pub id: u64,
     /// Not before this sample of the stream, and not after its end; 0: at the next border.
     pub from_seq: u64,
-    /// [`stream_tag`](crate::messages::stream_tag) of the only stream that the order is for; 0 for whichever is open.
+    /// [`stream_tag`](crate::messages::stream_tag) of the only stream that the order is for; 0 for
+    /// whichever is open.
     pub tag: u32,
     /// The change; what was exchanged, once it took effect.
     pub change: Change,
@@ -122,8 +126,8 @@ pub struct Order {
 }
 
 impl Order {
-    /// A change for the next border, or where `from_seq` is not 0, for the first one from that sample on: of the stream that is
-    /// open, or of the next one where none is.
+    /// A change for the next border, or if `from_seq` is not 0, for the first one from that
+    /// sample on: of the stream that is open, or of the next one if none is.
     pub fn new(id: u64, from_seq: u64, change: Change) -> Self {
         Self {
             id,
@@ -136,7 +140,8 @@ impl Order {
         }
     }
 
-    /// The same for one stream alone: the order waits for it, goes with it, and what it did is undone at the stream's end.
+    /// The same for one stream alone: the order waits for it, goes with it, and what it did is
+    /// undone at the stream's end.
     #[must_use]
     pub fn for_stream(mut self, tag: u32) -> Self {
         self.tag = tag;
@@ -151,7 +156,8 @@ pub struct Border {
     pub stream_id: u64,
     /// First sample behind the border.
     pub from_seq: u64,
-    /// Number of the block that begins there; of the one after it where the border lies within a block that is skipped.
+    /// Number of the block that begins there; of the one after it if the border lies within a
+    /// block that is skipped.
     pub block: u64,
 }
 
@@ -166,12 +172,13 @@ pub struct NodeState {
     pub block: u64,
     /// Stream time of the last sample \[ns\].
     pub t_ns: u64,
-    /// Blocks that the estimator has taken in all, over its warm starts; 0 for one that knows nothing yet. Part of the estimator's own state.
+    /// Blocks that the estimator has taken in all, over its warm starts; 0 for one that knows
+    /// nothing yet. Part of the estimator's own state.
     pub blocks: u64,
 }
 
 impl NodeState {
-    /// Becomes a copy of another state; allocates only where there is no room.
+    /// Becomes a copy of another state; allocates only if there is no room.
     pub(super) fn copy_from(&mut self, other: &Self) {
         self.estimator.reals.clone_from(&other.estimator.reals);
         self.estimator.counts.clone_from(&other.estimator.counts);

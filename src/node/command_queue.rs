@@ -4,7 +4,8 @@ use super::bound::KEPT;
 use super::command::{Change, Fate, MAX_ORDERS, Order, RESERVED_ORDERS};
 use std::collections::VecDeque;
 
-/// Orders that wait, and orders that are done; in the order in which they came. Allocates nothing after construction.
+/// Orders that wait, and orders that are done; in the order in which they came. Allocates nothing
+/// after construction.
 pub(super) struct CommandQueue {
     waiting: VecDeque<Order>,
     done: VecDeque<Order>,
@@ -24,7 +25,8 @@ impl CommandQueue {
         self.waiting.is_empty()
     }
 
-    /// True if there is room for one more; some is reserved for orders that need nothing but the next border.
+    /// True if there is room for one more; some is reserved for orders that need nothing but the
+    /// next border.
     pub fn has_room_for(&self, order: &Order) -> bool {
         let waits = order.from_seq != 0 || order.tag != 0;
         let room = if waits {

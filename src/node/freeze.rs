@@ -1,7 +1,9 @@
-//! Signals that do not move although they must: a sensor that hangs gives perfect, perfectly consistent and perfectly wrong data.
+//! Signals that do not move although they must: a sensor that hangs gives perfect, perfectly
+//! consistent and perfectly wrong data.
 //!
-//! A value that repeats to the bit is nothing yet: an encoder at rest does that, and a commanded voltage may be constant for long. With M
-//! samples of patience a joint's signal counts as frozen while
+//! A value that repeats to the bit is nothing yet: an encoder at rest does that, and a commanded
+//! voltage may be constant for long. With M samples of patience a joint's signal counts as frozen
+//! while
 //!
 //! | rule | signal | frozen where |
 //! |---|---|---|
@@ -9,7 +11,8 @@
 //! | B | input | it was constant for M samples, changed with every sample before, is not at its largest magnitude (a drive at its limit), and the position has moved by 5 % of its range |
 //! | C | both | both were constant for 5 M samples, and the input changed with every sample before |
 //!
-//! A joint held by friction against a growing input looks like rule A; M is a configuration key for that reason, and 0 turns all of it off.
+//! A joint held by friction against a growing input looks like rule A; M is a configuration key for
+//! that reason, and 0 turns all of it off.
 
 use crate::model::{JointSample, MAX_JOINTS};
 
@@ -29,7 +32,8 @@ struct Joint {
     /// Samples that the value has been the same for.
     q_run: u64,
     u_run: u64,
-    /// The input without its noise and spikes, its largest magnitude, and its range in a standstill of M samples and more.
+    /// The input without its noise and spikes, its largest magnitude, and its range in a standstill
+    /// of M samples and more.
     smooth: f64,
     smooth_peak: f64,
     u_least: f64,
@@ -102,8 +106,8 @@ impl FreezeWatch {
         self.joints = [Joint::NEW; MAX_JOINTS];
     }
 
-    /// Looks at a sample of finite numbers; true where a signal of one of the first `joints` is frozen. `dq` is looked at where it is measured,
-    /// the input where it is.
+    /// Looks at a sample of finite numbers; true if a signal of one of the first `joints` is
+    /// frozen. `dq` is looked at if it is measured, and so is the input.
     pub(super) fn look(&mut self, sample: &JointSample, joints: usize, measured: bool, driven: bool) -> bool {
         if self.patience == 0 {
             return false;
@@ -149,7 +153,8 @@ impl Joint {
             self.u_run = 0;
             (self.q_least, self.q_most) = (q, q);
         }
-        // an input that stops changing keeps its name until it has been seen to be constant by nature
+        // an input that stops changing keeps its name until it has been seen to be constant by
+        // nature
         if u_same && self.u_run > 20 * FreezeWatch::STILL * patience {
             self.lively *= 0.999;
         }
@@ -185,7 +190,8 @@ mod tests {
 
     const M: u64 = 200;
 
-    /// A joint that swings and rests, its encoder and its noisy input; `spoil` comes between them and the watch.
+    /// A joint that swings and rests, its encoder and its noisy input; `spoil` comes between them
+    /// and the watch.
     fn frozen_samples(spoil: impl Fn(u64, &mut f64, &mut f64)) -> Vec<u64> {
         let mut watch = FreezeWatch::new(M, 1e-3);
         let mut frozen = Vec::new();

@@ -1,20 +1,24 @@
 //! The identifier as a value: sample → validate → rows → block of N → estimate.
 //!
-//! Blocks are cut by `seq`: block = seq div N + 1 (the paper's α(m)), also after a late join, so that a lost sample does not shift the
-//! borders. A block that was joined half-way is skipped, a partial last block gives no estimate, a block with lost or refused
-//! samples is estimated from the rest of it, a block that was lost as a whole gives none. After construction a step neither
+//! Blocks are cut by `seq`: block = seq div N + 1 (the paper's α(m)), also after a late join, so
+//! that a lost sample does not shift the borders. A block that was joined half-way is skipped, a
+//! partial last block gives no estimate, a block with lost or refused samples is estimated from the
+//! rest of it, a block that was lost as a whole gives none. After construction a step neither
 //! allocates nor locks, and the same input gives the same bits.
 //!
 //! # What is refused
-//! Each sample passes, in this order: its place in the stream (`stream.rs`), number of joints, signals, finite numbers, its time, the limit of the
-//! input's measurement, and the watch for frozen signals (`freeze.rs`). What fails is counted in [`StreamFaults`] and reaches no row.
-//! A block in which a signal was frozen is left out as a whole, because what came before the fault was noticed is spoilt, too.
+//! Each sample passes, in this order: its place in the stream (`stream.rs`), number of joints,
+//! signals, finite numbers, its time, the limit of the input's measurement, and the watch for
+//! frozen signals (`freeze.rs`). What fails is counted in [`StreamFaults`] and reaches no row. A
+//! block in which a signal was frozen is left out as a whole, because what came before the fault
+//! was noticed is spoilt, too.
 //!
 //! # Commands
-//! An [`Order`] takes effect at the next border between two blocks and as a whole; where no block is open, at once. Another N begins a
-//! new grid there: with s the first sample behind the border and b the number of the block that would have begun there, block = b + (seq − s) div N,
-//! so that numbers go on rising by one. A new stream begins with the plain grid again. An order for a sample of a stream goes with
-//! that stream; `bound.rs` has those whose effects go, too.
+//! An [`Order`] takes effect at the next border between two blocks and as a whole; if no block
+//! is open, at once. Another N begins a new grid there: with s the first sample behind the border
+//! and b the number of the block that would have begun there, block = b + (seq − s) div N, so that
+//! numbers go on rising by one. A new stream begins with the plain grid again. An order for a
+//! sample of a stream goes with that stream; `bound.rs` has those whose effects go, too.
 
 use super::block_grid::{BlockGrid, OpenBlock};
 use super::bound::BoundEffects;
@@ -44,7 +48,8 @@ pub struct IdentifierNode<L> {
     cursor: SampleCursor,
     gate: SampleGate,
     grid: BlockGrid,
-    /// `seq` of the first sample of the stream that this process received, or from which on time goes on after a clock was set back.
+    /// `seq` of the first sample of the stream that this process received, or from which on time
+    /// goes on after a clock was set back.
     first_seq: u64,
     open: Option<OpenBlock>,
     paused: bool,
@@ -93,8 +98,8 @@ impl<L: Learner> IdentifierNode<L> {
         node
     }
 
-    /// Takes a sample in; calls `emit` for each estimate that this completes: none, one, or two where the end of the previous
-    /// block was lost and this sample ends the next.
+    /// Takes a sample in; calls `emit` for each estimate that this completes: none, one, or two
+    /// if the end of the previous block was lost and this sample ends the next.
     pub fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate)) {
         match self.cursor.advance(sample.stream_id, sample.seq) {
             SamplePlace::First => self.start_stream(sample),
@@ -157,13 +162,13 @@ impl<L: Learner> IdentifierNode<L> {
         self.learner
     }
 
-    /// Takes an order for the next border, and carries it out at once where no block is open. Returns the border as far as it is known now: lost
-    /// samples may move it by blocks.
+    /// Takes an order for the next border, and carries it out at once if no block is open.
+    /// Returns the border as far as it is known now: lost samples may move it by blocks.
     ///
     /// # Errors
     /// The order, if [`MAX_ORDERS`](super::command::MAX_ORDERS) are waiting, or
-    /// [`RESERVED_ORDERS`](super::command::RESERVED_ORDERS) more for one that needs nothing but the next border; or if it brings rows of
-    /// another type than the node's.
+    /// [`RESERVED_ORDERS`](super::command::RESERVED_ORDERS) more for one that needs nothing but the
+    /// next border; or if it brings rows of another type than the node's.
     pub fn offer(&mut self, mut order: Order) -> Result<Border, Order> {
         let fits = match &order.change {
             Change::Pause | Change::Resume => true,
@@ -209,14 +214,15 @@ impl<L: Learner> IdentifierNode<L> {
         })
     }
 
-    /// Gives an order back that took effect, with the place where it did and with what was exchanged.
+    /// Gives an order back that took effect, with the place where it did and with what was
+    /// exchanged.
     pub fn take_done(&mut self) -> Option<Order> {
         self.commands.take_done()
     }
 
-    /// Copies out what another process needs to go on; allocates only where `into` has no room. Between two calls of
-    /// [`on_sample`](Self::on_sample) the state is always whole. During a replay, and after it up to the next stream, this is
-    /// the state from before it.
+    /// Copies out what another process needs to go on; allocates only if `into` has no room.
+    /// Between two calls of [`on_sample`](Self::on_sample) the state is always whole. During a
+    /// replay, and after it up to the next stream, this is the state from before it.
     pub fn save(&mut self, into: &mut NodeState) {
         match self.before_replay.kept() {
             None => copy_out(&mut self.learner, &self.status, into),
@@ -227,7 +233,8 @@ impl<L: Learner> IdentifierNode<L> {
     /// Goes on from a state that was [saved](Self::save); to be called before the first sample.
     ///
     /// # Errors
-    /// A state of another model, or one that no estimator can be in. The node is as if nothing had been tried then.
+    /// A state of another model, or one that no estimator can be in. The node is as if nothing had
+    /// been tried then.
     pub fn load(&mut self, state: &NodeState) -> Result<(), StateError> {
         self.learner.load(&state.estimator)?;
         self.news |= estimate_flags::WARM;
@@ -236,8 +243,8 @@ impl<L: Learner> IdentifierNode<L> {
         Ok(())
     }
 
-    /// A new stream: counters start over. θ̂ and its information stay, for the machine is the same; only its publisher was
-    /// started again. What a replay has taught goes with the replay.
+    /// A new stream: counters start over. θ̂ and its information stay, for the machine is the same;
+    /// only its publisher was started again. What a replay has taught goes with the replay.
     fn start_stream(&mut self, sample: &Sample) {
         self.enter_stream(stream_tag(sample.stream_id));
         self.change_teacher(sample);
@@ -265,7 +272,8 @@ impl<L: Learner> IdentifierNode<L> {
         };
     }
 
-    /// Goes back to what was known before a replay that is over, and keeps it while another one is open.
+    /// Goes back to what was known before a replay that is over, and keeps it while another one is
+    /// open.
     fn change_teacher(&mut self, sample: &Sample) {
         let given_back = self.before_replay.give_back(&mut self.learner);
         if given_back != Ok(false) {
@@ -284,7 +292,7 @@ impl<L: Learner> IdentifierNode<L> {
         }
     }
 
-    /// Counts a sample and, where its block is wanted, makes rows of it.
+    /// Counts a sample and, if its block is wanted, makes rows of it.
     fn take(&mut self, sample: &Sample) {
         let judgement = self.gate.judge(sample);
         if judgement.set_back {
@@ -409,7 +417,8 @@ impl<L: Learner> IdentifierNode<L> {
         }
     }
 
-    /// Carries out what is due between two blocks; `begin` is the first sample behind the border, `next` the next one to be taken in.
+    /// Carries out what is due between two blocks; `begin` is the first sample behind the border,
+    /// `next` the next one to be taken in.
     fn at_border(&mut self, begin: u64, next: u64) {
         let (streams, open_tag) = (self.cursor.streams(), self.open_tag());
         let is_due = |order: &Order| {
@@ -461,7 +470,8 @@ impl<L: Learner> IdentifierNode<L> {
         self.undo_for(tag);
     }
 
-    /// Gives back the orders that `gone` picks, and those for a sample of a stream before the one with this number.
+    /// Gives back the orders that `gone` picks, and those for a sample of a stream before the one
+    /// with this number.
     fn drop_orders(&mut self, stream: u64, gone: impl Fn(&Order) -> bool) {
         self.commands
             .drop_all(|order| gone(order) || order.tag == 0 && order.from_seq != 0 && order.stream < stream);

@@ -18,7 +18,7 @@ pub trait Identifier: Send {
     /// See [`IdentifierNode::offer`].
     ///
     /// # Errors
-    /// The order, where there is no room for it or it is for other rows.
+    /// The order, if there is no room for it or it is for other rows.
     fn offer(&mut self, order: Order) -> Result<Border, Order>;
     /// See [`IdentifierNode::take_done`].
     fn take_done(&mut self) -> Option<Order>;

@@ -15,7 +15,8 @@ pub struct IdentifierOptions {
     pub model_hash: u64,
     /// Identifies the configuration in every estimate.
     pub config_hash: u64,
-    /// Time between two samples \[ns\]; 0 where it is not known, and then a clock that was set forward is not noticed.
+    /// Time between two samples \[ns\]; 0 if it is not known, and then a clock that was set
+    /// forward is not noticed.
     pub sample_period_ns: u64,
     /// Magnitude from which on a measured input is saturated, per joint; `inf` for none.
     pub input_limit: [f64; MAX_JOINTS],
@@ -24,7 +25,8 @@ pub struct IdentifierOptions {
 }
 
 impl IdentifierOptions {
-    /// For blocks of `block_len` samples of `joints` joints that carry `signals`; everything else unknown or off.
+    /// For blocks of `block_len` samples of `joints` joints that carry `signals`; everything else
+    /// unknown or off.
     pub fn new(block_len: u64, joints: usize, signals: u32) -> Self {
         Self {
             block_len,

@@ -1,4 +1,5 @@
-//! What a refused sample lacks, in words that fit into a status: the signal, its joint, and what would do with the signals that are there.
+//! What a refused sample lacks, in words that fit into a status: the signal, its joint, and what
+//! would do with the signals that are there.
 
 use crate::messages::{ERROR_TEXT, ErrorCode, LastError, Sample, signals, text_of};
 use crate::model::MAX_JOINTS;
@@ -74,7 +75,8 @@ pub(super) fn signal(seq: u64, needed: u32, has: u32) -> LastError {
     words.error(ErrorCode::WrongSignals, seq)
 }
 
-/// A sample of which a needed signal is not a number, or one that no machine has: beyond `limit` of the signal.
+/// A sample of which a needed signal is not a number, or one that no machine has: beyond `limit` of
+/// the signal.
 pub(super) fn number(sample: &Sample, needed: u32, joints: usize, limit: impl Fn(u32) -> f64) -> LastError {
     let arrays = [
         &sample.q,

@@ -1,4 +1,5 @@
-//! What learns behind the streams, blocks and commands of an [`IdentifierNode`](super::identifier::IdentifierNode).
+//! What learns behind the streams, blocks and commands of an
+//! [`IdentifierNode`](super::identifier::IdentifierNode).
 
 use super::command::Change;
 use crate::estimator::{EstimatorOptions, EstimatorState, Report, StateError};
@@ -8,7 +9,8 @@ use std::any::Any;
 /// A block that ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BlockEnd {
-    /// Share of its samples that is not there: 0 for none, 1 if a signal was frozen and nothing of it counts.
+    /// Share of its samples that is not there: 0 for none, 1 if a signal was frozen and nothing of
+    /// it counts.
     pub lost: f64,
     /// N.
     pub len: u64,
@@ -29,9 +31,11 @@ pub struct Learnt {
     pub error: Option<LastError>,
 }
 
-/// Rows and estimator of a node: samples in, an estimate per block out. It knows neither streams nor commands.
+/// Rows and estimator of a node: samples in, an estimate per block out. It knows neither streams
+/// nor commands.
 ///
-/// No method allocates, except [`into_rows`](Self::into_rows), and [`save`](Self::save) if there is no room.
+/// No method allocates, except [`into_rows`](Self::into_rows), and [`save`](Self::save) if there is
+/// no room.
 pub trait Learner: Send + 'static {
     /// Makes rows of a sample that may be used. False if it cannot be evaluated.
     fn take(&mut self, sample: &Sample) -> bool;
@@ -60,14 +64,17 @@ pub trait Learner: Send + 'static {
     /// Takes what a robot's flange carries as said: nothing, or ten parameters about the flange.
     fn declare_payload(&mut self, _body: Option<&[f64; 10]>) {}
 
-    /// True if [`begin_anew`](Self::begin_anew), [`tune`](Self::tune) or [`declare_payload`](Self::declare_payload) can carry this change out.
+    /// True if [`begin_anew`](Self::begin_anew), [`tune`](Self::tune) or
+    /// [`declare_payload`](Self::declare_payload) can carry this change out.
     fn accepts(&self, change: &Change) -> bool;
-    /// Carries out [`Change::Replace`] or [`Change::Restart`]. Returns whether it goes on from a saved state.
+    /// Carries out [`Change::Replace`] or [`Change::Restart`]. Returns whether it goes on from a
+    /// saved state.
     ///
     /// # Errors
     /// A state that does not belong here; the learner is then as before or at its start.
     fn begin_anew(&mut self, change: &mut Change) -> Result<bool, StateError>;
-    /// Exchanges its tunables, and its rows if others are given. Returns whether the rows were exchanged.
+    /// Exchanges its tunables, and its rows if others are given. Returns whether the rows were
+    /// exchanged.
     fn tune(&mut self, options: &mut EstimatorOptions, rows: Option<&mut Box<dyn Any + Send>>) -> bool;
 
     /// Copies out what another process needs to go on; returns the number of blocks learnt.

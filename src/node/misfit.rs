@@ -26,7 +26,8 @@ impl Write for Words {
     }
 }
 
-/// "Coulomb friction at joint 1 would explain 80 % of the misfit (0.33 V)". Rounded, so that the words change only with the matter.
+/// "Coulomb friction at joint 1 would explain 80 % of the misfit (0.33 V)". Rounded, so that the
+/// words change only with the matter.
 pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
     let mut words = Words {
         bytes: [0; 112],

@@ -1,4 +1,5 @@
-//! The three roles as values: messages in, messages out, no I/O, no clock. The runner waits, the node computes.
+//! The three roles as values: messages in, messages out, no I/O, no clock. The runner waits, the
+//! node computes.
 
 mod block_grid;
 mod block_history;

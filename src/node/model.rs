@@ -4,8 +4,9 @@
 //! Plant (generic, statically dispatched) ──PlantModel──▶ dyn Model ──identifier()──▶ dyn Identifier
 //! ```
 //!
-//! Generics end here: a configuration holds a [`SharedModel`], and what it gives, an identifier or a simulator, is one boxed value per robot. The step from
-//! sample to row stays compiled for its plant; one virtual call per sample leads there.
+//! Generics end here: a configuration holds a [`SharedModel`], and what it gives, an identifier or
+//! a simulator, is one boxed value per robot. The step from sample to row stays compiled for its
+//! plant; one virtual call per sample leads there.
 
 use super::block_learner::BlockLearner;
 use super::identifier::{Identifier, IdentifierNode, IdentifierOptions};
@@ -30,7 +31,8 @@ pub struct NodeSettings {
     pub input: InputSource,
     /// The recursion; its block length is that of `options`.
     pub estimator: EstimatorOptions,
-    /// Streams and their faults. Joints, signals and model hash are the model's own and need not be set.
+    /// Streams and their faults. Joints, signals and model hash are the model's own and need not be
+    /// set.
     pub options: IdentifierOptions,
     /// Process that the status names.
     pub pid: u32,
@@ -73,8 +75,8 @@ pub trait Model: fmt::Debug + Send + Sync {
     /// The setting that does not fit this model.
     fn identifier(&self, settings: &NodeSettings) -> Result<Box<dyn Identifier>, ModelError>;
 
-    /// The input at which the equations hold along a motion: q, q̇, q̈ and, if they ask for it, q⃛ of `motion`, in the input's unit per joint. 0 for a joint that no
-    /// equation drives.
+    /// The input at which the equations hold along a motion: q, q̇, q̈ and, if they ask for it, q⃛
+    /// of `motion`, in the input's unit per joint. 0 for a joint that no equation drives.
     fn input_for(&self, motion: &JointSample, theta: &[f64], input: &mut [f64; MAX_JOINTS]);
 
     /// True if its identifier has no estimator that could be exchanged: it begins anew by
@@ -162,7 +164,8 @@ pub struct PlantModel<P, M = AutoDiff<P>> {
 }
 
 impl<P: Plant + Clone + Send + Sync + 'static> PlantModel<P> {
-    /// A plant with the values that it [derives](Plant::derived) itself and the pointwise form by automatic differentiation.
+    /// A plant with the values that it [derives](Plant::derived) itself and the pointwise form by
+    /// automatic differentiation.
     pub fn new(plant: P) -> Self {
         let derives = !plant.derived().is_empty();
         Self {
@@ -287,7 +290,8 @@ impl<P: Plant, M> PlantModel<P, M> {
     }
 }
 
-/// Signals that pointwise rows need: derivatives up to one more than the equations' terms are differentiated, for these hold q̇.
+/// Signals that pointwise rows need: derivatives up to one more than the equations' terms are
+/// differentiated, for these hold q̇.
 fn pointwise_signals(input: InputSource, definition: &PlantDefinition) -> u32 {
     let source = match input {
         InputSource::Measured => signals::INPUT,

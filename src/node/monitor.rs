@@ -13,11 +13,11 @@ pub use super::block_history::{BlockRecord, Change};
 pub struct Label {
     /// Short name: `theta_1`, `mass_2`.
     pub name: String,
-    /// SI unit, `"1"` where there is none.
+    /// SI unit, `"1"` if there is none.
     pub unit: String,
 }
 
-/// What the values really are, where somebody knows: the simulator's configuration.
+/// What the values really are, if somebody knows: the simulator's configuration.
 pub trait Truth {
     /// The parameters at a stream time \[s\].
     fn theta(&self, t_s: f64) -> Vec<f64>;
@@ -61,8 +61,9 @@ impl MonitorNode {
         }
     }
 
-    /// The same for estimates of one model alone, by its [hash](crate::model::PlantDefinition::hash): under these labels the numbers of
-    /// another one would be wrong.
+    /// The same for estimates of one model alone, by its
+    /// [hash](crate::model::PlantDefinition::hash): under these labels the numbers of another one
+    /// would be wrong.
     #[must_use]
     pub fn of_model(mut self, model_hash: u64) -> Self {
         self.model_hash = model_hash;
@@ -81,8 +82,9 @@ impl MonitorNode {
         self.foreign
     }
 
-    /// Takes an estimate in; false where it is one that was seen already (a late joiner gets the last one again), or one of
-    /// [another model](Self::foreign_model) than the labels, which is left out.
+    /// Takes an estimate in; false if it is one that was seen already (a late joiner gets the
+    /// last one again), or one of [another model](Self::foreign_model) than the labels, which is
+    /// left out.
     pub fn on_estimate(&mut self, estimate: &Estimate) -> bool {
         let (own, its) = (self.model_hash, estimate.model_hash);
         if own != 0 && its != 0 && own != its {
@@ -96,7 +98,8 @@ impl MonitorNode {
                 self.history.clear();
                 self.lost_estimates = 0;
             }
-            // Estimates are numbered by block, so a block without an estimate looks like a lost one; both deserve a count.
+            // Estimates are numbered by block, so a block without an estimate looks like a lost
+            // one; both deserve a count.
             Place::Gap { missing } => self.lost_estimates = self.lost_estimates.saturating_add(missing),
             Place::Next => {}
         }
@@ -182,7 +185,7 @@ impl MonitorNode {
         &self.derived
     }
 
-    /// What the values really are, where known.
+    /// What the values really are, if known.
     pub fn truth(&self) -> Option<&dyn Truth> {
         self.truth.as_deref()
     }
@@ -202,7 +205,7 @@ impl MonitorNode {
         self.last.as_ref()
     }
 
-    /// What the model lacks, in the identifier's words, where the residuals spoke for something.
+    /// What the model lacks, in the identifier's words, if the residuals spoke for something.
     pub fn misfit(&self) -> Option<&str> {
         self.misfit.as_ref().map(|error| error.words())
     }
@@ -253,7 +256,7 @@ pub fn misfit_words(estimate: &Estimate) -> &'static str {
     }
 }
 
-/// (estimate − truth) / truth; the absolute error where the truth is zero.
+/// (estimate − truth) / truth; the absolute error if the truth is zero.
 pub fn relative_error(estimate: f64, truth: f64) -> f64 {
     let error = estimate - truth;
     if truth == 0.0 { error } else { error / truth }
@@ -318,7 +321,8 @@ pub(crate) mod tests {
     #[test]
     fn prop_blocks_to_1_percent_count_from_the_block_that_holds_the_change() {
         let mut monitor = monitor();
-        // Block 3 holds the change (2 s … 3 s), block 4 announces it, block 5 is the first that is right and stays right.
+        // Block 3 holds the change (2 s … 3 s), block 4 announces it, block 5 is the first that is
+        // right and stays right.
         for (block, theta) in [(1, 10.0), (2, 10.0), (3, 15.0), (4, 19.0), (5, 20.1), (6, 20.0)] {
             let mut message = estimate(block, theta);
             if block == 4 {

@@ -3,7 +3,8 @@
 use crate::messages::{Passage, Sample, sample_flags};
 use crate::model::JointSample;
 
-/// Turns a simulated machine into the sample stream seq 0, 1, 2, …, t = seq·Δ unless stamps say otherwise, the last one flagged `END`.
+/// Turns a simulated machine into the sample stream seq 0, 1, 2, …, t = seq·Δ unless stamps say
+/// otherwise, the last one flagged `END`.
 pub struct PlantNode<S> {
     source: S,
     stream_id: u64,
@@ -44,14 +45,16 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
         }
     }
 
-    /// Loses the samples for which `lost` says so: their `seq` never appears. The last one is always sent.
+    /// Loses the samples for which `lost` says so: their `seq` never appears. The last one is
+    /// always sent.
     #[must_use]
     pub fn with_losses(mut self, lost: impl FnMut() -> bool + Send + 'static) -> Self {
         self.lost = Some(Box::new(lost));
         self
     }
 
-    /// Stamps each sample so many nanoseconds behind its place on the grid; less than half a period either way.
+    /// Stamps each sample so many nanoseconds behind its place on the grid; less than half a period
+    /// either way.
     #[must_use]
     pub fn with_stamps(mut self, offset_ns: impl FnMut() -> i64 + Send + 'static) -> Self {
         self.stamps = Some(Box::new(offset_ns));
@@ -120,7 +123,8 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
 
 #[cfg(feature = "sim")]
 impl<S: crate::sim::Commanded> PlantNode<S> {
-    /// Takes a controller's command for the samples that come; false if it is for another stream, late, or not a number.
+    /// Takes a controller's command for the samples that come; false if it is for another stream,
+    /// late, or not a number.
     pub fn command(&mut self, command: &crate::messages::MachineCommand) -> bool {
         let now_ns = self.seq * self.period_ns;
         let fits = command.stream_id == self.stream_id

@@ -1,12 +1,16 @@
-//! The input at which a model's equations hold along the measured motion, to be shown beside the measured input.
+//! The input at which a model's equations hold along the measured motion, to be shown beside the
+//! measured input.
 //!
 //! ```text
-//! û(t) = u(q, q̇, q̈, q⃛; θ̂)      f(t; θ̂) = 0 solved for u, θ̂ of the last block that ended before t
+//! û(t) = u(q, q̇, q̈, q⃛; θ̂)  f(t; θ̂) = 0 solved for u, θ̂ of the last block that ended before t
 //! ```
 //!
-//! So û is predicted: θ̂ has not learnt from the instant that it is compared at. Derivatives that samples carry are taken as they are. Where only positions
-//! are measured, they come from a polynomial of order 5 through the neighbours on both sides, over half the window that projected rows begin with: 50 ms at 1 kHz, which
-//! takes 1.5 % from the jerk of 13 Hz, and gives one of 42 rad/s³ to the noise of 16 bits. What is shown is late by half of that: it is for the eye, and no estimate uses it.
+//! So û is predicted: θ̂ has not learnt from the instant that it is compared at. Derivatives that
+//! samples carry are taken as they are. Where only positions are measured, they come from a
+//! polynomial of order 5 through the neighbours on both sides, over half the window that projected
+//! rows begin with: 50 ms at 1 kHz, which takes 1.5 % from the jerk of 13 Hz, and gives one of 42
+//! rad/s³ to the noise of 16 bits. What is shown is late by half of that: it is for the eye, and no
+//! estimate uses it.
 
 use super::model::SharedModel;
 use crate::messages::{Estimate, Sample, signals};
@@ -16,7 +20,8 @@ use std::collections::VecDeque;
 
 /// Order of the polynomial.
 const ORDER: usize = 5;
-/// Neighbours on either side: the polynomial needs three, and more than the upper limit only cost time.
+/// Neighbours on either side: the polynomial needs three, and more than the upper limit only cost
+/// time.
 const NEIGHBOURS: (usize, usize) = (3, 500);
 /// Estimates that are remembered: samples wait for their neighbours while the next estimate comes.
 const ESTIMATES: usize = 4;
@@ -28,7 +33,8 @@ pub struct PredictedInput {
     period_ns: f64,
     /// Bit j: an equation gives the input of joint j.
     driven: u32,
-    /// Signals without which nothing can be predicted, and those with which nothing needs to be differentiated.
+    /// Signals without which nothing can be predicted, and those with which nothing needs to be
+    /// differentiated.
     needed: u32,
     complete: u32,
     half: usize,
@@ -54,7 +60,8 @@ pub struct Passed<'a> {
 }
 
 impl Passed<'_> {
-    /// The predicted input of each joint, in the input's unit; `NaN` before an estimate, of a joint that no equation drives, and without neighbours.
+    /// The predicted input of each joint, in the input's unit; `NaN` before an estimate, of a joint
+    /// that no equation drives, and without neighbours.
     pub fn input(&self) -> [f64; MAX_JOINTS] {
         self.by.input_at(self.sample, self.at)
     }
@@ -90,7 +97,8 @@ impl PredictedInput {
         }
     }
 
-    /// Time over which derivatives are taken from the positions \[s\]; `None` if the samples carry them.
+    /// Time over which derivatives are taken from the positions \[s\]; `None` if the samples carry
+    /// them.
     pub fn smoothed_s(&self) -> Option<f64> {
         (!self.samples.is_empty()).then(|| 2.0 * self.half as f64 * self.period_ns / 1e9)
     }
@@ -110,7 +118,8 @@ impl PredictedInput {
         self.estimates.push_back((estimate.t_last_ns, estimate.theta));
     }
 
-    /// Takes a sample in, and passes on what has its neighbours now: every sample once, in the order of time.
+    /// Takes a sample in, and passes on what has its neighbours now: every sample once, in the
+    /// order of time.
     pub fn push(&mut self, sample: &Sample, mut pass: impl FnMut(Passed<'_>)) {
         if self.stream_id != sample.stream_id {
             self.flush(&mut pass);
@@ -243,8 +252,9 @@ mod tests {
         (model, estimate)
     }
 
-    /// Measured derivatives are exact. Of the sine, a polynomial of order 5 over ±T misses x⁶ first, whose projection onto lower orders has the second derivative
-    /// −0.91 at the centre: the acceleration is off by 0.91 (ω T)⁴/6! = 5e-6 of itself at ω T = 0.25.
+    /// Measured derivatives are exact. Of the sine, a polynomial of order 5 over ±T misses x⁶
+    /// first, whose projection onto lower orders has the second derivative −0.91 at the centre: the
+    /// acceleration is off by 0.91 (ω T)⁴/6! = 5e-6 of itself at ω T = 0.25.
     #[test]
     fn val_the_input_of_a_known_motion_is_predicted_with_and_without_measured_derivatives() {
         for (mask, tolerance) in [(signals::ALL, 1e-12), (signals::Q | signals::INPUT, 1e-5)] {

@@ -1,13 +1,15 @@
 //! What is known of the machine, kept while a replay teaches the identifier something else.
 //!
-//! The samples of a replay come from the past: from another payload, other tuning, perhaps another machine. What they teach
-//! must not reach the controller of the machine that comes next, however the replay ends. So the state of the estimator is
-//! copied out at the first sample of a replay ([`sample_flags::REPLAY`](crate::messages::sample_flags::REPLAY)) and copied
-//! back at the first sample of the next stream: a machine goes on from what was known before the replay, and a second replay
-//! gives the estimates of the first. Checkpoints hold the kept state meanwhile.
+//! The samples of a replay come from the past: from another payload, other tuning, perhaps another
+//! machine. What they teach must not reach the controller of the machine that comes next, however
+//! the replay ends. So the state of the estimator is copied out at the first sample of a replay
+//! ([`sample_flags::REPLAY`](crate::messages::sample_flags::REPLAY)) and copied back at the first
+//! sample of the next stream: a machine goes on from what was known before the replay, and a second
+//! replay gives the estimates of the first. Checkpoints hold the kept state meanwhile.
 //!
-//! Commands are another matter, see `bound.rs`: those of the replay are undone, those of an operator stay. Thus a parameter
-//! that an operator has fixed or freed during the replay stays so, and a reset during the replay resets the kept state, too.
+//! Commands are another matter, see `bound.rs`: those of the replay are undone, those of an
+//! operator stay. Thus a parameter that an operator has fixed or freed during the replay stays so,
+//! and a reset during the replay resets the kept state, too.
 
 use super::command::{NodeState, Order};
 use super::learner::Learner;

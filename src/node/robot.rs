@@ -1,7 +1,7 @@
 //! The learner of a robot: drives → torque, velocity → rows → information → estimate.
 //!
-//! Rows reach over the border of a block, for their windows are not cut by it; what is within half a window of the end is learnt with the next block.
-//! Tunables and another N are declined.
+//! Rows reach over the border of a block, for their windows are not cut by it; what is within half
+//! a window of the end is learnt with the next block. Tunables and another N are declined.
 
 use super::command::Change;
 use super::estimate_message::message;
@@ -99,7 +99,8 @@ impl Learner for RobotLearner {
         }
     }
 
-    /// The payload as robot controllers take it: zeros if nothing is carried, `NaN` while it cannot be told.
+    /// The payload as robot controllers take it: zeros if nothing is carried, `NaN` while it cannot
+    /// be told.
     fn derive(&self, estimate: &mut Estimate) {
         if !self.robot.estimates_payload() {
             return;

@@ -1,17 +1,20 @@
-//! A robot's figures of a block as the report that every model gives, so that states and messages mean the same.
+//! A robot's figures of a block as the report that every model gives, so that states and messages
+//! mean the same.
 
 use crate::estimator::{Change, ChangeKind, Held, Report};
 use crate::messages::{ErrorCode, LastError};
 use crate::robot::{ChangeCause, RobotChange, RobotIdentifier};
 
-/// Share of each joint's torque that a model of a robot is expected to explain. Rigid-body models with friction reach 0.96 to 0.999 on geared arms; 0.9
-/// tells them from a log with exchanged columns or a wrong sign.
+/// Share of each joint's torque that a model of a robot is expected to explain. Rigid-body models
+/// with friction reach 0.96 to 0.999 on geared arms; 0.9 tells them from a log with exchanged
+/// columns or a wrong sign.
 pub(super) const LEAST_EXPLAINED: f64 = 0.9;
 /// Part of the prior's variance below which a parameter is known from data.
 const INFORMED: f64 = 1.0 / 9.0;
 /// Three standard deviations below this part of a parameter make it usable.
 const USABLE: f64 = 0.05;
-/// Share of the variance of a parameter known to within its size that a block must remove to have informed on it.
+/// Share of the variance of a parameter known to within its size that a block must remove to have
+/// informed on it.
 const EXCITED: f64 = 0.9;
 
 /// A report of nothing, with room for these parameters and joints.

@@ -1,4 +1,5 @@
-//! A robot from its URDF as a [`Model`]: what programs need to identify it, to simulate it and to name its values.
+//! A robot from its URDF as a [`Model`]: what programs need to identify it, to simulate it and to
+//! name its values.
 
 use super::identifier::{Identifier, IdentifierOptions};
 use super::model::{Model, ModelError, NodeSettings};
@@ -27,7 +28,8 @@ pub struct RobotSettings {
     pub drives: Drives,
     /// How it is identified.
     pub options: IdentifyOptions,
-    /// Time to either side over which velocities are formed from positions \[s\]; `None` if samples hold them.
+    /// Time to either side over which velocities are formed from positions \[s\]; `None` if samples
+    /// hold them.
     pub velocity_s: Option<f64>,
     /// The simulated robot; sample period and seed are those of the simulation.
     pub simulation: RobotSimOptions,
@@ -112,7 +114,8 @@ impl RobotPlant {
     }
 }
 
-/// The robot's name, with a digest of what gives its parameters their meaning: combinations that follow from the URDF, terms of friction, windows.
+/// The robot's name, with a digest of what gives its parameters their meaning: combinations that
+/// follow from the URDF, terms of friction, windows.
 fn name(settings: &RobotSettings) -> String {
     let model = &settings.model;
     let mut own: String = model

@@ -1,5 +1,5 @@
-//! What a sample that is in its place in the stream must be to reach the rows: the right joints and signals, finite
-//! numbers, a time that goes on, an input within its limit, and no frozen signal.
+//! What a sample that is in its place in the stream must be to reach the rows: the right joints and
+//! signals, finite numbers, a time that goes on, an input within its limit, and no frozen signal.
 
 use super::freeze::FreezeWatch;
 use super::stream::{StreamClock, Tick};
@@ -30,8 +30,8 @@ pub(super) struct Judgement {
 }
 
 impl SampleGate {
-    /// For samples of `joints` joints that carry `signals`, `period_ns` apart; `frozen_after` is the patience of the watch
-    /// for frozen signals \[samples\].
+    /// For samples of `joints` joints that carry `signals`, `period_ns` apart; `frozen_after` is
+    /// the patience of the watch for frozen signals \[samples\].
     pub fn new(joints: usize, signals: u32, input_limit: [f64; MAX_JOINTS], period_ns: u64, frozen_after: u64) -> Self {
         Self {
             joints,

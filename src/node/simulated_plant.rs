@@ -5,7 +5,8 @@ use super::plant::PlantNode;
 use crate::model::JointSample;
 use crate::sim::{Faults, Losses, Machine, MachineSimulator, SampleInstants, SimError, SimOptions};
 
-/// All samples of a run of a machine that this library knows, from seq 0 to END; `stream_id` names the stream.
+/// All samples of a run of a machine that this library knows, from seq 0 to END; `stream_id` names
+/// the stream.
 ///
 /// # Errors
 /// The options are not valid, see [`SimOptions::validate`].
@@ -13,7 +14,8 @@ pub fn sample_stream(options: &SimOptions, stream_id: u64) -> Result<PlantNode<M
     Ok(dressed(MachineSimulator::new(options)?, options, stream_id))
 }
 
-/// The same of whichever machine the options name; `model` has the equations if they are what is simulated.
+/// The same of whichever machine the options name; `model` has the equations if they are what is
+/// simulated.
 ///
 /// # Errors
 /// The options are not valid, or the model cannot be simulated, in words.

@@ -3,7 +3,8 @@
 /// What a message's `stream_id` and `seq` say about its place in the stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
-    /// The first message of a stream: of all that this consumer sees, or of a publisher that was started again.
+    /// The first message of a stream: of all that this consumer sees, or of a publisher that was
+    /// started again.
     First,
     /// The one after the previous one.
     Next,
@@ -18,8 +19,8 @@ pub enum Place {
 
 /// Follows `stream_id` and `seq` of a stream.
 ///
-/// A new `stream_id`, or a `seq` that goes back, starts a new stream and is never taken for a huge gap. What was sent before the
-/// first message that this consumer received is not missing.
+/// A new `stream_id`, or a `seq` that goes back, starts a new stream and is never taken for a huge
+/// gap. What was sent before the first message that this consumer received is not missing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct StreamCursor {
     last: Option<(u64, u64)>,
@@ -74,10 +75,11 @@ pub enum SamplePlace {
     Late,
 }
 
-/// Follows the samples of a stream; tells a late sample from a new stream by the holes that were seen.
+/// Follows the samples of a stream; tells a late sample from a new stream by the holes that were
+/// seen.
 ///
-/// `seq` that goes back under the same `stream_id` is a late sample where that one was missing, a new stream where it is 0 or goes on and on,
-/// and otherwise a sample that came again.
+/// `seq` that goes back under the same `stream_id` is a late sample if that one was missing, a
+/// new stream if it is 0 or goes on and on, and otherwise a sample that came again.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SampleCursor {
     last: Option<(u64, u64)>,
@@ -163,14 +165,16 @@ pub enum Tick {
     Good,
     /// It does not: refuse the sample, and see what comes next.
     Jump,
-    /// The clock was set, or the machine stood still: time goes on from the sample before, which was refused.
+    /// The clock was set, or the machine stood still: time goes on from the sample before, which
+    /// was refused.
     Set {
         /// It was set back.
         back: bool,
     },
 }
 
-/// Follows the time of a stream. A single wrong time is refused; time that goes on from it is believed.
+/// Follows the time of a stream. A single wrong time is refused; time that goes on from it is
+/// believed.
 #[derive(Debug, Clone, Copy)]
 pub struct StreamClock {
     period_ns: u64,
@@ -179,10 +183,11 @@ pub struct StreamClock {
 }
 
 impl StreamClock {
-    /// How far time may be from what `seq` says \[ns\]: what a driver's scheduling may do to time stamps.
+    /// How far time may be from what `seq` says \[ns\]: what a driver's scheduling may do to time
+    /// stamps.
     const JITTER_NS: u64 = 100_000_000;
 
-    /// For samples every `period_ns`; 0 where that is not known, and then time need only rise.
+    /// For samples every `period_ns`; 0 if that is not known, and then time need only rise.
     pub fn new(period_ns: u64) -> Self {
         Self {
             period_ns,

@@ -75,7 +75,8 @@ fn ident_a_whole_stream_gives_one_estimate_per_full_block_and_ends() {
     samples[34].flags = sample_flags::END;
     let estimates = run(&mut node, &samples);
     assert_eq!(estimates, [(1, 10, 0, 0, 0), (2, 20, 0, 0, 0), (3, 30, 0, 0, 0)]);
-    // Two unknowns only in rounding: the data are exact, so θ̂ is off by no more than what ε = 1e-3 pulls.
+    // Two unknowns only in rounding: the data are exact, so θ̂ is off by no more than what ε = 1e-3
+    // pulls.
     assert!((node.learner().estimator().theta()[0] - 5.0).abs() < 1e-3);
     let status = node.status();
     assert_eq!(status.state, State::Ended as u32);
@@ -94,7 +95,8 @@ fn fault_blocks_are_cut_by_seq_whatever_is_lost() {
             [0..4, 6..20].into_iter().flatten().collect(),
             vec![(1, 8, 2, 0, INCOMPLETE), (2, 18, 2, 0, 0)],
         ),
-        // The first sample after the gap closes the block that lost its end, and is itself not yet counted there.
+        // The first sample after the gap closes the block that lost its end, and is itself not yet
+        // counted there.
         (
             "a gap over a border",
             [0..8, 13..20].into_iter().flatten().collect(),

@@ -1,6 +1,7 @@
 //! A text file line by line, in bounded memory whatever the file is.
 //!
-//! A row is a line: a quote that is not closed spoils its own row and not the rest of the file, as it would for a reader that lets fields go on over lines.
+//! A row is a line: a quote that is not closed spoils its own row and not the rest of the file, as
+//! it would for a reader that lets fields go on over lines.
 
 use std::io::{self, BufRead, BufReader, Read};
 
@@ -84,7 +85,8 @@ impl<R: Read> Lines<R> {
     }
 }
 
-/// Cuts a line at its commas, which may stand inside quotes; blanks around a field do not count. False where a quote is not closed.
+/// Cuts a line at its commas, which may stand inside quotes; blanks around a field do not count.
+/// False if a quote is not closed.
 pub(super) fn fields<'a>(line: &'a str, into: &mut Vec<&'a str>) -> bool {
     into.clear();
     let mut rest = line;

@@ -22,7 +22,8 @@ pub struct LogCounts {
     pub first_refused: Option<u64>,
     /// Line of the first irregular row.
     pub first_irregular: Option<u64>,
-    /// Number of pairs of consecutive rows without a hole between them, and the time \[ns\] that they span together.
+    /// Number of pairs of consecutive rows without a hole between them, and the time \[ns\] that
+    /// they span together.
     pub pairs: u64,
     /// See `pairs`.
     pub pairs_span_ns: u64,
@@ -36,7 +37,7 @@ impl LogCounts {
         self.unreadable + self.not_finite + self.duplicated + self.out_of_order
     }
 
-    /// The average period of the rows \[ns\] where it is more than 1 % off the configured one.
+    /// The average period of the rows \[ns\] if it is more than 1 % off the configured one.
     pub fn other_period_ns(&self) -> Option<f64> {
         let mean_ns = self.pairs_span_ns as f64 / self.pairs as f64;
         let off = (mean_ns / self.period_ns as f64 - 1.0).abs();

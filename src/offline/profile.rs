@@ -1,4 +1,5 @@
-//! What was read of a log: range of each column, distance of the rows, length. In words for people, in numbers for `suspicion.rs`.
+//! What was read of a log: range of each column, distance of the rows, length. In words for people,
+//! in numbers for `suspicion.rs`.
 
 use crate::messages::Sample;
 use std::fmt;
@@ -98,7 +99,8 @@ impl LogProfile {
         }
     }
 
-    /// Takes a row in; `t_s` from the first one on, `step_s` to the one before where none is missing between them.
+    /// Takes a row in; `t_s` from the first one on, `step_s` to the one before if none is
+    /// missing between them.
     pub(super) fn take(&mut self, sample: &Sample, t_s: f64, step_s: Option<f64>) {
         self.rows += 1;
         self.length_s = t_s;

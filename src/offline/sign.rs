@@ -5,9 +5,11 @@
 //! r = cov(u_j, q̈_j | the others) / √(var(u_j | others) · var(q̈_j | others))
 //! ```
 //!
-//! Of every drive a > 0: an inertia. So the partial correlation r tells the sign of the input without a model of the machine, as long as inertia is seen at
-//! all: r is near 0 where friction or noise is everything, and then it says nothing. Positions are averaged over neighbouring samples before they are
-//! differenced. Noise in q̈ draws r to zero and does not turn its sign, so that of several lengths of the average the one with the largest |r| counts.
+//! Of every drive a > 0: an inertia. So the partial correlation r tells the sign of the input
+//! without a model of the machine, as long as inertia is seen at all: r is near 0 if friction or
+//! noise is everything, and then it says nothing. Positions are averaged over neighbouring samples
+//! before they are differenced. Noise in q̈ draws r to zero and does not turn its sign, so that of
+//! several lengths of the average the one with the largest |r| counts.
 
 use crate::messages::Sample;
 use crate::model::MAX_JOINTS;
@@ -50,7 +52,7 @@ impl InputSign {
         }
     }
 
-    /// r of a joint's input, counted from 0; `None` where the samples do not tell.
+    /// r of a joint's input, counted from 0; `None` if the samples do not tell.
     pub fn correlation(&self, joint: usize) -> Option<f64> {
         let of = |scale: &Scale| scale.correlation(joint);
         let all = self.scales.iter().filter_map(of);

@@ -1,7 +1,10 @@
-//! What is probably wrong with a log that was read as configured: the usual mistakes of those who write logs and configurations.
+//! What is probably wrong with a log that was read as configured: the usual mistakes of those who
+//! write logs and configurations.
 //!
-//! A judgement here never changes a number and never refuses a log. It is told, with the key that would mend it, and whoever knows the machine decides. The limits
-//! are those beyond which hardly any machine is and within which the mistake nearly always puts it: joints that turn three times, axes longer than ten metres.
+//! A judgement here never changes a number and never refuses a log. It is told, with the key that
+//! would mend it, and whoever knows the machine decides. The limits are those beyond which hardly
+//! any machine is and within which the mistake nearly always puts it: joints that turn three times,
+//! axes longer than ten metres.
 
 use super::profile::{ColumnProfile, LogProfile, Signal};
 use std::fmt;
@@ -14,9 +17,11 @@ const LARGEST_SPAN_M: f64 = 10.0;
 const SMALLEST_SPAN_RAD: f64 = 0.06;
 /// Axes seldom move less \[m\], which is what 1 m is if it is read as millimetres.
 const SMALLEST_SPAN_M: f64 = 0.001;
-/// Partial correlation of input and acceleration that is no accident: noise alone gives 50 samples ±0.14.
+/// Partial correlation of input and acceleration that is no accident: noise alone gives 50 samples
+/// ±0.14.
 const SURE_CORRELATION: f64 = 0.5;
-/// A spread of the steps of this share of the period is more than rounding and scheduling of time stamps.
+/// A spread of the steps of this share of the period is more than rounding and scheduling of time
+/// stamps.
 const LARGEST_SPREAD: f64 = 0.1;
 /// Steps between rows that are this share of a turn are not motion.
 const WRAP: std::ops::Range<f64> = 0.9..1.1;
@@ -28,7 +33,8 @@ pub struct Configured<'a> {
     pub turns: bool,
     /// Word for the unit of the position columns: `rad`, `deg`, `turn`, `m`, `mm` or `um`.
     pub position_unit: &'a str,
-    /// Sign of the acceleration that a positive input gives by the model, 1 or −1; 0 where the model does not say.
+    /// Sign of the acceleration that a positive input gives by the model, 1 or −1; 0 if the
+    /// model does not say.
     pub input_sign: f64,
 }
 
@@ -202,7 +208,8 @@ impl fmt::Display for Suspicion {
     }
 }
 
-/// What is suspicious about the values of a log; `correlations` of each joint's input with its acceleration, where they are known.
+/// What is suspicious about the values of a log; `correlations` of each joint's input with its
+/// acceleration, if they are known.
 pub fn judge_profile(
     profile: &LogProfile,
     configured: &Configured<'_>,

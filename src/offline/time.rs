@@ -8,9 +8,10 @@ pub(super) struct Stamp {
 }
 
 impl Stamp {
-    /// Reads a number; `None` where it is none.
+    /// Reads a number; `None` if it is none.
     pub(super) fn parse(text: &str) -> Option<Self> {
-        // A plain decimal is cut at its point, so that nothing is rounded before the first time stamp is taken off.
+        // A plain decimal is cut at its point, so that nothing is rounded before the first time
+        // stamp is taken off.
         let (integer, fraction) = text.split_once('.').unwrap_or((text, ""));
         let exact = integer.len() <= 19 && fraction.bytes().all(|b| b.is_ascii_digit());
         if let Some(whole) = integer.parse().ok().filter(|_| exact) {
@@ -27,7 +28,7 @@ impl Stamp {
         Self { whole: 0, rest: value }
     }
 
-    /// Time from another stamp to this one, in their unit; not finite where this one is not.
+    /// Time from another stamp to this one, in their unit; not finite if this one is not.
     pub(super) fn since(&self, first: &Self) -> f64 {
         let whole = i128::from(self.whole) - i128::from(first.whole);
         whole as f64 + (self.rest - first.rest)

@@ -1,4 +1,5 @@
-//! The messages of one type in an MCAP file, whoever wrote it: plain, or in chunks that are compressed with lz4 or zstd.
+//! The messages of one type in an MCAP file, whoever wrote it: plain, or in chunks that are
+//! compressed with lz4 or zstd.
 
 use super::record_file::decompress;
 use mcap::McapError;

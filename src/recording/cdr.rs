@@ -1,4 +1,5 @@
-//! CDR, little-endian, as ROS 2 uses it: four bytes of encapsulation, then each scalar aligned to its size from there.
+//! CDR, little-endian, as ROS 2 uses it: four bytes of encapsulation, then each scalar aligned to
+//! its size from there.
 
 use super::layout::Counts;
 use crate::messages::{Field, Per, Visit, put_text, text_of};

@@ -1,7 +1,9 @@
-//! Time of day in recordings, as every tool of ROS 2 expects it: what stream times and the clock at sending have to be shifted by.
+//! Time of day in recordings, as every tool of ROS 2 expects it: what stream times and the clock at
+//! sending have to be shifted by.
 //!
-//! A stream's time is CLOCK_MONOTONIC on a machine and simulated time in a simulation. The time of day at which it was 0 is its epoch; a metadata record
-//! `thetabus_clock` tells it before the first message that was shifted by it.
+//! A stream's time is CLOCK_MONOTONIC on a machine and simulated time in a simulation. The time of
+//! day at which it was 0 is its epoch; a metadata record `thetabus_clock` tells it before the first
+//! message that was shifted by it.
 
 use crate::messages::Sample;
 use std::collections::BTreeMap;

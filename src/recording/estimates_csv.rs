@@ -1,9 +1,11 @@
 //! `estimates.csv`: one line per estimate, for any spreadsheet or script.
 //!
-//! Columns: `block,t_s,state,changed,use_ok,accepted,missing,rejected`, then each parameter by name, then each `<name>_std`; then the evidence:
-//! `residual_<e>` and `fit_<e>` per equation, counted from 1, `fit_probability`, each `<name>_excited` and `<name>_usable` (0 or 1); then
-//! each derived value and its `_std`. `<name>_usable` is the parameter's own bit: it may be used if `use_ok` is 1, too. Numbers are written with as many digits as bring the same bits back. A deviation that the
-//! estimator does not give is an empty cell.
+//! Columns: `block,t_s,state,changed,use_ok,accepted,missing,rejected`, then each parameter by
+//! name, then each `<name>_std`; then the evidence: `residual_<e>` and `fit_<e>` per equation,
+//! counted from 1, `fit_probability`, each `<name>_excited` and `<name>_usable` (0 or 1); then each
+//! derived value and its `_std`. `<name>_usable` is the parameter's own bit: it may be used if
+//! `use_ok` is 1, too. Numbers are written with as many digits as bring the same bits back. A
+//! deviation that the estimator does not give is an empty cell.
 
 use crate::messages::{Estimate, State, estimate_flags};
 use crate::node::monitor::{Label, seconds};
@@ -54,8 +56,9 @@ impl<W: Write> EstimatesCsv<W> {
         })
     }
 
-    /// Goes on with a file that has its header already and ends with the line `before`. The bus gives a late joiner the last estimate
-    /// again; where that is this line, it is not written twice.
+    /// Goes on with a file that has its header already and ends with the line `before`. The bus
+    /// gives a late joiner the last estimate again; if that is this line, it is not written
+    /// twice.
     pub fn resume(sink: W, parameters: &[Label], equations: usize, derived: &[Label], before: &str) -> Self {
         Self {
             writer: csv::Writer::from_writer(sink),
@@ -66,7 +69,8 @@ impl<W: Write> EstimatesCsv<W> {
         }
     }
 
-    /// Appends one estimate and hands it to the operating system, so that a killed process leaves whole lines.
+    /// Appends one estimate and hands it to the operating system, so that a killed process leaves
+    /// whole lines.
     ///
     /// # Errors
     /// Where the sink cannot be written.

@@ -1,4 +1,5 @@
-//! What a recording says of its run beside the messages: enough to read, identify again and report without any other file.
+//! What a recording says of its run beside the messages: enough to read, identify again and report
+//! without any other file.
 
 use crate::messages::{MAX_DERIVED, SCHEMA_VERSION};
 use crate::model::{MAX_JOINTS, MAX_PARAMS};
@@ -36,15 +37,18 @@ pub struct RunInfo {
     pub parameters: Vec<Label>,
     /// Derived values, in the order of the message.
     pub derived: Vec<Label>,
-    /// Time of day at which CLOCK_MONOTONIC was 0, since 1970 \[ns\]; 0 if recordings did not tell yet.
+    /// Time of day at which CLOCK_MONOTONIC was 0, since 1970 \[ns\]; 0 if recordings did not tell
+    /// yet.
     pub clock_epoch_ns: u64,
     /// Samples stand as `sensor_msgs/msg/JointState`, too.
     pub joint_states: bool,
-    /// The first form of a recording: sets of parameters are words in the place of a bool for each parameter, and log times are stream times.
+    /// The first form of a recording: sets of parameters are words in the place of a bool for each
+    /// parameter, and log times are stream times.
     pub first_form: bool,
 }
 
-/// Schema versions that this program reads. In 2 a set of parameters has one word, everything else is the same.
+/// Schema versions that this program reads. In 2 a set of parameters has one word, everything else
+/// is the same.
 const READABLE: [u32; 2] = [2, SCHEMA_VERSION];
 /// Longest configuration in a recording \[bytes\]: what a configuration may be with its setpoints.
 const MAX_CONFIG_BYTES: usize = 4 << 20;

@@ -1,11 +1,14 @@
-//! Bags of ROS 2 with `sensor_msgs/msg/JointState`: what a driver publishes of an arm, whoever recorded it.
+//! Bags of ROS 2 with `sensor_msgs/msg/JointState`: what a driver publishes of an arm, whoever
+//! recorded it.
 //!
 //! ```text
-//! JointState = stamp (int32 s, uint32 ns), frame_id string, name string[], position float64[], velocity float64[], effort float64[]
+//! JointState = stamp (int32 s, uint32 ns), frame_id string, name string[],
+//!              position float64[], velocity float64[], effort float64[]
 //! ```
 //!
-//! in CDR, little-endian, each scalar aligned to its size behind the four bytes of encapsulation. A driver may publish arm and gripper in turn on one topic: messages that do not
-//! hold all joints are passed over.
+//! in CDR, little-endian, each scalar aligned to its size behind the four bytes of encapsulation. A
+//! driver may publish arm and gripper in turn on one topic: messages that do not hold all joints
+//! are passed over.
 
 use super::bag::messages_of;
 use std::path::{Path, PathBuf};
@@ -30,10 +33,12 @@ pub struct JointState {
     pub effort: Vec<f64>,
 }
 
-/// The states of these joints in a bag: an MCAP file, or a directory of ROS 2 with such files. Of several topics the first one with all joints is taken.
+/// The states of these joints in a bag: an MCAP file, or a directory of ROS 2 with such files. Of
+/// several topics the first one with all joints is taken.
 ///
 /// # Errors
-/// A file that cannot be read, or without a message that holds all joints, in words with the file's name.
+/// A file that cannot be read, or without a message that holds all joints, in words with the file's
+/// name.
 pub fn read_joint_states(path: &Path, joints: &[&str]) -> Result<Vec<JointState>, String> {
     let mut states: Vec<JointState> = Vec::new();
     let mut topic: Option<String> = None;
@@ -260,7 +265,8 @@ mod tests {
         );
     }
 
-    /// The file with each chunk compressed by zstd, which the `mcap` crate has from the C library only. Indexes are left as they are, for nobody here reads them.
+    /// The file with each chunk compressed by zstd, which the `mcap` crate has from the C library
+    /// only. Indexes are left as they are, for nobody here reads them.
     fn with_zstd(bytes: &[u8]) -> Vec<u8> {
         let mut out = mcap::MAGIC.to_vec();
         let mut at = out.len();
@@ -268,7 +274,8 @@ mod tests {
             let len = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
             let (head, mut body) = (bytes[at], bytes[at + 9..at + 9 + len].to_vec());
             if head == mcap::records::op::CHUNK {
-                // Times, size and checksum; the name of the compression, empty; the size of what follows.
+                // Times, size and checksum; the name of the compression, empty; the size of what
+                // follows.
                 let data = body.split_off(28 + 4 + 8);
                 body.truncate(28);
                 let level = ruzstd::encoding::CompressionLevel::Fastest;

@@ -1,7 +1,8 @@
-//! Samples as `sensor_msgs/msg/JointState`, which every tool of ROS 2 knows: `joint_state.rs` has the fields.
+//! Samples as `sensor_msgs/msg/JointState`, which every tool of ROS 2 knows: `joint_state.rs` has
+//! the fields.
 //!
-//! Names and frame are the same in every message, so they are laid out once. Signals that a sample does not have are empty lists, as the message's own
-//! definition asks for.
+//! Names and frame are the same in every message, so they are laid out once. Signals that a sample
+//! does not have are empty lists, as the message's own definition asks for.
 
 use super::info::RunInfo;
 use super::joint_state::SCHEMA;
@@ -39,7 +40,8 @@ pub(super) struct JointStates {
 }
 
 impl JointStates {
-    /// Of the machine that `info` describes. The joints have the names of the equations if there is one for each joint, as robots have; else `joint_1` ….
+    /// Of the machine that `info` describes. The joints have the names of the equations if there is
+    /// one for each joint, as robots have; else `joint_1` ….
     pub(super) fn new(info: &RunInfo) -> Self {
         let mut head = ENCAPSULATION.to_vec();
         head.resize(STAMP.end, 0);

@@ -1,4 +1,5 @@
-//! What an identifier was told, as metadata of a recording: readable for people, exact for a replay.
+//! What an identifier was told, as metadata of a recording: readable for people, exact for a
+//! replay.
 
 use crate::messages::{Command, DATA, Journal, Request};
 use std::collections::BTreeMap;
@@ -37,7 +38,7 @@ pub(super) fn journal_to_map(entry: &Journal) -> BTreeMap<String, String> {
     pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
-/// The entry of a metadata record; `None` where it is none.
+/// The entry of a metadata record; `None` if it is none.
 pub(super) fn journal_from_map(map: &BTreeMap<String, String>) -> Option<Journal> {
     let number = |key: &str| map.get(key)?.parse::<u64>().ok();
     let small = |key: &str| u32::try_from(number(key)?).ok();

@@ -1,8 +1,10 @@
-//! What a plant's messages have in a recording: the tables of `messages`, with a scalar per joint, equation, parameter and derived value.
+//! What a plant's messages have in a recording: the tables of `messages`, with a scalar per joint,
+//! equation, parameter and derived value.
 //!
-//! `cdr` with a `ros2msg` schema is what PlotJuggler, Foxglove and rerun all read, and named scalars (`theta_1`, `theta_1_std`) give
-//! their legends a meaning that the elements of one array do not have. ROS 2 wants field names
-//! `^(?!.*__)(?!.*_$)[a-z][a-z0-9_]*$`, so names are brought into that form, and two names that meet there are refused.
+//! `cdr` with a `ros2msg` schema is what PlotJuggler, Foxglove and rerun all read, and named
+//! scalars (`theta_1`, `theta_1_std`) give their legends a meaning that the elements of one array
+//! do not have. ROS 2 wants field names `^(?!.*__)(?!.*_$)[a-z][a-z0-9_]*$`, so names are brought
+//! into that form, and two names that meet there are refused.
 
 use super::info::RunInfo;
 use super::names::channel;
@@ -81,7 +83,8 @@ impl Counts {
         }
     }
 
-    /// Number of bools that stand for a set of parameters; `None` if `field` is no set, or its words stand there.
+    /// Number of bools that stand for a set of parameters; `None` if `field` is no set, or its
+    /// words stand there.
     pub(super) fn bools(&self, field: &Field) -> Option<usize> {
         (field.per == Per::One && field.is_array && self.sets == Sets::Bools).then_some(self.parameters)
     }
@@ -431,7 +434,8 @@ mod tests {
                 field: "theta_9_excited".into()
             })
         );
-        // A parameter cannot take the name of a field that every estimate has, nor of another's deviation.
+        // A parameter cannot take the name of a field that every estimate has, nor of another's
+        // deviation.
         for name in ["block", "theta_2_std", "theta_2_fixed"] {
             let mut info = arm();
             info.parameters[0].name = name.into();

@@ -10,7 +10,8 @@ pub struct Loss {
     pub unfinished_files: u64,
     /// Chunks whose checksum or compression does not hold.
     pub damaged_chunks: u64,
-    /// Messages that are known to be missing: counted by the index behind a damaged chunk, or not decodable.
+    /// Messages that are known to be missing: counted by the index behind a damaged chunk, or not
+    /// decodable.
     pub messages: u64,
     /// Bytes that could not be read as records.
     pub bytes: u64,
@@ -19,7 +20,7 @@ pub struct Loss {
 }
 
 impl Loss {
-    /// True where nothing was lost.
+    /// True if nothing was lost.
     pub fn is_none(&self) -> bool {
         *self == Self::default()
     }

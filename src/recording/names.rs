@@ -35,7 +35,8 @@ pub(super) fn numbered(first: &Path, number: u32) -> PathBuf {
     first.with_file_name(name)
 }
 
-/// The first file of a recording that is still there: the oldest ones are removed where their number is limited.
+/// The first file of a recording that is still there: the oldest ones are removed if their
+/// number is limited.
 pub fn oldest_file(first: &Path) -> Option<PathBuf> {
     existing_files(first).into_iter().next().map(|(_, path)| path)
 }

@@ -1,7 +1,8 @@
-//! Reads a recording front to back, as far as it goes: files cut by a kill, chunks that are damaged, with a count of what was lost.
+//! Reads a recording front to back, as far as it goes: files cut by a kill, chunks that are
+//! damaged, with a count of what was lost.
 //!
-//! A chunk counts only if its checksum holds, except for the last one of a file that was cut, of which every whole message is taken. How records are
-//! found in a damaged file is `record_file.rs`.
+//! A chunk counts only if its checksum holds, except for the last one of a file that was cut, of
+//! which every whole message is taken. How records are found in a damaged file is `record_file.rs`.
 
 use super::cdr::CdrReader;
 use super::clock::stream_epoch;
@@ -63,7 +64,8 @@ impl Default for Span {
     }
 }
 
-/// Reads the messages of a recording in the order of the file; a recording that was rotated goes on in the next file.
+/// Reads the messages of a recording in the order of the file; a recording that was rotated goes on
+/// in the next file.
 pub struct RecordingReader {
     info: RunInfo,
     counts: Counts,
@@ -320,7 +322,8 @@ fn rest_of_series(first: &Path, number: u32) -> u64 {
     files.map_while(|file| file.map(|file| file.len())).sum()
 }
 
-/// What the identifier was told while a recording was made, in the order in which it took effect; of a rotated one from this file on.
+/// What the identifier was told while a recording was made, in the order in which it took effect;
+/// of a rotated one from this file on.
 ///
 /// # Errors
 /// Where a file cannot be read.

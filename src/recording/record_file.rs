@@ -1,7 +1,8 @@
 //! A file as a sequence of MCAP records, whatever has happened to it.
 //!
-//! The records are framed here and not by the `mcap` crate's readers because these stop at the first error. A damaged record is left out, and
-//! reading goes on at the next chunk that can be found.
+//! The records are framed here and not by the `mcap` crate's readers because these stop at the
+//! first error. A damaged record is left out, and reading goes on at the next chunk that can be
+//! found.
 
 use super::info::RunInfo;
 use super::loss::{Loss, ReadError};
@@ -12,7 +13,8 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// The longest record that is believed \[bytes\]; a recorder's chunks are near 1 MiB, its metadata below 5 MiB.
+/// The longest record that is believed \[bytes\]; a recorder's chunks are near 1 MiB, its metadata
+/// below 5 MiB.
 const RECORD_LIMIT: u64 = 64 << 20;
 /// Opcode and length of a record.
 const RECORD_HEAD: u64 = 9;
@@ -21,7 +23,7 @@ const TO_COMPRESSION: u64 = RECORD_HEAD + 3 * 8 + 4;
 /// How that name stands in the file.
 const LZ4_NAME: &[u8] = b"\x03\x00\x00\x00lz4";
 
-/// Decompresses what there is; true where it is all there and the checksum holds.
+/// Decompresses what there is; true if it is all there and the checksum holds.
 pub(super) fn decompress(header: &ChunkHeader, data: &[u8], out: &mut Vec<u8>) -> bool {
     out.clear();
     let Ok(size) = usize::try_from(header.uncompressed_size) else {
@@ -202,8 +204,9 @@ impl RecordFile {
         }
     }
 
-    /// Name and pairs of the metadata record in `body`; `None` where its lengths contradict each other. The `mcap` crate's parser reserves what a length
-    /// promises, gigabytes of a damaged one.
+    /// Name and pairs of the metadata record in `body`; `None` if its lengths contradict each
+    /// other. The `mcap` crate's parser reserves what a length promises, gigabytes of a damaged
+    /// one.
     pub(super) fn metadata(&self) -> Option<(String, BTreeMap<String, String>)> {
         let mut rest = self.body.as_slice();
         let name = text(&mut rest)?;
@@ -224,7 +227,7 @@ impl RecordFile {
         Some((u16::from_le_bytes(*channel), entries.len() as u64 / 16))
     }
 
-    /// Header and data of the chunk in `body`; `None` where its lengths contradict each other.
+    /// Header and data of the chunk in `body`; `None` if its lengths contradict each other.
     pub(super) fn chunk(&self) -> Option<(ChunkHeader, &[u8])> {
         let (header, data) = self.chunk_head()?;
         (header.compressed_size == data.len() as u64).then_some((header, data))
@@ -248,7 +251,8 @@ impl RecordFile {
         Some((header, &body[40 + name_len..]))
     }
 
-    /// Goes on at the next place that looks like a chunk, behind the start of the record that failed.
+    /// Goes on at the next place that looks like a chunk, behind the start of the record that
+    /// failed.
     pub(super) fn resynchronise(&mut self, loss: &mut Loss) -> Result<(), ReadError> {
         let failed_at = self.start;
         let mut from = failed_at + 1;

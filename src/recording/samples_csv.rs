@@ -1,6 +1,7 @@
 //! Samples as CSV, the unit in each column's name: `seq,t_ns,flags,signals,q_1_rad,…,input_2_v`.
 //!
-//! Numbers are written with as many digits as bring the same bits back; a signal that was not measured is an empty cell.
+//! Numbers are written with as many digits as bring the same bits back; a signal that was not
+//! measured is an empty cell.
 
 use super::info::RunInfo;
 use super::layout::field_name;
@@ -130,7 +131,7 @@ const MAX_ROW_BYTES: usize = 1 << 20;
 /// What an error shows of a file \[characters\].
 const SHOWN: usize = 300;
 
-/// A source that fails where so much is read for one row.
+/// A source that fails if so much is read for one row.
 struct Bounded<R> {
     source: R,
     since_row: usize,

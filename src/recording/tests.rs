@@ -130,7 +130,8 @@ fn write(path: &Path, samples: u64, flush: u64, limits: RecordingLimits, finish:
     paths
 }
 
-/// Everything in a recording: seq of the samples, blocks of the estimates, count of status, loss. Checks values on the way.
+/// Everything in a recording: seq of the samples, blocks of the estimates, count of status, loss.
+/// Checks values on the way.
 fn read(path: &Path, span: Span) -> (Vec<u64>, Vec<u64>, u64, Loss) {
     let mut reader = RecordingReader::open(path, span).unwrap();
     assert_eq!(reader.info(), &arm());
@@ -373,7 +374,8 @@ fn val_the_mcap_crate_reads_every_message_with_its_checksums() {
     assert_eq!(metadata["config_toml"], arm().config_toml);
 }
 
-/// The Python with the packages that recordings are read with; `None`, with a word why, where there is none and none is required.
+/// The Python with the packages that recordings are read with; `None`, with a word why, if there
+/// is none and none is required.
 fn peer_python() -> Option<String> {
     let named = std::env::var("THETABUS_PEERS_PYTHON").ok();
     let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/ci-venv/bin/python");

@@ -1,4 +1,5 @@
-//! What a machine does not measure is NaN in recordings, where a 0 would be taken for a value; on the bus it is anything and mostly 0.
+//! What a machine does not measure is NaN in recordings, where a 0 would be taken for a value; on
+//! the bus it is anything and mostly 0.
 
 use crate::messages::{Sample, signals};
 

@@ -1,7 +1,9 @@
-//! Messages of the bus as CDR outside of files: to other hosts, with the encoding that recordings have.
+//! Messages of the bus as CDR outside of files: to other hosts, with the encoding that recordings
+//! have.
 //!
-//! An array has as many values as the sender's machine needs, so the numbers of joints, equations, parameters and derived values travel beside the
-//! bytes: [`Dimensions`]. Texts, bytes and lists of structures have their full number.
+//! An array has as many values as the sender's machine needs, so the numbers of joints, equations,
+//! parameters and derived values travel beside the bytes: [`Dimensions`]. Texts, bytes and lists of
+//! structures have their full number.
 
 use super::cdr::{CdrReader, CdrWriter};
 use super::info::RunInfo;
@@ -140,10 +142,11 @@ pub fn from_cdr<M: OnWire>(bytes: &[u8], dimensions: Dimensions) -> Result<M, No
     }
 }
 
-/// What a recording would say of a machine of which nothing but its description is known: enough for the names in a schema.
+/// What a recording would say of a machine of which nothing but its description is known: enough
+/// for the names in a schema.
 ///
-/// A description does not name the equations: they are called `joint_1` … if there is one for each joint, as those of the built-in models are, and
-/// `equation_1` … if not.
+/// A description does not name the equations: they are called `joint_1` … if there is one for each
+/// joint, as those of the built-in models are, and `equation_1` … if not.
 pub fn described(robot: &str, description: &Description) -> RunInfo {
     let label = |name: &str, unit: &str| Label {
         name: name.to_owned(),

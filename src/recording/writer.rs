@@ -1,6 +1,9 @@
-//! Writes a run as MCAP: `cdr` messages with `ros2msg` schemas, lz4 chunks, the run's metadata first.
+//! Writes a run as MCAP: `cdr` messages with `ros2msg` schemas, lz4 chunks, the run's metadata
+//! first.
 //!
-//! The log time of a message is its stream time and the publish time the clock at sending, both as time of day (`clock.rs`). Messages are in the file, readable after a kill, from the next [`Recorder::flush`] on.
+//! The log time of a message is its stream time and the publish time the clock at sending, both as
+//! time of day (`clock.rs`). Messages are in the file, readable after a kill, from the next
+//! [`Recorder::flush`] on.
 
 use super::cdr::CdrWriter;
 use super::clock::WallClock;
@@ -82,7 +85,8 @@ impl Recorder {
     /// Begins a recording at `path`, which must not exist.
     ///
     /// # Errors
-    /// Where the file exists or cannot be made, or where the plant's names cannot be told apart in a recording.
+    /// If the file exists or cannot be made, or if the plant's names cannot be told apart in
+    /// a recording.
     pub fn create(path: &Path, info: RunInfo, limits: RecordingLimits) -> Result<Self, RecordError> {
         let info = RunInfo {
             schema: SCHEMA_VERSION,
@@ -110,8 +114,9 @@ impl Recorder {
         })
     }
 
-    /// Goes on with the recording at `path` in a file of its own, after the recorder that wrote it has died: readers join the two where
-    /// `info` has the `recording_id` of the first. As [`create`](Self::create) where there is none yet.
+    /// Goes on with the recording at `path` in a file of its own, after the recorder that wrote it
+    /// has died: readers join the two if `info` has the `recording_id` of the first. As
+    /// [`create`](Self::create) if there is none yet.
     ///
     /// # Errors
     /// As [`create`](Self::create).
@@ -195,8 +200,8 @@ impl Recorder {
         self.file.check(put)
     }
 
-    /// Hands everything written so far to the operating system, with a word on what was written and what never arrived; to be called
-    /// about once a second.
+    /// Hands everything written so far to the operating system, with a word on what was written and
+    /// what never arrived; to be called about once a second.
     ///
     /// # Errors
     /// Where the file cannot be written.
@@ -275,7 +280,8 @@ impl Recorder {
 }
 
 impl OpenFile {
-    /// The file gets its name once its definitions are in it, so that a recorder killed at any time leaves files that can be read, or none.
+    /// The file gets its name once its definitions are in it, so that a recorder killed at any time
+    /// leaves files that can be read, or none.
     fn create(path: &Path, info: &RunInfo) -> Result<Self, RecordError> {
         let bytes = Arc::new(AtomicU64::new(0));
         let failed = |source| RecordError::Io {

@@ -37,8 +37,8 @@ pub(super) fn padded(from: f64, to: f64, part: f64) -> Scale {
     }
 }
 
-/// An axis for a value over time: the truth always within, and the estimates, except for a few that lie so far off that nothing
-/// else could be seen.
+/// An axis for a value over time: the truth always within, and the estimates, except for a few that
+/// lie so far off that nothing else could be seen.
 pub(super) fn value_scale(estimates: &[f64], truths: &[f64]) -> Scale {
     let mut sorted = estimates.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -18,7 +18,8 @@ const COMPARED_NS: u64 = 10_000_000_000;
 /// Least time between two of them \[ns\]: a figure has some hundred pixels.
 const COMPARED_STEP_NS: u64 = 4_000_000;
 
-/// A signal over time, thinned out: of neighbouring samples first, last, smallest and largest value stay, so steps and peaks do.
+/// A signal over time, thinned out: of neighbouring samples first, last, smallest and largest value
+/// stay, so steps and peaks do.
 #[derive(Debug, Clone, Default)]
 pub struct Trace {
     buckets: Vec<Bucket>,
@@ -128,7 +129,8 @@ pub struct Notes {
     pub begun: String,
     /// Where the report was made; empty if it is not known.
     pub host: String,
-    /// Lower and upper bound of each parameter, in the order of θ, infinite if there is none; may be empty.
+    /// Lower and upper bound of each parameter, in the order of θ, infinite if there is none; may
+    /// be empty.
     pub bounds: Vec<(f64, f64)>,
 }
 
@@ -225,7 +227,7 @@ impl RunData {
         Ok(self)
     }
 
-    /// Takes a sample in; `sent_ns` is the clock at sending, 0 where it is not known.
+    /// Takes a sample in; `sent_ns` is the clock at sending, 0 if it is not known.
     pub fn sample(&mut self, sample: &Sample, sent_ns: u64) {
         self.samples += 1;
         self.ended |= sample.flags & sample_flags::END != 0;
@@ -250,7 +252,7 @@ impl RunData {
         self.sent.push_back((sample.t_ns, sent_ns));
     }
 
-    /// Takes an estimate in; `sent_ns` is the clock at sending, 0 where it is not known.
+    /// Takes an estimate in; `sent_ns` is the clock at sending, 0 if it is not known.
     pub fn estimate(&mut self, estimate: &Estimate, sent_ns: u64) {
         let boot = self.estimates.last().map(|e| e.stream_id);
         if boot.is_some_and(|boot| boot != estimate.stream_id) {
@@ -275,7 +277,8 @@ impl RunData {
         }
     }
 
-    /// Time over which derivatives of the motion were taken to predict inputs \[s\]; `None` if the samples carry them.
+    /// Time over which derivatives of the motion were taken to predict inputs \[s\]; `None` if the
+    /// samples carry them.
     pub fn smoothed_s(&self) -> Option<f64> {
         self.prediction.as_ref().and_then(PredictedInput::smoothed_s)
     }
@@ -318,7 +321,8 @@ impl RunData {
         Summary::new(&self.monitor, &self.info.robot, &self.info.model)
     }
 
-    /// The result in a sentence: what changed, else what is known best; `None` if nothing may be used.
+    /// The result in a sentence: what changed, else what is known best; `None` if nothing may be
+    /// used.
     pub fn headline(&self) -> Option<String> {
         let last = self.estimates.last()?;
         let change_t_s = self.monitor.changes().last().map(|change| change.t_s);

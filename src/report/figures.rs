@@ -1,5 +1,5 @@
-//! The figures of a run: setpoints (the paper's Fig. 3), each parameter over time (Figs. 4 to 12), residuals, excitation,
-//! accuracy and timing. Inputs are in `inputs.rs`.
+//! The figures of a run: setpoints (the paper's Fig. 3), each parameter over time (Figs. 4 to 12),
+//! residuals, excitation, accuracy and timing. Inputs are in `inputs.rs`.
 
 use super::axes::{FIRST, SECOND, SMALL_PANEL, bound_lines, decades, extent, padded, positive, value_scale};
 use super::data::RunData;
@@ -55,7 +55,7 @@ fn time_axis(run: &RunData) -> (String, (f64, f64)) {
     let first = run.estimates.first().map_or(0.0, time_of);
     let last = run.estimates.last().map_or(1.0, time_of);
     let block_s = run.block_s().unwrap_or(1.0);
-    // From the beginning where the run was seen from its beginning.
+    // From the beginning if the run was seen from its beginning.
     let is_whole = run.estimates.first().is_none_or(|e| e.block <= 3) && first <= 4.0 * block_s;
     let from = if is_whole { 0.0 } else { first - block_s };
     (label, (from, last + ((last - from) * 0.015).max(0.5 * block_s)))
@@ -138,7 +138,7 @@ fn value(run: &RunData, label: &Label, index: usize, kind: Kind) -> Figure {
             (t_s, value - TWO_SIDED_95 * std, value + TWO_SIDED_95 * std)
         })
         .collect();
-    // Filled where the estimate says that it may be used; all of them where it never says so.
+    // Filled if the estimate says that it may be used; all of them if it never says so.
     let marks_usable = kind == Kind::Parameter && run.estimates.iter().any(|e| !e.usable.is_empty());
     let dots: Vec<(f64, f64, bool)> = times()
         .map(|(t_s, e)| (t_s, of(e).0, !marks_usable || e.usable.contains(index)))
@@ -219,7 +219,7 @@ fn caption(run: &RunData, shown: &str, kind: Kind) -> String {
     text
 }
 
-/// The truth at a fine grid over the axis of time; empty where nobody knows it.
+/// The truth at a fine grid over the axis of time; empty if nobody knows it.
 fn truth_line(run: &RunData, x: (f64, f64), pick: impl Fn(&[f64], &[f64]) -> Option<f64>) -> Vec<(f64, f64)> {
     let Some(truth) = run.monitor.truth() else {
         return Vec::new();
@@ -327,7 +327,8 @@ fn residuals(run: &RunData) -> Figure {
             .map_or_else(|| format!("equation {}", equation + 1), |n| symbol(n));
         panels.push(Panel {
             y_label: format!("rms, {name}"),
-            // Rows are divided by their standard deviation if the estimator knows one, and have the input's unit if not.
+            // Rows are divided by their standard deviation if the estimator knows one, and have the
+            // input's unit if not.
             unit: if run.notes.whitened {
                 "1".into()
             } else {

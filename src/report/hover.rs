@@ -1,4 +1,5 @@
-//! Numbers under the pointer for lines that have no dots: a panel is cut into slots, each with the values at its middle.
+//! Numbers under the pointer for lines that have no dots: a panel is cut into slots, each with the
+//! values at its middle.
 
 use std::fmt::Write as _;
 

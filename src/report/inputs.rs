@@ -8,7 +8,8 @@ use super::words::pretty_unit;
 use crate::node::monitor::seconds;
 use std::fmt::Write as _;
 
-/// Measured and predicted input of each joint over the last seconds of the run; `None` if nothing was predicted.
+/// Measured and predicted input of each joint over the last seconds of the run; `None` if nothing
+/// was predicted.
 pub(super) fn inputs(run: &RunData) -> Option<Figure> {
     let from = run.inputs.front().map(|first| seconds(first.t_ns))?;
     let to = run

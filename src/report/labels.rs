@@ -18,7 +18,8 @@ pub(super) fn ticks(from: f64, to: f64, count: usize) -> Vec<f64> {
     (first..=last).map(|i| i as f64 * step).collect()
 }
 
-/// The numbers at ticks, in a unit: all with as many decimals as their distance needs, and with a real minus.
+/// The numbers at ticks, in a unit: all with as many decimals as their distance needs, and with a
+/// real minus.
 pub(super) fn numbers(ticks: &[f64], unit: f64) -> Vec<String> {
     let step = match ticks {
         [first, second, ..] => (second - first) / unit,

@@ -1,4 +1,5 @@
-//! What is drawn in a panel: lines, bands, dots, marks and cells, between axes that say where each value lies.
+//! What is drawn in a panel: lines, bands, dots, marks and cells, between axes that say where each
+//! value lies.
 
 use super::hover::slots;
 use super::labels::{escape, short};
@@ -47,7 +48,7 @@ pub(super) enum Layer {
         stroke: Stroke,
         legend: Option<String>,
     },
-    /// x, lower, upper; broken where one is not finite.
+    /// x, lower, upper; broken if one is not finite.
     Band {
         points: Vec<(f64, f64, f64)>,
         colour: &'static str,
@@ -196,7 +197,7 @@ pub(super) fn draw_layer(svg: &mut String, frame: &Frame, layer: &Layer) {
             for &(x, row, shade) in cells {
                 let (left, right) = (frame.x(x - width), frame.x(x));
                 let (top, bottom) = (frame.y(row as f64), frame.y(row as f64 + 1.0));
-                // A hair of white between the cells, where they are wide enough to spare it.
+                // A hair of white between the cells, if they are wide enough to spare it.
                 let gap = if right - left > 4.0 { 0.8 } else { 0.0 };
                 let _ = write!(
                     svg,

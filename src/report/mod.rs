@@ -1,4 +1,5 @@
-//! Tables and figures from estimates: the result table, figures as SVG and with feature `png` as PNG, one page that needs nothing else.
+//! Tables and figures from estimates: the result table, figures as SVG and with feature `png` as
+//! PNG, one page that needs nothing else.
 
 mod axes;
 mod data;
@@ -40,8 +41,9 @@ const BESIDE: [&str; 4] = ["recording.mcap", "estimates.csv", "summary.json", "c
 /// Pixels of a PNG per unit of its SVG.
 const PNG_SCALE: f32 = 2.0;
 
-/// Writes `report.html` and `figures/NAME.svg` into a directory, with feature `png` `figures/NAME.png`, too; gives the path of the page.
-/// `look` hears what share of the figures is written.
+/// Writes `report.html` and `figures/NAME.svg` into a directory, with feature `png`
+/// `figures/NAME.png`, too; gives the path of the page. `look` hears what share of the figures is
+/// written.
 ///
 /// # Errors
 /// Where the directory cannot be written.

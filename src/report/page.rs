@@ -1,4 +1,5 @@
-//! One HTML page with the table, the figures and the configuration of a run; it loads nothing from anywhere.
+//! One HTML page with the table, the figures and the configuration of a run; it loads nothing from
+//! anywhere.
 
 use super::data::RunData;
 use super::fonts::{MEDIUM, REGULAR};
@@ -231,7 +232,7 @@ fn changes(html: &mut String, summary: &Summary) {
     html.push_str("</tbody></table></div>\n");
 }
 
-/// Two significant digits, with a power of ten where that is shorter.
+/// Two significant digits, with a power of ten if that is shorter.
 fn two_digits(value: f64) -> String {
     let text = format!("{value:.1e}");
     match text

@@ -1,8 +1,9 @@
 //! Panels with axes, lines and bands, drawn as SVG.
 //!
-//! Made for this project's figures and not for any figure: block numbers or seconds to the right, one or more panels above each other, a legend
-//! above the panel so that it never covers data. Lines differ by dash and by lightness as well as by hue (Okabe and Ito's colours),
-//! so a figure can be read on a grey print and by the colour-blind.
+//! Made for this project's figures and not for any figure: block numbers or seconds to the right,
+//! one or more panels above each other, a legend above the panel so that it never covers data.
+//! Lines differ by dash and by lightness as well as by hue (Okabe and Ito's colours), so a figure
+//! can be read on a grey print and by the colour-blind.
 
 use super::fonts::FONT;
 use super::labels::{escape, numbers, power_of_ten, ticks};
@@ -190,7 +191,8 @@ impl Panel {
                 let _ = write!(svg, r#"<path d="M{LEFT} {y:.1}h-5" stroke="{INK}"/>"#);
             }
             let (x, y) = (LEFT - 9.0, y + 4.5);
-            // A long name is drawn narrower instead of being cut at the border; a letter is some 7 units wide.
+            // A long name is drawn narrower instead of being cut at the border; a letter is some 7
+            // units wide.
             let room = x - 4.0;
             let narrow = if 7.0 * text.chars().count() as f64 > room && !text.contains('<') {
                 format!(r#" textLength="{room}" lengthAdjust="spacingAndGlyphs""#)
@@ -218,7 +220,8 @@ impl Panel {
                 (exponent != 0).then(|| power_of_ten(exponent))
             }
             Scale::Log { from, to } => {
-                // Ends of 0 or infinity, from a recording that holds such values, have no decade; no number is beyond these.
+                // Ends of 0 or infinity, from a recording that holds such values, have no decade;
+                // no number is beyond these.
                 let decade = |end: f64| end.log10().clamp(-330.0, 330.0);
                 let decades = decade(from).ceil() as i32..=decade(to).floor() as i32;
                 let step = (decades.clone().count() as f64 / (frame.height / 34.0)).ceil().max(1.0) as i32;
@@ -277,7 +280,7 @@ impl Panel {
         }
     }
 
-    /// Words above the vertical lines, left out where they would meet.
+    /// Words above the vertical lines, left out if they would meet.
     fn draw_marks(&self, svg: &mut String, frame: &Frame) {
         let mut free_from = LEFT - 40.0;
         for layer in &self.layers {

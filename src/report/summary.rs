@@ -1,4 +1,4 @@
-//! `summary.json` and the result table: where a run ended, beside the truth where it is known.
+//! `summary.json` and the result table: how a run ended, beside the truth if it is known.
 
 use crate::messages::{Estimate, State};
 use crate::node::monitor::{MonitorNode, relative_error, seconds};
@@ -24,7 +24,7 @@ pub struct ParameterSummary {
     pub name: String,
     /// SI unit.
     pub unit: String,
-    /// θ̂; null where there was no estimate.
+    /// θ̂; null if there was no estimate.
     pub estimate: Option<f64>,
     /// Its standard deviation.
     pub std: Option<f64>,
@@ -77,7 +77,7 @@ pub struct Summary {
     pub model: String,
     /// Hash of the configuration that determined the estimates, hexadecimal.
     pub config_hash: Option<String>,
-    /// State of the last estimate, `collecting` where there was none.
+    /// State of the last estimate, `collecting` if there was none.
     pub state: String,
     /// Estimates received.
     pub blocks: u64,
@@ -89,12 +89,12 @@ pub struct Summary {
     pub derived: Vec<DerivedSummary>,
     /// Changes found.
     pub changes: Vec<ChangeSummary>,
-    /// Wall time of the run \[s\], where somebody measured it.
+    /// Wall time of the run \[s\], if somebody measured it.
     pub wall_s: Option<f64>,
-    /// How often a launcher started a process again, by process; null where nobody launched them.
+    /// How often a launcher started a process again, by process; null if nobody launched them.
     #[serde(default)]
     pub restarts: Option<BTreeMap<String, u64>>,
-    /// What the model lacks, in words, where the residuals speak for something.
+    /// What the model lacks, in words, if the residuals speak for something.
     #[serde(default)]
     pub misfit: Option<String>,
 }
@@ -298,7 +298,7 @@ fn percent(share: f64) -> String {
     }
 }
 
-/// Seven significant digits, plain where that is short.
+/// Seven significant digits, plain if that is short.
 pub(super) fn significant(value: f64) -> String {
     let magnitude = value.abs();
     if magnitude == 0.0 {

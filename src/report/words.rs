@@ -1,8 +1,10 @@
-//! A result in words: values rounded to their standard deviation, and the sentence that a page, a table and a terminal begin with.
+//! A result in words: values rounded to their standard deviation, and the sentence that a page, a
+//! table and a terminal begin with.
 
 /// A change counts in the headline if it is so many standard deviations large.
 const CLEAR: f64 = 5.0;
-/// A derived value may be used if three standard deviations are below this share of it, as for parameters.
+/// A derived value may be used if three standard deviations are below this share of it, as for
+/// parameters.
 pub const DERIVED_USABLE: f64 = 0.05;
 /// Significant digits of a value without a standard deviation, and the most of one with it.
 const DIGITS: i32 = 7;
@@ -17,8 +19,8 @@ pub struct Rounded {
 }
 
 impl Rounded {
-    /// Rounds a value to its standard deviation: one significant digit of it, two if it begins with 1 or 2. Without one
-    /// (`NaN`, infinite, 0) the value has five significant digits.
+    /// Rounds a value to its standard deviation: one significant digit of it, two if it begins with
+    /// 1 or 2. Without one (`NaN`, infinite, 0) the value has five significant digits.
     pub fn new(value: f64, std: f64) -> Self {
         if !value.is_finite() {
             return Self {
@@ -128,7 +130,8 @@ pub fn with_unit(number: &str, unit: &str) -> String {
     }
 }
 
-/// The result in a sentence: what changed most if something did, else the value that is known best; `None` if none may be used.
+/// The result in a sentence: what changed most if something did, else the value that is known best;
+/// `None` if none may be used.
 ///
 /// Derived values come first: a mass says more than a sum of products.
 pub fn headline(known: &[Known<'_>], change_t_s: Option<f64>) -> Option<String> {

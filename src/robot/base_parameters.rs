@@ -1,19 +1,21 @@
 //! Base parameters: the combinations of a robot's standard parameters that its torques depend on.
 //!
-//! Torques depend on the standard parameters π only through Y_p and Y_L of [`regressor`](super::regressor): a π whose torques
-//! vanish for all q, q̇, q̈ has M(q) = 0 by the factor of q̈, hence T = 0 and p = 0, and then ∂V/∂q = 0. With Y the two
-//! stacked at random states, columns taken in a fixed order,
+//! Torques depend on the standard parameters π only through Y_p and Y_L of
+//! [`regressor`](super::regressor): a π whose torques vanish for all q, q̇, q̈ has M(q) = 0 by the
+//! factor of q̈, hence T = 0 and p = 0, and then ∂V/∂q = 0. With Y the two stacked at random
+//! states, columns taken in a fixed order,
 //!
 //! ```text
-//! y_c = Q r_c + e,   ‖e‖ ≤ tolerance ‖y_c‖: column c depends on those kept before it            (1)
-//! x_c = R⁻¹ r_c:     y_c = Y_kept x_c                                                           (2)
-//! Y π = Y_kept β,    β = π_kept + Σ_dropped x_c π_c = K π                                       (3)
+//! y_c = Q r_c + e,   ‖e‖ ≤ tolerance ‖y_c‖: column c depends on those kept before it           (1)
+//! x_c = R⁻¹ r_c:     y_c = Y_kept x_c                                                          (2)
+//! Y π = Y_kept β,    β = π_kept + Σ_dropped x_c π_c = K π                                      (3)
 //! ```
 //!
-//! Proximal bodies come before distal ones, and inertias before first moments before masses: so the inertia of a proximal body
-//! absorbs the masses behind it, which is how they are written by hand. The order, the seed of the states and the tolerance are
-//! fixed: the set depends on the URDF alone. Source: M. Gautier, J. of Robotic Systems 8 (1991); orthogonalisation twice after
-//! B. Parlett, *The Symmetric Eigenvalue Problem* (1980), 6-9.
+//! Proximal bodies come before distal ones, and inertias before first moments before masses: so the
+//! inertia of a proximal body absorbs the masses behind it, which is how they are written by hand.
+//! The order, the seed of the states and the tolerance are fixed: the set depends on the URDF
+//! alone. Source: M. Gautier, J. of Robotic Systems 8 (1991); orthogonalisation twice after B.
+//! Parlett, *The Symmetric Eigenvalue Problem* (1980), 6-9.
 
 use super::random::Random;
 use super::regressor::EnergyRegressors;
@@ -33,10 +35,11 @@ const UNITS: [&str; BODY_PARAMETERS] = [
 const STATES: usize = 120;
 /// Seed of the states.
 const SEED: u64 = 0x7465_7461_6275_7321;
-/// Relative length of what a column adds below which it depends on those before it. Rounding leaves about 1e-14, a length of a
-/// tenth of a millimetre beside one of metres 1e-8 in an inertia.
+/// Relative length of what a column adds below which it depends on those before it. Rounding leaves
+/// about 1e-14, a length of a tenth of a millimetre beside one of metres 1e-8 in an inertia.
 const TOLERANCE: f64 = 1e-9;
-/// Lengths \[m\] and direction cosines below this are digits that a URDF's author rounded away: 1.5708 for π/2.
+/// Lengths \[m\] and direction cosines below this are digits that a URDF's author rounded away:
+/// 1.5708 for π/2.
 const ROUNDED: f64 = 2e-5;
 /// Factors below this are rounding.
 const NO_FACTOR: f64 = 1e-9;
@@ -44,7 +47,8 @@ const NO_FACTOR: f64 = 1e-9;
 /// What a standard parameter is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Standard {
-    /// One of the ten of a body: index of the joint that carries it, index among [`BODY_PARAMETERS`].
+    /// One of the ten of a body: index of the joint that carries it, index among
+    /// [`BODY_PARAMETERS`].
     Body {
         /// Joint, counted from 0.
         joint: usize,
@@ -144,7 +148,8 @@ fn four_digits(x: f64) -> String {
 pub struct BaseParameters {
     /// The parameters, proximal before distal.
     pub parameters: Vec<BaseParameter>,
-    /// Relative length of the smallest column that was kept and of the largest that was not: the gap of the decision (1).
+    /// Relative length of the smallest column that was kept and of the largest that was not: the
+    /// gap of the decision (1).
     pub gap: (f64, f64),
 }
 
@@ -281,8 +286,9 @@ fn columns(robot: &Robot, standard: &[Standard]) -> Vec<Vec<f64>> {
     columns
 }
 
-/// The robot with lengths and directions that are rounding set to 0: with 1.5708 for π/2 parallel axes would be skew by 4e-6, and
-/// parameters would count as identifiable that no measurement tells apart.
+/// The robot with lengths and directions that are rounding set to 0: with 1.5708 for π/2 parallel
+/// axes would be skew by 4e-6, and parameters would count as identifiable that no measurement tells
+/// apart.
 fn idealised(robot: &Robot) -> Robot {
     let clean = |x: f64| if x.abs() < ROUNDED { 0.0 } else { x };
     let mut ideal = robot.clone();

@@ -1,13 +1,15 @@
 //! A Butterworth low pass run forwards and backwards: no delay, twice the attenuation.
 //!
-//! The analog prototype of order N has the poles p_k = e^{iπ(2k+N+1)/2N}; with the cut-off prewarped, w = tan(π f/2), and s = (1 − z⁻¹)/(1 + z⁻¹),
+//! The analog prototype of order N has the poles p_k = e^{iπ(2k+N+1)/2N}; with the cut-off
+//! prewarped, w = tan(π f/2), and s = (1 − z⁻¹)/(1 + z⁻¹),
 //!
 //! ```text
-//! 1/(s²/w² + a s/w + 1),  a = −2 Re p_k:   b = w²/(1 + a w + w²) · (1, 2, 1)                     (1)
-//! 1/(s/w + 1) for an odd order:            b = w/(1 + w) · (1, 1)                                (2)
+//! 1/(s²/w² + a s/w + 1),  a = −2 Re p_k:   b = w²/(1 + a w + w²) · (1, 2, 1)                   (1)
+//! 1/(s/w + 1) for an odd order:            b = w/(1 + w) · (1, 1)                              (2)
 //! ```
 //!
-//! Ends are continued by point reflection and each section starts at rest at the first value, as is usual.
+//! Ends are continued by point reflection and each section starts at rest at the first value, as is
+//! usual.
 
 /// One section b₀ + b₁ z⁻¹ + b₂ z⁻² over 1 + a₁ z⁻¹ + a₂ z⁻².
 #[derive(Debug, Clone, Copy)]
@@ -24,7 +26,8 @@ pub struct ZeroPhaseLowPass {
 }
 
 impl ZeroPhaseLowPass {
-    /// `cut_off` is a part of the Nyquist frequency, in (0, 1); `order` is at least 1. `None` outside.
+    /// `cut_off` is a part of the Nyquist frequency, in (0, 1); `order` is at least 1. `None`
+    /// outside.
     pub fn new(order: usize, cut_off: f64) -> Option<Self> {
         if order == 0 || !(cut_off > 0.0 && cut_off < 1.0) {
             return None;

@@ -8,11 +8,15 @@
 //! Λ = Λ₀ + Σ w Tᵀ A T,   Λ Δ = Σ w Tᵀ (b − s_j A v) + prior                                           (5)
 //! ```
 //!
-//! Torques are what drives give per ampere times an unknown factor: with gains that are too large everything weighs too much by the same factor, and no experiment
-//! without a known mass can say so. (1) and (2) are bilinear in s and the rest, and torques stand on the left as the noisy side, so that s is not biased by their noise. Gauss-Newton
-//! steps (5) need the sums A, b of [`rows`](super::rows) alone. Friction is another one in each recording. A better gain is the gain so far divided by s_j.
+//! Torques are what drives give per ampere times an unknown factor: with gains that are too large
+//! everything weighs too much by the same factor, and no experiment without a known mass can say
+//! so. (1) and (2) are bilinear in s and the rest, and torques stand on the left as the noisy side,
+//! so that s is not biased by their noise. Gauss-Newton steps (5) need the sums A, b of
+//! [`rows`](super::rows) alone. Friction is another one in each recording. A better gain is the
+//! gain so far divided by s_j.
 //!
-//! Sources: M. Gautier, S. Briot, J. Dyn. Sys., Meas., Control 136 (2014), on drive gains from a known payload.
+//! Sources: M. Gautier, S. Briot, J. Dyn. Sys., Meas., Control 136 (2014), on drive gains from a
+//! known payload.
 
 use super::identify::{IdentifyOptions, RobotIdentifier};
 use super::model::RobotModel;
@@ -23,7 +27,8 @@ use super::state::RobotSample;
 use super::sums::JointSums;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
-/// a and b of (3): torque constants of data sheets are within some 10 %, and errors of the current sensor and the gears are common to a family of drives.
+/// a and b of (3): torque constants of data sheets are within some 10 %, and errors of the current
+/// sensor and the gears are common to a family of drives.
 const GAIN_PRIOR: (f64, f64) = (0.3, 0.1);
 /// Gauss–Newton steps; a few suffice, because the problem is nearly linear.
 const STEPS: usize = 30;
@@ -37,7 +42,8 @@ pub struct KnownLoad {
     pub mass_kg: f64,
     /// Centre of mass in the flange's frame \[m\]; `None` if it is not known.
     pub center_m: Option<[f64; 3]>,
-    /// Inertia about the centre of mass in the axes of the flange, xx, xy, yy, xz, yz, zz \[kg m²\]; `None` if it is not known. Used with `center_m` only.
+    /// Inertia about the centre of mass in the axes of the flange, xx, xy, yy, xz, yz, zz \[kg
+    /// m²\]; `None` if it is not known. Used with `center_m` only.
     pub inertia_kg_m2: Option<[f64; 6]>,
 }
 
@@ -57,14 +63,16 @@ pub struct GainCalibration {
     pub factor: Vec<f64>,
     /// Standard deviation of each.
     pub factor_std: Vec<f64>,
-    /// Relative standard deviation of masses that are weighed with the new gains, by these gains alone.
+    /// Relative standard deviation of masses that are weighed with the new gains, by these gains
+    /// alone.
     pub mass_std: f64,
     /// Centre of mass of the load in the flange's frame \[m\], as it was known or found.
     pub center_m: [f64; 3],
 }
 
 impl GainCalibration {
-    /// From the samples of two recordings of the same robot; torques are by the gains so far, one drive per joint.
+    /// From the samples of two recordings of the same robot; torques are by the gains so far, one
+    /// drive per joint.
     ///
     /// # Errors
     /// A load that is none, recordings that say too little, in words.

@@ -66,7 +66,8 @@ pub struct CarriedPayload {
 }
 
 impl RobotIdentifier {
-    /// The payload, the nearest one that is physically possible. `None` if nothing is carried, or while no such body is near, as in the first moments.
+    /// The payload, the nearest one that is physically possible. `None` if nothing is carried, or
+    /// while no such body is near, as in the first moments.
     pub fn carried(&self) -> Option<CarriedPayload> {
         let payload = self.payload.as_ref().filter(|_| self.is_loaded)?;
         let first = payload.first;

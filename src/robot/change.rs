@@ -1,6 +1,7 @@
 //! Has the machine changed within the last second, what is it, and when was it?
 //!
-//! With δ the error of what was known before the last rows, A and g the information and gradient of these, and x what may have changed at once:
+//! With δ the error of what was known before the last rows, A and g the information and gradient of
+//! these, and x what may have changed at once:
 //!
 //! ```text
 //! δ ~ N(0, Λ⁻¹),  x ~ N(0, R):   L_E = ½ hᵀ H⁻¹ h − ½ ln det H − ½ ln det R                      (1)
@@ -13,10 +14,11 @@
 //!
 //! (2') is (2) by the Schur complement: F is found once for everything that may have changed.
 //!
-//! E is M of [`payload`](super::payload) for a payload and picks columns for friction. (1) weighs how much each of them explains against how much it
-//! could explain anyway: the offsets of friction can imitate a weight for a second, but have no reason to do so at all joints at once in the proportion of one
-//! payload. The rows' weights hold f_j, so that friction's usual misfit raises no alarm. Source: R. Kass, A. Raftery, J. of the American Statistical Association 90
-//! (1995).
+//! E is M of [`payload`](super::payload) for a payload and picks columns for friction. (1) weighs
+//! how much each of them explains against how much it could explain anyway: the offsets of friction
+//! can imitate a weight for a second, but have no reason to do so at all joints at once in the
+//! proportion of one payload. The rows' weights hold f_j, so that friction's usual misfit raises no
+//! alarm. Source: R. Kass, A. Raftery, J. of the American Statistical Association 90 (1995).
 
 use super::information::Information;
 use super::payload::Payload;
@@ -98,7 +100,8 @@ impl Evidence {
         }
     }
 
-    /// F and y of (2'); `known` is Λ, `data` holds A and g at the estimate of it. False if rounding has spoilt Λ + A.
+    /// F and y of (2'); `known` is Λ, `data` holds A and g at the estimate of it. False if rounding
+    /// has spoilt Λ + A.
     pub fn begin(&mut self, known: &Information, data: &Information, fixed: &[bool]) -> bool {
         let n = known.n;
         self.free.clear();
@@ -152,7 +155,8 @@ impl Evidence {
         Some(0.5 * (explained - self.small.log_determinant() - spread)) // (2')
     }
 
-    /// L_E of (1), and its δ and x; `known` is Λ, `data` holds A and g at the estimate of it. `None` if rounding has spoilt H.
+    /// L_E of (1), and its δ and x; `known` is Λ, `data` holds A and g at the estimate of it.
+    /// `None` if rounding has spoilt H.
     pub fn weigh(&mut self, known: &Information, data: &Information, fixed: &[bool], extra: Extra<'_>) -> Option<f64> {
         let n = known.n;
         self.free.clear();

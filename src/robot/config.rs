@@ -191,7 +191,8 @@ pub struct RobotConfig {
     pub options: IdentifyOptions,
     /// True if a payload is looked for while it runs.
     pub payload: bool,
-    /// Time to either side over which velocities are formed from positions while it runs \[s\]; `None` if they are measured.
+    /// Time to either side over which velocities are formed from positions while it runs \[s\];
+    /// `None` if they are measured.
     pub velocity_s: Option<f64>,
     /// The simulated robot; sample period and seed are those of section `[plant]`.
     pub simulation: RobotSimOptions,

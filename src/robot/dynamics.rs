@@ -1,20 +1,21 @@
-//! Inverse and forward dynamics of a robot, independent of its regressors: the recursive Newton–Euler algorithm, and the
-//! articulated-body algorithm.
+//! Inverse and forward dynamics of a robot, independent of its regressors: the recursive
+//! Newton–Euler algorithm, and the articulated-body algorithm.
 //!
 //! Inverse, from the base to the tips and back, with gravity as an acceleration −g of the base:
 //!
 //! ```text
-//! a_k = X_k a_λ(k) + s_k q̈_k + v_k × s_k q̇_k                                                   (1)
-//! f_k = I_k a_k + v_k ×* (I_k v_k) + Σ_children Xᵀ f                                            (2)
-//! τ_k = s_k · f_k                                                                               (3)
+//! a_k = X_k a_λ(k) + s_k q̈_k + v_k × s_k q̇_k                                                 (1)
+//! f_k = I_k a_k + v_k ×* (I_k v_k) + Σ_children Xᵀ f                                          (2)
+//! τ_k = s_k · f_k                                                                             (3)
 //! ```
 //!
-//! Forward, with the articulated inertia A_k and its bias force b_k, from the tips to the base and back:
+//! Forward, with the articulated inertia A_k and its bias force b_k, from the tips to the base and
+//! back:
 //!
 //! ```text
-//! U = A_k s_k,   d = s_kᵀ U,   u = τ_k − s_kᵀ b_k                                               (4)
-//! A_λ += Xᵀ (A_k − U Uᵀ/d) X,   b_λ += Xᵀ [b_k + (A_k − U Uᵀ/d) c_k + U u/d]                    (5)
-//! q̈_k = (u − Uᵀ a'_k)/d,        a_k = a'_k + s_k q̈_k,   a'_k = X_k a_λ + c_k                    (6)
+//! U = A_k s_k,   d = s_kᵀ U,   u = τ_k − s_kᵀ b_k                                            (4)
+//! A_λ += Xᵀ (A_k − U Uᵀ/d) X,   b_λ += Xᵀ [b_k + (A_k − U Uᵀ/d) c_k + U u/d]                 (5)
+//! q̈_k = (u − Uᵀ a'_k)/d,        a_k = a'_k + s_k q̈_k,   a'_k = X_k a_λ + c_k                 (6)
 //! ```
 //!
 //! Source: R. Featherstone, *Rigid Body Dynamics Algorithms* (2008), tables 5.1 and 7.1.
@@ -57,7 +58,8 @@ fn axis(robot: &Robot, joint: usize) -> Motion {
     }
 }
 
-/// Torques or forces τ \[N m or N\] of the rigid bodies at one state; `bodies` need not be physical, τ is linear in them.
+/// Torques or forces τ \[N m or N\] of the rigid bodies at one state; `bodies` need not be
+/// physical, τ is linear in them.
 ///
 /// All slices have one entry per joint.
 pub fn inverse_dynamics(robot: &Robot, bodies: &[BodyParameters], q: &[f64], dq: &[f64], ddq: &[f64], tau: &mut [f64]) {
@@ -101,9 +103,11 @@ fn rigid_force(body: &BodyParameters, a: &Motion, v: &Motion) -> Force {
     }
 }
 
-/// Accelerations q̈ \[rad/s² or m/s²\] that torques or forces τ give; `rotor` is the inertia of each drive at its joint.
+/// Accelerations q̈ \[rad/s² or m/s²\] that torques or forces τ give; `rotor` is the inertia of
+/// each drive at its joint.
 ///
-/// All slices have one entry per joint. The bodies must have a positive definite inertia, as those of a URDF have.
+/// All slices have one entry per joint. The bodies must have a positive definite inertia, as those
+/// of a URDF have.
 pub fn forward_dynamics(
     robot: &Robot,
     bodies: &[BodyParameters],

@@ -1,19 +1,22 @@
 //! Motions that tell as much as possible of a robot within the limits of its joints.
 //!
 //! ```text
-//! q_j(t) = c_j + α_j Σ_k [a_jk sin kωt + b_jk cos kωt],   ω = 2π/T,   k = 1 … H                     (1)
-//! Σ_k k a_jk = 0,   Σ_k k² b_jk = 0                       q̇ = q̈ = 0 at t = 0 and T                  (2)
-//! α_j: the largest with q_j, q̇_j and q̈_j within the limits of joint j                              (3)
-//! max |s| ≤ max_i |s(t_i)| / cos(π H/M)                   s of degree H at M instants t_i of a period (4)
-//! maximise ½ ln det Λ                                     Λ of prediction                            (5)
+//! q_j(t) = c_j + α_j Σ_k [a_jk sin kωt + b_jk cos kωt],   ω = 2π/T,   k = 1 … H              (1)
+//! Σ_k k a_jk = 0,   Σ_k k² b_jk = 0                       q̇ = q̈ = 0 at t = 0 and T           (2)
+//! α_j: the largest with q_j, q̇_j and q̈_j within the limits of joint j                       (3)
+//! max |s| ≤ max_i |s(t_i)| / cos(π H/M)            s of degree H at M instants t_i of a period (4)
+//! maximise ½ ln det Λ                                     Λ of prediction                     (5)
 //! ```
 //!
-//! A period begins and ends at rest in the same posture, so that a controller can play it any number of times. (4) makes the limits hold between the instants, too. (5) is
-//! D-optimality: it does not depend on the units of the parameters, as the condition number does, and counts what is known before. It has many maxima of nearly the
-//! same height; the best of random motions is improved by random steps that grow after a success and shrink after failures.
+//! A period begins and ends at rest in the same posture, so that a controller can play it any
+//! number of times. (4) makes the limits hold between the instants, too. (5) is D-optimality: it
+//! does not depend on the units of the parameters, as the condition number does, and counts what is
+//! known before. It has many maxima of nearly the same height; the best of random motions is
+//! improved by random steps that grow after a success and shrink after failures.
 //!
-//! Sources: J. Swevers et al., IEEE Trans. Robotics and Automation 13 (1997), on (1) and (5); K. Park, Robotica 24 (2006), on (2); H. Ehlich, K. Zeller, Math. Zeitschrift 86
-//! (1964), on (4); I. Rechenberg, *Evolutionsstrategie* (1973), on the length of the steps.
+//! Sources: J. Swevers et al., IEEE Trans. Robotics and Automation 13 (1997), on (1) and (5); K.
+//! Park, Robotica 24 (2006), on (2); H. Ehlich, K. Zeller, Math. Zeitschrift 86 (1964), on (4); I.
+//! Rechenberg, *Evolutionsstrategie* (1973), on the length of the steps.
 
 use super::dynamics::inverse_dynamics;
 use super::motion_table::MotionTable;
@@ -51,12 +54,14 @@ pub struct JointRange {
     pub velocity: f64,
     /// Largest acceleration \[rad/s² or m/s²\], > 0.
     pub acceleration: f64,
-    /// Largest torque or force that the URDF's bodies may ask for \[N m or N\], > 0; infinite for none.
+    /// Largest torque or force that the URDF's bodies may ask for \[N m or N\], > 0; infinite for
+    /// none.
     pub effort: f64,
 }
 
 impl JointRange {
-    /// The given part of the URDF's limits, at most `reach` \[rad or m\] to either side of the middle.
+    /// The given part of the URDF's limits, at most `reach` \[rad or m\] to either side of the
+    /// middle.
     pub fn of(robot: &Robot, part: f64, reach: f64, acceleration: f64) -> Vec<Self> {
         let range = |joint: &super::tree::RobotJoint| {
             let lower = joint.limits.lower.unwrap_or(-UNLIMITED.0);
@@ -273,7 +278,8 @@ impl Series {
 }
 
 impl Excitation {
-    /// Designs a motion for the model and the misfit of a forecaster; `go_on` gets the number of motions that were tried; the search ends if it returns false.
+    /// Designs a motion for the model and the misfit of a forecaster; `go_on` gets the number of
+    /// motions that were tried; the search ends if it returns false.
     ///
     /// # Errors
     /// Options outside their ranges, or limits of torque that no motion keeps to, in words.

@@ -1,17 +1,18 @@
 //! How well a block was predicted and is fitted, per joint, and what it says of each parameter.
 //!
 //! ```text
-//! innovation² = Σ r(θ̂ before)²/rows,   residual² = Σ r(θ̂)²/rows                                (1)
-//! fit = residual²/σ_j²                                                                          (2)
-//! S ← S e^(−T_b/T) + S_block   for S = Σ 1, Σ τ, Σ τ² and Σ r(θ̂)²                               (3)
-//! explained = 1 − Σ r(θ̂)²/(Σ τ² − (Σ τ)²/Σ 1)                                                   (4)
+//! innovation² = Σ r(θ̂ before)²/rows,   residual² = Σ r(θ̂)²/rows                              (1)
+//! fit = residual²/σ_j²                                                                        (2)
+//! S ← S e^(−T_b/T) + S_block   for S = Σ 1, Σ τ, Σ τ² and Σ r(θ̂)²                             (3)
+//! explained = 1 − Σ r(θ̂)²/(Σ τ² − (Σ τ)²/Σ 1)                                                 (4)
 //! ```
 //!
 //! The torque of a short block hardly changes, so (4) is about several of them: T is 10 s. The time
 //! does not run while a joint rests.
 //!
-//! Rows overlap, so that only stride/length of them count as independent in the probability of (2). σ_j is learnt from the same machine and holds
-//! friction's misfit, so three times its square is allowed, as for every noise level that is learnt.
+//! Rows overlap, so that only stride/length of them count as independent in the probability of (2).
+//! σ_j is learnt from the same machine and holds friction's misfit, so three times its square is
+//! allowed, as for every noise level that is learnt.
 
 use super::information::{Information, Solver};
 use super::rows::WindowOptions;
@@ -32,7 +33,8 @@ const MEMORY_S: f64 = 10.0;
 pub struct BlockFigures {
     /// Rows of the joint.
     pub rows: [usize; MAX_JOINTS],
-    /// Root mean square of measured minus predicted torque before the block was learnt \[N m or N\].
+    /// Root mean square of measured minus predicted torque before the block was learnt \[N m or
+    /// N\].
     pub innovation_rms: [f64; MAX_JOINTS],
     /// The same afterwards.
     pub residual_rms: [f64; MAX_JOINTS],
@@ -49,7 +51,8 @@ pub struct BlockFigures {
     pub fit: [f64; MAX_JOINTS],
     /// Probability of residuals as large as these, of the joint that fits worst.
     pub fit_probability: f64,
-    /// Share of the variance of a parameter known to within its size that this block alone would remove, 0 to 1.
+    /// Share of the variance of a parameter known to within its size that this block alone would
+    /// remove, 0 to 1.
     pub excitation: Vec<f64>,
     covariance: Vec<f64>,
     independent: f64,
@@ -151,8 +154,8 @@ impl BlockFigures {
         }
     }
 
-    /// The same over the last blocks, of one in which the machine has not changed; `std` is the level
-    /// by now, `block_s` the length of the block \[s\].
+    /// The same over the last blocks, of one in which the machine has not changed; `std` is the
+    /// level by now, `block_s` the length of the block \[s\].
     pub(super) fn explain(&mut self, block: &[JointSums], theta: &[f64], std: &[f64], block_s: f64) {
         let kept = (-block_s / MEMORY_S).exp();
         for (j, sums) in block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {

@@ -4,11 +4,13 @@
 //! RRE_j = 100 ‖τ_j − τ̂_j‖ / ‖τ_j‖ [%],     fit_j = 100 (1 − ‖τ_j − τ̂_j‖ / ‖τ_j − mean τ_j‖) [%]   (1)
 //! ```
 //!
-//! r_j(l) = Σ_k e_k e_{k+l} / Σ_k e_k²,   e = τ_j − τ̂_j: correlation time l Δ with r_j(l) = 1/e                 (2)
+//! r_j(l) = Σ_k e_k e_{k+l} / Σ_k e_k², e = τ_j − τ̂_j: correlation time l Δ with r_j(l) = 1/e (2)
 //!
-//! τ_j is the torque as recorded, unfiltered. τ̂_j comes from q and zero-phase filtered q̇ and q̈ (Butterworth of order 5 at 0.15 of the Nyquist
-//! frequency; q̈ by central differences, filtered again), which is the usual check in the literature on robot identification. (2) says how long a misfit keeps its sign: that of noise ends
-//! within a few samples, that of friction and of bodies that are missing in the model lasts as long as a movement.
+//! τ_j is the torque as recorded, unfiltered. τ̂_j comes from q and zero-phase filtered q̇ and q̈
+//! (Butterworth of order 5 at 0.15 of the Nyquist frequency; q̈ by central differences, filtered
+//! again), which is the usual check in the literature on robot identification. (2) says how long a
+//! misfit keeps its sign: that of noise ends within a few samples, that of friction and of bodies
+//! that are missing in the model lasts as long as a movement.
 
 use super::butterworth::ZeroPhaseLowPass;
 use super::model::RobotModel;
@@ -51,7 +53,8 @@ pub fn filtered(model: &RobotModel, log: &[RobotSample]) -> Vec<FilteredSample> 
     samples
 }
 
-/// (2): the time after which a joint's misfit has forgotten itself to 1/e \[s\]; `None` if it never does within half of the log, or for fewer than 3 samples.
+/// (2): the time after which a joint's misfit has forgotten itself to 1/e \[s\]; `None` if it never
+/// does within half of the log, or for fewer than 3 samples.
 pub fn correlation_time_s(model: &RobotModel, theta: &[f64], log: &[FilteredSample], joint: usize) -> Option<f64> {
     let n = model.robot().len();
     let mut predicted = [0.0; MAX_JOINTS];
@@ -110,7 +113,8 @@ impl TorqueFit {
         (self.square[joint] > 0.0).then(|| 100.0 * (self.error[joint] / self.square[joint]).sqrt()) // (1)
     }
 
-    /// Fit \[%\] of a joint: 100 is perfect, 0 is as good as the mean; `None` for a torque that does not change.
+    /// Fit \[%\] of a joint: 100 is perfect, 0 is as good as the mean; `None` for a torque that
+    /// does not change.
     pub fn fit(&self, joint: usize) -> Option<f64> {
         let spread = self.square[joint] - self.sum[joint].powi(2) / self.samples.max(1) as f64;
         (spread > 1e-12 * self.square[joint]).then(|| 100.0 * (1.0 - (self.error[joint] / spread).sqrt())) // (1)

@@ -1,20 +1,24 @@
 //! Friction of a joint, linear in its parameters.
 //!
 //! ```text
-//! f = f_v q̇ + f_c z + f_0 + c |g| z + f_s z e^−(q̇/v_s)²                                          (1)
-//! dz/dt = (q̇ − |q̇| z)/δ:     z' = s + (z − s) e^−|Δq|/δ,   s = sign Δq                          (2)
+//! f = f_v q̇ + f_c z + f_0 + c |g| z + f_s z e^−(q̇/v_s)²                                      (1)
+//! dz/dt = (q̇ − |q̇| z)/δ:     z' = s + (z − s) e^−|Δq|/δ,   s = sign Δq                      (2)
 //! ```
 //!
-//! z is the engagement, P. Dahl's presliding model (1968): in steady motion it is sign q̇, a reversal takes a way of some δ, and a joint that
-//! comes to rest keeps it, because its servo stops pushing as soon as friction holds the load. With z in place of sign q̇ the model stays linear, has no
-//! jump, and does not depend on the sign of a velocity that is noise. Δq is the velocity integrated over one sample: positions of a log are
-//! often rounded to 1e-4 rad, and steps to and fro between two digits would count as motion.
+//! z is the engagement, P. Dahl's presliding model (1968): in steady motion it is sign q̇, a
+//! reversal takes a way of some δ, and a joint that comes to rest keeps it, because its servo stops
+//! pushing as soon as friction holds the load. With z in place of sign q̇ the model stays linear,
+//! has no jump, and does not depend on the sign of a velocity that is noise. Δq is the velocity
+//! integrated over one sample: positions of a log are often rounded to 1e-4 rad, and steps to and
+//! fro between two digits would count as motion.
 //!
-//! Below the rest speed v_r a joint may creep under any torque up to the friction's, which (1) does not say, see [`rows`](super::rows).
+//! Below the rest speed v_r a joint may creep under any torque up to the friction's, which (1) does
+//! not say, see [`rows`](super::rows).
 //! |g| is the weight that the joint bears, by the URDF's bodies: a known function of q. The measured torque would not do: at a joint whose
 //! torque is mostly friction, |τ| z is τ itself and explains everything.
 //!
-//! Sources: H. Olsson et al., European J. of Control 4 (1998) on Stribeck's and Dahl's models; A. Wahrburg et al., IEEE RA-L 3 (2018) on load.
+//! Sources: H. Olsson et al., European J. of Control 4 (1998) on Stribeck's and Dahl's models; A.
+//! Wahrburg et al., IEEE RA-L 3 (2018) on load.
 
 /// One term of (1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,7 +77,8 @@ impl FrictionTerm {
     }
 }
 
-/// Friction of one joint: its terms and the constants that they need; [`default`](Self::default) suits geared arms.
+/// Friction of one joint: its terms and the constants that they need; [`default`](Self::default)
+/// suits geared arms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointFriction {
     /// The terms, each at most once.
@@ -87,7 +92,8 @@ pub struct JointFriction {
 }
 
 impl Default for JointFriction {
-    /// All terms; δ = 0.2 mrad, rest below 0.01 rad/s, v_s = 0.1 rad/s. On a UR10e, 0.1 to 0.4 mrad and 0.05 to 0.2 rad/s do nearly as well.
+    /// All terms; δ = 0.2 mrad, rest below 0.01 rad/s, v_s = 0.1 rad/s. On a UR10e, 0.1 to 0.4 mrad
+    /// and 0.05 to 0.2 rad/s do nearly as well.
     fn default() -> Self {
         Self {
             terms: FrictionTerm::NAMES.map(|(_, term)| term).to_vec(),
@@ -127,7 +133,8 @@ impl JointFriction {
         Ok(())
     }
 
-    /// (2): engagement z after a step of the position, from the engagement before it (0 at the start of a recording).
+    /// (2): engagement z after a step of the position, from the engagement before it (0 at the
+    /// start of a recording).
     pub fn engagement(&self, step: f64, before: f64) -> f64 {
         let direction = if step == 0.0 { 0.0 } else { step.signum() };
         direction + (before - direction) * (-step.abs() / self.presliding).exp() // (2)
@@ -139,7 +146,8 @@ impl JointFriction {
         self.terms.iter().any(|term| matches!(term, Coulomb | Load | Stribeck))
     }
 
-    /// (1): the regressor over the terms at velocity `dq` with engagement `z` (−1 to 1) and weight `weight` \[N m or N\].
+    /// (1): the regressor over the terms at velocity `dq` with engagement `z` (−1 to 1) and weight
+    /// `weight` \[N m or N\].
     pub fn row(&self, dq: f64, z: f64, weight: f64, row: &mut [f64]) {
         for (entry, term) in row.iter_mut().zip(&self.terms) {
             *entry = match term {

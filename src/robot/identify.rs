@@ -3,24 +3,29 @@
 //! With A_j, b_j the sums of joint j's rows, Λ₀ and θ₀ the prior, per block of time:
 //!
 //! ```text
-//! Λ = Λ₀ + Σ_j A_j / (f_j σ_j)²,      Λ θ̂ = Λ₀ θ₀ + Σ_j b_j / (f_j σ_j)²                        (1)
-//! σ_j² = Σ (τ − x·θ̂)² / rows                                                                    (2)
-//! e = F ᵀ(τ − X θ̂) over one block,    f_j² = mean of eᵀ (F ᵀF)⁻¹ e / (k σ_j²) over blocks        (3)
-//! P ← P + Q per block                                                                           (4)
+//! Λ = Λ₀ + Σ_j A_j / (f_j σ_j)²,      Λ θ̂ = Λ₀ θ₀ + Σ_j b_j / (f_j σ_j)²                     (1)
+//! σ_j² = Σ (τ − x·θ̂)² / rows                                                                 (2)
+//! e = F ᵀ(τ − X θ̂) over one block,    f_j² = mean of eᵀ (F ᵀF)⁻¹ e / (k σ_j²) over blocks     (3)
+//! P ← P + Q per block                                                                        (4)
 //! ```
 //!
-//! On arms the misfit of friction dominates the noise and is correlated over seconds, so rows count for less than their number says. F are the k friction
-//! columns of a joint: with uncorrelated rows e has the covariance σ² FᵀF and f_j is 1; a misfit that keeps its sign through a block raises it. That is the
-//! block-wise sandwich estimator, reduced to one factor per joint so that a few blocks suffice; overlap of the windows is in it, too. It enters the
-//! weights, so that the covariance P = Λ⁻¹ needs no correction afterwards.
+//! On arms the misfit of friction dominates the noise and is correlated over seconds, so rows count
+//! for less than their number says. F are the k friction columns of a joint: with uncorrelated rows
+//! e has the covariance σ² FᵀF and f_j is 1; a misfit that keeps its sign through a block raises
+//! it. That is the block-wise sandwich estimator, reduced to one factor per joint so that a few
+//! blocks suffice; overlap of the windows is in it, too. It enters the weights, so that the
+//! covariance P = Λ⁻¹ needs no correction afterwards.
 //!
-//! While the recording is short (1)–(3) are iterated over everything so far, since the A_j are kept per joint. After `settle_blocks` they are condensed into Λ
-//! and, with a friction walk, (4) lets friction follow its temperature: Q is (`friction_walk` · size)² per second, on friction only.
+//! While the recording is short (1)–(3) are iterated over everything so far, since the A_j are kept
+//! per joint. After `settle_blocks` they are condensed into Λ and, with a friction walk, (4) lets
+//! friction follow its temperature: Q is (`friction_walk` · size)² per second, on friction only.
 //!
-//! With a payload (`IdentifyOptions::payload`) the last two seconds are kept apart from what is known: `watch.rs` looks whether the machine is still the same,
-//! and what came behind a change is learnt for the machine as it is then.
+//! With a payload (`IdentifyOptions::payload`) the last two seconds are kept apart from what is
+//! known: `watch.rs` looks whether the machine is still the same, and what came behind a change is
+//! learnt for the machine as it is then.
 //!
-//! Sources: H. White, Econometrica 48 (1980); K.-Y. Liang, S. Zeger, Biometrika 73 (1986), with time blocks as clusters.
+//! Sources: H. White, Econometrica 48 (1980); K.-Y. Liang, S. Zeger, Biometrika 73 (1986), with
+//! time blocks as clusters.
 
 use super::change::RobotChange;
 use super::figures::BlockFigures;
@@ -56,18 +61,23 @@ pub struct IdentifyOptions {
     pub block_s: f64,
     /// Blocks after which the weights of what is past are kept.
     pub settle_blocks: usize,
-    /// Random walk of the friction parameters after settling, as a part of their size per √s; 0 for friction that stays.
+    /// Random walk of the friction parameters after settling, as a part of their size per √s; 0 for
+    /// friction that stays.
     pub friction_walk: f64,
-    /// Standard deviation by which [`widen_friction`](RobotIdentifier::widen_friction) widens the friction parameters, as a part of their size.
+    /// Standard deviation by which [`widen_friction`](RobotIdentifier::widen_friction) widens the
+    /// friction parameters, as a part of their size.
     pub friction_change: f64,
-    /// True if the flange may carry a payload that comes and goes: it is found and estimated apart from the arm.
+    /// True if the flange may carry a payload that comes and goes: it is found and estimated apart
+    /// from the arm.
     pub payload: bool,
-    /// Relative standard deviation of masses by the gains of the drives, ≥ 0: how well the gains are known.
+    /// Relative standard deviation of masses by the gains of the drives, ≥ 0: how well the gains
+    /// are known.
     pub gain_std: f64,
 }
 
 impl Default for IdentifyOptions {
-    /// Blocks of 1 s; friction that walks by 5 % per √s after a minute, and may change by half its size in a pause.
+    /// Blocks of 1 s; friction that walks by 5 % per √s after a minute, and may change by half its
+    /// size in a pause.
     fn default() -> Self {
         Self {
             windows: WindowOptions::default(),
@@ -263,7 +273,8 @@ impl RobotIdentifier {
         &self.theta
     }
 
-    /// The arm's parameters that give the torques of arm and payload together, for [`RobotModel::torques`].
+    /// The arm's parameters that give the torques of arm and payload together, for
+    /// [`RobotModel::torques`].
     pub fn effective_theta(&self) -> &[f64] {
         &self.effective
     }
@@ -283,7 +294,8 @@ impl RobotIdentifier {
         self.torque_std[joint]
     }
 
-    /// f_j: how much larger a joint's misfit is over a block than uncorrelated rows of σ_j would make it.
+    /// f_j: how much larger a joint's misfit is over a block than uncorrelated rows of σ_j would
+    /// make it.
     pub fn inflation(&self, joint: usize) -> f64 {
         self.inflation[joint]
     }
@@ -323,7 +335,8 @@ impl RobotIdentifier {
         self.fixed[parameter]
     }
 
-    /// Holds a parameter at a value, or at its estimate. What rows say of it goes on being gathered.
+    /// Holds a parameter at a value, or at its estimate. What rows say of it goes on being
+    /// gathered.
     pub fn fix(&mut self, parameter: usize, value: Option<f64>) {
         self.fixed[parameter] = true;
         self.theta[parameter] = value.unwrap_or(self.theta[parameter]);
@@ -393,7 +406,8 @@ impl RobotIdentifier {
         Ok(())
     }
 
-    /// Ends a recording: learns what its last, shorter block holds. The next sample begins a new recording.
+    /// Ends a recording: learns what its last, shorter block holds. The next sample begins a new
+    /// recording.
     pub fn end_of_recording(&mut self) -> bool {
         self.rows.restart();
         self.block_end = None;
@@ -426,7 +440,8 @@ impl RobotIdentifier {
         (self.slice_end, self.block_slices) = (None, 0);
     }
 
-    /// Makes friction uncertain again, as after a pause in which drives and oil change their temperature; inertial parameters stay.
+    /// Makes friction uncertain again, as after a pause in which drives and oil change their
+    /// temperature; inertial parameters stay.
     pub fn widen_friction(&mut self) {
         self.condense();
         self.commit_pending(self.pending.len());

@@ -1,4 +1,5 @@
-//! What is known of parameters in information form, with its prior, and how it is solved with some of them held.
+//! What is known of parameters in information form, with its prior, and how it is solved with some
+//! of them held.
 //!
 //! ```text
 //! Λ θ̂ = b                                                                                        (1)
@@ -7,7 +8,8 @@
 //! Λ_aa − Λ_ap Λ_pp⁻¹ Λ_pa,   b_a − Λ_ap Λ_pp⁻¹ b_p                         p is of no use any more (4)
 //! ```
 //!
-//! (3) is the matrix inversion lemma: what is held stays known as if it had been estimated all the time, so that it can be set free again.
+//! (3) is the matrix inversion lemma: what is held stays known as if it had been estimated all the
+//!     time, so that it can be set free again.
 
 use crate::estimator::linalg::{Cholesky, dot};
 
@@ -93,7 +95,8 @@ impl Solver {
         m
     }
 
-    /// (2): writes θ̂ into the entries of `theta` that are not fixed; false if rounding has spoilt Λ, and `theta` stays as it is.
+    /// (2): writes θ̂ into the entries of `theta` that are not fixed; false if rounding has spoilt
+    /// Λ, and `theta` stays as it is.
     pub fn solve(&mut self, information: &Information, fixed: &[bool], theta: &mut [f64]) -> bool {
         let n = information.n;
         let m = self.gather(information, fixed);
@@ -112,7 +115,8 @@ impl Solver {
         true
     }
 
-    /// P = Λ_ff⁻¹ spread over all n parameters, 0 for those that are held. False if rounding has spoilt Λ.
+    /// P = Λ_ff⁻¹ spread over all n parameters, 0 for those that are held. False if rounding has
+    /// spoilt Λ.
     pub fn covariance(&mut self, information: &Information, fixed: &[bool], covariance: &mut [f64]) -> bool {
         let n = information.n;
         let m = self.gather(information, fixed);
@@ -134,7 +138,8 @@ impl Solver {
         self.eliminate(information, q, Some(walk));
     }
 
-    /// (4): what is left of the information on the others when the parameters p may be anything; they have no entries any more.
+    /// (4): what is left of the information on the others when the parameters p may be anything;
+    /// they have no entries any more.
     pub fn marginalise(&mut self, information: &mut Information, p: &[usize]) {
         self.eliminate(information, p, None);
         let n = information.n;
@@ -147,7 +152,8 @@ impl Solver {
         }
     }
 
-    /// (2) for good: what is left of the information on the others when the parameters p have these values; they have no entries any more.
+    /// (2) for good: what is left of the information on the others when the parameters p have these
+    ///     values; they have no entries any more.
     pub fn condition(information: &mut Information, p: &[usize], theta: &[f64]) {
         let n = information.n;
         for i in (0..n).filter(|i| !p.contains(i)) {

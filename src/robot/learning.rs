@@ -1,4 +1,5 @@
-//! What a robot's identification does with a block: weights (2) and (3), estimates (1), the walk of friction (4) of [`identify`](super::identify).
+//! What a robot's identification does with a block: weights (2) and (3), estimates (1), the walk of
+//! friction (4) of [`identify`](super::identify).
 
 use super::identify::RobotIdentifier;
 use super::information::{Information, Solver};
@@ -57,7 +58,8 @@ impl RobotIdentifier {
         }
     }
 
-    /// The blocks so far are those of another machine: f_j is kept, but they are not looked at any more.
+    /// The blocks so far are those of another machine: f_j is kept, but they are not looked at any
+    /// more.
     pub(super) fn forget_recent(&mut self) {
         self.recent_blocks = 0;
         for (assumed, inflation) in self.assumed.0.iter_mut().zip(&self.inflation) {
@@ -101,7 +103,8 @@ impl RobotIdentifier {
         self.refresh_effective();
     }
 
-    /// Puts what has been summed up into the information; weights of what is past stay from here on.
+    /// Puts what has been summed up into the information; weights of what is past stay from here
+    /// on.
     pub(super) fn condense(&mut self) {
         if !self.condensed {
             self.condensed = true;
@@ -111,7 +114,8 @@ impl RobotIdentifier {
         }
     }
 
-    /// Puts what is known without the last `pending` slices into `system`: with none, without all of them.
+    /// Puts what is known without the last `pending` slices into `system`: with none, without all
+    /// of them.
     pub(super) fn assemble_older(&mut self, slices: usize) {
         if self.condensed {
             self.system.copy_from(&self.committed);
@@ -201,8 +205,8 @@ impl RobotIdentifier {
         }
     }
 
-    /// What is left of what is known of the arm when the payload goes: with one that was declared, everything; with one that was estimated, what holds
-    /// for any.
+    /// What is left of what is known of the arm when the payload goes: with one that was declared,
+    /// everything; with one that was estimated, what holds for any.
     pub(super) fn marginalise_payload(&mut self) {
         match self.carried.iter().all(|i| self.fixed[*i]) {
             true => Solver::condition(&mut self.committed, &self.carried, &self.theta),
@@ -210,8 +214,8 @@ impl RobotIdentifier {
         }
     }
 
-    /// Makes what was learnt so far known before the flange carries something else. Before the first block there are no weights yet, and a
-    /// part of a block is left out instead.
+    /// Makes what was learnt so far known before the flange carries something else. Before the
+    /// first block there are no weights yet, and a part of a block is left out instead.
     pub(super) fn begin_load(&mut self) {
         if self.blocks > 0 || self.condensed {
             self.condense();
@@ -228,8 +232,9 @@ impl RobotIdentifier {
         self.block_slices = 0;
     }
 
-    /// Says what the flange carries from now on, instead of finding it: `None` for nothing, else ten parameters at the flange, which are held. Without a payload among the
-    /// parameters nothing happens. The watch over changes goes on: what contradicts the declaration is found.
+    /// Says what the flange carries from now on, instead of finding it: `None` for nothing, else
+    /// ten parameters at the flange, which are held. Without a payload among the parameters nothing
+    /// happens. The watch over changes goes on: what contradicts the declaration is found.
     pub fn declare_payload(&mut self, body: Option<&BodyParameters>) {
         if self.payload.is_none() {
             return;
@@ -305,7 +310,8 @@ fn friction_misfit(sums: &JointSums, friction: usize, theta: &[f64]) -> Option<(
     const DEPENDENT: f64 = 1e-6;
     let m = sums.columns().len();
     let first = m - friction;
-    // Cholesky without square roots; a column that depends on those before it, as in a block without a reversal, counts no direction.
+    // Cholesky without square roots; a column that depends on those before it, as in a block
+    // without a reversal, counts no direction.
     let mut l = [[0.0; MOST]; MOST];
     let mut d = [0.0; MOST];
     let mut e = [0.0; MOST];

@@ -22,7 +22,8 @@ pub struct LogColumns {
 pub struct Drives {
     /// Torque per input: N m/A for currents, 1 for torques.
     pub gain: Vec<f64>,
-    /// Torque of joint i per torque of drive j, for joints that share drives; `None` if each has its own.
+    /// Torque of joint i per torque of drive j, for joints that share drives; `None` if each has
+    /// its own.
     pub coupling: Option<Vec<Vec<f64>>>,
 }
 
@@ -76,7 +77,8 @@ impl Drives {
 }
 
 impl Drives {
-    /// Inputs of the drives that give these torques or forces; coupled joints are solved for, and get none if their matrix is singular.
+    /// Inputs of the drives that give these torques or forces; coupled joints are solved for, and
+    /// get none if their matrix is singular.
     pub fn inputs(&self, tau: &[f64; MAX_JOINTS]) -> [f64; MAX_JOINTS] {
         let n = self.gain.len().min(MAX_JOINTS);
         let mut own = *tau;
@@ -115,10 +117,12 @@ impl fmt::Display for LogError {
 
 impl std::error::Error for LogError {}
 
-/// Reads a log; numbers are separated by semicolons, bars, tabs, commas or spaces, a first line of names is skipped. Where commas do not separate they are decimal commas.
+/// Reads a log; numbers are separated by semicolons, bars, tabs, commas or spaces, a first line of
+/// names is skipped. Where commas do not separate they are decimal commas.
 ///
 /// # Errors
-/// The first line that does not hold finite numbers in the columns, or whose time is not after the line before.
+/// The first line that does not hold finite numbers in the columns, or whose time is not after the
+/// line before.
 pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Vec<RobotSample>, LogError> {
     let problem = |line: Option<usize>, problem: String| LogError { line, problem };
     let joints = columns.position.len();
@@ -202,7 +206,8 @@ fn number_of(field: &str) -> Option<f64> {
     field.parse().or_else(|_| field.replacen(',', ".", 1).parse()).ok()
 }
 
-/// Fields of a line: at semicolons, bars, tabs or commas, whichever is there first in this order, else at white space.
+/// Fields of a line: at semicolons, bars, tabs or commas, whichever is there first in this order,
+/// else at white space.
 pub(super) fn split<'a>(line: &'a str, fields: &mut Vec<&'a str>) {
     let line = line.trim();
     let separator = [';', '|', '\t', ','].into_iter().find(|c| line.contains(*c));

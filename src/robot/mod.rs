@@ -1,4 +1,5 @@
-//! Robots of up to 8 joints from their URDF: kinematics, dynamics, base parameters, and their identification in one pass over a log.
+//! Robots of up to 8 joints from their URDF: kinematics, dynamics, base parameters, and their
+//! identification in one pass over a log.
 //!
 //! ```
 //! use thetabus::robot::{IdentifyOptions, JointFriction, Robot, RobotIdentifier, RobotModel, RobotSample, Selection};

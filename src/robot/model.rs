@@ -1,12 +1,13 @@
-//! A robot as a model that is linear in its parameters: base parameters, then the friction of each joint.
+//! A robot as a model that is linear in its parameters: base parameters, then the friction of each
+//! joint.
 //!
 //! ```text
-//! τ_i = d/dt [Y_p,i β + Ia_i q̇_i] − Y_L,i β + f_i(q̇_i, g_i)                                     (1)
-//!     = d/dt (d_i · θ) + c_i · θ,        θ = (β, friction of joint 1, 2, …)                       (2)
+//! τ_i = d/dt [Y_p,i β + Ia_i q̇_i] − Y_L,i β + f_i(q̇_i, g_i)                                  (1)
+//!     = d/dt (d_i · θ) + c_i · θ,        θ = (β, friction of joint 1, 2, …)                    (2)
 //! ```
 //!
-//! Row i depends on the parameters of the bodies behind joint i and on its own friction only; d_i and c_i are kept over these, its
-//! *columns*.
+//! Row i depends on the parameters of the bodies behind joint i and on its own friction only; d_i
+//! and c_i are kept over these, its *columns*.
 
 use super::base_parameters::{BaseParameters, Standard};
 use super::dynamics::inverse_dynamics;
@@ -200,7 +201,8 @@ impl RobotModel {
         }
     }
 
-    /// g: torque that holds the URDF's bodies at rest, for load-dependent friction; 0 if there is none.
+    /// g: torque that holds the URDF's bodies at rest, for load-dependent friction; 0 if there is
+    /// none.
     fn weight(&self, q: &[f64], weight: &mut [f64]) {
         if self.has_load {
             let still = [0.0; MAX_JOINTS];
@@ -238,7 +240,8 @@ impl RobotModel {
     }
 }
 
-/// Sizes that a robot's parameters can have: mass and reach of what each joint carries, and what its drive can give.
+/// Sizes that a robot's parameters can have: mass and reach of what each joint carries, and what
+/// its drive can give.
 struct Scales {
     mass: Vec<f64>,
     reach: Vec<f64>,
@@ -277,7 +280,8 @@ impl Scales {
         match standard {
             Standard::Body { parameter: 0, .. } => mass,
             Standard::Body { parameter: 1..4, .. } => mass * reach,
-            // Seen through its gear, the rotor of a small joint is heavier than what the joint carries.
+            // Seen through its gear, the rotor of a small joint is heavier than what the joint
+            // carries.
             Standard::Rotor { .. } if !self.turns[i] => mass.max(self.mass[0]),
             Standard::Rotor { .. } => (mass * reach * reach).max(0.1 * self.mass[0] * self.reach[0].powi(2)),
             Standard::Body { .. } => mass * reach * reach,

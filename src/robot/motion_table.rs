@@ -7,8 +7,10 @@
 //! s_0 = s_N = 0                                                                                            (2)
 //! ```
 //!
-//! (2) suits motions that begin and end at rest. With points every h the position is off by 5 h⁴/384 times the largest fourth derivative, the acceleration by
-//! 3 h²/8 of it: of an acceleration at 1 Hz that is 0.15 % with points at 100 Hz. Source: C. de Boor, *A Practical Guide to Splines* (1978), chapter IV.
+//! (2) suits motions that begin and end at rest. With points every h the position is off by 5
+//!     h⁴/384 times the largest fourth derivative, the acceleration by
+//! 3 h²/8 of it: of an acceleration at 1 Hz that is 0.15 % with points at 100 Hz. Source: C. de
+//! Boor, *A Practical Guide to Splines* (1978), chapter IV.
 
 use super::log::{Drives, LogColumns, LogError, read_log, split};
 use super::state::Setpoint;
@@ -82,7 +84,8 @@ impl MotionTable {
         }
     }
 
-    /// From a text whose first line names the columns: `t_s`, then `q1_rad` or `q1_m`, …, in any order; other columns are not read.
+    /// From a text whose first line names the columns: `t_s`, then `q1_rad` or `q1_m`, …, in any
+    /// order; other columns are not read.
     ///
     /// # Errors
     /// The first line that is not a motion of this many joints.
@@ -131,7 +134,8 @@ impl MotionTable {
         Self::new(joints, &t_s, &q).map_err(|problem| LogError { line: None, problem })
     }
 
-    /// As text with the columns `t_s`, positions, velocities and accelerations; `turns` says of each joint whether it turns.
+    /// As text with the columns `t_s`, positions, velocities and accelerations; `turns` says of
+    /// each joint whether it turns.
     pub fn to_csv(&self, turns: &[bool]) -> String {
         let mut text = TIME.to_owned();
         for (name, rate) in [("q", ""), ("dq", "_per_s"), ("ddq", "_per_s2")] {
@@ -175,7 +179,8 @@ impl MotionTable {
         (0..self.joints).all(|i| (self.q[last][i] - self.q[0][i]).abs() <= SAME_POSTURE)
     }
 
-    /// Position, velocity and acceleration of each joint at a time since the first point \[s\]. A closed motion is repeated, another one rests behind its end.
+    /// Position, velocity and acceleration of each joint at a time since the first point \[s\]. A
+    /// closed motion is repeated, another one rests behind its end.
     pub fn at(&self, t_s: f64) -> [Setpoint; MAX_JOINTS] {
         let (end, last) = (self.duration_s(), self.t_s.len() - 1);
         let t = match t_s > end {
@@ -203,7 +208,8 @@ impl MotionTable {
     }
 }
 
-/// Reads a motion: a table whose first line names `t_s` and positions, see [`MotionTable::parse`], or a log with these columns.
+/// Reads a motion: a table whose first line names `t_s` and positions, see [`MotionTable::parse`],
+/// or a log with these columns.
 ///
 /// # Errors
 /// The first line that is no motion of this many joints.
@@ -245,7 +251,8 @@ mod tests {
         MotionTable::new(2, &t, &q).unwrap()
     }
 
-    /// Bounds for h = 0.02 and a fourth derivative of up to 8: 5 · 8 h⁴/384 = 1.7e-8, 8 h³/24 = 2.7e-6, 3 · 8 h²/8 = 1.2e-3 (C. Hall, W. Meyer, J. of Approximation Theory 16, 1976).
+    /// Bounds for h = 0.02 and a fourth derivative of up to 8: 5 · 8 h⁴/384 = 1.7e-8, 8 h³/24 =
+    /// 2.7e-6, 3 · 8 h²/8 = 1.2e-3 (C. Hall, W. Meyer, J. of Approximation Theory 16, 1976).
     #[test]
     fn val_the_curve_follows_a_sine_with_its_derivatives() {
         let table = table(0.02);

@@ -1,13 +1,14 @@
 //! What the flange carries: ten parameters of their own beside the arm's.
 //!
 //! ```text
-//! β' = β + M π,     M = K T                                                                       (1)
-//! x' = (x, x M),    A' = [A, A M; Mᵀ A, Mᵀ A M],   b' = (b, Mᵀ b)                                 (2)
+//! β' = β + M π,     M = K T                                                                    (1)
+//! x' = (x, x M),    A' = [A, A M; Mᵀ A, Mᵀ A M],   b' = (b, Mᵀ b)                              (2)
 //! ```
 //!
-//! T moves a body from the flange into the frame of the last joint, K takes standard to base parameters. A rigid payload acts as if the last body were
-//! another one, so its columns are combinations of the arm's: no row has to be made anew, and rows alone cannot tell the payload from the arm. The arm
-//! as it was learnt without payload does.
+//! T moves a body from the flange into the frame of the last joint, K takes standard to base
+//! parameters. A rigid payload acts as if the last body were another one, so its columns are
+//! combinations of the arm's: no row has to be made anew, and rows alone cannot tell the payload
+//! from the arm. The arm as it was learnt without payload does.
 
 use super::information::Information;
 use super::model::{RobotModel, RobotParameter};
@@ -27,7 +28,8 @@ const NAMES: [(&str, &str, &str); BODY_PARAMETERS] = [
     ("payload_Iyz", "kg m^2", "inertia of the payload about the flange, yz"),
     ("payload_Izz", "kg m^2", "inertia of the payload about the flange, zz"),
 ];
-/// Payload that a robot can have, as a part of its own mass, and its distance from the flange as a part of the robot's reach.
+/// Payload that a robot can have, as a part of its own mass, and its distance from the flange as a
+/// part of the robot's reach.
 const LARGEST: (f64, f64) = (0.25, 0.15);
 
 /// M with the prior of a payload.

@@ -1,13 +1,15 @@
 //! What a robot's identification must keep to be continued by another process.
 //!
-//! The rows that are kept apart are taken as known then, and sums are condensed: what goes on from a state weighs what is past as it was weighed.
+//! The rows that are kept apart are taken as known then, and sums are condensed: what goes on from
+//! a state weighs what is past as it was weighed.
 
 use super::identify::RobotIdentifier;
 use crate::estimator::persist::{Load, Save, Visit};
 use crate::estimator::{EstimatorState, StateError};
 
 impl RobotIdentifier {
-    /// Copies the state out; allocates only where the lists have no room yet. The first numbers are θ̂.
+    /// Copies the state out; allocates only if the lists have no room yet. The first numbers are
+    /// θ̂.
     pub fn save(&mut self, into: &mut EstimatorState) {
         into.reals.clear();
         into.counts.clear();

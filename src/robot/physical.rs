@@ -1,13 +1,14 @@
 //! A rigid body that is physically possible, nearest to what was estimated.
 //!
 //! ```text
-//! J(π) = [½ tr(I) 1 − I, h; hᵀ, m] ≻ 0                              there is a density of this π (1)
-//! min ½ (π − π̂)ᵀ Λ (π − π̂) + γ [tr(J₀⁻¹ J) − ln det J]              γ followed down               (2)
+//! J(π) = [½ tr(I) 1 − I, h; hᵀ, m] ≻ 0                         there is a density of this π (1)
+//! min ½ (π − π̂)ᵀ Λ (π − π̂) + γ [tr(J₀⁻¹ J) − ln det J]              γ followed down          (2)
 //! ```
 //!
-//! (2) is convex in π. J₀ is a ball of the estimated mass at the estimated place. Damped Newton steps follow γ down; coordinates that are positive by construction,
-//! such as log-Cholesky, creep along the border of the cone. Sources: P. Wensing, S. Kim, J.-J. Slotine, IEEE RA-L 3 (2018); T. Lee, P. Wensing, F. Park, IEEE T-RO 36
-//! (2020).
+//! (2) is convex in π. J₀ is a ball of the estimated mass at the estimated place. Damped Newton
+//!     steps follow γ down; coordinates that are positive by construction,
+//! such as log-Cholesky, creep along the border of the cone. Sources: P. Wensing, S. Kim, J.-J.
+//! Slotine, IEEE RA-L 3 (2018); T. Lee, P. Wensing, F. Park, IEEE T-RO 36 (2020).
 
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
@@ -123,8 +124,9 @@ pub fn project(estimate: &BodyParameters, information: &BodyInformation) -> Opti
     is_physical(&body).then_some(body)
 }
 
-/// A load as it is declared: mass \[kg\], centre of mass in the flange's frame \[m\], inertia about the centre of mass in the axes of the flange, xx, xy, yy, xz, yz, zz
-/// \[kg m²\]; without an inertia, that of a ball of light metal.
+/// A load as it is declared: mass \[kg\], centre of mass in the flange's frame \[m\], inertia about
+/// the centre of mass in the axes of the flange, xx, xy, yy, xz, yz, zz \[kg m²\]; without an
+/// inertia, that of a ball of light metal.
 ///
 /// # Errors
 /// What no body can have, in words.
@@ -166,8 +168,8 @@ fn ball(mass: f64, center: Vector3<f64>) -> BodyParameters {
     BodyParameters::new(mass, center, Matrix3::identity() * ball_inertia(mass))
 }
 
-/// What robot controllers take: mass \[kg\], centre of mass in the flange's frame \[m\], inertia about the centre of mass in the axes of the flange,
-/// xx, xy, yy, xz, yz, zz \[kg m²\].
+/// What robot controllers take: mass \[kg\], centre of mass in the flange's frame \[m\], inertia
+/// about the centre of mass in the axes of the flange, xx, xy, yy, xz, yz, zz \[kg m²\].
 pub fn controller_values(body: &BodyParameters) -> [f64; BODY_PARAMETERS] {
     let (mass, h) = (body.mass(), body.first_moment());
     let c = h / mass;
@@ -186,7 +188,8 @@ pub fn controller_values(body: &BodyParameters) -> [f64; BODY_PARAMETERS] {
     ]
 }
 
-/// Standard deviations of [`controller_values`] at a body whose parameters have this covariance, row-major, to first order.
+/// Standard deviations of [`controller_values`] at a body whose parameters have this covariance,
+/// row-major, to first order.
 pub fn controller_std(
     body: &BodyParameters,
     covariance: &[f64; BODY_PARAMETERS * BODY_PARAMETERS],
@@ -237,7 +240,8 @@ mod tests {
             let off = (near.0[i] - true_body.0[i]).abs();
             assert!(off < covariance[i * 11].sqrt(), "{i}: {off}");
         }
-        // Inertias as data without excitation give them: negative, or against the triangle inequality.
+        // Inertias as data without excitation give them: negative, or against the triangle
+        // inequality.
         for inertia in [[-0.1, 0.05, 0.2], [0.5, 0.01, 0.01], [0.0, 0.0, 0.0]] {
             let mut body = true_body;
             (body.0[4], body.0[6], body.0[9]) = (inertia[0], inertia[1], inertia[2]);

@@ -1,12 +1,15 @@
-//! What a motion will tell: the standard deviations that identification reaches with it, before any torque is measured.
+//! What a motion will tell: the standard deviations that identification reaches with it, before any
+//! torque is measured.
 //!
 //! ```text
-//! Λ = Λ₀ + Σ_j A_j / (f_j σ_j)²,      std_i = √(Λ⁻¹)_ii                                          (1)
-//! σ_j² = s_j² Δ ∫ψ² / (∫ψ)²,          f_j² = Σ_k r(k · stride),   r = autocorrelation of ψ        (2)
+//! Λ = Λ₀ + Σ_j A_j / (f_j σ_j)²,      std_i = √(Λ⁻¹)_ii                                       (1)
+//! σ_j² = s_j² Δ ∫ψ² / (∫ψ)²,          f_j² = Σ_k r(k · stride),   r = autocorrelation of ψ     (2)
 //! ```
 //!
-//! (1) is the information of [`identify`](super::identify), which depends on the motion alone once the misfit of the torques is known: σ_j of a row and the factor f_j
-//! for its correlation. Both are in the result of an earlier identification; (2) is what white noise of s_j per sample every Δ makes of them.
+//! (1) is the information of [`identify`](super::identify), which depends on the motion alone once
+//!     the misfit of the torques is known: σ_j of a row and the factor f_j
+//! for its correlation. Both are in the result of an earlier identification; (2) is what white
+//! noise of s_j per sample every Δ makes of them.
 
 use super::identify::RobotIdentifier;
 use super::information::{Information, Solver};
@@ -17,9 +20,11 @@ use super::state::RobotSample;
 use super::sums::JointSums;
 use crate::estimator::linalg::Cholesky;
 
-/// Samples per window at which a motion is looked at: the window is smooth, more of them change the standard deviations by less than 1 %.
+/// Samples per window at which a motion is looked at: the window is smooth, more of them change the
+/// standard deviations by less than 1 %.
 const LOOKS_PER_WINDOW: f64 = 10.0;
-/// Part of the standard deviation before any data below which a parameter is known from data: (1/3)² of the variance.
+/// Part of the standard deviation before any data below which a parameter is known from data:
+/// (1/3)² of the variance.
 const KNOWN: f64 = 1.0 / 3.0;
 /// Least size of a parameter as a part of what a machine of this size can have.
 const SMALLEST_SIZE: f64 = 0.02;
@@ -34,7 +39,8 @@ pub struct RowMisfit {
 }
 
 impl RowMisfit {
-    /// (2): of torques that are off by white noise alone; `std` is that of one sample at each joint.
+    /// (2): of torques that are off by white noise alone; `std` is that of one sample at each
+    /// joint.
     pub fn white(std: &[f64], sample_period_s: f64, windows: &WindowOptions) -> Self {
         const STEPS: i32 = 400;
         let psi = |x: f64| if x.abs() < 1.0 { (1.0 - x * x).powi(4) } else { 0.0 };
@@ -80,7 +86,8 @@ pub struct ParameterForecast {
     pub std: f64,
     /// Its size: the URDF's value, at least 2 % of what a machine of this size can have.
     pub size: f64,
-    /// False if the motion says next to nothing of it: the standard deviation stays above a third of that before any data.
+    /// False if the motion says next to nothing of it: the standard deviation stays above a third
+    /// of that before any data.
     pub is_told: bool,
 }
 
@@ -149,7 +156,8 @@ impl Forecaster {
         RobotIdentifier::of_total(&self.model, &self.sums, weight, None, &mut self.information); // (1)
     }
 
-    /// ½ ln det Λ − ½ ln det Λ₀ of the last motion \[nat\]: the smaller the ellipsoid of what is still possible, the larger. `None` if rounding has spoilt Λ.
+    /// ½ ln det Λ − ½ ln det Λ₀ of the last motion \[nat\]: the smaller the ellipsoid of what is
+    /// still possible, the larger. `None` if rounding has spoilt Λ.
     pub(super) fn gain(&mut self) -> Option<f64> {
         let n = self.information.n;
         for (i, parameter) in self.model.parameters().iter().enumerate() {
@@ -198,7 +206,8 @@ fn sample(motion: &MotionTable, joints: usize, t_s: f64) -> RobotSample {
 mod tests {
     use super::*;
 
-    /// ∫ψ² / (∫ψ)² of (1 − x²)⁴ over (−1, 1) is 0.59908/0.81270² = 0.90705; rows a whole window apart are independent.
+    /// ∫ψ² / (∫ψ)² of (1 − x²)⁴ over (−1, 1) is 0.59908/0.81270² = 0.90705; rows a whole window
+    /// apart are independent.
     #[test]
     fn val_white_noise_in_rows() {
         let windows = WindowOptions {

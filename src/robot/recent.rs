@@ -1,4 +1,5 @@
-//! The last rows and their sums, kept apart from what is known until it is clear that the machine is still the same.
+//! The last rows and their sums, kept apart from what is known until it is clear that the machine
+//! is still the same.
 
 use super::rows::WeakRow;
 use super::sums::JointSums;

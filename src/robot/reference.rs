@@ -1,13 +1,15 @@
-//! Where the joints of a simulated robot shall be: smooth motions within their limits, drawn from a seed.
+//! Where the joints of a simulated robot shall be: smooth motions within their limits, drawn from a
+//! seed.
 //!
 //! ```text
 //! Fourier:  q_r = q₀ + ρ(t) Σ_k a_k sin(2π k t/T + φ_k),   ρ(t) = 10 x³ − 15 x⁴ + 6 x⁵, x = t/t_ρ up to 1          (1)
-//! moves:    q_r = q_a + (q_b − q_a) ρ(t), all joints at the same time, then a rest                                  (2)
+//! moves:    q_r = q_a + (q_b − q_a) ρ(t), all joints at the same time, then a rest              (2)
 //! table:    a motion that was given, see `motion_table`; it keeps to its own limits
 //! ```
 //!
-//! Amplitudes are scaled so that position, speed and acceleration stay within the given part of the limits. The polynomial begins and ends with
-//! neither speed nor acceleration: T. Flash, N. Hogan, J. of Neuroscience 5 (1985).
+//! Amplitudes are scaled so that position, speed and acceleration stay within the given part of the
+//! limits. The polynomial begins and ends with neither speed nor acceleration: T. Flash, N. Hogan,
+//! J. of Neuroscience 5 (1985).
 
 use super::motion_table::MotionTable;
 use super::random::Random;

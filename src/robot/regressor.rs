@@ -1,25 +1,27 @@
 //! Momentum and Lagrangian regressors of a robot, by one recursive pass from the base to the tips.
 //!
-//! With J_ki the unit motion of joint i as seen by body k, v_k the velocity of body k, I_k π-linear as in (4) of
-//! [`spatial`](super::spatial), and g gravity in the frame of body k:
+//! With J_ki the unit motion of joint i as seen by body k, v_k the velocity of body k, I_k π-linear
+//! as in (4) of [`spatial`](super::spatial), and g gravity in the frame of body k:
 //!
 //! ```text
-//! v_k = X_k v_λ(k) + s_k q̇_k,    J_ki = X_k J_λ(k),i,    J_kk = s_k                            (1)
-//! p_i     = Σ_{k ≥ i} J_ki · (I_k v_k)                        = Y_p π,  p = ∂T/∂q̇ = M q̇        (2)
+//! v_k = X_k v_λ(k) + s_k q̇_k,    J_ki = X_k J_λ(k),i,    J_kk = s_k                          (1)
+//! p_i     = Σ_{k ≥ i} J_ki · (I_k v_k)                        = Y_p π,  p = ∂T/∂q̇ = M q̇      (2)
 //! ∂T/∂q_i = Σ_{k ≥ i} (v_λ(i) × J_ki) · (I_k v_k)                                              (3)
 //! ∂V/∂q_i = −Σ_{k ≥ i} [m J_l·g + h·(g × J_a)]                                                 (4)
 //! Y_L π   = ∂(T − V)/∂q,         τ = d/dt (Y_p π) − Y_L π                                      (5)
 //! ```
 //!
-//! No acceleration enters, which is what the weak form needs. v_λ(i) × J_ki is transformed like J_ki itself, so both are
-//! carried along. Sources: P. Hsu, M. Bodson, S. Sastry, B. Paden, ICRA 1987; M. Gautier, IROS 1997; H. Wang, Automatica 2012.
+//! No acceleration enters, which is what the weak form needs. v_λ(i) × J_ki is transformed like
+//! J_ki itself, so both are carried along. Sources: P. Hsu, M. Bodson, S. Sastry, B. Paden, ICRA
+//! 1987; M. Gautier, IROS 1997; H. Wang, Automatica 2012.
 
 use super::spatial::{BODY_PARAMETERS, Motion};
 use super::tree::Robot;
 use crate::model::MAX_JOINTS;
 use nalgebra::Vector3;
 
-/// Y_p and Y_L at one state, n × 10 n row-major: row i belongs to joint i, columns 10 k to 10 k + 9 to body k.
+/// Y_p and Y_L at one state, n × 10 n row-major: row i belongs to joint i, columns 10 k to 10 k + 9
+/// to body k.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EnergyRegressors {
     joints: usize,
@@ -50,7 +52,8 @@ impl EnergyRegressors {
         &self.lagrangian[joint * width..(joint + 1) * width]
     }
 
-    /// Evaluates both at positions `q` \[rad or m\] and velocities `dq`; the robot must have the joints given to `new`.
+    /// Evaluates both at positions `q` \[rad or m\] and velocities `dq`; the robot must have the
+    /// joints given to `new`.
     pub fn evaluate(&mut self, robot: &Robot, q: &[f64], dq: &[f64]) {
         let n = self.joints;
         let width = n * BODY_PARAMETERS;

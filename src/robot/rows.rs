@@ -3,14 +3,16 @@
 //! With the window ψ(s) = (1 − s²)⁴, s = 2 (t − t_c)/T in (−1, 1), one row per joint and window:
 //!
 //! ```text
-//! ∫ψ τ dt = [−∫ψ̇ d dt + ∫ψ c dt] θ                                                               (1)
-//! ∫ψ (dd/dt) dt ≈ Σ ½ (ψ_i + ψ_{i+1}) (d_{i+1} − d_i)                                             (2)
-//! ∫ψ c dt       ≈ Σ ½ (t_{i+1} − t_i) (ψ_i c_i + ψ_{i+1} c_{i+1})                                 (3)
+//! ∫ψ τ dt = [−∫ψ̇ d dt + ∫ψ c dt] θ                                                            (1)
+//! ∫ψ (dd/dt) dt ≈ Σ ½ (ψ_i + ψ_{i+1}) (d_{i+1} − d_i)                                          (2)
+//! ∫ψ c dt       ≈ Σ ½ (t_{i+1} − t_i) (ψ_i c_i + ψ_{i+1} c_{i+1})                              (3)
 //! ```
 //!
-//! (2) is summation by parts: it is the trapezoid rule (3) for the derivative without forming one, exact for a constant and consistent with (3)
-//! for a straight line, at irregular instants too. Both sides are divided by ∫ψ dt, so that a row is a mean torque. No acceleration is formed.
-//! Source of the weak form: A. Preisig, D. Rippin, Computers & Chemical Engineering 17 (1993).
+//! (2) is summation by parts: it is the trapezoid rule (3) for the derivative without forming one,
+//!     exact for a constant and consistent with (3)
+//! for a straight line, at irregular instants too. Both sides are divided by ∫ψ dt, so that a row
+//! is a mean torque. No acceleration is formed. Source of the weak form: A. Preisig, D. Rippin,
+//! Computers & Chemical Engineering 17 (1993).
 
 use super::model::RobotModel;
 use super::regressor::EnergyRegressors;
@@ -30,7 +32,8 @@ pub struct WindowOptions {
     pub stride_s: f64,
     /// Longest time between two samples that a window may span \[s\].
     pub max_gap_s: f64,
-    /// A joint's row is left out if it rests for more than this part of the window's weight, 0 to 1.
+    /// A joint's row is left out if it rests for more than this part of the window's weight, 0
+    /// to 1.
     pub max_rest: f64,
 }
 
@@ -117,7 +120,8 @@ struct Window {
     rest: [f64; MAX_JOINTS],
 }
 
-/// Samples on their way to being rows: a fixed number of windows that overlap, filled sample by sample without allocation.
+/// Samples on their way to being rows: a fixed number of windows that overlap, filled sample by
+/// sample without allocation.
 #[derive(Debug, Clone)]
 pub struct WeakRows {
     options: WindowOptions,
@@ -180,7 +184,8 @@ impl WeakRows {
         self.engagement = [0.0; MAX_JOINTS];
     }
 
-    /// Takes a sample; gives each row that it completes to `take`. After a gap longer than allowed the windows begin anew.
+    /// Takes a sample; gives each row that it completes to `take`. After a gap longer than allowed
+    /// the windows begin anew.
     ///
     /// # Errors
     /// The sample cannot be used; it is left out and nothing else changes.

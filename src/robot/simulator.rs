@@ -1,15 +1,18 @@
-//! A simulated robot: forward dynamics of a URDF's tree in closed loop, with friction, sensors and a payload that changes.
+//! A simulated robot: forward dynamics of a URDF's tree in closed loop, with friction, sensors and
+//! a payload that changes.
 //!
 //! ```text
-//! M(q) q̈ + … = τ − f,     f_i = f_v q̇ + f_c z + f_0,     dz/dt = (q̇ − |q̇| z)/δ                  (1)
-//! computed torque:  τ = ID(q, q̇, q̈_r + ω² e + 2 ω ė) + Ia (q̈_r + …)                             (2)
-//! PD:               τ = g(q) + M_ii (ω² e + 2 ω ė)                                              (3)
-//! servo:            τ = M_ii (ω² e + 2 ω ė), for feed-forward that carries weight and inertia   (4)
+//! M(q) q̈ + … = τ − f,     f_i = f_v q̇ + f_c z + f_0,     dz/dt = (q̇ − |q̇| z)/δ                 (1)
+//! computed torque:  τ = ID(q, q̇, q̈_r + ω² e + 2 ω ė) + Ia (q̈_r + …)                            (2)
+//! PD:               τ = g(q) + M_ii (ω² e + 2 ω ė)                                             (3)
+//! servo:            τ = M_ii (ω² e + 2 ω ė), for feed-forward that carries weight and inertia  (4)
 //! ```
 //!
-//! q̈ is from articulated bodies, which share no step with the regressors. The controller is sampled and knows the URDF only, the machine may differ from it. z
-//! (P. Dahl, 1968) is advanced exactly for the way of each step, so that a joint that reverses sticks. Joints move by the classical Runge–Kutta method
-//! between. What a sample holds of the torque is its mean before and behind the sample's instant.
+//! q̈ is from articulated bodies, which share no step with the regressors. The controller is
+//! sampled and knows the URDF only, the machine may differ from it. z (P. Dahl, 1968) is advanced
+//! exactly for the way of each step, so that a joint that reverses sticks. Joints move by the
+//! classical Runge–Kutta method between. What a sample holds of the torque is its mean before and
+//! behind the sample's instant.
 
 use super::dynamics::{forward_dynamics, inverse_dynamics};
 use super::friction::{FrictionTerm, JointFriction};
@@ -49,7 +52,8 @@ pub struct SimulatedDrive {
 }
 
 impl SimulatedDrive {
-    /// What drives of a joint's size have: Coulomb friction of 4 % and viscous friction of up to 4 % of the largest torque.
+    /// What drives of a joint's size have: Coulomb friction of 4 % and viscous friction of up to 4
+    /// % of the largest torque.
     pub fn sized(robot: &Robot) -> Vec<Self> {
         let sized = |joint: &super::tree::RobotJoint| {
             let effort = joint.limits.effort.filter(|x| *x > 0.0).unwrap_or(UNLIMITED_EFFORT);
@@ -127,7 +131,8 @@ pub struct RobotSimOptions {
 }
 
 impl RobotSimOptions {
-    /// A robot as its URDF says, with drives of its size, moving at 1 kHz; encoders of 16 bit, torque noise of 0.5 %.
+    /// A robot as its URDF says, with drives of its size, moving at 1 kHz; encoders of 16 bit,
+    /// torque noise of 0.5 %.
     pub fn new(robot: &Robot) -> Self {
         Self {
             sample_period_s: 1e-3,
@@ -193,7 +198,8 @@ impl RobotSimOptions {
     }
 }
 
-/// The closed loop as an endless iterator of samples k = 0, 1, … at t = k Δ; it ends where the state is no longer finite. Nothing is allocated per sample.
+/// The closed loop as an endless iterator of samples k = 0, 1, … at t = k Δ; it ends if the
+/// state is no longer finite. Nothing is allocated per sample.
 #[derive(Debug, Clone)]
 pub struct RobotSimulator {
     /// As the URDF says: what the controller knows.
@@ -281,7 +287,8 @@ impl RobotSimulator {
         inverse_dynamics(&self.known, &self.known.bodies, &self.q[..n], dq, ddq, tau);
     }
 
-    /// Adds torques or forces to those of the controller, from the next sample on until the next call \[N m or N\].
+    /// Adds torques or forces to those of the controller, from the next sample on until the next
+    /// call \[N m or N\].
     pub fn command(&mut self, feed_forward: &[f64; MAX_JOINTS]) {
         self.feed_forward = *feed_forward;
     }
@@ -301,7 +308,8 @@ impl RobotSimulator {
         &self.options
     }
 
-    /// The parameters of a model of this robot as they really are at a time \[s\], its payload's behind the arm's.
+    /// The parameters of a model of this robot as they really are at a time \[s\], its payload's
+    /// behind the arm's.
     pub fn truth(&self, model: &RobotModel, t_s: f64) -> Vec<f64> {
         let mut machine = self.known.clone();
         machine.bodies.clone_from(&self.bodies);

@@ -1,7 +1,7 @@
 //! Spatial vectors, placements and the ten inertial parameters of a rigid body.
 //!
-//! A motion (ω, v) is taken at the origin of the frame that it is expressed in. With E, r the rotation and origin of
-//! a child frame as seen by its parent,
+//! A motion (ω, v) is taken at the origin of the frame that it is expressed in. With E, r the
+//! rotation and origin of a child frame as seen by its parent,
 //!
 //! ```text
 //! ω' = Eᵀ ω,   v' = Eᵀ (v + ω × r)                                  (1) motion in the child's frame
@@ -10,8 +10,8 @@
 //! u · (I v) = m u_l·v + h·(u_l × ω + v × u_a) + u_aᵀ J ω            (4) the same, linear in m, h, J
 //! ```
 //!
-//! m is the mass \[kg\], h = m c the first moment \[kg m\], J the inertia about the origin \[kg m²\]. Source: R. Featherstone,
-//! *Rigid Body Dynamics Algorithms* (2008), chapter 2.
+//! m is the mass \[kg\], h = m c the first moment \[kg m\], J the inertia about the origin \[kg
+//! m²\]. Source: R. Featherstone, *Rigid Body Dynamics Algorithms* (2008), chapter 2.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -127,12 +127,14 @@ impl Placement {
     }
 }
 
-/// The ten inertial parameters of a body about the origin of its frame; see [`BODY_PARAMETERS`] for the order.
+/// The ten inertial parameters of a body about the origin of its frame; see [`BODY_PARAMETERS`] for
+/// the order.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct BodyParameters(pub [f64; BODY_PARAMETERS]);
 
 impl BodyParameters {
-    /// From mass \[kg\], centre of mass \[m\] and inertia about the centre of mass \[kg m²\], both in the body's frame.
+    /// From mass \[kg\], centre of mass \[m\] and inertia about the centre of mass \[kg m²\], both
+    /// in the body's frame.
     pub fn new(mass: f64, center: Vector3<f64>, inertia_at_center: Matrix3<f64>) -> Self {
         // Steiner: J = J_c + m (c·c 1 − c cᵀ).
         let j = inertia_at_center + mass * (Matrix3::identity() * center.norm_squared() - center * center.transpose());
@@ -187,7 +189,8 @@ impl BodyParameters {
         Self(std::array::from_fn(|i| self.0[i] + other.0[i]))
     }
 
-    /// (3): momentum about the origin and linear momentum of a motion, or moment and force of an acceleration.
+    /// (3): momentum about the origin and linear momentum of a motion, or moment and force of an
+    /// acceleration.
     pub fn apply(&self, motion: &Motion) -> (Vector3<f64>, Vector3<f64>) {
         let (h, w, v) = (self.first_moment(), &motion.angular, &motion.linear);
         (

@@ -1,15 +1,20 @@
-//! Standard parameters of every body, physically possible, that agree with identified base parameters.
+//! Standard parameters of every body, physically possible, that agree with identified base
+//! parameters.
 //!
 //! ```text
 //! min ½ (K π − β̂)ᵀ P⁻¹ (K π − β̂) + γ Σ_k [tr(J₀ₖ⁻¹ Jₖ) − ln det Jₖ] + γ Σ_i [I_i/I₀ᵢ − ln I_i]    (1)
 //! πₖ = own link of body k + links that stay as the URDF says                                     (2)
 //! ```
 //!
-//! β̂ and P are what was identified, J the pseudo-inertia of the link, J₀ that of the URDF, I the inertias of the rotors. Torques say nothing of some 40 % of π: there
-//! (1) keeps to the URDF, and where the estimate belongs to no body that can exist, to the border of what can. The divergence in (1) is that of two densities, so that it
-//! depends neither on frames nor on units, and is convex: damped Newton steps with γ followed down need no other solver.
+//! β̂ and P are what was identified, J the pseudo-inertia of the link, J₀ that of the URDF, I the
+//! inertias of the rotors. Torques say nothing of some 40 % of π: there
+//! (1) keeps to the URDF, and if the estimate belongs to no body that can exist, to the border
+//!     of what can. The divergence in (1) is that of two densities, so that it
+//! depends neither on frames nor on units, and is convex: damped Newton steps with γ followed down
+//! need no other solver.
 //!
-//! Sources: P. Wensing, S. Kim, J.-J. Slotine, IEEE RA-L 3 (2018); T. Lee, P. Wensing, F. Park, IEEE T-RO 36 (2020).
+//! Sources: P. Wensing, S. Kim, J.-J. Slotine, IEEE RA-L 3 (2018); T. Lee, P. Wensing, F. Park,
+//! IEEE T-RO 36 (2020).
 
 use super::base_parameters::Standard;
 use super::model::RobotModel;
@@ -18,7 +23,8 @@ use super::spatial::{BODY_PARAMETERS, BodyParameters};
 use super::tree::Robot;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix4};
 
-/// γ at the start and at the end, in nats of a likelihood: the URDF counts for a tenth of one observation.
+/// γ at the start and at the end, in nats of a likelihood: the URDF counts for a tenth of one
+/// observation.
 const WEIGHTS: (f64, f64) = (1e5, 0.1);
 /// Newton steps in all.
 const STEPS: usize = 400;
@@ -26,7 +32,8 @@ const STEPS: usize = 400;
 const SETTLED: f64 = 1e-4;
 /// Part of the standard deviation before any data below which a parameter is known from data.
 const KNOWN: f64 = 1.0 / 3.0;
-/// Second moments of a URDF's link count as at least this part of those of a ball of its mass and of this density [kg/m³]: many URDFs hold placeholders.
+/// Second moments of a URDF's link count as at least this part of those of a ball of its mass and
+/// of this density [kg/m³]: many URDFs hold placeholders.
 const LEAST_MOMENT: f64 = 0.1;
 const DENSITY: f64 = 2000.0;
 /// Size of a rotor that nothing is known of, as a part of what a machine of this size can have.
@@ -37,7 +44,8 @@ const ROTOR: f64 = 0.02;
 pub struct StandardParameters {
     /// The body behind each joint, in the joint's frame.
     pub bodies: Vec<BodyParameters>,
-    /// The link of each body that was changed: index in [`Robot::links`] and its parameters in its own frame. The others stay as the URDF says.
+    /// The link of each body that was changed: index in [`Robot::links`] and its parameters in its
+    /// own frame. The others stay as the URDF says.
     pub links: Vec<(usize, BodyParameters)>,
     /// Inertia of each drive's rotor at its joint \[kg m² or kg\]; 0 without rotors in the model.
     pub rotors: Vec<f64>,
@@ -48,10 +56,12 @@ pub struct StandardParameters {
 }
 
 impl StandardParameters {
-    /// (1) for estimates `theta` of a model's parameters with their covariance (row-major, as long as `theta` squared); base parameters come first in both.
+    /// (1) for estimates `theta` of a model's parameters with their covariance (row-major, as long
+    ///     as `theta` squared); base parameters come first in both.
     ///
     /// # Errors
-    /// Nothing has been identified, numbers that are no estimate, or no body that can exist is near, in words.
+    /// Nothing has been identified, numbers that are no estimate, or no body that can exist is
+    /// near, in words.
     pub fn fit(model: &RobotModel, theta: &[f64], covariance: &[f64]) -> Result<Self, String> {
         let (all, count) = (theta.len(), model.base().parameters.len());
         if all < count || covariance.len() != all * all || theta.iter().chain(covariance).any(|x| !x.is_finite()) {

@@ -1,4 +1,5 @@
-//! What is known of a robot at one instant; SI units, the first entries up to the number of joints count.
+//! What is known of a robot at one instant; SI units, the first entries up to the number of joints
+//! count.
 
 use crate::model::MAX_JOINTS;
 

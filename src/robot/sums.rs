@@ -1,9 +1,10 @@
-//! Normal equations of one joint's rows, kept apart per joint so that their weight can be chosen later.
+//! Normal equations of one joint's rows, kept apart per joint so that their weight can be chosen
+//! later.
 //!
 //! With rows x and torques τ of a joint, A = Σ x xᵀ, b = Σ x τ, c = Σ τ²:
 //!
 //! ```text
-//! Σ (τ − x·θ)² = c − 2 b·θ + θᵀ A θ                                                              (1)
+//! Σ (τ − x·θ)² = c − 2 b·θ + θᵀ A θ                                                            (1)
 //! ```
 
 /// A, b, c and the number of rows of one joint, over its own columns.

@@ -1,4 +1,5 @@
-//! From links and joints to the tree of bodies that move: what is fixed is merged into the body that carries it.
+//! From links and joints to the tree of bodies that move: what is fixed is merged into the body
+//! that carries it.
 
 use super::error::UrdfError;
 use super::spatial::{BodyParameters, Placement};
@@ -65,7 +66,8 @@ pub struct Robot {
     pub bodies: Vec<BodyParameters>,
     /// Acceleration of gravity in the base's frame \[m/s²\].
     pub gravity: Vector3<f64>,
-    /// Where the flange is in the frame of the last joint's body: the tip, or the last link that is fixed to it.
+    /// Where the flange is in the frame of the last joint's body: the tip, or the last link that is
+    /// fixed to it.
     pub flange: Placement,
     /// Joints that could move and are held at 0, because they are outside the selection.
     pub held: Vec<String>,
@@ -96,9 +98,10 @@ impl Robot {
     /// From the text of a URDF.
     ///
     /// # Errors
-    /// The first thing that is wrong, with its element and line: see [`Urdf::parse`]; a joint that imitates another, is planar
-    /// or floating; a closed loop; several tips without a choice; no moving joint or more than [`MAX_JOINTS`]; a moving body
-    /// without mass; a name that the file does not have.
+    /// The first thing that is wrong, with its element and line: see [`Urdf::parse`]; a joint that
+    /// imitates another, is planar or floating; a closed loop; several tips without a choice; no
+    /// moving joint or more than [`MAX_JOINTS`]; a moving body without mass; a name that the file
+    /// does not have.
     pub fn from_urdf(text: &str, selection: &Selection) -> Result<Self, UrdfError> {
         let urdf = Urdf::parse(text)?;
         let tree = Tree::new(&urdf)?;
@@ -119,7 +122,8 @@ impl Robot {
         self.joints.is_empty()
     }
 
-    /// Placement of a joint's frame at position `q` \[rad or m\] in the frame of the joint before it.
+    /// Placement of a joint's frame at position `q` \[rad or m\] in the frame of the joint before
+    /// it.
     pub fn placement(&self, joint: usize, q: f64) -> Placement {
         let RobotJoint {
             turns, placement, axis, ..
@@ -403,7 +407,8 @@ impl<'a> Tree<'a> {
 
     fn robot(&self, order: &[usize], moving: &[usize], tip: Option<usize>) -> Result<Robot, UrdfError> {
         let Urdf { name, links, joints } = self.urdf;
-        // Where each link is: behind which moving joint, and how placed in its frame. The base's body does not move.
+        // Where each link is: behind which moving joint, and how placed in its frame. The base's
+        // body does not move.
         let mut place: Vec<(Option<usize>, Placement)> = vec![(None, Placement::identity()); links.len()];
         let mut found: Vec<Option<RobotJoint>> = vec![None; moving.len()];
         let mut bodies = vec![BodyParameters::default(); moving.len()];

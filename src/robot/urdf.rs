@@ -1,7 +1,8 @@
 //! A URDF as links and joints, each checked by itself: names, numbers, axes, masses, inertias.
 //!
-//! What only the whole tells (loops, tips, bodies without mass) is checked in [`tree`](super::tree). Meshes, transmissions
-//! and simulator extensions have no part in rigid-body dynamics and are not read. Format: the `urdf` package of ROS.
+//! What only the whole tells (loops, tips, bodies without mass) is checked in
+//! [`tree`](super::tree). Meshes, transmissions and simulator extensions have no part in rigid-body
+//! dynamics and are not read. Format: the `urdf` package of ROS.
 
 use super::error::UrdfError;
 use super::spatial::{BodyParameters, Placement};
@@ -220,7 +221,8 @@ fn read_inertial(element: &Element<'_>) -> Result<BodyParameters, UrdfError> {
     }
 }
 
-/// By leading minors: an eigenvalue iteration need not end with numbers near the largest that there are.
+/// By leading minors: an eigenvalue iteration need not end with numbers near the largest that there
+/// are.
 fn is_positive_definite(j: &Matrix3<f64>) -> bool {
     let scaled = j / j.amax();
     let minor2 = scaled[(0, 0)] * scaled[(1, 1)] - scaled[(0, 1)] * scaled[(1, 0)];
@@ -242,7 +244,8 @@ fn read_origin(element: &Element<'_>) -> Result<Placement, UrdfError> {
     Ok(Placement::from_rpy(rpy, xyz))
 }
 
-/// Longest distance between two frames \[m\]: larger ones are millimetres that were meant as metres, or noise.
+/// Longest distance between two frames \[m\]: larger ones are millimetres that were meant as
+/// metres, or noise.
 const MAX_LENGTH_M: f64 = 1000.0;
 
 fn read_joint(element: &Element<'_>, links: &HashMap<String, usize>) -> Result<Joint, UrdfError> {

@@ -1,4 +1,5 @@
-//! Writes identified values back into a URDF; everything else in the text stays as it is, comments and meshes included.
+//! Writes identified values back into a URDF; everything else in the text stays as it is, comments
+//! and meshes included.
 
 use super::error::UrdfError;
 use super::spatial::BodyParameters;
@@ -35,7 +36,8 @@ pub struct JointValues {
 /// What comments of this writer begin with, so that it can take them back.
 const MARK: &str = "thetabus:";
 
-/// The text of a URDF with these values in the place of its own; `header` is a comment at its top. Comments that were written before are replaced, too.
+/// The text of a URDF with these values in the place of its own; `header` is a comment at its top.
+/// Comments that were written before are replaced, too.
 ///
 /// # Errors
 /// A text that is no XML, a link or joint that it does not have, a link without `<inertial>`.
@@ -119,7 +121,8 @@ pub fn write_urdf(
                 if !element.is_empty() {
                     note.push_str(&format!("{indent}{element}\n"));
                 }
-                // Before the line of the end tag, or before the tag if it stands on a line with others.
+                // Before the line of the end tag, or before the tag if it stands on a line with
+                // others.
                 let line = text[..end].rfind('\n').map_or(0, |at| at + 1);
                 match text[line..end].trim().is_empty() {
                     true => edits.push((line..line, note)),
@@ -140,7 +143,8 @@ fn child<'a>(node: &Node<'a, 'a>, tag: &str) -> Option<Node<'a, 'a>> {
     node.children().find(|child| child.has_tag_name(tag))
 }
 
-/// Removes the comments of an earlier writing from an element, with the lines that hold nothing else.
+/// Removes the comments of an earlier writing from an element, with the lines that hold nothing
+/// else.
 fn take_back(text: &str, of: &Node<'_, '_>, edits: &mut Vec<(Range<usize>, String)>) {
     let is_ours = |node: &Node<'_, '_>| {
         node.is_comment() && node.text().is_some_and(|words| words.trim_start().starts_with(MARK))

@@ -1,11 +1,13 @@
-//! Velocities from positions alone: the slope of a polynomial through a sample and its neighbours on both sides.
+//! Velocities from positions alone: the slope of a polynomial through a sample and its neighbours
+//! on both sides.
 //!
 //! ```text
 //! q(t_c + u) ≈ a₀ + a₁ u + a₂ u² + a₃ u³ in the least squares sense over 2 h + 1 samples,   q̇(t_c) = a₁
 //! ```
 //!
-//! The neighbours' own time stamps are used, so they need not be regular. The sample in the middle is handed on h samples late, with its own time, position and
-//! torque: nothing is shifted against anything. Source: A. Savitzky, M. Golay, Analytical Chemistry 36 (1964).
+//! The neighbours' own time stamps are used, so they need not be regular. The sample in the middle
+//! is handed on h samples late, with its own time, position and torque: nothing is shifted against
+//! anything. Source: A. Savitzky, M. Golay, Analytical Chemistry 36 (1964).
 
 use super::state::RobotSample;
 use crate::model::MAX_JOINTS;
@@ -21,7 +23,8 @@ pub struct Velocities {
 }
 
 impl Velocities {
-    /// Over `half` samples to either side, 2 or more; after a gap longer than `max_gap_s` \[s\] they begin anew.
+    /// Over `half` samples to either side, 2 or more; after a gap longer than `max_gap_s` \[s\]
+    /// they begin anew.
     pub fn new(half: usize, max_gap_s: f64) -> Self {
         Self {
             samples: vec![RobotSample::default(); 2 * half.max(2) + 1],
@@ -36,7 +39,8 @@ impl Velocities {
         (self.next, self.len) = (0, 0);
     }
 
-    /// Takes a sample without velocity; gives the one in the middle with its velocity, once there are neighbours on both sides.
+    /// Takes a sample without velocity; gives the one in the middle with its velocity, once there
+    /// are neighbours on both sides.
     pub fn push(&mut self, sample: &RobotSample) -> Option<RobotSample> {
         let room = self.samples.len();
         let last = (self.next + room - 1) % room;

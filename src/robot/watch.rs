@@ -1,4 +1,5 @@
-//! The watch over changes: after each slice the last ones are held against what was known before, see [`change`](super::change).
+//! The watch over changes: after each slice the last ones are held against what was known before,
+//! see [`change`](super::change).
 
 use super::change::{ChangeCause, Extra, RobotChange};
 use super::identify::RobotIdentifier;
@@ -13,12 +14,14 @@ const WINDOW: usize = 4;
 const LEARNT_S: f64 = 5.0;
 /// ln of the Bayes factor from which on the machine has changed: a factor of 10⁸ …
 const ALARM: f64 = 18.0;
-/// … by which a payload must be likelier than friction of one joint, and by how much less than friction of all joints it may be.
+/// … by which a payload must be likelier than friction of one joint, and by how much less than
+/// friction of all joints it may be.
 const CLEAR: f64 = 5.0;
 const BROAD: f64 = 10.0;
 /// The same as a part of what friction of all joints gains: the rows during the change fit neither.
 const SHARE: f64 = 0.15;
-/// Slices that it may take to tell them apart; the first is always waited for, for a joint that sets off shakes for a moment.
+/// Slices that it may take to tell them apart; the first is always waited for, for a joint that
+/// sets off shakes for a moment.
 const DOUBTS: usize = 4;
 /// Least size of a friction parameter, as a part of its prior.
 const FRICTION_SIZE: f64 = 0.02;
@@ -28,7 +31,8 @@ const CARRIES: f64 = 3.0;
 const REACH: f64 = 1.5;
 /// Residuals behind a change beyond so many σ_j f_j are not explained.
 const UNEXPLAINED: f64 = 6.0;
-/// A change of the payload shakes friction, too: the standard deviation of that, as a part of its size.
+/// A change of the payload shakes friction, too: the standard deviation of that, as a part of its
+/// size.
 const SHAKEN: f64 = 0.05;
 
 /// What may have changed.
@@ -40,7 +44,8 @@ enum Suspect {
 }
 
 impl RobotIdentifier {
-    /// Ends the slice that is open: adds it to the block, keeps it apart, and looks whether the machine is still the same.
+    /// Ends the slice that is open: adds it to the block, keeps it apart, and looks whether the
+    /// machine is still the same.
     pub(super) fn end_slice(&mut self, now_s: f64) {
         if self.slice.iter().all(|sums| sums.rows == 0) {
             return;
@@ -144,7 +149,8 @@ impl RobotIdentifier {
         watch.evidence.gain(&watch.data, extra)
     }
 
-    /// The number of slices that speak most clearly for a payload and for friction, with the gains: a window that begins before the change fits nothing well.
+    /// The number of slices that speak most clearly for a payload and for friction, with the gains:
+    /// a window that begins before the change fits nothing well.
     fn clearest(&mut self, watch: &mut Watch) -> [(f64, usize); 2] {
         let mut best = [(f64::NEG_INFINITY, 1); 2];
         for slices in 1..=self.pending.len() {
@@ -220,7 +226,8 @@ impl RobotIdentifier {
         Some(())
     }
 
-    /// The machine is another one from some instant on: what came before is learnt for the machine as it was, what came behind for what it is now.
+    /// The machine is another one from some instant on: what came before is learnt for the machine
+    /// as it was, what came behind for what it is now.
     fn take_over(&mut self, suspect: Suspect, now_s: f64) {
         let Some(mut watch) = self.watch.take() else { return };
         let begin = self.pending.get(0).begin_s;

@@ -1,12 +1,15 @@
 //! How long windows should be, from the motion itself.
 //!
 //! ```text
-//! a_k = (q_{k+1} − 2 q_k + q_{k−1})/h²        A(f) its power at frequency f, less what the positions' noise gives, (2 − 2 cos 2πfh)² σ²/h⁴
+//! a_k  = (q_{k+1} − 2 q_k + q_{k−1})/h²
+//! A(f)   its power at frequency f, less what the positions' noise gives, (2 − 2 cos 2πfh)² σ²/h⁴
 //! bandwidth f_b: 99 % of ∫ A df lie below     T = 1.3/f_b
 //! ```
 //!
-//! The bump of length T passes what is slower than 1.3/T and averages the rest. Much longer windows lose the fastest motion, which is what tells a small inertia or an
-//! inductance; much shorter ones average less noise than they could. Within a factor of two either way the estimates hardly change, see docs/results.md.
+//! The bump of length T passes what is slower than 1.3/T and averages the rest. Much longer windows
+//! lose the fastest motion, which is what tells a small inertia or an inductance; much shorter ones
+//! average less noise than they could. Within a factor of two either way the estimates hardly
+//! change, see docs/results.md.
 
 use super::noise::SignalNoise;
 use std::f64::consts::TAU;
@@ -17,8 +20,9 @@ const SHARE: f64 = 0.99;
 const DOUBT: f64 = 4.0;
 /// Frequencies per factor of e.
 const PER_E: f64 = 20.0;
-/// Most spectral lines that are averaged for each of them: one alone exceeds its expected value fourfold once in 55 times, which at high
-/// frequencies is taken for motion that is not there; of 16 the mean never does.
+/// Most spectral lines that are averaged for each of them: one alone exceeds its expected value
+/// fourfold once in 55 times, which at high frequencies is taken for motion that is not there; of
+/// 16 the mean never does.
 const LINES: usize = 16;
 
 /// A window's length with its reason.
@@ -30,7 +34,8 @@ pub struct WindowAdvice {
     pub window_s: f64,
 }
 
-/// Advice from the positions of one joint \[rad or m\], `sample_period_s` \[s\] apart, without holes; `None` where there are fewer than 500 or nothing moves.
+/// Advice from the positions of one joint \[rad or m\], `sample_period_s` \[s\] apart, without
+/// holes; `None` if there are fewer than 500 or nothing moves.
 pub fn window_advice(q: &[f64], sample_period_s: f64) -> Option<WindowAdvice> {
     let mut noise = SignalNoise::default();
     noise.learn(q, |_| false, &mut Vec::with_capacity(q.len()));
@@ -55,7 +60,8 @@ impl Spectrum {
         }
     }
 
-    /// As [`window_advice`], from positions with noise of this `variance`; of more samples than there is room for, the last ones count.
+    /// As [`window_advice`], from positions with noise of this `variance`; of more samples than
+    /// there is room for, the last ones count.
     pub fn advise(&mut self, q: &[f64], sample_period_s: f64, variance: f64) -> Option<WindowAdvice> {
         let q = &q[q.len().saturating_sub(self.acceleration.capacity())..];
         let h = sample_period_s;
@@ -134,7 +140,8 @@ mod tests {
                 "{advice:?}"
             );
         }
-        // white noise that is stronger than the motion where it is faster: no single line of it counts
+        // white noise that is stronger than the motion where it is faster: no single line of it
+        // counts
         let mut state = 1_u64;
         let mut noise = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

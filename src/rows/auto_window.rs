@@ -5,12 +5,15 @@
 //! T   = the T_c that is nearest to 1.3/f_b by its ratio, f_b the bandwidth of the fastest joint (`advice.rs`)
 //! ```
 //!
-//! There is a block of rows for each length, made at the start, and one of them is in use. The first block of samples that shows motion chooses: it is
-//! made into rows of the length that it advises before any estimate is made of it. After that every joint is looked at once in [`REVIEW`] blocks, and a
-//! length that two reviews in a row advise takes over at the border of a block; its first windows begin there, since rows of different
-//! lengths do not mix. With one length there is nothing to choose: this is then the block of rows itself.
+//! There is a block of rows for each length, made at the start, and one of them is in use. The
+//! first block of samples that shows motion chooses: it is made into rows of the length that it
+//! advises before any estimate is made of it. After that every joint is looked at once in
+//! [`REVIEW`] blocks, and a length that two reviews in a row advise takes over at the border of a
+//! block; its first windows begin there, since rows of different lengths do not mix. With one
+//! length there is nothing to choose: this is then the block of rows itself.
 //!
-//! 20 samples in a window resolve its bump; longer windows than 200 ms hardly tell more, as long as the stride is short (docs/method.md, section 16a).
+//! 20 samples in a window resolve its bump; longer windows than 200 ms hardly tell more, as long as
+//! the stride is short (docs/method.md, section 16a).
 
 use super::SampleBlock;
 use super::advice::Spectrum;
@@ -28,7 +31,8 @@ const FIRST_S: f64 = 0.1;
 const FEWEST: f64 = 20.0;
 /// Blocks from one review to the next.
 const REVIEW: u32 = 8;
-/// Samples that the bandwidth is taken from at most: some seconds of them say enough, and more cost time.
+/// Samples that the bandwidth is taken from at most: some seconds of them say enough, and more cost
+/// time.
 const LOOK: usize = 2048;
 
 /// Projected rows of one length, or of the length that fits the motion.
@@ -41,7 +45,8 @@ pub struct AutoWindowBlock<P: Plant> {
     kept: Vec<(u64, JointSample)>,
     chosen: bool,
     spectrum: Spectrum,
-    /// Blocks since the last review, and the highest bandwidth of the joints that were looked at since \[Hz\].
+    /// Blocks since the last review, and the highest bandwidth of the joints that were looked at
+    /// since \[Hz\].
     since: u32,
     fastest_hz: f64,
     /// The length that the last review advised.
@@ -51,7 +56,8 @@ pub struct AutoWindowBlock<P: Plant> {
 }
 
 impl ProjectedOptions {
-    /// The same over windows of another length, with the stride and the velocity filter no longer than befits it.
+    /// The same over windows of another length, with the stride and the velocity filter no longer
+    /// than befits it.
     #[must_use]
     pub fn with_window(&self, window_s: f64) -> Self {
         let quarter = (0.25 * window_s / self.sample_period_s) as usize;
@@ -64,7 +70,8 @@ impl ProjectedOptions {
     }
 }
 
-/// The lengths that [`AutoWindowBlock::chosen`] has to choose from at a sample period \[s\], the longest first; at least one.
+/// The lengths that [`AutoWindowBlock::chosen`] has to choose from at a sample period \[s\], the
+/// longest first; at least one.
 pub fn auto_window_lengths(sample_period_s: f64) -> impl Iterator<Item = f64> {
     let shortest = SHORTEST_S.max(FEWEST * sample_period_s);
     let longest = LONGEST_S.max(FEWEST * sample_period_s);
@@ -99,7 +106,8 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
         })
     }
 
-    /// Rows whose window is chosen; `options.window_s` does not count, its stride and velocity filter are upper limits. The only place that allocates.
+    /// Rows whose window is chosen; `options.window_s` does not count, its stride and velocity
+    /// filter are upper limits. The only place that allocates.
     ///
     /// # Errors
     /// As [`ProjectedBlock::new`].
@@ -158,7 +166,8 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
         }
     }
 
-    /// The length for the motion that was seen since the last time; the one in use if there was none.
+    /// The length for the motion that was seen since the last time; the one in use if there was
+    /// none.
     fn advice(&mut self) -> usize {
         let fastest_hz = std::mem::take(&mut self.fastest_hz);
         match fastest_hz > 0.0 {
@@ -167,7 +176,8 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
         }
     }
 
-    /// The first choice: makes the samples of the open block into rows of the length that they advise.
+    /// The first choice: makes the samples of the open block into rows of the length that they
+    /// advise.
     fn choose(&mut self, theta: &[f64]) {
         for joint in 0..self.own().plant().joints().min(MAX_JOINTS) {
             self.look(joint);

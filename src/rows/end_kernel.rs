@@ -1,13 +1,18 @@
 //! The window that ends with the last sample of a block, as weights on samples.
 //!
 //! ```text
-//! ψ(s) = c (1 + s)^2b (1 − s)^b for −1 < s < 1, s = −1 at the first sample and 1 at the last        b = 1 + the highest derivative
-//! ∫ ψ (d/dt)^d g dt ≈ Σ_k K_d[k] g(t_k)        K_d[k] = (−1)^d h ψ^(d)(t_k), corrected to be exact on polynomials up to degree d + 3
+//! ψ(s) = c (1 + s)^2b (1 − s)^b for −1 < s < 1, s = −1 at the first sample and 1 at the last,
+//!        b = 1 + the highest derivative
+//! ∫ ψ (d/dt)^d g dt ≈ Σ_k K_d[k] g(t_k)
+//! K_d[k] = (−1)^d h ψ^(d)(t_k), corrected to be exact on polynomials up to degree d + 3
 //! ```
 //!
-//! A plant that changes τ before the end shows by what it does to the position since then, which grows with τ². The symmetric bump of `kernel.rs` looks away from
-//! there: seven of its derivatives vanish at the end. This one vanishes just enough for the state at the end, which nobody knows, to drop out. Through 16 bits and with 0.05 V
-//! of noise a payload of 13 % that the paper's arm picks up while it holds still shows by so many standard deviations, 100 ms being the width of the regular windows:
+//! A plant that changes τ before the end shows by what it does to the position since then, which
+//! grows with τ². The symmetric bump of `kernel.rs` looks away from there: seven of its derivatives
+//! vanish at the end. This one vanishes just enough for the state at the end, which nobody knows,
+//! to drop out. Through 16 bits and with 0.05 V of noise a payload of 13 % that the paper's arm
+//! picks up while it holds still shows by so many standard deviations, 100 ms being the width of
+//! the regular windows:
 //!
 //! | window | 10 ms before the end | 15 ms | 20 ms | 30 ms | 50 ms |
 //! |---|---|---|---|---|---|
@@ -17,7 +22,8 @@
 //! | this one, 100 ms | 1.7 | 5.6 | 11 | 21 | 17 |
 //! | this one, 150 ms | 0.9 | 3.6 | 8.6 | 24 | 51 |
 //!
-//! One power less at the end (b = 3) sees 2 ms more and takes a tenth of the motion's resonance for a change, because ψ‴ then jumps at the last sample.
+//! One power less at the end (b = 3) sees 2 ms more and takes a tenth of the motion's resonance for
+//! a change, because ψ‴ then jumps at the last sample.
 
 use super::kernel::InputTiming;
 use nalgebra::{DMatrix, DVector};
@@ -64,8 +70,8 @@ fn bump(left: usize, right: usize) -> Polynomial {
 }
 
 impl EndKernels {
-    /// Kernels for `count` samples that are `period_s` \[s\] apart, derivatives up to `order`, and an input that acts `delay_s` \[s\] after it was
-    /// recorded. `count` ≥ 17, `order` ≤ 4.
+    /// Kernels for `count` samples that are `period_s` \[s\] apart, derivatives up to `order`, and
+    /// an input that acts `delay_s` \[s\] after it was recorded. `count` ≥ 17, `order` ≤ 4.
     pub fn new(count: usize, period_s: f64, order: usize, timing: InputTiming, delay_s: f64) -> Self {
         let (left, right) = (2 * (order + 1), order + 1);
         let half_s = 0.5 * (count - 1) as f64 * period_s;
@@ -129,7 +135,8 @@ impl EndKernels {
     }
 }
 
-/// Makes K_d exact on polynomials up to degree d + 3 by adding the smallest multiples of s^j times `taper`.
+/// Makes K_d exact on polynomials up to degree d + 3 by adding the smallest multiples of s^j times
+/// `taper`.
 fn correct_moments(weights: &mut [f64], bump: &Polynomial, d: usize, half_s: f64, taper: &Polynomial) {
     let (count, degrees) = (weights.len(), d + EXACT + 1);
     let s = |k: usize| 2.0 * k as f64 / (count - 1) as f64 - 1.0;
@@ -178,8 +185,9 @@ mod tests {
                         .map(|k| kernels.position[d][k] * (omega * t(k) + phase).cos())
                         .sum();
                     let error = (got / omega.powi(d as i32) - wanted).abs();
-                    // up to degree d + 3 both are the same; over 150 ms a resonance of 13 Hz turns by 12 rad, and what is left is of the
-                    // order of h²/12 times the jump of the derivative after the last at the end
+                    // up to degree d + 3 both are the same; over 150 ms a resonance of 13 Hz turns
+                    // by 12 rad, and what is left is of the order of h²/12 times the jump of the
+                    // derivative after the last at the end
                     assert!(error < 2e-4, "{count} {d} {phase}: {error}");
                 }
             }

@@ -4,8 +4,8 @@
 //! c(k) = −∂f/∂q_k = Σ_d K_d(k) ∂g_d/∂q + Σ_j s_j Σ_d K_d(k − j) ∂g_d/∂q̇ + Σ (velocity terms) θ K_{d+1}(k)
 //! ```
 //!
-//! with K_d the kernels of the window (`kernel.rs`) and s the velocity filter. Terms that are linear in the velocity have been integrated by parts
-//! and depend on the position alone.
+//! with K_d the kernels of the window (`kernel.rs`) and s the velocity filter. Terms that are
+//! linear in the velocity have been integrated by parts and depend on the position alone.
 
 use super::kernel::Kernels;
 use super::separation::{MAX_ORDER, Sensitivity};
@@ -21,7 +21,8 @@ pub(super) struct ErrorWeights<'a> {
     pub order: usize,
 }
 
-/// ∂g_d/∂q̇ of the terms that are linear in the velocity of a joint, which enter by way of the position.
+/// ∂g_d/∂q̇ of the terms that are linear in the velocity of a joint, which enter by way of the
+/// position.
 pub(super) fn linear_in_velocity(
     polynomial: Option<&Polynomial>,
     joint: usize,
@@ -51,7 +52,8 @@ impl ErrorWeights<'_> {
         2 * (self.kernels.half + self.velocity_weights.len() / 2) + 1
     }
 
-    /// Writes c, joint after joint. `slopes(joint, velocity, k)` are [the nonlinear ones](nonlinear) at sample k of the window.
+    /// Writes c, joint after joint. `slopes(joint, velocity, k)` are [the nonlinear
+    /// ones](nonlinear) at sample k of the window.
     pub fn write(&self, theta: &[f64], slopes: impl Fn(usize, bool, usize) -> [f64; MAX_ORDER + 1], c: &mut [f64]) {
         let (kernels, support) = (self.kernels, self.support());
         let velocity_half = self.velocity_weights.len() / 2;

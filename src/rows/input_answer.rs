@@ -19,7 +19,7 @@ pub(super) enum Answer {
 }
 
 /// What the input at `k` may have answered to: a spike of the position, or a count that it changed
-/// by after a while. Counts are believed to have an effect where many of them have: a third of
+/// by after a while. Counts are believed to have an effect if many of them have: a third of
 /// those around.
 pub(super) fn answers(
     q: &[f64],

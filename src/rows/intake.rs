@@ -1,18 +1,23 @@
 //! From samples as they come to samples on a uniform grid.
 //!
-//! Windows are sums over samples one period h apart. A stream whose time stamps are that passes as it is, bit for bit. Where they are not (a log at
-//! 10 and 12 ms, a driver that reads when it is scheduled) the signals are taken to hold at their stamps, and grid values are made of them:
+//! Windows are sums over samples one period h apart. A stream whose time stamps are that passes as
+//! it is, bit for bit. Where they are not (a log at 10 and 12 ms, a driver that reads when it is
+//! scheduled) the signals are taken to hold at their stamps, and grid values are made of them:
 //!
-//! - **positions** from the polynomial of degree 5 through the six nearest samples, three on either side;
-//! - **a held input** as its mean over the grid's cell, which is exactly what a window's weights ask for;
+//! - **positions** from the polynomial of degree 5 through the six nearest samples, three on either
+//!   side;
+//! - **a held input** as its mean over the grid's cell, which is exactly what a window's weights
+//!   ask for;
 //! - **a continuous input** on the straight line between its neighbours.
 //!
-//! Samples a distance s h apart bring 1/s samples' worth of information per grid value, so the variance of a grid value counts s times: a row
-//! smooths over many, and what neighbours share cancels out.
+//! Samples a distance s h apart bring 1/s samples' worth of information per grid value, so the
+//! variance of a grid value counts s times: a row smooths over many, and what neighbours share
+//! cancels out.
 //!
 //! # Holes
-//! Up to [`BRIDGED`] lost samples in a row are bridged: here only by a straight line, `repair.rs` does it properly once the samples behind the hole
-//! are there. A longer hole, and time that goes back, begins a new stretch that no window crosses.
+//! Up to [`BRIDGED`] lost samples in a row are bridged: here only by a straight line, `repair.rs`
+//! does it properly once the samples behind the hole are there. A longer hole, and time that goes
+//! back, begins a new stretch that no window crosses.
 
 use super::kernel::InputTiming;
 use super::polynomial::{MOST, weights};
@@ -20,7 +25,8 @@ use crate::model::{JointSample, MAX_JOINTS};
 
 /// Lost samples in a row that are bridged at most.
 pub(super) const BRIDGED: usize = 5;
-/// Deviation of a stamp from the grid that is the stamp's own rounding or a clock's rate: this share of a period and a few nanoseconds.
+/// Deviation of a stamp from the grid that is the stamp's own rounding or a clock's rate: this
+/// share of a period and a few nanoseconds.
 const RATE: f64 = 2e-5;
 const ROUNDING_NS: f64 = 2.0;
 /// Samples that grid values are made of.
@@ -89,7 +95,8 @@ impl Intake {
         self.len = 0;
     }
 
-    /// Takes a sample in. Returns what the input of the last grid value given is to be changed by, now that it is known when the input changed.
+    /// Takes a sample in. Returns what the input of the last grid value given is to be changed by,
+    /// now that it is known when the input changed.
     pub fn take(&mut self, t_ns: u64, sample: &JointSample) -> Option<[f64; MAX_JOINTS]> {
         let mut new = Raw {
             x: 0.0,
@@ -151,7 +158,8 @@ impl Intake {
                 self.hold(behind, &mut grid.u);
             }
         } else {
-            // the first sample of a stretch lies on the grid, so there is one before, unless the grid ran far behind
+            // the first sample of a stretch lies on the grid, so there is one before, unless the
+            // grid ran far behind
             let Some(left) = behind.checked_sub(1).map(|at| &raw[at]) else {
                 self.next = right.x.ceil() as i64;
                 return self.next();
@@ -190,7 +198,8 @@ impl Intake {
         Some(grid)
     }
 
-    /// The mean of a held input over the cell from the next grid instant on, as far as it is known; sample `at` is the last at or before the instant.
+    /// The mean of a held input over the cell from the next grid instant on, as far as it is known;
+    /// sample `at` is the last at or before the instant.
     fn hold(&self, at: usize, u: &mut [f64; MAX_JOINTS]) {
         let end = self.next as f64 + 1.0;
         for pair in self.raw[at..self.len].windows(2) {
@@ -264,8 +273,8 @@ mod tests {
         assert!(grid.len() > 290);
         for (k, value) in grid.iter().enumerate() {
             assert_eq!(value.number, k as i64);
-            // (0.08)⁶/6! · |Π (t − t_j)| ≤ 3.6e-10 · 40 of six samples up to 3.3 apart, more at the start
-            // and stamps are rounded to a nanosecond, 1e-6 of a period, at a slope of 0.08
+            // (0.08)⁶/6! · |Π (t − t_j)| ≤ 3.6e-10 · 40 of six samples up to 3.3 apart, more at the
+            // start and stamps are rounded to a nanosecond, 1e-6 of a period, at a slope of 0.08
             let limit = if k < 4 { 2e-6 } else { 1e-7 };
             assert!(
                 (value.q[0] - q(k as f64)).abs() < limit,

@@ -5,18 +5,22 @@
 //! ∫ ψ (d/dt)^d g dt = (−1)^d ∫ ψ^(d) g dt ≈ Σ_k K_d[k] g(t_k)        K_d[k] = (−1)^d h ψ^(d)(t_k)
 //! ```
 //!
-//! ψ and its first six derivatives vanish at both ends, so the trapezoidal sum is exact up to O((1/W)^8) of ψ's own moments and nothing of g's ends
-//! gets in. What is left of that error is removed: each K_d is corrected to give exactly d/dt^d of every polynomial up to degree d + 1, so that
-//! a constant offset of an encoder, or a constant velocity, does not leak into a derivative. With 25 samples to a window the leak of an offset of
-//! a slow axis would otherwise exceed its friction.
+//! ψ and its first six derivatives vanish at both ends, so the trapezoidal sum is exact up to
+//! O((1/W)^8) of ψ's own moments and nothing of g's ends gets in. What is left of that error is
+//! removed: each K_d is corrected to give exactly d/dt^d of every polynomial up to degree d + 1, so
+//! that a constant offset of an encoder, or a constant velocity, does not leak into a derivative.
+//! With 25 samples to a window the leak of an offset of a slow axis would otherwise exceed its
+//! friction.
 //!
 //! # Input
-//! The recorded input u acts on the plant later by the delay δ: ∫ ψ(t) u(t − δ) dt = ∫ ψ(t + δ) u(t) dt, and in powers of a further delay ε
-//! Y(ε) = Y₀ + ε Y₁ + ε²/2 Y₂ with Y_r = ∫ ψ^(r)(t + δ) u dt.
+//! The recorded input u acts on the plant later by the delay δ: ∫ ψ(t) u(t − δ) dt = ∫ ψ(t + δ)
+//! u(t) dt, and in powers of a further delay ε Y(ε) = Y₀ + ε Y₁ + ε²/2 Y₂ with Y_r = ∫ ψ^(r)(t + δ)
+//! u dt.
 //!
 //! - `Held`: u keeps its value from a sample to the next. ψ is integrated exactly over each cell.
-//! - `Continuous`: the trapezoid, which is right between jumps only. A jump Δ at t_k, after which u_k was recorded, adds −h/2 ψ Δ (the
-//!   mean of both limits belongs into the sum) and h²/12 ψ′ Δ (the Euler-Maclaurin term of the kink that ψu then has).
+//! - `Continuous`: the trapezoid, which is right between jumps only. A jump Δ at t_k, after which
+//!   u_k was recorded, adds −h/2 ψ Δ (the mean of both limits belongs into the sum) and h²/12 ψ′ Δ
+//!   (the Euler-Maclaurin term of the kink that ψu then has).
 
 use nalgebra::{DMatrix, DVector};
 
@@ -29,7 +33,8 @@ pub enum InputTiming {
     /// … held: a sampled controller with zero-order hold.
     #[default]
     Held,
-    /// … continuous except for jumps at sample instants: an analog controller, or a measured voltage, current or force.
+    /// … continuous except for jumps at sample instants: an analog controller, or a measured
+    /// voltage, current or force.
     Continuous,
 }
 
@@ -100,13 +105,15 @@ pub(super) struct Kernels {
     pub position: Vec<Vec<f64>>,
     /// Weights of Y₀, Y₁, Y₂ on the input's samples −`input_half`..=`input_half`.
     pub input: [Vec<f64>; 3],
-    /// What a jump of size 1 that is complete at the sample adds to Y₀, Y₁, Y₂; empty for a held input.
+    /// What a jump of size 1 that is complete at the sample adds to Y₀, Y₁, Y₂; empty for a held
+    /// input.
     pub jump: [Vec<f64>; 3],
 }
 
 impl Kernels {
-    /// Kernels for windows of 2 `half` + 1 samples that are `period_s` \[s\] apart, derivatives up to `order`, and an input that acts
-    /// `delay_s` \[s\] after it was recorded. `half` ≥ 4, `order` ≤ 5.
+    /// Kernels for windows of 2 `half` + 1 samples that are `period_s` \[s\] apart, derivatives up
+    /// to `order`, and an input that acts `delay_s` \[s\] after it was recorded. `half` ≥ 4,
+    /// `order` ≤ 5.
     pub fn new(half: usize, period_s: f64, order: usize, timing: InputTiming, delay_s: f64) -> Self {
         let bump = Bump::new(order.max(3));
         let width_s = half as f64 * period_s;
@@ -165,7 +172,8 @@ impl Kernels {
     }
 }
 
-/// Makes K_d exact on polynomials up to degree d + 1 by adding the smallest multiples of s^j (1 − s²)^(7−d).
+/// Makes K_d exact on polynomials up to degree d + 1 by adding the smallest multiples of s^j (1 −
+/// s²)^(7−d).
 fn correct_moments(weights: &mut [f64], bump: &Bump, d: usize, half: usize, period_s: f64) {
     let count = d + 2;
     let s = |k: usize| k as f64 / half as f64 - 1.0;
@@ -233,7 +241,8 @@ mod tests {
             let kernels = Kernels::new(half, h, 4, InputTiming::Held, 0.0);
             for d in 0..=4usize {
                 for m in 0..=d + 1 {
-                    // x = (t/Wh)^m; its d-th derivative projected is the projection of the derivative
+                    // x = (t/Wh)^m; its d-th derivative projected is the projection of the
+                    // derivative
                     let unit = half as f64 * h;
                     let got: f64 = (0..=2 * half)
                         .map(|k| kernels.position[d][k] * (k as f64 / half as f64 - 1.0).powi(m as i32))
@@ -260,7 +269,8 @@ mod tests {
 
     #[test]
     fn val_the_projected_derivative_of_a_sine_is_that_of_its_derivative() {
-        // ω = 20 rad/s over a window of 0.1 s: what is left is the trapezoid's error at the ends of ψ‴, where derivatives from the fourth on jump
+        // ω = 20 rad/s over a window of 0.1 s: what is left is the trapezoid's error at the ends of
+        // ψ‴, where derivatives from the fourth on jump
         let (half, h, omega) = (50usize, 1e-3, 20.0);
         let kernels = Kernels::new(half, h, 3, InputTiming::Held, 0.0);
         let project = |d: usize, x: &dyn Fn(f64) -> f64| -> f64 {

@@ -1,7 +1,7 @@
 //! A signal whose lost and wrong samples are made from their neighbours.
 //!
 //! **Lost samples.** Positions come from the polynomial of degree 5 nearest to five samples on
-//! either side; inputs from one of degree 3 where the input is smooth there, else from the straight
+//! either side; inputs from one of degree 3 if the input is smooth there, else from the straight
 //! line across the hole.
 //!
 //! # Weights
@@ -92,7 +92,7 @@ impl MendedSignal {
         }
     }
 
-    /// Replaces the inputs of a run: by a polynomial where the neighbours lie on one, else by the
+    /// Replaces the inputs of a run: by a polynomial if the neighbours lie on one, else by the
     /// straight line across.
     pub fn bridge_input(&mut self, x: &mut [f64], stretch: &Range<usize>, run: Range<usize>, std: f64) {
         let around = Neighbours::new(x, |k| !self.bad[k], stretch, &run, (SIDE, SIDE));
@@ -142,7 +142,7 @@ impl MendedSignal {
         // so that the line is the best guess
         let (a, b) = (around.values[left], around.values[last]);
         let (t_a, t_b) = (around.nodes[left], around.nodes[last]);
-        // what the input does from sample to sample where it does not jump
+        // what the input does from sample to sample if it does not jump
         let step = |k: usize, other: usize| (around.values[k] - around.values[other]).abs();
         let quiet = match (around.left > 1, around.right() > 1) {
             (true, true) => step(0, 1).min(step(last, last + 1)),

@@ -43,17 +43,21 @@ use crate::model::JointSample;
 
 /// A block of samples on its way to being rows: filled sample by sample, then read by an estimator.
 pub trait SampleBlock: Residuals {
-    /// Takes the sample of stream time `t_ns` in; false where the block is full and the sample was not taken.
+    /// Takes the sample of stream time `t_ns` in; false if the block is full and the sample was
+    /// not taken.
     #[must_use]
     fn push(&mut self, t_ns: u64, sample: &JointSample) -> bool;
-    /// Gets the rows of the block ready, with θ̂ as it is before the block: whatever weighs rows is computed here, once per block, because it
-    /// must not follow the fit. To be called after the last `push` of a block and before the rows are read.
+    /// Gets the rows of the block ready, with θ̂ as it is before the block: whatever weighs rows is
+    /// computed here, once per block, because it must not follow the fit. To be called after the
+    /// last `push` of a block and before the rows are read.
     fn prepare(&mut self, _theta: &[f64]) {}
-    /// Samples of the block that were replaced because they were spikes, each signal counted; known after [`prepare`](Self::prepare).
+    /// Samples of the block that were replaced because they were spikes, each signal counted; known
+    /// after [`prepare`](Self::prepare).
     fn replaced(&self) -> u32 {
         0
     }
-    /// What the error `index` of [`suspects`](Residuals::suspects) is, for words; from there on, the drifts of the parameters.
+    /// What the error `index` of [`suspects`](Residuals::suspects) is, for words; from there on,
+    /// the drifts of the parameters.
     fn suspect(&self, _index: usize) -> Option<Suspect<'_>> {
         None
     }
@@ -61,7 +65,8 @@ pub trait SampleBlock: Residuals {
     fn window_s(&self) -> Option<f64> {
         None
     }
-    /// Begins the next block: forgets the rows. Samples that later rows still reach back to are kept.
+    /// Begins the next block: forgets the rows. Samples that later rows still reach back to are
+    /// kept.
     fn clear(&mut self);
     /// Begins a new stream: forgets everything and keeps the room.
     fn reset(&mut self) {

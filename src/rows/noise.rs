@@ -1,16 +1,19 @@
-//! What the sensors do, from the signals themselves, where nobody has told it.
+//! What the sensors do, from the signals themselves, if nobody has told it.
 //!
 //! ```text
-//! Δ⁶x_k = x_k − 6 x_{k−1} + 15 x_{k−2} − 20 x_{k−3} + 15 x_{k−4} − 6 x_{k−5} + x_{k−6}        Var Δ⁶n = 924 σ² for white noise n
+//! Δ⁶x_k = x_k − 6 x_{k−1} + 15 x_{k−2} − 20 x_{k−3} + 15 x_{k−4} − 6 x_{k−5} + x_{k−6}
+//! Var Δ⁶n = 924 σ² for white noise n
 //! σ̂ = median |Δ⁶x| / (0.6745 √924)
 //! ```
 //!
-//! The sixth difference of a motion of ω rad/s is ω⁶h⁶ of it, 3e-7 at 13 Hz and 1 kHz, which leaves the noise alone; the median does not see the few
-//! samples around a jump. The variances of the blocks are averaged, old ones forgotten slowly.
+//! The sixth difference of a motion of ω rad/s is ω⁶h⁶ of it, 3e-7 at 13 Hz and 1 kHz, which leaves
+//! the noise alone; the median does not see the few samples around a jump. The variances of the
+//! blocks are averaged, old ones forgotten slowly.
 //!
-//! **Counts.** Rounding to counts of a size c shows: all differences of consecutive samples are multiples of the smallest one that is not zero. Then
-//! c²/12 is the variance, and c tells where the joint creeps; the differences add what noise there is beside the rounding, from samples that cross
-//! two counts or more each, since a joint at rest shows none.
+//! **Counts.** Rounding to counts of a size c shows: all differences of consecutive samples are
+//! multiples of the smallest one that is not zero. Then c²/12 is the variance, and c tells where
+//! the joint creeps; the differences add what noise there is beside the rounding, from samples that
+//! cross two counts or more each, since a joint at rest shows none.
 
 /// Coefficients of the sixth difference.
 const DIFFERENCE: [f64; 7] = [1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0];
@@ -36,7 +39,8 @@ pub(super) struct SignalNoise {
 }
 
 impl SignalNoise {
-    /// Takes a block of consecutive samples in, but for those that are made up; `scratch` needs room for as many values.
+    /// Takes a block of consecutive samples in, but for those that are made up; `scratch` needs
+    /// room for as many values.
     pub fn learn(&mut self, x: &[f64], made: impl Fn(usize) -> bool, scratch: &mut Vec<f64>) {
         if x.len() < ENOUGH {
             return;
@@ -76,7 +80,7 @@ impl SignalNoise {
         }
     }
 
-    /// Size of a count, 0 where the signal is not rounded.
+    /// Size of a count, 0 if the signal is not rounded.
     pub fn resolution(&self) -> f64 {
         if self.quantised { self.step.unwrap_or(0.0) } else { 0.0 }
     }

@@ -1,7 +1,7 @@
 //! Pointwise rows, the paper's form: each sample gives one row per equation.
 //!
-//! A block keeps what each sample contributes independently of θ and evaluates rows at any θ from it, so that re-linearising a block costs
-//! arithmetic only.
+//! A block keeps what each sample contributes independently of θ and evaluates rows at any θ from
+//! it, so that re-linearising a block costs arithmetic only.
 
 use super::SampleBlock;
 use super::standstill::SlowSamples;
@@ -26,9 +26,11 @@ pub enum InputSource {
     /// The sample's own input.
     #[default]
     Measured,
-    /// The PD law (13) from setpoint, position and velocity, as (27) does it; one controller per joint.
+    /// The PD law (13) from setpoint, position and velocity, as (27) does it; one controller per
+    /// joint.
     ///
-    /// Right for an analog controller only: a sampled one holds u, which (13) at later instants does not see.
+    /// Right for an analog controller only: a sampled one holds u, which (13) at later instants
+    /// does not see.
     Controller([PdController; MAX_JOINTS]),
 }
 
@@ -71,8 +73,9 @@ impl<M: PointwiseModel> PointwiseBlock<M> {
         }
     }
 
-    /// The same, with rows left out at which a joint rests, for the equations of the plant that need it moving; see
-    /// [`Equation::needing_motion`](crate::model::Equation::needing_motion). The velocity must be measured.
+    /// The same, with rows left out at which a joint rests, for the equations of the plant that
+    /// need it moving; see [`Equation::needing_motion`](crate::model::Equation::needing_motion).
+    /// The velocity must be measured.
     #[must_use]
     pub fn leaving_out_standstill(mut self, plant: &impl Plant) -> Self {
         self.slow = SlowSamples::new(plant, self.capacity);

@@ -4,14 +4,16 @@
 //! x̂(s) = Σ_j w_j x(t_j), w_j = Σ_m p_m(s) p_m(t_j)/‖p_m‖²        p_{m+1}(t) = (t − a_m) p_m(t) − b_m p_{m−1}(t)
 //! ```
 //!
-//! p_m are the polynomials that are orthogonal over the samples, from their three-term recurrence: G. E. Forsythe, Generation and Use of Orthogonal
-//! Polynomials for Data-Fitting, J. SIAM 5, 1957. With as many samples as coefficients it interpolates, with more it is the least squares fit.
+//! p_m are the polynomials that are orthogonal over the samples, from their three-term recurrence:
+//! G. E. Forsythe, Generation and Use of Orthogonal Polynomials for Data-Fitting, J. SIAM 5, 1957.
+//! With as many samples as coefficients it interpolates, with more it is the least squares fit.
 
 /// Most samples that a polynomial can be put through.
 pub(super) const MOST: usize = 16;
 
-/// Writes the weights of samples at the instants `nodes`, all different and at most [`MOST`], that give the fitted polynomial of `degree` at `at`. The
-/// degree is lowered to what the samples determine. Instants near 0, in sample periods, keep it accurate.
+/// Writes the weights of samples at the instants `nodes`, all different and at most [`MOST`], that
+/// give the fitted polynomial of `degree` at `at`. The degree is lowered to what the samples
+/// determine. Instants near 0, in sample periods, keep it accurate.
 pub(super) fn weights(nodes: &[f64], degree: usize, at: f64, w: &mut [f64; MOST]) {
     let n = nodes.len().min(MOST);
     let degree = degree.min(n.saturating_sub(1));

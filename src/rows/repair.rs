@@ -31,7 +31,7 @@ pub(super) struct Repair {
     signals: [Vec<MendedSignal>; 2],
     /// False while every sample is as it came.
     touched: bool,
-    /// Samples before this one are made good for good.
+    /// Samples before this one are final.
     done: usize,
     replaced: u32,
     /// Where uninterrupted stretches begin.

@@ -4,22 +4,27 @@
 //! e_k = round(x_k) − x_k,   x_k = x_0 + v k        in counts; v counts per sample
 //! ```
 //!
-//! While a joint crosses counts irregularly, e is white with variance 1/12. Where v is close to a fraction p/n, e is the sum of a pattern
-//! of period n, which no window sees, and of a sawtooth of height 1/n that beats with |n v − p| cycles per sample. All of its energy lies at
-//! that one frequency, and windows pass it if it is low: to them the variance is raised by about (c/beat)/n². A beat that lasts shorter
-//! than its own period is none, so an acceleration of a counts per sample² limits it to about √(n a)/2. n = 1, p = 0 is a joint that
-//! creeps; at 13 bits and 1 kHz a joint at 0.77 rad/s moves by one count per sample, n = 1, p = 1.
+//! While a joint crosses counts irregularly, e is white with variance 1/12. Where v is close to a
+//! fraction p/n, e is the sum of a pattern of period n, which no window sees, and of a sawtooth of
+//! height 1/n that beats with |n v − p| cycles per sample. All of its energy lies at that one
+//! frequency, and windows pass it if it is low: to them the variance is raised by about
+//! (c/beat)/n². A beat that lasts shorter than its own period is none, so an acceleration of a
+//! counts per sample² limits it to about √(n a)/2. n = 1, p = 0 is a joint that creeps; at 13 bits
+//! and 1 kHz a joint at 0.77 rad/s moves by one count per sample, n = 1, p = 1.
 //!
-//! Source: the sawtooth series of the rounding error, B. Widrow and I. Kollár, Quantization Noise, Cambridge University Press, 2008.
+//! Source: the sawtooth series of the rounding error, B. Widrow and I. Kollár, Quantization Noise,
+//! Cambridge University Press, 2008.
 
 /// Cycles per sample below which windows see a beat.
 pub(super) const BEAT: f64 = 0.2;
-/// Most that the variance is raised by: beyond it the rounding hardly changes within a window, and an offset is no noise.
+/// Most that the variance is raised by: beyond it the rounding hardly changes within a window, and
+/// an offset is no noise.
 pub(super) const LIMIT: f64 = 30.0;
 /// Largest n: the fourth sawtooth raises the variance by a factor of two once in a while.
 const FRACTIONS: usize = 3;
 
-/// Factor of the variance of rounding at a velocity \[counts per sample\] and an acceleration \[counts per sample²\], from 1 to 30.
+/// Factor of the variance of rounding at a velocity \[counts per sample\] and an acceleration
+/// \[counts per sample²\], from 1 to 30.
 #[inline]
 pub(super) fn inflation(velocity: f64, acceleration: f64) -> f64 {
     (1..=FRACTIONS)
@@ -50,7 +55,8 @@ mod tests {
 
     #[test]
     fn val_the_power_that_a_window_passes_is_that_of_the_rounding_itself() {
-        // a window of 40 samples, first derivative, on the rounding error of ramps; the mean over starting points is its variance
+        // a window of 40 samples, first derivative, on the rounding error of ramps; the mean over
+        // starting points is its variance
         let half = 20i32;
         let kernel: Vec<f64> = (-half..=half)
             .map(|k| {
@@ -77,7 +83,8 @@ mod tests {
                 / white
         };
         for v in [0.28, 0.72, 1.28] {
-            // two to three digits of a fraction without a small denominator: white to within a factor of two
+            // two to three digits of a fraction without a small denominator: white to within a
+            // factor of two
             assert!(power(v) < 2.0 * inflation(v, 0.0), "{v}: {}", power(v));
         }
         for v in [0.03, 0.98, 2.04] {

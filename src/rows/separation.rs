@@ -1,7 +1,7 @@
 //! Takes a plant's terms apart: what depends on θ, what on the signals.
 //!
 //! ```text
-//! g_{e,d}(q, q̇; θ) = Σ_m μ_m(θ) [ Σ_j a_{d,m,j} q̇_j + b_{d,m}(q, q̇) ]        μ_m ∈ {1, θ_i, θ_i θ_j}
+//! g_{e,d}(q, q̇; θ) = Σ_m μ_m(θ) [ Σ_j a_{d,m,j} q̇_j + b_{d,m}(q, q̇) ]   μ_m ∈ {1, θ_i, θ_i θ_j}
 //! ```
 //!
 //! Terms that are polynomials in θ of degree 2 at most, which the arm's and the servo axis' are,
@@ -296,7 +296,7 @@ impl Separation {
     }
 }
 
-/// The a_j where the coefficient function is Σ a_j q̇_j with constant a_j, and not zero.
+/// The a_j if the coefficient function is Σ a_j q̇_j with constant a_j, and not zero.
 fn constant_slopes(
     plant: &impl Plant,
     equation: usize,

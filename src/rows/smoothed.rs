@@ -1,17 +1,22 @@
-//! The plain fallback: smooth, evaluate the residual sample by sample, and average both sides over windows.
+//! The plain fallback: smooth, evaluate the residual sample by sample, and average both sides over
+//! windows.
 //!
 //! ```text
 //! x̂, x̂′, x̂″, x̂‴     of q at every sample, from a polynomial of order 5 fitted to its neighbours
 //! f_i(θ) = Σ_k ψ_i(k) f(x̂_k, u_k; θ)      φ_i(θ) = Σ_k ψ_i(k) φ(x̂_k; θ)        ψ the bump of the projected form, d = 0
 //! ```
 //!
-//! For residuals that are no sum of time derivatives of terms without acceleration, which the projected form asks for: any [`PointwiseModel`] will do. It differentiates the
-//! measured positions up to three times, so it needs more and better encoder counts for the same result; averaging both sides removes the noise above the window's
-//! bandwidth from the regressors as well as from the residual, without which least squares is biased beyond use. Rows are not whitened: the noise of windows that
-//! overlap by half is nearly independent, of those that overlap more it is not, and deviations come out too small.
+//! For residuals that are no sum of time derivatives of terms without acceleration, which the
+//! projected form asks for: any [`PointwiseModel`] will do. It differentiates the measured
+//! positions up to three times, so it needs more and better encoder counts for the same result;
+//! averaging both sides removes the noise above the window's bandwidth from the regressors as well
+//! as from the residual, without which least squares is biased beyond use. Rows are not whitened:
+//! the noise of windows that overlap by half is nearly independent, of those that overlap more it
+//! is not, and deviations come out too small.
 //!
-//! The same smoothing with one-sided neighbourhoods, and rows without averaging, are what one would try first. Both are here ([`Smoothing`], `window_s = 0`) for
-//! comparison; docs/encoder-results.md has the figures.
+//! The same smoothing with one-sided neighbourhoods, and rows without averaging, are what one would
+//! try first. Both are here ([`Smoothing`], `window_s = 0`) for comparison; docs/encoder-results.md
+//! has the figures.
 
 use super::SampleBlock;
 use super::kernel::{InputTiming, Kernels};
@@ -34,15 +39,18 @@ pub enum Smoothing {
 pub struct SmoothedOptions {
     /// h \[s\], > 0.
     pub sample_period_s: f64,
-    /// Samples on either side that the smoothing uses, 3 to 100; twice as many past ones where it is causal.
+    /// Samples on either side that the smoothing uses, 3 to 100; twice as many past ones if it
+    /// is causal.
     pub half_width: usize,
     /// Zero-phase or causal.
     pub smoothing: Smoothing,
-    /// T of the window that both sides are averaged over \[s\], 8 to 2000 sample periods; 0 for one row per sample.
+    /// T of the window that both sides are averaged over \[s\], 8 to 2000 sample periods; 0 for one
+    /// row per sample.
     pub window_s: f64,
     /// Time from a window to the next \[s\], one sample period to T.
     pub stride_s: f64,
-    /// What the input does between samples; a held one acts half a sample late and is averaged with the sample before.
+    /// What the input does between samples; a held one acts half a sample late and is averaged with
+    /// the sample before.
     pub timing: InputTiming,
 }
 
@@ -91,7 +99,8 @@ impl SmoothedOptions {
     }
 }
 
-/// A window of the open block: position of its centre among the kept samples, and its first and last instant.
+/// A window of the open block: position of its centre among the kept samples, and its first and
+/// last instant.
 #[derive(Debug, Clone, Copy)]
 struct Window {
     centre: usize,
@@ -124,7 +133,8 @@ pub struct SmoothedBlock<M: PointwiseModel> {
 }
 
 impl<M: PointwiseModel> SmoothedBlock<M> {
-    /// An empty block for up to `block_len` samples of `joints` joints; the only place that allocates.
+    /// An empty block for up to `block_len` samples of `joints` joints; the only place that
+    /// allocates.
     ///
     /// # Errors
     /// An option is out of its range.

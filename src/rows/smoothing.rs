@@ -1,30 +1,36 @@
-//! Zero-phase Savitzky-Golay filters: the value and derivatives of the polynomial fitted to a sample and its neighbours on both sides.
+//! Zero-phase Savitzky-Golay filters: the value and derivatives of the polynomial fitted to a
+//! sample and its neighbours on both sides.
 //!
-//! A symmetric filter shifts nothing in time, which is what matters beside an input that is not filtered. Order 5 over 21 samples of 1 ms
-//! follows a resonance of 13 Hz to 0.1 % in velocity; order 3 over 15 samples is off by more than 1 % there.
+//! A symmetric filter shifts nothing in time, which is what matters beside an input that is not
+//! filtered. Order 5 over 21 samples of 1 ms follows a resonance of 13 Hz to 0.1 % in velocity;
+//! order 3 over 15 samples is off by more than 1 % there.
 
 use nalgebra::DMatrix;
 
-/// Weights of samples −`half`..=`half` that give the `derivative`-th derivative at the centre, per sample period to that power.
+/// Weights of samples −`half`..=`half` that give the `derivative`-th derivative at the centre, per
+/// sample period to that power.
 ///
 /// `None` unless `derivative` ≤ `order` < 2 `half` + 1.
 pub fn savitzky_golay(half: usize, order: usize, derivative: usize) -> Option<Vec<f64>> {
     weights(2 * half + 1, half, half, order, derivative)
 }
 
-/// Weights of samples −`past`..=0 that give the `derivative`-th derivative at 0, the newest: what a filter without a view of the future can have.
+/// Weights of samples −`past`..=0 that give the `derivative`-th derivative at 0, the newest: what a
+/// filter without a view of the future can have.
 ///
 /// `None` unless `derivative` ≤ `order` < `past` + 1.
 pub fn one_sided(past: usize, order: usize, derivative: usize) -> Option<Vec<f64>> {
     weights(past + 1, past, past, order, derivative)
 }
 
-/// Weights of samples −`half`..=`half` that give the `derivative`-th derivative of the same polynomial `ahead` samples after the centre, `ahead` ≤ `half`.
+/// Weights of samples −`half`..=`half` that give the `derivative`-th derivative of the same
+/// polynomial `ahead` samples after the centre, `ahead` ≤ `half`.
 pub(super) fn beyond(half: usize, order: usize, derivative: usize, ahead: usize) -> Option<Vec<f64>> {
     weights(2 * half + 1, half + ahead, half, order, derivative)
 }
 
-/// Least squares polynomial through `count` samples, differentiated at sample `at`, with the abscissa in units of `half` samples.
+/// Least squares polynomial through `count` samples, differentiated at sample `at`, with the
+/// abscissa in units of `half` samples.
 fn weights(count: usize, at: usize, half: usize, order: usize, derivative: usize) -> Option<Vec<f64>> {
     if half == 0 || derivative > order || order >= count {
         return None;

@@ -3,7 +3,7 @@
 //! **Spikes.** r_k = x_k − (15 (x_{k−1} + x_{k+1}) − 6 (x_{k−2} + x_{k+2}) + x_{k−3} + x_{k+3})/20
 //! is the sixth difference over −20: next to nothing of a motion, 1.52 σ of white noise, and all of
 //! a spike. Where it exceeds eight standard deviations, known or taken from its median, the samples
-//! that lie off the robust trend of their neighbours are left out, and are spikes where what
+//! that lie off the robust trend of their neighbours are left out, and are spikes if what
 //! remains on *both* sides is one smooth curve that they are far off: six times as far as any of
 //! its own samples. At a step of a setpoint the two sides do not fit to one curve, a saturated
 //! input has no single samples, and noise of any size fits itself. A signal with more than 5 % of

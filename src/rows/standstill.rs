@@ -4,25 +4,31 @@
 //! f(t; θ) = s u − F sign q̇ − …        holds while q̇ ≠ 0; at rest friction is anything within ±F
 //! ```
 //!
-//! `sign 0 = 0`, but a joint that sticks carries whatever force acts on it. A row over a standstill would take that force for missing friction, by
-//! tens of per cent where a machine rests between its moves. So such rows are left out, of the equations that need the joint to move only.
+//! `sign 0 = 0`, but a joint that sticks carries whatever force acts on it. A row over a standstill
+//! would take that force for missing friction, by tens of per cent if a machine rests between
+//! its moves. So such rows are left out, of the equations that need the joint to move only.
 //!
 //! # Rest and reversal
-//! A reversal passes through zero without resting and belongs in: it tells friction from everything else. The velocity alone cannot tell the two
-//! apart, for its sign at rest is that of noise. Positions can: let t₁ be the time that q stays within W of its resting value, t₉ that within
-//! 9 W. A reversal at an acceleration a has t₁ = 2√(2W/a) and t₉ = 3 t₁, a joint that creeps through t₉ = 9 t₁, and one that rests
-//! for a time t between a deceleration and an acceleration of any size
+//! A reversal passes through zero without resting and belongs in: it tells friction from everything
+//! else. The velocity alone cannot tell the two apart, for its sign at rest is that of noise.
+//! Positions can: let t₁ be the time that q stays within W of its resting value, t₉ that within 9
+//! W. A reversal at an acceleration a has t₁ = 2√(2W/a) and t₉ = 3 t₁, a joint that creeps through
+//! t₉ = 9 t₁, and one that rests for a time t between a deceleration and an acceleration of any
+//! size
 //!
 //! ```text
 //! t₁ = t + τ, t₉ = t + 3 τ        t = (3 t₁ − t₉)/2
 //! ```
 //!
-//! W is what rounding and noise alone make of a position at rest. Rests shorter than a twentieth of a window are none.
+//! W is what rounding and noise alone make of a position at rest. Rests shorter than a twentieth of
+//! a window are none.
 //!
 //! # Slow reversals
-//! If a term that is differentiated jumps, as friction does behind a winding's inductance, a reversal is an impulse in the equation, and its instant
-//! counts: at an acceleration a the sign of a velocity with the noise σ changes σ/a too early or too late, and many times. There a joint that stays
-//! within W for a fifth of a window is left out as if it rested, so that only reversals whose instant is known remain.
+//! If a term that is differentiated jumps, as friction does behind a winding's inductance, a
+//! reversal is an impulse in the equation, and its instant counts: at an acceleration a the sign of
+//! a velocity with the noise σ changes σ/a too early or too late, and many times. There a joint
+//! that stays within W for a fifth of a window is left out as if it rested, so that only reversals
+//! whose instant is known remain.
 
 use super::noise::SignalNoise;
 use super::whitening::Whitening;
@@ -33,17 +39,21 @@ use std::ops::Range;
 const SHORTEST: f64 = 0.05;
 /// Samples that a rest must last at least.
 const FEWEST: usize = 4;
-/// Weight of resting samples in a row from which on the row is left out: a stuck joint may falsify the friction in it by twice this share. That is
-/// below the noise of any row; the tapered ends of a window may still lie over a rest, the first and last 6 % of it.
+/// Weight of resting samples in a row from which on the row is left out: a stuck joint may falsify
+/// the friction in it by twice this share. That is below the noise of any row; the tapered ends of
+/// a window may still lie over a rest, the first and last 6 % of it.
 const SPOILT: f64 = 1e-6;
 /// Standard deviations between the smallest and the largest of some hundred noisy values.
 const RANGE: f64 = 6.0;
-/// Share of a window that a joint may stay at its turning point, if a derivative of the equation jumps there.
+/// Share of a window that a joint may stay at its turning point, if a derivative of the equation
+/// jumps there.
 const SLOW: f64 = 0.2;
-/// Change of a term over a change of the velocity from −δ to δ, as a share of its size, that counts as a jump.
+/// Change of a term over a change of the velocity from −δ to δ, as a share of its size, that counts
+/// as a jump.
 const JUMP: f64 = 0.01;
 
-/// For each equation, the joints (bit j) that it needs moving: those that it names, and those at whose reversal one of its terms jumps.
+/// For each equation, the joints (bit j) that it needs moving: those that it names, and those at
+/// whose reversal one of its terms jumps.
 pub(super) fn motion_needed<P: Plant>(plant: &P) -> Vec<u32> {
     let named = |e: usize| plant.equations()[e].motion;
     let joints = plant.joints().min(MAX_JOINTS);
@@ -52,12 +62,13 @@ pub(super) fn motion_needed<P: Plant>(plant: &P) -> Vec<u32> {
         .collect()
 }
 
-/// True where a term of the equation jumps as joint `joint` reverses.
+/// True if a term of the equation jumps as joint `joint` reverses.
 fn jumps<P: Plant>(plant: &P, equation: usize, joint: usize) -> bool {
     jumps_from(plant, equation, joint, 0)
 }
 
-/// The same for terms that are differentiated `least` times or more, at one of a few places and parameters.
+/// The same for terms that are differentiated `least` times or more, at one of a few places and
+/// parameters.
 fn jumps_from<P: Plant>(plant: &P, equation: usize, joint: usize, least: usize) -> bool {
     let params = plant.parameters().len().min(MAX_PARAMS);
     let joints = plant.joints().min(MAX_JOINTS);
@@ -109,7 +120,8 @@ pub(super) struct Standstill {
 }
 
 impl Standstill {
-    /// For windows with the weights `psi` and blocks of at most `capacity` samples and `rows` windows.
+    /// For windows with the weights `psi` and blocks of at most `capacity` samples and `rows`
+    /// windows.
     pub fn new<P: Plant>(plant: &P, psi: &[f64], capacity: usize, rows: usize) -> Self {
         let motion = motion_needed(plant);
         let total: f64 = psi.iter().sum();
@@ -139,7 +151,7 @@ impl Standstill {
         }
     }
 
-    /// True where an equation needs the joint moving.
+    /// True if an equation needs the joint moving.
     pub fn concerns(&self, joint: usize) -> bool {
         self.motion.iter().any(|mask| mask >> joint & 1 == 1)
     }
@@ -149,8 +161,8 @@ impl Standstill {
         self.rests[joint].clear();
     }
 
-    /// Looks for the rests of a joint in one uninterrupted stretch of its positions. `resolution` is a count, `noise` the standard deviation
-    /// beside the rounding.
+    /// Looks for the rests of a joint in one uninterrupted stretch of its positions. `resolution`
+    /// is a count, `noise` the standard deviation beside the rounding.
     pub fn look(&mut self, joint: usize, q: &[f64], stretch: Range<usize>, resolution: f64, noise: f64) {
         let shortest = FEWEST.max((SHORTEST * 2.0 * self.half as f64).ceil() as usize);
         let slow = match self.abrupt >> joint & 1 {
@@ -203,15 +215,16 @@ impl Standstill {
         }
     }
 
-    /// True where the row says nothing about the equation.
+    /// True if the row says nothing about the equation.
     #[inline]
     pub fn is_spoilt(&self, equation: usize, row: usize) -> bool {
         self.any && self.spoilt[equation].get(row).is_some_and(|spoilt| *spoilt)
     }
 }
 
-/// Gives the rests in a stretch of positions: every time that they stay within `width` for `shortest` samples, and do not just turn round there.
-/// A reversal counts, too, if it stays there for `slow` samples.
+/// Gives the rests in a stretch of positions: every time that they stay within `width` for
+/// `shortest` samples, and do not just turn round there. A reversal counts, too, if it stays there
+/// for `slow` samples.
 fn find(q: &[f64], stretch: Range<usize>, width: f64, shortest: usize, slow: usize, rest: impl FnMut(usize, usize)) {
     let band = |x: &[f64]| {
         let width = width.max(1e-12 * x[0].abs()).max(f64::MIN_POSITIVE);
@@ -225,8 +238,8 @@ fn find(q: &[f64], stretch: Range<usize>, width: f64, shortest: usize, slow: usi
     find_about(q, stretch, band, shortest, slow, 9.0, rest);
 }
 
-/// Gives the rests in a stretch of a signal. `band` says about which value, and within what of it, some consecutive values may rest; a passage
-/// stays within `far` of that three times as long.
+/// Gives the rests in a stretch of a signal. `band` says about which value, and within what of it,
+/// some consecutive values may rest; a passage stays within `far` of that three times as long.
 fn find_about(
     x: &[f64],
     stretch: Range<usize>,
@@ -261,8 +274,9 @@ fn find_about(
 
 /// The rests of a block of pointwise rows, judged by the measured velocity.
 ///
-/// The band that a velocity at rest keeps to is six standard deviations of its noise, learnt from the signal. A reversal crosses it in t₁ and
-/// three times as much in 3 t₁, so that the same formula tells it from a rest.
+/// The band that a velocity at rest keeps to is six standard deviations of its noise, learnt from
+/// the signal. A reversal crosses it in t₁ and three times as much in 3 t₁, so that the same
+/// formula tells it from a rest.
 #[derive(Debug, Clone)]
 pub(super) struct SlowSamples {
     motion: Vec<u32>,
@@ -274,7 +288,7 @@ pub(super) struct SlowSamples {
 }
 
 impl SlowSamples {
-    /// For blocks of at most `capacity` samples; `None` where every equation holds at rest, too.
+    /// For blocks of at most `capacity` samples; `None` if every equation holds at rest, too.
     pub fn new<P: Plant>(plant: &P, capacity: usize) -> Option<Self> {
         let motion = motion_needed(plant);
         motion.iter().any(|mask| *mask != 0).then(|| Self {
@@ -323,7 +337,7 @@ impl SlowSamples {
         self.resting.clear();
     }
 
-    /// True where the sample says nothing about the equation.
+    /// True if the sample says nothing about the equation.
     #[inline]
     pub fn is_spoilt(&self, equation: usize, index: usize) -> bool {
         self.resting[index] & self.motion[equation] != 0
@@ -355,7 +369,8 @@ mod tests {
     #[test]
     fn prop_a_reversal_is_a_rest_only_while_the_encoder_sees_none_of_it_and_a_pause_in_it_is_one_of_its_length() {
         for acceleration in [0.05_f64, 0.3, 1.0, 5.0, 30.0] {
-            // what the ends within two counts and a half of the rest last: the band is a count wide, and either edge rounds
+            // what the ends within two counts and a half of the rest last: the band is a count
+            // wide, and either edge rounds
             let ends = 2.0 * (2.0 * 2.6e-4 / acceleration).sqrt();
             for pause in [0.0, 0.05, 0.2, 1.0] {
                 let found = rests(&turn(acceleration, pause), 1.01e-4);
@@ -385,7 +400,8 @@ mod tests {
             standstill.look(0, &q, 0..q.len(), 1e-4, 0.0);
             standstill.rests[0].len()
         };
-        // within a count for 2 √(2 W/a): 28 ms at 1 rad/s², 9 ms at 10 rad/s², a fifth of the window are 20 ms
+        // within a count for 2 √(2 W/a): 28 ms at 1 rad/s², 9 ms at 10 rad/s², a fifth of the
+        // window are 20 ms
         assert_eq!((found(&arm, 1.0), found(&arm, 10.0)), (1, 0));
         // an offset has no sign, and needs no motion
         let offset = ExtraTerms {

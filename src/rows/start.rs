@@ -5,13 +5,15 @@
 //! θ_i = β_m for μ_m = θ_i,     θ_i = β_m/θ_j for μ_m = θ_i θ_j
 //! ```
 //!
-//! Products of parameters give the cost of a block more than one minimum: through encoders of 13 bits, an arm that moves smoothly is
-//! explained to within three standard deviations of the noise by a tenth of its length and ten times its inductance. Which minimum
-//! Gauss-Newton ends in depends on the start. With a coefficient of its own for each monomial the problem is linear and has one; θ is
-//! read off the coefficients that are known best, and serves as a second start beside the configured one.
+//! Products of parameters give the cost of a block more than one minimum: through encoders of 13
+//! bits, an arm that moves smoothly is explained to within three standard deviations of the noise
+//! by a tenth of its length and ten times its inductance. Which minimum Gauss-Newton ends in
+//! depends on the start. With a coefficient of its own for each monomial the problem is linear and
+//! has one; θ is read off the coefficients that are known best, and serves as a second start beside
+//! the configured one.
 //!
-//! Source of the overparametrised start: E.-W. Bai, An optimal two-stage identification algorithm for
-//! Hammerstein-Wiener nonlinear systems, Automatica 34 (1998).
+//! Source of the overparametrised start: E.-W. Bai, An optimal two-stage identification algorithm
+//! for Hammerstein-Wiener nonlinear systems, Automatica 34 (1998).
 
 use super::theta_polynomial::{Monomial, Polynomial};
 use crate::estimator::{BlockEstimator, EstimatorOptions, Residuals, Structure};
@@ -21,7 +23,8 @@ use std::ops::Range;
 pub(super) struct Linear<'a, F> {
     /// Number of rows.
     pub rows: usize,
-    /// Residual without any monomial but 1, and the factors of the others: (equation, row, factors) → residual.
+    /// Residual without any monomial but 1, and the factors of the others: (equation, row, factors)
+    /// → residual.
     pub row: F,
     /// Coefficients of each equation.
     pub ranges: &'a [Range<usize>],
@@ -54,7 +57,8 @@ pub(super) struct StartFinder {
 }
 
 impl StartFinder {
-    /// A finder for equations that are polynomials with products in them; `None` for others, which have one minimum or no monomials.
+    /// A finder for equations that are polynomials with products in them; `None` for others, which
+    /// have one minimum or no monomials.
     pub fn new(equations: &[Option<Polynomial>], lower: &[f64], upper: &[f64]) -> Option<Self> {
         let mut monomials = Vec::new();
         let mut ranges = Vec::new();
@@ -84,8 +88,9 @@ impl StartFinder {
         })
     }
 
-    /// Fits the coefficients to the rows and reads θ off them; what they do not tell stays as in `start`. `row` writes the factors of
-    /// the monomials other than 1 and returns the residual without them.
+    /// Fits the coefficients to the rows and reads θ off them; what they do not tell stays as in
+    /// `start`. `row` writes the factors of the monomials other than 1 and returns the residual
+    /// without them.
     pub fn find(&mut self, rows: usize, row: impl Fn(usize, usize, &mut [f64]) -> f64, start: &[f64]) -> &[f64] {
         let zero = [0.0; crate::estimator::MAX_PARAMS];
         self.estimator.restart(&zero[..self.monomials.len()]);

@@ -1,7 +1,7 @@
 //! Errors that a machine may have and its model leaves out: one column of the rows per error.
 //!
 //! ```text
-//! f_i(θ*) = noise + Σ_s a_s d_is            d_is = ∂f_i/∂a_s, the machine has error s with amplitude a_s
+//! f_i(θ*) = noise + Σ_s a_s d_is      d_is = ∂f_i/∂a_s, the machine has error s with amplitude a_s
 //! ```
 //!
 //! | error | column, before it is whitened as the rows are | amplitude a |
@@ -52,7 +52,7 @@ pub struct Considered {
     /// which a tilted base causes, too.
     pub zero_rad: f64,
     /// Eccentricity of each encoder \[rad\], ≥ 0: the amplitude of an error of one period per turn.
-    /// `None` where joints move along lines.
+    /// `None` if joints move along lines.
     pub eccentricity_rad: Option<f64>,
 }
 
@@ -168,12 +168,12 @@ pub(super) struct SuspectColumns {
     inputs: Vec<usize>,
     /// Names of the parameters.
     parameters: Vec<String>,
-    /// [equation][suspect][row], and whitened; empty where the suspect does not touch the equation.
+    /// [equation][suspect][row], and whitened; empty if the suspect does not touch the equation.
     columns: Vec<Vec<Vec<f64>>>,
     white: Vec<Vec<Vec<f64>>>,
     /// Largest root mean square of each joint's input so far.
     sizes: [f64; MAX_JOINTS],
-    /// sat(q̇/v₀), sin q and cos q per joint and sample; empty where no column needs them.
+    /// sat(q̇/v₀), sin q and cos q per joint and sample; empty if no column needs them.
     signs: Vec<Vec<f64>>,
     turns: Vec<[Vec<f64>; 2]>,
     /// Root of the sum of squares of the velocity filter's weights.
@@ -249,7 +249,7 @@ impl SuspectColumns {
         1 + PER_EQUATION * self.inputs.len()
     }
 
-    /// Standard deviation of an error's amplitude, 0 where it is tested only.
+    /// Standard deviation of an error's amplitude, 0 if it is tested only.
     pub fn std(&self, suspect: usize) -> f64 {
         match self.kind(suspect) {
             SuspectKind::InputDelay => self.considered.input_delay_s,
@@ -382,7 +382,7 @@ impl SuspectColumns {
     }
 }
 
-/// True where an equation jumps as a joint begins to move: the model has Coulomb friction, or
+/// True if an equation jumps as a joint begins to move: the model has Coulomb friction, or
 /// something like it.
 fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> bool {
     let theta: Vec<f64> = plant

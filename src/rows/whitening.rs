@@ -152,7 +152,7 @@ impl Whitening {
     }
 }
 
-/// Banded Cholesky factor; false where a pivot is not positive beyond rounding.
+/// Banded Cholesky factor; false if a pivot is not positive beyond rounding.
 fn cholesky(n: usize, bandwidth: usize, matrix: impl Fn(usize, usize) -> f64, factor: &mut [f64]) -> bool {
     let width = bandwidth + 1;
     for i in 0..n {

@@ -38,7 +38,8 @@ pub struct Follower {
     pub deadline_ns: u64,
 }
 
-/// Answers samples with commands until asked to stop, or to the end of the first stream; returns how many it answered.
+/// Answers samples with commands until asked to stop, or to the end of the first stream; returns
+/// how many it answered.
 ///
 /// # Errors
 /// The bus fails.

@@ -1,9 +1,10 @@
-//! Between the identifier's loop and whoever prepares its commands: two queues of fixed size and a board of figures.
+//! Between the identifier's loop and whoever prepares its commands: two queues of fixed size and a
+//! board of figures.
 //!
 //! ```text
 //! desk (a thread of its own) ── ToLoop ──▶ loop: looks once per batch, never within the step
-//!                            ◀─ FromLoop ─
-//!                            ── Board ───▶ memory in use, checkpoints, refusals: copied into each status
+//!                      ◀─ FromLoop ─
+//!                      ── Board ───▶ memory in use, checkpoints, refusals: copied into each status
 //! ```
 //!
 //! What comes over was made by the desk, and goes back to it to be freed.
@@ -181,7 +182,8 @@ impl LoopEnd {
         }
     }
 
-    /// Waits until the journal has everything that took effect, so that who reads of the end of a stream can have read that, too.
+    /// Waits until every applied command is in the journal, so that a reader who sees the end of the
+    /// stream has already received them.
     pub(super) fn settle(&mut self, node: &mut dyn Identifier) {
         let start = Instant::now();
         self.exchange(node);

@@ -5,14 +5,16 @@ use super::{RunError, Shutdown, Stay, TICK};
 use crate::bus::BusError;
 use std::time::{Duration, Instant};
 
-/// How long the samples that came before the request to stop may take: beside a plant that is faster than this process they never end.
+/// How long the samples that came before the request to stop may take: beside a plant that is
+/// faster than this process they never end.
 const LAST_LOOK: Duration = Duration::from_millis(200);
-/// Pause between two rounds over many sessions. An event per sample and robot would cost more than it saves: at 1 kHz each round finds a sample of
-/// nearly every robot.
+/// Pause between two rounds over many sessions. An event per sample and robot would cost more than
+/// it saves: at 1 kHz each round finds a sample of nearly every robot.
 const ROUND: Duration = Duration::from_micros(500);
 
-/// Turns samples into estimates until asked to stop, or to the end of the first stream of each session. A last status follows the last
-/// estimate, after everything that was received has been processed. What fails in one of many sessions ends that one alone. `turned` is called once per
+/// Turns samples into estimates until asked to stop, or to the end of the first stream of each
+/// session. A last status follows the last estimate, after everything that was received has been
+/// processed. What fails in one of many sessions ends that one alone. `turned` is called once per
 /// [`TICK`].
 ///
 /// # Errors
@@ -43,7 +45,8 @@ pub fn run_sessions(
             turned();
         }
         let look = tick && !alone;
-        // Asked before the last look into the queue: what came before the request is processed, as far as time allows.
+        // Asked before the last look into the queue: what came before the request is processed, as
+        // far as time allows.
         let stopping = shutdown.requested();
         let late = stopping && asked.get_or_insert_with(Instant::now).elapsed() >= LAST_LOOK;
         more = false;

@@ -7,8 +7,9 @@
 //! monitor:     wait ─▶ drain ─▶ node.on_estimate, node.on_status ─▶ the caller's sink
 //! ```
 //!
-//! Each loop ends when the process is asked to stop, or with the stream where it was told so. Between a sample's arrival and the
-//! sending of its estimate nothing here allocates, locks or logs.
+//! Each loop ends when the process is asked to stop, or with the stream if it was told so.
+//! Between a sample's arrival and the sending of its estimate nothing here allocates, locks or
+//! logs.
 
 mod controller;
 mod desk;

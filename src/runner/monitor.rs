@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 /// Samples taken in before the other topics are looked at again.
 const BATCH: usize = 4096;
-/// How long samples may lie in their queue, of 4096 by default: a recorder is awake often enough for a million samples a second, and seldom
-/// enough to cost nothing at a thousand.
+/// How long samples may lie in their queue, of 4096 by default: a recorder is awake often enough
+/// for a million samples a second, and seldom enough to cost nothing at a thousand.
 const SAMPLE_TICK: Duration = Duration::from_millis(4);
 
 /// What a monitor is connected to.
@@ -24,7 +24,7 @@ pub struct MonitorPorts {
     pub description: Subscriber<Description>,
     /// What the identifier was told, in.
     pub journal: Subscriber<Journal>,
-    /// Samples in, where they are wanted.
+    /// Samples in, if they are wanted.
     pub samples: Option<SampleSubscriber>,
 }
 
@@ -78,14 +78,16 @@ pub fn run_monitor(
         };
         ports.estimates.wait(pause)?;
         let stopping = shutdown.requested();
-        // A status is read before the estimates and told after them: what it speaks of has arrived then.
+        // A status is read before the estimates and told after them: what it speaks of has arrived
+        // then.
         let mut failure = None;
         let mut last_status = None;
         let mut described = None;
         ports
             .description
             .drain(|description| described = Some(Box::new(*description)))?;
-        // Names that do not fit are found before a number stands under them; later the first estimate tells.
+        // Names that do not fit are found before a number stands under them; later the first
+        // estimate tells.
         if let Some(description) = described
             && node.blocks() == 0
             && !node.is_described_by(&description)
@@ -108,7 +110,8 @@ pub fn run_monitor(
         if let Some(status) = last_status {
             node.on_status(&status);
         }
-        // The identifier tells the end after it has taken in the last sample, so that one has arrived here, too.
+        // The identifier tells the end after it has taken in the last sample, so that one has
+        // arrived here, too.
         let ending = stopping || (stay == Stay::UntilEnd && node.is_complete());
         if let Some(samples) = &mut ports.samples {
             // The event is not what this waits for; it is emptied, so that it does not pile up.

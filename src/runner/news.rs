@@ -15,7 +15,8 @@ pub(super) struct News {
 }
 
 impl News {
-    /// The log gives the length of windows that are chosen from the signals whenever it changes, once samples have come.
+    /// The log gives the length of windows that are chosen from the signals whenever it changes,
+    /// once samples have come.
     pub(super) fn window(&mut self, node: &dyn Identifier) {
         let window_s = node.window_s().filter(|_| node.status().estimates > 0);
         if window_s.is_some() && window_s != self.window_s {

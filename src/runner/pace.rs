@@ -2,7 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-/// Further behind than this, the process was stopped or the machine is too slow: the schedule starts anew instead of a burst.
+/// Further behind than this, the process was stopped or the machine is too slow: the schedule
+/// starts anew instead of a burst.
 const MAX_LAG: Duration = Duration::from_millis(500);
 
 /// When samples are due.
@@ -25,7 +26,8 @@ pub struct PaceReport {
 }
 
 impl Pace {
-    /// A pace of `factor` stream seconds per second, finite and positive; `None` for as fast as possible.
+    /// A pace of `factor` stream seconds per second, finite and positive; `None` for as fast as
+    /// possible.
     pub fn new(factor: Option<f64>) -> Self {
         Self {
             factor,
@@ -34,12 +36,13 @@ impl Pace {
         }
     }
 
-    /// True where nothing is ever waited for.
+    /// True if nothing is ever waited for.
     pub fn is_max(&self) -> bool {
         self.factor.is_none()
     }
 
-    /// How long until the sample of stream time `t_ns` is due; `None` where it is due. The first one asked for is due at once.
+    /// How long until the sample of stream time `t_ns` is due; `None` if it is due. The first
+    /// one asked for is due at once.
     pub fn pause(&mut self, t_ns: u64, now: Instant) -> Option<Duration> {
         let factor = self.factor?;
         let (wall, stream_ns) = *self.anchor.get_or_insert((now, t_ns));

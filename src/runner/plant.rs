@@ -31,7 +31,7 @@ pub trait SampleSource {
     fn command(&mut self, _command: &MachineCommand) {}
     /// Lets go of a command that is too old.
     fn forget_late_command(&mut self) {}
-    /// When the last sample given is due \[ns of stream time\], where that is not its time stamp.
+    /// When the last sample given is due \[ns of stream time\], if that is not its time stamp.
     fn due_ns(&self) -> Option<u64> {
         None
     }
@@ -39,7 +39,7 @@ pub trait SampleSource {
     fn position(&self) -> u64;
     /// Samples of the whole stream, as far as it is known.
     fn len(&self) -> u64;
-    /// True where there is no sample at all.
+    /// True if there is no sample at all.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -80,7 +80,8 @@ pub struct CommandPort {
 }
 
 impl CommandPort {
-    /// A port; with a `limit` the machine waits so long for the answer to each sample, as in lockstep.
+    /// A port; with a `limit` the machine waits so long for the answer to each sample, as in
+    /// lockstep.
     pub fn new(commands: Subscriber<MachineCommand>, limit: Option<Duration>) -> Self {
         Self {
             commands,
@@ -101,7 +102,8 @@ impl CommandPort {
         Ok(())
     }
 
-    /// Waits for the answer to a sample, so that a simulation faster than real time is controlled as a real one is.
+    /// Waits for the answer to a sample, so that a simulation faster than real time is controlled
+    /// as a real one is.
     fn await_answer(
         &mut self,
         sample: &Sample,
@@ -133,7 +135,8 @@ impl CommandPort {
     }
 }
 
-/// Publishes the stream of `node`, from its first sample to the one flagged `END`. A stop makes the next sample the last one.
+/// Publishes the stream of `node`, from its first sample to the one flagged `END`. A stop makes the
+/// next sample the last one.
 ///
 /// # Errors
 /// The bus fails, no consumer comes in lockstep, or the source ends before its time.

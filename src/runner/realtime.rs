@@ -1,4 +1,5 @@
-//! Scheduling, CPUs and memory of the calling thread and its process, as far as the system grants them.
+//! Scheduling, CPUs and memory of the calling thread and its process, as far as the system grants
+//! them.
 
 use crate::config::RealtimeSettings;
 use crate::messages::RealtimeStatus;
@@ -16,8 +17,9 @@ const PRIORITY_REFUSED: u32 = 1 << 0;
 const AFFINITY_REFUSED: u32 = 1 << 1;
 const MEMORY_REFUSED: u32 = 1 << 2;
 
-/// Asks for the settings, for the calling thread and, of memory, for its process. What the system refuses is logged with what would help,
-/// and missing in the answer. To be called when everything is made: threads that are started later inherit CPUs and priority.
+/// Asks for the settings, for the calling thread and, of memory, for its process. What the system
+/// refuses is logged with what would help, and missing in the answer. To be called when everything
+/// is made: threads that are started later inherit CPUs and priority.
 pub fn apply_realtime(settings: &RealtimeSettings) -> RealtimeStatus {
     let mut granted = RealtimeStatus::default();
     if !settings.cpu_affinity.is_empty() {

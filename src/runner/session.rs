@@ -9,7 +9,8 @@ use crate::messages::{ErrorCode, Estimate, LastError, RealtimeStatus, State, Sta
 use crate::node::identifier::Identifier;
 use std::time::{Duration, Instant};
 
-/// Samples taken in before the clock, the desk and the signals are looked at again: each of them may be a block, and take a millisecond.
+/// Samples taken in before the clock, the desk and the signals are looked at again: each of them
+/// may be a block, and take a millisecond.
 const BATCH: usize = 64;
 /// How long the publishers stay for subscribers that have not read the end yet.
 const LINGER: Duration = Duration::from_secs(5);
@@ -42,7 +43,8 @@ pub(super) enum Turn {
     Empty,
 }
 
-/// A robot that is being identified. It owns everything that this takes, so that a process can have any number of them.
+/// A robot that is being identified. It owns everything that this takes, so that a process can have
+/// any number of them.
 pub struct Session {
     /// Says in the log which of many robots a line is about.
     span: tracing::Span,
@@ -153,8 +155,9 @@ impl Session {
         Ok(())
     }
 
-    /// Gives the last messages to whoever has come since. True once it need not stay: after two ticks for anybody to connect nobody reads, or one who read has
-    /// left, or the process is asked to stop; at once after a failure, so that the others stay as long as they need.
+    /// Gives the last messages to whoever has come since. True once it need not stay: after two
+    /// ticks for anybody to connect nobody reads, or one who read has left, or the process is asked
+    /// to stop; at once after a failure, so that the others stay as long as they need.
     pub(super) fn linger(&mut self, waited: Duration, stopping: bool) -> Result<bool, BusError> {
         if self.has_failed {
             return Ok(true);

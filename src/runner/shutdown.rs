@@ -1,7 +1,9 @@
-//! SIGINT, SIGTERM and SIGHUP: the first asks to finish, a second one some time later ends the process.
+//! SIGINT, SIGTERM and SIGHUP: the first asks to finish, a second one some time later ends the
+//! process.
 //!
-//! Signals often come in a bunch that means one request: `timeout` signals a process and then its group, a terminal the whole job, and
-//! the kernel tells of a launcher's death once for each of its threads. What comes within [`TOGETHER`] of the first is the same request.
+//! Signals often come in a bunch that means one request: `timeout` signals a process and then its
+//! group, a terminal the whole job, and the kernel tells of a launcher's death once for each of its
+//! threads. What comes within [`TOGETHER`] of the first is the same request.
 
 use super::RunError;
 use nix::sys::signal::{SigSet, Signal};
@@ -12,7 +14,8 @@ use std::time::{Duration, Instant};
 /// Exit code after a second signal.
 const SECOND_SIGNAL: i32 = 130;
 
-/// Signals this soon after the first belong to it. A bunch is sent within microseconds, but its sender may lose the processor in between.
+/// Signals this soon after the first belong to it. A bunch is sent within microseconds, but its
+/// sender may lose the processor in between.
 pub const TOGETHER: Duration = Duration::from_millis(500);
 
 /// Whether this process has been asked to stop.
@@ -25,8 +28,8 @@ impl Shutdown {
         Self::default()
     }
 
-    /// One that follows the process's signals; once per process. A signal that comes later than `together` after the first one
-    /// ends the process with exit code 130.
+    /// One that follows the process's signals; once per process. A signal that comes later than
+    /// `together` after the first one ends the process with exit code 130.
     ///
     /// # Errors
     /// The system refuses to handle signals, or they are handled already.
@@ -46,7 +49,8 @@ impl Shutdown {
             }
         })
         .map_err(|e| RunError::Signals(e.to_string()))?;
-        // The handler's thread gets them; in this one and those that it starts a signal would break off a wait of the bus as a failure.
+        // The handler's thread gets them; in this one and those that it starts a signal would break
+        // off a wait of the bus as a failure.
         signals.thread_block().map_err(failed)?;
         Ok(this)
     }

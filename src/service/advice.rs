@@ -37,7 +37,8 @@ impl Advisor {
         if self.window_s.is_none() {
             return;
         }
-        // A recorded number of joints is whatever a file says; the node refuses those samples, and so does this.
+        // A recorded number of joints is whatever a file says; the node refuses those samples, and
+        // so does this.
         if sample.joints as usize != self.joints {
             return;
         }

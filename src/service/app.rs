@@ -1,11 +1,13 @@
-//! The whole command line, for the models of this library and for those that a program brings along.
+//! The whole command line, for the models of this library and for those that a program brings
+//! along.
 //!
 //! ```text
 //! run ─┬─ plant ── sample ──▶ identifier ── estimate ──▶ monitor ─▶ result table, files
 //!      └─ one signal, one result
 //! ```
 //!
-//! The three roles are the same program, so that `run` finds everything that it needs, a user's own model included.
+//! The three roles are the same program, so that `run` finds everything that it needs, a user's own
+//! model included.
 
 use super::args::BUILT_IN;
 use super::{
@@ -38,7 +40,8 @@ enum Command {
     /// Identify off line from a recording or a log
     #[command(after_help = EXIT_CODES)]
     Identify(IdentifyArgs),
-    /// Design a motion for the identification of a robot, and predict how well each parameter will be known
+    /// Design a motion for the identification of a robot, and predict how well each parameter will
+    /// be known
     #[command(after_help = EXIT_CODES)]
     Excite(ExciteArgs),
     /// Find the gains of a robot's drives from logs without load and with a known one
@@ -47,13 +50,14 @@ enum Command {
     /// Write the URDF of a robot with what was identified of it
     #[command(after_help = EXIT_CODES)]
     Urdf(UrdfArgs),
-    /// Publish a recording's samples again; identifier and monitor follow as ever
+    /// Publish a recording's samples again; identifier and monitor take them as those of a plant
     #[command(after_help = EXIT_CODES)]
     Replay(ReplayArgs),
     /// Make figures and a page of a run that was recorded
     #[command(after_help = EXIT_CODES)]
     Report(ReportArgs),
-    /// Write a recording's samples as CSV, units in the header; `identify` reads it back to the same bits
+    /// Write a recording's samples as CSV, units in the header; `identify` reads it back to the
+    /// same bits
     #[command(after_help = EXIT_CODES)]
     Export(ExportArgs),
     /// Pause, resume, reset, tune, fix, free, save or describe a running identifier
@@ -105,7 +109,8 @@ enum ConfigCommand {
         /// Override a key, as the programs do; repeatable
         #[arg(long, value_name = "SECTION.KEY=VALUE")]
         set: Vec<String>,
-        /// Say which parameters of a robot this motion can tell: a file of `thetabus excite`, or a log
+        /// Say which parameters of a robot this motion can tell: a file of `thetabus excite`, or a
+        /// log
         #[arg(long, value_name = "MOTION.csv")]
         motion: Option<PathBuf>,
         /// Result of an identification, whose misfit is expected with --motion
@@ -142,9 +147,11 @@ enum ConfigCommand {
 /// }
 /// ```
 ///
-/// A program with models of its own begins with the first of them, configured as `config/own_plant.toml` says: rows from positions and inputs, so that
-/// nothing else has to be measured. `run` simulates its equations, see section `[plant.model]`; a machine of your own publishes instead if you start
-/// `identifier` and `monitor` beside it. What the programs refuse ends with exit code 2 and the reason on standard error.
+/// A program with models of its own begins with the first of them, configured as
+/// `config/own_plant.toml` says: rows from positions and inputs, so that nothing else has to be
+/// measured. `run` simulates its equations, see section `[plant.model]`; a machine of your own
+/// publishes instead if you start `identifier` and `monitor` beside it. What the programs refuse
+/// ends with exit code 2 and the reason on standard error.
 pub fn app(catalog: Catalog) -> ExitCode {
     let matches = Program::command().bin_name(program_name()).get_matches();
     let command = match Program::from_arg_matches(&matches) {

@@ -1,4 +1,5 @@
-//! Command lines. What overrides the configuration becomes an argument of its loader, so that one place checks everything.
+//! Command lines. What overrides the configuration becomes an argument of its loader, so that one
+//! place checks everything.
 
 use super::{Failure, cell};
 use crate::bus::{Domain, ICEORYX2_VERSION, Limits};
@@ -17,7 +18,8 @@ pub static VERSION: LazyLock<String> = LazyLock::new(|| {
     )
 });
 
-/// The configuration that every program takes if no file is named; what a program with models of its own lays below is `own_plant`.
+/// The configuration that every program takes if no file is named; what a program with models of
+/// its own lays below is `own_plant`.
 pub(super) const BUILT_IN: &str = "encoder_only";
 
 /// Form of the logs on standard error.
@@ -33,7 +35,8 @@ pub enum LogFormat {
 /// What all programs understand.
 #[derive(Debug, Clone, Default, Args)]
 pub struct CommonArgs {
-    /// Configuration file; repeated, later files win key by key. Without one config/encoder_only.toml, which is built in
+    /// Configuration file; repeated, later files win key by key. Without one
+    /// config/encoder_only.toml, which is built in
     #[arg(long, value_name = "FILE")]
     pub config: Vec<PathBuf>,
     /// Override a key of the configuration, e.g. --set estimator.block_len=950; repeatable
@@ -114,15 +117,17 @@ impl CommonArgs {
         }
     }
 
-    /// The configuration: built-in defaults, `sources`, the files, `--set`, then what the command line says with words of its own. With
-    /// neither sources nor files it is [`BUILT_IN`], so that programs which are started one by one mean the same as `thetabus run`.
+    /// The configuration: built-in defaults, `sources`, the files, `--set`, then what the command
+    /// line says with words of its own. With neither sources nor files it is [`BUILT_IN`], so that
+    /// programs which are started one by one mean the same as `thetabus run`.
     pub(super) fn load(&self, sources: Vec<Source>, own: &[(&str, Option<String>)]) -> Result<Config, Failure> {
         let config = self.load_quietly(sources, own)?;
         self.warn(&config);
         Ok(config)
     }
 
-    /// The configurations of all robots that this process is for: those of the `[[robot]]` entries, or the one of files without any.
+    /// The configurations of all robots that this process is for: those of the `[[robot]]` entries,
+    /// or the one of files without any.
     pub(super) fn load_robots(&self, own: &[(&str, Option<String>)]) -> Result<Vec<Config>, Failure> {
         let configs = self.load_robots_quietly(own)?;
         configs.first().into_iter().for_each(|config| self.warn(config));

@@ -1,9 +1,10 @@
-//! `thetabus bench`: what the bus and the identifier add, beside iceoryx2 alone and the kernel alone, on this machine and now.
+//! `thetabus bench`: what the bus and the identifier add, beside iceoryx2 alone and the kernel
+//! alone, on this machine and now.
 //!
 //! ```text
 //! iceoryx2 alone      ping ──▶ process ──▶ pong                 one hop: from sending to the woken reader
 //! publish→receive     plant at 1 kHz ──▶ this process            the same with the topic `sample`
-//! sample→estimate     plant ──▶ identifier ──▶ this process      from sending a block's last sample to having its estimate
+//! sample→estimate     plant ──▶ identifier ──▶ this process      from a block's last sample to its estimate
 //! jitter              a thread that sleeps to the next millisecond, and cyclictest if it is installed
 //! ```
 
@@ -93,7 +94,8 @@ impl Drop for Part {
     }
 }
 
-/// One-way times of a message that iceoryx2 alone carries to another process and back, a thousand times a second \[ns\].
+/// One-way times of a message that iceoryx2 alone carries to another process and back, a thousand
+/// times a second \[ns\].
 fn ping_pong(domain: &Domain, duration: Duration, shutdown: &Shutdown) -> Result<Vec<u64>, Failure> {
     let bus = Bus::join(domain, "bare", "bench")?;
     let mut link = BareLink::new(&bus, End::Near)?;
@@ -220,7 +222,8 @@ fn live(domain: &Domain, duration: Duration, shutdown: &Shutdown) -> Result<Live
     Ok(live)
 }
 
-/// Receives estimates on a thread of its own, as a controller does: stream time of the last sample, and when the estimate came \[ns\].
+/// Receives estimates on a thread of its own, as a controller does: stream time of the last sample,
+/// and when the estimate came \[ns\].
 fn estimates(domain: Domain, done: Shutdown) -> JoinHandle<Result<Vec<(u64, u64)>, Failure>> {
     std::thread::spawn(move || {
         let bus = Bus::join(&domain, "arm", "bench_estimates")?;
@@ -253,7 +256,8 @@ fn sleeper(duration: Duration, shutdown: &Shutdown) -> Vec<u64> {
     late
 }
 
-/// What cyclictest shows of a thread of normal priority, in its histogram \[ns\]; `None` if it is not installed.
+/// What cyclictest shows of a thread of normal priority, in its histogram \[ns\]; `None` if it is
+/// not installed.
 fn cyclictest(duration: Duration) -> Option<Vec<u64>> {
     let loops = duration.as_millis().to_string();
     let output = Command::new("cyclictest")

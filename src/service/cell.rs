@@ -57,7 +57,8 @@ pub(super) fn robots(files: &[PathBuf]) -> Result<Option<Vec<String>>, Failure> 
     Ok(None)
 }
 
-/// The sources of one robot: these files, and in the place of one with `[[robot]]` entries the entry's own file below what all share.
+/// The sources of one robot: these files, and in the place of one with `[[robot]]` entries the
+/// entry's own file below what all share.
 ///
 /// # Errors
 /// A wrong entry, or a robot that is not named, or not there.
@@ -103,7 +104,8 @@ fn pick(path: &Path, robots: Vec<Robot>, wanted: Option<&str>) -> Result<Robot, 
     })
 }
 
-/// The robots of a file; `None` for one without entries, and for what is no TOML: the ordinary loader reports that.
+/// The robots of a file; `None` for one without entries, and for what is no TOML: the ordinary
+/// loader reports that.
 fn read(path: &Path) -> Result<Option<Vec<Robot>>, Failure> {
     let small = std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() <= 1 << 20);
     let text = match small {

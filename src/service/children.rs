@@ -1,13 +1,15 @@
 //! The processes of a run: started in order, watched, started again, ended.
 //!
-//! A signal is passed on to the plant alone, once: it flags its next sample END, and the others end as ever. Who does not within
-//! the grace time gets a signal of its own, and SIGKILL after that. The children follow a launcher that dies.
+//! A signal is passed on to the plant alone, once: it flags its next sample END, and the others end
+//! after it. Any child still running after the grace period receives SIGTERM, then SIGKILL. If the
+//! launcher dies, its children terminate too.
 //!
-//! A process that ends before the plant's END without having been asked to by the launcher has failed, even if a signal of somebody else
-//! ended it in good order.
+//! A process that ends before the plant's END without having been asked to by the launcher has
+//! failed, even if a signal of somebody else ended it in good order.
 //!
-//! A process that fails is started again where `supervision.restarts` allows it. The plant then begins a new stream, the identifier goes
-//! on with the next whole block, the monitor appends to its files. Something is lost with each, so the run ends with exit code 3.
+//! A process that fails is started again if `supervision.restarts` allows it. The plant then
+//! begins a new stream, the identifier goes on with the next whole block, the monitor appends to
+//! its files. Something is lost with each, so the run ends with exit code 3.
 
 use super::exit::INTERRUPTED;
 use super::progress::Progress;
@@ -37,7 +39,8 @@ const GRACE: Duration = Duration::from_secs(10);
 const SIGNAL_GRACE: Duration = Duration::from_secs(5);
 /// How long the others may take to end by themselves once one has failed.
 const FAILURE_GRACE: Duration = Duration::from_secs(2);
-/// A signal that ends the launcher's child may be one that the launcher gets, too, an instant later: a job or a service that is ended as a whole.
+/// A signal that ends the launcher's child may be one that the launcher gets, too, an instant
+/// later: a job or a service that is ended as a whole.
 const SIGNALS_MEET: Duration = Duration::from_millis(300);
 /// Last lines of a failed child that are shown again.
 const LAST_LINES: usize = 8;
@@ -128,7 +131,7 @@ impl Children {
         Ok(children)
     }
 
-    /// Waits for the end; true where a child says that data were lost.
+    /// Waits for the end; true if a child says that data were lost.
     pub(super) fn supervise(
         &mut self,
         plan: &Plan,
@@ -270,7 +273,8 @@ impl Process {
             .arg(std::process::id().to_string())
             .arg("--log-format")
             .arg(logging::format_name(plan.log_format))
-            // A group of its own: Ctrl-C on the terminal reaches the launcher alone, which passes it on once.
+            // A group of its own: Ctrl-C on the terminal reaches the launcher alone, which passes
+            // it on once.
             .process_group(0)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
@@ -341,7 +345,7 @@ impl Process {
         })
     }
 
-    /// Decides once about a process that failed; `allowed` is false where the run is ending anyway.
+    /// Decides once about a process that failed; `allowed` is false if the run is ending anyway.
     fn plan_restart(&mut self, allowed: bool) {
         if !allowed {
             self.due = None;

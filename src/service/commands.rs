@@ -1,4 +1,5 @@
-//! From a request to a change of the node: the one place that knows what a command means, for a running identifier and for a recording alike.
+//! From a request to a change of the node: the one place that knows what a command means, for a
+//! running identifier and for a recording alike.
 
 use super::Failure;
 use super::wiring::{fresh_estimator, identifier_node, identity};
@@ -38,8 +39,8 @@ const TUNABLES: [(&str, fn(&Config) -> Option<f64>); 11] = [
     }),
 ];
 
-/// The longest block that a running identifier makes room for \[samples\]: some 500 bytes each for the arm with a window every
-/// 20 samples, more for more joints and windows.
+/// The longest block that a running identifier makes room for \[samples\]: some 500 bytes each for
+/// the arm with a window every 20 samples, more for more joints and windows.
 const LONGEST_LIVE_BLOCK: usize = 500_000;
 
 /// Makes changes out of requests; follows the configuration as tunables are set.
@@ -49,7 +50,8 @@ pub(super) struct Commands {
     before: Option<Config>,
     /// The stream that tunables were set for, and the configuration that holds again after it.
     bound: Option<(u32, Config)>,
-    /// The longest N that may be asked for: blocks as long as this one has room for at its start are no surprise.
+    /// The longest N that may be asked for: blocks as long as this one has room for at its start
+    /// are no surprise.
     longest_block: usize,
     identity: Identity,
     parts: Parts,
@@ -99,7 +101,8 @@ impl Commands {
         }
     }
 
-    /// A request for one stream alone: another one that tunables were set for is over when the first sample of this one comes.
+    /// A request for one stream alone: another one that tunables were set for is over when the
+    /// first sample of this one comes.
     fn enter_stream(&mut self, tag: u32) {
         if let Some(other) = self
             .bound

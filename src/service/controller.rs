@@ -7,10 +7,12 @@ use crate::config::FeedForward;
 use crate::control::{AdaptiveFeedForward, Trajectory};
 use crate::runner::{ControllerPorts, Follower, Shutdown, run_controller};
 
-/// Sends feed-forward along the configured setpoints, from estimates or from fixed values, until it is asked to stop.
+/// Sends feed-forward along the configured setpoints, from estimates or from fixed values, until it
+/// is asked to stop.
 ///
 /// # Errors
-/// A configuration without a controller or with setpoints that jump, a second controller of this robot, a bus that fails.
+/// A configuration without a controller or with setpoints that jump, a second controller of this
+/// robot, a bus that fails.
 pub fn run(args: &ControllerArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let common = &args.common;
     child::follow_launcher(common)?;

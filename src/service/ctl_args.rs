@@ -83,7 +83,8 @@ pub enum CtlCommand {
             allow_negative_numbers = true
         )]
         com: Option<Vec<f64>>,
-        /// Its inertia about the centre of mass, in kg m^2; without it, that of a ball of light metal
+        /// Its inertia about the centre of mass, in kg m^2; without it, that of a ball of light
+        /// metal
         #[arg(
             long,
             value_name = "XX,XY,YY,XZ,YZ,ZZ",

@@ -1,5 +1,5 @@
-//! The identifier's desk: a thread that answers requests, prepares commands, keeps the journal, writes checkpoints and looks at the clock, so that
-//! the loop need not.
+//! The identifier's desk: a thread that answers requests, prepares commands, keeps the journal,
+//! writes checkpoints and looks at the clock, so that the loop need not.
 
 use super::Failure;
 use super::desk_work::{LOOK, Work};
@@ -15,7 +15,8 @@ use std::sync::mpsc::sync_channel;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Requests answered in a row: clients that ask without a pause must not keep the desk from its checkpoints, nor from its end.
+/// Requests answered in a row: clients that ask without a pause must not keep the desk from its
+/// checkpoints, nor from its end.
 const ROUND: usize = 64;
 
 /// A desk at work.

@@ -19,10 +19,11 @@ use std::time::{Duration, Instant};
 
 /// How often the desk looks around when nobody asks for anything.
 pub(super) const LOOK: Duration = Duration::from_millis(20);
-/// How long the loop may take for an answer: it looks once per idle tick, and once per batch when it is busy.
+/// How long the loop may take for an answer: it looks once per idle tick, and once per batch when
+/// it is busy.
 const LOOP_ANSWERS: Duration = Duration::from_secs(2);
-/// Lines per period about refusals, about commands that were dropped, and about commands, whoever asks. The journal has all that took
-/// effect.
+/// Lines per period about refusals, about commands that were dropped, and about commands, whoever
+/// asks. The journal has all that took effect.
 const LINES: (u64, u64, u64) = (1, 1, 50);
 const LINES_PERIOD: Duration = Duration::from_secs(1);
 /// Period of the look at the memory in use.

@@ -38,7 +38,7 @@ pub fn run(args: &DoctorArgs) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// What was removed, where anything was, and what is there, where the domain is still there.
+/// What was removed, if anything was, and what is there, where the domain is still there.
 fn look(domain: &Domain, is_clean_up: bool) -> Result<(Option<Cleaned>, Option<DomainReport>), BusError> {
     let cleaned = match is_clean_up {
         true => Some(clean(domain)?).filter(|cleaned| *cleaned != Cleaned::default()),

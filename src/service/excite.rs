@@ -1,4 +1,5 @@
-//! `thetabus excite ROBOT.toml`: a motion that tells much of a robot; `thetabus config check ROBOT.toml --motion FILE`: what a given one tells.
+//! `thetabus excite ROBOT.toml`: a motion that tells much of a robot; `thetabus config check
+//! ROBOT.toml --motion FILE`: what a given one tells.
 
 use super::{ExciteArgs, Exit, Failure, TableFormat, logging};
 use crate::robot::{
@@ -109,7 +110,7 @@ fn exists(out: &Path) -> Failure {
     Failure::Usage(format!("{} exists and is not written over", out.display()))
 }
 
-/// The misfit that is expected, and where that is from.
+/// The misfit that is expected, and its source.
 struct Expected {
     misfit: RowMisfit,
     source: String,

@@ -14,10 +14,12 @@ pub const EXIT_CODES: &str = "Exit codes:\n  \
     3    finished, but data were lost\n  \
     130  ended by a second signal, half a second or more after the first";
 
-/// Exit code of a launched process that was [interrupted](Exit::Interrupted): 128 + SIGTERM, as a shell has it.
+/// Exit code of a launched process that was [interrupted](Exit::Interrupted): 128 + SIGTERM, as a
+/// shell has it.
 pub(super) const INTERRUPTED: u8 = 143;
-/// Of a launched process every signal comes from its launcher or from the kernel when that dies, once for each of the launcher's threads,
-/// which may take a while on a busy machine. Who does not end within this time gets SIGKILL from a launcher that lives.
+/// Of a launched process every signal comes from its launcher or from the kernel when that dies,
+/// once for each of the launcher's threads, which may take a while on a busy machine. Who does not
+/// end within this time gets SIGKILL from a launcher that lives.
 const LAUNCHED_TOGETHER: Duration = Duration::from_secs(10);
 
 /// Logging, signals, the program, its exit code.

@@ -12,8 +12,8 @@ pub enum Exit {
     Done,
     /// Finished, but data were lost.
     DataLoss,
-    /// Asked to end by a signal before the stream had ended. That is what a service is for and counts as done; but a launcher that
-    /// has not asked for it is told.
+    /// Asked to end by a signal before the stream had ended. That is what a service is for and
+    /// counts as done; but a launcher that has not asked for it is told.
     Interrupted,
 }
 

@@ -37,12 +37,12 @@ impl SpanArgs {
         Ok(span)
     }
 
-    /// True where only a part is asked for.
+    /// True if only a part is asked for.
     pub(super) fn is_cut(&self) -> bool {
         self.from.is_some() || self.to.is_some()
     }
 
-    /// What to say where a file holds no samples, or none in this part.
+    /// What to say if a file holds no samples, or none in this part.
     pub(super) fn nothing(&self, input: &Path) -> Failure {
         let what = match (self.from, self.to) {
             (None, None) => "holds no samples".to_owned(),
@@ -63,7 +63,8 @@ pub struct DoctorArgs {
     /// Remove what is dead and only that
     #[arg(long)]
     pub clean: bool,
-    /// Print what iceoryx2's own tools need to see the domain: put it into config/iceoryx2.toml and start `iox2` beside
+    /// Print what iceoryx2's own tools need to see the domain: put it into config/iceoryx2.toml and
+    /// start `iox2` beside
     #[arg(long, requires = "domain", conflicts_with = "clean")]
     pub iox2: bool,
     /// Form of the report on standard output
@@ -80,7 +81,8 @@ pub struct ReportArgs {
     /// Directory of results, or recording
     #[arg(value_name = "DIR|RECORDING")]
     pub input: PathBuf,
-    /// Directory for the report, new or empty; without it, the directory itself, or RECORDING's name with .report
+    /// Directory for the report, new or empty; without it, the directory itself, or RECORDING's
+    /// name with .report
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
@@ -114,10 +116,12 @@ pub struct ExportArgs {
 /// `thetabus identify`.
 #[derive(Debug, Clone, Args)]
 pub struct IdentifyArgs {
-    /// Directory of results or recording, whose own configuration holds where --config and --set say nothing, or log with columns as section log names them
+    /// Directory of results or recording, whose own configuration holds if --config and --set
+    /// say nothing, or log with columns as section log names them
     #[arg(value_name = "DIR|RECORDING|LOG.csv")]
     pub input: PathBuf,
-    /// Directory for estimates.csv, summary.json and the report, new or empty; none are written without it
+    /// Directory for estimates.csv, summary.json and the report, new or empty; none are written
+    /// without it
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
@@ -129,7 +133,8 @@ pub struct IdentifyArgs {
     /// Form of the table on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,
-    /// Go on from the checkpoint in checkpoint.dir where there is one that fits; a recording repeats its own warm start anyway
+    /// Go on from the checkpoint in checkpoint.dir if there is one that fits; a recording
+    /// repeats its own warm start anyway
     #[arg(long)]
     pub warm: bool,
     #[command(flatten)]

@@ -1,4 +1,5 @@
-//! Data of one model under the names of another: found by `model_hash`, refused in words that name both.
+//! Data of one model under the names of another: found by `model_hash`, refused in words that name
+//! both.
 
 use super::Failure;
 use crate::bus::{Bus, ControlClient};
@@ -8,7 +9,8 @@ use crate::node::monitor::Label;
 use crate::recording::RunInfo;
 use std::time::Duration;
 
-/// How long a monitor waits for the identifier to name its parameters, before it refuses without these names.
+/// How long a monitor waits for the identifier to name its parameters, before it refuses without
+/// these names.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// A model with its parameters in one line: `servo_axis (mass [kg], offset [N])`.
@@ -35,7 +37,8 @@ fn of_recording(info: &RunInfo) -> String {
     described(&info.model, info.parameters.iter().map(own))
 }
 
-/// Name and parameters of the identifier that runs, by its own answer; `None` if it does not answer in time.
+/// Name and parameters of the identifier that runs, by its own answer; `None` if it does not answer
+/// in time.
 pub(super) fn running_model(bus: &Bus) -> Option<(String, Vec<(String, String)>)> {
     let answer = ControlClient::new(bus).and_then(|client| client.ask(&Request::new(Command::Describe), PATIENCE));
     let answer = answer.ok().filter(|answer| answer.code == response_code::DONE)?;
@@ -61,7 +64,8 @@ pub(super) fn estimates(bus: &Bus, config: &Config) -> Failure {
     ))
 }
 
-/// Says that a monitor takes names and units from the identifier, because its own configuration has others.
+/// Says that a monitor takes names and units from the identifier, because its own configuration has
+/// others.
 pub(super) fn warn_of_description(description: &Description, config: &Config) {
     let theirs = description.parameters().iter();
     let theirs = theirs.map(|p| (p.name().to_owned(), p.unit().to_owned()));
@@ -76,11 +80,13 @@ pub(super) fn warn_of_description(description: &Description, config: &Config) {
     );
 }
 
-/// Refuses to identify a recording of a plant whose equations this program does not have. Whoever names another model on the command line may
-/// identify the same samples with it: then the model of `config` is not the one of `as_recorded`.
+/// Refuses to identify a recording of a plant whose equations this program does not have. Whoever
+/// names another model on the command line may identify the same samples with it: then the model of
+/// `config` is not the one of `as_recorded`.
 ///
 /// # Errors
-/// The recording is of another model than its own configuration gives in this program, and nobody chose one.
+/// The recording is of another model than its own configuration gives in this program, and nobody
+/// chose one.
 pub(super) fn check_recording(info: &RunInfo, as_recorded: Option<&Config>, config: &Config) -> Result<(), Failure> {
     let own = config.model.definition().hash();
     let recorded = as_recorded.map(|config| config.model.definition().hash());
@@ -102,7 +108,8 @@ pub(super) fn check_recording(info: &RunInfo, as_recorded: Option<&Config>, conf
     )))
 }
 
-/// Why a recording cannot be identified with its own configuration: its model is none of this program's. `None` if it is one.
+/// Why a recording cannot be identified with its own configuration: its model is none of this
+/// program's. `None` if it is one.
 pub(super) fn unknown_model(info: &RunInfo, catalog: &Catalog) -> Option<Failure> {
     if catalog.names().any(|name| name == info.model) {
         return None;
@@ -128,7 +135,8 @@ pub(super) fn report(info: &RunInfo) -> Failure {
     ))
 }
 
-/// Says that the identifier which a replay feeds has another model than the recording had. It may be meant: samples are the machine's.
+/// Says that the identifier which a replay feeds has another model than the recording had. It may
+/// be meant: samples are the machine's.
 pub(super) fn warn_of_replay(info: &RunInfo, bus: &Bus) {
     let Some((model, parameters)) = running_model(bus) else {
         return;

@@ -1,4 +1,5 @@
-//! The identifier as a process: one robot, or all of a file's, shared among as many threads as there are cores.
+//! The identifier as a process: one robot, or all of a file's, shared among as many threads as
+//! there are cores.
 
 use super::args::{Launched, domain};
 use super::desk::{Desk, Seat, last_checkpoint};
@@ -193,8 +194,8 @@ fn many(
     })
 }
 
-/// Opens the ports of these robots, calls `opened`, and serves them until their end: the loop of this number. If `opened` says false, because another
-/// thread could not begin, nothing is served.
+/// Opens the ports of these robots, calls `opened`, and serves them until their end: the loop of
+/// this number. If `opened` says false, because another thread could not begin, nothing is served.
 fn serve(
     setting: Setting<'_>,
     number: usize,

@@ -13,7 +13,8 @@ use crate::runner::Shutdown;
 use std::path::Path;
 use std::time::Instant;
 
-/// Identifies from the samples of a recording, with its own configuration or with what the command line lays over it.
+/// Identifies from the samples of a recording, with its own configuration or with what the command
+/// line lays over it.
 ///
 /// # Errors
 /// A recording that cannot be read, a configuration that is wrong, results that cannot be written.
@@ -82,8 +83,8 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     Ok(if missing.is_none() { exit } else { Exit::DataLoss })
 }
 
-/// The recording's configuration in this program, before the command line lays anything over it; none if that is no configuration of this program,
-/// because its model is another's.
+/// The recording's configuration in this program, before the command line lays anything over it;
+/// none if that is no configuration of this program, because its model is another's.
 fn as_recorded(args: &IdentifyArgs, info: &RunInfo) -> Option<Config> {
     report::config_of(info, &args.common.catalog).ok()
 }

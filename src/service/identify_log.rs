@@ -1,4 +1,5 @@
-//! `thetabus identify LOG.csv`: the very same node off line, on the user's own data or on what `thetabus export` wrote.
+//! `thetabus identify LOG.csv`: the very same node off line, on the user's own data or on what
+//! `thetabus export` wrote.
 
 use super::offline_run::OfflineRun;
 use super::run_info::run_info;

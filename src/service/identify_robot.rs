@@ -120,7 +120,8 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
     Ok(Exit::Done)
 }
 
-/// How well torques are predicted: learnt from the same log, before each block was learnt, and of another log.
+/// How well torques are predicted: learnt from the same log, before each block was learnt, and of
+/// another log.
 struct Fits {
     learnt: TorqueFit,
     before: TorqueFit,
@@ -159,7 +160,8 @@ pub(super) fn read(path: &Path, config: &RobotConfig) -> Result<Vec<RobotSample>
     }
 }
 
-/// `sensor_msgs/msg/JointState`, joints by their names in the URDF; effort is the input of the drives.
+/// `sensor_msgs/msg/JointState`, joints by their names in the URDF; effort is the input of the
+/// drives.
 fn read_bag(path: &Path, config: &RobotConfig) -> Result<Vec<RobotSample>, Failure> {
     let usage = |problem: &dyn std::fmt::Display| Failure::Usage(format!("{}: {problem}", path.display()));
     let robot = config.model.robot();

@@ -3,7 +3,7 @@
 //! ```text
 //! run ─┬─ thetabus monitor      waits for estimates
 //!      ├─ thetabus identifier   waits for the monitor
-//!      ├─ thetabus controller   where one is configured
+//!      ├─ thetabus controller   if one is configured
 //!      └─ thetabus plant        waits for the identifier; END ends the identifier, its last status the monitor
 //! ```
 //!
@@ -137,7 +137,8 @@ fn consumers(config: &Config, args: &RunArgs) -> usize {
     1 + usize::from(monitor) + usize::from(controller)
 }
 
-/// Reads what the monitor has written, adds the wall time, prints the table, and last where it all is: the directory, and the page to open.
+/// Reads what the monitor has written, adds the wall time, prints the table, and last where it all
+/// is: the directory, and the page to open.
 fn show_result(
     dir: &Path,
     start: Instant,
@@ -166,7 +167,7 @@ fn show_result(
         .and(result)
 }
 
-/// Figures and page, where there is a recording.
+/// Figures and page, if there is a recording.
 fn make_report(dir: &Path, summary: &Summary, catalog: &Catalog) -> Result<(), Failure> {
     let recording = dir.join(RECORDING);
     if !recording.exists() {

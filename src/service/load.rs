@@ -34,7 +34,8 @@ struct Robot {
     heard: Option<Status>,
 }
 
-/// Publishes the samples of all robots of a configuration in real time, then reports what their identifiers say of them.
+/// Publishes the samples of all robots of a configuration in real time, then reports what their
+/// identifiers say of them.
 ///
 /// # Errors
 /// A wrong configuration, a plant that runs already, a bus that fails.
@@ -64,7 +65,8 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     conclude(&robots, wall, worst_lag, &before, &used)
 }
 
-/// Simulates and opens every robot; alike ones share their samples, and begin at different times, so that their blocks do not all end at once.
+/// Simulates and opens every robot; alike ones share their samples, and begin at different times,
+/// so that their blocks do not all end at once.
 fn open(domain: &Domain, configs: &[Config], shutdown: &Shutdown) -> Result<Vec<Robot>, Failure> {
     let mut simulated: HashMap<String, Rc<[Sample]>> = HashMap::new();
     let mut bytes = 0;

@@ -5,8 +5,8 @@ use crate::report::Summary;
 use std::io::{ErrorKind, IsTerminal, Write};
 use tracing_subscriber::EnvFilter;
 
-/// Starts logging; `RUST_LOG` chooses what, and `default` without it: `warn` below a launcher that shows progress itself, `error` beside a
-/// table on the terminal, else `info`.
+/// Starts logging; `RUST_LOG` chooses what, and `default` without it: `warn` below a launcher that
+/// shows progress itself, `error` beside a table on the terminal, else `info`.
 pub(super) fn start(format: LogFormat, default: &str) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
     let builder = tracing_subscriber::fmt()
@@ -48,7 +48,8 @@ pub(super) fn say(format: LogFormat, message: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
-/// A line of results on standard output. A reader that has closed it, as `head` does, is no failure.
+/// A line of results on standard output. A reader that has closed it, as `head` does, is no
+/// failure.
 ///
 /// # Errors
 /// The result is lost: standard output is a file on a full disk, for instance.

@@ -81,7 +81,8 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     if args.common.launched.receipts {
         ports.estimates.give_receipts(&bus)?;
     }
-    // Last: in lockstep the plant starts when this one listens, and the identifier may have found another reader to wait for.
+    // Last: in lockstep the plant starts when this one listens, and the identifier may have found
+    // another reader to wait for.
     if recorder.is_some() || args.web.takes_samples() {
         ports.samples = Some(SampleSubscriber::new(&bus)?);
     }
@@ -97,7 +98,8 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         let Err(RunError::ForeignModel(description)) = outcome else {
             break outcome;
         };
-        // A recording holds this monitor's configuration, with which it is identified again: it must be the right one.
+        // A recording holds this monitor's configuration, with which it is identified again: it
+        // must be the right one.
         if node.blocks() > 0 || records.is_recording() {
             break Err(RunError::ForeignModel(description));
         }
@@ -155,7 +157,8 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         Some(Err(())) => true,
         None => false,
     };
-    // Where nothing may be lost a lost estimate makes a difference to the run's exit code; a hole in a recording does anywhere.
+    // Where nothing may be lost a lost estimate makes a difference to the run's exit code; a hole
+    // in a recording does anywhere.
     Ok(if recording_lost || (args.common.launched.receipts && lost > 0) {
         Exit::DataLoss
     } else if shutdown.requested() && !node.is_complete() {
@@ -192,7 +195,8 @@ fn estimates_csv(path: &Path, node: &MonitorNode, equations: usize, resume: bool
     if !resume || !path.exists() {
         return EstimatesCsv::new(create(path)?, node.parameters(), equations, node.derived());
     }
-    // A link that somebody has put in the place of the file is not followed, and a pipe is not waited for.
+    // A link that somebody has put in the place of the file is not followed, and a pipe is not
+    // waited for.
     let mut file = File::options()
         .read(true)
         .append(true)

@@ -14,7 +14,7 @@ use crate::report::RunData;
 use std::fs::File;
 use std::time::Instant;
 
-/// A node, and what becomes of its estimates where no bus carries them away.
+/// A node, and what becomes of its estimates if no bus carries them away.
 pub(super) struct OfflineRun<'a> {
     args: &'a IdentifyArgs,
     pub(super) node: Box<dyn Identifier>,
@@ -26,10 +26,11 @@ pub(super) struct OfflineRun<'a> {
 }
 
 impl<'a> OfflineRun<'a> {
-    /// A node that is cold, or warm where the command line says so.
+    /// A node that is cold, or warm if the command line says so.
     ///
     /// # Errors
-    /// Results that would be written over, a configuration without a node, a checkpoint that cannot be read.
+    /// Results that would be written over, a configuration without a node, a checkpoint that cannot
+    /// be read.
     pub(super) fn new(
         args: &'a IdentifyArgs,
         config: &Config,
@@ -90,7 +91,7 @@ impl<'a> OfflineRun<'a> {
         written.map_err(|e| unwritable(ESTIMATES_CSV, &e))
     }
 
-    /// The last estimate; empty where there is none.
+    /// The last estimate; empty if there is none.
     pub(super) fn theta(&self) -> &[f64] {
         let last = self.run.estimates.last();
         last.map_or(&[], |e| &e.theta[..(e.params as usize).min(e.theta.len())])
@@ -147,7 +148,8 @@ impl<'a> OfflineRun<'a> {
 
 /// Whether what the node rejected counts as lost data.
 ///
-/// A drive that saturates now and then is a healthy machine: its samples are left out on purpose, and count only where they are most of the run.
+/// A drive that saturates now and then is a healthy machine: its samples are left out on purpose,
+/// and count only if they are most of the run.
 fn lost_by_rejection(status: &Status) -> bool {
     let beyond_saturation = status.rejected.saturating_sub(status.faults.saturated);
     beyond_saturation > 0 || status.rejected > status.accepted

@@ -27,7 +27,7 @@ pub(super) fn create(dir: &Path) -> Result<(), Failure> {
         .map_err(|e| Failure::Failed(format!("cannot make the directory for results, {}: {e}", dir.display())))
 }
 
-/// `thetabus-out/<time>` in UTC, with a number behind it where that is taken.
+/// `thetabus-out/<time>` in UTC, with a number after it if that is taken.
 pub(super) fn default_dir() -> PathBuf {
     let base = Path::new("thetabus-out");
     let now = std::time::SystemTime::now()
@@ -53,7 +53,8 @@ pub(super) fn date(seconds: u64) -> String {
 /// `20260102-030405` of seconds since 1970.
 fn utc(seconds: u64) -> String {
     let (days, of_day) = (seconds / 86_400, seconds % 86_400);
-    // Days since 0000-03-01, in eras of 400 years: the year begins in March, so that the leap day is its last.
+    // Days since 0000-03-01, in eras of 400 years: the year begins in March, so that the leap day
+    // is its last.
     let shifted = days + 719_468;
     let (era, of_era) = (shifted / 146_097, shifted % 146_097);
     let year_of_era = (of_era - of_era / 1_460 + of_era / 36_524 - of_era / 146_096) / 365;
@@ -76,7 +77,8 @@ mod tests {
 
     #[test]
     fn regress_times_in_utc() {
-        // Known instants: the epoch, a leap day, the day after a leap day in a century that has one, an end of year.
+        // Known instants: the epoch, a leap day, the day after a leap day in a century that has
+        // one, an end of year.
         for (seconds, text) in [
             (0, "19700101-000000"),
             (951_782_400, "20000229-000000"),

@@ -7,12 +7,13 @@ use std::io::{IsTerminal, Write};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Period of lines where they cannot be written in place.
+/// Period of lines if they cannot be written in place.
 const LINE_PERIOD: Duration = Duration::from_secs(5);
 /// Period of updates in place.
 const IN_PLACE_PERIOD: Duration = Duration::from_millis(200);
 
-/// The progress line. Everything else that goes to standard error meanwhile goes through [`Progress::pass_on`].
+/// The progress line. Everything else that goes to standard error meanwhile goes through
+/// [`Progress::pass_on`].
 #[derive(Debug)]
 pub(super) struct Progress {
     terminal: bool,
@@ -58,7 +59,7 @@ impl Progress {
         live.on_estimate(estimate, None, sent_ns);
     }
 
-    /// Shows a status where it is time to.
+    /// Shows a status if it is time to.
     pub(super) fn show(&self, status: &Status, sent_ns: u64) {
         let mut live = self.live.lock().unwrap_or_else(PoisonError::into_inner);
         live.on_status(status, sent_ns);

@@ -1,5 +1,5 @@
-//! What a service manager is told, if it asks for it by NOTIFY_SOCKET and WATCHDOG_USEC as systemd does: that a program is ready, and from then
-//! on that all of its loops turn.
+//! What a service manager is told, if it asks for it by NOTIFY_SOCKET and WATCHDOG_USEC as systemd
+//! does: that a program is ready, and from then on that all of its loops turn.
 
 use crate::bus::monotonic_ns;
 use sd_notify::NotifyState;

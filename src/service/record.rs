@@ -1,4 +1,5 @@
-//! The monitor's sink: a line in the log and in estimates.csv per estimate, everything in the recording.
+//! The monitor's sink: a line in the log and in estimates.csv per estimate, everything in the
+//! recording.
 
 use super::Failure;
 use super::live::Live;
@@ -19,7 +20,8 @@ use std::time::{Duration, Instant};
 /// Name of the recording in a directory of results.
 pub(super) const RECORDING: &str = "recording.mcap";
 
-/// The recording that is meant by a path to it, or to the directory of results that holds it: its oldest file that is still there.
+/// The recording that is meant by a path to it, or to the directory of results that holds it: its
+/// oldest file that is still there.
 pub(super) fn recording_at(path: &Path) -> PathBuf {
     let first = match path.is_dir() {
         true => path.join(RECORDING),
@@ -82,7 +84,7 @@ impl Records {
         self.live.rename(description);
     }
 
-    /// Ends the recording; `None` where there was none, an error where it is not whole.
+    /// Ends the recording; `None` if there was none, an error if it is not whole.
     pub(super) fn finish(mut self) -> Option<Result<RecorderStatus, ()>> {
         self.live.finish();
         if self.broken {
@@ -92,7 +94,8 @@ impl Records {
         Some(finished.map_err(|e| tracing::error!("{e}")))
     }
 
-    /// Has the identifier say in its status what the recorder lost. Where it cannot, the file and the log tell it all the same.
+    /// Has the identifier say in its status what the recorder lost. Where it cannot, the file and
+    /// the log tell it all the same.
     fn tell_identifier(&self, missing: u64) {
         let Some(bus) = &self.bus else { return };
         let request = Request::new(Command::Recorder).with_value(missing as f64);
@@ -102,7 +105,8 @@ impl Records {
         }
     }
 
-    /// A disk that fails ends the recording and not the monitor: what it shows is needed all the more.
+    /// A disk that fails ends the recording and not the monitor: what it shows is needed all the
+    /// more.
     fn record(&mut self, write: impl FnOnce(&mut Recorder) -> Result<(), RecordError>) {
         if let Some(recorder) = &mut self.recorder
             && let Err(e) = write(recorder)
@@ -187,7 +191,8 @@ impl MonitorSink for Records {
 
 /// Begins a recording of the configured plant.
 ///
-/// `resume` goes on with the recording of a monitor that died, in a file of its own that readers join to the first.
+/// `resume` goes on with the recording of a monitor that died, in a file of its own that readers
+/// join to the first.
 pub(super) fn recorder(
     path: &Path,
     config: &Config,

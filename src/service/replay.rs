@@ -1,4 +1,5 @@
-//! `thetabus replay`: a recording's samples on the bus again, as a plant that has done all this before.
+//! `thetabus replay`: a recording's samples on the bus again, as a plant that has done all this
+//! before.
 
 use super::args::domain;
 use super::plant::{delivery, limit, stream_id};
@@ -13,14 +14,16 @@ use crate::runner::{Pace, SampleSource, Shutdown, TICK, run_plant};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// What a replay does unless its command line says otherwise: it loses nothing, and waits for the identifier. The recorded run may have waited for
-/// its recorder as well, which nobody need start again.
+/// What a replay does unless its command line says otherwise: it loses nothing, and waits for the
+/// identifier. The recorded run may have waited for its recorder as well, which nobody need start
+/// again.
 const MANNERS: &str = "[bus]\ndelivery = \"lockstep\"\nlockstep_consumers = 1\n";
 
 /// Publishes the samples of a recording, from the first to one flagged END.
 ///
 /// # Errors
-/// A recording that cannot be read, a plant that runs already, no consumer in lockstep, a bus that fails.
+/// A recording that cannot be read, a plant that runs already, no consumer in lockstep, a bus that
+/// fails.
 pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let recording = recording_at(&args.input);
     let reader = report::open(&recording, args.span.span()?)?;
@@ -65,8 +68,9 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     Ok(if sent.loss.is_none() { exit } else { Exit::DataLoss })
 }
 
-/// Tells the identifier in advance what it was told during the recording, with the samples from which on it held: for this stream alone, so
-/// that nothing of it is left to the next one, however this one ends.
+/// Tells the identifier in advance what it was told during the recording, with the samples from
+/// which on it held: for this stream alone, so that nothing of it is left to the next one, however
+/// this one ends.
 fn repeat_commands(
     recording: &Path,
     bus: &Bus,
@@ -114,12 +118,13 @@ fn repeat_commands(
     Ok(())
 }
 
-/// The samples of a recording as a new stream: seq, times and gaps as they were, all flagged as those of a replay, the last
-/// one flagged END.
+/// The samples of a recording as a new stream: seq, times and gaps as they were, all flagged as
+/// those of a replay, the last one flagged END.
 struct Replay {
     reader: RecordingReader,
     stream_id: u64,
-    /// Flag that its samples get: what they teach goes when the stream is over, unless it shall stay.
+    /// Flag that its samples get: what they teach goes when the stream is over, unless it shall
+    /// stay.
     flag: u32,
     /// That of the recorded stream.
     recorded: Option<u64>,

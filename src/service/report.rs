@@ -33,7 +33,8 @@ pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
     let run = read(&recording_at(path), args.span.span()?, &catalog, |share| {
         ticker.at(share)
     })?;
-    // A run that ended before its first sample has a report; a part that was asked for and is not there has none.
+    // A run that ended before its first sample has a report; a part that was asked for and is not
+    // there has none.
     if args.span.is_cut() && run.samples == 0 && run.estimates.is_empty() && run.loss.is_none() {
         return Err(args.span.nothing(path));
     }
@@ -52,7 +53,8 @@ pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
     Ok(exit)
 }
 
-/// Reads a recording; of a simulated run the configuration tells the truth as well. `look` hears the share that has been read.
+/// Reads a recording; of a simulated run the configuration tells the truth as well. `look` hears
+/// the share that has been read.
 pub(super) fn read(
     recording: &Path,
     span: Span,
@@ -143,7 +145,7 @@ pub(super) fn write(dir: &Path, run: &RunData, summary: &Summary, ticker: &Ticke
         .map_err(|e| Failure::Failed(format!("the report cannot be written into {}: {e}", dir.display())))
 }
 
-/// Exit code of a program that read this recording; warns where something was lost.
+/// Exit code of a program that read this recording; warns if something was lost.
 pub(super) fn tell_loss(loss: &Loss) -> Exit {
     if loss.is_none() {
         return Exit::Done;

@@ -1,4 +1,5 @@
-//! The configuration of a robot from its URDF as one that every program takes: its model for the catalog, and its other sections as an ordinary source.
+//! The configuration of a robot from its URDF as one that every program takes: its model for the
+//! catalog, and its other sections as an ordinary source.
 
 use super::Failure;
 use crate::config::{Catalog, Config, Source};
@@ -57,7 +58,8 @@ pub(super) fn source(path: &Path, catalog: &Catalog) -> Result<Option<(Catalog, 
         "encoder_bits".to_owned(),
         Value::from(i64::from(simulation.encoder_bits)),
     );
-    // What the machine really is, for the table: at the start, and after the first change of its payload.
+    // What the machine really is, for the table: at the start, and after the first change of its
+    // payload.
     let machine = RobotSimulator::new(robot.settings().model.robot(), simulation.clone()).map_err(in_file)?;
     let theta = |t_s: f64| -> Value {
         let all = machine.truth(&robot.settings().model, t_s);
@@ -82,7 +84,8 @@ pub(super) fn source(path: &Path, catalog: &Catalog) -> Result<Option<(Catalog, 
     Ok(Some((catalog.clone().with_model(SharedModel::new(robot)), source)))
 }
 
-/// The configuration of a run as a file in its directory, with the URDF beside it; `None` if no robot is among the files.
+/// The configuration of a run as a file in its directory, with the URDF beside it; `None` if no
+/// robot is among the files.
 ///
 /// # Errors
 /// The URDF cannot be copied.

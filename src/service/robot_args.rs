@@ -22,7 +22,8 @@ pub struct ExciteArgs {
     /// Seed of what is tried (key excite.seed)
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// Result of an earlier identification, whose misfit of each joint is expected again; without it, the noise of the simulated robot
+    /// Result of an earlier identification, whose misfit of each joint is expected again; without
+    /// it, the noise of the simulated robot
     #[arg(long, value_name = "DIR|summary.json")]
     pub residuals: Option<PathBuf>,
     /// Points per second of the file

@@ -29,7 +29,8 @@ const KNOWN: f64 = 1.0 / 3.0;
 /// Writes a URDF with identified values.
 ///
 /// # Errors
-/// Nothing has been identified, an input that cannot be read, a file that exists or cannot be written.
+/// Nothing has been identified, an input that cannot be read, a file that exists or cannot be
+/// written.
 pub fn run(args: &UrdfArgs) -> Result<Exit, Failure> {
     if args.out.exists() {
         return Err(exists(&args.out));

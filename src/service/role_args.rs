@@ -39,7 +39,7 @@ pub struct IdentifierArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "flattened")]
     pub common: CommonArgs,
-    /// Go on from the checkpoint in checkpoint.dir where there is one that fits
+    /// Go on from the checkpoint in checkpoint.dir if there is one that fits
     #[arg(long)]
     pub warm: bool,
 }
@@ -55,13 +55,16 @@ pub struct ControllerArgs {
 /// The page in a browser.
 #[derive(Debug, Clone, Copy, Default, Args)]
 pub struct WebArgs {
-    /// Show it live as a page in a browser, on this machine only unless another address is named; port 0 for any that is free
+    /// Show it live as a page in a browser, on this machine only unless another address is named;
+    /// port 0 for any that is free
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8080")]
     pub web: Option<SocketAddr>,
-    /// Let the page pause, resume, reset, fix and free, for whoever knows the token in the address that is printed
+    /// Let the page pause, resume, reset, fix and free, for whoever knows the token in the address
+    /// that is printed
     #[arg(long, requires = "web")]
     pub web_control: bool,
-    /// Stream samples, estimates and status to Foxglove or Lichtblick, ws://ADDRESS:PORT; the protocol has no token, so only on this machine
+    /// Stream samples, estimates and status to Foxglove or Lichtblick, ws://ADDRESS:PORT; the
+    /// protocol has no token, so only on this machine
     #[cfg(feature = "foxglove")]
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
     pub foxglove: Option<SocketAddr>,
@@ -149,7 +152,7 @@ pub struct RunArgs {
     /// Make no recording, and so no report
     #[arg(long)]
     pub no_record: bool,
-    /// The identifier goes on from the checkpoint in checkpoint.dir where there is one that fits
+    /// The identifier goes on from the checkpoint in checkpoint.dir if there is one that fits
     #[arg(long)]
     pub warm: bool,
     #[command(flatten)]

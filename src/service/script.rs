@@ -38,7 +38,8 @@ impl Script {
         })
     }
 
-    /// Gives the node what took effect before this sample; to be called before the node gets the sample.
+    /// Gives the node what took effect before this sample; to be called before the node gets the
+    /// sample.
     pub(super) fn before(&mut self, sample: &Sample, node: &mut dyn Identifier) {
         if self.entries.is_empty() {
             return;

@@ -23,7 +23,8 @@ impl Sparse {
         }
     }
 
-    /// Another line: `Some` where it is to be written, with the number of those before it that were not.
+    /// Another line: `Some` if it is to be written, with the number of those before it that were
+    /// not.
     pub(super) fn line(&mut self, now: Instant) -> Option<u64> {
         if self.is_over(now) {
             self.begun = Some((now, 0));

@@ -21,7 +21,8 @@ impl Restarts {
         }
     }
 
-    /// The process failed after `ran_for`: the pause before it is started again, `None` where it is not.
+    /// The process failed after `ran_for`: the pause before it is started again, `None` if it is
+    /// not.
     pub(super) fn failed(&mut self, ran_for: Duration) -> Option<Duration> {
         if ran_for.as_secs_f64() >= self.policy.healthy_s {
             self.in_a_row = 0;

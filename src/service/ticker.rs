@@ -1,7 +1,9 @@
-//! How far a long command has come: one line on standard error that is written over, on a terminal alone.
+//! How far a long command has come: one line on standard error that is written over, on a terminal
+//! alone.
 //!
-//! The work says how far it is and goes on; a thread of its own writes, so that a terminal that does not take the line holds nothing up. The line ends at its
-//! beginning: whatever else is written goes over it.
+//! The work says how far it is and goes on; a thread of its own writes, so that a terminal that
+//! does not take the line holds nothing up. The line ends at its beginning: whatever else is
+//! written goes over it.
 
 use crate::live::columns;
 use std::io::{IsTerminal, Write};
@@ -118,7 +120,8 @@ fn clear() {
     let _ = stderr.flush();
 }
 
-/// ` 42 %  reading run/recording.mcap  12 s left`, in fewer than so many columns: a full line would move on to the next.
+/// ` 42 % reading run/recording.mcap 12 s left`, in fewer than so many columns: a full line would
+/// move on to the next.
 fn line(words: &str, share: Option<f64>, elapsed: Duration, columns: usize) -> String {
     let percent = share.map_or_else(String::new, |share| format!("{:3.0} %  ", 100.0 * share));
     let time = match share {

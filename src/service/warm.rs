@@ -1,4 +1,5 @@
-//! Warm starts: going on from a checkpoint where there is one that fits, cold and loudly where there is none.
+//! Warm starts: going on from a checkpoint if there is one that fits, cold and loudly where
+//! there is none.
 
 use super::Failure;
 use super::wiring::identity;
@@ -18,7 +19,8 @@ pub(super) fn dir(config: &Config) -> Result<&Path, Failure> {
     dir.ok_or_else(|| Failure::Usage("--warm needs checkpoint.dir, the directory of the checkpoints".to_owned()))
 }
 
-/// Loads the checkpoint of the configured robot into a node; gives its bytes, or `None` where the start is cold.
+/// Loads the checkpoint of the configured robot into a node; gives its bytes, or `None` if the
+/// start is cold.
 ///
 /// # Errors
 /// Where `checkpoint.dir` is not set.

@@ -1,4 +1,5 @@
-//! `thetabus watch`: a running identification in place on a terminal, one readable line per block elsewhere.
+//! `thetabus watch`: a running identification in place on a terminal, one readable line per block
+//! elsewhere.
 
 use super::args::domain;
 use super::description::monitor_of;

@@ -1,4 +1,5 @@
-//! Commands from the page to the identifier, on a thread of their own: the page may wait for an answer, the monitor may not.
+//! Commands from the page to the identifier, on a thread of their own: the page may wait for an
+//! answer, the monitor may not.
 
 use super::Failure;
 use crate::bus::{Bus, ControlClient, Domain};
@@ -38,7 +39,8 @@ pub(super) fn start(domain: Domain, robot: String) -> Result<SyncSender<ControlR
     Ok(send)
 }
 
-/// Asks the identifier that runs now: ports belong to the thread that makes them, and identifiers come and go.
+/// Asks the identifier that runs now: ports belong to the thread that makes them, and identifiers
+/// come and go.
 fn ask(domain: &Domain, robot: &str, text: &str) -> Result<String, String> {
     let request = request(text)?;
     let answer =

@@ -18,7 +18,8 @@ impl From<ModelError> for Failure {
     }
 }
 
-/// A monitor that knows the names, and what the values really are where `truth` is the simulated machine.
+/// A monitor that knows the names, and what the values really are if `truth` is the simulated
+/// machine.
 pub(super) fn monitor_node(config: &Config, truth: Option<&SimOptions>) -> MonitorNode {
     let label = |name: &str, unit: &str| Label {
         name: name.to_owned(),

@@ -1,6 +1,8 @@
-//! Two uniform beams, one turning about the vertical, the other rising from its top: equations (19) to (23).
+//! Two uniform beams, one turning about the vertical, the other rising from its top: equations (19)
+//! to (23).
 //!
-//! With J₁ = m₁l₁²/12, C = m₂l₂²/4, J₂ = m₂l₂²/3 = C + m₂l₂²/12, W = m₂ g l₂/2 the energies (21), (22) are
+//! With J₁ = m₁l₁²/12, C = m₂l₂²/4, J₂ = m₂l₂²/3 = C + m₂l₂²/12, W = m₂ g l₂/2 the energies (21),
+//! (22) are
 //!
 //! ```text
 //! E = ½ (J₁ + C cos²q₂) q̇₁² + ½ J₂ q̇₂²            U = W sin q₂ + const
@@ -13,13 +15,16 @@
 //! J₂ q̈₂ + ½ C sin 2q₂ q̇₁² + W cos q₂ = M₂
 //! ```
 //!
-//! A base whose axis is α off the vertical has U = W (cos α sin q₂ + sin α cos q₂ sin q₁), whose derivatives then stand for W cos q₂.
+//! A base whose axis is α off the vertical has U = W (cos α sin q₂ + sin α cos q₂ sin q₁), whose
+//! derivatives then stand for W cos q₂.
 //!
-//! q \[rad\], q₂ = 0 horizontal; M \[N m\]. Their time derivatives give the jerk from the torques' rates.
+//! q \[rad\], q₂ = 0 horizontal; M \[N m\]. Their time derivatives give the jerk from the torques'
+//! rates.
 
 use crate::model::PhysicalParameters;
 
-/// The mechanics of the arm for one mass of link 2; angles, velocities and torques are `[joint 1, joint 2]`.
+/// The mechanics of the arm for one mass of link 2; angles, velocities and torques are `[joint 1,
+/// joint 2]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmDynamics {
     /// J₁ \[kg m²\].
@@ -118,7 +123,8 @@ impl ArmDynamics {
         ]
     }
 
-    /// Jerks \[rad/s³\]: d/dt of (23), with the torques' rates \[N m/s\] and the accelerations \[rad/s²\].
+    /// Jerks \[rad/s³\]: d/dt of (23), with the torques' rates \[N m/s\] and the accelerations
+    /// \[rad/s²\].
     pub fn jerks(&self, q: [f64; 2], dq: [f64; 2], ddq: [f64; 2], torque_rate: [f64; 2]) -> [f64; 2] {
         let (sin, cos) = q[1].sin_cos();
         let (sin_2q2, cos_2q2) = (2.0 * sin * cos, cos * cos - sin * sin);

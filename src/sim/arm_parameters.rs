@@ -6,9 +6,11 @@ use crate::model::PhysicalParameters;
 /// Joints of the simulated arm.
 pub const ARM_JOINTS: usize = 2;
 
-/// Physical constants of the arm and its motors, everything but the payload-dependent mass of link 2.
+/// Physical constants of the arm and its motors, everything but the payload-dependent mass of
+/// link 2.
 ///
-/// The links are uniform beams: centre of gravity at half the length, moment of inertia m l²/12, below (22) in the paper.
+/// The links are uniform beams: centre of gravity at half the length, moment of inertia m l²/12,
+/// below (22) in the paper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmParameters {
     /// l₁ \[m\], > 0.

@@ -25,7 +25,8 @@ pub enum PositionFeedback {
     /// The true one.
     #[default]
     True,
-    /// The one of the sample, with all that the sensors do to it; for a sampled controller. The velocity stays true, as from a tachometer.
+    /// The one of the sample, with all that the sensors do to it; for a sampled controller. The
+    /// velocity stays true, as from a tachometer.
     Measured,
 }
 
@@ -89,7 +90,8 @@ impl ControllerOptions {
 
 /// A simulated machine that takes feed-forward from a controller outside.
 pub trait Commanded: Iterator<Item = JointSample> {
-    /// Adds this to what the machine's own loop gives, from the next sample on; in the input's unit, held until the next call.
+    /// Adds this to what the machine's own loop gives, from the next sample on; in the input's
+    /// unit, held until the next call.
     fn command(&mut self, feed_forward: &[f64; MAX_JOINTS]);
 }
 

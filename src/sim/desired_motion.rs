@@ -4,7 +4,8 @@ use crate::model::JointSample;
 
 /// A smooth motion in time, with its derivatives.
 pub trait DesiredMotion: Send + std::fmt::Debug {
-    /// `q`, `dq`, `ddq` and `setpoint` at a time \[s\], and `dddq` if it is known, else 0; times must not fall from call to call.
+    /// `q`, `dq`, `ddq` and `setpoint` at a time \[s\], and `dddq` if it is known, else 0; times
+    /// must not fall from call to call.
     fn at(&mut self, t_s: f64) -> JointSample;
 
     /// The same motion as it stands.

@@ -6,7 +6,7 @@
 pub struct SimError {
     /// Name of the value: a path of fields of [`SimOptions`](super::SimOptions).
     pub field: &'static str,
-    /// Joint that it belongs to, counted from 0, where it is one of several.
+    /// Joint that it belongs to, counted from 0, if it is one of several.
     pub joint: Option<usize>,
     /// What would be right.
     pub expected: String,

@@ -133,7 +133,7 @@ impl Active {
         Passage::default()
     }
 
-    /// Shows what was kept, after keeping this sample where there is none yet or a fresh one is
+    /// Shows what was kept, after keeping this sample if there is none yet or a fresh one is
     /// due.
     fn hold(&mut self, sample: &mut Sample, fresh: bool) {
         if fresh || self.held.is_none() {

@@ -3,7 +3,8 @@
 use super::noise::Noise;
 use super::options::SimOptions;
 
-/// How far each sample is from its place k Δ on the grid, k = 0, 1, 2, …; time stamps tell the same.
+/// How far each sample is from its place k Δ on the grid, k = 0, 1, 2, …; time stamps tell the
+/// same.
 #[derive(Debug, Clone)]
 pub struct SampleInstants {
     std_s: f64,

@@ -21,7 +21,8 @@ pub struct Motor {
 }
 
 impl Motor {
-    /// di/dt \[A/s\] at a voltage \[V\], a current \[A\] and a joint velocity \[rad/s\]: (17) with the voltage on the left.
+    /// di/dt \[A/s\] at a voltage \[V\], a current \[A\] and a joint velocity \[rad/s\]: (17) with
+    /// the voltage on the left.
     #[inline]
     pub fn current_rate(&self, voltage: f64, current: f64, dq: f64) -> f64 {
         (voltage - self.winding_resistance_ohm * current - self.back_emf_constant_v_s_per_rad * dq)

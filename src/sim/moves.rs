@@ -1,14 +1,16 @@
 //! Moves from point to point: how robots and servo axes are commanded most of the time.
 //!
-//! A move takes the setpoint from level a to level b in the time T; with s = t/T from 0 to 1 it is a + (b − a) p(s) with
+//! A move takes the setpoint from level a to level b in the time T; with s = t/T from 0 to 1 it is
+//! a + (b − a) p(s) with
 //!
 //! ```text
-//! minimum jerk   p = 10 s³ − 15 s⁴ + 6 s⁵                 speed and acceleration are 0 at both ends
+//! minimum jerk   p = 10 s³ − 15 s⁴ + 6 s⁵                speed and acceleration are 0 at both ends
 //! trapezoidal    p = (9/4) s², then (3/2) s − 1/4, then 1 − (9/4)(1 − s)²
 //! ```
 //!
-//! the borders of the latter at s = 1/3 and 2/3, so that a third of the time each goes into speeding up, cruising and slowing down.
-//! T. Flash, N. Hogan, The coordination of arm movements, J. Neuroscience 5 (1985), for the first; any textbook on robots for the second.
+//! the borders of the latter at s = 1/3 and 2/3, so that a third of the time each goes into
+//! speeding up, cruising and slowing down. T. Flash, N. Hogan, The coordination of arm movements,
+//! J. Neuroscience 5 (1985), for the first; any textbook on robots for the second.
 
 use super::error::{SimError, finite, in_range};
 use super::noise::Noise;
@@ -28,7 +30,8 @@ impl MoveProfile {
     pub const NAMES: [(Self, &'static str); 2] =
         [(Self::MinimumJerk, "minimum_jerk"), (Self::Trapezoidal, "trapezoidal")];
 
-    /// Share of the way that is done after the share `s` of the time; 0 before and 1 after the move.
+    /// Share of the way that is done after the share `s` of the time; 0 before and 1 after the
+    /// move.
     pub fn position(self, s: f64) -> f64 {
         let s = s.clamp(0.0, 1.0);
         match self {
@@ -40,9 +43,11 @@ impl MoveProfile {
     }
 }
 
-/// Moves between levels drawn from the seed, each followed by a rest; levels, durations and rests are uniform.
+/// Moves between levels drawn from the seed, each followed by a rest; levels, durations and rests
+/// are uniform.
 ///
-/// The run begins with a move, from 0 or from the level nearest to 0. Times are rounded to whole samples.
+/// The run begins with a move, from 0 or from the level nearest to 0. Times are rounded to whole
+/// samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moves {
     /// Shape of each move.
@@ -101,7 +106,7 @@ impl MovesSource {
         }
     }
 
-    /// Draws the next move where the one before and its rest are over at sample `k`.
+    /// Draws the next move if the one before and its rest are over at sample `k`.
     pub fn begin_sample(&mut self, k: u64, sample_period_s: f64) {
         if k < self.next {
             return;
@@ -136,7 +141,8 @@ mod tests {
 
     #[test]
     fn val_profiles_have_the_derivatives_of_their_definition() {
-        // Central differences: h²/6 of third derivatives up to 60 and h²/12 of fourth ones up to 360; rounding adds 1e-14/h and 1e-14/h².
+        // Central differences: h²/6 of third derivatives up to 60 and h²/12 of fourth ones up to
+        // 360; rounding adds 1e-14/h and 1e-14/h².
         let h = 1e-4;
         for (profile, _) in MoveProfile::NAMES {
             let p = |s: f64| profile.position(s);

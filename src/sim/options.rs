@@ -18,10 +18,11 @@ pub enum Machine {
     /// The paper's two-joint arm.
     #[default]
     Arm,
-    /// One servo axis; setpoint, initial position and sensors are those of joint 1, in the unit of its motion, and its controller has gains of its own.
+    /// One servo axis; setpoint, initial position and sensors are those of joint 1, in the unit of
+    /// its motion, and its controller has gains of its own.
     ServoAxis(ServoAxisOptions),
-    /// Whatever the model's equations describe, see [`PlantSimulator`](super::PlantSimulator); joint j follows the setpoint of joint j mod 2 and starts at its
-    /// initial position.
+    /// Whatever the model's equations describe, see [`PlantSimulator`](super::PlantSimulator);
+    /// joint j follows the setpoint of joint j mod 2 and starts at its initial position.
     Plant(PlantMachine),
 }
 
@@ -40,7 +41,8 @@ pub struct PlantMachine {
     pub truth: Vec<(f64, Vec<f64>)>,
     /// K_p of each joint, in the input's unit per rad or m; none: chosen from the joint's inertia.
     pub proportional_gain: Vec<f64>,
-    /// K_d of each joint, in the input's unit per rad/s or m/s; none: chosen from the joint's inertia.
+    /// K_d of each joint, in the input's unit per rad/s or m/s; none: chosen from the joint's
+    /// inertia.
     pub derivative_gain: Vec<f64>,
 }
 
@@ -71,7 +73,8 @@ impl PlantMachine {
     }
 }
 
-/// A whole simulation. The same options give the same samples, bit by bit; a longer duration only adds samples.
+/// A whole simulation. The same options give the same samples, bit by bit; a longer duration only
+/// adds samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimOptions {
     /// Δ \[s\], 1e-5 to 0.1.
@@ -105,12 +108,16 @@ pub struct SimOptions {
 impl SimOptions {
     /// The experiment of Section 5 of the paper, with what it leaves open chosen here:
     ///
-    /// - **Setpoints** (Fig. 3 cannot be read from the scan): steps within |q₁|, |q₂| ≤ 1 rad, held for 1.1 s and 1.7 s. Both are shorter than a block of
-    ///   1.9 s and share no small multiple with it, so that every block, the first included, holds steps of both joints, in ever other places.
-    ///   They begin small and grow: what is gathered while θ̂ is far off is linearised in the wrong place and stays in the information, so the
-    ///   less of it the better. The levels of joint 2 span both signs, because sin q₂ (gravity's time derivative) is what tells θ₆ from θ₇.
+    /// - **Setpoints** (Fig. 3 cannot be read from the scan): steps within |q₁|, |q₂| ≤ 1 rad, held
+    ///   for 1.1 s and 1.7 s. Both are shorter than a block of 1.9 s and share no small multiple
+    ///   with it, so that every block, the first included, holds steps of both joints, in ever
+    ///   other places. They begin small and grow: what is gathered while θ̂ is far off is
+    ///   linearised in the wrong place and stays in the information, so the less of it the better.
+    ///   The levels of joint 2 span both signs, because sin q₂ (gravity's time derivative) is what
+    ///   tells θ₆ from θ₇.
     /// - **Initial state**: at rest at q = 0, link 2's weight held by its motor.
-    /// - **Sub-steps**: 4 of 0.25 ms. The fastest mode of the arm is near 90 rad/s, so one Runge-Kutta step covers 0.02 rad of it.
+    /// - **Sub-steps**: 4 of 0.25 ms. The fastest mode of the arm is near 90 rad/s, so one
+    ///   Runge-Kutta step covers 0.02 rad of it.
     pub fn cedro2022() -> Self {
         Self {
             sample_period_s: 0.001,
@@ -162,7 +169,8 @@ impl SimOptions {
         }
     }
 
-    /// The machine's parameters as they really are at time `t_s` \[s\], in the order of its model; `t_s` ≥ 0.
+    /// The machine's parameters as they really are at time `t_s` \[s\], in the order of its model;
+    /// `t_s` ≥ 0.
     pub fn true_parameters(&self, t_s: f64) -> Vec<f64> {
         match &self.machine {
             Machine::Arm => self.true_theta(t_s).to_vec(),
@@ -171,8 +179,8 @@ impl SimOptions {
         }
     }
 
-    /// The true values of parameters by their names at time `t_s` \[s\], whatever terms the model has; `NaN` for a name that this machine has no value
-    /// for. `t_s` ≥ 0.
+    /// The true values of parameters by their names at time `t_s` \[s\], whatever terms the model
+    /// has; `NaN` for a name that this machine has no value for. `t_s` ≥ 0.
     pub fn true_values(&self, names: &[&str], t_s: f64) -> Vec<f64> {
         let arm = Manipulator::default();
         let own: Vec<(&str, f64)> = match &self.machine {

@@ -6,10 +6,12 @@
 //! u = K_p (setpoint − q) − K_d q̇          computed once per sample and held
 //! ```
 //!
-//! With r = 1 the state is (q, q̇), with r = 2, motors with an inductance for one, (q, q̇, q̈). Runge-Kutta steps carry it on. The equations are those that the
-//! identifier fits, so this machine shows how well they can be told, not whether they are right.
+//! With r = 1 the state is (q, q̇), with r = 2, motors with an inductance for one, (q, q̇, q̈).
+//! Runge-Kutta steps carry it on. The equations are those that the identifier fits, so this machine
+//! shows how well they can be told, not whether they are right.
 //!
-//! Gains that are not given are those of a loop at [`LOOP_RAD_PER_S`] with damping 1 around the joint's own inertia ∂f/∂q̈ at the start.
+//! Gains that are not given are those of a loop at [`LOOP_RAD_PER_S`] with damping 1 around the
+//! joint's own inertia ∂f/∂q̈ at the start.
 
 use super::arm_parameters::ARM_JOINTS;
 use super::controller::Commanded;
@@ -24,7 +26,8 @@ use nalgebra::{DMatrix, DVector};
 /// Natural frequency of the position loop if no gains are given \[rad/s\].
 const LOOP_RAD_PER_S: f64 = 12.0;
 
-/// The closed loop as an endless iterator: sample k = 0, 1, 2, … at t = k Δ. It ends early only if the state is no longer finite.
+/// The closed loop as an endless iterator: sample k = 0, 1, 2, … at t = k Δ. It ends early only if
+/// the state is no longer finite.
 pub struct PlantSimulator<P> {
     form: AutoDiff<P>,
     machine: PlantMachine,
@@ -140,7 +143,8 @@ impl<P: Plant> PlantSimulator<P> {
         true
     }
 
-    /// K_p = m ω², K_d = 2 m ω with m = −∂f/∂q̈ over the input's scale, unless the options have gains.
+    /// K_p = m ω², K_d = 2 m ω with m = −∂f/∂q̈ over the input's scale, unless the options have
+    /// gains.
     fn choose_gains(&mut self) -> Result<(), SimError> {
         let rest = self.state;
         let mut at_zero = [0.0; MAX_JOINTS];

@@ -4,7 +4,8 @@
 //! y″ + 2 ζ ω y′ + ω² y = ω² q
 //! ```
 //!
-//! q true position, y what the sensor sees, ω = 2π f \[rad/s\], ζ damping ratio. The machine does not feel the sensor, so that θ stays what it is.
+//! q true position, y what the sensor sees, ω = 2π f \[rad/s\], ζ damping ratio. The machine does
+//! not feel the sensor, so that θ stays what it is.
 
 use super::integrator::rk4_step;
 use std::f64::consts::TAU;
@@ -36,7 +37,8 @@ impl Resonance {
         self.omega * (self.omega * (q - y) - 2.0 * self.damping * dy)
     }
 
-    /// On by `h` seconds, in which q and q̇ go from `from` to `to`: in between the cubic through both, whose error is O(h⁴).
+    /// On by `h` seconds, in which q and q̇ go from `from` to `to`: in between the cubic through
+    /// both, whose error is O(h⁴).
     pub fn advance(&mut self, from: [f64; 2], to: [f64; 2], h: f64) {
         let Some(mut state) = self.state else { return };
         // 0.1 rad of the oscillation a step: local error 0.1⁵/120.

@@ -19,8 +19,8 @@ impl Interpolation {
 
 /// m₂ as points over time. The value of a sample holds from its own instant until the next sample.
 ///
-/// A ramp is therefore a staircase of one step per sample: (24) is derived for a constant mass, and holds exactly at each sample
-/// with the mass of that sample.
+/// A ramp is therefore a staircase of one step per sample: (24) is derived for a constant mass, and
+/// holds exactly at each sample with the mass of that sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MassSchedule {
     /// Times \[s\] and masses \[kg\], the first at 0 s, times rising, masses > 0.
@@ -53,7 +53,8 @@ impl MassSchedule {
 
     /// Mass at time `t_s` \[kg\]; `t_s` ≥ 0.
     ///
-    /// A point counts as reached from 1 ns before its time, so that k Δ rounded down still belongs to it.
+    /// A point counts as reached from 1 ns before its time, so that k Δ rounded down still belongs
+    /// to it.
     pub fn mass_kg(&self, t_s: f64) -> f64 {
         let after = self.points.partition_point(|point| point.0 <= t_s + 1e-9).max(1);
         let (t0, m0) = self.points[after - 1];

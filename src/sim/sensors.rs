@@ -1,8 +1,10 @@
-//! What stands between the exact signals of the simulated machine and the samples that it publishes.
+//! What stands between the exact signals of the simulated machine and the samples that it
+//! publishes.
 //!
-//! Positions pass, in this order: a resonance between joint and sensor, the instant at which they are read (delay of the input, jitter), the encoder's
-//! eccentricity, noise, spikes, the encoder's counts. The instant is
-//! moved by q + q̇ τ + q̈ τ²/2; the rest, q⃛ τ³/6, is below 1e-7 rad for half a millisecond.
+//! Positions pass, in this order: a resonance between joint and sensor, the instant at which they
+//! are read (delay of the input, jitter), the encoder's eccentricity, noise, spikes, the encoder's
+//! counts. The instant is moved by q + q̇ τ + q̈ τ²/2; the rest, q⃛ τ³/6, is below 1e-7 rad for
+//! half a millisecond.
 
 use super::arm_parameters::ARM_JOINTS;
 use super::error::{SimError, finite, in_range, not_negative, positive};
@@ -15,7 +17,8 @@ use std::f64::consts::TAU;
 /// Errors added to the exact signals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorOptions {
-    /// Standard deviation of white noise on the measured voltage \[V\], ≥ 0. The motor gets the voltage without it.
+    /// Standard deviation of white noise on the measured voltage \[V\], ≥ 0. The motor gets the
+    /// voltage without it.
     pub input_noise_v: f64,
     /// Share of samples whose voltage carries a spike, 0 to 1; each joint on its own.
     pub spike_probability: f64,
@@ -27,7 +30,8 @@ pub struct SensorOptions {
     pub input_resolution_v: f64,
     /// 2^bits counts per turn on each joint, up to 40; 0 for positions without rounding.
     pub encoder_bits: u32,
-    /// Standard deviation of white noise on the measured position, before it is rounded \[rad\], ≥ 0.
+    /// Standard deviation of white noise on the measured position, before it is rounded \[rad\],
+    /// ≥ 0.
     pub position_noise_rad: f64,
     /// Share of samples whose position carries a spike, 0 to 1; each joint on its own.
     pub position_spike_probability: f64,
@@ -41,11 +45,14 @@ pub struct SensorOptions {
     pub resonance_hz: f64,
     /// Damping ratio of it, 0 to 10.
     pub resonance_damping: f64,
-    /// The recorded input acts this much later than the positions of its sample say \[s\], up to 0.01 s either way.
+    /// The recorded input acts this much later than the positions of its sample say \[s\], up to
+    /// 0.01 s either way.
     pub input_delay_s: f64,
-    /// Standard deviation of the instant at which positions are read \[s\], 0 to 1e-3; the same for all joints of a sample.
+    /// Standard deviation of the instant at which positions are read \[s\], 0 to 1e-3; the same for
+    /// all joints of a sample.
     pub jitter_s: f64,
-    /// Standard deviation of the instants of samples around their grid \[s\], 0 to 0.01; the machine, its controller and the time stamps keep to the true instants.
+    /// Standard deviation of the instants of samples around their grid \[s\], 0 to 0.01; the
+    /// machine, its controller and the time stamps keep to the true instants.
     pub stamp_jitter_s: f64,
     /// Share of samples that are lost on their way, 0 to 1 exclusive.
     pub loss_probability: f64,
@@ -86,7 +93,7 @@ impl SensorOptions {
         options
     }
 
-    /// True where the published positions are the exact ones.
+    /// True if the published positions are the exact ones.
     pub fn exact_positions(&self) -> bool {
         let errors = [
             self.position_noise_rad,
@@ -99,7 +106,8 @@ impl SensorOptions {
         self.encoder_bits == 0 && errors.iter().all(|&error| error == 0.0)
     }
 
-    /// Which of a sample's [`signals`] hold data: a machine whose positions come from a sensor reports no derivatives.
+    /// Which of a sample's [`signals`] hold data: a machine whose positions come from a sensor
+    /// reports no derivatives.
     pub fn signals(&self) -> u32 {
         if self.exact_positions() {
             signals::ALL
@@ -108,7 +116,7 @@ impl SensorOptions {
         }
     }
 
-    /// One count of the encoders \[rad\], 0 where there are none.
+    /// One count of the encoders \[rad\], 0 if there are none.
     pub fn resolution_rad(&self) -> f64 {
         match self.encoder_bits {
             0 => 0.0,
@@ -155,7 +163,7 @@ impl SensorOptions {
 #[derive(Debug, Clone)]
 pub(super) struct Sensors<const N: usize = ARM_JOINTS> {
     options: SensorOptions,
-    /// One count of the positions, 0 where they are not rounded.
+    /// One count of the positions, 0 if they are not rounded.
     resolution: f64,
     noise: Noise,
     spikes: Noise,
@@ -180,7 +188,7 @@ impl<const N: usize> Sensors<N> {
         }
     }
 
-    /// With counts of another size, where this is above 0.
+    /// With counts of another size, if this is above 0.
     pub fn with_resolution(mut self, resolution: f64) -> Self {
         if resolution > 0.0 {
             self.resolution = resolution;
@@ -188,12 +196,13 @@ impl<const N: usize> Sensors<N> {
         self
     }
 
-    /// True where the published positions are the exact ones.
+    /// True if the published positions are the exact ones.
     fn exact_positions(&self) -> bool {
         self.options.exact_positions() && self.resolution == 0.0
     }
 
-    /// The positions as this sample's sensors show them, from positions, velocities and accelerations.
+    /// The positions as this sample's sensors show them, from positions, velocities and
+    /// accelerations.
     pub fn positions(&mut self, q: [f64; N], dq: [f64; N], ddq: [f64; N]) -> [f64; N] {
         if self.exact_positions() {
             return q;
@@ -228,15 +237,17 @@ impl<const N: usize> Sensors<N> {
         })
     }
 
-    /// Tells how the machine got from one sample to the next: positions and velocities at both, `h` seconds apart.
+    /// Tells how the machine got from one sample to the next: positions and velocities at both, `h`
+    /// seconds apart.
     pub fn advance(&mut self, from: [[f64; 2]; N], to: [[f64; 2]; N], h: f64) {
         for (joint, resonance) in self.resonances.iter_mut().flatten().enumerate() {
             resonance.advance(from[joint], to[joint], h);
         }
     }
 
-    /// Adds this sample's errors. Draws the same number of values whatever they are, so that one source of noise does not
-    /// change the draws of another. Derivatives are blanked where the positions are measured.
+    /// Adds this sample's errors. Draws the same number of values whatever they are, so that one
+    /// source of noise does not change the draws of another. Derivatives are blanked if the
+    /// positions are measured.
     pub fn measure(&mut self, sample: &mut JointSample) {
         let options = &self.options;
         for joint in 0..N {
@@ -275,7 +286,8 @@ impl Losses {
     /// The losses of a run.
     pub fn new(options: &SensorOptions, seed: u64) -> Self {
         Self {
-            // With bursts of L samples the share p is lost if one begins with q: q L/(q L + 1 − q) = p.
+            // With bursts of L samples the share p is lost if one begins with q: q L/(q L + 1 −
+            // q) = p.
             probability: options.loss_probability
                 / (options.loss_probability + options.loss_burst as f64 * (1.0 - options.loss_probability)),
             burst: options.loss_burst,

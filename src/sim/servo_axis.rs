@@ -1,14 +1,16 @@
 //! A simulated servo axis under a PD controller.
 //!
 //! ```text
-//! M dv/dt = k u − F_v v − F_c sign v − b        moving, v ≠ 0
-//! v = 0 while |k u − b| ≤ F_c                   stuck: friction holds whatever is not more than F_c
+//! M dv/dt = k u − F_v v − F_c sign v − b       moving, v ≠ 0
+//! v = 0 while |k u − b| ≤ F_c                  stuck: friction holds whatever is not more than F_c
 //! u = K_p (setpoint − q) − K_d v, limited to ± u_max
 //! ```
 //!
-//! q, v position and velocity \[m, m/s or rad, rad/s\]; M, F_v, F_c, b, k as in [`ServoAxis`](crate::model::ServoAxis). Coulomb friction is a
-//! jump: a Runge-Kutta step that would carry v through zero is cut at the zero, where the axis sticks or sets off the other way.
-//! While it sticks, friction may be anything up to F_c, so such samples do not obey the model's F_c sign v, as on a real machine.
+//! q, v position and velocity \[m, m/s or rad, rad/s\]; M, F_v, F_c, b, k as in
+//! [`ServoAxis`](crate::model::ServoAxis). Coulomb friction is a jump: a Runge-Kutta step that
+//! would carry v through zero is cut at the zero, where the axis sticks or sets off the other way.
+//! While it sticks, friction may be anything up to F_c, so such samples do not obey the model's F_c
+//! sign v, as on a real machine.
 
 use super::controller::{Commanded, ControllerKind, PositionFeedback};
 use super::error::SimError;
@@ -58,7 +60,8 @@ enum Motion {
 
 /// The closed loop as an endless iterator: sample k = 0, 1, 2, … at t = k Δ.
 ///
-/// Nothing is allocated per sample. It ends early only where the state is no longer finite (gains that make the loop unstable).
+/// Nothing is allocated per sample. It ends early only if the state is no longer finite (gains
+/// that make the loop unstable).
 #[derive(Debug, Clone)]
 pub struct ServoAxisSimulator {
     axis: ServoAxisOptions,
@@ -80,7 +83,8 @@ pub struct ServoAxisSimulator {
 }
 
 impl ServoAxisSimulator {
-    /// A simulator at k = 0: the axis at rest at the first initial position, following the first setpoint.
+    /// A simulator at k = 0: the axis at rest at the first initial position, following the first
+    /// setpoint.
     ///
     /// # Errors
     /// The options are not valid, see [`SimOptions::validate`].
@@ -117,8 +121,8 @@ impl ServoAxisSimulator {
         self.setpoint.begin_sample(self.k);
         let [q, v] = self.state;
         let setpoint = self.setpoint.value(self.offset_s[0] / self.sample_period_s);
-        // The reading instant's shift needs the acceleration, which needs the input, which may need the reading: the true position
-        // stands in for it, whose error here is below a count.
+        // The reading instant's shift needs the acceleration, which needs the input, which may need
+        // the reading: the true position stands in for it, whose error here is below a count.
         let ddq = self.axis.acceleration(
             self.mass,
             self.motion,
@@ -155,7 +159,8 @@ impl ServoAxisSimulator {
         let length = self.grid()[1] - start;
         for substep in 0..self.substeps {
             let (mut from, mut cuts) = (0.0, 0);
-            // Each pass is a stretch without a change of direction. A drive cannot turn the axis more often within a substep than this.
+            // Each pass is a stretch without a change of direction. A drive cannot turn the axis
+            // more often within a substep than this.
             while from < 1.0 && cuts < 4 {
                 let at =
                     |fraction: f64, substeps: usize| start + length * ((substep as f64 + fraction) / substeps as f64);

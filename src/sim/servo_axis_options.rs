@@ -28,9 +28,11 @@ pub struct ServoAxisOptions {
 }
 
 impl ServoAxisOptions {
-    /// The parameters of the EMPS benchmark as its owners publish them, its resolution and drive, and a stiff PD controller.
+    /// The parameters of the EMPS benchmark as its owners publish them, its resolution and drive,
+    /// and a stiff PD controller.
     ///
-    /// A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, Workshop on Nonlinear System Identification Benchmarks, 2019.
+    /// A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, Workshop on
+    /// Nonlinear System Identification Benchmarks, 2019.
     pub fn emps() -> Self {
         Self {
             gain: 35.150_651_88,
@@ -45,7 +47,8 @@ impl ServoAxisOptions {
         }
     }
 
-    /// The parameters as they really are at time `t_s` \[s\], in the order of [`ServoAxis`](crate::model::ServoAxis).
+    /// The parameters as they really are at time `t_s` \[s\], in the order of
+    /// [`ServoAxis`](crate::model::ServoAxis).
     pub fn true_theta(&self, t_s: f64) -> [f64; SERVO_PARAMS] {
         [
             self.mass.mass_kg(t_s),

@@ -1,7 +1,8 @@
 //! Commanded positions φ_z of (13): what excites the plant.
 //!
-//! Kinds that step hold their value from a sample to the next; kinds that are smooth are evaluated wherever the integrator needs
-//! them. Holding a smooth reference over 1 ms puts a staircase into the voltage, which no later filter can remove.
+//! Kinds that step hold their value from a sample to the next; kinds that are smooth are evaluated
+//! wherever the integrator needs them. Holding a smooth reference over 1 ms puts a staircase into
+//! the voltage, which no later filter can remove.
 
 use super::error::{SimError, finite, in_range, not_negative, positive};
 use super::moves::{Moves, MovesSource};
@@ -50,8 +51,9 @@ pub enum Setpoint {
         /// The sines, at least one.
         tones: Vec<Tone>,
     },
-    /// Sum of sines drawn from the seed: one in each of `count` equal parts of the logarithmic frequency range, phases uniform, amplitudes
-    /// falling as 1/frequency (equal velocities) and scaled so that their sum is `amplitude_rad`.
+    /// Sum of sines drawn from the seed: one in each of `count` equal parts of the logarithmic
+    /// frequency range, phases uniform, amplitudes falling as 1/frequency (equal velocities) and
+    /// scaled so that their sum is `amplitude_rad`.
     RandomSines {
         /// Number of sines, 1 to 64.
         count: usize,
@@ -233,7 +235,8 @@ pub struct SetpointPath {
 }
 
 impl SetpointPath {
-    /// A valid setpoint of joint `joint`, counted from 0, in a run with this sample period \[s\] and seed.
+    /// A valid setpoint of joint `joint`, counted from 0, in a run with this sample period \[s\]
+    /// and seed.
     pub fn new(setpoint: &Setpoint, joint: usize, sample_period_s: f64, seed: u64) -> Self {
         let noise = Noise::new(seed, Noise::setpoint_stream(joint));
         Self {
@@ -251,7 +254,8 @@ impl SetpointPath {
     }
 }
 
-/// A [`Setpoint`] at work: call [`begin_sample`](Self::begin_sample) for k = 0, 1, 2 …, then [`value`](Self::value) within that sample.
+/// A [`Setpoint`] at work: call [`begin_sample`](Self::begin_sample) for k = 0, 1, 2 …, then
+/// [`value`](Self::value) within that sample.
 #[derive(Debug, Clone)]
 pub(super) struct SetpointSource {
     kind: Source,
@@ -428,7 +432,8 @@ impl SetpointSource {
                 }
             }
             Source::Held { t_s, values, next } => {
-                // A time counts as reached from 1 ns before it, so that k Δ rounded down still belongs to it.
+                // A time counts as reached from 1 ns before it, so that k Δ rounded down still
+                // belongs to it.
                 let t = k as f64 * self.sample_period_s + 1e-9;
                 while *next < t_s.len() && t_s[*next] <= t {
                     *next += 1;

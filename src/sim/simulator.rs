@@ -1,9 +1,11 @@
 //! Motors, arm and controllers put together: samples of a closed loop, one after the other.
 //!
-//! State x = (q₁, q₂, q̇₁, q̇₂, i₁, i₂). Derivatives of samples are not differenced but follow from the state: q̈ from (23), di/dt from
-//! (17), q⃛ from d/dt (23). So they satisfy (24) to rounding, whatever the step of the integration.
+//! State x = (q₁, q₂, q̇₁, q̇₂, i₁, i₂). Derivatives of samples are not differenced but follow from
+//! the state: q̈ from (23), di/dt from (17), q⃛ from d/dt (23). So they satisfy (24) to rounding,
+//! whatever the step of the integration.
 //!
-//! Setpoint steps and mass changes fall on sample instants: sample k is taken with the values that hold from its instant on.
+//! Setpoint steps and mass changes fall on sample instants: sample k is taken with the values that
+//! hold from its instant on.
 
 use super::ArmParameters;
 use super::arm::ArmDynamics;
@@ -25,7 +27,8 @@ use std::array::from_fn;
 
 /// The closed loop as an endless iterator: sample k = 0, 1, 2, … at t = k Δ.
 ///
-/// Nothing is allocated per sample. It ends early only where the state is no longer finite (gains that make the loop unstable).
+/// Nothing is allocated per sample. It ends early only if the state is no longer finite (gains
+/// that make the loop unstable).
 #[derive(Debug, Clone)]
 pub struct ArmSimulator {
     sample_period_s: f64,
@@ -106,7 +109,8 @@ impl ArmSimulator {
         self.k
     }
 
-    /// The next sample with measured positions and exact derivatives and voltages; `None` once the state is no longer finite.
+    /// The next sample with measured positions and exact derivatives and voltages; `None` once the
+    /// state is no longer finite.
     fn exact_sample(&mut self) -> Option<JointSample> {
         if self.state.iter().any(|x| !x.is_finite()) {
             return None;
@@ -171,7 +175,8 @@ impl ArmSimulator {
         wanted.clamp(-self.voltage_limit, self.voltage_limit)
     }
 
-    /// Carries the state on to the next sample instant and tells how far that is \[s\]; `held` is the voltage of this instant \[V\].
+    /// Carries the state on to the next sample instant and tells how far that is \[s\]; `held` is
+    /// the voltage of this instant \[V\].
     fn integrate(&mut self, held: [f64; ARM_JOINTS]) -> f64 {
         let [from, to] = self.offset_s.map(|offset_s| offset_s / self.sample_period_s);
         let length = 1.0 + to - from;

@@ -1,4 +1,5 @@
-//! What a real arm does and the equations (12) to (23) do not know: friction that does not depend on speed, a tilted base, windings that heat up.
+//! What a real arm does and the equations (12) to (23) do not know: friction that does not depend
+//! on speed, a tilted base, windings that heat up.
 //!
 //! ```text
 //! M_f = F tanh(q̇/v)                         Coulomb friction of a joint, its jump at q̇ = 0 drawn out over the speed v
@@ -6,8 +7,9 @@
 //! R(t) = R (1 + s min(t/T, 1))               both windings grow by the share s within T
 //! ```
 //!
-//! With tanh a joint that is held creeps at most at v instead of sticking; v is small against all that is commanded. The integration
-//! needs F h/(J v) < 2.7 for substeps of length h, see [`Unmodelled::friction_speed_rad_per_s`].
+//! With tanh a joint that is held creeps at most at v instead of sticking; v is small against all
+//! that is commanded. The integration needs F h/(J v) < 2.7 for substeps of length h, see
+//! [`Unmodelled::friction_speed_rad_per_s`].
 
 use super::arm_parameters::ARM_JOINTS;
 use super::error::{SimError, in_range, not_negative, positive};
@@ -17,7 +19,8 @@ use super::error::{SimError, in_range, not_negative, positive};
 pub struct Unmodelled {
     /// F of each joint \[N m\], ≥ 0.
     pub coulomb_friction_n_m: [f64; ARM_JOINTS],
-    /// v \[rad/s\], > 0: three quarters of the friction act at this speed. The smaller, the more `substeps` it takes.
+    /// v \[rad/s\], > 0: three quarters of the friction act at this speed. The smaller, the more
+    /// `substeps` it takes.
     pub friction_speed_rad_per_s: f64,
     /// α \[rad\], −0.5 to 0.5.
     pub base_tilt_rad: f64,
@@ -39,7 +42,8 @@ impl Unmodelled {
         }
     }
 
-    /// Friction torques \[N m\] at velocities \[rad/s\], against the motion, and their slopes \[N m s/rad\].
+    /// Friction torques \[N m\] at velocities \[rad/s\], against the motion, and their slopes \[N m
+    /// s/rad\].
     #[inline]
     pub(super) fn friction(&self, dq: [f64; ARM_JOINTS]) -> [(f64, f64); ARM_JOINTS] {
         std::array::from_fn(|joint| {

@@ -15,7 +15,7 @@ pub struct Effort {
     pub calibration_runs: u64,
 }
 
-/// True where the 95 % interval of a parameter holds the truth.
+/// True if the 95 % interval of a parameter holds the truth.
 pub(super) fn covers(block: &BlockResult, truth: &[f64], parameter: usize) -> bool {
     (block.theta[parameter] - truth[parameter]).abs() <= 1.96 * block.std[parameter]
 }

@@ -1,4 +1,5 @@
-//! Estimators that a comparison can run, all to the same record: θ̂ and its deviation at the end of each block.
+//! Estimators that a comparison can run, all to the same record: θ̂ and its deviation at the end of
+//! each block.
 
 use super::ekf::{Ekf, EkfTuning};
 use super::{CompareError, Scenario};
@@ -12,7 +13,7 @@ use std::time::{Duration, Instant};
 pub struct BlockResult {
     /// θ̂.
     pub theta: [f64; MANIPULATOR_PARAMS],
-    /// Standard deviation of θ̂; `NaN` where there is none.
+    /// Standard deviation of θ̂; `NaN` if there is none.
     pub std: [f64; MANIPULATOR_PARAMS],
     /// Bit i: the estimator marks parameter i usable.
     pub usable: u128,
@@ -20,7 +21,7 @@ pub struct BlockResult {
     pub use_ok: bool,
     /// A change that was announced; its time is stream time in ns.
     pub change: Option<Change>,
-    /// Gauss-Newton iterations, 0 where there are none.
+    /// Gauss-Newton iterations, 0 if there are none.
     pub iterations: u32,
     /// Rows treated as outliers.
     pub outliers: u32,
@@ -96,8 +97,9 @@ pub fn run_blocks(
     Ok(clock.record(blocks))
 }
 
-/// WRLS (2)–(4), sample by sample, on the equations as they are linear: θ₁…θ₅, and θ₆, θ₇, θ₈, θ₆θ₉, θ₇θ₉, from which θ₉ is the quotient of the last and
-/// the second. `forgetting_factor` is λ per block, so the factor per sample is its `block_len`-th root.
+/// WRLS (2)–(4), sample by sample, on the equations as they are linear: θ₁…θ₅, and θ₆, θ₇, θ₈,
+/// θ₆θ₉, θ₇θ₉, from which θ₉ is the quotient of the last and the second. `forgetting_factor` is λ
+/// per block, so the factor per sample is its `block_len`-th root.
 ///
 /// Deviations are Γσ² with σ² from the innovations, as usual; they hold without forgetting.
 ///
@@ -163,7 +165,8 @@ pub fn run_wrls(scenario: &Scenario, block_len: usize, options: &EstimatorOption
     Ok(clock.record(blocks))
 }
 
-/// Off-line least squares over everything from the first sample to the end of a block, for the blocks `at` (counted from 0).
+/// Off-line least squares over everything from the first sample to the end of a block, for the
+/// blocks `at` (counted from 0).
 ///
 /// # Errors
 /// The start value or a row is not finite.

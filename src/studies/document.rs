@@ -112,7 +112,8 @@ impl Document {
     }
 }
 
-/// A share in per cent with two significant digits: `13 %`, `0.021 %`; rounding, below 1e-6 %, as such.
+/// A share in per cent with two significant digits: `13 %`, `0.021 %`; rounding, below 1e-6 %, as
+/// such.
 pub fn percent(share: f64) -> String {
     if share.is_infinite() {
         return "inf".to_owned();

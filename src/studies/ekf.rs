@@ -6,10 +6,12 @@
 //! z = (q₂, q̇₁, q̇₂, q̈₁, q̈₂)                        measured at each sample
 //! ```
 //!
-//! Logarithms keep θ positive and make one random walk fit all of them. u is measured at the samples and carries the noise that drives the process; between
-//! samples it runs straight to its value before the next setpoint step, which the gains give. One Runge-Kutta step a sample, its Jacobian by
-//! automatic differentiation, sequential scalar updates.
-//! Source: Ljung, Asymptotic behavior of the extended Kalman filter as a parameter estimator for linear systems, IEEE TAC 24 (1979).
+//! Logarithms keep θ positive and make one random walk fit all of them. u is measured at the
+//! samples and carries the noise that drives the process; between samples it runs straight to its
+//! value before the next setpoint step, which the gains give. One Runge-Kutta step a sample, its
+//! Jacobian by automatic differentiation, sequential scalar updates.
+//! Source: Ljung, Asymptotic behavior of the extended Kalman filter as a parameter estimator for
+//! linear systems, IEEE TAC 24 (1979).
 
 use super::Scenario;
 use crate::model::{MANIPULATOR_PARAMS, Scalar};
@@ -60,8 +62,9 @@ fn jerks<D: Scalar>(gravity: f64, [q2, dq1, dq2, ddq1, ddq2]: [D; MEASURED], the
 }
 
 impl Ekf {
-    /// Measurement deviations in rad, rad/s and rad/s². The signals are exact, but a filter that is told so trusts its first linearisations too
-    /// much: with a hundredth of these and noise on the voltage it diverges in the first block, with a tenth it takes longer to follow a jump.
+    /// Measurement deviations in rad, rad/s and rad/s². The signals are exact, but a filter that is
+    /// told so trusts its first linearisations too much: with a hundredth of these and noise on the
+    /// voltage it diverges in the first block, with a tenth it takes longer to follow a jump.
     const MEASUREMENT_STD: [f64; MEASURED] = [1e-3, 1e-2, 1e-2, 1.0, 1.0];
     /// Deviation of ln θ at the start: a factor of 2.7.
     const START_STD: f64 = 1.0;

@@ -1,6 +1,7 @@
 //! A real machine: the Electro-Mechanical Positioning System (EMPS), a carriage on a ball screw.
 //!
-//! A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, Workshop on Nonlinear System Identification Benchmarks, 2019.
+//! A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, Workshop on Nonlinear
+//! System Identification Benchmarks, 2019.
 
 use super::CompareError;
 use super::document::{Section, Table, two_digits};
@@ -10,7 +11,8 @@ use crate::rows::{InputTiming, ProjectedBlock, ProjectedOptions, SampleBlock, Se
 
 /// Force on the carriage per volt of the drive \[N/V\].
 pub const GAIN: f64 = 35.150_651_88;
-/// Published mass \[kg\], viscous friction \[N s/m\], Coulomb friction \[N\] and offset \[N\]: off-line fits of the same record.
+/// Published mass \[kg\], viscous friction \[N s/m\], Coulomb friction \[N\] and offset \[N\]:
+/// off-line fits of the same record.
 pub const PUBLISHED: [f64; 4] = [95.1089, 203.5034, 20.3935, -3.1648];
 
 /// Rows for the recording at 1 kHz.
@@ -27,7 +29,8 @@ pub fn rows(window_s: f64, timing: InputTiming) -> ProjectedOptions {
     }
 }
 
-/// One on-line pass over position \[m\] and voltage \[V\]: the last report, and in how many blocks every parameter was excited.
+/// One on-line pass over position \[m\] and voltage \[V\]: the last report, and in how many blocks
+/// every parameter was excited.
 ///
 /// # Errors
 /// The options are not valid.

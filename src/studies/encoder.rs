@@ -1,6 +1,7 @@
 //! What positions and voltages alone give: the tables of docs/encoder-results.md.
 //!
-//! Every run has its own seed for reference and noise. Errors are relative to the truth at the end of a block.
+//! Every run has its own seed for reference and noise. Errors are relative to the truth at the end
+//! of a block.
 
 use super::common::Effort;
 use super::document::{Document, Section, Table, percent, two_digits};
@@ -127,7 +128,8 @@ fn accuracy_sections(setup: &EncoderSetup, seeds: u64) -> Result<[Section; 2], C
     ])
 }
 
-/// Share of runs whose 95 % interval holds the truth after ten blocks, per parameter, and the alarms and blocks of these runs.
+/// Share of runs whose 95 % interval holds the truth after ten blocks, per parameter, and the
+/// alarms and blocks of these runs.
 ///
 /// # Errors
 /// The options are not valid.

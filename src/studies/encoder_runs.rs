@@ -97,7 +97,8 @@ pub struct Judged {
     pub off_s: Option<f64>,
     /// Changes announced in other blocks than that of the jump and the next.
     pub other_alarms: usize,
-    /// 95 % intervals that held the truth, and intervals, from the sixth block on but for the two of the jump.
+    /// 95 % intervals that held the truth, and intervals, from the sixth block on but for the two
+    /// of the jump.
     pub held: (usize, usize),
 }
 

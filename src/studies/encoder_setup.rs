@@ -1,4 +1,5 @@
-//! The run that the study of encoders and voltages varies: what the arm follows, its encoders, rows and estimator.
+//! The run that the study of encoders and voltages varies: what the arm follows, its encoders, rows
+//! and estimator.
 
 use super::Reference;
 use crate::estimator::EstimatorOptions;
@@ -12,7 +13,8 @@ pub enum Signals {
     Steps,
     /// A square wave per joint.
     Square,
-    /// Six sines from 0.23 to 5.3 Hz with amplitudes that fall slowly, as f^(−1/4), and phases by the seed.
+    /// Six sines from 0.23 to 5.3 Hz with amplitudes that fall slowly, as f^(−1/4), and phases by
+    /// the seed.
     Sines,
     /// Six sines of equal speed, amplitudes as 1/f: little of what tells an inductance.
     LazySines,
@@ -82,7 +84,8 @@ pub struct EncoderSetup {
 }
 
 impl EncoderSetup {
-    /// The same seen through other encoders \[bits\] and voltage noise \[V\], with another controller; the rows are told.
+    /// The same seen through other encoders \[bits\] and voltage noise \[V\], with another
+    /// controller; the rows are told.
     pub fn with(&self, bits: u32, noise_v: f64, kind: ControllerKind) -> Self {
         let mut setup = self.clone();
         setup.sim.sensors = SensorOptions {

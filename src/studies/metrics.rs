@@ -1,6 +1,6 @@
 //! What is read off a run: errors, blocks to settle, excursions.
 
-/// Largest relative error over the chosen parameters; `inf` where an estimate is not finite.
+/// Largest relative error over the chosen parameters; `inf` if an estimate is not finite.
 pub fn worst_relative_error(theta: &[f64], truth: &[f64], parameters: &[usize]) -> f64 {
     parameters
         .iter()
@@ -11,7 +11,8 @@ pub fn worst_relative_error(theta: &[f64], truth: &[f64], parameters: &[usize]) 
         .fold(0.0, f64::max)
 }
 
-/// Blocks from the one holding the change (0) to the first from which on all errors stay at or below `limit`; `None` where they never do.
+/// Blocks from the one holding the change (0) to the first from which on all errors stay at or
+/// below `limit`; `None` if they never do.
 ///
 /// `errors` holds one value per block, `from` is the index of the block that holds the change.
 pub fn blocks_to_stay_within(errors: &[f64], from: usize, limit: f64) -> Option<usize> {

@@ -1,4 +1,5 @@
-//! Everything that makes tables: estimators side by side on the same simulated data, and trials of the evidence. Not part of the product.
+//! Everything that makes tables: estimators side by side on the same simulated data, and trials of
+//! the evidence. Not part of the product.
 
 mod common;
 mod contenders;

@@ -1,7 +1,8 @@
 //! The paper's own result, reproduced: how fast its recursion follows the jump of the payload.
 //!
-//! The paper gives curves that cannot be read from its scan, and the words "about a dozen iterations" for θ₂, θ₄, θ₆, θ₇ and a passing disturbance for
-//! the others. These tables put numbers beside the words.
+//! The paper gives curves that cannot be read from its scan, and the words "about a dozen
+//! iterations" for θ₂, θ₄, θ₆, θ₇ and a passing disturbance for the others. These tables put
+//! numbers beside the words.
 
 use super::document::{Document, Section, Table, count, percent};
 use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
@@ -28,7 +29,8 @@ const VARIANTS: [Forgetting; 3] = [
 const FACTORS: [f64; 3] = [0.90, 0.95, 0.98];
 const BLOCK_LENS: [usize; 4] = [475, 950, 1900, 3800];
 
-/// What one run of one estimator shows about a jump; errors are relative, block counts start with 0 at the block of the jump.
+/// What one run of one estimator shows about a jump; errors are relative, block counts start with 0
+/// at the block of the jump.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JumpResponse {
     /// Worst error of all parameters in the last block before the jump.
@@ -43,7 +45,8 @@ pub struct JumpResponse {
     pub error_at_end: f64,
 }
 
-/// Runs the block recursion over a scenario; `None` where the run has no jump after its first block.
+/// Runs the block recursion over a scenario; `None` if the run has no jump after its first
+/// block.
 ///
 /// # Errors
 /// The options do not fit.
@@ -59,7 +62,8 @@ pub fn jump_response(
     let (mut changing, mut all) = (Vec::new(), Vec::new());
     let mut excursion = [0.0; 5];
     for (block, rows) in scenario.blocks(block_len).enumerate() {
-        // The truth of a block is that of its last sample: what an estimate published then should say.
+        // The truth of a block is that of its last sample: what an estimate published then should
+        // say.
         let truth = scenario.truth((block + 1) * block_len - 1);
         let theta = &estimator.update(&rows).theta;
         changing.push(worst_relative_error(theta, &truth, &CHANGING));

@@ -1,4 +1,5 @@
-//! The estimators side by side, and what the recommended one reaches where the plant does what plants do.
+//! The estimators side by side, and what the recommended one reaches if the plant does what
+//! plants do.
 
 use super::common::{Effort, STUDY_NOISE_V, covers};
 use super::contenders::{BlockResult, RunRecord, run_batch, run_blocks, run_ekf, run_wrls};
@@ -12,8 +13,8 @@ use crate::estimator::{EstimatorOptions, Forgetting, cedro2022_estimator};
 use crate::sim::{SensorOptions, SimOptions};
 use std::time::Duration;
 
-/// All tables for a configured run; `ours` is the configured estimator, `recording` that of a real machine, position \[m\] and voltage \[V\] at
-/// 1 kHz, where it is at hand.
+/// All tables for a configured run; `ours` is the configured estimator, `recording` that of a real
+/// machine, position \[m\] and voltage \[V\] at 1 kHz, if it is at hand.
 ///
 /// # Errors
 /// The options are not valid, or the run has no jump after the first block.
@@ -99,7 +100,8 @@ impl Contender {
 /// Tunings of the Kalman filter that are tried; the best is shown.
 const RANDOM_WALKS: [f64; 3] = [0.01, 0.03, 0.1];
 
-/// Every estimator on the configured run, with noise of `noise_v` on the measured voltage over so many seeds of it.
+/// Every estimator on the configured run, with noise of `noise_v` on the measured voltage over so
+/// many seeds of it.
 ///
 /// # Errors
 /// As [`results_document`].

@@ -1,4 +1,5 @@
-//! One simulated run, kept as what the rows need, so that many estimators can be put on the very same data.
+//! One simulated run, kept as what the rows need, so that many estimators can be put on the very
+//! same data.
 
 use crate::estimator::Residuals;
 use crate::model::{MANIPULATOR_PARAMS, MAX_JOINTS, Manipulator, ManipulatorFeatures, PointwiseModel};
@@ -130,7 +131,8 @@ impl Scenario {
         (0..self.len() / block_len).map(move |block| self.rows(block * block_len..(block + 1) * block_len))
     }
 
-    /// The first sample at which the mass is another one than before, as (sample, block counted from 0).
+    /// The first sample at which the mass is another one than before, as (sample, block counted
+    /// from 0).
     pub fn first_change(&self, block_len: usize) -> Option<(usize, usize)> {
         let mass = |sample: usize| self.options.mass_2.mass_kg(self.time_s(sample));
         (1..self.len())

@@ -11,7 +11,8 @@ use crate::sim::{Interpolation, MassSchedule, SensorOptions, SimOptions};
 
 /// Parameters that gravity shows: θ₆, θ₇, θ₉, and with them the mass of the payload.
 const PAYLOAD: [usize; 3] = [5, 6, 8];
-/// Parameters that a user of a noisy run can expect to know: θ₂, θ₄…θ₉. θ₁ and θ₃ are of link 1 alone, a twentieth of the moving mass.
+/// Parameters that a user of a noisy run can expect to know: θ₂, θ₄…θ₉. θ₁ and θ₃ are of link 1
+/// alone, a twentieth of the moving mass.
 pub(super) const KNOWABLE: [usize; 7] = [1, 3, 4, 5, 6, 7, 8];
 
 pub(super) fn noisy(sim: &SimOptions, noise_v: f64) -> SimOptions {
@@ -164,7 +165,8 @@ pub(super) fn changes() -> Vec<(String, MassSchedule)> {
 /// What a run shows of a change of the payload.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChangeRun {
-    /// Distance of the announced time from the true one \[s\]; `None` where the block of the change and the next announce nothing.
+    /// Distance of the announced time from the true one \[s\]; `None` if the block of the change
+    /// and the next announce nothing.
     pub off_s: Option<f64>,
     /// Blocks from the one of the last jump (0) until θ₆, θ₇ and θ₉ stay within 1 %.
     pub to_1_percent: Option<usize>,
@@ -172,7 +174,8 @@ pub struct ChangeRun {
     pub usable_error: f64,
     /// Share of blocks with `use_ok`, from the change on.
     pub usable_share: f64,
-    /// Share of θ₂ and θ₄…θ₉ that are usable in a block with `use_ok`, of all blocks from the change on.
+    /// Share of θ₂ and θ₄…θ₉ that are usable in a block with `use_ok`, of all blocks from the
+    /// change on.
     pub usable_parameters: f64,
 }
 
@@ -185,7 +188,7 @@ pub fn change_run(sim: &SimOptions, block_len: usize, ours: &EstimatorOptions) -
     let (sample, block) = scenario.first_change(block_len).ok_or(CompareError::NoJump)?;
     let record = run_blocks(&scenario, block_len, ours)?;
     let announced = record.blocks.iter().skip(block).take(2).find_map(|b| b.change);
-    // The last change counts, where there are two.
+    // The last change counts, if there are two.
     let last_change_s = sim.mass_2.points.last().map_or(0.0, |point| point.0);
     let last_block = ((last_change_s / sim.sample_period_s).round() as usize) / block_len;
     let mut run = ChangeRun {
@@ -358,7 +361,8 @@ pub fn false_alarms(
     })
 }
 
-/// Share of runs whose 95 % interval holds the truth, per parameter, after each of the given numbers of blocks.
+/// Share of runs whose 95 % interval holds the truth, per parameter, after each of the given
+/// numbers of blocks.
 ///
 /// # Errors
 /// The options are not valid.

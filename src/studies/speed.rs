@@ -39,7 +39,7 @@ impl Times {
         }
     }
 
-    /// A line for `times`, each of which holds `per` pieces of work; none where it never happened.
+    /// A line for `times`, each of which holds `per` pieces of work; none if it never happened.
     fn row(&mut self, work: &str, times: &mut [Duration], per: usize, (unit, name): (f64, &str)) {
         times.sort();
         let (Some(&middle), Some(&worst)) = (times.get(times.len() / 2), times.last()) else {

@@ -1,4 +1,4 @@
-//! What one estimator does where nothing moves, and where one row in a hundred lies.
+//! What one estimator does if nothing moves, and where one row in a hundred lies.
 
 use super::common::STUDY_NOISE_V;
 use super::contenders::{BlockResult, RunRecord, run_blocks};
@@ -129,7 +129,8 @@ pub struct WindupRun {
     pub at_rest: f64,
     /// The same in standard deviations of the estimate.
     pub deviations: f64,
-    /// Factor by which the standard deviation grows that grows most, up to the end of the rest or its first alarm.
+    /// Factor by which the standard deviation grows that grows most, up to the end of the rest or
+    /// its first alarm.
     pub growth: f64,
     /// Alarms while resting.
     pub alarms: usize,
@@ -175,7 +176,8 @@ fn windup_run(scenario: &Scenario, block_len: usize, options: &EstimatorOptions)
     })
 }
 
-/// Largest change of any estimate, in its own standard deviations, by spikes on 1 % of the voltages, 100 times the noise; blocks from the second on.
+/// Largest change of any estimate, in its own standard deviations, by spikes on 1 % of the
+/// voltages, 100 times the noise; blocks from the second on.
 ///
 /// # Errors
 /// The options are not valid.

@@ -1,5 +1,5 @@
-//! The paper on one page, `src/estimator/cedro.rs`: against the golden estimates, against the engine, and against the
-//! cost that it minimises.
+//! The paper on one page, `src/estimator/cedro.rs`: against the golden estimates, against the
+//! engine, and against the cost that it minimises.
 
 use crate::estimator::{GOLDEN_START, Linear, agrees, arm_block, golden_estimates, one_equation, random_linear};
 use crate::support::{TestRng, golden_samples};
@@ -63,7 +63,8 @@ fn val_the_recursion_minimises_the_cost_of_equation_6_and_of_equation_2() {
         let cost = |theta: &DVector<f64>| cedro_cost(&structure, &blocks, theta, &start);
         let least = cost(&recursion.theta);
         for i in 0..3 {
-            // The cost is a parabola in each parameter, so its minimum lies midway between points of equal cost.
+            // The cost is a parabola in each parameter, so its minimum lies midway between points
+            // of equal cost.
             let at = |step: f64| {
                 let mut theta = recursion.theta.clone();
                 theta[i] += step;
@@ -72,7 +73,8 @@ fn val_the_recursion_minimises_the_cost_of_equation_6_and_of_equation_2() {
             assert!(at(1e-3) > least && at(-1e-3) > least);
             let curvature = (at(1e-3) + at(-1e-3) - 2.0 * least) / 1e-6;
             let slope = (at(1e-3) - at(-1e-3)) / 2e-3;
-            // Rounding of the difference of two costs, over the curvature: the offset of the minimum.
+            // Rounding of the difference of two costs, over the curvature: the offset of the
+            // minimum.
             assert!((slope / curvature).abs() < 1e-9, "{rows} {i}: {slope:e} {curvature:e}");
         }
     }

@@ -570,7 +570,8 @@ fn regress_legal_but_suspicious_settings_warn() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 10_000, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Bytes flipped, cut out, doubled or moved in the reference file: an error or a configuration, never a panic.
+    /// Bytes flipped, cut out, doubled or moved in the reference file: an error or a configuration,
+    /// never a panic.
     #[test]
     fn fault_corrupt_files_never_panic(
         edits in prop::collection::vec((0..4u8, any::<prop::sample::Index>(), any::<prop::sample::Index>(), any::<u8>()), 1..6),

@@ -1,4 +1,5 @@
-//! Whole configurations on simulated machines: terms that can be switched on, sample rates, noise that nobody stated.
+//! Whole configurations on simulated machines: terms that can be switched on, sample rates, noise
+//! that nobody stated.
 
 use std::f64::consts::TAU;
 use thetabus::config::{Catalog, Config};
@@ -19,7 +20,8 @@ fn encoder_only(sets: &[String]) -> Config {
     Config::load(&[Config::embedded("encoder_only").unwrap()], sets).unwrap()
 }
 
-/// Estimates after the last block: θ̂ and its standard deviations, and the number of changes that were announced.
+/// Estimates after the last block: θ̂ and its standard deviations, and the number of changes that
+/// were announced.
 struct Last {
     theta: Vec<f64>,
     std: Vec<f64>,
@@ -106,7 +108,8 @@ fn val_extra_terms_are_those_of_the_motor_equation_and_none_are_the_papers_arm()
             assert!((extended[d] - own[d] - more[d]).abs() < 1e-12, "{equation} {d}");
         }
     }
-    // What the simulator knows of friction satisfies the relations, and physical values do not depend on the terms.
+    // What the simulator knows of friction satisfies the relations, and physical values do not
+    // depend on the terms.
     let mut sim = sim;
     sim.unmodelled.coulomb_friction_n_m = [40.0, 70.0];
     let truth = sim.true_values(&names, 0.0);
@@ -222,7 +225,8 @@ fn ident_the_velocity_filter_keeps_its_time_at_every_sample_rate() {
             "{period_s} s: {sigmas:.1} sigma, {worst:.4}"
         );
     }
-    // ten samples of 2 ms, as the count once had it, smooth the fastest motion away: more than σ allows, unlike all of the above
+    // ten samples of 2 ms, as the count once had it, smooth the fastest motion away: more than σ
+    // allows, unlike all of the above
     let (sigmas, _) = errors(2e-3, Some(0.02));
     assert!(sigmas > 4.5, "{sigmas}");
 }
@@ -260,7 +264,8 @@ impl Plant for Pendulum {
     }
 }
 
-/// q and q̇ of the pendulum of `examples/own_machine.rs` so many seconds later, in steps whose own error is far below any noise here.
+/// q and q̇ of the pendulum of `examples/own_machine.rs` so many seconds later, in steps whose own
+/// error is far below any noise here.
 fn swing(state: [f64; 2], torque: f64, period_s: f64) -> [f64; 2] {
     let rate = |_: f64, x: &[f64; 2]| [x[1], (torque - 0.8 * x[1] - 12.0 * x[0].sin()) / 2.5];
     let steps = (period_s / 5e-4).round() as usize;
@@ -290,7 +295,8 @@ fn ident_a_plant_of_ones_own_needs_no_word_about_its_sensors() {
     let own = Catalog::default().with(Pendulum);
     let truth = [2.5, 0.8, 12.0];
     let (mut covered, mut all, mut changes) = (0, 0, 0);
-    // from a coarse encoder with a quiet drive to a fine one with a noisy drive: none is what any default would guess
+    // from a coarse encoder with a quiet drive to a fine one with a noisy drive: none is what any
+    // default would guess
     for (bits, noise) in [(13, 0.1), (14, 0.5), (20, 1.0)] {
         for seed in 0..6 {
             let basis = Config::embedded("own_plant").unwrap();

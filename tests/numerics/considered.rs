@@ -1,4 +1,5 @@
-//! Errors that the model does not say: what they do to the estimate, whether σ allows for them, and whether they are found.
+//! Errors that the model does not say: what they do to the estimate, whether σ allows for them, and
+//! whether they are found.
 
 use super::support::TestRng;
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, Forgetting, Residuals, Structure, Suspicion};
@@ -22,7 +23,8 @@ struct Wrong {
     heating: f64,
 }
 
-/// Smooth motion as a table of the simulator's setpoints cannot say it: sines of few frequencies, below the resonance.
+/// Smooth motion as a table of the simulator's setpoints cannot say it: sines of few frequencies,
+/// below the resonance.
 fn smooth(seed: u64) -> [Setpoint; 2] {
     let sines = |amplitude: f64| Setpoint::RandomSines {
         count: 4,
@@ -125,7 +127,8 @@ fn identify(sim: &SimOptions, considered: Considered, wrong: Wrong) -> Vec<Answe
         let warmer = wrong.heating * (k as f64 * 1e-3 / 60.0).min(1.0);
         for joint in 0..2 {
             let (q, dq) = (exact.q[joint], exact.dq[joint]);
-            // a winding that is warmer needs so much more voltage for its current; held over a sample, as the input is
+            // a winding that is warmer needs so much more voltage for its current; held over a
+            // sample, as the input is
             let current = exact.input[joint] - right[4 + 3 * joint] * (after.q[joint] - q) / 1e-3;
             // friction is overcome by voltage, and so is what the drive gives less than told
             let input = exact.input[joint] + warmer * current + wrong.coulomb_v[joint] * (dq / 0.005).tanh();
@@ -225,7 +228,8 @@ fn only(input_delay_s: f64) -> Considered {
     }
 }
 
-/// `cargo test --release --test numerics study_of_considered -- --ignored --nocapture`: the table behind the defaults.
+/// `cargo test --release --test numerics study_of_considered -- --ignored --nocapture`: the table
+/// behind the defaults.
 #[test]
 #[ignore = "prints a table"]
 fn study_of_considered_errors() {
@@ -321,11 +325,12 @@ fn val_sigma_grows_by_what_the_data_leave_open_of_an_error() {
             let prior = right.theta_std[i].hypot(2.0 * slope);
             let got = wide.theta_std[i];
             if seen == 0.0 {
-                // the parameters imitate the error, so all of it stays open; ε = 1e-6 of the start value, which the recursion carries apart,
-                // against some ten of information
+                // the parameters imitate the error, so all of it stays open; ε = 1e-6 of the start
+                // value, which the recursion carries apart, against some ten of information
                 assert!((got / prior - 1.0).abs() < 1e-5, "{i}: {got} {prior}");
             } else {
-                // 200 rows with a column of variance 1/3 and noise 1 know the amplitude to 1/√(200/3) = 0.12 instead of 2
+                // 200 rows with a column of variance 1/3 and noise 1 know the amplitude to
+                // 1/√(200/3) = 0.12 instead of 2
                 let known = right.theta_std[i].hypot(0.12 * slope);
                 assert!(got > right.theta_std[i] && got < 1.1 * known, "{i}: {got} {known}");
             }
@@ -333,7 +338,8 @@ fn val_sigma_grows_by_what_the_data_leave_open_of_an_error() {
     }
 }
 
-/// y = φ₁ θ₁ + φ₂ θ₂ at 100 instants a second apart in tens of milliseconds, where θ_k(t) = θ_k (1 + rate_k (t − 5 s)).
+/// y = φ₁ θ₁ + φ₂ θ₂ at 100 instants a second apart in tens of milliseconds, where θ_k(t) = θ_k
+/// (1 + rate_k (t − 5 s)).
 struct Moving(Vec<([f64; 2], f64, u64)>);
 
 impl Moving {
@@ -394,7 +400,8 @@ fn val_a_considered_drift_widens_sigma_by_the_lag_that_it_causes() {
             (run(rates, 0.0).theta[i] - still.theta[i]) / 1e-3
         };
         let own = lag(i) / Moving::THETA[i];
-        // five blocks of a second with weights 0.8^k: their middle is 1.8 + 0.5 s before the end, and a little less as θ̂ is only 5 s old
+        // five blocks of a second with weights 0.8^k: their middle is 1.8 + 0.5 s before the end,
+        // and a little less as θ̂ is only 5 s old
         assert!((-2.5..-1.5).contains(&own), "{own}");
         let expected = prior * lag(0).hypot(lag(1));
         let got = (wide.theta_std[i].powi(2) - still.theta_std[i].powi(2)).sqrt();
@@ -423,7 +430,8 @@ fn prop_the_defaults_leave_a_right_model_useful_and_name_nothing() {
         let answers = identify(&sim, Considered::default(), Wrong::default());
         let without = identify(&sim, Considered::NONE, Wrong::default());
         let ratio = (0..9).map(|i| answers[24].std[i] / without[24].std[i]).sum::<f64>() / 9.0;
-        // only the sharpest edges tell a delay from the inductances: to know neither costs a factor of two, and a rate of change as much again
+        // only the sharpest edges tell a delay from the inductances: to know neither costs a factor
+        // of two, and a rate of change as much again
         assert!(ratio < 4.0, "sigma is {ratio:.2} times as wide");
         assert!(useful(&answers) >= 0.85, "{:.2}", useful(&answers));
         assert_eq!(dangerous(&answers), Vec::<usize>::new());
@@ -436,8 +444,9 @@ fn prop_smooth_motion_of_a_right_model_names_nothing_for_sure() {
     for seed in 1..=2 {
         let sim = arm(minimum_jerk(), seed, 25, Wrong::default());
         for answer in identify(&sim, Considered::default(), Wrong::default()) {
-            // The second derivative of so slow an input is all noise, which residuals have, too: made of measured signals it is named with some 15
-            // standard deviations. What the first blocks leave, before the estimate is near enough to smooth with, is at the limit.
+            // The second derivative of so slow an input is all noise, which residuals have, too:
+            // made of measured signals it is named with some 15 standard deviations. What the first
+            // blocks leave, before the estimate is near enough to smooth with, is at the limit.
             let deviations = answer.named.as_ref().map_or(0.0, |(.., s)| s.deviations);
             assert!(deviations < 10.0, "seed {seed}: {:?}", answer.named);
         }
@@ -487,7 +496,8 @@ fn prop_sigma_follows_a_winding_that_warms_up() {
         ..Wrong::default()
     };
     let answers = identify(&arm(steps(), 1, 40, wrong), Considered::default(), wrong);
-    // The first block cannot tell a drift from its mean: it is at its end 0.15 % further than what it fits.
+    // The first block cannot tell a drift from its mean: it is at its end 0.15 % further than what
+    // it fits.
     let late: Vec<usize> = dangerous(&answers).into_iter().filter(|&b| b > 0).collect();
     assert!(late.len() <= 1, "{late:?}");
 }

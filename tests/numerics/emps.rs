@@ -1,11 +1,13 @@
-//! A real machine: the Electro-Mechanical Positioning System, 24.8 s of a carriage on a ball screw at 1 kHz.
+//! A real machine: the Electro-Mechanical Positioning System, 24.8 s of a carriage on a ball screw
+//! at 1 kHz.
 
 use std::path::PathBuf;
 use thetabus::estimator::Report;
 use thetabus::rows::{InputTiming, ProjectedOptions};
 use thetabus::studies::emps::{self, PUBLISHED, rows};
 
-/// The recording, or why there is none. It stands beside the project, since it came without a licence.
+/// The recording, or why there is none. It stands beside the project, since it came without a
+/// licence.
 fn recording() -> Result<Vec<(f64, f64)>, String> {
     let name = "data/emps.csv";
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
@@ -47,13 +49,15 @@ fn val_emps_in_one_on_line_pass_gives_the_published_parameters() {
     assert_eq!(record.len(), 24_841);
     let (report, excited) = pass(&record, rows(0.04, InputTiming::Continuous), 1.0);
     let error = errors_percent(&report);
-    // What issue and data sheet ask of 40 ms windows; the published values are off-line fits of the same record.
+    // What issue and data sheet ask of 40 ms windows; the published values are off-line fits of the
+    // same record.
     for (i, limit) in [0.2, 0.5, 0.5, 2.0].into_iter().enumerate() {
         assert!(error[i].abs() < limit, "{}: {:.3} %", report_name(i), error[i]);
         let deviations = (report.theta[i] - PUBLISHED[i]).abs() / report.theta_std[i];
         assert!(deviations < 3.0, "{}: {deviations:.2} deviations", report_name(i));
     }
-    // The carriage moves one way for seconds: six blocks are silent on a parameter, and are told as such.
+    // The carriage moves one way for seconds: six blocks are silent on a parameter, and are told as
+    // such.
     assert_eq!(excited, 13 - 6);
 }
 

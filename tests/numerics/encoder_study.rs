@@ -40,7 +40,8 @@ fn ident_encoders_and_voltages_reach_the_figures_of_the_documents() {
                     run.usable_error < 0.05 && run.other_alarms == 0,
                     "{bits} {kind:?} {signals:?} {run:?}"
                 );
-                // seven blocks after the jump: three deviations of what these data give θ6…θ9, and θ5 is far better
+                // seven blocks after the jump: three deviations of what these data give θ6…θ9, and
+                // θ5 is far better
                 for p in 4..9 {
                     assert!(
                         run.end[p] < 2e-3,

@@ -1,4 +1,5 @@
-//! The reader's test: docs/equations.md names file and function of each equation of the paper, and both are there.
+//! The reader's test: docs/equations.md names file and function of each equation of the paper, and
+//! both are there.
 
 use std::path::Path;
 
@@ -10,7 +11,8 @@ fn bodies<'a>(source: &'a str, function: &str) -> Vec<&'a str> {
         .filter_map(|(start, _)| {
             let rest = &source[start..];
             let open = rest.find('{')?;
-            // What a trait only declares ends with a semicolon; those of array types stand in brackets.
+            // What a trait only declares ends with a semicolon; those of array types stand in
+            // brackets.
             let outside = |at: usize| rest[..at].matches('[').count() == rest[..at].matches(']').count();
             if rest[..open].match_indices(';').any(|(at, _)| outside(at)) {
                 return None;

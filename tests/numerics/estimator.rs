@@ -1,4 +1,5 @@
-//! The estimators against golden estimates, batch least squares, and the cases at the edge of what is defined.
+//! The estimators against golden estimates, batch least squares, and the cases at the edge of what
+//! is defined.
 
 use crate::support::{TestRng, golden_samples};
 use proptest::prelude::*;
@@ -144,7 +145,8 @@ fn val_many_blocks_with_lambda_1_are_batch_least_squares_of_all() {
     blocks.iter().for_each(|b| _ = estimator.update(b));
     for i in 0..3 {
         assert!((estimator.theta()[i] - batch.theta[i]).abs() < 1e-10);
-        // the blocks are charged 3 degrees of freedom each, the batch 3 in all: 280 rows less 21 or 3
+        // the blocks are charged 3 degrees of freedom each, the batch 3 in all: 280 rows less 21 or
+        // 3
         let ratio = estimator.report().theta_std[i] / batch.theta_std[i];
         assert!((ratio - 1.0).abs() < 0.05, "std ratio {ratio}");
     }
@@ -313,7 +315,8 @@ fn fault_blocks_of_one_sample_and_of_identical_samples_keep_the_arm_finite_and_f
             let finite = report.theta.iter().chain(&report.theta_std).all(|v| v.is_finite());
             assert!(finite && report.held.is_none(), "{}", forgetting.name());
         }
-        // identical samples: the two directions of one sample, whatever their number; nothing is usable of what they leave open
+        // identical samples: the two directions of one sample, whatever their number; nothing is
+        // usable of what they leave open
         let mut estimator = BlockEstimator::new(structure(&Manipulator::default()), options()).unwrap();
         for _ in 0..20 {
             let report = estimator.update(&arm_block(&vec![samples[500]; 400]));
@@ -329,7 +332,8 @@ fn fault_blocks_of_one_sample_and_of_identical_samples_keep_the_arm_finite_and_f
         for block in samples[400..2400].chunks_exact(400) {
             estimator.update(&arm_block(block));
         }
-        // within the deviation that exact signals and what the frozen blocks left in the information allow
+        // within the deviation that exact signals and what the frozen blocks left in the
+        // information allow
         assert!(
             error(&estimator) < 1e-3,
             "{}: {:e}",
@@ -357,13 +361,15 @@ fn ident_the_structure_of_the_products_shows_as_what_it_is() {
             .collect();
         estimator.update(&arm_block(&noisy));
     }
-    // θ₁θ₄ = θ₂θ₃ holds for the arm and is not imposed: the data agree with it to within their deviation
+    // θ₁θ₄ = θ₂θ₃ holds for the arm and is not imposed: the data agree with it to within their
+    // deviation
     let (ratio, std) = estimator.product_ratio([0, 3], [1, 2]);
     assert!(std > 0.0 && ratio.abs() < 4.0 * std, "{ratio} ± {std}");
     // a relation that does not hold stands out by many deviations
     let (ratio, std) = estimator.product_ratio([5, 8], [6, 7]);
     assert!(ratio.abs() > 4.0 * std, "{ratio} ± {std}");
-    // the correlation matrix: a unit diagonal, symmetric, within ±1, nothing across independent equations; θ₆ and θ₉ act as a product
+    // the correlation matrix: a unit diagonal, symmetric, within ±1, nothing across independent
+    // equations; θ₆ and θ₉ act as a product
     let mut correlation = [0.0; 81];
     estimator.correlation(&mut correlation);
     for i in 0..9 {

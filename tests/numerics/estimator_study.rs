@@ -58,7 +58,8 @@ pub fn reference(kind: &str, seed: u64) -> SimOptions {
     sim
 }
 
-/// Runs a simulation block by block; `each` gets the block number from 1, the report and the truth at the end of the block.
+/// Runs a simulation block by block; `each` gets the block number from 1, the report and the truth
+/// at the end of the block.
 pub fn run(sim: &SimOptions, options: &EstimatorOptions, noise_v: f64, mut each: impl FnMut(u64, &Report, &[f64; 9])) {
     let mut estimator = BlockEstimator::new(structure(&Manipulator::default()), options.clone()).unwrap();
     let mut block = PointwiseBlock::new(Manipulator::default(), InputSource::Measured, BLOCK);
@@ -205,7 +206,8 @@ fn schedule_table(title: &str, mass: &MassSchedule, noise_v: f64, duration_s: f6
                 }
                 blocks += 1;
                 alarms += u32::from(report.change.is_some());
-                // the parameters that the mass acts on, and the rest that is identifiable with noise
+                // the parameters that the mass acts on, and the rest that is identifiable with
+                // noise
                 let judged: Vec<usize> = if noise_v > 0.0 {
                     vec![1, 3, 4, 5, 6, 7, 8]
                 } else {
@@ -255,7 +257,8 @@ fn ident_drift_and_double_jump_table() {
     }
 }
 
-/// Runs with noise: per block the alarms, and per parameter how often the 95 % interval holds the truth after given blocks.
+/// Runs with noise: per block the alarms, and per parameter how often the 95 % interval holds the
+/// truth after given blocks.
 fn calibration(
     kind: &str,
     seeds: std::ops::Range<u64>,
@@ -315,7 +318,8 @@ fn ident_calibration_and_false_alarms_table() {
     }
 }
 
-/// Largest change of any estimate from the second block on, in standard deviations, by spikes of 100 times the noise on 1 % of the voltages.
+/// Largest change of any estimate from the second block on, in standard deviations, by spikes of
+/// 100 times the noise on 1 % of the voltages.
 fn spikes_move(kind: &str, seed: u64, outliers: Outliers, duration_s: f64) -> f64 {
     let mut clean = reference(kind, seed);
     (clean.duration_s, clean.mass_2) = (duration_s, MassSchedule::constant(150.0));
@@ -374,7 +378,8 @@ fn spikes_untreated(kind: &str) -> f64 {
 fn ident_a_jump_with_exact_signals_is_found_to_the_sample_and_followed_in_its_block() {
     for (kind, share) in [("steps", 2.0 / 15.0), ("sines", -0.5), ("square", -0.02)] {
         let outcome = with_jump(kind, 11, share, 14.6, 0.0, 21.0);
-        // required: 1e-8 after the first block, 1e-6 in the block of the jump, the time to the sample
+        // required: 1e-8 after the first block, 1e-6 in the block of the jump, the time to the
+        // sample
         assert!(outcome.first < 1e-8 && outcome.iterations <= 10, "{kind}: {outcome:?}");
         assert!(outcome.jump.iter().all(|&error| error < 1e-6), "{kind}: {outcome:?}");
         assert_eq!((outcome.located_ms, outcome.false_alarms), (0.0, 0), "{kind}");
@@ -409,7 +414,8 @@ fn ident_a_slow_drift_with_exact_signals_stays_usable_and_right() {
 #[test]
 fn val_intervals_of_a_few_noisy_runs_hold_the_truth() {
     let (alarms, count, hits) = calibration("square", 0..12, 10, 0.95, &[10]);
-    // 108 intervals of 95 %: 103 expected; fewer than 90 or an alarm in 120 blocks at 2 in 10 000 would be no chance
+    // 108 intervals of 95 %: 103 expected; fewer than 90 or an alarm in 120 blocks at 2 in 10 000
+    // would be no chance
     let held: f64 = hits[0].iter().map(|percent| percent / 100.0 * 12.0).sum();
     assert!(held > 90.0, "{held} of 108");
     assert!(alarms <= 1, "{alarms} of {count}");
@@ -417,7 +423,8 @@ fn val_intervals_of_a_few_noisy_runs_hold_the_truth() {
 
 #[test]
 fn fault_windup_leaves_no_deviation_of_zero() {
-    // joint 1 alone moves: joint 2's information falls to the floor, the gain in what it leaves open reaches 1e11
+    // joint 1 alone moves: joint 2's information falls to the floor, the gain in what it leaves
+    // open reaches 1e11
     let mut sim = reference("steps", 5);
     (sim.duration_s, sim.mass_2) = (400.0, MassSchedule::constant(150.0));
     sim.setpoint[1] = Setpoint::constant(0.0);

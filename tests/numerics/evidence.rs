@@ -1,6 +1,8 @@
-//! Is what is published as usable right? Machines, motions and faults that used to be confidently wrong.
+//! Is what is published as usable right? Machines, motions and faults that used to be confidently
+//! wrong.
 //!
-//! A *dangerous* block publishes `use_ok` = 1 and a usable parameter that is more than 5 of its standard deviations, and more than 0.5 %, off.
+//! A *dangerous* block publishes `use_ok` = 1 and a usable parameter that is more than 5 of its
+//! standard deviations, and more than 0.5 %, off.
 
 use crate::estimator_study::Gauss;
 use crate::support::TestRng;
@@ -289,7 +291,8 @@ fn ident_a_right_model_is_as_soon_and_as_often_usable_as_its_data_allow() {
         nothing_dangerous(&outcome);
         assert!(outcome.first_use_ok().is_some_and(|block| block <= first), "{name}");
         if name != "cedro2022" {
-            // the paper's recursion takes dozens of blocks to follow its jump, and does not fit meanwhile
+            // the paper's recursion takes dozens of blocks to follow its jump, and does not fit
+            // meanwhile
             assert_eq!(outcome.misfits(), 0, "{name}");
             assert!(outcome.usable_share(6) >= 0.85, "{name}: {}", outcome.usable_share(6));
         }
@@ -299,7 +302,8 @@ fn ident_a_right_model_is_as_soon_and_as_often_usable_as_its_data_allow() {
         for seed in 0..4 {
             let outcome = simulate(motion, &arm(seed, 60.0, MassSchedule::constant(150.0), motion), still);
             nothing_dangerous(&outcome);
-            // 560 blocks; one false misfit in a thousand is what is allowed, one in ten thousand what is asked for
+            // 560 blocks; one false misfit in a thousand is what is allowed, one in ten thousand
+            // what is asked for
             assert_eq!(outcome.misfits(), 0, "{motion}, seed {seed}");
             assert!(
                 outcome.usable_share(7) >= 0.85,
@@ -371,11 +375,13 @@ fn ident_after_a_payload_is_picked_up_at_rest_only_what_the_data_have_shown_sinc
             for i in [1, 3] {
                 assert!(!e.is_usable(i), "block {}: nothing showed theta_{}", e.block, i + 1);
             }
-            // a block or two after the change what holds the weight is known again, with or without motion
+            // a block or two after the change what holds the weight is known again, with or without
+            // motion
             assert!((e.t_last_ns as f64) < 79e9 || (e.theta[6] / truth[6] - 1.0).abs() < 0.01);
         }
         assert!(at_rest.len() > 6);
-        // the motion brings everything back: a joint of sines or steps knows theta_4 to 1 % in a few blocks
+        // the motion brings everything back: a joint of sines or steps knows theta_4 to 1 % in a
+        // few blocks
         let (last, _) = outcome.blocks.last().expect("blocks");
         assert!(last.is_usable(3) && last.is_usable(1) && last.is_usable(6));
     }
@@ -384,8 +390,9 @@ fn ident_after_a_payload_is_picked_up_at_rest_only_what_the_data_have_shown_sinc
 #[test]
 fn ident_a_jump_anywhere_in_a_block_is_never_published_as_usable_and_wrong() {
     for motion in ["steps", "sines"] {
-        // In 25 ms an arm that holds still sinks by ½ Δq̈ t² = 0.5 mrad, 20 standard deviations of a position, of which three free values of the
-        // state at the start of the window take most: 12 standard deviations are left of the 6 that are needed. In 15 ms it would be 6.
+        // In 25 ms an arm that holds still sinks by ½ Δq̈ t² = 0.5 mrad, 20 standard deviations of
+        // a position, of which three free values of the state at the start of the window take most:
+        // 12 standard deviations are left of the 6 that are needed. In 15 ms it would be 6.
         let tenths = (1..=19).map(|tenth| 100 * tenth);
         for (seed, before_ms) in [25u32, 40, 55, 70, 85].into_iter().chain(tenths).enumerate() {
             let at_s = 20.0 * 1.9 - 1e-3 * f64::from(before_ms);
@@ -499,7 +506,8 @@ fn prop_a_joint_that_feels_no_change_keeps_its_estimate_and_is_usable_with_its_n
                 assert_eq!(report.usable & 0b11, 0b11, "block {block}");
             }
             if block == first_motion {
-                // θ̂ still has the accuracy of thirty blocks, 0.05 %, although one block alone knows it to 0.24 % only
+                // θ̂ still has the accuracy of thirty blocks, 0.05 %, although one block alone
+                // knows it to 0.24 % only
                 let off = (estimator.theta()[2] - 1.0)
                     .abs()
                     .max((estimator.theta()[3] - 1.0).abs());
@@ -543,7 +551,8 @@ fn prop_white_noise_of_the_stated_or_of_a_learnt_size_is_called_a_misfit_at_most
             }
         }
         assert!(misfits <= 2, "told {told}: {misfits}");
-        // χ²/n of 400 000 rows is within 0.01 of 1, less the two parameters' share of 200 rows and, of a learnt level, some per cent
+        // χ²/n of 400 000 rows is within 0.01 of 1, less the two parameters' share of 200 rows and,
+        // of a learnt level, some per cent
         assert!((ratio - 1.0).abs() < 0.05, "told {told}: {ratio}");
     }
 }
@@ -700,7 +709,8 @@ fn fault_garbage_never_reaches_use_ok() {
             };
             let outcome = simulate(&format!("{machine}, {name}"), &config, &mut spoil);
             nothing_dangerous(&outcome);
-            // What stands out of its neighbours is repaired before it becomes a row, and the rest of the samples is right.
+            // What stands out of its neighbours is repaired before it becomes a row, and the rest
+            // of the samples is right.
             let repaired = name == "single bits flipped" || name.starts_with("spikes");
             assert!(
                 repaired || outcome.use_ok() == 0,
@@ -732,8 +742,9 @@ fn fault_garbage_after_a_good_start_is_never_usable_and_wrong() {
                 .filter(|(e, _)| e.block > 25 && e.use_ok == 1)
                 .count();
             let repaired = what == "single bits flipped" || what.starts_with("spikes");
-            // An axis without weight that stands still to the bit is one that rests: nothing is learnt, and what was known stays. Levels of 1e9 that last
-            // 7 ms leave no row in use either.
+            // An axis without weight that stands still to the bit is one that rests: nothing is
+            // learnt, and what was known stays. Levels of 1e9 that last 7 ms leave no row in use
+            // either.
             let rests = machine == "axis" && ["zeros", "constants", "plus and minus 1e9"].contains(&what);
             assert!(repaired || rests || late == 0, "{}: {late} blocks", outcome.name);
         }

@@ -1,4 +1,5 @@
-//! What a stream can do wrong, and what becomes of the estimates: expected value, flag and counter per row of a table.
+//! What a stream can do wrong, and what becomes of the estimates: expected value, flag and counter
+//! per row of a table.
 
 use crate::support::TestRng;
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, StateMachine};
@@ -91,7 +92,8 @@ fn run_with(node: &mut Node, samples: &[Sample]) -> Outcome {
     }
 }
 
-/// A row: what is done to a stream of 20 blocks, which counters are to show it, the state and `use_ok` in the faulty block (0 for none).
+/// A row: what is done to a stream of 20 blocks, which counters are to show it, the state and
+/// `use_ok` in the faulty block (0 for none).
 struct Row {
     name: &'static str,
     spoil: fn(&mut Vec<Sample>),

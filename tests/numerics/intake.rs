@@ -92,7 +92,8 @@ fn stamped(samples: &[JointSample]) -> Vec<(usize, u64, JointSample)> {
     samples.iter().enumerate().map(stamp).collect()
 }
 
-/// Shares of intervals of two standard deviations that hold the truth, alarms, worst figures over the seeds; what a fault did to a stream of each.
+/// Shares of intervals of two standard deviations that hold the truth, alarms, worst figures over
+/// the seeds; what a fault did to a stream of each.
 struct Trial {
     covered: f64,
     alarms: usize,
@@ -155,7 +156,8 @@ fn trial(
     trial
 }
 
-/// 8 seeds and 9 parameters give 72 intervals, not all independent: 90 % are missed by three binomial deviations below 83 %.
+/// 8 seeds and 9 parameters give 72 intervals, not all independent: 90 % are missed by three
+/// binomial deviations below 83 %.
 fn honest(trial: &Trial) {
     assert!(trial.covered > 0.83, "{}", trial.covered);
     assert!(trial.worst < 4.5, "{}", trial.worst);
@@ -231,7 +233,8 @@ fn fault_spikes_are_replaced_before_they_enter_a_window() {
                 honest(&spiky);
                 assert!(spiky.wider < 1.5);
             } else {
-                // a spike of the input on a step of the setpoint, or beside it, is not to be told from the step: once or twice a run
+                // a spike of the input on a step of the setpoint, or beside it, is not to be told
+                // from the step: once or twice a run
                 assert!(spiky.covered > 0.8 && spiky.worst < 6.0 && spiky.alarms <= 3);
             }
             assert!(spiky.least_use_ok >= 3);

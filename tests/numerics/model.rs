@@ -34,7 +34,8 @@ const UNEVEN: PhysicalParameters = PhysicalParameters {
     back_emf_constant_v_s_per_rad: [19.0, 31.0],
 };
 
-/// Random states and the places where a formula likes to lose accuracy: the arm straight up, at rest, and both.
+/// Random states and the places where a formula likes to lose accuracy: the arm straight up, at
+/// rest, and both.
 fn states() -> Vec<JointSample> {
     let mut rng = TestRng(1);
     let mut states: Vec<JointSample> = (0..200).map(|_| random_sample(&mut rng)).collect();
@@ -54,7 +55,8 @@ fn states() -> Vec<JointSample> {
     states
 }
 
-/// Kinetic minus potential energy, (19) to (22), straight from the positions of the centre of gravity.
+/// Kinetic minus potential energy, (19) to (22), straight from the positions of the centre of
+/// gravity.
 fn lagrangian<D: DualNum<Primitive = f64> + Copy>(arm: &PhysicalParameters, gravity: f64, q: [D; 2], dq: [D; 2]) -> D {
     let (lc2, m2) = (arm.length_2_m / 2.0, arm.mass_2_kg);
     // (19) differentiated in time gives the velocity of (20)
@@ -72,7 +74,8 @@ fn lagrangian<D: DualNum<Primitive = f64> + Copy>(arm: &PhysicalParameters, grav
 
 /// Motor torques by (23) and their rates along a motion, from the energies alone.
 ///
-/// With p = ∂ℒ/∂q̇ the torque is dp/dt − ∂ℒ/∂q. Time enters as a dual number of order 2, the partial derivatives as dual numbers outside it.
+/// With p = ∂ℒ/∂q̇ the torque is dp/dt − ∂ℒ/∂q. Time enters as a dual number of order 2, the
+/// partial derivatives as dual numbers outside it.
 fn torque_and_rate(arm: &PhysicalParameters, gravity: f64, sample: &JointSample, joint: usize) -> [f64; 2] {
     type InTime = Dual2<f64>;
     let series = |a: f64, b: f64, c: f64| InTime::new(a, b, c);
@@ -118,7 +121,8 @@ fn val_equation_26_follows_from_lagrange_and_the_motor_equation() {
             let features = arm.features(&sample);
             for (equation, scale) in scale.iter().enumerate() {
                 let residual = arm.row(equation, &features, &theta, &mut [0.0; 5]);
-                // Some twenty operations; cancellation inside the sums costs two digits at most for these states.
+                // Some twenty operations; cancellation inside the sums costs two digits at most for
+                // these states.
                 assert!(
                     residual.abs() <= 1e-12 * (scale + 1.0),
                     "equation {equation}: {residual} of {scale}"
@@ -174,7 +178,8 @@ fn val_hand_written_rows_equal_automatic_differentiation() {
             let (mut by_hand, mut automatic) = ([0.0; 5], [0.0; 5]);
             let f = arm.row(equation, &features, &theta, &mut by_hand[..count]);
             let f_reference = reference.row(equation, &sample, &theta, &mut automatic[..count]);
-            // Sums of some ten terms in another order; the largest single term can exceed its regressor a hundredfold.
+            // Sums of some ten terms in another order; the largest single term can exceed its
+            // regressor a hundredfold.
             let scale = magnitude(&arm, &arm, equation, &sample, &theta);
             assert!(
                 (f - f_reference).abs() <= 1e-12 * scale,
@@ -212,7 +217,8 @@ fn assert_regressors_match_differences(
                 model.row(equation, &features, &moved, &mut scratch)
             };
             let difference = -(at(h) - at(-h)) / (2.0 * h);
-            // Rounding of f over the step, and h² times the third derivative, which for quotients is some 10 f/θ³.
+            // Rounding of f over the step, and h² times the third derivative, which for quotients
+            // is some 10 f/θ³.
             let tolerance =
                 1e-14 * scale / h + 1e-8 * (regressor[slot].abs() + scale / theta[parameter].abs().max(1e-3));
             assert!(
@@ -357,7 +363,8 @@ fn prop_theta_without_physical_meaning_is_refused_by_name() {
 fn val_derived_mass_has_the_deviation_of_first_order_error_propagation() {
     let derived = ManipulatorDerived::new(UNEVEN.known()).unwrap();
     let theta = UNEVEN.theta();
-    // Relative deviations of θ₇ and θ₉ with a correlation: var(ln m₂) = a² + b² − 2 ρ a b for m₂ ∝ θ₇/θ₉.
+    // Relative deviations of θ₇ and θ₉ with a correlation: var(ln m₂) = a² + b² − 2 ρ a b for m₂ ∝
+    // θ₇/θ₉.
     let (a, b, rho) = (0.01, 0.003, 0.6);
     let (s7, s9) = (a * theta[6], b * theta[8]);
     let covariance = |i: usize, j: usize| match (i, j) {
@@ -457,7 +464,8 @@ fn val_the_servo_axis_equals_its_hand_derivation_and_finite_differences() {
         ];
         let mut regressor = [0.0; 4];
         let f = AutoDiff(axis.clone()).row(0, &sample, &theta, &mut regressor);
-        // M q̈ + F_v q̇ + F_c sign q̇ + offset = gain u, and its derivatives in the parameters; sign 0 is that of the number, +1
+        // M q̈ + F_v q̇ + F_c sign q̇ + offset = gain u, and its derivatives in the parameters;
+        // sign 0 is that of the number, +1
         let (dq, ddq) = (sample.dq[0], sample.ddq[0]);
         let by_hand = [ddq, dq, dq.signum(), 1.0];
         let terms: Vec<f64> = theta.iter().zip(by_hand).map(|(t, r)| t * r).collect();

@@ -84,7 +84,8 @@ pub fn estimator_options(plant: &impl Plant, theta_start: Vec<f64>) -> Estimator
     options.noise_floor.fill(1.0);
     if let Some(detection) = &mut options.change_detection {
         detection.margin = 40_000_000;
-        // as in encoder_only.toml: R is right to some per cent only, so the tail of the test is thicker than stated
+        // as in encoder_only.toml: R is right to some per cent only, so the tail of the test is
+        // thicker than stated
         detection.false_alarm_rate = 2e-5;
     }
     options
@@ -142,8 +143,9 @@ fn ident_exact_positions_give_the_parameters_to_the_filters_error() {
             options.change_detection = None;
             let run = identify(plant, &sim, rows, options);
             let error = errors(&run, 9);
-            // Over 11 samples the velocity filter is off by (ωh)⁶/6000 = 5e-11 at 13 Hz and by 1e-5 in the few samples around a jump of the jerk. That
-            // meets θ2 and θ4 as it is, twentyfold θ1 and θ3, which stand beside 20 times their inertia, and hardly the rest.
+            // Over 11 samples the velocity filter is off by (ωh)⁶/6000 = 5e-11 at 13 Hz and by 1e-5
+            // in the few samples around a jump of the jerk. That meets θ2 and θ4 as it is,
+            // twentyfold θ1 and θ3, which stand beside 20 times their inertia, and hardly the rest.
             for (i, limit) in [0.02, 0.001, 0.02, 0.001, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4]
                 .into_iter()
                 .enumerate()
@@ -196,7 +198,8 @@ fn ident_encoder_and_voltage_alone_give_all_that_the_data_hold() {
                 i + 1
             );
         }
-        // The sensors were told, so whitened residuals have variance 1; 950 rows give their deviation to 2 %, and R is right to some per cent.
+        // The sensors were told, so whitened residuals have variance 1; 950 rows give their
+        // deviation to 2 %, and R is right to some per cent.
         for noise in &run.noise[9] {
             assert!((noise - 1.0).abs() < 0.15, "{controller:?}: {:?}", run.noise[9]);
         }
@@ -273,7 +276,8 @@ fn fault_windows_that_touch_a_long_hole_are_dropped_and_no_others() {
             .iter()
             .all(|&(a, b)| b < *hole_ns.start() || a > *hole_ns.end())
     );
-    // a window needs 70 samples on either side of its centre: those whose centres are nearer to the hole are gone, every 20th sample one
+    // a window needs 70 samples on either side of its centre: those whose centres are nearer to the
+    // hole are gone, every 20th sample one
     assert_eq!(whole.len() - with_hole.len(), 7);
     assert!(
         with_hole.iter().all(|span| whole.contains(span)),
@@ -368,7 +372,8 @@ fn val_terms_that_are_no_polynomials_give_the_same_rows_by_evaluation() {
     ] {
         let scale = size(&a[range.clone()], i) * factor;
         for k in range {
-            // by parts from positions, or from filtered velocities: the filter's 1e-5 and what it is whitened by
+            // by parts from positions, or from filtered velocities: the filter's 1e-5 and what it
+            // is whitened by
             let difference = (a[k].1[i] * factor - b[k].1[i]).abs();
             assert!(
                 difference < 5e-3 * scale,
@@ -380,7 +385,8 @@ fn val_terms_that_are_no_polynomials_give_the_same_rows_by_evaluation() {
     }
 }
 
-/// The projected regressors against differences of the projected residual, for whitened rows of any plant.
+/// The projected regressors against differences of the projected residual, for whitened rows of any
+/// plant.
 fn assert_projected_regressors<P: Plant + Clone>(plant: &P, block: &ProjectedBlock<P>, theta: &[f64]) {
     for (e, equation) in plant.equations().iter().enumerate() {
         let count = equation.parameters.len();
@@ -401,7 +407,8 @@ fn assert_projected_regressors<P: Plant + Clone>(plant: &P, block: &ProjectedBlo
                     block.row(e, index, &moved, &mut scratch)
                 };
                 let difference = -(at(h) - at(-h)) / (2.0 * h);
-                // rounding of f over the step; the terms are of degree 2, for which central differences are exact
+                // rounding of f over the step; the terms are of degree 2, for which central
+                // differences are exact
                 let tolerance = 1e-12 * scale / h + 1e-8 * phi[slot].abs();
                 assert!(
                     (difference - phi[slot]).abs() <= tolerance,

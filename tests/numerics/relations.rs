@@ -42,7 +42,8 @@ fn estimator(options: EstimatorOptions) -> BlockEstimator {
     BlockEstimator::new(structure(&[0..5]), options).unwrap()
 }
 
-/// Least squares over (r, a, b, c) with θ = (r a, r b, a, b, c): the relation built in, by Gauss-Newton from the truth.
+/// Least squares over (r, a, b, c) with θ = (r a, r b, a, b, c): the relation built in, by
+/// Gauss-Newton from the truth.
 fn reference(rows: &Linear) -> [f64; 5] {
     let mut p = DVector::from_vec(vec![TRUTH[0] / TRUTH[2], TRUTH[2], TRUTH[3], TRUTH[4]]);
     let theta = |p: &DVector<f64>| [p[0] * p[1], p[0] * p[2], p[1], p[2], p[3]];
@@ -76,7 +77,8 @@ fn ident_the_published_estimate_is_least_squares_with_the_relation_built_in() {
         let mut estimator = estimator(options(vec![RELATION]));
         let published = estimator.update(&rows).theta.clone();
         for (got, want) in published.iter().zip(reference(&rows)) {
-            // what is left of the start's 1e-12 of information beside 1 and more, and of two ways to round
+            // what is left of the start's 1e-12 of information beside 1 and more, and of two ways
+            // to round
             assert!((got - want).abs() < 1e-9, "{published:?}");
         }
         let ratio = published[0] * published[3] / (published[1] * published[2]);
@@ -103,7 +105,8 @@ fn ident_deviations_with_a_relation_are_smaller_and_right() {
         }
     }
     for (square, gain) in squares.iter().zip(gain) {
-        // the mean of 400 squares has a deviation of √(2/400) = 0.07; the learnt noise adds less than 0.01
+        // the mean of 400 squares has a deviation of √(2/400) = 0.07; the learnt noise adds less
+        // than 0.01
         assert!((square - 1.0).abs() < 0.25, "{squares:?}");
         assert!(gain < 1.0 + 1e-9, "{gain}");
     }

@@ -67,7 +67,8 @@ fn regress_simulated_samples_equal_the_golden_ones() {
 
 #[test]
 fn prop_rk4_converges_with_order_4() {
-    // Harmonic oscillator with a drive: x'' = −x + cos 3t, x(0) = 0, x'(0) = 0; x = (cos t − cos 3t)/8.
+    // Harmonic oscillator with a drive: x'' = −x + cos 3t, x(0) = 0, x'(0) = 0; x = (cos t − cos
+    // 3t)/8.
     let error = |steps: usize| {
         let h = 2.0 / steps as f64;
         let mut x = [0.0, 0.0];
@@ -82,7 +83,8 @@ fn prop_rk4_converges_with_order_4() {
         .iter()
         .map(|&steps| (error(steps) / error(2 * steps)).log2())
         .collect();
-    // The next term of the error makes the observed order differ from 4 by O(h): 0.1 is twice what h = 0.1 gives.
+    // The next term of the error makes the observed order differ from 4 by O(h): 0.1 is twice what
+    // h = 0.1 gives.
     assert!(orders.iter().all(|order| (order - 4.0).abs() < 0.1), "{orders:?}");
 }
 
@@ -111,7 +113,8 @@ fn prop_the_closed_loop_converges_with_order_4_in_the_substeps() {
     let reference = end(64);
     let error = |substeps| (end(substeps).q[1] - reference.q[1]).abs();
     let order = (error(4) / error(8)).log2();
-    // An integrator that held the reference over a sample would show order 1 or not converge at all.
+    // An integrator that held the reference over a sample would show order 1 or not converge at
+    // all.
     assert!((order - 4.0).abs() < 0.3, "order {order}");
 }
 
@@ -131,8 +134,9 @@ fn prop_the_arm_without_motors_keeps_its_energy() {
         });
         worst = worst.max((energy(&x) - start).abs());
     }
-    // Swinging through the lowest point turns some 1500 J over with rates of at most 20/s; the method's energy error over time T is
-    // about T (ωh)⁵/h/100 relative: 2e-7 here. A wrong sign or factor in any term shows as a change of order 1.
+    // Swinging through the lowest point turns some 1500 J over with rates of at most 20/s; the
+    // method's energy error over time T is about T (ωh)⁵/h/100 relative: 2e-7 here. A wrong sign or
+    // factor in any term shows as a change of order 1.
     assert!(worst < 1e-6 * 1500.0, "{worst} J of {start} J");
     assert!((x[1] - 1.0).abs() > 0.01, "the arm did not move");
 }
@@ -164,7 +168,8 @@ fn val_torques_do_the_work_that_the_energy_gains() {
 
 #[test]
 fn val_derivatives_of_samples_are_the_derivatives_of_the_motion() {
-    // A smooth reference and central differences of neighbouring samples: the error is h²/6 of the derivative two orders up.
+    // A smooth reference and central differences of neighbouring samples: the error is h²/6 of the
+    // derivative two orders up.
     let options = SimOptions {
         sample_period_s: 1e-4,
         duration_s: 1.0,
@@ -384,7 +389,8 @@ fn val_setpoints_have_the_values_that_their_options_say() {
         assert!((line[k] - expected).abs() < 1e-12, "{k}: {} {expected}", line[k]);
     }
 
-    // Zero crossings upward count the periods: the chirp's phase integral is sweep (f₁ − f₀)/ln(f₁/f₀).
+    // Zero crossings upward count the periods: the chirp's phase integral is sweep (f₁ −
+    // f₀)/ln(f₁/f₀).
     let chirp = Setpoint::Chirp {
         amplitude_rad: 1.0,
         offset_rad: 0.0,
@@ -432,7 +438,8 @@ fn val_setpoints_have_the_values_that_their_options_say() {
 
 #[test]
 fn val_a_sampled_controller_approaches_the_analog_one_as_its_period_shrinks() {
-    // Compared at common instants; the hold delays u by half a period on average, so the difference shrinks with order 1.
+    // Compared at common instants; the hold delays u by half a period on average, so the difference
+    // shrinks with order 1.
     let motion = |kind, per_ms: usize| -> Vec<f64> {
         let mut options = SimOptions {
             sample_period_s: 1e-3 / per_ms as f64,
@@ -462,8 +469,10 @@ fn val_a_sampled_controller_approaches_the_analog_one_as_its_period_shrinks() {
 
 #[test]
 fn val_the_mean_voltage_over_a_cell_is_the_held_one_with_a_sampled_controller_only() {
-    // (12) integrated over a cell of length h: h ū = R ∫i dt + L Δi + k_e Δq₂, the current from (23) and (18). The trapezoid with its end
-    // correction h²/12 (i'(0) − i'(h)) leaves O(h⁵); i' at the end is the next sample's less the jump of u there over L.
+    // (12) integrated over a cell of length h: h ū = R ∫i dt + L Δi + k_e Δq₂, the current from
+    //      (23) and (18). The trapezoid with its end
+    // correction h²/12 (i'(0) − i'(h)) leaves O(h⁵); i' at the end is the next sample's less the
+    // jump of u there over L.
     let mean_voltages = |kind| -> Vec<[f64; 2]> {
         let mut options = SimOptions {
             duration_s: 0.5,
@@ -500,7 +509,8 @@ fn val_the_mean_voltage_over_a_cell_is_the_held_one_with_a_sampled_controller_on
     };
     let difference = |[mean, first]: &[f64; 2]| (mean - first).abs();
     let worst = |kind| mean_voltages(kind).iter().map(difference).fold(0.0, f64::max);
-    // Rounding of L Δi/h with i ~ 100 A: 1e-13 V; the integration's own error (ωh)⁴ ~ 1e-7 of changes of some volts per cell.
+    // Rounding of L Δi/h with i ~ 100 A: 1e-13 V; the integration's own error (ωh)⁴ ~ 1e-7 of
+    // changes of some volts per cell.
     assert!(
         worst(ControllerKind::Sampled) < 1e-5,
         "{}",
@@ -711,7 +721,8 @@ fn val_sensors_do_to_the_signals_what_their_options_say() {
     );
     assert_eq!(encoder.signals() & thetabus::messages::signals::DQ, 0);
 
-    // With a delay of the input the positions are those of half a millisecond ago; 1e-7 rad is the sensors' own approximation.
+    // With a delay of the input the positions are those of half a millisecond ago; 1e-7 rad is the
+    // sensors' own approximation.
     let late = run(SensorOptions {
         input_delay_s: 0.5e-3,
         ..SensorOptions::exact()
@@ -771,7 +782,8 @@ fn prop_a_controller_on_measured_positions_acts_on_their_rounding() {
     let measured = run(&options);
     options.controller.feedback = PositionFeedback::True;
     let blind = run(&options);
-    // Up to the first sample that differs both machines are in one state, so there the voltages differ by the rounding alone.
+    // Up to the first sample that differs both machines are in one state, so there the voltages
+    // differ by the rounding alone.
     let k = (0..2000).find(|&k| measured[k].input != blind[k].input).unwrap();
     options.sensors = SensorOptions::exact();
     let exact = run(&options)[k];
@@ -813,7 +825,8 @@ fn val_an_axis_under_a_constant_force_follows_the_closed_form() {
     for (k, sample) in MachineSimulator::new(&options).unwrap().take(3000).enumerate() {
         let t = k as f64 * 1e-3;
         let decay = (-rate * t).exp_m1();
-        // Runge-Kutta steps of 0.25 ms: (rate h)^5/120 a step, below 1e-17; what is left is rounding of 12 000 sums.
+        // Runge-Kutta steps of 0.25 ms: (rate h)^5/120 a step, below 1e-17; what is left is
+        // rounding of 12 000 sums.
         assert!((sample.dq[0] + end_speed * decay).abs() < 1e-12, "{t}");
         assert!((sample.q[0] - end_speed * (t + decay / rate)).abs() < 1e-12, "{t}");
     }

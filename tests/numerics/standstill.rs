@@ -57,7 +57,8 @@ fn identify<B: SampleBlock>(
     (estimator.report().clone(), phase, alarms)
 }
 
-/// A constant force is measured beside Coulomb friction, of which it is a sixth here, so its error counts as a share of that.
+/// A constant force is measured beside Coulomb friction, of which it is a sixth here, so its error
+/// counts as a share of that.
 fn sizes(truth: &[f64; 4]) -> [f64; 4] {
     [truth[0], truth[1], truth[2], truth[2]]
 }
@@ -103,7 +104,8 @@ fn servo(seed: u64, setpoint: Setpoint, resolution: f64) -> impl Iterator<Item =
     ServoAxisSimulator::new(&sim, &machine).unwrap().take(60_000)
 }
 
-/// Prints every run and returns the worst error, as a share of the parameters' sizes, and the worst number of standard deviations.
+/// Prints every run and returns the worst error, as a share of the parameters' sizes, and the worst
+/// number of standard deviations.
 fn worst(runs: impl Iterator<Item = (String, Report, Phase, usize)>, truth: &[f64], sizes: &[f64]) -> (f64, f64) {
     let (mut error, mut deviations) = (0.0f64, 0.0f64);
     for (name, report, phase, alarms) in runs {
@@ -146,7 +148,8 @@ fn ident_a_servo_axis_that_rests_between_its_moves_gives_all_four_parameters() {
         (format!("{name} {seed}"), report, phase, alarms)
     });
     let (error, deviations) = worst(runs, &truth, &sizes(&truth));
-    // 240 figures at 4 deviations are off by chance once in 65; the offset of the smallest moves is 0.05 N and 4.7 deviations off
+    // 240 figures at 4 deviations are off by chance once in 65; the offset of the smallest moves is
+    // 0.05 N and 4.7 deviations off
     assert!(error < 5e-3 && deviations < 5.0, "{error} {deviations}");
 }
 
@@ -165,7 +168,8 @@ fn ident_pointwise_rows_leave_standstill_out_too() {
     assert!(error < 5e-3 && deviations < 4.0, "{error} {deviations}");
 }
 
-/// A plant as a user writes it: a rotary axis with Stribeck friction, of which only the speed v_s is known.
+/// A plant as a user writes it: a rotary axis with Stribeck friction, of which only the speed v_s
+/// is known.
 #[derive(Clone)]
 struct Stribeck;
 
@@ -202,7 +206,8 @@ impl Plant for Stribeck {
     }
 }
 
-/// The machine of [`Stribeck`] under a sampled PD controller, through an encoder of 20 bits; also the share of samples at which it sticks.
+/// The machine of [`Stribeck`] under a sampled PD controller, through an encoder of 20 bits; also
+/// the share of samples at which it sticks.
 fn stribeck(seed: u64, setpoint: impl Fn(f64) -> f64, count: usize) -> (Vec<JointSample>, f64) {
     let [inertia, viscous, coulomb, breakaway] = STRIBECK;
     let mut rng = TestRng(seed);

@@ -56,7 +56,8 @@ fn ident_the_papers_recursion_follows_the_jump_in_dozens_of_blocks_and_disturbs_
     let errors = [0.90, 0.95, 0.98].map(error_at_end);
     assert!(errors[0] < errors[1] && errors[1] < errors[2], "{errors:?}");
 
-    // Started with half the length, it does not settle; linearised to convergence, the start is harmless.
+    // Started with half the length, it does not settle; linearised to convergence, the start is
+    // harmless.
     let mut options = cedro2022_estimator();
     options.theta_start[8] = 0.5;
     assert_eq!(run(&options).changing_to[0], None);
@@ -152,7 +153,8 @@ fn fault_a_long_rest_moves_nothing_and_is_over_within_two_blocks() {
     let (sim, ours) = (SimOptions::cedro2022(), cedro2022_best_estimator());
     for joint_1_moves in [false, true] {
         let run = rest_run(&sim, CEDRO2022_BLOCK_LEN, &ours, joint_1_moves).unwrap();
-        // Nothing jumps: each estimate stays within what the deviation before and during the rest allows.
+        // Nothing jumps: each estimate stays within what the deviation before and during the rest
+        // allows.
         assert!(run.at_rest < 0.01 && run.deviations < 5.0, "{joint_1_moves} {run:?}");
         assert!(run.growth < 50.0, "{joint_1_moves} {run:?}");
         // 300 blocks at 2 in 10 000: two alarms come once in 500 runs.
@@ -206,7 +208,8 @@ fn ident_intervals_hold_the_truth_as_often_as_they_say() {
     let (sim, ours) = (SimOptions::cedro2022(), cedro2022_best_estimator());
     let shares = calibration(&sim, CEDRO2022_BLOCK_LEN, &ours, Reference::Steps, 60, &[10]).unwrap();
     let mean = shares[0].iter().sum::<f64>() / 9.0;
-    // 540 intervals, correlated within a run: as good as some 200 independent ones, deviation 1.5 points; three of them around 90 to 98 %.
+    // 540 intervals, correlated within a run: as good as some 200 independent ones, deviation 1.5
+    // points; three of them around 90 to 98 %.
     assert!((0.86..=0.995).contains(&mean), "{shares:?}");
 }
 
@@ -257,7 +260,8 @@ fn ident_the_baselines_are_honest_competitors() {
     let truth = scenario.truth(0);
     let error = |theta: &[f64]| worst_relative_error(theta, &truth, &[0, 1, 2, 3, 4, 5, 6, 7, 8]);
     let start = cedro2022_best_start();
-    // Exact signals and equations that are linear once products are parameters: only rounding is left.
+    // Exact signals and equations that are linear once products are parameters: only rounding is
+    // left.
     let wrls = run_wrls(&scenario, CEDRO2022_BLOCK_LEN, &cedro2022_best_estimator()).unwrap();
     assert!(error(&wrls.blocks[before].theta) < 1e-6, "{:?}", wrls.blocks[before]);
     let batch = run_batch(
@@ -268,7 +272,8 @@ fn ident_the_baselines_are_honest_competitors() {
     )
     .unwrap();
     assert!(error(&batch.blocks[0].theta) < 1e-6, "{:?}", batch.blocks[0]);
-    // The filter's one Runge-Kutta step a sample and straight voltages leave some per cent of θ₁ and θ₃, which are small.
+    // The filter's one Runge-Kutta step a sample and straight voltages leave some per cent of θ₁
+    // and θ₃, which are small.
     let ekf = run_ekf(
         &scenario,
         CEDRO2022_BLOCK_LEN,

@@ -2,10 +2,12 @@
 
 use thetabus::model::{JointSample, MAX_JOINTS};
 
-/// Force on the carriage of the EMPS rig per volt of its drive [N/V]. A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, 2019.
+/// Force on the carriage of the EMPS rig per volt of its drive [N/V]. A. Janot, M. Gautier, M.
+/// Brunot, Data Set and Reference Models of EMPS, 2019.
 #[cfg(feature = "config")]
 pub const EMPS_GAIN: f64 = 35.150_651_88;
-/// Its published mass [kg], viscous friction [N s/m], Coulomb friction [N] and offset [N], of the same source.
+/// Its published mass [kg], viscous friction [N s/m], Coulomb friction [N] and offset [N], of the
+/// same source.
 #[cfg(feature = "config")]
 pub const EMPS_PUBLISHED: [f64; 4] = [95.1089, 203.5034, 20.3935, -3.1648];
 
@@ -42,7 +44,8 @@ pub fn random_sample(rng: &mut TestRng) -> JointSample {
     sample
 }
 
-/// The golden samples as `[z1, z2, q1, q2, dq1, dq2, ddq1, ddq2, dddq1, dddq2, u1, u2]`, see tests/data/golden/README.md.
+/// The golden samples as `[z1, z2, q1, q2, dq1, dq2, ddq1, ddq2, dddq1, dddq2, u1, u2]`, see
+/// tests/data/golden/README.md.
 pub fn golden_rows() -> Vec<[f64; 12]> {
     include_str!("../data/golden/samples.csv")
         .lines()

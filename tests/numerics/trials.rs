@@ -1,4 +1,5 @@
-//! The harness of the trials: its bound against an independent program, its settings against the simulator.
+//! The harness of the trials: its bound against an independent program, its settings against the
+//! simulator.
 
 use thetabus::config::{Config, Source};
 use thetabus::estimator::BlockEstimator;
@@ -16,7 +17,8 @@ fn sources() -> Vec<Source> {
     Config::embedded("encoder_only").into_iter().collect()
 }
 
-/// One run as `thetabus run config/encoder_only.toml --duration 21` with the sines of config/default.toml and 150 kg throughout.
+/// One run as `thetabus run config/encoder_only.toml --duration 21` with the sines of
+/// config/default.toml and 150 kg throughout.
 fn exported_run() -> SimOptions {
     let sets = [
         "plant.duration_s=21.0",
@@ -28,8 +30,9 @@ fn exported_run() -> SimOptions {
     config.plant.sim
 }
 
-/// GOLDEN is what `crlb.py`, a program of its own in Python with finite differences in place of the Jacobians written out here, prints for the CSV
-/// export of that run: `crlb.py SAMPLES.csv --end-s 2 10 20`.
+/// GOLDEN is what `crlb.py`, a program of its own in Python with finite differences in place of the
+/// Jacobians written out here, prints for the CSV export of that run: `crlb.py SAMPLES.csv --end-s
+/// 2 10 20`.
 #[test]
 fn val_the_bound_is_that_of_an_independent_program() {
     const GOLDEN: [(u64, [f64; 9]); 3] = [
@@ -54,7 +57,8 @@ fn val_the_bound_is_that_of_an_independent_program() {
     let theta = sim.true_theta(0.0);
     let mut samples = 0;
     for sample in ArmSimulator::new(&sim).unwrap().take(20_000) {
-        // The bound follows its own integration of the same equations; 1e-6 rad are far below a count.
+        // The bound follows its own integration of the same equations; 1e-6 rad are far below a
+        // count.
         let [q1, q2] = bound.positions();
         assert!((q1 - sample.q[0]).abs() < lsb && (q2 - sample.q[1]).abs() < lsb);
         bound.advance([sample.setpoint[0], sample.setpoint[1]]);
@@ -74,7 +78,8 @@ fn val_the_bound_is_that_of_an_independent_program() {
     }
 }
 
-/// Every machine stays within its range: 2.2 rad of overshoot leave no doubt that a loop has become unstable.
+/// Every machine stays within its range: 2.2 rad of overshoot leave no doubt that a loop has become
+/// unstable.
 #[test]
 fn prop_every_arm_is_stable_at_every_period_with_every_motion() {
     for arm in Arm::ALL {
@@ -107,7 +112,8 @@ fn prop_every_arm_is_stable_at_every_period_with_every_motion() {
     }
 }
 
-/// A trial of ten blocks whose estimates go through `change` before they are scored, with the truth at their ends.
+/// A trial of ten blocks whose estimates go through `change` before they are scored, with the truth
+/// at their ends.
 fn scored(change: impl Fn(&mut Estimate, &[f64; 9])) -> TrialResult {
     let spec = TrialSpec {
         blocks: 10,
@@ -146,8 +152,9 @@ fn scored(change: impl Fn(&mut Estimate, &[f64; 9])) -> TrialResult {
         .unwrap()
 }
 
-/// Seed 25 picks its payload up where a block begins, while both joints rest. That block alone puts θ₂ anywhere, and positions that had been smoothed to
-/// agree with it spoke for it: it was usable 20 000 % off, at 300 standard deviations.
+/// Seed 25 picks its payload up where a block begins, while both joints rest. That block alone puts
+/// θ₂ anywhere, and positions that had been smoothed to agree with it spoke for it: it was usable
+/// 20 000 % off, at 300 standard deviations.
 #[test]
 fn val_a_payload_picked_up_at_rest_leaves_nothing_confidently_wrong() {
     let spec = TrialSpec {

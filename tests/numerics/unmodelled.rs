@@ -1,4 +1,5 @@
-//! What the simulated arm does beyond its equations, and what its sensors do to samples, each against something independent of it.
+//! What the simulated arm does beyond its equations, and what its sensors do to samples, each
+//! against something independent of it.
 
 use std::f64::consts::TAU;
 use thetabus::model::{AutoDiff, JointSample, Manipulator, PointwiseModel};
@@ -38,7 +39,8 @@ fn val_a_tilted_base_turns_gravity_and_keeps_the_energy() {
     let arm = ArmParameters::cedro2022();
     let tilt = 0.3;
     let dynamics = ArmDynamics::new(&arm.with_mass_2(150.0), arm.gravity_m_s2).tilted(tilt);
-    // The height of the centre of gravity: its vector onto the vertical, which leans by the tilt against the base's axis.
+    // The height of the centre of gravity: its vector onto the vertical, which leans by the tilt
+    // against the base's axis.
     let weight = 150.0 * 9.81 * 0.5;
     let height = |q: [f64; 2]| {
         let along = [q[1].cos() * q[0].cos(), q[1].cos() * q[0].sin(), q[1].sin()];
@@ -92,7 +94,8 @@ fn val_jerks_with_friction_tilt_and_heating_are_the_derivatives_of_the_accelerat
         assert!(largest > 10.0, "{largest}");
         for trio in samples.windows(3) {
             let difference = (trio[2].ddq[joint] - trio[0].ddq[joint]) / 2e-4;
-            // (1e-4)²/6 of the second derivative of the jerk, which the fastest mode of 90 rad/s makes at most 90² jerks; rounding of 1e-13/1e-4.
+            // (1e-4)²/6 of the second derivative of the jerk, which the fastest mode of 90 rad/s
+            // makes at most 90² jerks; rounding of 1e-13/1e-4.
             let tolerance = 1e-8 / 6.0 * 8100.0 * largest + 1e-9;
             let error = (difference - trio[1].dddq[joint]).abs();
             assert!(error < tolerance, "joint {joint}: {error} of {difference}");
@@ -100,7 +103,8 @@ fn val_jerks_with_friction_tilt_and_heating_are_the_derivatives_of_the_accelerat
     }
 }
 
-/// Joint 1 alone, link 2 level and without weight, with friction that sticks: small steps of Euler's method with the event in between.
+/// Joint 1 alone, link 2 level and without weight, with friction that sticks: small steps of
+/// Euler's method with the event in between.
 fn stick_slip(options: &SimOptions, friction: f64, end_s: f64) -> Vec<f64> {
     let h = 2e-6f64;
     let arm = &options.arm;
@@ -160,7 +164,8 @@ fn val_smooth_friction_moves_as_friction_that_sticks() {
         pairs.map(|(s, q)| (s.q[0] - q).abs()).fold(0.0, f64::max)
     };
     let (with, without) = (distance(&run(&options)), distance(&run(&slippery)));
-    // At rest it creeps at no more than 1e-3 rad/s instead of sticking, for some 0.2 s of each turn, and its controller takes that back.
+    // At rest it creeps at no more than 1e-3 rad/s instead of sticking, for some 0.2 s of each
+    // turn, and its controller takes that back.
     assert!(with < 2e-4, "{with} rad");
     assert!(
         without > 20.0 * with,
@@ -187,7 +192,8 @@ fn val_irregular_samples_show_the_state_at_the_time_that_their_stamps_tell() {
         count += 1.0;
         let at = &grid[k];
         for joint in 0..2 {
-            // Under an analog controller the motion does not know of samples: Taylor from the sample on the grid, rest τ⁴/24 of 1e5 rad/s⁴.
+            // Under an analog controller the motion does not know of samples: Taylor from the
+            // sample on the grid, rest τ⁴/24 of 1e5 rad/s⁴.
             let expected = at.q[joint] + t * (at.dq[joint] + t * (at.ddq[joint] / 2.0 + t * at.dddq[joint] / 6.0));
             let error = (sample.q[joint] - expected).abs();
             assert!(error < 4e-4f64.powi(4) / 24.0 * 1e5 + 1e-9, "sample {k}: {error}");
@@ -201,7 +207,8 @@ fn val_irregular_samples_show_the_state_at_the_time_that_their_stamps_tell() {
 
 #[test]
 fn val_a_held_voltage_lasts_from_stamp_to_stamp() {
-    // Between two samples the motor's current under a held voltage at rest is known in closed form: an arm too heavy to move.
+    // Between two samples the motor's current under a held voltage at rest is known in closed form:
+    // an arm too heavy to move.
     let mut options = smooth();
     options.controller.kind = ControllerKind::Sampled;
     options.sensors.stamp_jitter_s = 2e-4;
@@ -217,7 +224,8 @@ fn val_a_held_voltage_lasts_from_stamp_to_stamp() {
     let inertia = 1e15 * 0.25 / 12.0;
     let mut current = 0.0;
     for (pair, times) in samples.windows(2).zip(stamps.windows(2)) {
-        // Link 2 adds 37 kg m² to 2e13; Runge-Kutta steps of 2.5e-3 time constants err by 1e-15 each.
+        // Link 2 adds 37 kg m² to 2e13; Runge-Kutta steps of 2.5e-3 time constants err by 1e-15
+        // each.
         let expected = k * current / inertia;
         assert!((pair[0].ddq[0] - expected).abs() <= 1e-9 * expected.abs(), "{expected}");
         let h = (times[1] - times[0]) as f64 * 1e-9;
@@ -296,7 +304,8 @@ fn prop_losses_in_bursts_keep_their_share_and_length() {
         let mut losses = Losses::new(&sensors, 8);
         let lost: Vec<bool> = (0..400_000).map(|_| losses.next_is_lost()).collect();
         let share = lost.iter().filter(|&&lost| lost).count() as f64 / 400_000.0;
-        // 12 000 lost samples come in 12 000/L bursts, whose number has a deviation of at most its square root.
+        // 12 000 lost samples come in 12 000/L bursts, whose number has a deviation of at most its
+        // square root.
         let deviation = (burst as f64 / 12_000.0).sqrt();
         assert!((share / 0.03 - 1.0).abs() < 5.0 * deviation, "{burst}: {share}");
         // Bursts may follow each other at once; the last one may be cut.
@@ -308,7 +317,8 @@ fn prop_losses_in_bursts_keep_their_share_and_length() {
 
 #[test]
 fn prop_moves_are_followed_between_samples_as_well() {
-    // A smooth reference that was held over a sample would put a staircase into the voltage: the order in the substeps would be lost.
+    // A smooth reference that was held over a sample would put a staircase into the voltage: the
+    // order in the substeps would be lost.
     let moves = Setpoint::Moves(Moves {
         profile: MoveProfile::MinimumJerk,
         min_rad: -0.5,

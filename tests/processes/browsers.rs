@@ -1,4 +1,5 @@
-//! What many browsers cost: jitter of the plant, times of the identifier and the page's own processor time, with and without them in one run.
+//! What many browsers cost: jitter of the plant, times of the identifier and the page's own
+//! processor time, with and without them in one run.
 
 use crate::live::{BEST, Events, page_of};
 use crate::support::{Process, Program, QUICK, Site};

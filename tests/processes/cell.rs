@@ -114,7 +114,8 @@ fn val_garbage_and_silence_of_other_robots_change_no_bit_of_an_estimate() {
     let stream = samples(&config, 77);
     for (i, chunk) in stream.chunks(50).enumerate() {
         good.send(chunk);
-        // The neighbour begins new streams, jumps, repeats itself, sends what is no number, and more than anybody can take.
+        // The neighbour begins new streams, jumps, repeats itself, sends what is no number, and
+        // more than anybody can take.
         for k in 0..400_u64 {
             let mut sample = stream[(k as usize * 7) % stream.len()];
             sample.stream_id = 1 + (k + i as u64) % 5;
@@ -139,7 +140,8 @@ fn val_garbage_and_silence_of_other_robots_change_no_bit_of_an_estimate() {
         alone.on_sample(sample, &mut |estimate| expected.push(*estimate));
     }
     assert_eq!(expected.len(), 20);
-    // As text, which tells every bit apart and takes a standard deviation that is not known, NaN, for equal.
+    // As text, which tells every bit apart and takes a standard deviation that is not known, NaN,
+    // for equal.
     let text = |estimates: &[Estimate]| estimates.iter().map(|e| format!("{e:?}")).collect::<Vec<_>>();
     assert!(
         text(&good.seen) == text(&expected),
@@ -227,8 +229,9 @@ fn e2e_a_load_of_simulated_robots_is_identified_without_a_loss() {
     fast.expect_stderr(&["real time", "--speed"]);
 }
 
-/// An identifier of three robots with room for so few files that one worker, both, or neither can open its ports: it serves, or it ends in words. One that
-/// could not begin made the other wait for ever.
+/// An identifier of three robots with room for so few files that one worker, both, or neither can
+/// open its ports: it serves, or it ends in words. One that could not begin made the other wait for
+/// ever.
 #[test]
 fn fault_a_worker_that_cannot_begin_makes_no_other_wait() {
     let (mut refused, mut served) = (0, 0);

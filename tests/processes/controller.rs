@@ -1,4 +1,5 @@
-//! The closed loop as real processes: a controller that uses estimates, one that does not, one that dies.
+//! The closed loop as real processes: a controller that uses estimates, one that does not, one that
+//! dies.
 
 use crate::support::{Process, Program, Site, column, eventually};
 use nix::sys::signal::Signal;
@@ -66,7 +67,8 @@ fn e2e_feed_forward_from_estimates_follows_a_payload_that_changed() {
     let before = tracking_error(&adaptive, 20.0, 45.0) / tracking_error(&fixed, 20.0, 45.0);
     let after = tracking_error(&adaptive, 48.0, 70.0) / tracking_error(&fixed, 48.0, 70.0);
     assert!(before < 1.05, "{before}");
-    // docs/adaptive.md has 24 % where identifier and machine go step by step; here estimates come up to a queue later
+    // docs/adaptive.md has 24 % where identifier and machine go step by step; here estimates come
+    // up to a queue later
     assert!(after < 0.45, "{after}");
 }
 
@@ -99,8 +101,9 @@ fn e2e_feed_forward_for_a_robot_begins_with_its_urdf_and_follows_a_payload() {
     let ratio = |from_s: f64, to_s: f64| {
         tracking_error_of(6, &adaptive, from_s, to_s) / tracking_error_of(6, &fixed, from_s, to_s)
     };
-    // The URDF's bodies are wrong by up to 15 % and it knows no friction. Estimates may be used once the motion has informed on all of it: after ten seconds here, and
-    // nine seconds after the flange has picked 3 kg up.
+    // The URDF's bodies are wrong by up to 15 % and it knows no friction. Estimates may be used
+    // once the motion has informed on all of it: after ten seconds here, and nine seconds after the
+    // flange has picked 3 kg up.
     let (before, after) = (ratio(11.5, 14.0), ratio(24.5, 26.0));
     println!("tracking error beside fixed feed-forward: {before:.3} before, {after:.3} after");
     assert!(before < 0.05, "{before}");
@@ -115,7 +118,8 @@ fn fault_a_controller_that_is_killed_leaves_the_machine_to_its_own_loop_and_may_
     let record = site.dir.path().join("run.mcap");
     let mut monitor = start(Program::Monitor, &["--record", record.to_str().expect("UTF-8")]);
     identifier.wait_for_log("no plant yet");
-    // four times real time on a busy machine: an answer may take ten milliseconds of the machine's time
+    // four times real time on a busy machine: an answer may take ten milliseconds of the machine's
+    // time
     let patient = ["--set", "controller.deadline_s=0.1"];
     let mut controller = start(Program::Controller, &patient);
     controller.wait_for_log("controller");
@@ -135,12 +139,14 @@ fn fault_a_controller_that_is_killed_leaves_the_machine_to_its_own_loop_and_may_
     monitor.expect_code(0);
     eventually("the recording is whole", || record.exists().then_some(()));
     let csv = exported(&site, &record);
-    // The drive's limit holds throughout; measured voltages carry 0.05 V of noise, of which six standard deviations do not occur.
+    // The drive's limit holds throughout; measured voltages carry 0.05 V of noise, of which six
+    // standard deviations do not occur.
     for joint in [1, 2] {
         let input = column(&csv, &format!("input_{joint}_v"));
         assert!(input.iter().all(|u| u.abs() <= 400.3));
     }
-    // With feed-forward the arm follows within a millirad, some ten where an answer comes late; on its own loop alone it lags by 0.2 rad.
+    // With feed-forward the arm follows within a millirad, some ten where an answer comes late; on
+    // its own loop alone it lags by 0.2 rad.
     let errors = [(2.0, 4.0), (8.0, 12.0), (18.0, 24.0)].map(|(from, to)| tracking_error(&csv, from, to));
     assert!(errors[0] < 0.05 && errors[2] < 0.05, "{errors:?}");
     assert!(errors[1] > 0.1, "{errors:?}");

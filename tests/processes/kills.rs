@@ -1,7 +1,9 @@
-//! Killed at any moment of its start or its end, a program leaves nothing that hinders the next one or makes a live system beside it hang.
+//! Killed at any moment of its start or its end, a program leaves nothing that hinders the next one
+//! or makes a live system beside it hang.
 //!
-//! strace kills at the entry of a system call. Between two calls that change a file nothing changes that others could see, but
-//! for memory that is shared already, so the short tests kill at some of the calls that change something, the long ones at all.
+//! strace kills at the entry of a system call. Between two calls that change a file nothing changes
+//! that others could see, but for memory that is shared already, so the short tests kill at some of
+//! the calls that change something, the long ones at all.
 
 use crate::peers::{Place, User, permitted};
 use crate::support::{Process, WATCHDOG, eventually};
@@ -16,7 +18,8 @@ const THETABUS: &str = env!("CARGO_BIN_EXE_thetabus");
 
 /// What the next start may take, beside what a start on clean ground takes on this machine now.
 const NEXT_START: Duration = Duration::from_secs(3);
-/// A program that has been started under strace and has not been killed by then does not make the call any more.
+/// A program that has been started under strace and has not been killed by then does not make the
+/// call any more.
 const VICTIM_LIMIT: Duration = Duration::from_secs(4);
 
 /// A program that is killed, and how one knows that it works.
@@ -135,7 +138,8 @@ impl Scene {
         vec!["--record".into(), format!("{}.mcap", self.outputs.get())]
     }
 
-    /// Do both identifiers answer? They look at plant and monitor between two answers. The caller judges how long it takes.
+    /// Do both identifiers answer? They look at plant and monitor between two answers. The caller
+    /// judges how long it takes.
     fn answers(&self) -> Result<(), String> {
         for robot in ["arm", "without-plant"] {
             let ask = ["ctl", "describe", "--timeout", "40", "--robot", robot];
@@ -199,7 +203,8 @@ impl Scene {
         until_its_end(victim, &mut process);
     }
 
-    /// The calls of a start and an end, in their order: name, how often it has been made, and whether it changes a file.
+    /// The calls of a start and an end, in their order: name, how often it has been made, and
+    /// whether it changes a file.
     fn calls(&self, victim: &Victim) -> Vec<((String, usize), bool)> {
         let log = self.place.dir.path().join("trace");
         let log = log.to_str().expect("UTF-8");
@@ -231,8 +236,9 @@ impl Scene {
         calls
     }
 
-    /// Kills a start at each of these calls, and looks after each kill at the next start and at the live system. What goes
-    /// wrong is collected, so that one run of the long tests shows all of it.
+    /// Kills a start at each of these calls, and looks after each kill at the next start and at the
+    /// live system. What goes wrong is collected, so that one run of the long tests shows all of
+    /// it.
     fn must_survive(&mut self, victim: &Victim, calls: &[(String, usize)]) {
         let clean = self.next_start(victim);
         let mut failures = Vec::new();
@@ -249,7 +255,8 @@ impl Scene {
                     continue;
                 }
             };
-            // On a machine that others have made busy meanwhile, a start on clean ground takes longer, too.
+            // On a machine that others have made busy meanwhile, a start on clean ground takes
+            // longer, too.
             let allowed = |scene: &Self, factor: u32| {
                 let limit = factor * (NEXT_START + 4 * clean);
                 took < limit || took < factor * (NEXT_START + 4 * scene.next_start(victim))
@@ -280,7 +287,8 @@ impl Scene {
     }
 }
 
-/// Waits for the end of a traced program: its own, the one that strace gives it, or one on request as soon as it works.
+/// Waits for the end of a traced program: its own, the one that strace gives it, or one on request
+/// as soon as it works.
 fn until_its_end(victim: &Victim, process: &mut Process) {
     let start = Instant::now();
     let mut asked = false;
@@ -344,8 +352,8 @@ fn users() -> Vec<User> {
         .collect()
 }
 
-/// Some of the calls that change something: one of `stride`, and those before which shared memory is empty and after which it
-/// has its size but nobody may read it.
+/// Some of the calls that change something: one of `stride`, and those before which shared memory
+/// is empty and after which it has its size but nobody may read it.
 fn some(calls: &[((String, usize), bool)], stride: usize) -> Vec<(String, usize)> {
     let changing: Vec<_> = calls
         .iter()
@@ -464,7 +472,8 @@ fn fault_half_made_objects_hinder_no_join_no_clean_up_and_no_living_program() {
     }
 }
 
-/// Stops a start of a program at this call and starts the others beside it: each works or is refused in words, in time.
+/// Stops a start of a program at this call and starts the others beside it: each works or is
+/// refused in words, in time.
 fn stand_still(scene: &Scene, maker: &Victim, (call, count): (&str, usize)) {
     let (trace, inject) = (
         format!("trace={call}"),
@@ -511,11 +520,12 @@ fn stand_still(scene: &Scene, maker: &Victim, (call, count): (&str, usize)) {
     stopped.signal_group(Signal::SIGKILL);
 }
 
-/// What the others may take beside a program that stands still: 5 s until they give a lock up, the same again where they meet
-/// what it had half made, and their starts on a busy machine.
+/// What the others may take beside a program that stands still: 5 s until they give a lock up, the
+/// same again where they meet what it had half made, and their starts on a busy machine.
 const STANDSTILL: Duration = Duration::from_secs(30);
 
-/// Has a process with this domain on its command line been stopped? Under strace each one stops at every call for an instant.
+/// Has a process with this domain on its command line been stopped? Under strace each one stops at
+/// every call for an instant.
 fn is_anything_stopped(domain: &str) -> bool {
     let is_stopped = |process: &std::path::Path| {
         std::fs::read_to_string(process.join("stat")).is_ok_and(|stat| {
@@ -540,7 +550,8 @@ fn fault_a_program_that_stands_still_in_its_start_makes_nobody_hang() {
     if !may_trace(User::own()) {
         return;
     }
-    // Empty objects of a node, of a service, of a port, and the lock of the members while it is held.
+    // Empty objects of a node, of a service, of a port, and the lock of the members while it is
+    // held.
     for (maker, call) in [(0, ("ftruncate", 2)), (1, ("ftruncate", 4)), (2, ("fchmod", 1))] {
         let scene = Scene::empty(User::own());
         stand_still(&scene, &VICTIMS[maker], call);
@@ -565,7 +576,8 @@ fn fault_a_program_that_stands_still_at_any_object_makes_nobody_hang() {
     }
 }
 
-/// Kills a start of each program in turn at some time in its first 20 ms; the next start must work, and quickly so.
+/// Kills a start of each program in turn at some time in its first 20 ms; the next start must work,
+/// and quickly so.
 fn early_kills(count: u64) {
     let scene = Scene::empty(User::own());
     let clean: Vec<Duration> = VICTIMS.iter().map(|victim| scene.next_start(victim)).collect();

@@ -38,7 +38,8 @@ fn described_as(from: &Path, to: &Path, change: impl FnOnce(&mut RunInfo)) {
 fn e2e_a_monitor_takes_the_names_of_another_model_from_the_identifier() {
     let site = Site::new();
     let out = site.out();
-    // both have the arm's names in their configuration; one is there before the identifier, the other comes late
+    // both have the arm's names in their configuration; one is there before the identifier, the
+    // other comes late
     let mut first = site.start(Program::Monitor, &["--out", text(&out)]);
     first.wait_for_log("monitor");
     let _identifier = site.start(Program::Identifier, &["--config", SERVO]);

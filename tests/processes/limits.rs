@@ -1,4 +1,5 @@
-//! Too little shared memory, other users, settings that the system refuses: clear words instead of surprises.
+//! Too little shared memory, other users, settings that the system refuses: clear words instead of
+//! surprises.
 
 use crate::peers::permitted;
 use crate::support::{Process, Program, QUICK, Site, eventually};
@@ -57,7 +58,8 @@ fn fault_shared_memory_that_somebody_fills_during_a_run_kills_nobody() {
         return;
     }
     let site = Site::new();
-    // What the run needs fits, then a stranger takes the rest; each page that is used later was taken at the start.
+    // What the run needs fits, then a stranger takes the rest; each page that is used later was
+    // taken at the start.
     let script = r#"
         "$0" "$@" & run=$!
         for i in $(seq 600); do [ -s out/estimates.csv ] && [ $(wc -l < out/estimates.csv) -gt 3 ] && break; sleep 0.05; done
@@ -90,7 +92,8 @@ fn fault_shared_memory_that_somebody_fills_during_a_run_kills_nobody() {
     );
 }
 
-/// Each program that joins, in memory of any size: it works or refuses in words, and no signal ends it.
+/// Each program that joins, in memory of any size: it works or refuses in words, and no signal ends
+/// it.
 #[test]
 fn fault_joining_programs_are_refused_with_the_numbers_however_little_is_left() {
     if !may_mount() {
@@ -288,7 +291,8 @@ fn rt_status_says_what_the_system_granted_of_the_real_time_settings() {
     } = reported(&site, identifier.pid()).realtime;
     let (kernel_policy, kernel_priority, cpus, locked) = kernel_says(identifier.pid());
     assert_eq!((policy, priority), (kernel_policy, kernel_priority));
-    // Whether granted or refused depends on who runs this; told is what holds, and a warning comes with each refusal.
+    // Whether granted or refused depends on who runs this; told is what holds, and a warning comes
+    // with each refusal.
     assert_eq!(refused & 1 != 0, policy == 0);
     assert_eq!(refused & 2 != 0, affinity == 0);
     assert_eq!(refused & 4 != 0, memory_locked == 0);

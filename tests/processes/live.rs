@@ -1,4 +1,5 @@
-//! What people see while it runs: the page as a browser and as rude clients get it, the table and the lines of `watch`.
+//! What people see while it runs: the page as a browser and as rude clients get it, the table and
+//! the lines of `watch`.
 
 use crate::peers::permitted;
 use crate::support::{Process, Program, QUICK, Site, WATCHDOG, column, eventually};
@@ -163,7 +164,8 @@ fn e2e_the_page_shows_what_is_on_the_bus_and_says_that_an_identifier_died() {
         view["changes"].as_array().is_some_and(|changes| !changes.is_empty())
     });
     assert!(compared >= 10, "{compared}");
-    // Bounds as the configuration has them, and the input of each joint beside the one that was predicted.
+    // Bounds as the configuration has them, and the input of each joint beside the one that was
+    // predicted.
     let (_, whole) = Events::open(&address).next();
     assert_eq!(
         (&whole["predicts"], &whole["quantities"][0]["lower"]),
@@ -177,7 +179,8 @@ fn e2e_the_page_shows_what_is_on_the_bus_and_says_that_an_identifier_died() {
         size += measured * measured;
         count += 1;
     }
-    // 40 points a second. Signals are exact, so that only the change of 20 kg in 150, not yet learnt, can be seen.
+    // 40 points a second. Signals are exact, so that only the change of 20 kg in 150, not yet
+    // learnt, can be seen.
     assert!(
         count > 100 && difference < 0.04 * size,
         "{count} points: {difference} of {size}"
@@ -321,7 +324,8 @@ fn fault_two_hundred_rude_clients_neither_stop_a_monitor_nor_grow_its_memory() {
         };
         rude.push(stream);
     }
-    // It goes on for the one who was there before, through ten seconds in which the rude ones hold on.
+    // It goes on for the one who was there before, through ten seconds in which the rude ones hold
+    // on.
     let (_, now) = polite.next();
     let block = now["view"]["block"].as_u64().expect("a block");
     polite.view("a hundred blocks more", |view| {
@@ -499,7 +503,7 @@ fn e2e_watch_gives_the_terminal_back_on_a_key_and_on_a_signal() {
         let program = env!("CARGO_BIN_EXE_thetabus");
         let domain = site.domain.name();
         let watch = format!("{program} watch --config {} --domain {domain}", BEST);
-        let line = format!("stty rows 24 cols 80; {watch}; echo code=$?; stty -a");
+        let line = format!("stty rows 24 cols 80; {watch}; echo code=$?; stty -a; echo every line");
         let mut child = Command::new("script")
             .args(["-qefc", &line, "/dev/null"])
             .env("TERM", "xterm")
@@ -539,7 +543,8 @@ fn e2e_watch_gives_the_terminal_back_on_a_key_and_on_a_signal() {
         } else {
             keys.write_all(b"q").expect("a terminal");
         }
-        let said = eventually("the end", || Some(look()).filter(|said| said.contains("min = 1")));
+        // What stty says comes in several pieces, so the end is a line of its own.
+        let said = eventually("the end", || Some(look()).filter(|said| said.contains("every line")));
         let (_, after) = said.split_once("\x1b[?1049l").expect("the screen is given back");
         assert!(after.contains("code=0"), "{after}");
         assert!(after.contains(" icanon") && after.contains(" echo "), "{after}");

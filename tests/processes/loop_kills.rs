@@ -1,4 +1,5 @@
-//! Identifier and controller killed at random while the loop runs: the machine is never worse off than with its own loop alone.
+//! Identifier and controller killed at random while the loop runs: the machine is never worse off
+//! than with its own loop alone.
 
 use crate::controller::exported;
 use crate::support::{Process, Program, Site, column, eventually};
@@ -9,7 +10,8 @@ use thetabus::config::{Config, Source};
 use thetabus::sim::MachineSimulator;
 
 const ADAPTIVE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/adaptive.toml");
-/// So low that a controller that comes back reaches it: the own loop's lag and the feed-forward together ask for more.
+/// So low that a controller that comes back reaches it: the own loop's lag and the feed-forward
+/// together ask for more.
 const LIMIT_V: f64 = 50.0;
 const LIMITS: [&str; 4] = [
     "--set",
@@ -17,10 +19,12 @@ const LIMITS: [&str; 4] = [
     "--set",
     "controller.input_limit=[50, 50]",
 ];
-/// Samples that are not judged: the arm begins at rest and off its setpoint, and both runs have other transients from there.
+/// Samples that are not judged: the arm begins at rest and off its setpoint, and both runs have
+/// other transients from there.
 const START: u64 = 3000;
-/// Length of the windows in which errors are compared, and the step between them \[samples\]: a second is longer than the loop's own transients, 0.2 s,
-/// and shorter than the slowest sine's period.
+/// Length of the windows in which errors are compared, and the step between them \[samples\]: a
+/// second is longer than the loop's own transients, 0.2 s, and shorter than the slowest sine's
+/// period.
 const WINDOW: usize = 1000;
 const STEP: usize = 100;
 
@@ -92,7 +96,8 @@ fn outcome(csv: &Path) -> Outcome {
     }
 }
 
-/// Kills identifier or controller so many times, at random moments up to `longest` after the last one, and starts it again at once.
+/// Kills identifier or controller so many times, at random moments up to `longest` after the last
+/// one, and starts it again at once.
 fn killed(kills: usize, longest: Duration) -> Outcome {
     let site = Site::new();
     let states = site.dir.path().join("states");
@@ -121,7 +126,8 @@ fn killed(kills: usize, longest: Duration) -> Outcome {
     observer.status("motion", |status| status.last_seq > START);
     let mut dice = Dice(14);
     for kill in 0..kills {
-        // Now and then the loop is closed for sure: an estimate may be used, and the controller has had time to blend it in.
+        // Now and then the loop is closed for sure: an estimate may be used, and the controller has
+        // had time to blend it in.
         if kill % 4 == 3 {
             observer.look();
             let after_ns = observer.last_estimate.map_or(0, |e| e.t_last_ns);
@@ -165,7 +171,8 @@ fn must_hold(outcome: &Outcome) {
     // Measured voltages carry 0.05 V of noise, of which six standard deviations do not occur.
     assert!(*largest_input_v <= LIMIT_V + 0.3, "{largest_input_v}");
     assert!(worst <= 1.05, "{worst}");
-    // The loop was closed in between, with less voltage than the feed-forward asks for: else nothing was tested.
+    // The loop was closed in between, with less voltage than the feed-forward asks for: else
+    // nothing was tested.
     assert!(best < 0.9, "{best}");
 }
 

@@ -1,6 +1,7 @@
 //! The programs as users start them: real processes on real shared memory.
 //!
-//! Each test has a bus domain and a directory of its own, waits for conditions under a watchdog, and leaves nothing behind.
+//! Each test has a bus domain and a directory of its own, waits for conditions under a watchdog,
+//! and leaves nothing behind.
 #![cfg(feature = "service")]
 
 mod browsers;

@@ -97,7 +97,8 @@ fn fault_an_identifier_killed_and_restarted_goes_on_with_the_next_whole_block() 
     });
     let after = observer.estimate("a later block", |estimate| estimate.block > before.block);
     assert_eq!(after.stream_id, before.stream_id, "the plant is the same");
-    // Blocks are cut by seq, so the restart has not moved their borders: block m ends with sample 200 m − 1.
+    // Blocks are cut by seq, so the restart has not moved their borders: block m ends with sample
+    // 200 m − 1.
     assert_eq!(after.t_last_ns, (200 * after.block - 1) * 1_000_000);
     // What was sent before it listened is not missing.
     assert_eq!(after.missing, 0);
@@ -197,7 +198,8 @@ fn fault_damaged_leftovers_of_a_crash_are_swept_away_by_the_next_start() {
             process.signal(Signal::SIGKILL);
             process.wait();
         }
-        // Left by a process that cannot be asked, as the observer could be: it goes as well, but its services stay.
+        // Left by a process that cannot be asked, as the observer could be: it goes as well, but
+        // its services stay.
         let (root, prefix) = (site.domain.root(), site.domain.prefix());
         let services: Vec<_> = std::fs::read_dir(root.join("services"))
             .expect("services")

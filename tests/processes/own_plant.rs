@@ -55,7 +55,8 @@ fn e2e_the_examples_identify_a_users_own_plant_over_the_bus() {
         let estimates = column(&csv, name);
         let deviations = column(&csv, &format!("{name}_std"));
         let (theta, std) = (estimates[estimates.len() - 1], deviations[deviations.len() - 1]);
-        // Five deviations are exceeded once in a million runs; the noise is estimated from few blocks, so twice that.
+        // Five deviations are exceeded once in a million runs; the noise is estimated from few
+        // blocks, so twice that.
         assert!((theta - truth).abs() < 10.0 * std, "{name}: {theta} +- {std}");
         assert!(std < 0.01 * truth, "{name}: {theta} +- {std}");
     }
@@ -80,7 +81,8 @@ fn e2e_a_users_own_plant_has_the_whole_command_line() {
     for name in ["inertia", "damping", "weight"] {
         let (theta, std) = (column(&csv, name), column(&csv, &format!("{name}_std")));
         let (theta, std) = (theta[theta.len() - 1], std[std.len() - 1]);
-        // Exceeded once in a million runs: noise is learnt from ten blocks, so twice five standard deviations.
+        // Exceeded once in a million runs: noise is learnt from ten blocks, so twice five standard
+        // deviations.
         assert!((theta - 1.25).abs() < 10.0 * std, "{name}: {theta} +- {std}");
         assert!(std < 0.01, "{name}: {std}");
     }

@@ -7,7 +7,8 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use tempfile::TempDir;
 
-/// May this user do what the command does? Where not, the test is skipped in words, and fails where nothing may be skipped.
+/// May this user do what the command does? Where not, the test is skipped in words, and fails where
+/// nothing may be skipped.
 pub fn permitted(command: &str, args: &[&str]) -> bool {
     let done = Command::new(command)
         .args(args)

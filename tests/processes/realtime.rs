@@ -23,9 +23,11 @@ fn rt_a_stopped_monitor_never_slows_the_plant() {
     let wall = start.elapsed();
     let status = observer.end();
     assert_eq!((status.missing, status.last_seq), (0, 19_999));
-    // In real time an identifier may come too late for the first sample, and then skips what it joined half-way.
+    // In real time an identifier may come too late for the first sample, and then skips what it
+    // joined half-way.
     assert!(status.estimates > 64, "{status:?}");
-    // 20 s at four times the speed take 5 s; waiting for a monitor that is never continued would take for ever.
+    // 20 s at four times the speed take 5 s; waiting for a monitor that is never continued would
+    // take for ever.
     assert!(wall >= Duration::from_secs(5), "{wall:?}");
     assert!(
         !plant.stderr().contains("WARN"),

@@ -61,7 +61,8 @@ fn replay_live_off_line_and_replayed_estimates_of_the_papers_experiment_are_the_
     let monitor = site.start(Program::Monitor, &["--config", text(&config), "--out", text(&out)]);
     monitor.wait_for_log("monitor");
     let _identifier = site.start(Program::Identifier, &["--config", text(&config)]);
-    // The run waited for its recorder, too; the replay is started as docs/recording.md has it, and nobody records.
+    // The run waited for its recorder, too; the replay is started as docs/recording.md has it, and
+    // nobody records.
     let mut replay = site.start(Program::Thetabus, &["replay", text(&site.out())]);
     replay.expect_code(0);
     assert!(replay.stdout().contains("170000 samples replayed"), "{}", replay.said());
@@ -273,7 +274,8 @@ fn fault_what_is_no_recording_is_a_wrong_use() {
         .expect_code(2);
 }
 
-/// The report as a browser sees it, without any network; `None` where there is no browser and none is required.
+/// The report as a browser sees it, without any network; `None` where there is no browser and none
+/// is required.
 fn dom(page: &Path) -> Option<String> {
     let arguments = [
         "--headless=new",
@@ -309,9 +311,11 @@ fn e2e_the_report_of_a_run_opens_in_a_browser_with_every_figure_inside() {
     for foreign in ["src=\"http", "href=\"http", "url(http", "@import", "<script", "<link"] {
         assert!(!html.contains(foreign), "the page must load nothing: {foreign}");
     }
-    // Setpoints, nine parameters, four derived values, accuracy, inputs, residuals, excitation, timing.
+    // Setpoints, nine parameters, four derived values, accuracy, inputs, residuals, excitation,
+    // timing.
     let expected: usize = 1 + 9 + 4 + 5;
-    // Signals are exact, and the machine does not change: each joint's input was known before it was learnt from, to some thousandths.
+    // Signals are exact, and the machine does not change: each joint's input was known before it
+    // was learnt from, to some thousandths.
     let captions = html
         .split("(root mean squares): ")
         .nth(1)

@@ -151,7 +151,8 @@ fn e2e_a_robot_with_a_wrong_file_is_refused_by_its_place() {
     }
 }
 
-/// The robot of the configuration simulated, identified while it runs, and once more from its recording.
+/// The robot of the configuration simulated, identified while it runs, and once more from its
+/// recording.
 #[test]
 fn e2e_a_robot_runs_on_the_bus_and_its_recording_gives_the_same() {
     let site = Site::new();
@@ -215,7 +216,8 @@ fn own_config(site: &Site, name: &str, sections: &str) -> String {
     path.to_str().expect("UTF-8").to_owned()
 }
 
-/// A motion is designed, checked, played by the simulated robot, identified, and what was found is written into the URDF.
+/// A motion is designed, checked, played by the simulated robot, identified, and what was found is
+/// written into the URDF.
 #[test]
 fn e2e_a_designed_motion_is_played_and_its_result_is_written_into_the_urdf() {
     let site = Site::new();
@@ -427,7 +429,8 @@ fn e2e_a_load_is_declared_by_a_command() {
     identifier.expect_code(0);
 }
 
-/// A bag as a driver's topic `joint_states` is recorded: CDR by hand, the joints in another order than the robot's, no velocities.
+/// A bag as a driver's topic `joint_states` is recorded: CDR by hand, the joints in another order
+/// than the robot's, no velocities.
 fn bag(path: &Path, log: &str) {
     const ORDER: [usize; 6] = [2, 0, 1, 5, 4, 3];
     let file = std::io::BufWriter::new(fs::File::create(path).expect("created"));
@@ -488,7 +491,8 @@ fn e2e_a_bag_with_joint_states_is_identified_like_a_log() {
         identify.expect_code(0);
         serde_json::from_str(&identify.stdout()).expect("JSON")
     });
-    // Velocities are formed from positions; the motion is below 1 Hz and free of noise, so that both agree to a per cent of what they are off by at most.
+    // Velocities are formed from positions; the motion is below 1 Hz and free of noise, so that
+    // both agree to a per cent of what they are off by at most.
     let hz2 = |summary: &serde_json::Value| -> f64 {
         let all = summary["parameters"].as_array().expect("a list");
         all.iter().find(|p| p["name"] == "hz2").expect("hz2")["estimate"]

@@ -70,7 +70,8 @@ fn e2e_without_a_configuration_encoders_and_voltages_are_enough() {
         assert!((theta - truth).abs() < 4.5 * std, "{parameter:?}");
     }
     for parameter in &summary.parameters[4..] {
-        // The worst of 20 seeds is 0.031 %, docs/encoder-results.md; twice that leaves room for another reference.
+        // The worst of 20 seeds is 0.031 %, docs/encoder-results.md; twice that leaves room for
+        // another reference.
         let error = parameter.relative_error.expect("simulated");
         assert!(error.abs() < 6e-4, "{parameter:?}");
     }
@@ -95,8 +96,8 @@ fn e2e_the_estimates_converge_to_the_truth() {
     .expect_code(0);
     for parameter in site.summary().parameters {
         let error = parameter.relative_error.expect("the truth is known");
-        // Exact signals and a constant plant: what is left is the start values' weight, some 1e-3 of information beside 1e4 and
-        // more in each direction per block.
+        // Exact signals and a constant plant: what is left is the start values' weight, some 1e-3
+        // of information beside 1e4 and more in each direction per block.
         assert!(error.abs() < 1e-5, "{}: {error}", parameter.name);
     }
 }
@@ -111,7 +112,8 @@ fn e2e_a_servo_axis_is_simulated_and_identified_from_position_and_voltage() {
     for parameter in &summary.parameters {
         let truth = parameter.truth.expect("simulated");
         let (theta, std) = (parameter.estimate.expect("known"), parameter.std.expect("known"));
-        // Stiction, which the model leaves out, is there for a handful of samples only; seven deviations leave room for it.
+        // Stiction, which the model leaves out, is there for a handful of samples only; seven
+        // deviations leave room for it.
         assert!((theta - truth).abs() < 7.0 * std, "{parameter:?}");
         assert!(std < 0.02 * truth.abs(), "{parameter:?}");
     }

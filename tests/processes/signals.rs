@@ -73,7 +73,8 @@ fn e2e_a_second_signal_ends_a_program_at_once_with_130() {
     observer.status("a heartbeat", |_| true);
     let plant = site.start(Program::Plant, &[&["--speed", "max"], &QUICK[..]].concat());
     observer.estimate("a block", |_| true);
-    // In lockstep a plant that is asked to stop has two seconds of patience with a consumer that is stopped.
+    // In lockstep a plant that is asked to stop has two seconds of patience with a consumer that is
+    // stopped.
     identifier.signal(Signal::SIGSTOP);
     std::thread::sleep(Duration::from_millis(200));
     let mut plant = plant;
@@ -154,7 +155,8 @@ fn under_way(site: &Site, args: &[&str], blocks: u64) -> Process {
     run
 }
 
-/// What a run leaves behind, however it ended: a summary, a checkpoint, a recording that can be read, and nothing else.
+/// What a run leaves behind, however it ended: a summary, a checkpoint, a recording that can be
+/// read, and nothing else.
 fn expect_whole(site: &Site, blocks: u64, what: &str) {
     eventually("its children have ended", || site.processes().is_empty().then_some(()));
     let summary = site.summary();
@@ -196,7 +198,8 @@ fn fault_a_hundred_launchers_killed_with_9() {
     kill_launchers(100);
 }
 
-/// Runs that `timeout` ends: it signals the launcher, and then its own group with the launcher in it.
+/// Runs that `timeout` ends: it signals the launcher, and then its own group with the launcher in
+/// it.
 fn time_out(count: u32) {
     for round in 0..count {
         let site = Site::new();

@@ -13,7 +13,8 @@ fn own_memory_kib(pid: Pid) -> Option<f64> {
     line.trim().trim_end_matches(" kB").parse().ok()
 }
 
-/// Slope and standard deviation of the line's points around it, over an even grid of `n` points from 0 to 1.
+/// Slope and standard deviation of the line's points around it, over an even grid of `n` points
+/// from 0 to 1.
 fn line(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     let x = |i: usize| i as f64 / (n - 1.0).max(1.0);
@@ -38,12 +39,14 @@ fn median(values: &[f64]) -> f64 {
     sorted[sorted.len() / 2]
 }
 
-/// A run of `samples` samples, looked at once per `look`; every claim of the file's head is checked at the end.
+/// A run of `samples` samples, looked at once per `look`; every claim of the file's head is checked
+/// at the end.
 fn soak(config: &str, samples: u64, look: Duration, args: &[&str]) {
     let site = Site::new();
     let mut observer = site.observer();
     let duration = (samples as f64 / 1e3).to_string();
-    // What σ allows for a drift follows what the last hundred blocks say of one, by some 20 %; here Γ alone is judged.
+    // What σ allows for a drift follows what the last hundred blocks say of one, by some 20 %; here
+    // Γ alone is judged.
     let fixed = [
         config,
         "--duration",
@@ -81,7 +84,8 @@ fn soak(config: &str, samples: u64, look: Duration, args: &[&str]) {
     // What it said between two looks still lies in the queue.
     observer.look();
     assert_eq!(observer.last_status.expect("a heartbeat").missing, 0);
-    // The monitor remembers its last 16 384 blocks, 48 bytes each and some for the list: a run that fills it is judged from its middle on.
+    // The monitor remembers its last 16 384 blocks, 48 bytes each and some for the list: a run that
+    // fills it is judged from its middle on.
     let blocks = samples as usize / 1900;
     let (settling, remembered_kib) = match blocks / 2 > 16_384 {
         true => (2, 0.0),
@@ -96,7 +100,8 @@ fn soak(config: &str, samples: u64, look: Duration, args: &[&str]) {
             settled.len(),
             median(settled)
         );
-        // An allocator gives and takes pages of 4 KiB by the dozen; a leak of a byte per sample would be thousands.
+        // An allocator gives and takes pages of 4 KiB by the dozen; a leak of a byte per sample
+        // would be thousands.
         assert!(
             growth < 128.0 + remembered_kib,
             "{role} grew by {growth:.1} KiB, from {} to {}",
@@ -104,7 +109,8 @@ fn soak(config: &str, samples: u64, look: Duration, args: &[&str]) {
             settled[settled.len() - 1]
         );
     }
-    // Γ is what deviations are made of: with as much forgotten as is learnt it stays where it is, block after block.
+    // Γ is what deviations are made of: with as much forgotten as is learnt it stays where it is,
+    // block after block.
     let csv = site.out().join("estimates.csv");
     for i in 1..=9 {
         let std = column(&csv, &format!("theta_{i}_std"));
@@ -141,7 +147,8 @@ fn rt_two_million_samples_of_encoders_in_lockstep_neither_grow_lose_nor_drift() 
 #[test]
 #[ignore = "half an hour"]
 fn rt_half_an_hour_at_1_khz() {
-    // A recording ends with an index that grows until then, 0.4 KiB a second; with small files it begins anew every two minutes.
+    // A recording ends with an index that grows until then, 0.4 KiB a second; with small files it
+    // begins anew every two minutes.
     let recorded = [
         "--speed",
         "1",

@@ -1,4 +1,5 @@
-//! A storm of kills beside a plant in real time: the plant does not stall, estimates are right again, recordings can be read.
+//! A storm of kills beside a plant in real time: the plant does not stall, estimates are right
+//! again, recordings can be read.
 
 use crate::support::{PAPER, Process, Program, QUICK, Site};
 use nix::sys::signal::Signal;

@@ -1,4 +1,5 @@
-//! Commands belong to their stream, requests cannot fill anything for good, and a second publisher is told apart.
+//! Commands belong to their stream, requests cannot fill anything for good, and a second publisher
+//! is told apart.
 
 use crate::support::{PAPER, Process, Program, QUICK, Site, eventually};
 use nix::sys::signal::Signal;
@@ -14,7 +15,8 @@ fn client(site: &Site) -> ControlClient {
     eventually("an identifier", || ControlClient::new(&bus).ok())
 }
 
-/// A recording in whose middle parameters are held, tunables are set, N is another one and the estimation rests.
+/// A recording in whose middle parameters are held, tunables are set, N is another one and the
+/// estimation rests.
 fn recorded() -> (Site, PathBuf) {
     let site = Site::new();
     let mut run = site.start_run(&[&["--speed", "2", "--duration", "12"], &QUICK[..]].concat());

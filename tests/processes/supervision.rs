@@ -48,7 +48,8 @@ fn check(estimate: &Estimate, truth: &[f64; MANIPULATOR_PARAMS]) {
     );
     if estimate.use_ok != 0 {
         for (i, (value, truth)) in theta.iter().zip(truth).enumerate() {
-            // Where a parameter may be used it is known to 1 % at least; exact signals give far more.
+            // Where a parameter may be used it is known to 1 % at least; exact signals give far
+            // more.
             if estimate.usable.contains(i) {
                 assert!(
                     (value / truth - 1.0).abs() < 0.01,

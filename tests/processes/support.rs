@@ -77,7 +77,8 @@ impl Site {
         self.dir.path().join("out")
     }
 
-    /// Starts a program in this domain; a plant, identifier or monitor with the paper's experiment unless it is given a configuration.
+    /// Starts a program in this domain; a plant, identifier or monitor with the paper's experiment
+    /// unless it is given a configuration.
     pub fn start(&self, program: Program, args: &[&str]) -> Process {
         let named = matches!(program, Program::Thetabus) || args.contains(&"--config");
         let paper = if named { &[][..] } else { &["--config", PAPER] };
@@ -90,7 +91,8 @@ impl Site {
         Process::start(command)
     }
 
-    /// `thetabus run`, results in `out()`: the paper's experiment unless the first argument is a configuration.
+    /// `thetabus run`, results in `out()`: the paper's experiment unless the first argument is a
+    /// configuration.
     pub fn start_run(&self, args: &[&str]) -> Process {
         let out = self.out();
         let out = out.to_str().expect("UTF-8");

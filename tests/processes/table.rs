@@ -1,4 +1,5 @@
-//! The fault table: what fails, and what becomes of values, counters and exit code. Real processes, real topics.
+//! The fault table: what fails, and what becomes of values, counters and exit code. Real processes,
+//! real topics.
 
 use crate::support::{Program, QUICK, Site, column, eventually};
 use iceoryx2::prelude::{
@@ -87,7 +88,8 @@ fn fault_table_of_signals_that_fail_in_a_run() {
             "{}",
             row.fault
         );
-        // What was refused or never came has not spoilt what was left: exact signals, so θ̂ is right to far less than 0.1 %.
+        // What was refused or never came has not spoilt what was left: exact signals, so θ̂ is
+        // right to far less than 0.1 %.
         for parameter in &summary.parameters {
             let error = parameter.relative_error.expect("the truth is known");
             assert!(

@@ -1,4 +1,5 @@
-//! Users of one machine: they do not meet, and none can read, change, hang or deny what is another's without being named.
+//! Users of one machine: they do not meet, and none can read, change, hang or deny what is
+//! another's without being named.
 
 use crate::peers::{Place, User, permitted};
 use crate::support::{PAPER, Process, QUICK, eventually};
@@ -318,7 +319,8 @@ fn fault_nothing_is_open_to_others_at_any_moment() {
         assert!(mode & 0o077 == 0 || (below && mode == 0o750), "{line}");
     }
     assert!(seen > 50, "{seen} modes in\n{text}");
-    // The trace shows who makes the object that every join opens: not iceoryx2, which opens it to all.
+    // The trace shows who makes the object that every join opens: not iceoryx2, which opens it to
+    // all.
     let object = text
         .lines()
         .any(|line| line.contains("linkat") && line.contains(&memory));

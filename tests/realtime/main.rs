@@ -41,7 +41,8 @@ fn identifier(options: EstimatorOptions) -> IdentifierNode<BlockLearner<Pointwis
     IdentifierNode::new(node, BlockLearner::new(rows, estimator, Some(Box::new(derived))), 1)
 }
 
-/// Ten blocks: lost, refused and repeated samples, a jump of the payload inside block 6, a restarted publisher.
+/// Ten blocks: lost, refused and repeated samples, a jump of the payload inside block 6, a
+/// restarted publisher.
 fn eventful_stream() -> Vec<Sample> {
     let mut arm = SimOptions::cedro2022();
     arm.mass_2 = thetabus::sim::MassSchedule::jump(150.0, 2.15, 170.0);
@@ -198,7 +199,8 @@ fn rt_projected_and_smoothed_rows_allocate_nothing_either() {
     assert_eq!(allocations(from_positions(&plant, rows)), 0, "smoothed");
 }
 
-/// The window at the end of each block of samples whose joints swing at these frequencies \[Hz\], and the allocations on the way.
+/// The window at the end of each block of samples whose joints swing at these frequencies \[Hz\],
+/// and the allocations on the way.
 fn windows_of(swings: &[(u64, f64)]) -> (Vec<f64>, u64) {
     let theta: Vec<f64> = Manipulator::default().parameters().iter().map(|p| p.start).collect();
     let options = ProjectedOptions::recommended();

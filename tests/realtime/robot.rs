@@ -35,7 +35,8 @@ fn rt_a_robots_samples_become_estimates_without_allocation() {
     assert_eq!(counted.count_total, 0);
 }
 
-/// Twelve seconds at 1 kHz through the node: collecting, a payload that comes, a replay, and the end.
+/// Twelve seconds at 1 kHz through the node: collecting, a payload that comes, a replay, and the
+/// end.
 #[test]
 fn rt_a_robots_node_estimates_a_payload_without_allocation() {
     use thetabus::messages::{Sample, sample_flags, signals};

@@ -27,7 +27,8 @@ pub unsafe extern "C" fn thetabus_control_open(
 /// Sends a command and waits for its answer.
 ///
 /// # Safety
-/// `control` was opened and is used by one thread at a time; `name` is null or ends with a zero; `out` is null or may be written to.
+/// `control` was opened and is used by one thread at a time; `name` is null or ends with a zero;
+/// `out` is null or may be written to.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn thetabus_control_ask(
     control: *mut ControlClient,

@@ -1,7 +1,8 @@
-//! thetabus for C: the functions of `include/thetabus.h`. What they mean is written there; what they share is here.
+//! thetabus for C: the functions of `include/thetabus.h`. What they mean is written there; what
+//! they share is here.
 //!
-//! A handle is a box of a port with the bus that it joined. Every function catches panics, writes its error's words to a text of the calling
-//! thread, and returns a code.
+//! A handle is a box of a port with the bus that it joined. Every function catches panics, writes
+//! its error's words to a text of the calling thread, and returns a code.
 
 mod control;
 mod controller;
@@ -52,7 +53,8 @@ pub unsafe extern "C" fn thetabus_is_usable(estimate: *const Estimate, index: u3
 /// Index of the parameter of this name, from 0, or -1.
 ///
 /// # Safety
-/// `description` is null or points to a description, `name` is null or a text that ends with a zero.
+/// `description` is null or points to a description, `name` is null or a text that ends with a
+/// zero.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn thetabus_find_parameter(description: *const Description, name: *const c_char) -> i32 {
     // SAFETY: as the caller promises

@@ -84,7 +84,8 @@ macro_rules! reader {
         /// Waits for the next message.
         ///
         /// # Safety
-        /// `reader` was opened and is used by one thread at a time; `out` may be written to, `sent_ns`, too, or is null.
+        /// `reader` was opened and is used by one thread at a time; `out` may be written to,
+        /// `sent_ns`, too, or is null.
         #[unsafe(no_mangle)]
         pub unsafe extern "C" fn $next(
             reader: *mut $port,

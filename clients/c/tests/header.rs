@@ -1,4 +1,5 @@
-//! The generated files are those that are committed, and the header declares what the library exports.
+//! The generated files are those that are committed, and the header declares what the library
+//! exports.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! The examples in C and C++, built by the compilers of this machine and run beside the real programs.
+//! The examples in C and C++, built by the compilers of this machine and run beside the real
+//! programs.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -26,7 +27,7 @@ fn built() -> PathBuf {
     test.ancestors().nth(2).expect("target/release").to_owned()
 }
 
-/// Skips in words where something is missing, and fails where nothing may be skipped.
+/// Skips in words where something is missing, and fails if nothing may be skipped.
 fn has(what: &str, found: bool) -> bool {
     let must = std::env::var("THETABUS_REQUIRE_PEERS").as_deref() == Ok("1");
     assert!(found || !must, "missing: {what}");
@@ -294,8 +295,9 @@ fn e2e_commands_and_a_controller_from_c_and_cpp() {
     }
 }
 
-/// On its own loop alone the arm lags by 0.2 rad, and a tenth of the samples by less than 0.075; with feed-forward it follows within a millirad, and lags
-/// again where an answer comes late, as it may on a busy machine.
+/// On its own loop alone the arm lags by 0.2 rad, and a tenth of the samples by less than 0.075;
+/// with feed-forward it follows within a millirad, and lags again if an answer comes late, as it
+/// may on a busy machine.
 #[test]
 fn e2e_a_controller_in_cpp_that_reads_estimates_follows_the_arm() {
     if !has_all() {

@@ -25,7 +25,8 @@ impl Visit for Bytes {
     }
 }
 
-/// Appends the bytes of a message: no message has implicit padding, so its fields in order are its memory.
+/// Appends the bytes of a message: no message has implicit padding, so its fields in order are its
+/// memory.
 pub(crate) fn append<M: Message>(target: &mut Vec<u8>, mut message: M) {
     let mut bytes = Bytes(std::mem::take(target));
     bytes.0.reserve(M::LAYOUT.size);

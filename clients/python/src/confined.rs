@@ -5,9 +5,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// A value that is not `Send`, behind a lock.
 struct Confined<T>(T);
 
-// SAFETY: ports count references to their node and service without atomics. Every `Confined` is made from a `Bus` of its own and holds all clones of
-// it, so no count is shared with anything outside; and it is only reached through the mutex below, so no two threads touch it at a time. None of it
-// keeps data per thread.
+// SAFETY: ports count references to their node and service without atomics. Every `Confined` is
+// made from a `Bus` of its own and holds all clones of it, so no count is shared with anything
+// outside; and it is only reached through the mutex below, so no two threads touch it at a time.
+// None of it keeps data per thread.
 unsafe impl<T> Send for Confined<T> {}
 
 /// A port behind a lock; `None` once it is closed.

@@ -46,7 +46,8 @@ fn run(catalog: &Catalog, sources: &[Source], arguments: &[String], samples: &[u
     })
 }
 
-/// Identifies samples, given as bytes behind each other, with a file or the text of a recorded configuration, and overrides `section.key=value`.
+/// Identifies samples, given as bytes behind each other, with a file or the text of a recorded
+/// configuration, and overrides `section.key=value`.
 #[pyfunction]
 pub(crate) fn identify<'py>(
     py: Python<'py>,
@@ -73,8 +74,9 @@ pub(crate) fn identify<'py>(
 /// What a program with a plant of its own starts from, as far as it holds for rows that are given.
 const LINEAR: &str = "[identifier]\nrows = \"pointwise\"\n\n[estimator]\nnoise_floor = []\n";
 
-/// Identifies a machine that is linear in its parameters (name, unit, start), from rows: `phi` and `y` in bytes, with `equations` rows per sample. `file` and
-/// `overrides` may set what the estimator does.
+/// Identifies a machine that is linear in its parameters (name, unit, start), from rows: `phi` and
+/// `y` in bytes, with `equations` rows per sample. `file` and `overrides` may set what the
+/// estimator does.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the parts of a model, by name")]
 pub(crate) fn identify_linear<'py>(

@@ -1,4 +1,5 @@
-//! The native part of the Python package `thetabus`: ports on the bus, and messages as bytes. Everything that a user sees is in `python/thetabus`.
+//! The native part of the Python package `thetabus`: ports on the bus, and messages as bytes.
+//! Everything that a user sees is in `python/thetabus`.
 
 mod bytes;
 mod confined;
@@ -46,7 +47,8 @@ pub(crate) fn limit(seconds: Option<f64>) -> PyResult<Duration> {
     }
 }
 
-/// One table of fields: name, type name, size, and per field name, numpy type or the inner table, length or None, what it runs over, unit, meaning, offset.
+/// One table of fields: name, type name, size, and per field name, numpy type or the inner table,
+/// length or None, what it runs over, unit, meaning, offset.
 fn table<'py>(py: Python<'py>, layout: &'static Layout) -> PyResult<Bound<'py, PyAny>> {
     let fields = PyList::empty(py);
     for field in layout.fields {

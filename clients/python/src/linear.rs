@@ -24,7 +24,8 @@ pub(crate) struct LinearModel {
 }
 
 impl LinearModel {
-    /// Of names and units of the parameters, their starts, the unit of y, and the arrays of `equations` rows per sample.
+    /// Of names and units of the parameters, their starts, the unit of y, and the arrays of
+    /// `equations` rows per sample.
     pub(crate) fn new(
         parameters: Vec<(String, String, f64)>,
         y_unit: String,

@@ -256,7 +256,8 @@ fn fault_a_user_who_may_see_cannot_command() {
     assert_eq!(response.code, response_code::FAILED, "{}", response.text());
 }
 
-/// A certificate of the test's own for 127.0.0.1, and who signed it; false if openssl is missing here and may be.
+/// A certificate of the test's own for 127.0.0.1, and who signed it; false if openssl is missing
+/// here and may be.
 fn certificates(site: &Site) -> bool {
     let script = "set -e; key='-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes'
         openssl req -x509 $key -keyout ca.key -out ca.pem -days 2 -subj /CN=ca

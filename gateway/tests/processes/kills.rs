@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use thetabus::bus::{Bus, SampleSubscriber, Subscriber};
 use thetabus::messages::Estimate;
 
-/// Sends samples at 1 kHz and an estimate every 50 of them until `is_done`; what came on the far side is in `come`.
+/// Sends samples at 1 kHz and an estimate every 50 of them until `is_done`; what came on the far
+/// side is in `come`.
 struct Flow {
     machine: Machine,
     samples: SampleSubscriber,

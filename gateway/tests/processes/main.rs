@@ -1,4 +1,5 @@
-//! Gateways as users start them: real processes, two domains on this host, zenoh on the loopback interface.
+//! Gateways as users start them: real processes, two domains on this host, zenoh on the loopback
+//! interface.
 //!
 //! The machine is one of the test's own, so that every message that must arrive is known.
 

@@ -251,7 +251,8 @@ impl Machine {
         samples.wake();
     }
 
-    /// The next message on the far side that `is_it` accepts, while this machine serves late joiners.
+    /// The next message on the far side that `is_it` accepts, while this machine serves late
+    /// joiners.
     pub fn until<T: thetabus::bus::Latched>(
         &mut self,
         subscriber: &mut Subscriber<T>,

@@ -1,6 +1,8 @@
-//! Every key there is, described once: its name, type, range, unit and meaning, in the file of its section.
+//! Every key there is, described once: its name, type, range, unit and meaning, in the file of its
+//! section.
 //!
-//! From these tables follow the structures that a file is read into, the checks and their messages, and `config/default.toml`.
+//! From these tables follow the structures that a file is read into, the checks and their messages,
+//! and `config/default.toml`.
 
 mod bus;
 mod estimator;

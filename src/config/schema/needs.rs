@@ -15,7 +15,8 @@ pub struct Need {
     pub wanted: &'static str,
 }
 
-/// Keys and sections with the choice that they belong to; those of `plant.setpoint` follow from their names.
+/// Keys and sections with the choice that they belong to; those of `plant.setpoint` follow from
+/// their names.
 fn table() -> [(&'static [&'static str], &'static str, &'static str); 11] {
     [
         (

@@ -1,4 +1,5 @@
-//! What a table of keys is made of: the macro that describes each key once, and the ranges that many keys share.
+//! What a table of keys is made of: the macro that describes each key once, and the ranges that
+//! many keys share.
 
 use super::super::choice::Choice;
 use super::super::kind::{Interval, Kind, Len};
@@ -29,8 +30,9 @@ pub enum RealOr<C> {
     Word(C),
 }
 
-/// A structure with a field for each key, and `keys`, which has what is known of them. A key is described here and nowhere else:
-/// name, type, what it takes, unit, meaning. A key whose type is an `Option` may be left out.
+/// A structure with a field for each key, and `keys`, which has what is known of them. A key is
+/// described here and nowhere else: name, type, what it takes, unit, meaning. A key whose type is
+/// an `Option` may be left out.
 macro_rules! table {
     ($(#[$about:meta])* $struct:ident { $( $name:ident : $type:ty, $kind:expr, $unit:literal, $meaning:literal; )* }) => {
         $(#[$about])*

@@ -1,4 +1,5 @@
-//! The state as events: the whole of it for a browser that comes, what is new for those that are there.
+//! The state as events: the whole of it for a browser that comes, what is new for those that are
+//! there.
 
 use crate::live::history::Point;
 use crate::live::signals::SignalPoint;
@@ -10,7 +11,8 @@ use tokio::sync::broadcast;
 
 /// Updates that wait for a browser at most; the oldest go first, for all together.
 const WAITING: usize = 16;
-/// Longest state inside the page \[bytes\], so that page, styles and scripts stay below 150 kB; and how much thinner it may be for that.
+/// Longest state inside the page \[bytes\], so that page, styles and scripts stay below 150 kB; and
+/// how much thinner it may be for that.
 const FIRST: usize = 60_000;
 const THINNEST: usize = 64;
 /// New points above which browsers get the whole, thinned state instead.
@@ -69,7 +71,8 @@ impl Feed {
 
     /// Sends what is new to whoever listens; to be called a few times per second.
     pub fn publish(&self) {
-        // Before the update is made: whoever still gets the old whole is subscribed to the update already.
+        // Before the update is made: whoever still gets the old whole is subscribed to the update
+        // already.
         *self.0.whole.lock().unwrap_or_else(PoisonError::into_inner) = None;
         if self.0.events.receiver_count() == 0 {
             return;
@@ -102,15 +105,16 @@ impl Feed {
         self.0.events.subscribe()
     }
 
-    /// The whole state as an event, no older than the last update. A reader subscribes first: what comes twice is known by its number.
+    /// The whole state as an event, no older than the last update. A reader subscribes first: what
+    /// comes twice is known by its number.
     pub(super) fn whole(&self) -> Bytes {
         let mut whole = self.0.whole.lock().unwrap_or_else(PoisonError::into_inner);
         let make = || event("whole", &self.with(|state| self.as_json(state, 1)));
         whole.get_or_insert_with(make).clone()
     }
 
-    /// The same as JSON alone for the page itself, with every second point, every fourth and so on until it is no longer than [`FIRST`]: the first event
-    /// brings the others.
+    /// The same as JSON alone for the page itself, with every second point, every fourth and so on
+    /// until it is no longer than [`FIRST`]: the first event brings the others.
     pub(super) fn first_json(&self) -> String {
         let whole = self.whole();
         let text = std::str::from_utf8(&whole).unwrap_or("");
@@ -174,7 +178,8 @@ fn point(point: &Point) -> Value {
     })
 }
 
-/// The signals after a time, as columns: time, then position, setpoint, input and predicted input of each joint.
+/// The signals after a time, as columns: time, then position, setpoint, input and predicted input
+/// of each joint.
 fn signals(state: &LiveState, after_ns: u64) -> Vec<Vec<Value>> {
     let joints = state.about().joints;
     let row = |point: &SignalPoint| {

@@ -1,7 +1,7 @@
 //! Who may see the page, and who may do something by it.
 //!
-//! A page of somebody else's, opened in a browser on this machine, can send requests here. It cannot choose `Host` and `Origin`, and it
-//! does not know the token.
+//! A page of somebody else's, opened in a browser on this machine, can send requests here. It
+//! cannot choose `Host` and `Origin`, and it does not know the token.
 
 use hyper::HeaderMap;
 use hyper::header::{CONTENT_TYPE, HOST, ORIGIN};
@@ -41,7 +41,8 @@ impl Guard {
         if host.is_empty() || hosts.next().is_some() {
             return Err("expected one Host header");
         }
-        // A name that somebody points to 127.0.0.1 makes their page one of the same origin: DNS rebinding.
+        // A name that somebody points to 127.0.0.1 makes their page one of the same origin: DNS
+        // rebinding.
         if self.loopback && !is_loopback_name(host_name(host)) {
             return Err("expected localhost, 127.0.0.1 or [::1] as Host");
         }

@@ -2,12 +2,12 @@
 //!
 //! ```text
 //! LiveState ─▶ feed ─▶ events of one kind for all browsers ─▶ server (hyper, one thread)
-//!                                  browser ─▶ POST /control ─▶ guard ─▶ the caller's control thread
+//!                                 browser ─▶ POST /control ─▶ guard ─▶ the caller's control thread
 //! ```
 //!
-//! Nothing real-time lives here, and nothing here can hold up the caller: it puts a state behind a lock a few times per
-//! second, and all else happens on the server's thread. A browser that does not keep up misses updates and gets the whole
-//! state again; one that never reads is cut off.
+//! Nothing real-time lives here, and nothing here can hold up the caller: it puts a state behind a
+//! lock a few times per second, and all else happens on the server's thread. A browser that does
+//! not keep up misses updates and gets the whole state again; one that never reads is cut off.
 
 mod body;
 mod feed;

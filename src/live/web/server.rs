@@ -58,7 +58,8 @@ pub struct WebOptions {
     pub control: Option<SyncSender<ControlRequest>>,
 }
 
-/// A command from the page, as JSON: `{"command": "pause"}`, `{"command": "fix", "name": "theta_1", "value": 1.5}`.
+/// A command from the page, as JSON: `{"command": "pause"}`, `{"command": "fix", "name": "theta_1",
+/// "value": 1.5}`.
 #[derive(Debug)]
 pub struct ControlRequest {
     /// The JSON text, at most 4 kB.
@@ -111,7 +112,7 @@ impl WebServer {
         })
     }
 
-    /// What to open in a browser; with the token where one is needed.
+    /// What to open in a browser; with the token if one is needed.
     pub fn url(&self) -> String {
         match &self.token {
             Some(token) => format!("http://{}/?token={token}", self.address),

@@ -60,7 +60,8 @@ impl Grid {
         if row.t_s == before {
             return Err(Refusal::Duplicated);
         }
-        // One time that runs ahead would refuse all rows behind it; so it is judged by them, before it is believed.
+        // One time that runs ahead would refuse all rows behind it; so it is judged by them, before
+        // it is believed.
         let (mut all, mut overtaken) = (0, 0);
         for judge in judges {
             all += 1;
@@ -80,7 +81,8 @@ impl Grid {
         if let Some((last_t_s, last_seq)) = self.last
             && seq <= last_seq
         {
-            // Two rows that jitter has put into the same period are two samples, unless more of them come than periods pass.
+            // Two rows that jitter has put into the same period are two samples, unless more of
+            // them come than periods pass.
             let next = last_seq.saturating_add(1);
             if row.t_s - last_t_s < 0.5 * self.period_s || next as f64 - on_grid > 0.75 {
                 return Err(Refusal::Duplicated);

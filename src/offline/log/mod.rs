@@ -1,7 +1,10 @@
-//! A log file as a stream of samples: columns by name, units by configuration, every bad row counted with its line.
+//! A log file as a stream of samples: columns by name, units by configuration, every bad row
+//! counted with its line.
 //!
-//! Rows become samples whose time is that of the row to the nanosecond, and whose `seq` is this time in sample periods, rounded, so that a hole in the log is a hole
-//! in `seq`, as if the samples had been lost on a bus. What cannot be a sample is skipped, counted, and remembered with its first line:
+//! Rows become samples whose time is that of the row to the nanosecond, and whose `seq` is this
+//! time in sample periods, rounded, so that a hole in the log is a hole in `seq`, as if the samples
+//! had been lost on a bus. What cannot be a sample is skipped, counted, and remembered with its
+//! first line:
 //!
 //! | row | what becomes of it |
 //! |---|---|
@@ -12,11 +15,13 @@
 //! | later than most of the rows that follow it | out of order, refused |
 //! | more than a quarter of a period off the grid | used at its own time, counted as irregular |
 //!
-//! Samples keep the times of their rows, and projected rows are made for those times, not for rounded ones. Where rows without a hole between them are
-//! another period apart on average than configured, the summary says which.
+//! Samples keep the times of their rows, and projected rows are made for those times, not for
+//! rounded ones. Where rows without a hole between them are another period apart on average than
+//! configured, the summary says which.
 //!
-//! A log whose rows are typically another period apart than configured is refused as a whole, and so is one of which more than half
-//! the rows are refused: neither is what the configuration says it is. Memory does not grow with the log.
+//! A log whose rows are typically another period apart than configured is refused as a whole, and
+//! so is one of which more than half the rows are refused: neither is what the configuration says
+//! it is. Memory does not grow with the log.
 
 mod grid;
 mod row;
@@ -46,7 +51,8 @@ pub struct LogReader<R> {
     lines: Lines<R>,
     reader: RowReader,
     grid: Grid,
-    /// Rows read ahead: to know the period at the beginning, later to see a time that runs ahead. At most [`LOOK`].
+    /// Rows read ahead: to know the period at the beginning, later to see a time that runs ahead.
+    /// At most [`LOOK`].
     ahead: VecDeque<Row>,
     /// The sample that waits for its successor, for the last one is flagged.
     waiting: Option<Sample>,
@@ -55,13 +61,15 @@ pub struct LogReader<R> {
     sign: InputSign,
     /// What the first field that is no number looks like.
     likely: Option<Suspicion>,
-    /// Time and number of refused rows that are in order among themselves, and the line of the first.
+    /// Time and number of refused rows that are in order among themselves, and the line of the
+    /// first.
     run: Option<(f64, u32, u64)>,
     ended: bool,
 }
 
 impl<R: Read> LogReader<R> {
-    /// Reads the header and the first rows; `joints` is the model's number of joints, `period_s` the sample period \[s\].
+    /// Reads the header and the first rows; `joints` is the model's number of joints, `period_s`
+    /// the sample period \[s\].
     ///
     /// # Errors
     /// Columns that are not there, rows at another period, or a file that is no log.
@@ -120,7 +128,8 @@ impl<R: Read> LogReader<R> {
     /// # Errors
     /// The file cannot be read any further, or most of it is no log.
     pub fn next_sample(&mut self) -> Result<Option<Sample>, LogError> {
-        // A sample is given when its successor is known to be there, so that the last one is flagged whatever refused rows follow it.
+        // A sample is given when its successor is known to be there, so that the last one is
+        // flagged whatever refused rows follow it.
         while let Some((row, seq)) = self.next_on_grid()? {
             let sample = self.sample(&row, seq);
             if let Some(before) = self.waiting.replace(sample) {

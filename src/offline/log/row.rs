@@ -46,7 +46,8 @@ impl RowReader {
     /// Finds the columns in the header, the first line of a file.
     ///
     /// # Errors
-    /// A header that is none, columns that are not there, or of another number than the model's joints.
+    /// A header that is none, columns that are not there, or of another number than the model's
+    /// joints.
     pub fn new(header: &[u8], line: u64, columns: &LogColumns, joints: usize, period_s: f64) -> Result<Self, LogError> {
         let text = std::str::from_utf8(header).map_err(|_| LogError::Header { line })?;
         let mut names = Vec::new();

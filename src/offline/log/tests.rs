@@ -37,7 +37,8 @@ fn val_columns_are_found_by_name_and_brought_to_si_units() {
 
 #[test]
 fn fault_bad_rows_are_counted_with_their_line_and_leave_holes() {
-    // (what stands between good rows 0..5 and 6..10, in periods; expected counts; seqs; line of the first refused row)
+    // (what stands between good rows 0..5 and 6..10, in periods; expected counts; seqs; line of the
+    // first refused row)
     type Check = fn(&LogCounts) -> u64;
     let cases: [(&str, &str, Check); 6] = [
         ("ragged", "5,1", |c| c.unreadable),
@@ -96,7 +97,8 @@ fn fault_a_single_time_stamp_far_ahead_or_far_behind_costs_its_own_row_and_bound
             samples.push(sample);
         }
         let counts = log.counts();
-        // Nothing follows the very last row that could contradict it: a gap is as likely as a wrong time.
+        // Nothing follows the very last row that could contradict it: a gap is as likely as a wrong
+        // time.
         let refused = u64::from(bad_row != 1999);
         assert_eq!(
             (samples.len() as u64, counts.refused()),
@@ -118,7 +120,7 @@ fn fault_a_log_is_refused_when_most_of_it_is_wherever_that_is_noticed() {
     let error = read(&text, true).err().unwrap();
     assert!(matches!(error, LogError::Unusable { .. }), "{error}");
     assert!(error.to_string().contains("goes back in line 1102"), "{error}");
-    // The same where it is less than half.
+    // The same if it is less than half.
     let text: String = text.lines().take(1800).map(|line| format!("{line}\n")).collect();
     let (samples, counts) = read(&text, true).unwrap();
     assert_eq!((samples.len(), counts.out_of_order), (1100, 699));

@@ -213,8 +213,8 @@ fn input_variance<P: Plant>(block: &MeasuredBlock<P>, e: usize) -> f64 {
     block.noise.sensors.input_noise[input].powi(2) + EXACT * EXACT * mean_square.max(EXACT)
 }
 
-/// Variance of the rounding of an equation's input to counts over a window, 0 without: white where
-/// it crosses counts, and correlated where it creeps, as for positions.
+/// Variance of the rounding of an equation's input to counts over a window, 0 without: white if
+/// it crosses counts, and correlated if it creeps, as for positions.
 fn input_rounding<P: Plant>(block: &MeasuredBlock<P>, e: usize, row: usize) -> f64 {
     let (input, half) = (block.form.input(e).0, block.form.kernels.input_half);
     let count = block.noise.sensors.input_resolution[input];

@@ -1,7 +1,7 @@
 //! Projected rows, the weak form: positions and inputs are measured, nothing else.
 //!
 //! ```text
-//! f_i(θ) = s ∫ ψ_i u dt − Σ_d (−1)^d ∫ ψ_i^(d) g_d(q, q̇; θ) dt        one row per equation and window i
+//! f_i(θ) = s ∫ ψ_i u dt − Σ_d (−1)^d ∫ ψ_i^(d) g_d(q, q̇; θ) dt  one row per equation and window i
 //! ```
 //!
 //! with ψ a smooth bump on a window of length T (`kernel.rs`). Integration by parts has moved every
@@ -29,7 +29,7 @@
 //! rows i and j has the covariance
 //!
 //! ```text
-//! R_ij = Σ_k c_i(k) c_j(k) σ_q² v_k + s² σ_u² Σ_k w_i(k) w_j(k) + jumps        σ_q² = σ² + LSB²/12 · v_k
+//! R_ij = Σ_k c_i(k) c_j(k) σ_q² v_k + s² σ_u² Σ_k w_i(k) w_j(k) + jumps  σ_q² = σ² + LSB²/12 · v_k
 //! ```
 //!
 //! v_k ≥ 1 says how far the rounding is from white (`rounding.rs`): white while the joint crosses

@@ -5,14 +5,14 @@ use crate::model::MAX_JOINTS;
 /// What the sensors do to the signals; the weights of the rows follow from it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorNoise {
-    /// Size of one count of each joint's encoder \[rad or m\], ≥ 0; 0 where the position is not
+    /// Size of one count of each joint's encoder \[rad or m\], ≥ 0; 0 if the position is not
     /// quantised.
     pub position_resolution: [f64; MAX_JOINTS],
     /// Standard deviation of white noise on each measured position \[rad or m\], ≥ 0.
     pub position_noise: [f64; MAX_JOINTS],
     /// Standard deviation of white noise on each measured input, in the input's unit, ≥ 0.
     pub input_noise: [f64; MAX_JOINTS],
-    /// Size of one count of each measured input, in the input's unit, ≥ 0; 0 where the input is not
+    /// Size of one count of each measured input, in the input's unit, ≥ 0; 0 if the input is not
     /// rounded.
     pub input_resolution: [f64; MAX_JOINTS],
 }

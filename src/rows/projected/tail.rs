@@ -1,7 +1,8 @@
 //! Windows that end with the last sample of a block: what the regular windows cannot see yet.
 //!
 //! ```text
-//! f_k(θ) = s ∫ψ_k u − Σ_d (−1)^d ∫ψ_k^(d) g_d(q, q̇; θ)        ψ_k of `end_kernel.rs`: 3/2, 1, 1/2 and 1/4 of a regular window
+//! f_k(θ) = s ∫ψ_k u − Σ_d (−1)^d ∫ψ_k^(d) g_d(q, q̇; θ)
+//! ψ_k of `end_kernel.rs`: 3/2, 1, 1/2 and 1/4 of a regular window
 //! var f_k = Σ c_k² σ_q² + s² σ_u² Σ w_k² + what jumps and repaired inputs add
 //! ```
 //!

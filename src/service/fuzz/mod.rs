@@ -1,7 +1,10 @@
-//! Hostile files and messages by the thousand: no panic, no abort, no hang, in a gigabyte of memory.
+//! Hostile files and messages by the thousand: no panic, no abort, no hang, in a gigabyte of
+//! memory.
 //!
-//! Each target runs in a process of its own, this test program started again, so that a limit on memory is one (`RLIMIT_AS`) and an abort is seen. A case follows from
-//! its target and number alone: `THETABUS_FUZZ=mcap:1234:1 cargo test --release --lib service::fuzz::worker -- --ignored --exact` runs number 1234 again.
+//! Each target runs in a process of its own, this test program started again, so that a limit on
+//! memory is one (`RLIMIT_AS`) and an abort is seen. A case follows from its target and number
+//! alone: `THETABUS_FUZZ=mcap:1234:1 cargo test --release --lib service::fuzz::worker -- --ignored
+//! --exact` runs number 1234 again.
 
 mod corpora;
 mod hostile;

@@ -1,4 +1,5 @@
-//! What is read from outside: configuration, CSV, MCAP, checkpoint, samples, control. Each with what the programs do with it afterwards.
+//! What is read from outside: configuration, CSV, MCAP, checkpoint, samples, control. Each with
+//! what the programs do with it afterwards.
 
 use super::corpora::{Corpora, LENGTH, QUICK, info, record};
 use super::hostile::{hostile_estimate, hostile_info, hostile_request, hostile_sample};

@@ -16,7 +16,8 @@ pub struct CompareArgs {
     /// Runs with other seeds, for medians
     #[arg(long, value_name = "COUNT", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub seeds: u64,
-    /// Recording of the EMPS rig as CSV with the columns q_m and voltage_v, for the table of a real machine in the results
+    /// Recording of the EMPS rig as CSV with the columns q_m and voltage_v, for the table of a real
+    /// machine in the results
     #[arg(long, value_name = "FILE")]
     pub recording: Option<PathBuf>,
     /// File to write the tables to; standard output without it
@@ -85,7 +86,8 @@ pub struct RobotsArgs {
 /// `studies track`.
 #[derive(Debug, Clone, Args)]
 pub struct TrackArgs {
-    /// Configuration files with smooth setpoints and a change of the machine, such as config/adaptive.toml
+    /// Configuration files with smooth setpoints and a change of the machine, such as
+    /// config/adaptive.toml
     #[arg(value_name = "CONFIG", required = true)]
     pub files: Vec<PathBuf>,
     /// Runs with other seeds

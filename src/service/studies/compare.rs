@@ -25,10 +25,12 @@ impl From<CompareError> for Failure {
     }
 }
 
-/// Puts estimators side by side on the configured run and writes the tables; a signal ends it and nothing is written.
+/// Puts estimators side by side on the configured run and writes the tables; a signal ends it and
+/// nothing is written.
 ///
 /// # Errors
-/// The configuration is wrong or gives nothing to compare, a signal came, or the file cannot be written.
+/// The configuration is wrong or gives nothing to compare, a signal came, or the file cannot be
+/// written.
 pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let config = args.common.load(vec![Source::File(args.file.clone())], &[])?;
     if config.model.name() != "manipulator" || config.model.parameters().len() != MANIPULATOR_PARAMS {
@@ -39,7 +41,8 @@ pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     }
     let (paper, seeds) = (args.paper, args.seeds);
     let recording = args.recording.as_deref().map(positions_and_voltages).transpose()?;
-    // The tables take minutes and know nothing of signals; the process ends and takes their thread along.
+    // The tables take minutes and know nothing of signals; the process ends and takes their thread
+    // along.
     let work = std::thread::spawn(move || {
         let (sim, estimator) = (&config.plant.sim, &config.estimator);
         if paper {

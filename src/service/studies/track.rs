@@ -1,4 +1,5 @@
-//! The closed loop, measured: how well a machine follows its trajectory with feed-forward from estimates.
+//! The closed loop, measured: how well a machine follows its trajectory with feed-forward from
+//! estimates.
 
 use super::TrackArgs;
 use crate::config::{Config, Source};
@@ -99,7 +100,8 @@ struct Compared {
 /// Runs the loop with each contender and writes tables and figure.
 ///
 /// # Errors
-/// A configuration without a controller, a change or smooth setpoints, a file that cannot be written.
+/// A configuration without a controller, a change or smooth setpoints, a file that cannot be
+/// written.
 pub fn run(args: &TrackArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let all: Vec<Compared> = args
         .files

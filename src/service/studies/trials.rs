@@ -13,7 +13,8 @@ use crate::studies::trials::{
 };
 use std::time::Instant;
 
-/// Runs a trial: the built-in configuration with the trial's settings, then `more` of the form `section.key=value`.
+/// Runs a trial: the built-in configuration with the trial's settings, then `more` of the form
+/// `section.key=value`.
 ///
 /// # Errors
 /// A setting is wrong.
@@ -78,10 +79,12 @@ fn settings(spec: &Spec, more: &[String]) -> Result<Vec<String>, Failure> {
     Ok(settings)
 }
 
-/// Runs the trials, one line per case, and writes their tables; a signal ends it and nothing is written.
+/// Runs the trials, one line per case, and writes their tables; a signal ends it and nothing is
+/// written.
 ///
 /// # Errors
-/// A setting is wrong, no case has the name asked for, a signal came, or the file cannot be written.
+/// A setting is wrong, no case has the name asked for, a signal came, or the file cannot be
+/// written.
 pub fn run(args: &TrialsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let all = if args.quick { quick_cases() } else { full_cases() };
     let count = all.len();

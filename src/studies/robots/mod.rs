@@ -1,7 +1,9 @@
-//! Trials of robots: the seven-axis arm simulated over many seeds, identified as a service does it, and compared with what was simulated.
+//! Trials of robots: the seven-axis arm simulated over many seeds, identified as a service does it,
+//! and compared with what was simulated.
 //!
-//! Each seed is another machine (bodies 15 % off the URDF) on another motion: 1 kHz, 16-bit encoders, torque noise of 0.5 % of the range, velocities formed
-//! from positions. Motion, machine and noise follow from the seed alone.
+//! Each seed is another machine (bodies 15 % off the URDF) on another motion: 1 kHz, 16-bit
+//! encoders, torque noise of 0.5 % of the range, velocities formed from positions. Motion, machine
+//! and noise follow from the seed alone.
 
 mod table;
 
@@ -22,7 +24,8 @@ const HALF_WIDTH: usize = 20;
 pub const EMPTY_S: f64 = 60.0;
 /// The load is picked up within a second after this, at another instant for each seed \[s\].
 pub const LOADED_FROM_S: f64 = 20.0;
-/// From one seed's instant to the next \[s\]; 73 of them make a second. No border of a window or a block is preferred.
+/// From one seed's instant to the next \[s\]; 73 of them make a second. No border of a window or a
+/// block is preferred.
 const LOADED_STEP_S: f64 = 0.0137;
 /// How long a run goes on behind the load \[s\].
 const BEHIND_S: f64 = 5.1;
@@ -70,7 +73,8 @@ pub struct LoadedRun {
     pub found: Option<RobotChange>,
     /// Changes behind that.
     pub late: usize,
-    /// Mass and its standard deviation, as published until 2 s and until 5 s behind the load \[kg\].
+    /// Mass and its standard deviation, as published until 2 s and until 5 s behind the load
+    /// \[kg\].
     pub mass: [Option<[f64; 2]>; 2],
 }
 
@@ -133,7 +137,8 @@ fn identifier(robot: &Robot) -> Result<RobotIdentifier, String> {
     RobotIdentifier::new(model, options)
 }
 
-/// Hands the samples of a simulation to an identifier, with velocities formed from positions; `closed` sees it after each block.
+/// Hands the samples of a simulation to an identifier, with velocities formed from positions;
+/// `closed` sees it after each block.
 fn run(
     simulator: RobotSimulator,
     seconds: f64,

@@ -1,18 +1,22 @@
-//! The Cramér–Rao bound: the least standard deviations of θ that any unbiased estimator can reach from the encoders and voltages of a run.
+//! The Cramér–Rao bound: the least standard deviations of θ that any unbiased estimator can reach
+//! from the encoders and voltages of a run.
 //!
-//! The plant (26) as six states, x = (q₁, p₁, a₁, q₂, p₂, a₂), so that nothing but the voltages is differentiated less often than the positions:
+//! The plant (26) as six states, x = (q₁, p₁, a₁, q₂, p₂, a₂), so that nothing but the voltages is
+//! differentiated less often than the positions:
 //!
 //! ```text
-//! p₁ = (θ₁ + 3θ₂ cos²q₂) q̇₁        a₁ = ṗ₁ + (θ₃ + 3θ₄ cos²q₂) q̇₁                                    ȧ₁ = 12u₁ − 12θ₅q̇₁
+//! p₁ = (θ₁ + 3θ₂ cos²q₂) q̇₁        a₁ = ṗ₁ + (θ₃ + 3θ₄ cos²q₂) q̇₁            ȧ₁ = 12u₁ − 12θ₅q̇₁
 //! p₂ = 4θ₆θ₉ q̇₂                    a₂ = ṗ₂ + 4θ₇θ₉ q̇₂ + θ₆(1.5θ₉ sin 2q₂ q̇₁² + 6g cos q₂)
 //!                                  ȧ₂ = 12u₂ − 12θ₈q̇₂ − 1.5θ₇θ₉ sin 2q₂ q̇₁² − 6gθ₇ cos q₂
 //! ```
 //!
-//! The voltages are held between samples and known with white noise, which acts as process noise; the positions have the noise of their rounding,
-//! LSB/√12. The covariance recursion of the Kalman filter for (x, θ), with Jacobians along the true trajectory, gives the bound: with Gaussian
-//! noise it is the inverse of the posterior information (Tichavský, Muravchik, Nehorai, IEEE Trans. Signal Processing 46, 1998). The prior is flat, 50 % of each
-//! parameter. The state at the start is known, or not. The nine parameters are free: θ₁/θ₃ = θ₂/θ₄ is not used, so an estimator that uses it may do better in
-//! these four.
+//! The voltages are held between samples and known with white noise, which acts as process noise;
+//! the positions have the noise of their rounding, LSB/√12. The covariance recursion of the Kalman
+//! filter for (x, θ), with Jacobians along the true trajectory, gives the bound: with Gaussian
+//! noise it is the inverse of the posterior information (Tichavský, Muravchik, Nehorai, IEEE Trans.
+//! Signal Processing 46, 1998). The prior is flat, 50 % of each parameter. The state at the start
+//! is known, or not. The nine parameters are free: θ₁/θ₃ = θ₂/θ₄ is not used, so an estimator that
+//! uses it may do better in these four.
 
 use crate::model::MANIPULATOR_PARAMS;
 
@@ -44,7 +48,8 @@ pub struct CramerRaoBound {
 impl CramerRaoBound {
     /// For an arm at rest at `initial_q_rad` under a sampled PD controller.
     ///
-    /// Noise: standard deviations of each measured position \[rad\], > 0, and of each voltage \[V\], ≥ 0.
+    /// Noise: standard deviations of each measured position \[rad\], > 0, and of each voltage
+    /// \[V\], ≥ 0.
     pub fn new(sim: &crate::sim::SimOptions, position_noise_rad: f64, input_noise_v: f64) -> Self {
         let theta = sim.true_theta(0.0);
         let gravity = sim.arm.gravity_m_s2;
@@ -69,8 +74,9 @@ impl CramerRaoBound {
         }
     }
 
-    /// The same for an estimator that may have been switched on at any time, and does not know that the arm is at rest in the beginning. To know the state then
-    /// is to know θ₆, too: a₂ holds the weight.
+    /// The same for an estimator that may have been switched on at any time, and does not know that
+    /// the arm is at rest in the beginning. To know the state then is to know θ₆, too: a₂ holds the
+    /// weight.
     #[must_use]
     pub fn with_unknown_start(mut self) -> Self {
         let [th1, th2, th3, th4, _, th6, th7, _, th9] = self.theta;
@@ -91,7 +97,8 @@ impl CramerRaoBound {
         self
     }
 
-    /// Takes in the positions of a sample and carries on to the next one with the voltages that the setpoint gives.
+    /// Takes in the positions of a sample and carries on to the next one with the voltages that the
+    /// setpoint gives.
     pub fn advance(&mut self, setpoint: [f64; 2]) {
         for position in [0, 3] {
             self.measure(position);

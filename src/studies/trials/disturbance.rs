@@ -20,7 +20,8 @@ pub enum Disturbance {
     },
     /// The samples' instants scatter by so many µs; time stamps tell them.
     Jitter(u32),
-    /// One sample in a hundred has a wrong position of either joint, by 0.01 to 1 rad, as the seed says.
+    /// One sample in a hundred has a wrong position of either joint, by 0.01 to 1 rad, as the seed
+    /// says.
     PositionSpikes,
     /// One sample in a hundred has a wrong voltage at either motor, by 100 times the noise.
     InputSpikes,

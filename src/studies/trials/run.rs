@@ -1,4 +1,5 @@
-//! One trial: the simulated machine's samples through an identifier, its estimates beside the truth.
+//! One trial: the simulated machine's samples through an identifier, its estimates beside the
+//! truth.
 
 use super::bound::CramerRaoBound;
 use super::score::{TrialResult, Truth};
@@ -29,9 +30,11 @@ pub struct Trial<'a> {
 }
 
 impl Trial<'_> {
-    /// Sends each sample through `identify`, which appends what the identifier publishes, and scores that.
+    /// Sends each sample through `identify`, which appends what the identifier publishes, and
+    /// scores that.
     ///
-    /// The Cramér–Rao bound of the same run without its disturbance goes along until the payload changes.
+    /// The Cramér–Rao bound of the same run without its disturbance goes along until the payload
+    /// changes.
     ///
     /// # Errors
     /// The simulation's options are not valid.
@@ -45,7 +48,8 @@ impl Trial<'_> {
         let first_change_ns = changes_ns.first().copied().unwrap_or(u64::MAX);
         let quiet_blocks = first_change_ns.min(end_ns) / block_ns;
         let marks = MARKS.map(|share| ((share * quiet_blocks as f64) as u64).max(1));
-        // A new mass holds from its own sample on, so that a change at a border belongs to the block that it begins.
+        // A new mass holds from its own sample on, so that a change at a border belongs to the
+        // block that it begins.
         let changes_in = |block: u64| {
             let from_ns = block.saturating_sub(1) * block_ns;
             changes_ns.iter().any(|&t| t >= from_ns && t < from_ns + block_ns)
@@ -107,7 +111,8 @@ impl Trial<'_> {
         changes.map(|pair| (pair[1].0 * 1e9).round() as u64).collect()
     }
 
-    /// The arm as its equations say, and what could be known of it; none for other machines and controllers.
+    /// The arm as its equations say, and what could be known of it; none for other machines and
+    /// controllers.
     fn reference(&self) -> Result<Option<Reference>, CompareError> {
         let sim = self.sim;
         let sensors = &sim.sensors;
@@ -164,7 +169,8 @@ fn derived_truth(derived: Option<&ManipulatorDerived>, theta: &[f64]) -> Vec<(St
     })
 }
 
-/// First time from `from_s` on at which both joints of the arm have rested for half a second \[s\]; none if they never do.
+/// First time from `from_s` on at which both joints of the arm have rested for half a second \[s\];
+/// none if they never do.
 pub fn rest_instant(sim: &SimOptions, from_s: f64) -> Option<f64> {
     let mut since: Option<u64> = None;
     let needed = (REST_S / sim.sample_period_s) as u64;

@@ -41,7 +41,8 @@ pub struct ParameterScore {
     pub squared_ratio: f64,
     /// Number of these marks.
     pub marks: u32,
-    /// Known values (σ below half the value) in quiet blocks, and those whose 95 % interval holds the truth.
+    /// Known values (σ below half the value) in quiet blocks, and those whose 95 % interval holds
+    /// the truth.
     pub intervals: u64,
     /// Intervals that hold the truth.
     pub covered: u64,
@@ -100,7 +101,7 @@ pub(super) struct Truth<'a> {
     pub theta: &'a [f64],
     /// Derived values at the block's end, with their names.
     pub derived: &'a [(String, f64)],
-    /// Least standard deviations, where there is a bound.
+    /// Least standard deviations, if there is a bound.
     pub bound: Option<&'a [f64]>,
     /// The truth changed within this block.
     pub changed: bool,

@@ -11,7 +11,8 @@ pub enum Arm {
     Paper,
     /// Links of 0.6 m and 60 kg, 0.8 m and 80 kg, from the change on 95 kg; two different motors.
     Unequal,
-    /// Links of 0.35 m and 0.5 m of 20 kg, from the change on 23 kg; small geared motors, whose windings take 4 ms instead of 100 ms.
+    /// Links of 0.35 m and 0.5 m of 20 kg, from the change on 23 kg; small geared motors, whose
+    /// windings take 4 ms instead of 100 ms.
     Small,
 }
 
@@ -67,8 +68,9 @@ impl Arm {
 
     /// Gains K_p \[V/rad\] and K_d \[V s/rad\] at a sample period.
     ///
-    /// The loop L J/k q⃛ + (R J/k − K_d Δ/2) q̈ + (k + K_d) q̇ + K_p q is stable if (R J/k − K_d Δ/2)(k + K_d) > K_p L J/k. The paper's gains are not
-    /// at 2 ms for the lower joint with the arm raised, so that there they are smaller.
+    /// The loop L J/k q⃛ + (R J/k − K_d Δ/2) q̈ + (k + K_d) q̇ + K_p q is stable if (R J/k − K_d
+    /// Δ/2)(k + K_d) > K_p L J/k. The paper's gains are not at 2 ms for the lower joint with the
+    /// arm raised, so that there they are smaller.
     pub fn gains(self, period_us: u32) -> ([f64; 2], [f64; 2]) {
         match self {
             Self::Paper if period_us <= 1000 => ([191.304; 2], [31.6957; 2]),
@@ -184,7 +186,8 @@ impl TrialSpec {
         (self.blocks / 2 * Self::BLOCK_LEN) as f64 * self.period_s()
     }
 
-    /// When the payload changes \[s\]: in the block in the middle, at a place that the seed chooses.
+    /// When the payload changes \[s\]: in the block in the middle, at a place that the seed
+    /// chooses.
     pub fn change_s(&self) -> f64 {
         let block_len = Self::BLOCK_LEN as f64;
         let place = self

@@ -53,7 +53,8 @@ impl CaseResult {
         self.runs.iter().map(|(_, run)| value(run)).sum()
     }
 
-    /// RMS over seeds and marks of the error over the Cramér–Rao bound, per parameter; none if the bound is not below 1 %.
+    /// RMS over seeds and marks of the error over the Cramér–Rao bound, per parameter; none if the
+    /// bound is not below 1 %.
     pub fn efficiency(&self) -> Vec<Option<f64>> {
         let params = self.runs.iter().map(|(_, run)| run.parameters.len()).max().unwrap_or(0);
         let of = |i: usize| {
@@ -65,7 +66,8 @@ impl CaseResult {
         (0..params).map(of).collect()
     }
 
-    /// Error at the end of the worst parameter whose bound is below 1 %, of any where there is no bound: median over the runs and worst.
+    /// Error at the end of the worst parameter whose bound is below 1 %, of any if there is no
+    /// bound: median over the runs and worst.
     fn end_errors(&self) -> (f64, f64) {
         let of_run = |run: &TrialResult| {
             let known = run.parameters.iter().filter(|p| p.bound < 0.01);

@@ -24,7 +24,8 @@ fn model() -> RobotModel {
     RobotModel::new(robot(SIX_AXIS), true, vec![friction; 6]).unwrap()
 }
 
-/// The simulated six-axis arm over so many seconds; torques are those of gains that are wrong by these factors.
+/// The simulated six-axis arm over so many seconds; torques are those of gains that are wrong by
+/// these factors.
 fn samples(payloads: Vec<PayloadChange>, seed: u64, seconds: f64, gains: [f64; 6]) -> Vec<RobotSample> {
     let robot = robot(SIX_AXIS);
     let options = RobotSimOptions {
@@ -116,7 +117,8 @@ fn identifier(payload: bool) -> RobotIdentifier {
     RobotIdentifier::new(model(), options).unwrap()
 }
 
-/// An arm that is learnt with a declared load is the arm without it; one that is learnt without saying so is not.
+/// An arm that is learnt with a declared load is the arm without it; one that is learnt without
+/// saying so is not.
 #[test]
 fn ident_an_arm_is_learnt_with_a_load_that_was_declared() {
     let body = declared_load(LOAD.mass_kg, LOAD.center_m, Some(LOAD.inertia_kg_m2)).unwrap();
@@ -151,7 +153,8 @@ fn ident_an_arm_is_learnt_with_a_load_that_was_declared() {
         if let Some(carried) = carried {
             assert!((carried.values[0] - 2.0).abs() < 1e-6, "{carried:?}");
         }
-        // Nothing is carried any more: what was learnt of the arm stays, but for the rows of the last part of a second.
+        // Nothing is carried any more: what was learnt of the arm stays, but for the rows of the
+        // last part of a second.
         let (before, std) = (identifier.theta()[hz2], identifier.theta_std(hz2));
         identifier.declare_payload(None);
         assert!(!identifier.is_loaded());
@@ -166,7 +169,8 @@ fn ident_an_arm_is_learnt_with_a_load_that_was_declared() {
         stds.iter().zip(&priors).all(|(std, prior)| *std < 0.01 * prior),
         "{stds:?} {priors:?}"
     );
-    // 2 kg at the end of the arm are ten times its standard deviation and more; 4 standard deviations happen once in 16 000.
+    // 2 kg at the end of the arm are ten times its standard deviation and more; 4 standard
+    // deviations happen once in 16 000.
     assert!(z2[0].abs() < 4.0 && z2[1].abs() > 10.0, "{z2:?}");
 }
 
@@ -260,7 +264,8 @@ fn val_a_real_robot_weighs_right_after_a_calibration_with_a_known_load() {
     let options = IdentifyOptions::default();
     let whole = GainCalibration::of(&model, &options, &empty, &loaded, &load).unwrap();
     println!("whole: {whole:.4?}");
-    // The first half calibrates, the second half is weighed behind a recording of another trajectory.
+    // The first half calibrates, the second half is weighed behind a recording of another
+    // trajectory.
     let half = loaded.len() / 2;
     let first = GainCalibration::of(&model, &options, &empty, &loaded[..half], &load).unwrap();
     println!("first half: {first:.4?}");
@@ -281,7 +286,8 @@ fn val_a_real_robot_weighs_right_after_a_calibration_with_a_known_load() {
             let other = recording(file, rows, &found.factor).unwrap();
             let (mass, std) = weighed(&other, &scale(part), found.mass_std);
             println!("{name} behind {file}: {mass:.3} ± {std:.3} kg");
-            // Published gains: 3.05 kg. The spread between trajectories is some per cent, and the standard deviation covers it.
+            // Published gains: 3.05 kg. The spread between trajectories is some per cent, and the
+            // standard deviation covers it.
             assert!((mass - TRUE).abs() < 0.05 * TRUE, "{mass}");
             assert!((mass - TRUE).abs() < 3.0 * std, "{mass} ± {std}");
         }

@@ -106,7 +106,8 @@ fn val_the_regressors_along_a_motion_give_the_inverse_dynamics() {
             inverse_dynamics(&robot, &robot.bodies, &q, &dq, &ddq, &mut tau);
             regressors.evaluate(&robot, &q, &dq);
             for i in 0..n {
-                // Richardson's extrapolation leaves h⁴ and rounding over h: 1e-11 of the largest torque per 1e-4 s.
+                // Richardson's extrapolation leaves h⁴ and rounding over h: 1e-11 of the largest
+                // torque per 1e-4 s.
                 let rate = (4.0 * near[i] - far[i]) / 3.0;
                 let error = rate - of_bodies(regressors.lagrangian(i), &robot) - tau[i];
                 assert!(error.abs() < 1e-7, "joint {i} of {}: {error:e}", robot.name);
@@ -160,7 +161,8 @@ fn val_the_ur10e_has_36_base_parameters_of_60_and_40_of_66_with_rotors() {
     }
 }
 
-/// Moves a URDF's bodies along the directions that base parameters do not see: torques must not change.
+/// Moves a URDF's bodies along the directions that base parameters do not see: torques must not
+/// change.
 #[test]
 fn prop_base_parameters_say_all_that_torques_depend_on() {
     let mut rng = TestRng(11);

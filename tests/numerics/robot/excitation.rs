@@ -1,4 +1,5 @@
-//! Designed motions: within their limits, better than chance, and what they promise is kept by identification.
+//! Designed motions: within their limits, better than chance, and what they promise is kept by
+//! identification.
 
 use super::{SEVEN_AXIS, SIX_AXIS, robot};
 use std::sync::Arc;
@@ -20,7 +21,8 @@ fn model(urdf: &str) -> RobotModel {
     RobotModel::new(robot, true, vec![friction; joints]).unwrap()
 }
 
-/// What white noise of the simulated torques makes of rows: 0.5 % of the largest torque per millisecond.
+/// What white noise of the simulated torques makes of rows: 0.5 % of the largest torque per
+/// millisecond.
 fn misfit(model: &RobotModel) -> RowMisfit {
     let noise: Vec<f64> = model
         .robot()
@@ -68,7 +70,8 @@ fn prop_a_designed_motion_keeps_to_its_limits_and_begins_and_ends_at_rest() {
                     .max(place);
             }
         }
-        // One limit of each joint is used up to the margin between the instants, 1/cos(π/40) = 1.003.
+        // One limit of each joint is used up to the margin between the instants, 1/cos(π/40) =
+        // 1.003.
         assert!(used.iter().all(|used| *used > 0.99), "{used:?}");
         for t_s in [0.0, 20.0] {
             for setpoint in &motion.at(t_s)[..used.len()] {
@@ -117,7 +120,8 @@ fn samples(options: RobotSimOptions, seconds: f64) -> Vec<RobotSample> {
         .collect()
 }
 
-/// Promise, simulation, identification: errors are as large as promised, and the identification says so itself.
+/// Promise, simulation, identification: errors are as large as promised, and the identification
+/// says so itself.
 #[test]
 fn ident_what_a_motion_promises_is_kept() {
     let model = model(SIX_AXIS);
@@ -168,7 +172,8 @@ fn ident_what_a_motion_promises_is_kept() {
     println!(
         "errors are {rms:.2} times what was promised, rms of {count}; standard deviations {median:.2} times, median"
     );
-    // Six runs of some 50 parameters, correlated among each other: chance leaves 1 ± 0.1. Encoders and the controller's own following add up to a third.
+    // Six runs of some 50 parameters, correlated among each other: chance leaves 1 ± 0.1. Encoders
+    // and the controller's own following add up to a third.
     assert!((0.8..1.4).contains(&rms), "{rms}");
     // The identification assumes f = 3 at first, which a few blocks correct.
     assert!((0.9..1.5).contains(&median), "{median}");

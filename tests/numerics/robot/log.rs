@@ -83,7 +83,8 @@ fn regress_a_wrong_log_is_refused_by_line_and_column() {
     );
 }
 
-/// The theorem: forwards and backwards an order-N Butterworth has |H|² = 1/(1 + (tan(πf/2)/tan(πf_c/2))^2N) and no phase.
+/// The theorem: forwards and backwards an order-N Butterworth has |H|² = 1/(1 +
+/// (tan(πf/2)/tan(πf_c/2))^2N) and no phase.
 #[test]
 fn prop_the_zero_phase_low_pass_has_the_gain_of_butterworth_twice() {
     for order in [1, 2, 5] {
@@ -211,7 +212,8 @@ fn regress_options_out_of_range_are_refused_in_words() {
     assert!(error.contains("each of 6 joints, got 5"), "{error}");
 }
 
-/// The autocorrelation of a cosine is a cosine: it falls to 1/e after acos(1/e)/2π = 0.190 of its period. Noise forgets itself at once.
+/// The autocorrelation of a cosine is a cosine: it falls to 1/e after acos(1/e)/2π = 0.190 of its
+/// period. Noise forgets itself at once.
 #[test]
 fn val_a_misfit_is_correlated_for_a_fifth_of_its_period() {
     let model = RobotModel::new(robot(SIX_AXIS), true, vec![JointFriction::default(); 6]).unwrap();

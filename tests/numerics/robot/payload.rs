@@ -1,4 +1,5 @@
-//! Payloads: found, located, told apart from friction, and estimated; on a simulated robot and on recordings of a real one.
+//! Payloads: found, located, told apart from friction, and estimated; on a simulated robot and on
+//! recordings of a real one.
 
 use super::{SEVEN_AXIS, robot, shared, ur10e};
 use std::ops::Range;
@@ -71,7 +72,8 @@ fn seven_axis(payload: bool) -> (RobotIdentifier, JointFriction) {
     (RobotIdentifier::new(model, options).unwrap(), friction)
 }
 
-/// Samples of the simulated arm at 1 kHz: 16-bit encoders, velocities from positions, torque noise of 0.5 % of the range.
+/// Samples of the simulated arm at 1 kHz: 16-bit encoders, velocities from positions, torque noise
+/// of 0.5 % of the range.
 fn simulated(options: RobotSimOptions, seconds: usize) -> Vec<RobotSample> {
     let mut velocities = Velocities::new(20, 0.01);
     RobotSimulator::new(&robot(SEVEN_AXIS), options)
@@ -131,7 +133,8 @@ fn ident_a_payload_of_3_kg_is_located_within_50_ms_and_weighed_and_its_removal_i
     }
 }
 
-/// No payload that comes, none that is found, and what is learnt of the arm is as good as without looking for one.
+/// No payload that comes, none that is found, and what is learnt of the arm is as good as without
+/// looking for one.
 #[test]
 fn ident_an_arm_without_payload_raises_no_alarm_and_its_intervals_hold() {
     let (mut inside, mut count, mut worst) = (0.0, 0.0, 0.0_f64);

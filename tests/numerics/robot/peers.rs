@@ -13,7 +13,8 @@ fn vector(rng: &mut TestRng, limit: f64) -> String {
 }
 
 fn inertial(rng: &mut TestRng) -> String {
-    // A Aᵀ of a random A is positive definite; its multiple of the unit matrix makes it that of a body.
+    // A Aᵀ of a random A is positive definite; its multiple of the unit matrix makes it that of a
+    // body.
     let a: [f64; 9] = std::array::from_fn(|_| rng.between(-0.2, 0.2));
     let entry =
         |i: usize, j: usize| (0..3).map(|k| a[3 * i + k] * a[3 * j + k]).sum::<f64>() + if i == j { 0.1 } else { 0.0 };
@@ -31,7 +32,8 @@ fn inertial(rng: &mut TestRng) -> String {
     )
 }
 
-/// A tree of `joints` moving joints, some with branches, with fixed links in between; its text and the names of the moving joints.
+/// A tree of `joints` moving joints, some with branches, with fixed links in between; its text and
+/// the names of the moving joints.
 fn random_urdf(rng: &mut TestRng, joints: usize) -> (String, Vec<String>) {
     let mut text = String::from("<robot name=\"random\"><link name=\"l0\"/>");
     let (mut links, mut names) = (1, Vec::new());
@@ -111,7 +113,8 @@ fn rows(robot: &Robot, rng: &mut TestRng, states: usize) -> String {
     text
 }
 
-/// The Python that has the package, or `None` with a message; a gate that requires it fails instead.
+/// The Python that has the package, or `None` with a message; a gate that requires it fails
+/// instead.
 fn python() -> Option<String> {
     let named = std::env::var("THETABUS_PEERS_PYTHON").ok();
     let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/ci-venv/bin/python");

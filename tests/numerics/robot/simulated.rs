@@ -1,4 +1,5 @@
-//! A simulated seven-axis robot: forward dynamics in closed loop, encoders, noisy torques; then what is identified is compared with the truth.
+//! A simulated seven-axis robot: forward dynamics in closed loop, encoders, noisy torques; then
+//! what is identified is compared with the truth.
 
 use super::{SEVEN_AXIS, robot};
 use crate::support::TestRng;
@@ -98,8 +99,9 @@ fn simulate(robot: &Robot, seconds: f64) -> Vec<RobotSample> {
     samples
 }
 
-/// What sensors make of it: rounded positions, velocities from these by a polynomial over 41 samples, torques with noise. The torque is held over
-/// the period after its sample, which is half a sample later than the state.
+/// What sensors make of it: rounded positions, velocities from these by a polynomial over 41
+/// samples, torques with noise. The torque is held over the period after its sample, which is half
+/// a sample later than the state.
 fn measured(truth: &[RobotSample], robot: &Robot, seed: u64) -> Vec<RobotSample> {
     const HALF: usize = 20;
     let mut rng = TestRng(seed);

@@ -29,7 +29,8 @@ fn kinetic(robot: &Robot, bodies: &[BodyParameters], rotors: &[f64], q: &[f64], 
         .sum()
 }
 
-/// The change of kinetic energy is the work of torque, gravity and friction; trapezoids over 0.25 ms leave 1e-5 of it.
+/// The change of kinetic energy is the work of torque, gravity and friction; trapezoids over 0.25
+/// ms leave 1e-5 of it.
 #[test]
 fn prop_work_becomes_kinetic_energy() {
     for urdf in [SIX_AXIS, SEVEN_AXIS] {
@@ -58,7 +59,8 @@ fn prop_work_becomes_kinetic_energy() {
             let (after, dq_after) = simulator.state();
             let (still, mut weight) = ([0.0; 8], [0.0; 8]);
             let mut held = vec![0.0; n];
-            // The torque of the coming period: twice the mean less that of the period before; at first the robot rests.
+            // The torque of the coming period: twice the mean less that of the period before; at
+            // first the robot rests.
             for i in 0..n {
                 held[i] = if k == 0 {
                     sample.input[i]
@@ -117,7 +119,8 @@ fn prop_a_joint_that_sticks_stays() {
     let options = RobotSimOptions {
         motions: Motions::Rest,
         drives,
-        // The machine is heavier or lighter than its controller knows, and the controller hardly pushes.
+        // The machine is heavier or lighter than its controller knows, and the controller hardly
+        // pushes.
         difference: 0.1,
         bandwidth_rad_per_s: 0.01,
         controller: RobotController::Pd,
@@ -202,7 +205,8 @@ fn prop_the_same_seed_gives_the_same_bits_and_another_one_others() {
     assert_ne!(run(3), run(4));
 }
 
-/// Exact samples of the simulated robot fit the weak rows of the true parameters, with a payload from the beginning.
+/// Exact samples of the simulated robot fit the weak rows of the true parameters, with a payload
+/// from the beginning.
 #[test]
 fn val_the_regressors_explain_the_simulated_torque() {
     let robot = robot(SEVEN_AXIS);

@@ -1,4 +1,5 @@
-//! Standard parameters from base parameters: bodies that can exist, and a URDF that says the same as the identification.
+//! Standard parameters from base parameters: bodies that can exist, and a URDF that says the same
+//! as the identification.
 
 use super::{SEVEN_AXIS, SIX_AXIS, robot, shared, ur10e};
 use crate::support::TestRng;
@@ -41,7 +42,8 @@ fn rewritten(text: &str, robot: &Robot, fitted: &StandardParameters) -> Robot {
     Robot::from_urdf(&text, &Selection::default()).unwrap()
 }
 
-/// Base parameters of a machine that differs from its URDF, known almost exactly: they are met, by bodies that can exist, and the URDF holds them.
+/// Base parameters of a machine that differs from its URDF, known almost exactly: they are met, by
+/// bodies that can exist, and the URDF holds them.
 #[test]
 fn prop_bodies_have_the_base_parameters_that_were_identified() {
     for (text, seed) in [(SIX_AXIS, 1), (SIX_AXIS, 2), (SEVEN_AXIS, 3)] {
@@ -125,7 +127,8 @@ fn ident_a_simulated_robot_gives_a_urdf_that_predicts_it() {
     );
     // Estimates of a machine that exists are within their noise of a machine that exists.
     assert!(rms(&fitted.deviation) < 1.0, "{:?}", fitted.deviation);
-    // The written bodies know the machine better than the URDF did, in every parameter that the motion told to a hundredth of what a machine of this size can have.
+    // The written bodies know the machine better than the URDF did, in every parameter that the
+    // motion told to a hundredth of what a machine of this size can have.
     let truth = RobotSimulator::new(&robot, options).unwrap().truth(&model, 0.0);
     let off = |values: &[f64]| -> f64 {
         let all = values.iter().zip(&truth).zip(model.parameters()).enumerate();
@@ -140,7 +143,8 @@ fn ident_a_simulated_robot_gives_a_urdf_that_predicts_it() {
         off(&model.base().nominal(&read, &fitted.rotors)),
     );
     println!("base parameters off by {before:.4} before and {after:.4} after, parts of their scale");
-    // A hundredth of the scale is the most that they are known to; the URDF was off by up to 30 % and knew no rotors.
+    // A hundredth of the scale is the most that they are known to; the URDF was off by up to 30 %
+    // and knew no rotors.
     assert!(after < 0.01 && after < 0.5 * before, "{after} {before}");
 }
 
@@ -181,7 +185,8 @@ fn val_a_real_robot_gives_bodies_that_can_exist_and_predict_as_well() {
         fitted.rotors,
         fitted.bodies.iter().map(|b| b.mass()).collect::<Vec<_>>()
     );
-    // A real arm bends and its gears have friction of other kinds: single parameters end up outside of what any body can have.
+    // A real arm bends and its gears have friction of other kinds: single parameters end up outside
+    // of what any body can have.
     assert!(rms(&fitted.deviation) < 1.5, "{}", rms(&fitted.deviation));
     let read = rewritten(&text, &robot, &fitted);
     let mut consistent = theta.clone();

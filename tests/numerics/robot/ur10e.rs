@@ -70,7 +70,8 @@ fn val_one_pass_over_30_s_predicts_a_recording_of_a_month_earlier() {
     // Source's method: 13.1, 5.0, 5.9, 14.0, 15.9, 57.6 %.
     let fixed = residuals(&TorqueFit::of(&model, identifier.theta(), &states));
     assert_below("validation", fixed, [12.7, 4.2, 4.6, 8.4, 16.0, 56.0]);
-    // The same recording on line, each second predicted before it is learnt; friction may have changed within the month.
+    // The same recording on line, each second predicted before it is learnt; friction may have
+    // changed within the month.
     identifier.widen_friction();
     let mut before = TorqueFit::default();
     for (sample, state) in later.iter().zip(&states) {
@@ -121,7 +122,8 @@ fn val_recordings_of_another_day_predict_each_other() {
         assert_below("held out", residuals(&fit), [11.0, 3.6, 5.0, 10.0, 14.5, 13.5]);
         estimates.push(identifier);
     }
-    // Standard deviations that ignored the correlation of friction misfit were too small by a factor of about 5.
+    // Standard deviations that ignored the correlation of friction misfit were too small by a
+    // factor of about 5.
     let [a, b] = &estimates[..] else { unreachable!() };
     let scores: Vec<f64> = (0..a.theta().len())
         .map(|i| (a.theta()[i] - b.theta()[i]) / a.theta_std(i).hypot(b.theta_std(i)))

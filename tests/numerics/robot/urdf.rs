@@ -245,7 +245,8 @@ fn regress_long_and_deep_files_end_in_words() {
     );
 }
 
-/// Cut, swapped, repeated and overwritten pieces of a sound file: an error or a robot whose numbers are finite.
+/// Cut, swapped, repeated and overwritten pieces of a sound file: an error or a robot whose numbers
+/// are finite.
 #[test]
 fn fault_mutated_files_give_an_error_or_a_sound_robot() {
     let mut rng = TestRng(20);

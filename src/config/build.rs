@@ -30,7 +30,7 @@ pub(super) fn config(mut form: FileForm, catalog: &Catalog, layers: &Layers) -> 
     identifier::decide_on_noise(&mut form, &mut check);
     let own = catalog.is_own(&form.model.kind);
     let model = catalog.build(&form, &mut check);
-    // what is wrong with them has been told with the model
+    // what is wrong with them has been reported with the model
     let known = model.as_ref().and_then(|_| catalog::known(&form, &mut check)).flatten();
     let plant = plant::plant(&form, model.as_ref(), &mut check);
     let identifier = identifier::identifier(&form, model.as_ref(), &mut check);

@@ -9,7 +9,7 @@ use crate::model::{
 };
 use crate::node::model::{PlantModel, SharedModel};
 
-/// From the keys of a configuration to a model; `None` with a problem told.
+/// From the keys of a configuration to a model; `None` with a problem reported.
 type Build = fn(&FileForm, &mut Check<'_>) -> Option<SharedModel>;
 
 /// The models of this library, by the name in `model.kind`. A model that everybody should have is a

@@ -7,7 +7,7 @@ use crate::control::AdaptiveOptions;
 use crate::model::MAX_JOINTS;
 use crate::node::model::SharedModel;
 
-/// Checked against the model; `None` with a problem told.
+/// Checked against the model; `None` with a problem reported.
 pub(super) fn controller(
     form: &FileForm,
     model: &SharedModel,

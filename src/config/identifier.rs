@@ -10,8 +10,13 @@ use crate::rows::{
     auto_window_lengths,
 };
 
-/// A list with one number per joint, or one for all.
-fn per_joint(list: &[f64], otherwise: f64) -> [f64; MAX_JOINTS] {
+/// A list with one number per joint of the model, or one for all. A longer one is taken, so that the
+/// files of an arm serve a single axis.
+fn per_joint(key: &str, list: &[f64], otherwise: f64, joints: usize, check: &mut Check<'_>) -> [f64; MAX_JOINTS] {
+    if (2..joints).contains(&list.len()) {
+        let message = format!("expected one number, or {joints}, one per joint, got {}", list.len());
+        check.wrong(key, message);
+    }
     std::array::from_fn(|joint| match list {
         [one] => *one,
         list => list.get(joint).copied().unwrap_or(otherwise),
@@ -82,9 +87,18 @@ pub(super) fn decide_on_noise(form: &mut FileForm, check: &mut Check<'_>) {
 }
 
 /// The projected rows' options; `None` with a problem if they do not go together.
-fn projected(form: &FileForm, linear: bool, check: &mut Check<'_>) -> Option<ProjectedOptions> {
+fn projected(form: &FileForm, linear: bool, joints: usize, check: &mut Check<'_>) -> Option<ProjectedOptions> {
     let section = &form.projected;
-    let per_joint = |list: &Option<Vec<f64>>| per_joint(list.as_deref().unwrap_or(&[]), 0.0);
+    let mut level = |name: &str, list: &Option<Vec<f64>>| {
+        let key = format!("identifier.projected.{name}");
+        per_joint(&key, list.as_deref().unwrap_or(&[]), 0.0, joints, check)
+    };
+    let noise = SensorNoise {
+        position_resolution: level("position_resolution", &section.position_resolution),
+        position_noise: level("position_noise", &section.position_noise),
+        input_noise: level("input_noise", &section.input_noise),
+        input_resolution: level("input_resolution", &section.input_resolution),
+    };
     let options = ProjectedOptions {
         sample_period_s: form.plant.sample_period_s,
         window_s: match section.window_s {
@@ -95,12 +109,7 @@ fn projected(form: &FileForm, linear: bool, check: &mut Check<'_>) -> Option<Pro
         velocity_half_width: velocity_half_width(section.velocity_half_width_s, form.plant.sample_period_s, check)?,
         timing: section.timing,
         input_delay_s: section.input_delay_s,
-        noise: SensorNoise {
-            position_resolution: per_joint(&section.position_resolution),
-            position_noise: per_joint(&section.position_noise),
-            input_noise: per_joint(&section.input_noise),
-            input_resolution: per_joint(&section.input_resolution),
-        },
+        noise,
         learn_noise: section.learn_noise.unwrap_or(true),
         considered: considered(form, linear),
     };
@@ -144,30 +153,24 @@ pub(super) fn identifier(
     check: &mut Check<'_>,
 ) -> Option<IdentifierConfig> {
     let linear = model.is_some_and(|model| model.definition().position_unit == "m");
+    let joints = model.map_or(0, |model| model.definition().joints);
     let rows = match form.identifier.rows {
         RowsKind::Projected if form.identifier.input == InputKind::Controller => {
             let message = "expected \"measured\" with projected rows, which have no velocity to put into a controller, got \"controller\"";
             check.wrong(check.culprit(&["identifier.input", "identifier.rows"]), message);
             return None;
         }
-        RowsKind::Projected => RowForm::Projected(projected(form, linear, check)?),
+        RowsKind::Projected => RowForm::Projected(projected(form, linear, joints, check)?),
         RowsKind::Pointwise => RowForm::Pointwise,
     };
     let input = match form.identifier.input {
         InputKind::Controller => {
             let kp = &form.identifier.proportional_gain_v_per_rad;
             let kd = &form.identifier.derivative_gain_v_s_per_rad;
-            let mut controllers = [PdController {
-                proportional_gain_v_per_rad: 0.0,
-                derivative_gain_v_s_per_rad: 0.0,
-            }; MAX_JOINTS];
-            for ((controller, kp), kd) in controllers.iter_mut().zip(kp).zip(kd) {
-                *controller = PdController {
-                    proportional_gain_v_per_rad: *kp,
-                    derivative_gain_v_s_per_rad: *kd,
-                };
-            }
-            InputSource::Controller(controllers)
+            InputSource::Controller(std::array::from_fn(|joint| PdController {
+                proportional_gain_v_per_rad: kp.get(joint).copied().unwrap_or(0.0),
+                derivative_gain_v_s_per_rad: kd.get(joint).copied().unwrap_or(0.0),
+            }))
         }
         InputKind::Measured => InputSource::Measured,
     };
@@ -175,7 +178,13 @@ pub(super) fn identifier(
         rows,
         auto_window: matches!(form.projected.window_s, RealOr::Word(Automatic::Auto)),
         input,
-        input_limit: per_joint(&form.identifier.input_limit, f64::INFINITY),
+        input_limit: per_joint(
+            "identifier.input_limit",
+            &form.identifier.input_limit,
+            f64::INFINITY,
+            joints,
+            check,
+        ),
         frozen_after_s: form.identifier.frozen_after_s,
     })
 }

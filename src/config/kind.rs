@@ -1,6 +1,7 @@
 //! A key of the configuration and what it may hold: type, range, and how both are shown to a
 //! reader.
 
+use crate::sim::ARM_JOINTS;
 use std::fmt;
 use toml::Value;
 use toml::de::DeValue;
@@ -38,8 +39,6 @@ pub struct Interval {
     pub high: f64,
     /// The lower end itself is not allowed.
     pub above_low: bool,
-    /// The upper end itself is not allowed.
-    pub below_high: bool,
     /// The infinities are values like any other.
     pub infinite: bool,
 }
@@ -58,7 +57,6 @@ impl Interval {
             low,
             high,
             above_low: false,
-            below_high: false,
             infinite: false,
         }
     }
@@ -69,7 +67,6 @@ impl Interval {
             low,
             high,
             above_low: true,
-            below_high: false,
             infinite: false,
         }
     }
@@ -82,32 +79,24 @@ impl Interval {
     fn contains(&self, x: f64) -> bool {
         (x.is_finite() || self.infinite && !x.is_nan())
             && if self.above_low { x > self.low } else { x >= self.low }
-            && if self.below_high { x < self.high } else { x <= self.high }
+            && x <= self.high
     }
 }
 
 impl fmt::Display for Interval {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
-            above_low,
-            below_high,
-            infinite,
-            ..
+            above_low, infinite, ..
         } = *self;
         let [low, high] = [self.low, self.high].map(Short);
         match (self.low.is_finite(), self.high.is_finite()) {
             (false, false) => write!(f, "of any size"),
             (true, false) if above_low => write!(f, "above {low}"),
             (true, false) => write!(f, "of at least {low}"),
-            (false, true) if below_high => write!(f, "below {high}"),
             (false, true) => write!(f, "of at most {high}"),
             (true, true) => {
                 write!(f, "{} {low} ", if above_low { "above" } else { "from" })?;
-                match (above_low, below_high) {
-                    (_, true) => write!(f, "and below {high}"),
-                    (true, false) => write!(f, "up to {high}"),
-                    (false, false) => write!(f, "to {high}"),
-                }
+                write!(f, "{} {high}", if above_low { "up to" } else { "to" })
             }
         }?;
         if infinite { write!(f, " or infinite") } else { Ok(()) }
@@ -137,19 +126,18 @@ pub enum Len {
     Parameters,
     /// One per equation of the model, or none for the default.
     Equations,
+    /// One per joint of the model, or none for the default.
+    ModelJoints,
     /// Any number within these limits.
     From(usize, usize),
 }
 
 impl Len {
-    /// Joints of the only plant that can be simulated.
-    pub const ARM_JOINTS: usize = 2;
-
     fn limits(self) -> (usize, usize) {
         match self {
-            Self::Joints => (Self::ARM_JOINTS, Self::ARM_JOINTS),
+            Self::Joints => (ARM_JOINTS, ARM_JOINTS),
             Self::Parameters => (0, crate::model::MAX_PARAMS),
-            Self::Equations => (0, crate::model::MAX_JOINTS),
+            Self::Equations | Self::ModelJoints => (0, crate::model::MAX_JOINTS),
             Self::From(low, high) => (low, high),
         }
     }
@@ -159,9 +147,10 @@ impl Len {
     /// "a list of 2 numbers above 0 \[m\], one per joint", around what the items are.
     fn of(self, items: &str) -> String {
         match self {
-            Self::Joints => format!("a list of {} {items}, one per joint", Self::ARM_JOINTS),
+            Self::Joints => format!("a list of {} {items}, one per joint", ARM_JOINTS),
             Self::Parameters => format!("a list of {items}, one per parameter, or none"),
             Self::Equations => format!("a list of {items}, one per equation, or none"),
+            Self::ModelJoints => format!("a list of {items}, one per joint, or none"),
             Self::From(low, high) => format!("a list of {low} to {high} {items}"),
         }
     }
@@ -235,7 +224,7 @@ impl Kind {
             Self::RealsPerJoint(len, interval) => {
                 format!(
                     "for each of the {} joints {}",
-                    Len::ARM_JOINTS,
+                    ARM_JOINTS,
                     len.of(&format!("numbers {interval}{unit}"))
                 )
             }

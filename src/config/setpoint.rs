@@ -8,7 +8,7 @@ use super::words::cut;
 use crate::sim::{ARM_JOINTS, Moves, Setpoint, Tone};
 use std::path::Path;
 
-/// The setpoint of each joint; `None` with a problem told.
+/// The setpoint of each joint; `None` with a problem reported.
 pub(super) fn setpoint(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint; ARM_JOINTS]> {
     let each = |setpoint: &dyn Fn(usize) -> Setpoint| Some(std::array::from_fn(setpoint));
     match form.setpoint.kind {
@@ -117,7 +117,7 @@ pub(super) fn inline_setpoints(form: &mut FileForm, check: &mut Check<'_>) {
 fn from_csv(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint; ARM_JOINTS]> {
     const KEY: &str = "plant.setpoint.csv.rows";
     let Some(rows) = &form.csv.rows else {
-        // A path that could not be read has been told.
+        // A path that could not be read has been reported.
         if !check.stated("plant.setpoint.csv.path") {
             check.wrong(
                 "plant.setpoint.kind",

@@ -1,7 +1,8 @@
 //! Setpoints from a CSV file: columns `t_s`, `q1_rad`, `q2_rad`, times rising.
 
-use super::kind::{Len, MAX_ROWS_BYTES};
+use super::kind::MAX_ROWS_BYTES;
 use super::words::cut;
+use crate::sim::ARM_JOINTS;
 use std::fmt::Write as _;
 use std::io::Read;
 use std::path::Path;
@@ -10,10 +11,10 @@ use std::path::Path;
 #[derive(Default)]
 pub(super) struct Columns {
     pub t_s: Vec<f64>,
-    pub q_rad: [Vec<f64>; Len::ARM_JOINTS],
+    pub q_rad: [Vec<f64>; ARM_JOINTS],
 }
 
-const HEADER: [&str; 1 + Len::ARM_JOINTS] = ["t_s", "q1_rad", "q2_rad"];
+const HEADER: [&str; 1 + ARM_JOINTS] = ["t_s", "q1_rad", "q2_rad"];
 
 /// Larger files are refused: a path to a device has no end.
 const MAX_FILE_BYTES: u64 = 64 << 20;

@@ -102,15 +102,16 @@ impl Check<'_> {
                     return Some((path.clone(), message));
                 }
                 let Need { key, wanted } = Need::of(section, name)?;
-                let got = match key
+                let got = key
                     .rsplit_once('.')
-                    .and_then(|(section, name)| form.get(section)?.get(name))?
-                {
-                    Value::String(word) => word.clone(),
-                    other => other.to_string(),
+                    .and_then(|(section, name)| form.get(section)?.get(name))?;
+                // as they stand in a file: words in quotes, flags and numbers without
+                let wanted = match got {
+                    Value::String(_) => format!("{wanted:?}"),
+                    _ => wanted.to_owned(),
                 };
-                let message = format!("has no effect unless {key} is \"{wanted}\"; it is \"{got}\"");
-                (got != wanted).then(|| (path.clone(), message))
+                let message = format!("has no effect unless {key} is {wanted}; it is {got}");
+                (got.to_string() != wanted).then(|| (path.clone(), message))
             })
             .collect();
         unused.into_iter().for_each(|(path, message)| self.warn(&path, message));

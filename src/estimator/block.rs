@@ -261,7 +261,9 @@ impl BlockEstimator {
     /// An empty block, and one whose rows are not finite, leaves everything as it is and says so in
     /// [`Report::held`].
     pub fn update<R: Residuals>(&mut self, rows: &R) -> &Report {
-        if let (0, Some(start), 2..) = (self.report.blocks, rows.start(), self.options.max_iterations) {
+        // a block without rows, or one that was held, leaves the start still to be found
+        let unseen = !rows.is_empty() && self.groups.iter().all(|group| group.blocks == 0);
+        if let (true, Some(start), 2..) = (unseen, rows.start(), self.options.max_iterations) {
             self.begin_at(start);
         }
         self.report.begin(rows.len());
@@ -310,14 +312,14 @@ impl BlockEstimator {
         for (k, group) in self.groups.iter_mut().enumerate() {
             if lines >> k & 1 == 0 {
                 group.suspect(rows, 0..rows.len(), at);
-                group.look_for_change(at);
+                group.probability = group.change_probability(at);
             }
         }
         if let Some(detection) = self.options.change_detection {
             lines |= self.watch(rows, lines, detection);
             if broken {
-                // a bend, or worse: nothing is right that takes this block for a straight line or
-                // for none
+                // the line has bent, or the plant has changed: neither a line nor a constant
+                // describes this block
                 self.report.change = self.report.change.map(|change| Change {
                     kind: ChangeKind::Between,
                     ..change
@@ -445,9 +447,9 @@ impl BlockEstimator {
             return 0;
         }
         if !alarm.known {
-            // To find out that something was linearised far from the truth, because it had been
-            // wide open, is no change of the plant. What was known is believed less, as after a
-            // change between two blocks, and nothing is announced.
+            // An undetermined parameter was linearised far from the truth, so disagreeing with that
+            // prior is no evidence of a change. The prior is widened as after a change between two
+            // blocks, but no change is published.
             let mut search = self.search(rows);
             search.fit_alone(joined);
             let between = Change::over_the_block(ChangeKind::Between, rows);

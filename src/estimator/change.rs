@@ -30,10 +30,10 @@
 //! ```
 //!
 //! over all groups together, and only the rows after τ are used, with the prior of the parameters
-//! that they inform on widened to 100 %. Never Λ ← κΛ, nor widening along the excited combinations
-//! alone: both keep a wrong and overconfident prior in the others (measured: θ₁ off by 10
-//! deviations after a payload jump, because an open combination of θ₁ and θ₂ stayed what it had
-//! been). Each side is linearised at its own estimate, the later one anew until τ stays. Where a
+//! that they inform on widened to 100 %. Two common alternatives fail: scaling Λ by a factor, and
+//! widening only the excited combinations. Both keep a wrong, overconfident prior in the other
+//! directions (measured: θ₁ off by 10 standard deviations after a payload jump, because an open
+//! combination of θ₁ and θ₂ stayed what it had been). Each side is linearised at its own estimate, the later one anew until τ stays. Where a
 //! straight line θ(t) through the block costs less than the cut, the plant drifts: the block is
 //! used as a whole and its movement is expected of the next ones.
 
@@ -56,18 +56,12 @@ pub const MANY: f64 = 1e6;
 /// Share of gated rows beyond which they are no outliers but another plant.
 pub const GATED: f64 = 0.1;
 /// Boundaries per level of the search for τ.
-pub const GRID: usize = 64;
+const GRID: usize = 64;
 
 impl GroupState {
-    /// Compares the block with the past, see [`change_probability`](Self::change_probability); `at`
-    /// holds the sums at `theta`.
-    pub fn look_for_change(&mut self, theta: &[f64]) {
-        self.probability = self.change_probability(theta);
-    }
-
     /// Probability of a T as large as this block's, were the plant unchanged; 1 if there is
     /// nothing to compare with. `at` holds the sums at `theta`.
-    fn change_probability(&mut self, theta: &[f64]) -> f64 {
+    pub fn change_probability(&mut self, theta: &[f64]) -> f64 {
         let n = self.n;
         let freedom: f64 = self.equations.iter().map(|e| e.freedom).sum();
         if self.blocks == 0 || freedom < 1.0 {

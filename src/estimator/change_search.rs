@@ -78,7 +78,7 @@ impl<R: Residuals> ChangeSearch<'_, R> {
             let raised = probability < level || another;
             alarm.raised |= raised;
             alarm.known |= raised && !group.is_open(self.before);
-            if probability < JOINS || another {
+            if raised || probability < JOINS {
                 alarm.joined |= 1 << k;
             }
         }
@@ -226,8 +226,8 @@ impl<R: Residuals> ChangeSearch<'_, R> {
         for (k, group) in self.groups.iter_mut().enumerate() {
             let range = from..rows.len();
             if joined >> k & 1 == 0 {
-                // the plant changed for this group, too, though it shows no sign of it: what came
-                // before says nothing any more
+                // the plant changed for this group as well, even if it shows no sign of it: earlier
+                // rows no longer count
                 if change.kind == ChangeKind::Within && lines >> k & 1 == 0 {
                     group.evaluate_at(rows, range.clone(), self.theta);
                     let fit = group.fit(rows, range, self.theta, self.options);

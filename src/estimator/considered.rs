@@ -152,7 +152,14 @@ impl Considered {
         v.count(&mut self.end_ns);
     }
 
-    /// Parameter i owes nothing to any error: it is back to what it was told.
+    /// Back to knowing nothing.
+    pub fn forget(&mut self) {
+        self.end_ns = 0;
+        self.sensitivity.fill(0.0);
+        self.moments.fill(0.0);
+    }
+
+    /// Parameter i owes nothing to any error: it is back to its start value.
     pub fn forget_parameter(&mut self, i: usize) {
         self.sensitivity
             .iter_mut()

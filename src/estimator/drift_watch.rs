@@ -55,8 +55,8 @@ impl DriftWatch {
         (lines, !explained && bends)
     }
 
-    /// Begins to follow a drift in every group, for one that shows no sign of it alone would turn
-    /// it into errors of weak parameters. Returns the groups that could.
+    /// Begins to follow a drift in every group: a group left at a constant would turn the drift
+    /// into errors of its weak parameters. Returns the groups that could.
     pub fn start<R: Residuals>(
         &mut self,
         rows: &R,

@@ -67,8 +67,9 @@ impl EquationState {
         v.reals(&mut self.noise_covariance);
     }
 
-    /// Forgets the level of the noise.
+    /// Forgets the level of the noise, and the last block.
     pub fn forget(&mut self) {
+        self.innovation = (0.0, 0);
         (self.spread, self.freedom, self.variance, self.scale) = (0.0, 0.0, 0.0, 0.0);
     }
 

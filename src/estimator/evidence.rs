@@ -106,7 +106,7 @@ impl GroupState {
     /// The same for a block that a line was fitted to, without bounds: true if it ends beyond one.
     pub fn line_is_pressed(&self) -> bool {
         (0..self.n).filter(|&i| !self.fixed[i]).any(|i| {
-            let end = self.drift.line.middle[i] + 0.5 * self.drift.line.slope[i];
+            let end = self.drift.end(i);
             let room_for_chance = PRESSED * self.drift.line.end_covariance(i, i).max(0.0).sqrt();
             end < self.lower[i] - room_for_chance || end > self.upper[i] + room_for_chance
         })

@@ -162,6 +162,7 @@ impl GroupState {
         }
         self.equations.iter_mut().for_each(EquationState::forget);
         self.drift.forget();
+        self.considered.forget();
         (self.blocks, self.since_alarm, self.since_misfit) = (0, u32::MAX, u32::MAX);
         self.condition = 1.0;
         self.excitation.clear();

@@ -30,7 +30,7 @@ pub enum ChangeKind {
     Between,
     /// The plant changed at [`Change::row`]; only rows from there on were used.
     Within,
-    /// The parameters move slowly; the estimate is the mean over the block.
+    /// The parameters move along a line; the estimate is its value at the end of the block.
     Drift,
 }
 
@@ -170,6 +170,7 @@ impl Report {
     pub(super) fn forget(&mut self) {
         (self.blocks, self.change, self.change_probability) = (0, None, 1.0);
         (self.misfit, self.pressed, self.fit_probability) = (0, 0, 1.0);
+        (self.held, self.rows, self.iterations, self.converged) = (None, 0, 0, true);
         self.fit.fill(1.0);
         self.suspicion = None;
     }
@@ -210,7 +211,7 @@ impl Report {
             let variance = published.covariance(groups, i, i);
             let group = groups.holding(i);
             let known = group.is_some();
-            // who had no part in a change is confirmed by the data since then alone
+            // a group that took no part in a change needs no further block to confirm it
             let quiet = since_change > 1 || since_change == 1 && group.is_some_and(|g| g.since_alarm > 1);
             // rows that did not fit are in the estimate: the next block has to show that they did
             // no harm

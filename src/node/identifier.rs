@@ -29,11 +29,11 @@ use super::lacking;
 use super::learner::{BlockEnd, Learner};
 use super::replayed::{BeforeReplay, copy_out};
 use super::sample_gate::{SampleGate, largest};
+use super::standing::Standing;
 use super::stream::{SampleCursor, SamplePlace};
 use crate::estimator::{StateError, Verdict};
 use crate::messages::{
-    ErrorCode, Estimate, LastError, ParameterSet, Sample, State, Status, StreamFaults, estimate_flags, sample_flags,
-    status_flags, stream_tag,
+    ErrorCode, Estimate, LastError, ParameterSet, Sample, State, Status, estimate_flags, sample_flags, stream_tag,
 };
 
 pub use super::identifier_object::Identifier;
@@ -52,13 +52,10 @@ pub struct IdentifierNode<L> {
     /// goes on after a clock was set back.
     first_seq: u64,
     open: Option<OpenBlock>,
-    paused: bool,
-    /// Flags of the next estimate.
-    news: u32,
     commands: CommandQueue,
     bound: BoundEffects,
     before_replay: BeforeReplay,
-    status: Status,
+    standing: Standing,
 }
 
 impl<L: Learner> IdentifierNode<L> {
@@ -83,18 +80,12 @@ impl<L: Learner> IdentifierNode<L> {
             grid: BlockGrid::new(options.block_len),
             first_seq: 0,
             open: None,
-            paused: false,
-            news: 0,
             commands: CommandQueue::new(),
             bound: BoundEffects::new(),
-            status: Status {
-                pid,
-                fit_probability: 1.0,
-                ..Status::default()
-            },
+            standing: Standing::new(pid),
             options,
         };
-        node.learner.describe(&mut node.status);
+        node.learner.describe(&mut node.standing.status);
         node
     }
 
@@ -104,23 +95,19 @@ impl<L: Learner> IdentifierNode<L> {
         match self.cursor.advance(sample.stream_id, sample.seq) {
             SamplePlace::First => self.start_stream(sample),
             SamplePlace::Next => {}
-            SamplePlace::Gap { missing } => {
-                self.status.missing = self.status.missing.saturating_add(missing);
-                self.status.faults.gaps += 1;
-                self.status.error = LastError::new(ErrorCode::Gap, sample.seq);
-            }
+            SamplePlace::Gap { missing } => self.standing.miss(sample.seq, missing),
             SamplePlace::Duplicate => {
-                self.refuse(sample.seq, ErrorCode::Duplicate);
+                self.standing.refuse(sample.seq, ErrorCode::Duplicate);
                 return;
             }
             SamplePlace::Late => {
                 // it was counted as missing, and rows are made in the order of time
-                self.status.missing = self.status.missing.saturating_sub(1);
-                self.refuse(sample.seq, ErrorCode::Reordered);
+                self.standing.status.missing = self.standing.status.missing.saturating_sub(1);
+                self.standing.refuse(sample.seq, ErrorCode::Reordered);
                 return;
             }
         }
-        self.status.last_seq = sample.seq;
+        self.standing.status.last_seq = sample.seq;
         let place = self.grid.block(sample.seq);
         if self
             .open
@@ -142,14 +129,14 @@ impl<L: Learner> IdentifierNode<L> {
         }
         if sample.is_end() {
             self.discard();
-            self.status.state = State::Ended as u32;
+            self.standing.status.state = State::Ended as u32;
             self.leave_stream();
         }
     }
 
     /// The heartbeat.
     pub fn status(&self) -> Status {
-        self.status
+        self.standing.status
     }
 
     /// What learns, for its evidence beyond the message.
@@ -183,15 +170,15 @@ impl<L: Learner> IdentifierNode<L> {
         if !fits || !self.commands.has_room_for(&order) {
             return Err(order);
         }
-        let (between, tag) = (self.is_between_streams(), order.tag);
+        let (between, tag) = (self.standing.is_between_streams(), order.tag);
         order.stream = self.cursor.streams() + u64::from(between);
         let from_seq = order.from_seq;
         self.commands.push(order);
         let next = match between {
             true => 0,
-            false => self.status.last_seq.saturating_add(1),
+            false => self.standing.status.last_seq.saturating_add(1),
         };
-        if tag != 0 && tag != self.open_tag() {
+        if tag != 0 && tag != self.standing.open_tag() {
             let (seq, block) = BlockGrid::new(self.grid.len).border(from_seq);
             return Ok(Border {
                 stream_id: 0,
@@ -208,7 +195,7 @@ impl<L: Learner> IdentifierNode<L> {
             self.grid.border(from_seq.max(next))
         };
         Ok(Border {
-            stream_id: if between { 0 } else { self.status.stream_id },
+            stream_id: if between { 0 } else { self.standing.status.stream_id },
             from_seq: seq,
             block,
         })
@@ -225,7 +212,7 @@ impl<L: Learner> IdentifierNode<L> {
     /// replay, and after it up to the next stream, this is the state from before it.
     pub fn save(&mut self, into: &mut NodeState) {
         match self.before_replay.kept() {
-            None => copy_out(&mut self.learner, &self.status, into),
+            None => copy_out(&mut self.learner, &self.standing.status, into),
             Some(kept) => into.copy_from(kept),
         }
     }
@@ -237,9 +224,8 @@ impl<L: Learner> IdentifierNode<L> {
     /// been tried then.
     pub fn load(&mut self, state: &NodeState) -> Result<(), StateError> {
         self.learner.load(&state.estimator)?;
-        self.news |= estimate_flags::WARM;
-        self.status.flags |= status_flags::WARM;
-        self.learner.describe(&mut self.status);
+        self.standing.set_warm(true);
+        self.learner.describe(&mut self.standing.status);
         Ok(())
     }
 
@@ -254,22 +240,7 @@ impl<L: Learner> IdentifierNode<L> {
         self.open = None;
         self.first_seq = sample.seq;
         self.t_change_ns = 0;
-        self.status = Status {
-            stream_id: sample.stream_id,
-            streams: self.cursor.streams(),
-            state: if self.paused { State::Paused } else { State::Collecting } as u32,
-            accepted: 0,
-            missing: 0,
-            rejected: 0,
-            last_seq: 0,
-            last_t_ns: 0,
-            estimates: 0,
-            last_block: 0,
-            fit: 0.0,
-            fit_probability: 1.0,
-            faults: StreamFaults::default(),
-            ..self.status
-        };
+        self.standing.begin_stream(sample.stream_id, self.cursor.streams());
     }
 
     /// Goes back to what was known before a replay that is over, and keeps it while another one is
@@ -277,17 +248,17 @@ impl<L: Learner> IdentifierNode<L> {
     fn change_teacher(&mut self, sample: &Sample) {
         let given_back = self.before_replay.give_back(&mut self.learner);
         if given_back != Ok(false) {
-            self.learner.describe(&mut self.status);
+            self.learner.describe(&mut self.standing.status);
         }
         if given_back.is_err() {
-            self.status.error = LastError::new(ErrorCode::NotEvaluable, sample.seq);
+            self.standing.status.error = LastError::new(ErrorCode::NotEvaluable, sample.seq);
         }
-        self.status.flags &= !status_flags::REPLAY;
-        if sample.flags & sample_flags::REPLAY != 0 {
-            self.status.flags |= status_flags::REPLAY;
+        let replay = sample.flags & sample_flags::REPLAY != 0;
+        self.standing.set_replay(replay);
+        if replay {
             match given_back {
                 Ok(true) => self.before_replay.keep_on(),
-                _ => self.before_replay.keep(&mut self.learner, &self.status),
+                _ => self.before_replay.keep(&mut self.learner, &self.standing.status),
             }
         }
     }
@@ -312,7 +283,7 @@ impl<L: Learner> IdentifierNode<L> {
                 block,
                 t_first_ns: match verdict {
                     Ok(()) => sample.t_ns,
-                    Err(_) => self.status.last_t_ns,
+                    Err(_) => self.standing.status.last_t_ns,
                 },
                 samples: 0,
                 spoilt: false,
@@ -320,23 +291,23 @@ impl<L: Learner> IdentifierNode<L> {
         }
         match verdict {
             Ok(()) => {
-                let used = wanted.is_some() && !self.paused;
+                let used = wanted.is_some() && !self.standing.paused;
                 if used && !self.learner.take(sample) {
-                    self.refuse(sample.seq, ErrorCode::NotEvaluable);
+                    self.standing.refuse(sample.seq, ErrorCode::NotEvaluable);
                     return;
                 }
-                self.status.accepted += 1;
-                self.status.last_t_ns = sample.t_ns;
+                self.standing.status.accepted += 1;
+                self.standing.status.last_t_ns = sample.t_ns;
                 if let Some(open) = &mut self.open {
                     open.samples += 1;
                 }
             }
             Err(code) => {
-                self.refuse(sample.seq, code);
-                self.status.error = match code {
+                self.standing.refuse(sample.seq, code);
+                self.standing.status.error = match code {
                     ErrorCode::WrongSignals => lacking::signal(sample.seq, self.options.signals, sample.signals),
                     ErrorCode::NotFinite => lacking::number(sample, self.options.signals, self.options.joints, largest),
-                    _ => self.status.error,
+                    _ => self.standing.status.error,
                 };
                 if let Some(open) = &mut self.open {
                     open.spoilt |= code == ErrorCode::Frozen;
@@ -345,17 +316,11 @@ impl<L: Learner> IdentifierNode<L> {
         }
     }
 
-    fn refuse(&mut self, seq: u64, code: ErrorCode) {
-        self.status.rejected += 1;
-        self.status.faults.count(code);
-        self.status.error = LastError::new(code, seq);
-    }
-
     /// Ends the open block with an estimate.
     fn close(&mut self, emit: &mut dyn FnMut(&Estimate)) {
         let Some(open) = self.open.take() else { return };
         let incomplete = open.samples < self.grid.len;
-        let mut estimate = if self.paused {
+        let mut estimate = if self.standing.paused {
             let mut estimate = message(self.learner.report(), Verdict::default());
             estimate.state = State::Paused as u32;
             estimate.flags |= estimate_flags::HELD;
@@ -365,16 +330,15 @@ impl<L: Learner> IdentifierNode<L> {
             self.learn(open)
         };
         estimate.t_change_ns = self.t_change_ns;
-        estimate.stream_id = self.status.stream_id;
+        estimate.stream_id = self.standing.status.stream_id;
         estimate.block = open.block;
         estimate.t_first_ns = open.t_first_ns;
-        estimate.t_last_ns = self.status.last_t_ns;
+        estimate.t_last_ns = self.standing.status.last_t_ns;
         estimate.model_hash = self.options.model_hash;
         estimate.config_hash = self.options.config_hash;
-        estimate.accepted = self.status.accepted;
-        estimate.missing = self.status.missing;
-        estimate.rejected = self.status.rejected;
-        estimate.flags |= std::mem::take(&mut self.news);
+        estimate.accepted = self.standing.status.accepted;
+        estimate.missing = self.standing.status.missing;
+        estimate.rejected = self.standing.status.rejected;
         if incomplete {
             estimate.flags |= estimate_flags::INCOMPLETE;
         }
@@ -382,19 +346,15 @@ impl<L: Learner> IdentifierNode<L> {
             estimate.flags |= estimate_flags::SENSOR;
         }
         self.learner.derive(&mut estimate);
-        self.status.estimates += 1;
-        self.status.last_block = open.block;
-        self.status.state = estimate.state;
-        self.status.fit = estimate.fit.iter().copied().fold(0.0, f64::max);
-        self.status.fit_probability = estimate.fit_probability;
-        self.learner.describe(&mut self.status);
+        self.standing.publish(&mut estimate);
+        self.learner.describe(&mut self.standing.status);
         emit(&estimate);
     }
 
     fn learn(&mut self, open: OpenBlock) -> Estimate {
         if open.spoilt {
             self.learner.restart_rows();
-            self.status.faults.blocks_held += 1;
+            self.standing.status.faults.blocks_held += 1;
         }
         let learnt = self.learner.learn(&BlockEnd {
             lost: match open.spoilt {
@@ -403,10 +363,10 @@ impl<L: Learner> IdentifierNode<L> {
             },
             len: self.grid.len,
             joints: self.options.joints,
-            last_seq: self.status.last_seq,
+            last_seq: self.standing.status.last_seq,
         });
         self.t_change_ns = learnt.change_ns.unwrap_or(self.t_change_ns);
-        self.status.error = learnt.error.unwrap_or(self.status.error);
+        self.standing.status.error = learnt.error.unwrap_or(self.standing.status.error);
         learnt.estimate
     }
 
@@ -420,46 +380,34 @@ impl<L: Learner> IdentifierNode<L> {
     /// Carries out what is due between two blocks; `begin` is the first sample behind the border,
     /// `next` the next one to be taken in.
     fn at_border(&mut self, begin: u64, next: u64) {
-        let (streams, open_tag) = (self.cursor.streams(), self.open_tag());
+        let (streams, open_tag) = (self.cursor.streams(), self.standing.open_tag());
         let is_due = |order: &Order| {
             let here = order.tag == 0 || order.tag == open_tag;
             let in_time = (order.tag != 0 || order.stream == streams) && next >= order.from_seq;
             here && (order.from_seq == 0 || in_time)
         };
         while let Some(mut order) = self.commands.take_due(is_due) {
-            self.bound.note(&order, self.paused, self.status.flags, &self.learner);
+            self.bound
+                .note(&order, self.standing.paused, self.standing.status.flags, &self.learner);
             self.carry_out(&mut order.change, begin);
-            self.before_replay.follow(&order, &mut self.learner, &self.status);
+            self.before_replay
+                .follow(&order, &mut self.learner, &self.standing.status);
             order.border = Border {
-                stream_id: self.status.stream_id,
+                stream_id: self.standing.status.stream_id,
                 from_seq: begin,
                 block: self.grid.border(begin).1,
             };
             for superfluous in self.bound.keep(&mut order).into_iter().flatten() {
                 self.commands.give_back(superfluous, Fate::Undone);
             }
-            self.status.process.commands += 1;
-            self.news |= estimate_flags::COMMANDED;
+            self.standing.count_command();
             self.commands.give_back(order, Fate::Done);
-        }
-    }
-
-    fn is_between_streams(&self) -> bool {
-        self.status.stream_id == 0 || self.status.state == State::Ended as u32
-    }
-
-    /// Of the stream that is open; 0 between two.
-    fn open_tag(&self) -> u32 {
-        if self.is_between_streams() {
-            0
-        } else {
-            stream_tag(self.status.stream_id)
         }
     }
 
     /// At the END of a stream: what was for it alone goes with it.
     fn leave_stream(&mut self) {
-        let over = stream_tag(self.status.stream_id);
+        let over = stream_tag(self.standing.status.stream_id);
         self.drop_orders(self.cursor.streams() + 1, |order| order.tag == over);
         self.undo_for(0);
     }
@@ -484,55 +432,32 @@ impl<L: Learner> IdentifierNode<L> {
         }
         let before = self.bound.take();
         before.hold(&mut self.learner);
-        if let Some(paused) = before.paused {
-            self.paused = paused;
-            self.status.flags &= !status_flags::PAUSED;
-            self.status.flags |= if paused { status_flags::PAUSED } else { 0 };
-        }
         // the older change last: its tunables are those of before
         for mut order in [before.resized, before.tuned].into_iter().flatten() {
             self.carry_out(&mut order.change, 0);
             self.commands.give_back(order, Fate::Undone);
         }
         self.learner.restart_rows();
-        self.status.flags &= !status_flags::COMMANDED;
-        self.status.flags |= before.commanded;
-        // nothing that this stream would have to be told of
-        self.news &= !estimate_flags::COMMANDED;
+        self.standing.undo_commands(before.paused, before.commanded);
     }
 
     fn carry_out(&mut self, change: &mut Change, begin: u64) {
         match change {
-            Change::Pause => {
-                self.paused = true;
-                self.status.flags |= status_flags::PAUSED;
-                if self.status.state != State::Ended as u32 {
-                    self.status.state = State::Paused as u32;
-                }
-            }
+            Change::Pause => self.standing.pause(),
             Change::Resume => {
-                if std::mem::take(&mut self.paused) && self.status.state != State::Ended as u32 {
-                    self.status.state = State::Collecting as u32;
-                }
-                self.status.flags &= !status_flags::PAUSED;
+                self.standing.resume();
                 // windows must not reach back over the pause
                 self.learner.restart_rows();
             }
             Change::Replace { .. } | Change::Restart { .. } => {
-                self.news &= !estimate_flags::WARM;
-                self.status.flags &= !status_flags::WARM;
                 self.t_change_ns = 0;
-                match self.learner.begin_anew(change) {
-                    Ok(true) => {
-                        self.news |= estimate_flags::WARM;
-                        self.status.flags |= status_flags::WARM;
-                    }
-                    Ok(false) => {}
-                    Err(_) => {
-                        self.status.error = LastError::new(ErrorCode::CheckpointUnused, self.status.last_seq);
-                    }
+                let begun = self.learner.begin_anew(change);
+                self.standing.set_warm(begun == Ok(true));
+                if begun.is_err() {
+                    self.standing.status.error =
+                        LastError::new(ErrorCode::CheckpointUnused, self.standing.status.last_seq);
                 }
-                self.learner.describe(&mut self.status);
+                self.learner.describe(&mut self.standing.status);
             }
             Change::Tune {
                 options,
@@ -540,7 +465,7 @@ impl<L: Learner> IdentifierNode<L> {
                 block_len,
                 rows,
             } => {
-                self.status.flags |= status_flags::COMMANDED;
+                self.standing.set_commanded();
                 std::mem::swap(&mut self.options.config_hash, config_hash);
                 if self.learner.tune(options, rows.as_mut()) {
                     let (seq, block) = self.grid.border(begin);
@@ -549,16 +474,16 @@ impl<L: Learner> IdentifierNode<L> {
                 }
             }
             Change::Payload { body } => {
-                self.status.flags |= status_flags::COMMANDED;
+                self.standing.set_commanded();
                 self.learner.declare_payload(body.as_deref());
             }
             Change::Kept => {}
             Change::Fix { index, value } => {
-                self.status.flags |= status_flags::COMMANDED;
+                self.standing.set_commanded();
                 self.learner.fix(*index, *value);
             }
             Change::Free { index } => {
-                self.status.flags |= status_flags::COMMANDED;
+                self.standing.set_commanded();
                 self.learner.free(*index);
             }
         }

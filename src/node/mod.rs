@@ -29,6 +29,7 @@ pub mod robot_model;
 mod sample_gate;
 #[cfg(feature = "sim")]
 pub mod simulated_plant;
+mod standing;
 pub mod stream;
 #[cfg(test)]
 mod tests;

@@ -125,7 +125,7 @@ impl BlockFigures {
         self.excitation.fill(0.0);
     }
 
-    /// Before the block is learnt.
+    /// Innovation and signal of a block, before it is learnt, (1).
     pub(super) fn of_innovation(&mut self, block: &[JointSums], theta: &[f64], std: &[f64], windows: &WindowOptions) {
         self.independent = (windows.stride_s / windows.length_s).min(1.0);
         for (j, sums) in block.iter().enumerate() {
@@ -137,7 +137,7 @@ impl BlockFigures {
         }
     }
 
-    /// Afterwards.
+    /// Residuals and fit after the block was learnt, (1) and (2).
     pub(super) fn of_residual(&mut self, block: &[JointSums], theta: &[f64]) {
         let joints = block.len() as f64;
         self.fit_probability = 1.0;
@@ -154,8 +154,8 @@ impl BlockFigures {
         }
     }
 
-    /// The same over the last blocks, of one in which the machine has not changed; `std` is the
-    /// level by now, `block_s` the length of the block \[s\].
+    /// Explained share (3), (4); only for a block without a change. `std` is σ_j after the block,
+    /// `block_s` its length \[s\].
     pub(super) fn explain(&mut self, block: &[JointSums], theta: &[f64], std: &[f64], block_s: f64) {
         let kept = (-block_s / MEMORY_S).exp();
         for (j, sums) in block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
@@ -169,7 +169,7 @@ impl BlockFigures {
         }
     }
 
-    /// With what the block says and the parameters' sizes.
+    /// Excitation from the block's information `gain` and the parameters' sizes.
     pub(super) fn of_gain(&mut self, solver: &mut Solver, gain: &Information, fixed: &[bool], size: &[f64]) {
         let n = gain.n;
         let solved = solver.covariance(gain, fixed, &mut self.covariance);

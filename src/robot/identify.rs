@@ -273,12 +273,6 @@ impl RobotIdentifier {
         &self.theta
     }
 
-    /// The arm's parameters that give the torques of arm and payload together, for
-    /// [`RobotModel::torques`].
-    pub fn effective_theta(&self) -> &[f64] {
-        &self.effective
-    }
-
     /// Standard deviation of one estimate; the prior's before the first block, 0 if it is held.
     pub fn theta_std(&self, parameter: usize) -> f64 {
         self.covariance(parameter, parameter).max(0.0).sqrt()

@@ -182,8 +182,8 @@ impl LoopEnd {
         }
     }
 
-    /// Waits until every applied command is in the journal, so that a reader who sees the end of the
-    /// stream has already received them.
+    /// Waits until every applied command is in the journal, so that a reader who sees the end of
+    /// the stream has already received them.
     pub(super) fn settle(&mut self, node: &mut dyn Identifier) {
         let start = Instant::now();
         self.exchange(node);

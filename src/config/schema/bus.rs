@@ -32,9 +32,9 @@ table! {
         sample_buffer: u64, Kind::Whole(256, 65536), "",
             "Samples that a consumer of a realtime run may be behind before it loses the oldest; the plant takes about 560 bytes of shared memory for each, times max_sample_subscribers";
         max_sample_subscribers: u64, Kind::Whole(1, 64), "",
-            "Programs that can receive samples at a time: identifiers, recorders, your own. Whoever makes the topic decides: the plant";
+            "Programs that can receive samples at a time: identifiers, recorders, your own. Set by the program that creates the topic: the plant";
         max_estimate_subscribers: u64, Kind::Whole(2, 128), "",
-            "Programs that can receive estimates at a time, and status, journal and description. Whoever makes the topic decides: the first program to start";
+            "Programs that can receive estimates at a time, and status, journal and description. Set by the program that creates the topic: the first one to start";
         max_programs: u64, Kind::Whole(4, 256), "",
             "Programs that can have a topic open at a time, publishers included; at least as many as the subscribers";
     }

@@ -71,7 +71,7 @@ table! {
         noise_std: Vec<f64>, equations(POSITIVE), "",
             "Standard deviation of each equation's rows, in the equation's unit: weighs equations that share parameters; none: 1";
         noise_floor: Vec<f64>, equations(NOT_NEGATIVE), "",
-            "Smallest standard deviation of the weighed rows that is believed, and the noise that residuals are judged by: 1 for projected rows whose sensors are configured; none: 0, and residuals are judged by what was learnt; a single number counts for all equations";
+            "Lower limit of the estimated noise of the weighted rows, and the noise that residuals are compared with: 1 for projected rows whose sensors are configured; none: 0, and residuals are compared with what was learnt; a single number counts for all equations";
         noise_floor_relative: f64, Kind::Real(Interval::closed(0.0, 0.1)), "",
             "The same as a share of the rows' size; keeps tests from firing on rounding where data are free of noise";
         random_walk: Vec<f64>, parameters(NOT_NEGATIVE), "",

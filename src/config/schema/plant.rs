@@ -4,7 +4,7 @@ use super::super::choice::choices;
 use super::super::kind::{Interval, Kind};
 use super::faults::{self, FaultForm};
 use super::table::{
-    FINITE, LIST, LONGEST_S, NOT_NEGATIVE, POSITIVE, RealOr, choice, equations, joints, parameters, real_or, table,
+    FINITE, LIST, LONGEST_S, NOT_NEGATIVE, POSITIVE, RealOr, choice, joints, model_joints, parameters, real_or, table,
 };
 use crate::sim::{ControllerKind, Interpolation, PositionFeedback};
 
@@ -117,9 +117,9 @@ table! {
             "Time of a change of the true values";
         theta_after: Vec<f64>, parameters(FINITE), "the parameters' own",
             "True values from change_s on";
-        proportional_gain: Vec<f64>, equations(NOT_NEGATIVE), "input per rad or m",
+        proportional_gain: Vec<f64>, model_joints(NOT_NEGATIVE), "input per rad or m",
             "Gain Kp of each joint's controller u = Kp (setpoint - q) - Kd dq, sampled and held; none: from the joint's inertia";
-        derivative_gain: Vec<f64>, equations(NOT_NEGATIVE), "input per rad/s or m/s",
+        derivative_gain: Vec<f64>, model_joints(NOT_NEGATIVE), "input per rad/s or m/s",
             "Gain Kd of each joint; none: from the joint's inertia";
     }
 }

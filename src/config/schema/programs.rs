@@ -2,7 +2,7 @@
 
 use super::super::choice::choices;
 use super::super::kind::{Interval, Kind, Len};
-use super::table::{FINITE, LONGEST_S, NOT_NEGATIVE, POSITIVE, choice, equations, parameters, table};
+use super::table::{FINITE, LONGEST_S, NOT_NEGATIVE, POSITIVE, choice, model_joints, parameters, table};
 
 choices! {
     /// The unit of a time column.
@@ -95,7 +95,7 @@ table! {
     /// Section `[realtime.*]`.
     Realtime {
         scheduler_priority: u64, Kind::Whole(0, 99), "",
-            "Priority of the real-time policy SCHED_FIFO, 1 to 99; 0: the system's default policy. What the system refuses is told, and the program goes on";
+            "Priority of the real-time policy SCHED_FIFO, 1 to 99; 0: the system's default policy. If the system refuses, the program warns and continues";
         cpu_affinity: Vec<u64>, Kind::Wholes(Len::From(0, 64), 0, 1023), "",
             "Numbers of the CPUs to run on; none: all that the system gives";
         lock_memory: bool, Kind::Flag, "",
@@ -152,9 +152,9 @@ table! {
             "An identifier that has not been heard for so long is silent; the last estimates hold";
         deadline_s: f64, Kind::Real(Interval::closed(1e-3, 10.0)), "s",
             "Stream time for which a command holds; without a newer one the machine goes on with its own loop alone";
-        input_limit: Vec<f64>, equations(POSITIVE.or_infinite()), "unit of the input",
+        input_limit: Vec<f64>, model_joints(POSITIVE.or_infinite()), "unit of the input",
             "Most feed-forward of each joint, either sign; none: no limit";
-        derivative_gain: Vec<f64>, equations(NOT_NEGATIVE), "input per rad/s or m/s",
+        derivative_gain: Vec<f64>, model_joints(NOT_NEGATIVE), "input per rad/s or m/s",
             "Gain Kd of each joint's own loop, which brakes the wanted velocity, too; none: that of plant.controller for an arm, else 0";
     }
 }

@@ -90,6 +90,10 @@ pub(super) const fn parameters(interval: Interval) -> Kind {
 }
 
 /// A number per equation, or none.
+pub(super) const fn model_joints(interval: Interval) -> Kind {
+    Kind::Reals(Len::ModelJoints, interval)
+}
+
 pub(super) const fn equations(interval: Interval) -> Kind {
     Kind::Reals(Len::Equations, interval)
 }

@@ -1,0 +1,146 @@
+//! What is said of an identifier and of its stream: the status, and the flags of the next estimate.
+
+use crate::messages::{
+    ErrorCode, Estimate, LastError, State, Status, StreamFaults, estimate_flags, status_flags, stream_tag,
+};
+
+/// The status, with what becomes of it when something happens.
+pub(super) struct Standing {
+    pub status: Status,
+    /// Estimates are held until somebody says resume.
+    pub paused: bool,
+    /// Flags of the next estimate.
+    news: u32,
+}
+
+impl Standing {
+    /// Before the first sample.
+    pub fn new(pid: u32) -> Self {
+        Self {
+            status: Status {
+                pid,
+                fit_probability: 1.0,
+                ..Status::default()
+            },
+            paused: false,
+            news: 0,
+        }
+    }
+
+    /// A new stream: its counters start at 0.
+    pub fn begin_stream(&mut self, stream_id: u64, streams: u64) {
+        self.status = Status {
+            stream_id,
+            streams,
+            state: if self.paused { State::Paused } else { State::Collecting } as u32,
+            accepted: 0,
+            missing: 0,
+            rejected: 0,
+            last_seq: 0,
+            last_t_ns: 0,
+            estimates: 0,
+            last_block: 0,
+            fit: 0.0,
+            fit_probability: 1.0,
+            faults: StreamFaults::default(),
+            ..self.status
+        };
+    }
+
+    /// True before the first stream and after the END of one.
+    pub fn is_between_streams(&self) -> bool {
+        self.status.stream_id == 0 || self.status.state == State::Ended as u32
+    }
+
+    /// Tag of the stream that is open; 0 between two.
+    pub fn open_tag(&self) -> u32 {
+        if self.is_between_streams() {
+            0
+        } else {
+            stream_tag(self.status.stream_id)
+        }
+    }
+
+    /// Counts samples that never came.
+    pub fn miss(&mut self, seq: u64, missing: u64) {
+        self.status.missing = self.status.missing.saturating_add(missing);
+        self.status.faults.gaps += 1;
+        self.status.error = LastError::new(ErrorCode::Gap, seq);
+    }
+
+    /// Counts a sample that is not used.
+    pub fn refuse(&mut self, seq: u64, code: ErrorCode) {
+        self.status.rejected += 1;
+        self.status.faults.count(code);
+        self.status.error = LastError::new(code, seq);
+    }
+
+    /// Counts an estimate, gives it the flags that wait for it, and takes over what it says.
+    pub fn publish(&mut self, estimate: &mut Estimate) {
+        estimate.flags |= std::mem::take(&mut self.news);
+        self.status.estimates += 1;
+        self.status.last_block = estimate.block;
+        self.status.state = estimate.state;
+        self.status.fit = estimate.fit.iter().copied().fold(0.0, f64::max);
+        self.status.fit_probability = estimate.fit_probability;
+    }
+
+    /// Holds estimates.
+    pub fn pause(&mut self) {
+        self.paused = true;
+        self.status.flags |= status_flags::PAUSED;
+        if !self.is_ended() {
+            self.status.state = State::Paused as u32;
+        }
+    }
+
+    /// Goes on with estimates.
+    pub fn resume(&mut self) {
+        if std::mem::take(&mut self.paused) && !self.is_ended() {
+            self.status.state = State::Collecting as u32;
+        }
+        self.status.flags &= !status_flags::PAUSED;
+    }
+
+    /// Says whether the identifier goes on from a checkpoint.
+    pub fn set_warm(&mut self, warm: bool) {
+        let (estimate, status) = (estimate_flags::WARM, status_flags::WARM);
+        self.news = self.news & !estimate | if warm { estimate } else { 0 };
+        self.status.flags = self.status.flags & !status | if warm { status } else { 0 };
+    }
+
+    /// Says whether the samples are those of a recording.
+    pub fn set_replay(&mut self, replay: bool) {
+        self.status.flags &= !status_flags::REPLAY;
+        self.status.flags |= if replay { status_flags::REPLAY } else { 0 };
+    }
+
+    /// A command has changed the configuration.
+    pub fn set_commanded(&mut self) {
+        self.status.flags |= status_flags::COMMANDED;
+    }
+
+    /// A command took effect: the next estimate says so.
+    pub fn count_command(&mut self) {
+        self.status.process.commands += 1;
+        self.news |= estimate_flags::COMMANDED;
+    }
+
+    /// Goes back to what held before commands that are gone with their stream: `paused`, if one of
+    /// them changed that, and the flag `COMMANDED` as it was.
+    pub fn undo_commands(&mut self, paused: Option<bool>, commanded: u32) {
+        if let Some(paused) = paused {
+            self.paused = paused;
+            self.status.flags &= !status_flags::PAUSED;
+            self.status.flags |= if paused { status_flags::PAUSED } else { 0 };
+        }
+        self.status.flags &= !status_flags::COMMANDED;
+        self.status.flags |= commanded;
+        // nothing that the next stream would have to be told of
+        self.news &= !estimate_flags::COMMANDED;
+    }
+
+    fn is_ended(&self) -> bool {
+        self.status.state == State::Ended as u32
+    }
+}

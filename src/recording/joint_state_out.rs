@@ -6,7 +6,7 @@
 
 use super::info::RunInfo;
 use super::joint_state::SCHEMA;
-use super::layout::Channel;
+use super::layout::{Channel, field_name};
 use super::names::channel;
 use crate::messages::{Sample, signals};
 
@@ -64,7 +64,7 @@ impl JointStates {
     pub(super) fn channel(info: &RunInfo) -> Channel {
         Channel {
             id: channel::JOINT_STATES,
-            topic: format!("/{}/joint_states", info.robot),
+            topic: format!("/{}/joint_states", field_name(&info.robot)),
             schema_name: SCHEMA.to_owned(),
             schema: DEFINITION.to_owned(),
         }

@@ -175,7 +175,7 @@ pub(super) fn channels(info: &RunInfo) -> [Channel; 4] {
     ]
     .map(|(id, topic, message, schema)| Channel {
         id,
-        topic: format!("/thetabus/{}/{topic}", info.robot),
+        topic: format!("/thetabus/{}/{topic}", field_name(&info.robot)),
         schema_name: format!("thetabus/msg/{message}"),
         schema,
     })
@@ -202,7 +202,7 @@ fn constants(field: &str) -> Vec<(String, u32)> {
     }
 }
 
-/// A name in the form that ROS 2 wants of a field.
+/// A name in the form that ROS 2 wants of a field, or of a part of a topic.
 pub(super) fn field_name(name: &str) -> String {
     let mut field = String::with_capacity(name.len());
     for c in name.chars() {
@@ -394,6 +394,23 @@ mod tests {
         check::<Estimate>();
         check::<Status>();
         check::<RecorderStatus>();
+    }
+
+    #[test]
+    fn val_topics_have_names_that_ros_2_takes_whatever_the_robot_is_called() {
+        for (robot, part) in [("arm-1", "arm_1"), ("7th", "p_7th"), ("arm", "arm")] {
+            let info = RunInfo {
+                robot: robot.to_owned(),
+                ..arm()
+            };
+            let own = channels(&info).map(|channel| channel.topic);
+            assert!(
+                own.iter().all(|topic| topic.starts_with(&format!("/thetabus/{part}/"))),
+                "{own:?}"
+            );
+            let joints = crate::recording::joint_state_out::JointStates::channel(&info).topic;
+            assert_eq!(joints, format!("/{part}/joint_states"));
+        }
     }
 
     #[test]

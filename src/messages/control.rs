@@ -150,6 +150,17 @@ impl Request {
         request
     }
 
+    /// A request that says what the flange carries in the words of people: mass \[kg\], 0 for
+    /// nothing, centre of mass in the flange's frame \[m\], inertia about it in the flange's axes,
+    /// xx, xy, yy, xz, yz, zz \[kg m²\], or that of a ball of light metal. What no body can have is
+    /// refused by the identifier.
+    pub fn load(mass: f64, center: [f64; 3], inertia: Option<[f64; 6]>) -> Self {
+        match mass == 0.0 {
+            true => Self::payload(None),
+            false => Self::payload(Some(&crate::model::load_at_flange(mass, center, inertia))),
+        }
+    }
+
     /// What a request of [`payload`](Self::payload) says.
     ///
     /// # Errors

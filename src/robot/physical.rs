@@ -11,10 +11,9 @@
 //! Slotine, IEEE RA-L 3 (2018); T. Lee, P. Wensing, F. Park, IEEE T-RO 36 (2020).
 
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
+use crate::model::{ball_inertia, load_at_flange};
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
-/// Density of the ball of (2) \[kg/m³\]: light metal and air.
-const DENSITY: f64 = 2000.0;
 /// Largest distance of the ball from the flange \[m\].
 const FARTHEST: f64 = 0.5;
 /// γ at the start and at the end, in nats of a likelihood.
@@ -136,13 +135,7 @@ pub fn declared_load(mass_kg: f64, center_m: [f64; 3], inertia: Option<[f64; 6]>
             "load: expected a mass above 0 and a finite centre of mass, got {mass_kg} kg at {center_m:?}"
         ));
     }
-    let body = match inertia {
-        None => BodyParameters::new(mass_kg, center_m.into(), Matrix3::identity() * ball_inertia(mass_kg)),
-        Some([xx, xy, yy, xz, yz, zz]) => {
-            let inertia = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
-            BodyParameters::new(mass_kg, center_m.into(), inertia)
-        }
-    };
+    let body = BodyParameters(load_at_flange(mass_kg, center_m, inertia));
     match is_physical(&body) {
         true => Ok(body),
         false => Err(format!(
@@ -150,12 +143,6 @@ pub fn declared_load(mass_kg: f64, center_m: [f64; 3], inertia: Option<[f64; 6]>
             inertia.unwrap_or_default()
         )),
     }
-}
-
-/// Inertia of a ball about its centre \[kg m²\].
-fn ball_inertia(mass: f64) -> f64 {
-    let radius = (mass / DENSITY * 3.0 / (4.0 * std::f64::consts::PI)).cbrt();
-    0.4 * mass * radius * radius
 }
 
 fn ball(mass: f64, center: Vector3<f64>) -> BodyParameters {
@@ -219,6 +206,25 @@ pub fn controller_std(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn prop_a_declared_load_has_the_parameters_of_its_body() {
+        let (mass, center, inertia) = (2.5, [0.03, 0.15, -0.16], [0.02, 0.001, 0.03, -0.002, 0.003, 0.025]);
+        let [xx, xy, yy, xz, yz, zz] = inertia;
+        let about_center = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+        let body = BodyParameters::new(mass, center.into(), about_center);
+        let declared = declared_load(mass, center, Some(inertia)).unwrap();
+        let values = controller_values(&declared);
+        for k in 0..BODY_PARAMETERS {
+            assert!((declared.0[k] - body.0[k]).abs() < 1e-15, "{k}");
+        }
+        // As robot controllers take them: what was declared.
+        for (value, stated) in values.iter().zip([mass].iter().chain(&center).chain(&inertia)) {
+            assert!((value - stated).abs() < 1e-15);
+        }
+        assert!(declared_load(mass, center, Some([1.0, 0.0, 0.1, 0.0, 0.0, 0.1])).is_err());
+        assert!(declared_load(0.0, center, None).is_err());
+    }
 
     #[test]
     fn prop_what_is_projected_is_physical_and_what_is_physical_stays() {

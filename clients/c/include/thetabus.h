@@ -516,6 +516,10 @@ int32_t thetabus_control_open(const char *domain, const char *robot, thetabus_co
  * before this sample, 0 for the next border between two blocks. `out` may be NULL. THETABUS_REFUSED: its words are in
  * thetabus_last_error(). */
 int32_t thetabus_control_ask(thetabus_control_t *control, uint32_t command, const char *name, double value, uint64_t from_seq, thetabus_response_t *out, int32_t timeout_ms);
+/* Says what the flange of a robot carries, instead of letting it be found; a mass of 0 is an empty flange. `center_m`: centre of
+ * mass in the flange's frame, NULL for its origin. `inertia_kg_m2`: about the centre of mass in the flange's axes, xx, xy, yy, xz,
+ * yz, zz, NULL for that of a ball of light metal. THETABUS_REFUSED if no body can have these values, or the model has no payload. */
+int32_t thetabus_control_payload(thetabus_control_t *control, double mass_kg, const double center_m[3], const double inertia_kg_m2[6], thetabus_response_t *out, int32_t timeout_ms);
 void thetabus_control_close(thetabus_control_t *control);
 
 #ifdef __cplusplus

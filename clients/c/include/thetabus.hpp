@@ -11,6 +11,7 @@
 #include "thetabus.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstring>
@@ -209,6 +210,14 @@ public:
     }
     void free(const std::string &parameter) { ask(THETABUS_FREE, parameter); }
     void save() { ask(THETABUS_SAVE); }
+    /// What the flange of a robot carries: mass in kg, 0 for nothing, centre of mass in m, inertia about it in kg m^2 as xx,
+    /// xy, yy, xz, yz, zz, or that of a ball of light metal.
+    void payload(double mass_kg, const std::array<double, 3> &center_m = {},
+                 const std::optional<std::array<double, 6>> &inertia_kg_m2 = std::nullopt) {
+        detail::check(thetabus_control_payload(handle_.get(), mass_kg, center_m.data(),
+                                               inertia_kg_m2 ? inertia_kg_m2->data() : nullptr, nullptr,
+                                               detail::limit(timeout_)));
+    }
 
     /// Any command; the answer is large, so it lies on the heap.
     std::unique_ptr<thetabus_response_t> ask(uint32_t command, const std::string &name = "",

@@ -56,15 +56,53 @@ pub unsafe extern "C" fn thetabus_control_ask(
             request = request.with_value(value);
         }
         request.from_seq = from_seq;
-        let response = control.ask(&request, limit(timeout_ms))?;
-        if !out.is_null() {
-            // SAFETY: not null, and as the caller promises
-            unsafe { out.write(response) };
-        }
-        match response.code {
-            response_code::DONE => Ok(OK),
-            _ => Err(Failure::refused(response.text())),
-        }
+        // SAFETY: as the caller promises
+        unsafe { answered(control, &request, out, timeout_ms) }
+    })
+}
+
+/// Asks, and hands the answer out.
+///
+/// # Safety
+/// `out` is null or may be written to.
+unsafe fn answered(
+    control: &ControlClient,
+    request: &Request,
+    out: *mut Response,
+    timeout_ms: i32,
+) -> Result<i32, Failure> {
+    let response = control.ask(request, limit(timeout_ms))?;
+    if !out.is_null() {
+        // SAFETY: not null, and as the caller promises
+        unsafe { out.write(response) };
+    }
+    match response.code {
+        response_code::DONE => Ok(OK),
+        _ => Err(Failure::refused(response.text())),
+    }
+}
+
+/// Says what the flange of a robot carries.
+///
+/// # Safety
+/// `control` was opened and is used by one thread at a time; `center_m` is null or has three
+/// numbers, `inertia_kg_m2` is null or has six; `out` is null or may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn thetabus_control_payload(
+    control: *mut ControlClient,
+    mass_kg: f64,
+    center_m: *const [f64; 3],
+    inertia_kg_m2: *const [f64; 6],
+    out: *mut Response,
+    timeout_ms: i32,
+) -> i32 {
+    guarded(|| {
+        // SAFETY: as the caller promises
+        let (control, center, inertia) = unsafe { (control.as_ref(), center_m.as_ref(), inertia_kg_m2.as_ref()) };
+        let control = control.ok_or_else(|| Failure::invalid("expected a control, got a null pointer"))?;
+        let request = Request::load(mass_kg, center.copied().unwrap_or_default(), inertia.copied());
+        // SAFETY: as the caller promises
+        unsafe { answered(control, &request, out, timeout_ms) }
     })
 }
 

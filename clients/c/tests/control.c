@@ -25,6 +25,10 @@ static int commands(const char *domain) {
     CHECK(strstr(thetabus_last_error(), "forgetting_factor") != NULL);
     CHECK(thetabus_control_ask(control, THETABUS_FIX, "theta_99", 1.0, 0, NULL, 3000) == THETABUS_REFUSED);
     CHECK(strstr(thetabus_last_error(), "theta_99") != NULL);
+    const double center[3] = {0.0, 0.0, 0.1};
+    CHECK(thetabus_control_payload(control, 2.0, center, NULL, &answer, 3000) == THETABUS_REFUSED);
+    CHECK(strstr(thetabus_last_error(), "this model has none") != NULL);
+    CHECK(thetabus_control_payload(NULL, 0.0, NULL, NULL, NULL, 3000) == THETABUS_INVALID);
     CHECK(thetabus_control_ask(control, 77, NULL, NAN, 0, NULL, 3000) == THETABUS_INVALID);
     CHECK(thetabus_control_ask(NULL, THETABUS_PAUSE, NULL, NAN, 0, NULL, 3000) == THETABUS_INVALID);
     thetabus_control_close(control);

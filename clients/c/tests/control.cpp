@@ -32,6 +32,7 @@ int main(int, char **arguments) try {
     control.set("forgetting_factor", 0.99);
     refused([&] { control.set("forgetting_factor", 7.0); }, "forgetting_factor");
     refused([&] { control.fix("theta_99"); }, "theta_99");
+    refused([&] { control.payload(2.0, {0.0, 0.0, 0.1}); }, "this model has none");
     control.pause();
     control.resume();
     control.reset();

@@ -49,6 +49,22 @@ impl Control {
         Ok(PyBytes::new(py, &answer))
     }
 
+    /// Says what the flange of a robot carries, nothing if `mass` is 0, and gives the answer's bytes.
+    fn payload<'py>(
+        &self,
+        py: Python<'py>,
+        mass: f64,
+        com: [f64; 3],
+        inertia: Option<[f64; 6]>,
+        timeout: f64,
+    ) -> PyResult<Bound<'py, PyBytes>> {
+        let limit = limit(Some(timeout))?;
+        let request = Request::load(mass, com, inertia);
+        let answer = py.detach(|| self.0.with(|client| client.ask(&request, limit).map(bytes::of)));
+        let answer = answer.ok_or_else(closed)?.map_err(failed)?;
+        Ok(PyBytes::new(py, &answer))
+    }
+
     fn close(&self, py: Python<'_>) {
         py.detach(|| self.0.close());
     }

@@ -135,6 +135,8 @@ def test_e2e_commands_are_done_or_refused_in_words(site):
         assert [i for i in control.describe().items if i.name == "forgetting_factor"][0].value == 0.5
         with pytest.raises(thetabus.Refused, match="theta_99"):
             control.fix("theta_99")
+        with pytest.raises(thetabus.Refused, match="this model has none"):
+            control.payload(2.8, com=(0.03, 0.15, 0.04))
         with pytest.raises(thetabus.Refused, match="checkpoint.dir"):
             control.save()
 

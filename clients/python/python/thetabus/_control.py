@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Optional
+from typing import NamedTuple, Optional, Sequence
 
 from . import _thetabus
 from ._closing import Closing
@@ -54,7 +54,10 @@ class Control(Closing):
         self._control = _thetabus.Control(robot, domain)
 
     def _ask(self, command: str, name: str = "", value: Optional[float] = None, from_seq: int = 0) -> Answer:
-        m = record("Response", self._control.ask(command, name, value, from_seq, self.timeout))
+        return self._answer(self._control.ask(command, name, value, from_seq, self.timeout))
+
+    def _answer(self, response: bytes) -> Answer:
+        m = record("Response", response)
         words = text(m["text"])
         if m["code"] != 0:
             raise Refused(words)
@@ -94,6 +97,19 @@ class Control(Closing):
     def free(self, parameter: str) -> Answer:
         """Estimates a parameter that was held."""
         return self._ask("free", parameter)
+
+    def payload(
+        self,
+        mass: float = 0.0,
+        com: Sequence[float] = (0.0, 0.0, 0.0),
+        inertia: Optional[Sequence[float]] = None,
+    ) -> Answer:
+        """Says what the flange of a robot carries, instead of letting it be found; a mass of 0 is an empty flange.
+
+        Mass in kg, centre of mass in the flange's frame in m, inertia about it in the flange's axes as xx, xy, yy, xz, yz, zz in kg m^2; without it, that
+        of a ball of light metal.
+        """
+        return self._answer(self._control.payload(mass, list(com), None if inertia is None else list(inertia), self.timeout))
 
     def save(self) -> Answer:
         """Writes a checkpoint."""

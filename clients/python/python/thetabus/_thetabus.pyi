@@ -55,6 +55,9 @@ class Control:
     def ask(
         self, command: str, name: str, value: Optional[float], from_seq: int, timeout: float
     ) -> bytes: ...
+    def payload(
+        self, mass: float, com: Sequence[float], inertia: Optional[Sequence[float]], timeout: float
+    ) -> bytes: ...
     def close(self) -> None: ...
 
 class Controller:

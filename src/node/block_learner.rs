@@ -129,6 +129,9 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
         std::mem::swap(&mut self.estimator, estimator);
         std::mem::swap(&mut self.judge, judge);
         self.rows.reset();
+        if !*warm {
+            self.rows.forget_theta();
+        }
         Ok(*warm)
     }
 

@@ -312,6 +312,10 @@ impl<P: Plant + Clone> SampleBlock for AutoWindowBlock<P> {
         self.next = self.active;
         self.blocks[self.active].reset();
     }
+
+    fn forget_theta(&mut self) {
+        self.blocks.iter_mut().for_each(ProjectedBlock::forget_theta);
+    }
 }
 
 #[cfg(test)]

@@ -68,8 +68,10 @@ pub trait SampleBlock: Residuals {
     /// Begins the next block: forgets the rows. Samples that later rows still reach back to are
     /// kept.
     fn clear(&mut self);
-    /// Begins a new stream: forgets everything and keeps the room.
+    /// Begins a new stream: drops samples and rows. What was learnt of θ stays.
     fn reset(&mut self) {
         self.clear();
     }
+    /// Begins with θ anew, as before the first block.
+    fn forget_theta(&mut self) {}
 }

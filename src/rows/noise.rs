@@ -80,6 +80,11 @@ impl SignalNoise {
         }
     }
 
+    /// False until enough samples have been seen to say anything.
+    pub fn is_known(&self) -> bool {
+        self.quantised || self.weight > 0.0
+    }
+
     /// Size of a count, 0 if the signal is not rounded.
     pub fn resolution(&self) -> f64 {
         if self.quantised { self.step.unwrap_or(0.0) } else { 0.0 }

@@ -312,6 +312,47 @@ fn prop_rows_do_not_depend_on_where_blocks_are_cut() {
     assert_eq!(spans(1), whole, "one sample to a block");
 }
 
+/// Rows and windows at the end of a block, as bits.
+fn bits(block: &ProjectedBlock<Manipulator>, theta: &[f64]) -> Vec<u64> {
+    let rows = all_rows(block, &Manipulator::default(), theta);
+    let ends = (0..2).flat_map(|e| (0..4).filter_map(move |k| block.tail(e, k, theta)));
+    let rows = rows.into_iter().flat_map(|(f, phi)| phi.into_iter().chain([f]));
+    rows.chain(ends).map(f64::to_bits).collect()
+}
+
+#[test]
+fn prop_a_block_that_was_reset_gives_the_bits_of_a_new_one_whatever_it_held() {
+    let plant = Manipulator::default();
+    // levels that are learnt stay over a reset: the sensors are the same
+    let options = ProjectedOptions {
+        noise: SensorNoise::encoder(16, 0.05),
+        ..ProjectedOptions::recommended()
+    };
+    let feed = |block: &mut ProjectedBlock<Manipulator>, kind: &str, seed: u64| {
+        let mut sim = scenario(kind, ControllerKind::Sampled, seed, 4.0);
+        sim.sensors = SensorOptions::encoder(16, 0.05);
+        for (k, sample) in ArmSimulator::new(&sim).unwrap().take(1900).enumerate() {
+            assert!(block.push(k as u64 * 1_000_000, &sample));
+        }
+        block.prepare(&start());
+    };
+    let mut new = ProjectedBlock::new(plant, options, 1900).unwrap();
+    feed(&mut new, "sines", 1);
+    let mut used = ProjectedBlock::new(plant, options, 1900).unwrap();
+    feed(&mut used, "steps", 2);
+    used.clear();
+    // as a command that forgets everything does
+    used.reset();
+    used.forget_theta();
+    feed(&mut used, "sines", 1);
+    let found = bits(&new, &start());
+    assert!(found.len() > 500, "{}", found.len());
+    let other = bits(&used, &start()).iter().zip(&found).filter(|(a, b)| a != b).count();
+    assert_eq!(other, 0, "of {}", found.len());
+    assert_eq!(used.start(), new.start());
+    assert!(new.start().is_some());
+}
+
 /// The arm's equations with θ₁ written as the square of its root: no polynomial of degree 2.
 #[derive(Clone)]
 struct Rooted(Manipulator);

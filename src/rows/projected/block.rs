@@ -57,7 +57,7 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
         &self.rows.block.form.plant
     }
 
-    /// What the sensors do, as told or as learnt up to the last block that was prepared.
+    /// What the sensors do, as configured or as learnt up to the last block that was prepared.
     pub fn noise(&self) -> &SensorNoise {
         &self.rows.block.noise.sensors
     }
@@ -153,5 +153,9 @@ impl<P: Plant> SampleBlock for ProjectedBlock<P> {
 
     fn reset(&mut self) {
         self.rows.reset();
+    }
+
+    fn forget_theta(&mut self) {
+        self.first_fit.restart();
     }
 }

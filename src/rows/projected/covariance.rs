@@ -27,8 +27,8 @@ pub(super) struct RowCovariance {
     slopes: Vec<Vec<[f64; MAX_ORDER + 1]>>,
     /// c_i of every row \[equation\]\[row\], times the standard deviation of each position.
     sensitivity: Vec<Vec<Vec<f64>>>,
-    /// Variance of the rounding of an input within each window.
-    rounding: Vec<f64>,
+    /// Variance of the rounding of each equation's input within each window \[equation\]\[row\].
+    rounding: Vec<Vec<f64>>,
     /// Σ_k w_i(k) w_j(k) for windows a number of strides apart.
     input_overlap: Vec<f64>,
     /// Positions of each joint that a row depends on.
@@ -48,7 +48,7 @@ impl RowCovariance {
         Self {
             slopes: vec![vec![[0.0; MAX_ORDER + 1]; block.samples.capacity()]; 2 * joints],
             sensitivity: vec![vec![vec![0.0; support * joints]; rows]; form.equations()],
-            rounding: vec![0.0; rows],
+            rounding: vec![vec![0.0; rows]; form.equations()],
             input_overlap: (0..=bandwidth)
                 .map(|lag| weights.get(lag * stride..).map_or(0.0, |shifted| dot(weights, shifted)))
                 .collect(),
@@ -68,8 +68,8 @@ impl RowCovariance {
     }
 
     /// Variance of the rounding of an equation's input within a window.
-    pub fn rounding(&self, row: usize) -> f64 {
-        self.rounding[row]
+    pub fn rounding(&self, equation: usize, row: usize) -> f64 {
+        self.rounding[equation][row]
     }
 
     /// c of a row, joint after joint; `None` if a position is exact.
@@ -102,10 +102,10 @@ impl RowCovariance {
         let own_variance = input_variance(block, e);
         for i in 0..block.samples.windows.len() {
             self.weigh_positions(block, e, i, theta, suspects);
-            self.rounding[i] = input_rounding(block, e, i);
+            self.rounding[e][i] = input_rounding(block, e, i);
             for lag in 0..=self.bandwidth().min(i) {
-                // a window's own rounding makes 0 + 0 of inputs without
-                let rounding = (self.rounding[i] * self.rounding[i - lag]).sqrt();
+                // the geometric mean of both windows' rounding; 0 if the input is not rounded
+                let rounding = (self.rounding[e][i] * self.rounding[e][i - lag]).sqrt();
                 let covariance = self.covariance(block, e, (i, i - lag), own_variance + rounding);
                 whitening.add(i, lag, covariance);
             }

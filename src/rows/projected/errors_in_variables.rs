@@ -43,9 +43,9 @@ impl SmoothedSignals {
         if self.applied { &self.signals } else { measured }
     }
 
-    /// Goes back to the signals as they were measured.
-    pub fn forget(&mut self) {
-        self.applied = false;
+    /// Goes back to the signals as they were measured; false if they were in use already.
+    pub fn forget(&mut self) -> bool {
+        std::mem::take(&mut self.applied)
     }
 
     /// Begins with the signals as they were measured.
@@ -84,7 +84,7 @@ impl SmoothedSignals {
         let (input, scale) = block.form.input(e);
         let kernel = &block.form.kernels.input[0];
         for (i, window) in windows.iter().enumerate() {
-            let variance = block.noise.sensors.input_noise[input].powi(2) + covariance.rounding(i);
+            let variance = block.noise.sensors.input_noise[input].powi(2) + covariance.rounding(e, i);
             let moved = variance * scale * weighted[i];
             let from = window.centre - block.form.kernels.input_half;
             let u = &mut self.signals.u[input][from..from + kernel.len()];

@@ -1,9 +1,9 @@
 //! A first θ for the weights of the rows, while the estimator has none.
 //!
-//! R depends on θ. Before the first estimate θ is not known well enough for it: the first blocks
-//! are fitted once with the R known so far, then R is made anew, until every parameter is known to
-//! a half. What is not yet keeps its start value in R: a joint that has not moved may have any
-//! inertia, but not any noise.
+//! R depends on θ, which is not known well enough before the first estimate. The first blocks are
+//! therefore fitted with the R known so far, and R is made anew, until every parameter is known to
+//! within 50 %. Until then R uses the start value of each parameter that is not: the arbitrary
+//! inertia of a joint that has not moved would spoil the weights.
 //!
 //! Later the same fit serves a block that θ̂ before it does not explain: it is fitted alone, and
 //! its positions are smoothed with that.
@@ -90,6 +90,13 @@ impl FirstFit {
         (self.left, self.begins) = (0, false);
     }
 
+    /// θ is unknown again: the next blocks are fitted for their weights as the first ones were.
+    pub fn restart(&mut self) {
+        self.estimator.reset();
+        self.settled.copy_from_slice(self.estimator.theta());
+        (self.left, self.begins) = (FIRST_BLOCKS, false);
+    }
+
     /// Weighs and smooths the rows of a block, with a fit of its own for the first blocks and with
     /// θ̂ before the block from then on.
     pub fn weigh<P: Plant>(&mut self, rows: &mut Projection<P>, theta: &[f64]) {
@@ -154,9 +161,8 @@ impl FirstFit {
     /// plant has moved away from that. Leaves the rows as they are measured if either leaves more
     /// in them than noise.
     ///
-    /// A parameter that the block does not tell to a half stays what it was: a fit of rows that
-    /// hold next to no motion puts it anywhere, and positions made to agree with that would speak
-    /// for it.
+    /// A parameter that the block does not determine to within 50 % keeps its value: rows with
+    /// hardly any motion would put it anywhere, and positions smoothed to agree would confirm it.
     fn smooth_near<P: Plant>(&mut self, rows: &mut Projection<P>, theta: &[f64]) {
         if rows.mean_square(theta) < FAR {
             rows.smooth(theta);
@@ -171,9 +177,9 @@ impl FirstFit {
     }
 }
 
-/// Takes over the parameters that a fit knows to a half, and `otherwise` in the place of the
-/// others; true if it knows all. A parameter that the motion so far says nothing about may have
-/// gone anywhere, to zero for one, and would take its share of the noise along.
+/// Adopts the parameters that a fit knows to within 50 %, and `otherwise` for the rest; true if it
+/// knows all. An unexcited parameter may have drifted to any value and would distort the noise
+/// model.
 fn take_known(fit: &BlockEstimator, otherwise: &[f64], theta: &mut [f64]) -> bool {
     let report = fit.report();
     let mut all = true;

@@ -25,11 +25,12 @@
 //! a hole that is too long to be mended are dropped.
 //!
 //! # Noise
-//! Row i depends on position k by c_i(k) = ∂f_i/∂q_k and on input k by s w_i(k), so the noise of
+//! Row i depends on position k by c_i(k) = −∂f_i/∂q_k and on input k by s w_i(k), so the noise of
 //! rows i and j has the covariance
 //!
 //! ```text
-//! R_ij = Σ_k c_i(k) c_j(k) σ_q² v_k + s² σ_u² Σ_k w_i(k) w_j(k) + jumps  σ_q² = σ² + LSB²/12 · v_k
+//! R_ij = Σ_k c_i(k) c_j(k) σ_q²(k) + s² σ_u² Σ_k w_i(k) w_j(k) + jumps
+//! σ_q²(k) = σ² + LSB²/12 · v_k
 //! ```
 //!
 //! v_k ≥ 1 says how far the rounding is from white (`rounding.rs`): white while the joint crosses

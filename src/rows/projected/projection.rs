@@ -51,19 +51,26 @@ impl<P: Plant> Projection<P> {
 
     /// Mends and projects a block that is complete.
     pub fn project(&mut self) {
+        self.smoothed.forget();
         self.block.sense();
         self.find_rests();
-        let samples = &self.block.samples;
-        self.suspects
-            .sense(samples.len, &samples.signals, &self.block.noise.q_std);
         self.block.find_jumps();
+        self.project_suspects();
+        for e in 0..self.block.form.equations() {
+            self.rows.project(&self.block, e);
+        }
+    }
+
+    /// Makes the columns of considered errors, and the inputs' moments, of the signals as they are
+    /// measured.
+    fn project_suspects(&mut self) {
         let (block, signals) = (&self.block, &self.block.samples.signals);
+        self.suspects.sense(block.samples.len, signals, &block.noise.q_std);
         for e in 0..block.form.equations() {
             for (row, window) in block.samples.windows.all().iter().enumerate() {
                 let moments = project_errors(block, &mut self.suspects, e, row, window.centre, signals);
                 self.rows.set_input(e, row, moments);
             }
-            self.rows.project(block, e);
         }
     }
 
@@ -86,7 +93,9 @@ impl<P: Plant> Projection<P> {
 
     /// Makes R at θ and whitens the rows by it, as they are measured.
     pub fn weigh(&mut self, theta: &[f64]) {
-        self.smoothed.forget();
+        if self.smoothed.forget() {
+            self.project_suspects();
+        }
         let rows = self.len();
         for e in 0..self.block.form.equations() {
             let whitening = &mut self.rows.whitening[e];

@@ -1,4 +1,4 @@
-//! What each sample of a block is worth, from the sensors' noise as it was told or learnt.
+//! Noise of each sample of a block, from the sensors' noise as configured or learnt.
 //!
 //! ```text
 //! σ_q²(k) = σ² + LSB²/12 · v_k        σ_u²(k) = σ_u² + surplus_k
@@ -25,7 +25,7 @@ const SURE: f64 = 3.0;
 /// The noise of the samples.
 #[derive(Debug, Clone)]
 pub(super) struct SampleNoise {
-    /// What the sensors do, as told or as learnt so far.
+    /// What the sensors do, as configured or as learnt so far.
     pub sensors: SensorNoise,
     /// What was learnt of each joint's position and input.
     learnt: Vec<[SignalNoise; 2]>,
@@ -64,7 +64,8 @@ impl SampleNoise {
         }
     }
 
-    /// Takes the levels of a joint's sensors from a stretch of their signals.
+    /// Takes the levels of a joint's sensors from a stretch of their signals. Those of a signal of
+    /// which too little has been seen stay as they are: 0 would call the sensor exact.
     fn learn(&mut self, joint: usize, samples: &Samples, stretch: Range<usize>) {
         let [position, input] = &mut self.learnt[joint];
         let made = |kind| {
@@ -75,8 +76,13 @@ impl SampleNoise {
         position.learn(q, made(Kind::Position), &mut self.statistic);
         let u = &samples.signals.u[joint][stretch.clone()];
         input.learn(u, made(Kind::Input), &mut self.statistic);
-        self.sensors.position_resolution[joint] = position.resolution();
-        self.sensors.position_noise[joint] = position.deviation();
+        if position.is_known() {
+            self.sensors.position_resolution[joint] = position.resolution();
+            self.sensors.position_noise[joint] = position.deviation();
+        }
+        if !input.is_known() {
+            return;
+        }
         let deviation = input.deviation().hypot(input.resolution() / 12f64.sqrt());
         let size = (dot(u, u) / u.len().max(1) as f64).sqrt();
         self.sensors.input_noise[joint] = if deviation > EXACT * size { deviation } else { 0.0 };
@@ -85,40 +91,48 @@ impl SampleNoise {
 
     /// Standard deviation of every position of a joint.
     fn weigh_positions<P: Plant>(&mut self, joint: usize, form: &WeakForm<P>, samples: &Samples) {
-        // windows lie before a hole as well as behind it
-        let span = 0..samples.len;
         let resolution = self.sensors.position_resolution[joint];
         let (white, rounding) = (
             self.sensors.position_noise[joint].powi(2),
             resolution * resolution / 12.0,
         );
-        let (half, velocity_half) = (form.kernels.half, form.velocity.half);
-        // in counts, of the filtered velocity's difference over twice its half width
-        let rounded = form.velocity.gain / (24f64.sqrt() * velocity_half as f64);
         let (q, dq) = (&samples.signals.q[joint], &samples.signals.dq[joint]);
         let std = &mut self.q_std[joint];
         let per_sample = form.options.sample_period_s / resolution;
-        for at in span.clone() {
-            // a joint that is not quantised has no counts
-            let inflation = if resolution > 0.0 {
-                let around = |reach: usize| (at.saturating_sub(reach).max(span.start), (at + reach).min(span.end - 1));
-                let (before, after) = around(velocity_half);
-                let acceleration = (dq[after] - dq[before]) * per_sample / (after - before).max(1) as f64;
-                if acceleration.abs() > SURE * rounded {
-                    rounding::inflation(dq[at] * per_sample, acceleration)
-                } else {
-                    // slow enough to be measured over a window's length
-                    let (before, after) = around(half);
-                    let counts = (q[after] - q[before]) / resolution;
-                    rounding::inflation(counts / (after - before).max(1) as f64, 0.0)
-                }
-            } else {
-                1.0
+        // windows lie before a hole as well as behind it
+        for stretch in samples.repair.stretches(samples.len) {
+            let around = |at: usize, reach: usize, within: &Range<usize>| {
+                let clamp = |k: usize| k.clamp(within.start, within.end - 1);
+                let (before, after) = (clamp(at.saturating_sub(reach)), clamp(at + reach));
+                (before, after, (after - before).max(1) as f64)
             };
-            std[at] = (white + rounding * inflation).sqrt();
+            // where the velocity filter has all its samples
+            let half = form.velocity.half;
+            let filtered = stretch.start + half..stretch.end.saturating_sub(half);
+            for at in stretch.clone() {
+                // a joint that is not quantised has no counts
+                let inflation = if resolution > 0.0 {
+                    let fast = (!filtered.is_empty()).then(|| {
+                        let (before, after, span) = around(at, half, &filtered);
+                        let acceleration = (dq[after] - dq[before]) * per_sample / span;
+                        // of the difference of two filtered velocities, in counts
+                        let noise = form.velocity.gain / (6f64.sqrt() * span);
+                        let velocity = dq[at.clamp(filtered.start, filtered.end - 1)] * per_sample;
+                        (acceleration.abs() > SURE * noise).then(|| rounding::inflation(velocity, acceleration))
+                    });
+                    // otherwise slow enough to be measured over a window's length
+                    fast.flatten().unwrap_or_else(|| {
+                        let (before, after, span) = around(at, form.kernels.half, &stretch);
+                        rounding::inflation((q[after] - q[before]) / resolution / span, 0.0)
+                    })
+                } else {
+                    1.0
+                };
+                std[at] = (white + rounding * inflation).sqrt();
+            }
         }
         if samples.repair.touched() {
-            for (at, deviation) in std[span].iter_mut().enumerate() {
+            for (at, deviation) in std[..samples.len].iter_mut().enumerate() {
                 let own = *deviation * *deviation;
                 *deviation = samples.repair.variance(Kind::Position, joint, at, own).sqrt();
             }

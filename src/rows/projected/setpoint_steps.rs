@@ -10,8 +10,10 @@ const ANSWER: usize = 5;
 pub(super) struct SetpointSteps {
     /// Commanded positions of the sample before.
     last: [f64; MAX_JOINTS],
-    /// Bit j: joint j was commanded elsewhere by the sample that came last.
+    /// Bit j: joint j was commanded elsewhere since the last sample in the buffers.
     now: u32,
+    /// `now` belongs to a sample in the buffers.
+    recorded: bool,
     /// There was ever a setpoint.
     commanded: bool,
     /// The same for each sample in the buffers.
@@ -24,14 +26,18 @@ impl SetpointSteps {
         Self {
             last: [0.0; MAX_JOINTS],
             now: 0,
+            recorded: false,
             commanded: false,
             stepped: vec![0; capacity],
         }
     }
 
-    /// Looks at the setpoints of a sample that comes in.
+    /// Looks at the setpoints of a sample that comes in. A sample between two places of the grid
+    /// becomes none in the buffers: its step belongs to the next one.
     pub fn look(&mut self, setpoint: &[f64; MAX_JOINTS], joints: usize) {
-        self.now = 0;
+        if std::mem::take(&mut self.recorded) {
+            self.now = 0;
+        }
         for joint in 0..joints {
             self.now |= u32::from(setpoint[joint] != self.last[joint]) << joint;
         }
@@ -42,6 +48,7 @@ impl SetpointSteps {
     /// The sample that was looked at last becomes sample `at` of the buffers.
     pub fn note(&mut self, at: usize) {
         self.stepped[at] = self.now;
+        self.recorded = true;
     }
 
     /// True if the setpoint explains a jump of a joint's input at sample `at`, or if there are no
@@ -59,5 +66,36 @@ impl SetpointSteps {
     /// Begins a new stream.
     pub fn reset(&mut self) {
         (self.last, self.commanded) = ([0.0; MAX_JOINTS], false);
+        (self.now, self.recorded) = (0, false);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_a_step_between_two_places_of_the_grid_belongs_to_the_next_one() {
+        let mut steps = SetpointSteps::new(20);
+        let at = |q: f64| {
+            let mut setpoint = [0.0; MAX_JOINTS];
+            setpoint[1] = q;
+            setpoint
+        };
+        for k in 0..10 {
+            steps.look(&at(0.0), 2);
+            steps.note(k);
+        }
+        // commanded elsewhere by a sample that completes no value of the grid, then by none
+        steps.look(&at(1.0), 2);
+        steps.look(&at(1.0), 2);
+        steps.note(10);
+        for k in 11..20 {
+            steps.look(&at(1.0), 2);
+            steps.note(k);
+        }
+        let explained: Vec<usize> = (0..20).filter(|&k| steps.explain(1, k)).collect();
+        assert_eq!(explained, [10, 11, 12, 13, 14, 15]);
+        assert!(!(0..20).any(|k| steps.explain(0, k)));
     }
 }

@@ -9,12 +9,14 @@ use thetabus::messages::{Sample, signals};
 use thetabus::model::{DriveInput, JointSample, Manipulator, Motion, Plant, ServoAxis};
 use thetabus::node::monitor::Label;
 use thetabus::recording::{Entry, Recorder, RecordingLimits, RecordingReader, RunInfo, Span};
-use thetabus::robot::{IdentifyOptions, JointFriction, Robot, RobotIdentifier, RobotModel, RobotSample, Selection};
+use thetabus::robot::{
+    EnergyRegressors, IdentifyOptions, JointFriction, Robot, RobotIdentifier, RobotModel, RobotSample, Selection,
+};
 use thetabus::rows::{
     InputSource, InputTiming, PointwiseBlock, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, structure,
 };
 use thetabus::sim::{
-    ArmSimulator, Machine, MachineSimulator, MassSchedule, SensorOptions, ServoAxisOptions, SimOptions,
+    ArmSimulator, Interpolation, Machine, MachineSimulator, MassSchedule, SensorOptions, ServoAxisOptions, SimOptions,
 };
 
 /// N of the shipped configurations.
@@ -44,24 +46,47 @@ fn stage(name: &'static str, pieces: usize, ready: impl Fn() -> Work + 'static) 
     }
 }
 
-/// All stages; those whose names do not contain `only` are left out before anything is made ready
-/// for them.
+/// A group of stages that are made ready together, with their names.
+type Group = (&'static [&'static str], fn() -> Vec<Stage>);
+
+const GROUPS: [Group; 6] = [
+    (
+        &[
+            "rows/pointwise/sample",
+            "rows/projected/sample",
+            "rows/projected/whitening",
+            "rows/projected/block",
+        ],
+        rows,
+    ),
+    (
+        &[
+            "block/p9/n475/iterations3",
+            "block/p9/n1900/iterations1",
+            "block/p9/n1900/iterations3",
+            "block/p9/n1900/iterations10",
+            "block/p9/n7600/iterations3",
+        ],
+        blocks,
+    ),
+    (&["alarm/quiet", "alarm/jump", "alarm/worst"], alarms),
+    (&["axis/projected/sample", "axis/projected/block"], axis),
+    (&["robot/regressors", "robot/sample", "robot/block"], robot),
+    (&["recording/write", "recording/read", "recording/identify"], recording),
+];
+
+/// The stages with `only` in their names, all of them if it is empty. A group of which no stage is
+/// wanted is not made ready.
 pub fn stages(only: &str) -> Vec<Stage> {
-    let groups: [(&str, fn() -> Vec<Stage>); 6] = [
-        ("rows/", rows),
-        ("block/", blocks),
-        ("alarm/", alarms),
-        ("axis/", axis),
-        ("robot/", robot),
-        ("recording/", recording),
-    ];
-    let wanted = groups
-        .into_iter()
-        .filter(|(group, _)| only.contains(group) || group.contains(only) || only.is_empty());
-    wanted
-        .flat_map(|(_, make)| make())
-        .filter(|stage| stage.name.contains(only))
-        .collect()
+    let mut all = Vec::new();
+    for (names, make) in GROUPS {
+        if names.iter().any(|name| name.contains(only)) {
+            let stages = make();
+            assert!(stages.iter().map(|stage| &stage.name).eq(names), "expected {names:?}");
+            all.extend(stages.into_iter().filter(|stage| stage.name.contains(only)));
+        }
+    }
+    all
 }
 
 /// The paper's arm, both joints in motion from the first sample on.
@@ -144,6 +169,71 @@ fn in_run<P: Plant + Clone + 'static>(
     (block, settled)
 }
 
+/// A projected block in the midst of a run, with an estimator that has seen what came before.
+struct LastBlock<P: Plant> {
+    samples: Vec<JointSample>,
+    empty: ProjectedBlock<P>,
+    full: ProjectedBlock<P>,
+    settled: BlockEstimator,
+}
+
+/// Blocks that come before it.
+const BEFORE: usize = 3;
+
+impl<P: Plant + Clone + 'static> LastBlock<P> {
+    /// The last of the blocks of these samples.
+    fn of(plant: &P, rows: ProjectedOptions, options: &EstimatorOptions, samples: &[JointSample]) -> Self {
+        let (before, last) = samples.split_at(BEFORE * BLOCK);
+        let (empty, settled) = in_run(plant, rows, options, before);
+        let mut full = empty.clone();
+        push_last(&mut full, last);
+        Self {
+            samples: last.to_vec(),
+            empty,
+            full,
+            settled,
+        }
+    }
+
+    /// A sample into the block.
+    fn sample(&self, name: &'static str) -> Stage {
+        let (empty, samples) = (self.empty.clone(), self.samples.clone());
+        stage(name, samples.len(), move || {
+            let (mut block, samples) = (empty.clone(), samples.clone());
+            Box::new(move || push_last(&mut block, &samples))
+        })
+    }
+
+    /// The weights of its rows.
+    fn whitening(&self, name: &'static str) -> Stage {
+        let (full, theta) = (self.full.clone(), self.settled.theta().to_vec());
+        stage(name, 1, move || {
+            let (mut block, theta) = (full.clone(), theta.clone());
+            Box::new(move || block.prepare(black_box(&theta)))
+        })
+    }
+
+    /// The end of the block: its weights, and the update with them.
+    fn end(&self, name: &'static str) -> Stage {
+        let (settled, full) = (self.settled.clone(), self.full.clone());
+        stage(name, 1, move || {
+            let (mut settled, mut block) = (settled.clone(), full.clone());
+            Box::new(move || {
+                block.prepare(settled.theta());
+                black_box(settled.update(black_box(&block)).iterations);
+            })
+        })
+    }
+}
+
+fn push_last<P: Plant>(block: &mut ProjectedBlock<P>, samples: &[JointSample]) {
+    for (k, sample) in samples.iter().enumerate() {
+        assert!(black_box(
+            block.push((BEFORE * BLOCK + k) as u64 * 1_000_000, black_box(sample))
+        ));
+    }
+}
+
 /// Samples to rows.
 fn rows() -> Vec<Stage> {
     let exact = exact_samples(BLOCK, MassSchedule::constant(150.0));
@@ -152,13 +242,7 @@ fn rows() -> Vec<Stage> {
         noise_floor: vec![1.0; 2],
         ..arm_options()
     };
-    let (empty, settled) = in_run(&Manipulator::default(), arm_rows(), &options, &seen[..3 * BLOCK]);
-    let last = seen[3 * BLOCK..].to_vec();
-    let mut full = empty.clone();
-    for (k, sample) in last.iter().enumerate() {
-        assert!(full.push((3 * BLOCK + k) as u64 * 1_000_000, sample));
-    }
-    let (unweighted, theta) = (full.clone(), settled.theta().to_vec());
+    let projected = LastBlock::of(&Manipulator::default(), arm_rows(), &options, &seen);
     vec![
         stage("rows/pointwise/sample", BLOCK, move || {
             let samples = exact.clone();
@@ -169,25 +253,9 @@ fn rows() -> Vec<Stage> {
                 }
             })
         }),
-        stage("rows/projected/sample", BLOCK, move || {
-            let (mut block, samples) = (empty.clone(), last.clone());
-            Box::new(move || {
-                for (k, sample) in samples.iter().enumerate() {
-                    black_box(block.push((3 * BLOCK + k) as u64 * 1_000_000, black_box(sample)));
-                }
-            })
-        }),
-        stage("rows/projected/whitening", 1, move || {
-            let (mut block, theta) = (unweighted.clone(), theta.clone());
-            Box::new(move || block.prepare(black_box(&theta)))
-        }),
-        stage("rows/projected/block", 1, move || {
-            let (mut settled, mut block) = (settled.clone(), full.clone());
-            Box::new(move || {
-                block.prepare(settled.theta());
-                black_box(settled.update(black_box(&block)).iterations);
-            })
-        }),
+        projected.sample("rows/projected/sample"),
+        projected.whitening("rows/projected/whitening"),
+        projected.end("rows/projected/block"),
     ]
 }
 
@@ -216,9 +284,21 @@ fn blocks() -> Vec<Stage> {
     ]
 }
 
-/// A settled estimator's block without and with a change of the payload in it.
+/// A settled estimator's block without a change of the payload, with one, and with four: one more
+/// than the search looks for in a block.
 fn alarms() -> Vec<Stage> {
-    let at_s = (BLOCK as f64 * 6.4) * 1e-3;
+    // After this part of the block.
+    let at_s = |part: f64| BLOCK as f64 * (6.0 + part) * 1e-3;
+    let wild = MassSchedule {
+        points: vec![
+            (0.0, 150.0),
+            (at_s(0.2), 250.0),
+            (at_s(0.45), 90.0),
+            (at_s(0.7), 200.0),
+            (at_s(0.85), 120.0),
+        ],
+        interpolation: Interpolation::Step,
+    };
     let settled = |mass_2: MassSchedule| {
         let samples = exact_samples(6 * BLOCK, mass_2);
         let mut settled = estimator(arm_options());
@@ -239,7 +319,8 @@ fn alarms() -> Vec<Stage> {
     };
     vec![
         case("alarm/quiet", MassSchedule::constant(150.0), false),
-        case("alarm/jump", MassSchedule::jump(150.0, at_s, 170.0), true),
+        case("alarm/jump", MassSchedule::jump(150.0, at_s(0.4), 170.0), true),
+        case("alarm/worst", wild, true),
     ]
 }
 
@@ -265,28 +346,10 @@ fn axis() -> Vec<Stage> {
         timing: InputTiming::Continuous,
         ..ProjectedOptions::recommended()
     };
-    let (empty, settled) = in_run(&plant, rows, &options, &samples[..3 * BLOCK]);
-    let last = samples[3 * BLOCK..].to_vec();
-    let mut full = empty.clone();
-    for (k, sample) in last.iter().enumerate() {
-        assert!(full.push((3 * BLOCK + k) as u64 * 1_000_000, sample));
-    }
+    let projected = LastBlock::of(&plant, rows, &options, &samples);
     vec![
-        stage("axis/projected/sample", BLOCK, move || {
-            let (mut block, samples) = (empty.clone(), last.clone());
-            Box::new(move || {
-                for (k, sample) in samples.iter().enumerate() {
-                    black_box(block.push((3 * BLOCK + k) as u64 * 1_000_000, black_box(sample)));
-                }
-            })
-        }),
-        stage("axis/projected/block", 1, move || {
-            let (mut settled, mut block) = (settled.clone(), full.clone());
-            Box::new(move || {
-                block.prepare(settled.theta());
-                black_box(settled.update(black_box(&block)).iterations);
-            })
-        }),
+        projected.sample("axis/projected/sample"),
+        projected.end("axis/projected/block"),
     ]
 }
 
@@ -307,7 +370,7 @@ fn robot_sample(k: u32) -> RobotSample {
 fn robot() -> Vec<Stage> {
     let urdf = include_str!("../../config/robots/six_axis.urdf");
     let robot = Robot::from_urdf(urdf, &Selection::default()).expect("a sound URDF");
-    let model = RobotModel::new(robot, true, vec![JointFriction::default(); 6]).expect("sound friction");
+    let model = RobotModel::new(robot.clone(), true, vec![JointFriction::default(); 6]).expect("sound friction");
     let mut ready = RobotIdentifier::new(model, IdentifyOptions::default()).expect("sound options");
     let mut next = 0;
     while ready.blocks() < 5 || next % 1000 != 0 {
@@ -315,10 +378,22 @@ fn robot() -> Vec<Stage> {
         next += 1;
     }
     let before_end = ready.clone();
-    // the first sample of a block ends the one before
+    // The first sample of a block ends the one before.
     let _ = ready.push(&robot_sample(next));
     let samples: Vec<RobotSample> = (next + 1..next + 901).map(robot_sample).collect();
+    let states = samples.clone();
     vec![
+        stage("robot/regressors", states.len(), move || {
+            let (robot, states) = (robot.clone(), states.clone());
+            let mut regressors = EnergyRegressors::new(robot.len());
+            Box::new(move || {
+                for state in &states {
+                    let (q, dq) = (&state.q[..robot.len()], &state.dq[..robot.len()]);
+                    regressors.evaluate(&robot, black_box(q), black_box(dq));
+                    black_box(&regressors);
+                }
+            })
+        }),
         stage("robot/sample", samples.len(), move || {
             let (mut ready, samples) = (ready.clone(), samples.clone());
             Box::new(move || {
@@ -366,7 +441,7 @@ fn info() -> RunInfo {
 /// A recording in the midst of a run: written, read, and read and identified as `thetabus identify`
 /// does it.
 fn recording() -> Vec<Stage> {
-    const SETTLED: usize = 3 * BLOCK;
+    const SETTLED: usize = BEFORE * BLOCK;
     let seen = seen_samples(SETTLED + 10 * BLOCK);
     let messages: Vec<Sample> = (SETTLED as u64..)
         .zip(&seen[SETTLED..])
@@ -380,7 +455,7 @@ fn recording() -> Vec<Stage> {
         .collect();
     let count = messages.len();
     let (folder, path) = temporary();
-    // lives as long as any stage that reads from it
+    // Lives as long as any stage that reads from it.
     let read_from = Rc::new(folder);
     let identified_from = Rc::clone(&read_from);
     let mut recorder = Recorder::create(&path, info(), RecordingLimits::default()).expect("a recording");

@@ -27,6 +27,8 @@ mod projected;
 mod relations;
 #[cfg(feature = "robot")]
 mod robot;
+#[cfg(all(feature = "robot", feature = "studies"))]
+mod robot_study;
 #[cfg(feature = "sim")]
 mod sim;
 #[cfg(feature = "sim")]

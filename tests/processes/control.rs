@@ -1,16 +1,11 @@
 //! A running identifier is told what to do, stopped, and continued from its checkpoint.
 
-use crate::support::{Process, Program, QUICK, Site, eventually};
+use crate::support::{Process, Program, QUICK, Site, eventually, text};
 use nix::sys::signal::Signal;
 use std::fs;
-use std::path::Path;
 use std::time::{Duration, Instant};
 use thetabus::bus::monotonic_ns;
 use thetabus::messages::{ErrorCode, State, estimate_flags, status_flags};
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("UTF-8")
-}
 
 fn ctl(site: &Site, args: &[&str]) -> Process {
     site.start(Program::Thetabus, &[&["ctl"], args].concat())
@@ -21,11 +16,6 @@ fn ctl(site: &Site, args: &[&str]) -> Process {
 fn ask(site: &Site, args: &[&str], code: i32) -> String {
     let mut process = ctl(site, args);
     process.expect_code(code);
-    // The readers of its outputs may lag behind its end.
-    eventually("it has said something", || {
-        (process.stdout().len() + process.stderr().len() > 0).then_some(())
-    });
-    std::thread::sleep(Duration::from_millis(20));
     process.said()
 }
 

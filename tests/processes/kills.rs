@@ -145,8 +145,6 @@ impl Scene {
             let ask = ["ctl", "describe", "--timeout", "40", "--robot", robot];
             let mut ctl = self.place.start(THETABUS, &ask);
             if !ctl.wait().success() {
-                // What it said last is read soon after its end.
-                std::thread::sleep(Duration::from_millis(50));
                 return Err(format!("{robot}: {}", ctl.said()));
             }
         }
@@ -169,11 +167,7 @@ impl Scene {
     fn try_start(&self, victim: &Victim) -> Result<Duration, String> {
         let start = Instant::now();
         let mut process = self.begin(victim, &[]);
-        let said = |process: &Process| {
-            // What it said last is read soon after its end.
-            std::thread::sleep(Duration::from_millis(50));
-            format!("{}: {}", victim.name(), process.said())
-        };
+        let said = |process: &Process| format!("{}: {}", victim.name(), process.said());
         let Some(words) = victim.works else {
             let (status, took) = (process.wait(), start.elapsed());
             let is_done =
@@ -181,7 +175,11 @@ impl Scene {
             return if is_done { Ok(took) } else { Err(said(&process)) };
         };
         while !process.stderr().contains(words) {
-            if !process.is_running() || start.elapsed() > WATCHDOG {
+            if !process.is_running() {
+                process.wait();
+                return Err(said(&process));
+            }
+            if start.elapsed() > WATCHDOG {
                 return Err(said(&process));
             }
             std::thread::sleep(Duration::from_millis(5));
@@ -512,8 +510,6 @@ fn stand_still(scene: &Scene, maker: &Victim, (call, count): (&str, usize)) {
             victim.name(),
             start.elapsed()
         );
-        // What it said last is read soon after its end.
-        std::thread::sleep(Duration::from_millis(50));
         let is_refused = status.code() == Some(1) && process.stderr().contains("error: ");
         assert!(status.success() || is_refused, "{context}: {}", process.said());
     }

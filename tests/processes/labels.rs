@@ -1,6 +1,6 @@
 //! Estimates and recordings of one model never appear under the names of another.
 
-use crate::support::{Process, Program, SERVO, Site, column};
+use crate::support::{Process, Program, SERVO, Site, column, text};
 use nix::sys::signal::Signal;
 use std::path::Path;
 use std::process::Command;
@@ -9,10 +9,6 @@ use thetabus::config::{Config, Source};
 use thetabus::messages::Description;
 use thetabus::node::monitor::Label;
 use thetabus::recording::{Entry, Recorder, RecordingLimits, RecordingReader, RunInfo, Span};
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("UTF-8")
-}
 
 /// The samples and estimates of a recording with another description.
 fn described_as(from: &Path, to: &Path, change: impl FnOnce(&mut RunInfo)) {

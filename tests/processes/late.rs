@@ -1,8 +1,11 @@
 //! Late joiners.
 
-use crate::support::{Program, QUICK, Site};
+use crate::support::{Program, QUICK, Site, eventually};
+use std::collections::BTreeSet;
 use std::thread;
 use std::time::{Duration, Instant};
+use thetabus::bus::{Bus, Subscriber};
+use thetabus::messages::Status;
 
 #[test]
 fn e2e_a_monitor_attached_after_the_end_gets_the_last_estimate_at_once() {
@@ -21,8 +24,8 @@ fn e2e_a_monitor_attached_after_the_end_gets_the_last_estimate_at_once() {
     let waited = start.elapsed();
     assert_eq!(estimate.block, 25);
     assert_eq!(late.end().accepted, 5_000);
-    // Publishers look for late joiners every 100 ms; the rest is the scheduler's.
-    assert!(waited < Duration::from_secs(2), "{waited:?}");
+    // Publishers look for late joiners every 100 ms; the rest is a busy machine's.
+    assert!(waited < Duration::from_secs(10), "{waited:?}");
 
     let monitor = site.start(Program::Monitor, &QUICK);
     monitor.wait_for_log("block   25");
@@ -31,15 +34,19 @@ fn e2e_a_monitor_attached_after_the_end_gets_the_last_estimate_at_once() {
 #[test]
 fn e2e_an_identifier_without_a_plant_has_a_heartbeat() {
     let site = Site::new();
-    let mut observer = site.observer();
+    let bus = Bus::join(&site.domain, "arm", "observer").expect("join");
+    let mut statuses: Subscriber<Status> = Subscriber::new(&bus).expect("subscribe");
     let identifier = site.start(Program::Identifier, &QUICK);
     let pid = identifier.pid();
-    let mut beats = 0;
-    let start = Instant::now();
-    while start.elapsed() < Duration::from_millis(2_500) {
-        observer.look();
-        beats += usize::from(observer.last_status.take().is_some_and(|status| status.pid == pid));
-        thread::sleep(Duration::from_millis(20));
-    }
-    assert!(beats >= 2, "{beats} in 2.5 s");
+    // What is sent again for late joiners has the time at which it was first sent.
+    let mut beats = BTreeSet::new();
+    eventually("three heartbeats", || {
+        let beat = |status: &Status, sent_ns| {
+            if status.pid == pid {
+                beats.insert(sent_ns);
+            }
+        };
+        statuses.drain_timed(beat).expect("drain");
+        (beats.len() >= 3).then_some(())
+    });
 }

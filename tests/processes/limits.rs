@@ -30,7 +30,8 @@ fn fault_too_little_shared_memory_is_refused_with_the_numbers_and_never_kills() 
     if !may_mount() {
         return;
     }
-    // The identifier's topics take 1.9 MB, the samples of a plant beside a machine 18 MB.
+    // As docs/deployment.md says, the identifier's topics take more than 14 MB, the samples of a
+    // plant in real time 32 MB.
     for (size, program, bytes) in [
         ("1m", env!("CARGO_BIN_EXE_identifier"), 1 << 20),
         ("4m", env!("CARGO_BIN_EXE_plant_simulator"), 4 << 20),

@@ -2,7 +2,7 @@
 //! than with its own loop alone.
 
 use crate::controller::exported;
-use crate::support::{Process, Program, Site, column, eventually};
+use crate::support::{Dice, Process, Program, Site, column, eventually};
 use nix::sys::signal::Signal;
 use std::path::Path;
 use std::time::Duration;
@@ -27,20 +27,6 @@ const START: u64 = 3000;
 /// period.
 const WINDOW: usize = 1000;
 const STEP: usize = 100;
-
-/// Numbers that look random, the same for each run.
-struct Dice(u64);
-
-impl Dice {
-    /// From 0 to 1.
-    fn roll(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-}
 
 /// Squared errors of both joints together of the machine's own loop alone, sample by sample.
 fn own_loop(samples: usize) -> Vec<f64> {
@@ -111,9 +97,14 @@ fn killed(kills: usize, longest: Duration) -> Outcome {
             &["--warm", "--set", &kept, "--set", "checkpoint.period_s=0.5"],
         )
     };
-    // A busy machine may take some milliseconds for an answer.
-    // The duration is that of a simulation: the controller follows as long as its machine moves.
-    let settings = ["--set", "controller.deadline_s=0.02", "--set", "plant.duration_s=1.0"];
+    let settings = [
+        // A busy machine may take some milliseconds for an answer.
+        "--set",
+        "controller.deadline_s=0.02",
+        // That of a simulation: the controller follows as long as its machine moves.
+        "--set",
+        "plant.duration_s=1.0",
+    ];
     let controller = || start(Program::Controller, &settings);
     let record = site.dir.path().join("run.mcap");
     let mut monitor = start(Program::Monitor, &["--record", record.to_str().expect("UTF-8")]);

@@ -173,7 +173,7 @@ fn fault_processes_stopped_and_continued_go_on() {
         std::thread::sleep(Duration::from_millis(700));
         process.signal(Signal::SIGCONT);
         let after = observer.estimate("later blocks", |estimate| estimate.block > block + 2);
-        // 700 ms at twice the speed are 1 400 samples, and the queue holds 8 192.
+        // 700 ms at twice the speed are 1400 samples, and the queue holds 4096.
         assert_eq!(after.missing, 0);
     }
     let pid = identifier.pid();

@@ -43,7 +43,7 @@ fn rt_a_stopped_identifier_never_slows_the_plant_and_its_loss_is_counted() {
     let site = Site::new();
     let mut observer = site.observer();
     let identifier = site.start(Program::Identifier, &QUICK);
-    // 20 000 samples: more than its queue of 8 192 holds.
+    // 20 000 samples: more than its queue of 4096 holds.
     let mut plant = site.start(
         Program::Plant,
         &[&["--speed", "10", "--duration", "20"], &QUICK[..]].concat(),

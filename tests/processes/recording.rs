@@ -1,16 +1,12 @@
 //! Runs kept as files: recorded, identified again, replayed, reported.
 
-use crate::support::{ENCODERS, Program, QUICK, Site, eventually};
+use crate::support::{ENCODERS, Program, QUICK, Site, eventually, text};
 use nix::sys::signal::{Signal, kill};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use thetabus::messages::Sample;
 use thetabus::recording::{Entry, Loss, RecordingReader, Span};
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("UTF-8")
-}
 
 /// All samples of a recording as bits, without the `stream_id`.
 fn samples(recording: &Path) -> (Vec<Vec<u64>>, Loss) {

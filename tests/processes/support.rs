@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use thetabus::bus::{Bus, Domain, Subscriber};
@@ -17,6 +17,9 @@ use thetabus::report::Summary;
 
 /// Nothing here takes this long unless it hangs.
 pub const WATCHDOG: Duration = Duration::from_secs(60);
+
+/// Longest wait for the last words of a program that has ended: an orphan may keep its pipes open.
+const LAST_WORDS: Duration = Duration::from_secs(5);
 
 /// The paper's experiment: exact signals, so that every estimate has one right value.
 pub const PAPER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/cedro2022.toml");
@@ -188,6 +191,35 @@ fn parent(pid: u32) -> Option<u32> {
     stat.rsplit_once(')')?.1.split_whitespace().nth(1)?.parse().ok()
 }
 
+/// A path as an argument of a program.
+pub fn text(path: &Path) -> &str {
+    path.to_str().expect("UTF-8")
+}
+
+/// Numbers that look random, the same in every run of a test.
+pub struct Dice(pub u64);
+
+impl Dice {
+    /// The next state; its upper bits look random (Knuth's MMIX generator).
+    fn bits(&mut self) -> u64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        self.0
+    }
+
+    /// From 0 to below 1.
+    pub fn roll(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// One of 0 to `count - 1`.
+    pub fn below(&mut self, count: usize) -> usize {
+        ((self.bits() >> 33) % count as u64) as usize
+    }
+}
+
 /// Processor time that a process has used.
 pub fn cpu_time(pid: Pid) -> Duration {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).expect("the process lives");
@@ -205,19 +237,21 @@ pub struct Process {
     child: Child,
     stdout: Output,
     stderr: Output,
+    readers: [JoinHandle<()>; 2],
 }
 
 type Output = Arc<Mutex<Vec<String>>>;
 
-fn collect(stream: impl Read + Send + 'static) -> Output {
+/// What comes out of a pipe, and the thread that reads it until it is closed.
+fn collect(stream: impl Read + Send + 'static) -> (Output, JoinHandle<()>) {
     let lines = Output::default();
     let sink = lines.clone();
-    thread::spawn(move || {
+    let reader = thread::spawn(move || {
         for line in BufReader::new(stream).lines().map_while(Result::ok) {
             sink.lock().expect("no panic above").push(line);
         }
     });
-    lines
+    (lines, reader)
 }
 
 impl Process {
@@ -231,9 +265,14 @@ impl Process {
             .stderr(Stdio::piped())
             .spawn()
             .expect("the program starts");
-        let stdout = collect(child.stdout.take().expect("piped"));
-        let stderr = collect(child.stderr.take().expect("piped"));
-        Self { child, stdout, stderr }
+        let (stdout, of_stdout) = collect(child.stdout.take().expect("piped"));
+        let (stderr, of_stderr) = collect(child.stderr.take().expect("piped"));
+        Self {
+            child,
+            stdout,
+            stderr,
+            readers: [of_stdout, of_stderr],
+        }
     }
 
     pub fn pid(&self) -> u32 {
@@ -253,10 +292,12 @@ impl Process {
         self.child.try_wait().expect("a child").is_none()
     }
 
+    /// Waits for the end, and for everything that was said until then.
     pub fn wait(&mut self) -> ExitStatus {
         let start = Instant::now();
         while start.elapsed() < WATCHDOG {
             if let Some(status) = self.child.try_wait().expect("a child") {
+                self.hear_out();
                 return status;
             }
             thread::sleep(Duration::from_millis(5));
@@ -264,12 +305,18 @@ impl Process {
         panic!("still running after {WATCHDOG:?}\n{}", self.said());
     }
 
+    /// Waits until the readers have seen the end of both outputs.
+    fn hear_out(&self) {
+        let start = Instant::now();
+        while !self.readers.iter().all(JoinHandle::is_finished) && start.elapsed() < LAST_WORDS {
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+
     /// Waits for the end and for this exit code.
     #[track_caller]
     pub fn expect_code(&mut self, code: i32) {
         let status = self.wait();
-        // The readers are done soon after their pipes have closed.
-        thread::sleep(Duration::from_millis(20));
         assert_eq!(
             status.code(),
             Some(code),

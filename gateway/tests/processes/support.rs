@@ -8,6 +8,7 @@ use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use thetabus::bus::{Bus, Delivery, Domain, Publisher, Role, RoleLock, SamplePublisher, Subscriber};
@@ -18,6 +19,9 @@ use zenoh::Wait;
 
 /// Nothing here takes this long unless it hangs.
 pub const WATCHDOG: Duration = Duration::from_secs(60);
+
+/// Longest wait for the last words of a program that has ended: an orphan may keep its pipes open.
+const LAST_WORDS: Duration = Duration::from_secs(5);
 
 /// Waits until `find` has found something.
 pub fn eventually<T>(what: &str, mut find: impl FnMut() -> Option<T>) -> T {
@@ -121,17 +125,18 @@ pub fn replies(session: &zenoh::Session, key: &str) -> Vec<(String, Vec<u8>)> {
 
 type Output = Arc<Mutex<String>>;
 
-fn collect(stream: impl Read + Send + 'static) -> Output {
+/// What comes out of a pipe, and the thread that reads it until it is closed.
+fn collect(stream: impl Read + Send + 'static) -> (Output, JoinHandle<()>) {
     let text = Output::default();
     let sink = text.clone();
-    std::thread::spawn(move || {
+    let reader = std::thread::spawn(move || {
         for line in BufReader::new(stream).lines().map_while(Result::ok) {
             let mut text = sink.lock().expect("no panic above");
             text.push_str(&line);
             text.push('\n');
         }
     });
-    text
+    (text, reader)
 }
 
 /// A started program with its output; killed on drop.
@@ -139,6 +144,7 @@ pub struct Process {
     child: Child,
     stdout: Output,
     stderr: Output,
+    readers: [JoinHandle<()>; 2],
 }
 
 impl Process {
@@ -151,9 +157,14 @@ impl Process {
             .stderr(Stdio::piped())
             .spawn()
             .expect("the program starts");
-        let stdout = collect(child.stdout.take().expect("piped"));
-        let stderr = collect(child.stderr.take().expect("piped"));
-        Self { child, stdout, stderr }
+        let (stdout, of_stdout) = collect(child.stdout.take().expect("piped"));
+        let (stderr, of_stderr) = collect(child.stderr.take().expect("piped"));
+        Self {
+            child,
+            stdout,
+            stderr,
+            readers: [of_stdout, of_stderr],
+        }
     }
 
     pub fn pid(&self) -> u32 {
@@ -182,10 +193,13 @@ impl Process {
         self.wait()
     }
 
+    /// Waits for the end, and for everything that was said until then.
     pub fn wait(&mut self) -> (ExitStatus, String, String) {
         let status = eventually("the program has ended", || self.child.try_wait().expect("its status"));
-        // The collectors see the end of the streams a moment later.
-        std::thread::sleep(Duration::from_millis(100));
+        let start = Instant::now();
+        while !self.readers.iter().all(JoinHandle::is_finished) && start.elapsed() < LAST_WORDS {
+            std::thread::sleep(Duration::from_millis(1));
+        }
         let stdout = self.stdout.lock().expect("no panic above").clone();
         (status, stdout, self.stderr())
     }

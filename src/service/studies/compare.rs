@@ -1,6 +1,6 @@
 //! `studies compare`.
 
-use super::CompareArgs;
+use super::{CompareArgs, output};
 use crate::config::{Config, Source};
 use crate::messages::Sample;
 use crate::model::MANIPULATOR_PARAMS;
@@ -11,7 +11,7 @@ use crate::runner::Shutdown;
 use crate::service::record::recorder;
 use crate::service::ticker::Ticker;
 use crate::service::wiring::{identifier_node, monitor_node};
-use crate::service::{Exit, Failure, TableFormat, logging, report};
+use crate::service::{Exit, Failure, TableFormat, report};
 use crate::sim::{MachineSimulator, SensorOptions, SimOptions};
 use crate::studies::encoder::encoder_document;
 use crate::studies::results::results_document;
@@ -90,13 +90,7 @@ pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     } else {
         document.markdown(&command(args))
     };
-    match &args.out {
-        None => logging::result(text.trim_end())?,
-        Some(file) => {
-            std::fs::write(file, text).map_err(|error| Failure::Failed(format!("{}: {error}", file.display())))?;
-            logging::result(&format!("{}: written", file.display()))?;
-        }
-    }
+    output::write(args.out.as_deref(), &text)?;
     Ok(Exit::Done)
 }
 
@@ -186,10 +180,7 @@ fn positions_and_voltages(file: &Path) -> Result<Vec<(f64, f64)>, Failure> {
 
 /// The command that makes the document again.
 fn command(args: &CompareArgs) -> String {
-    let mut words = vec![
-        "cargo run --release --features studies --bin studies -- compare".to_owned(),
-        args.file.display().to_string(),
-    ];
+    let mut words = vec![output::command("compare"), args.file.display().to_string()];
     if args.paper {
         words.push("--paper".to_owned());
     }

@@ -2,6 +2,7 @@
 
 mod args;
 mod compare;
+mod output;
 mod robots;
 mod track;
 mod trials;

@@ -1,20 +1,20 @@
 //! `studies robots`.
 
-use super::RobotsArgs;
+use super::{RobotsArgs, output};
 use crate::runner::Shutdown;
 use crate::service::ticker::Ticker;
 use crate::service::{Exit, Failure, logging};
 use crate::studies::for_each_index;
 use crate::studies::robots::{RobotTrial, robot_trial, robots_document};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Instant;
 
 /// Runs the trials and writes their tables; a signal ends it and nothing is written.
 ///
 /// # Errors
-/// The arm cannot be simulated, a signal came, or the file cannot be written.
+/// A configuration is named, the arm cannot be simulated, a signal came, or the file cannot be
+/// written.
 pub fn run(args: &RobotsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
-    let started = Instant::now();
+    refuse_configuration(args)?;
     let ticker = Ticker::start("trials of robots");
     let done = AtomicUsize::new(0);
     let runs = for_each_index(args.seeds as usize, |index| {
@@ -40,35 +40,39 @@ pub fn run(args: &RobotsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         }
     }
     let text = robots_document(&trials).markdown(&command(args));
-    match &args.out {
-        Some(file) => {
-            std::fs::write(file, text).map_err(|error| Failure::Failed(format!("{}: {error}", file.display())))?;
-            logging::result(&format!(
-                "{}: written after {} s",
-                file.display(),
-                started.elapsed().as_secs()
-            ))?;
-        }
-        None => logging::result(text.trim_end())?,
-    }
+    output::write(args.out.as_deref(), &text)?;
     Ok(Exit::Done)
+}
+
+/// Nothing of a configuration has an effect here, and nobody should think so.
+fn refuse_configuration(args: &RobotsArgs) -> Result<(), Failure> {
+    let common = &args.common;
+    let given = [
+        ("--config", !common.config.is_empty()),
+        ("--set", !common.set.is_empty()),
+        ("--robot", common.robot.is_some()),
+        ("--domain", common.domain.is_some()),
+    ];
+    match given.iter().find(|(_, is_given)| *is_given) {
+        Some((name, _)) => Err(Failure::Usage(format!(
+            "robots has a machine and settings of its own, src/studies/robots/mod.rs: expected no configuration, got {name}"
+        ))),
+        None => Ok(()),
+    }
 }
 
 /// What was found in the runs of a seed.
 fn details(seed: u64, trial: &RobotTrial) -> String {
     let loaded = &trial.loaded;
     format!(
-        "seed {seed}: alarms without a load {:?}, with one that is not declared {:?}\n  load: before {}, found {:?}, behind {}, mass {:.3?}",
+        "seed {seed}: alarms without a load {:?}, with one that is not declared {:?}\n  load: before {}, found {:?}, after {}, mass {:.3?}",
         trial.empty.alarms, trial.undeclared.alarms, loaded.early, loaded.found, loaded.late, loaded.mass
     )
 }
 
 /// The command that makes the document again.
 fn command(args: &RobotsArgs) -> String {
-    let mut words = vec![format!(
-        "cargo run --release --features studies --bin studies -- robots --seeds {}",
-        args.seeds
-    )];
+    let mut words = vec![output::command("robots"), format!("--seeds {}", args.seeds)];
     if args.first_seed != 1 {
         words.push(format!("--first-seed {}", args.first_seed));
     }

@@ -1,7 +1,7 @@
 //! The closed loop, measured: how well a machine follows its trajectory with feed-forward from
 //! estimates.
 
-use super::TrackArgs;
+use super::{TrackArgs, output};
 use crate::config::{Config, Source};
 use crate::control::{AdaptiveFeedForward, AdaptiveOptions, Trajectory};
 use crate::messages::Sample;
@@ -11,7 +11,7 @@ use crate::report::{TrackingPanel, tracking_figure};
 use crate::runner::Shutdown;
 use crate::service::ticker::Ticker;
 use crate::service::wiring::identifier_node;
-use crate::service::{Exit, Failure, logging};
+use crate::service::{Exit, Failure};
 use crate::sim::{Machine, MachineSimulator, SimOptions};
 use crate::studies::{Document, Section, Table, for_each_index, two_digits};
 use std::path::Path;
@@ -108,10 +108,6 @@ pub fn run(args: &TrackArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         .iter()
         .map(|file| compare(file, args, shutdown))
         .collect::<Result<_, _>>()?;
-    let write = |file: &Path, text: &str| {
-        std::fs::write(file, text).map_err(|error| Failure::Failed(format!("{}: {error}", file.display())))?;
-        logging::result(&format!("{}: written", file.display()))
-    };
     let text = Document {
         title: "The controller that adapts".to_owned(),
         sections: all.iter().map(section).collect(),
@@ -119,17 +115,14 @@ pub fn run(args: &TrackArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let mut text = text.markdown(&command(args));
     if let Some(file) = &args.figure {
         let panels: Vec<TrackingPanel> = all.iter().map(panel).collect();
-        write(file, &tracking_figure(&panels).svg())?;
+        output::write(Some(file), &tracking_figure(&panels).svg())?;
         let beside = args.out.as_ref().and_then(|out| file.strip_prefix(out.parent()?).ok());
         text += &format!(
             "\n![tracking error over time]({})\n\nRoot mean square over parts of {PART_S} s, all joints together, seed 0.\n",
             beside.unwrap_or(file).display()
         );
     }
-    match &args.out {
-        Some(file) => write(file, &text)?,
-        None => logging::result(&text)?,
-    }
+    output::write(args.out.as_deref(), &text)?;
     Ok(Exit::Done)
 }
 
@@ -320,7 +313,7 @@ fn section(of: &Compared) -> Section {
 
 /// The command that makes the document again.
 fn command(args: &TrackArgs) -> String {
-    let mut words = vec!["cargo run --release --features studies --bin studies -- track".to_owned()];
+    let mut words = vec![output::command("track")];
     words.extend(args.files.iter().map(|file| file.display().to_string()));
     words.push(format!("--seeds {}", args.seeds));
     words.extend(args.common.set.iter().map(|set| format!("--set {set}")));

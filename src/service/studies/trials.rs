@@ -1,6 +1,6 @@
 //! `studies trials`.
 
-use super::TrialsArgs;
+use super::{TrialsArgs, output};
 use crate::config::{Config, Source, keys};
 use crate::node::identifier::Identifier;
 use crate::runner::Shutdown;
@@ -143,8 +143,7 @@ pub fn run(args: &TrialsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     logging::result(&format!("{} s", started.elapsed().as_secs()))?;
     if let Some(file) = &args.out {
         let text = trials_document(&results, seeds).markdown(&command(args));
-        std::fs::write(file, text).map_err(|error| Failure::Failed(format!("{}: {error}", file.display())))?;
-        logging::result(&format!("{}: written", file.display()))?;
+        output::write(Some(file), &text)?;
     }
     Ok(Exit::Done)
 }
@@ -194,7 +193,7 @@ fn details(seed: u64, run: &TrialResult) -> String {
 
 /// The command that makes the document again.
 fn command(args: &TrialsArgs) -> String {
-    let mut words = vec!["cargo run --release --features studies --bin studies -- trials".to_owned()];
+    let mut words = vec![output::command("trials")];
     if args.quick {
         words.push("--quick".to_owned());
     }

@@ -27,8 +27,8 @@ pub const LOADED_FROM_S: f64 = 20.0;
 /// From one seed's instant to the next \[s\]; 73 of them make a second. No border of a window or a
 /// block is preferred.
 const LOADED_STEP_S: f64 = 0.0137;
-/// How long a run goes on behind the load \[s\].
-const BEHIND_S: f64 = 5.1;
+/// How long a run goes on after the pick-up \[s\].
+const AFTER_S: f64 = 5.1;
 /// A velocity, and so an estimate, comes so much later than its sample \[s\].
 const LAG_S: f64 = HALF_WIDTH as f64 * PERIOD_S;
 /// Mass of the load \[kg\].
@@ -69,12 +69,12 @@ pub struct LoadedRun {
     pub at_s: f64,
     /// Changes before the load.
     pub early: usize,
-    /// The first change behind it.
+    /// The first change after it.
     pub found: Option<RobotChange>,
-    /// Changes behind that.
+    /// Changes after that.
     pub late: usize,
-    /// Mass and its standard deviation, as published until 2 s and until 5 s behind the load
-    /// \[kg\].
+    /// Mass and its standard deviation, as published last within 2 s and within 5 s after the
+    /// pick-up \[kg\].
     pub mass: [Option<[f64; 2]>; 2],
 }
 
@@ -94,26 +94,46 @@ pub struct RobotTrial {
 /// # Errors
 /// In words, if the arm cannot be simulated or identified.
 pub fn robot_trial(seed: u64) -> Result<RobotTrial, String> {
-    let robot = Robot::from_urdf(URDF, &Selection::default()).map_err(|e| e.to_string())?;
-    let load = |t_s: f64, mass_kg: f64| PayloadChange {
+    let robot = arm()?;
+    Ok(RobotTrial {
+        empty: empty_run(&robot, options(&robot, seed, Vec::new()))?,
+        loaded: loaded_trial(seed)?,
+        undeclared: empty_run(&robot, options(&robot, seed, vec![load(0.0, UNDECLARED_KG)]))?,
+    })
+}
+
+/// Runs the one trial of a seed in which a load is picked up.
+///
+/// # Errors
+/// As [`robot_trial`].
+pub fn loaded_trial(seed: u64) -> Result<LoadedRun, String> {
+    let robot = arm()?;
+    let at_s = LOADED_FROM_S + (seed % 73) as f64 * LOADED_STEP_S;
+    loaded_run(&robot, options(&robot, seed, vec![load(at_s, LOAD_KG)]), at_s)
+}
+
+fn arm() -> Result<Robot, String> {
+    Robot::from_urdf(URDF, &Selection::default()).map_err(|e| e.to_string())
+}
+
+/// A load of this mass from `t_s` on.
+fn load(t_s: f64, mass_kg: f64) -> PayloadChange {
+    PayloadChange {
         t_s,
         mass_kg,
         center_m: [0.02, 0.01, 0.08],
         inertia_kg_m2: [0.01, 0.0, 0.012, 0.0, 0.0, 0.008].map(|x| x * mass_kg / LOAD_KG),
-    };
-    let options = |payloads: Vec<PayloadChange>| RobotSimOptions {
+    }
+}
+
+fn options(robot: &Robot, seed: u64, payloads: Vec<PayloadChange>) -> RobotSimOptions {
+    RobotSimOptions {
         seed,
         machine_seed: seed,
         difference: 0.15,
         payloads,
-        ..RobotSimOptions::new(&robot)
-    };
-    let at_s = LOADED_FROM_S + (seed % 73) as f64 * LOADED_STEP_S;
-    Ok(RobotTrial {
-        empty: empty_run(&robot, options(Vec::new()))?,
-        loaded: loaded_run(&robot, options(vec![load(at_s, LOAD_KG)]), at_s)?,
-        undeclared: empty_run(&robot, options(vec![load(0.0, UNDECLARED_KG)]))?,
-    })
+        ..RobotSimOptions::new(robot)
+    }
 }
 
 fn identifier(robot: &Robot) -> Result<RobotIdentifier, String> {
@@ -197,7 +217,7 @@ fn loaded_run(robot: &Robot, options: RobotSimOptions, at_s: f64) -> Result<Load
         at_s,
         ..LoadedRun::default()
     };
-    run(simulator, at_s + BEHIND_S, &mut identifier, |t_s, identifier| {
+    run(simulator, at_s + AFTER_S, &mut identifier, |t_s, identifier| {
         if let Some(change) = identifier.change() {
             match &result.found {
                 _ if change.found_s < at_s => result.early += 1,

@@ -36,6 +36,14 @@ fn quantile(sorted: &[f64], part: f64) -> f64 {
     sorted.get((part * last).round() as usize).copied().unwrap_or(f64::NAN)
 }
 
+/// A value with its unit; "–" if there is none.
+fn cell(value: f64, decimals: usize, unit: &str) -> String {
+    match value.is_finite() {
+        true => format!("{value:.decimals$} {unit}"),
+        false => "–".to_owned(),
+    }
+}
+
 fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
@@ -78,7 +86,7 @@ fn known(trials: &[RobotTrial]) -> Section {
             own.iter().copied().filter(holds).count() as f64 / own.len().max(1) as f64
         }));
         let error = |part: f64| match name.ends_with("excited") {
-            true => format!("{:.3} %", 100.0 * quantile(&errors, part)),
+            true => cell(100.0 * quantile(&errors, part), 3, "%"),
             // The relative error of what is 0, or nearly so, says nothing.
             false => "–".to_owned(),
         };
@@ -93,8 +101,8 @@ fn known(trials: &[RobotTrial]) -> Section {
                 false => "–".to_owned(),
             },
             share(inside, errors.len()),
-            format!("{:.0} %", 100.0 * quantile(&of_seeds, 0.0)),
-            format!("{:.0} %", 100.0 * quantile(&of_seeds, 1.0)),
+            cell(100.0 * quantile(&of_seeds, 0.0), 0, "%"),
+            cell(100.0 * quantile(&of_seeds, 1.0), 0, "%"),
         ]);
     }
     Section {
@@ -149,15 +157,15 @@ fn payload(trials: &[RobotTrial]) -> Section {
     let located = sorted(runs.iter().filter_map(|run| run.located_s()).map(f64::abs));
     let delays = sorted(runs.iter().filter_map(|run| run.delay_s()));
     let mut row = |name: &str, values: &[f64], unit: &str, scale: f64, goal: Option<(f64, &str)>| {
-        let cell = |part: f64| format!("{:.2} {unit}", scale * quantile(values, part));
+        let part = |part: f64| cell(scale * quantile(values, part), 2, unit);
         let reached = goal.map_or("–".to_owned(), |(limit, _)| {
             share(values.iter().filter(|value| **value <= limit).count(), runs.len())
         });
         table.push(vec![
             name.to_owned(),
-            cell(0.5),
-            cell(0.95),
-            cell(1.0),
+            part(0.5),
+            part(0.95),
+            part(1.0),
             goal.map_or("–", |(_, words)| words).to_owned(),
             reached,
         ]);
@@ -190,13 +198,13 @@ fn payload(trials: &[RobotTrial]) -> Section {
         heading: format!("A load of {LOAD_KG:.0} kg, picked up in motion after {LOADED_FROM_S:.0} to {:.0} s", LOADED_FROM_S + 1.0),
         text: vec![
             format!(
-                "Found as a payload in {found} of {} runs; {early} changes were found before it and {late} more behind it. 95 % intervals of the mass hold in {} after 2 s and in {} after 5 s.",
+                "Found as a payload in {found} of {} runs; {early} changes before it and {late} further ones after it. 95 % intervals of the mass hold in {} after 2 s and in {} after 5 s.",
                 runs.len(),
                 holds(0),
                 holds(1)
             ),
-            "The instant lies anywhere within a block, another one for each seed. The mass is what was published last until 2 s and until 5 s behind it; an estimate comes once per second, so that it was learnt from 1 to 2 s of motion with \
-             the load."
+            "The pick-up lies at a different point of a block for each seed. The mass is the last one published within 2 s and 5 s after it; with one estimate per second it was \
+             learned from 1 to 2 s of motion with the load."
                 .to_owned(),
         ],
         table,

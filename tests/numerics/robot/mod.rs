@@ -14,7 +14,7 @@ mod ur10e;
 mod urdf;
 
 use std::path::PathBuf;
-use thetabus::robot::{Robot, Selection};
+use thetabus::robot::{FrictionTerm, JointFriction, Robot, Selection, WindowOptions};
 
 /// The arms of this project.
 pub const SIX_AXIS: &str = include_str!("../../../config/robots/six_axis.urdf");
@@ -22,6 +22,22 @@ pub const SEVEN_AXIS: &str = include_str!("../../../config/robots/seven_axis.urd
 
 pub fn robot(urdf: &str) -> Robot {
     Robot::from_urdf(urdf, &Selection::default()).unwrap()
+}
+
+/// Friction and windows of a simulated robot at 1 kHz.
+pub fn at_1_khz(joints: usize) -> (Vec<JointFriction>, WindowOptions) {
+    let friction = JointFriction {
+        terms: vec![FrictionTerm::Viscous, FrictionTerm::Coulomb, FrictionTerm::Offset],
+        presliding: 1e-4,
+        ..JointFriction::default()
+    };
+    let windows = WindowOptions {
+        length_s: 0.1,
+        stride_s: 0.02,
+        max_gap_s: 0.02,
+        ..WindowOptions::default()
+    };
+    (vec![friction; joints], windows)
 }
 
 /// A file of the data that stands beside the project, or `None` with a message; a gate that

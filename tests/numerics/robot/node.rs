@@ -1,14 +1,13 @@
 //! The node of a robot: streams, blocks, states, commands and what it keeps.
 
-use super::{SIX_AXIS, robot};
+use super::{SIX_AXIS, at_1_khz, robot};
 use thetabus::messages::{Estimate, Sample, State, estimate_flags, sample_flags, signals};
 use thetabus::model::{JointSample, MAX_JOINTS};
 use thetabus::node::command::{Change, NodeState, Order};
 use thetabus::node::identifier::IdentifierOptions;
 use thetabus::node::robot::{RobotLearner, RobotNode};
 use thetabus::robot::{
-    Drives, FrictionTerm, IdentifyOptions, JointFriction, RobotIdentifier, RobotModel, RobotSimOptions, RobotSimulator,
-    Velocities, WindowOptions,
+    Drives, IdentifyOptions, RobotIdentifier, RobotModel, RobotSimOptions, RobotSimulator, Velocities,
 };
 
 const N: u64 = 500;
@@ -19,20 +18,10 @@ fn node() -> RobotNode {
 
 /// With blocks of so many samples, which last so long [s].
 fn node_of_blocks(samples: u64, block_s: f64) -> RobotNode {
-    let robot = robot(SIX_AXIS);
-    let friction = JointFriction {
-        terms: vec![FrictionTerm::Viscous, FrictionTerm::Coulomb, FrictionTerm::Offset],
-        presliding: 1e-4,
-        ..JointFriction::default()
-    };
-    let model = RobotModel::new(robot, true, vec![friction; 6]).unwrap();
+    let (friction, windows) = at_1_khz(6);
+    let model = RobotModel::new(robot(SIX_AXIS), true, friction).unwrap();
     let options = IdentifyOptions {
-        windows: WindowOptions {
-            length_s: 0.1,
-            stride_s: 0.02,
-            max_gap_s: 0.02,
-            ..WindowOptions::default()
-        },
+        windows,
         payload: true,
         block_s,
         ..IdentifyOptions::default()

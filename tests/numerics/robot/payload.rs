@@ -1,12 +1,12 @@
 //! Payloads: found, located, told apart from friction, and estimated; on a simulated robot and on
 //! recordings of a real one.
 
-use super::{SEVEN_AXIS, robot, shared, ur10e};
+use super::{SEVEN_AXIS, at_1_khz, robot, shared, ur10e};
 use std::ops::Range;
 use thetabus::robot::{
-    CarriedPayload, ChangeCause, Drives, FrictionTerm, IdentifyOptions, JointFriction, LogColumns, PayloadChange,
-    RobotChange, RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator, SimulatedDrive, Velocities,
-    WindowOptions, is_physical, read_log,
+    CarriedPayload, ChangeCause, Drives, IdentifyOptions, JointFriction, LogColumns, PayloadChange, RobotChange,
+    RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator, SimulatedDrive, Velocities, is_physical,
+    read_log,
 };
 
 /// What was found in a run, and the payload after each block.
@@ -51,25 +51,16 @@ impl Found {
     }
 }
 
-fn seven_axis(payload: bool) -> (RobotIdentifier, JointFriction) {
-    let friction = JointFriction {
-        terms: vec![FrictionTerm::Viscous, FrictionTerm::Coulomb, FrictionTerm::Offset],
-        presliding: 1e-4,
-        ..JointFriction::default()
-    };
-    let model = RobotModel::new(robot(SEVEN_AXIS), true, vec![friction.clone(); 7]).unwrap();
+fn seven_axis() -> RobotIdentifier {
+    let (friction, windows) = at_1_khz(7);
+    let model = RobotModel::new(robot(SEVEN_AXIS), true, friction).unwrap();
     let options = IdentifyOptions {
-        windows: WindowOptions {
-            length_s: 0.1,
-            stride_s: 0.02,
-            max_gap_s: 0.02,
-            ..WindowOptions::default()
-        },
+        windows,
         friction_walk: 0.0,
-        payload,
+        payload: true,
         ..IdentifyOptions::default()
     };
-    (RobotIdentifier::new(model, options).unwrap(), friction)
+    RobotIdentifier::new(model, options).unwrap()
 }
 
 /// Samples of the simulated arm at 1 kHz: 16-bit encoders, velocities from positions, torque noise
@@ -117,7 +108,7 @@ fn ident_a_payload_of_3_kg_is_located_within_50_ms_and_weighed_and_its_removal_i
             payloads: vec![load(20.0), gone],
             ..RobotSimOptions::new(&robot)
         };
-        let (mut identifier, _) = seven_axis(true);
+        let mut identifier = seven_axis();
         let found = run(&mut identifier, simulated(options, 30));
         println!("seed {seed}: {:?}", found.changes);
         let changes = found.of(ChangeCause::Payload);
@@ -146,7 +137,7 @@ fn ident_an_arm_without_payload_raises_no_alarm_and_its_intervals_hold() {
             difference: 0.15,
             ..RobotSimOptions::new(&robot)
         };
-        let (mut identifier, _) = seven_axis(true);
+        let mut identifier = seven_axis();
         let simulator = RobotSimulator::new(&robot, options.clone()).unwrap();
         let truth = simulator.truth(identifier.model(), 0.0);
         let found = run(&mut identifier, simulated(options, 60));
@@ -188,7 +179,7 @@ fn fault_friction_that_changes_is_no_payload() {
     let before = simulated(options, 20);
     let behind = simulated(rubbing, 26);
     let spliced = before.into_iter().chain(behind.into_iter().skip(20_000));
-    let (mut identifier, _) = seven_axis(true);
+    let mut identifier = seven_axis();
     let found = run(&mut identifier, spliced);
     println!("{:?}", found.changes);
     assert!(found.of(ChangeCause::Payload).is_empty(), "{:?}", found.changes);

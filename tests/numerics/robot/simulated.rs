@@ -27,7 +27,7 @@ const FRICTION: [[f64; 2]; 7] = [
     [1.0, 0.8],
 ];
 
-/// Three harmonics of 0.05 Hz to 0.25 Hz per joint, other ones at each.
+/// Four sines of 0.05 to 0.25 Hz, different at each joint.
 fn reference(joint: usize, t: f64) -> [f64; 3] {
     let mut sum = [0.0; 3];
     for k in 1..=4 {
@@ -47,7 +47,7 @@ fn friction(joint: usize, dq: f64) -> f64 {
     viscous * dq + coulomb * (dq / 1e-3).tanh()
 }
 
-/// Computed torque at 1 kHz, held; four Runge–Kutta steps of the joints between.
+/// Computed torque at 1 kHz, held; five Runge–Kutta steps of the joints between.
 fn simulate(robot: &Robot, seconds: f64) -> Vec<RobotSample> {
     let n = robot.len();
     let still = vec![0.0; n];

@@ -38,9 +38,21 @@ fn learn(identifier: &mut RobotIdentifier, log: &[RobotSample]) {
     assert!(identifier.end_of_recording());
 }
 
+/// The recording that is learnt, one that is not, and an identifier that knows neither.
+fn train_and_later() -> Option<(Vec<RobotSample>, Vec<RobotSample>, RobotIdentifier)> {
+    Some((
+        recording("train_30s_12harm.csv", 635..3511)?,
+        recording("validation_ptp.csv", 700..4201)?,
+        identifier(JointFriction::default())?,
+    ))
+}
+
 fn residuals(fit: &TorqueFit) -> [f64; 6] {
     std::array::from_fn(|joint| fit.relative_residual(joint).unwrap())
 }
+
+/// Limits of the residuals of `validation_ptp.csv`, joint by joint [%].
+const VALIDATION: [f64; 6] = [12.7, 4.2, 4.6, 8.4, 16.0, 56.0];
 
 fn assert_below(what: &str, residuals: [f64; 6], limits: [f64; 6]) {
     println!("{what}: {residuals:.2?} %");
@@ -57,11 +69,7 @@ fn assert_below(what: &str, residuals: [f64; 6], limits: [f64; 6]) {
 
 #[test]
 fn val_one_pass_over_30_s_predicts_a_recording_of_a_month_earlier() {
-    let (Some(train), Some(later), Some(mut identifier)) = (
-        recording("train_30s_12harm.csv", 635..3511),
-        recording("validation_ptp.csv", 700..4201),
-        identifier(JointFriction::default()),
-    ) else {
+    let Some((train, later, mut identifier)) = train_and_later() else {
         return;
     };
     learn(&mut identifier, &train);
@@ -69,7 +77,7 @@ fn val_one_pass_over_30_s_predicts_a_recording_of_a_month_earlier() {
     let states = filtered(&model, &later);
     // Source's method: 13.1, 5.0, 5.9, 14.0, 15.9, 57.6 %.
     let fixed = residuals(&TorqueFit::of(&model, identifier.theta(), &states));
-    assert_below("validation", fixed, [12.7, 4.2, 4.6, 8.4, 16.0, 56.0]);
+    assert_below("validation", fixed, VALIDATION);
     // The same recording on line, each second predicted before it is learnt; friction may have
     // changed within the month.
     identifier.widen_friction();
@@ -88,18 +96,14 @@ fn val_one_pass_over_30_s_predicts_a_recording_of_a_month_earlier() {
 /// Every other sample of the recording that is learnt, 47 Hz: no option has to be changed for it.
 #[test]
 fn val_logs_from_50_hz_on_are_enough() {
-    let (Some(train), Some(later), Some(mut identifier)) = (
-        recording("train_30s_12harm.csv", 635..3511),
-        recording("validation_ptp.csv", 700..4201),
-        identifier(JointFriction::default()),
-    ) else {
+    let Some((train, later, mut identifier)) = train_and_later() else {
         return;
     };
     let half: Vec<RobotSample> = train.into_iter().step_by(2).collect();
     learn(&mut identifier, &half);
     let model = identifier.model();
     let fit = TorqueFit::of(model, identifier.theta(), &filtered(model, &later));
-    assert_below("47 Hz", residuals(&fit), [12.7, 4.2, 4.6, 8.4, 16.0, 56.0]);
+    assert_below("47 Hz", residuals(&fit), VALIDATION);
 }
 
 /// Recordings that no choice of this project was made on: another day, other trajectories.

@@ -10,8 +10,8 @@ use crate::rows::{
     auto_window_lengths,
 };
 
-/// A list with one number per joint of the model, or one for all. A longer one is taken, so that the
-/// files of an arm serve a single axis.
+/// A list with one number per joint of the model, or one for all. A longer one is taken, so that
+/// the files of an arm serve a single axis.
 fn per_joint(key: &str, list: &[f64], otherwise: f64, joints: usize, check: &mut Check<'_>) -> [f64; MAX_JOINTS] {
     if (2..joints).contains(&list.len()) {
         let message = format!("expected one number, or {joints}, one per joint, got {}", list.len());

@@ -33,9 +33,10 @@
 //! that they inform on widened to 100 %. Two common alternatives fail: scaling Λ by a factor, and
 //! widening only the excited combinations. Both keep a wrong, overconfident prior in the other
 //! directions (measured: θ₁ off by 10 standard deviations after a payload jump, because an open
-//! combination of θ₁ and θ₂ stayed what it had been). Each side is linearised at its own estimate, the later one anew until τ stays. Where a
-//! straight line θ(t) through the block costs less than the cut, the plant drifts: the block is
-//! used as a whole and its movement is expected of the next ones.
+//! combination of θ₁ and θ₂ stayed what it had been). Each side is linearised at its own estimate,
+//! the later one anew until τ stays. Where a straight line θ(t) through the block costs less than
+//! the cut, the plant drifts: the block is used as a whole and its movement is expected of the next
+//! ones.
 
 use super::equation::{EquationState, TINY};
 use super::fit::Fit;

@@ -19,8 +19,8 @@
 //! aᵀ/(aᵀ W a), P* = G P Gᵀ.
 //!
 //! Nothing is imposed if ρ is not known to half the size of its products, if it is more than
-//! [`CONTRADICTION`] deviations from 0, so that the data speak against it, or if the answer
-//! would leave the bounds.
+//! [`CONTRADICTION`] standard deviations from 0, so that the data speak against it, or if the
+//! answer would leave the bounds.
 
 use super::group::GroupState;
 use super::groups::Groups;

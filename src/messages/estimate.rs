@@ -15,7 +15,7 @@ pub enum State {
     Collecting = 0,
     /// Estimates exist and still move.
     Converging = 1,
-    /// Estimates have settled within their deviations.
+    /// Estimates have settled within their standard deviations.
     Converged = 2,
     /// Stopped by a command.
     Paused = 3,

@@ -19,7 +19,8 @@ use super::theta_polynomial::{FeatureTerm, Monomial, Polynomial, VelocityTerm};
 use crate::model::{MAX_JOINTS, MAX_PARAMS, Plant};
 use num_dual::{Dual64, HyperDual64};
 
-/// One more than the highest derivative d of a term: linear terms are integrated by parts once more.
+/// One more than the highest derivative d of a term: linear terms are integrated by parts once
+/// more.
 pub(super) const MAX_ORDER: usize = 3;
 /// Agreement that counts as equal: some hundred roundings.
 const EQUAL: f64 = 1e-10;

@@ -12,7 +12,7 @@
 //! averaging both sides removes the noise above the window's bandwidth from the regressors as well
 //! as from the residual, without which least squares is biased beyond use. Rows are not whitened:
 //! the noise of windows that overlap by half is nearly independent, of those that overlap more it
-//! is not, and deviations come out too small.
+//! is not, and standard deviations come out too small.
 //!
 //! The same smoothing with one-sided neighbourhoods, and rows without averaging, are what one would
 //! try first. Both are here ([`Smoothing`], `window_s = 0`) for comparison; docs/encoder-results.md

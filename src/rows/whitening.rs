@@ -1,7 +1,7 @@
 //! Whitening of overlapping rows: r ← L⁻¹ r with R = L Lᵀ the covariance of their noise.
 //!
 //! Neighbouring windows share samples, so the noise of their rows is correlated; a least squares
-//! fit that takes them for independent reports deviations that are too small. R is banded, because
+//! fit that takes them for independent reports too small standard deviations. R is banded, because
 //! windows that do not overlap share nothing, and known up to scale, because the sensors are.
 //!
 //! Forward whitening makes row i of windows 0..=i, backward whitening of windows i..n (R = Uᵀ-type

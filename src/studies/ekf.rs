@@ -62,9 +62,10 @@ fn jerks<D: Scalar>(gravity: f64, [q2, dq1, dq2, ddq1, ddq2]: [D; MEASURED], the
 }
 
 impl Ekf {
-    /// Measurement deviations in rad, rad/s and rad/s². The signals are exact, but a filter that is
-    /// told so trusts its first linearisations too much: with a hundredth of these and noise on the
-    /// voltage it diverges in the first block, with a tenth it takes longer to follow a jump.
+    /// Standard deviations of the measurement in rad, rad/s and rad/s². The signals are exact, but
+    /// a filter that is told so trusts its first linearisations too much: with a hundredth of these
+    /// and noise on the voltage it diverges in the first block, with a tenth it takes longer to
+    /// follow a jump.
     const MEASUREMENT_STD: [f64; MEASURED] = [1e-3, 1e-2, 1e-2, 1.0, 1.0];
     /// Deviation of ln θ at the start: a factor of 2.7.
     const START_STD: f64 = 1.0;

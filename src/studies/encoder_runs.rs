@@ -22,7 +22,7 @@ const SETTLING: usize = 5;
 pub struct Answer {
     /// θ̂.
     pub theta: Vec<f64>,
-    /// Its deviations.
+    /// Its standard deviations.
     pub std: Vec<f64>,
     /// Bit i: parameter i is marked usable.
     pub usable: u128,

@@ -493,3 +493,39 @@ fn e2e_a_monitor_started_again_keeps_to_record_files_and_joins_what_is_left() {
     // The recorder that was killed did not finish its file, and what came meanwhile is lost.
     identify.expect_code(3);
 }
+
+/// tests/data/recordings/README.md says how the file was made.
+#[test]
+fn regress_a_recording_from_before_the_form_of_ros_2_is_read_identified_and_reported() {
+    let earlier = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/recordings/before_ros2.mcap");
+    let (taken, loss) = samples(&earlier);
+    assert_eq!((taken.len(), loss), (600, Loss::default()));
+    assert_eq!((taken[0][0], taken[599][0], taken[599][1]), (0, 599, 599_000_000));
+    let mut reader = RecordingReader::open(&earlier, Span::default()).expect("a recording");
+    let mut published = Vec::new();
+    while let Some(entry) = reader.next_entry().expect("readable") {
+        if let Entry::Estimate { estimate, .. } = entry {
+            let usable: Vec<usize> = (0..4).filter(|&i| estimate.usable.contains(i)).collect();
+            published.push((estimate.block, estimate.theta[0].to_bits(), usable));
+        }
+    }
+    // What the program that made the file wrote into its estimates.csv.
+    let mass = [95.11674652644615f64, 95.17148255605422, 95.16051984008318].map(f64::to_bits);
+    let usable = [vec![0, 1], vec![0, 1, 2], vec![0, 1, 2]];
+    for (k, estimate) in published.iter().enumerate() {
+        assert_eq!(*estimate, (k as u64 + 1, mass[k], usable[k].clone()));
+    }
+    assert_eq!(published.len(), 3);
+
+    let site = Site::new();
+    let out = site.dir.path().join("again");
+    let mut identify = site.start(Program::Thetabus, &["identify", text(&earlier), "--out", text(&out)]);
+    identify.expect_code(0);
+    assert!(identify.stdout().contains("viscous_friction"), "{}", identify.said());
+    let csv = fs::read_to_string(out.join("estimates.csv")).expect("estimates.csv");
+    assert_eq!(csv.lines().count(), 4);
+    let report = site.dir.path().join("report");
+    let mut reports = site.start(Program::Thetabus, &["report", text(&earlier), "--out", text(&report)]);
+    reports.expect_code(0);
+    assert!(report.join("report.html").exists(), "{}", reports.said());
+}

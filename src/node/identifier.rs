@@ -9,9 +9,10 @@
 //! # What is refused
 //! Each sample passes, in this order: its place in the stream (`stream.rs`), number of joints,
 //! signals, finite numbers, its time, the limit of the input's measurement, and the watch for
-//! frozen signals (`freeze.rs`). What fails is counted in [`StreamFaults`] and reaches no row. A
-//! block in which a signal was frozen is left out as a whole, because what came before the fault
-//! was noticed is spoilt, too.
+//! frozen signals (`freeze.rs`). What fails is counted in
+//! [`StreamFaults`](crate::messages::StreamFaults) and reaches no row. A block in which a signal
+//! was frozen is left out as a whole, because what came before the fault was noticed is spoilt,
+//! too.
 //!
 //! # Commands
 //! An [`Order`] takes effect at the next border between two blocks and as a whole; if no block

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! (3) is the matrix inversion lemma: what is held stays known as if it had been estimated all the
-//!     time, so that it can be set free again.
+//! time, so that it can be set free again.
 
 use crate::estimator::linalg::{Cholesky, dot};
 
@@ -153,7 +153,7 @@ impl Solver {
     }
 
     /// (2) for good: what is left of the information on the others when the parameters p have these
-    ///     values; they have no entries any more.
+    /// values; they have no entries any more.
     pub fn condition(information: &mut Information, p: &[usize], theta: &[f64]) {
         let n = information.n;
         for i in (0..n).filter(|i| !p.contains(i)) {

@@ -184,7 +184,9 @@ impl RobotModel {
     ) {
         regressors.evaluate(&self.robot, q, dq);
         let mut weight = [0.0; MAX_JOINTS];
-        self.weight(q, &mut weight[..self.robot.len()]);
+        if self.has_load {
+            regressors.weight(&self.robot.bodies, &mut weight[..self.robot.len()]);
+        }
         let mut at = 0;
         for i in 0..self.robot.len() {
             let (momentum, lagrangian) = (regressors.momentum(i), regressors.lagrangian(i));

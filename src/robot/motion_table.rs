@@ -8,9 +8,9 @@
 //! ```
 //!
 //! (2) suits motions that begin and end at rest. With points every h the position is off by 5
-//!     h⁴/384 times the largest fourth derivative, the acceleration by
-//! 3 h²/8 of it: of an acceleration at 1 Hz that is 0.15 % with points at 100 Hz. Source: C. de
-//! Boor, *A Practical Guide to Splines* (1978), chapter IV.
+//! h⁴/384 times the largest fourth derivative, the acceleration by 3 h²/8 of it: of an acceleration
+//! at 1 Hz that is 0.15 % with points at 100 Hz. Source: C. de Boor, *A Practical Guide to Splines*
+//! (1978), chapter IV.
 
 use super::log::{Drives, LogColumns, LogError, read_log, split};
 use super::state::Setpoint;

@@ -6,9 +6,9 @@
 //! ```
 //!
 //! (2) is convex in π. J₀ is a ball of the estimated mass at the estimated place. Damped Newton
-//!     steps follow γ down; coordinates that are positive by construction,
-//! such as log-Cholesky, creep along the border of the cone. Sources: P. Wensing, S. Kim, J.-J.
-//! Slotine, IEEE RA-L 3 (2018); T. Lee, P. Wensing, F. Park, IEEE T-RO 36 (2020).
+//! steps follow γ down; coordinates that are positive by construction, such as log-Cholesky, creep
+//! along the border of the cone. Sources: P. Wensing, S. Kim, J.-J. Slotine, IEEE RA-L 3 (2018); T.
+//! Lee, P. Wensing, F. Park, IEEE T-RO 36 (2020).
 
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
 use crate::model::{ball_inertia, load_at_flange};

@@ -7,9 +7,9 @@
 //! ```
 //!
 //! (1) is the information of [`identify`](super::identify), which depends on the motion alone once
-//!     the misfit of the torques is known: σ_j of a row and the factor f_j
-//! for its correlation. Both are in the result of an earlier identification; (2) is what white
-//! noise of s_j per sample every Δ makes of them.
+//! the misfit of the torques is known: σ_j of a row and the factor f_j for its correlation. Both
+//! are in the result of an earlier identification; (2) is what white noise of s_j per sample every
+//! Δ makes of them.
 
 use super::identify::RobotIdentifier;
 use super::information::{Information, Solver};

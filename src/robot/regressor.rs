@@ -15,7 +15,7 @@
 //! J_ki itself, so both are carried along. Sources: P. Hsu, M. Bodson, S. Sastry, B. Paden, ICRA
 //! 1987; M. Gautier, IROS 1997; H. Wang, Automatica 2012.
 
-use super::spatial::{BODY_PARAMETERS, Motion};
+use super::spatial::{BODY_PARAMETERS, BodyParameters, Motion};
 use super::tree::Robot;
 use crate::model::MAX_JOINTS;
 use nalgebra::Vector3;
@@ -27,6 +27,12 @@ pub struct EnergyRegressors {
     joints: usize,
     momentum: Vec<f64>,
     lagrangian: Vec<f64>,
+    /// For each body: J_ki and v_λ(i) × J_ki of the joints i on its path, bit i of `path`.
+    unit: [[Motion; MAX_JOINTS]; MAX_JOINTS],
+    turned: [[Motion; MAX_JOINTS]; MAX_JOINTS],
+    path: [u32; MAX_JOINTS],
+    /// Gravity in the frame of each body.
+    gravity: [Vector3<f64>; MAX_JOINTS],
 }
 
 impl EnergyRegressors {
@@ -37,6 +43,10 @@ impl EnergyRegressors {
             joints,
             momentum: vec![0.0; size],
             lagrangian: vec![0.0; size],
+            unit: [[Motion::default(); MAX_JOINTS]; MAX_JOINTS],
+            turned: [[Motion::default(); MAX_JOINTS]; MAX_JOINTS],
+            path: [0; MAX_JOINTS],
+            gravity: [Vector3::zeros(); MAX_JOINTS],
         }
     }
 
@@ -52,6 +62,20 @@ impl EnergyRegressors {
         &self.lagrangian[joint * width..(joint + 1) * width]
     }
 
+    /// ∂V/∂q of these bodies at the state that was evaluated last: the torques that hold them at
+    /// rest, by (4).
+    pub fn weight(&self, bodies: &[BodyParameters], weight: &mut [f64]) {
+        weight.fill(0.0);
+        for (k, body) in bodies.iter().enumerate() {
+            let (gravity, [mass, hx, hy, hz, ..]) = (&self.gravity[k], body.0);
+            let moment = Vector3::new(hx, hy, hz);
+            for i in joints_of(self.path[k], k) {
+                let unit = &self.unit[k][i];
+                weight[i] -= mass * unit.linear.dot(gravity) + moment.dot(&gravity.cross(&unit.angular)); // (4)
+            }
+        }
+    }
+
     /// Evaluates both at positions `q` \[rad or m\] and velocities `dq`; the robot must have the
     /// joints given to `new`.
     pub fn evaluate(&mut self, robot: &Robot, q: &[f64], dq: &[f64]) {
@@ -59,11 +83,13 @@ impl EnergyRegressors {
         let width = n * BODY_PARAMETERS;
         let zero = Motion::default();
         let mut velocity = [zero; MAX_JOINTS];
-        let mut gravity = [Vector3::zeros(); MAX_JOINTS];
-        // For each body: J_ki and v_λ(i) × J_ki of the joints i on its path.
-        let mut unit = [[zero; MAX_JOINTS]; MAX_JOINTS];
-        let mut turned = [[zero; MAX_JOINTS]; MAX_JOINTS];
-        let mut path = [0u32; MAX_JOINTS];
+        let Self {
+            unit,
+            turned,
+            path,
+            gravity,
+            ..
+        } = self;
         for k in 0..n {
             let joint = &robot.joints[k];
             let x = robot.placement(k, q[k]);
@@ -74,7 +100,7 @@ impl EnergyRegressors {
             };
             let before = match joint.parent {
                 Some(parent) => {
-                    for i in (0..parent + 1).filter(|i| path[parent] >> i & 1 == 1) {
+                    for i in joints_of(path[parent], parent) {
                         unit[k][i] = x.into_child(&unit[parent][i]); // (1)
                         turned[k][i] = x.into_child(&turned[parent][i]);
                     }
@@ -92,7 +118,7 @@ impl EnergyRegressors {
             unit[k][k] = axis; // (1)
             turned[k][k] = before.cross(&axis); // (3)
             let mut row = [0.0; BODY_PARAMETERS];
-            for i in (0..k + 1).filter(|i| path[k] >> i & 1 == 1) {
+            for i in joints_of(path[k], k) {
                 let at = i * width + k * BODY_PARAMETERS;
                 let (j, g) = (&unit[k][i], &gravity[k]);
                 j.momentum_row(&velocity[k], &mut row);
@@ -107,4 +133,9 @@ impl EnergyRegressors {
             }
         }
     }
+}
+
+/// The joints on a body's path, itself included.
+fn joints_of(path: u32, body: usize) -> impl Iterator<Item = usize> {
+    (0..=body).filter(move |i| path >> i & 1 == 1)
 }

@@ -9,10 +9,9 @@
 //! ```
 //!
 //! (2) is summation by parts: it is the trapezoid rule (3) for the derivative without forming one,
-//!     exact for a constant and consistent with (3)
-//! for a straight line, at irregular instants too. Both sides are divided by ∫ψ dt, so that a row
-//! is a mean torque. No acceleration is formed. Source of the weak form: A. Preisig, D. Rippin,
-//! Computers & Chemical Engineering 17 (1993).
+//! exact for a constant and consistent with (3) for a straight line, at irregular instants too.
+//! Both sides are divided by ∫ψ dt, so that a row is a mean torque. No acceleration is formed.
+//! Source of the weak form: A. Preisig, D. Rippin, Computers & Chemical Engineering 17 (1993).
 
 use super::model::RobotModel;
 use super::regressor::EnergyRegressors;
@@ -115,7 +114,9 @@ pub struct WeakRow<'a> {
 struct Window {
     center: f64,
     weight: f64,
+    /// ψ at the sample before, and the time from the one before that, 0 if it opened the window.
     last_psi: f64,
+    last_gap: f64,
     torque: [f64; MAX_JOINTS],
     rest: [f64; MAX_JOINTS],
 }
@@ -132,8 +133,11 @@ pub struct WeakRows {
     engagement: [f64; MAX_JOINTS],
     regressors: EnergyRegressors,
     last: Option<RobotSample>,
+    /// d and c of this sample, and of the one before.
     differentiated: [Vec<f64>; 2],
     direct: [Vec<f64>; 2],
+    /// d of this sample less that of the one before.
+    step: Vec<f64>,
     windows: Vec<Window>,
     sums: Vec<f64>,
     oldest: usize,
@@ -169,6 +173,7 @@ impl WeakRows {
             last: None,
             differentiated: room(),
             direct: room(),
+            step: vec![0.0; entries],
             windows: vec![Window::default(); slots],
             sums: vec![0.0; slots * entries],
             oldest: 0,
@@ -224,6 +229,10 @@ impl WeakRows {
             self.next_center = sample.t_s + 0.5 * self.options.length_s;
         } else if let Some(last) = self.last {
             self.open_until(sample.t_s);
+            let [before, now] = &self.differentiated;
+            for ((step, before), now) in self.step.iter_mut().zip(before).zip(now) {
+                *step = now - before;
+            }
             for age in 0..self.active {
                 self.add((self.oldest + age) % self.windows.len(), &last, sample, gap);
             }
@@ -255,6 +264,7 @@ impl WeakRows {
         let s = 2.0 * (sample.t_s - window.center) / self.options.length_s;
         let psi = if s.abs() < 1.0 { (1.0 - s * s).powi(4) } else { 0.0 };
         let before = std::mem::replace(&mut window.last_psi, psi);
+        let gap_before = std::mem::replace(&mut window.last_gap, gap);
         let mean = 0.5 * (before + psi); // (2)
         let (left, right) = (0.5 * gap * before, 0.5 * gap * psi); // (3)
         window.weight += left + right;
@@ -263,11 +273,12 @@ impl WeakRows {
             let resting = |x: &RobotSample| x.dq[i].abs() < self.rest_speed[i];
             window.rest[i] += if resting(last) { left } else { 0.0 } + if resting(sample) { right } else { 0.0 };
         }
+        // (3) with the terms of a sample together: it counts when the next one is there, and the last
+        // one of a window, where ψ = 0, not at all
+        let own = 0.5 * (gap_before + gap) * before;
         let sums = &mut self.sums[slot * self.entries..(slot + 1) * self.entries];
-        let [d0, d1] = &self.differentiated;
-        let [c0, c1] = &self.direct;
-        for (((sum, (d0, d1)), c0), c1) in sums.iter_mut().zip(d0.iter().zip(d1)).zip(c0).zip(c1) {
-            *sum += mean * (d1 - d0) + left * c0 + right * c1; // (1)
+        for ((sum, step), direct) in sums.iter_mut().zip(&self.step).zip(&self.direct[0]) {
+            *sum += mean * step + own * direct; // (1)
         }
     }
 

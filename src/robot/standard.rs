@@ -8,10 +8,9 @@
 //!
 //! β̂ and P are what was identified, J the pseudo-inertia of the link, J₀ that of the URDF, I the
 //! inertias of the rotors. Torques say nothing of some 40 % of π: there
-//! (1) keeps to the URDF, and if the estimate belongs to no body that can exist, to the border
-//!     of what can. The divergence in (1) is that of two densities, so that it
-//! depends neither on frames nor on units, and is convex: damped Newton steps with γ followed down
-//! need no other solver.
+//! (1) keeps to the URDF, and if the estimate belongs to no body that can exist, to the border of
+//! what can. The divergence in (1) is that of two densities, so that it depends neither on frames
+//! nor on units, and is convex: damped Newton steps with γ followed down need no other solver.
 //!
 //! Sources: P. Wensing, S. Kim, J.-J. Slotine, IEEE RA-L 3 (2018); T. Lee, P. Wensing, F. Park,
 //! IEEE T-RO 36 (2020).
@@ -57,7 +56,7 @@ pub struct StandardParameters {
 
 impl StandardParameters {
     /// (1) for estimates `theta` of a model's parameters with their covariance (row-major, as long
-    ///     as `theta` squared); base parameters come first in both.
+    /// as `theta` squared); base parameters come first in both.
     ///
     /// # Errors
     /// Nothing has been identified, numbers that are no estimate, or no body that can exist is

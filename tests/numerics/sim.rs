@@ -470,9 +470,8 @@ fn val_a_sampled_controller_approaches_the_analog_one_as_its_period_shrinks() {
 #[test]
 fn val_the_mean_voltage_over_a_cell_is_the_held_one_with_a_sampled_controller_only() {
     // (12) integrated over a cell of length h: h ū = R ∫i dt + L Δi + k_e Δq₂, the current from
-    //      (23) and (18). The trapezoid with its end
-    // correction h²/12 (i'(0) − i'(h)) leaves O(h⁵); i' at the end is the next sample's less the
-    // jump of u there over L.
+    // (23) and (18). The trapezoid with its end correction h²/12 (i'(0) − i'(h)) leaves O(h⁵); i'
+    // at the end is the next sample's less the jump of u there over L.
     let mean_voltages = |kind| -> Vec<[f64; 2]> {
         let mut options = SimOptions {
             duration_s: 0.5,

@@ -112,6 +112,18 @@ fn val_the_regressors_along_a_motion_give_the_inverse_dynamics() {
                 let error = rate - of_bodies(regressors.lagrangian(i), &robot) - tau[i];
                 assert!(error.abs() < 1e-7, "joint {i} of {}: {error:e}", robot.name);
             }
+            // At rest Newton and Euler leave the weight alone; some hundred roundings of the largest.
+            let (still, mut weight) = (vec![0.0; n], vec![0.0; n]);
+            inverse_dynamics(&robot, &robot.bodies, &q, &still, &still, &mut tau);
+            regressors.weight(&robot.bodies, &mut weight);
+            let largest = tau.iter().fold(1.0f64, |largest, tau| largest.max(tau.abs()));
+            for (i, (own, tau)) in weight.iter().zip(&tau).enumerate() {
+                assert!(
+                    (own - tau).abs() < 1e-13 * largest,
+                    "joint {i} of {}: {own} and {tau}",
+                    robot.name
+                );
+            }
         }
     }
 }

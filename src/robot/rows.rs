@@ -273,7 +273,8 @@ impl WeakRows {
             let resting = |x: &RobotSample| x.dq[i].abs() < self.rest_speed[i];
             window.rest[i] += if resting(last) { left } else { 0.0 } + if resting(sample) { right } else { 0.0 };
         }
-        // (3) with the terms of a sample together: it counts when the next one is there, and the last
+        // (3) with the terms of a sample together: it counts when the next one is there, and the
+        //     last
         // one of a window, where ψ = 0, not at all
         let own = 0.5 * (gap_before + gap) * before;
         let sums = &mut self.sums[slot * self.entries..(slot + 1) * self.entries];

@@ -7,14 +7,17 @@
 //! with K_d the kernels of the window (`kernel.rs`) and s the velocity filter. Terms that are
 //! linear in the velocity have been integrated by parts and depend on the position alone.
 
-use super::kernel::Kernels;
-use super::separation::{MAX_ORDER, Sensitivity};
-use super::theta_polynomial::Polynomial;
+use super::kernel::{Kernels, correlate};
+use super::partials::Kind;
+use super::passes::Terms;
+use super::separation::Sensitivity;
+use super::theta_polynomial::{MAX_ORDER, Polynomial};
 
 /// What the weights of one equation are made of.
 pub(super) struct ErrorWeights<'a> {
     pub kernels: &'a Kernels,
-    pub velocity_weights: &'a [f64],
+    /// Weights of the velocity filter in the reverse order: those of the transposed filter.
+    pub transposed: &'a [f64],
     pub polynomial: Option<&'a Polynomial>,
     pub sensitivity: &'a Sensitivity,
     /// Highest derivative of the equation's terms.
@@ -23,15 +26,10 @@ pub(super) struct ErrorWeights<'a> {
 
 /// ∂g_d/∂q̇ of the terms that are linear in the velocity of a joint, which enter by way of the
 /// position.
-pub(super) fn linear_in_velocity(
-    polynomial: Option<&Polynomial>,
-    joint: usize,
-    velocity: bool,
-    theta: &[f64],
-) -> [f64; MAX_ORDER + 1] {
+pub(super) fn linear_in_velocity(polynomial: Option<&Polynomial>, kind: Kind, theta: &[f64]) -> Terms {
     let mut linear = [0.0; MAX_ORDER + 1];
-    if let (true, Some(polynomial)) = (velocity, polynomial) {
-        for term in polynomial.velocity.iter().filter(|term| term.joint == joint) {
+    if let (true, Some(polynomial)) = (kind.velocity, polynomial) {
+        for term in polynomial.velocity.iter().filter(|term| term.joint == kind.joint) {
             linear[term.derivative] += polynomial.monomials[term.monomial].value(theta) * term.coefficient;
         }
     }
@@ -39,7 +37,8 @@ pub(super) fn linear_in_velocity(
 }
 
 /// The slopes of the nonlinear terms; a kink or a pole of the model must not spoil the weights.
-pub(super) fn nonlinear(mut slopes: [f64; MAX_ORDER + 1], linear: &[f64; MAX_ORDER + 1]) -> [f64; MAX_ORDER + 1] {
+#[inline]
+pub(super) fn nonlinear(mut slopes: Terms, linear: &Terms) -> Terms {
     for (slope, linear) in slopes.iter_mut().zip(linear) {
         *slope = if slope.is_finite() { *slope - linear } else { 0.0 };
     }
@@ -49,15 +48,28 @@ pub(super) fn nonlinear(mut slopes: [f64; MAX_ORDER + 1], linear: &[f64; MAX_ORD
 impl ErrorWeights<'_> {
     /// Positions per joint that a row depends on.
     pub fn support(&self) -> usize {
-        2 * (self.kernels.half + self.velocity_weights.len() / 2) + 1
+        2 * (self.kernels.half + self.transposed.len() / 2) + 1
     }
 
-    /// Writes c, joint after joint. `slopes(joint, velocity, k)` are [the nonlinear
-    /// ones](nonlinear) at sample k of the window.
-    pub fn write(&self, theta: &[f64], slopes: impl Fn(usize, bool, usize) -> [f64; MAX_ORDER + 1], c: &mut [f64]) {
+    /// Room that [`write`](Self::write) needs: a window between two filters.
+    pub fn room(kernels: &Kernels, velocity_half: usize) -> usize {
+        2 * kernels.half + 1 + 4 * velocity_half
+    }
+
+    /// Writes c, joint after joint. `slopes(kind, d)` are [the nonlinear ones](nonlinear) at the
+    /// samples of the window, `scratch` has [room](Self::room).
+    pub fn write<'s>(
+        &self,
+        theta: &[f64],
+        slopes: impl Fn(Kind, usize) -> &'s [f64],
+        scratch: &mut [f64],
+        c: &mut [f64],
+    ) {
         let (kernels, support) = (self.kernels, self.support());
-        let velocity_half = self.velocity_weights.len() / 2;
+        let velocity_half = self.transposed.len() / 2;
+        let window = 2 * velocity_half..2 * velocity_half + 2 * kernels.half + 1;
         c.fill(0.0);
+        scratch.fill(0.0);
         if let Some(polynomial) = self.polynomial {
             for term in &polynomial.velocity {
                 let factor = polynomial.monomials[term.monomial].value(theta) * term.coefficient;
@@ -67,23 +79,24 @@ impl ErrorWeights<'_> {
                 }
             }
         }
-        let sum = |slopes: &[f64; MAX_ORDER + 1], k: usize| -> f64 {
-            (0..=self.order).map(|d| kernels.position[d][k] * slopes[d]).sum()
-        };
-        for &joint in &self.sensitivity.position {
-            let own = &mut c[joint * support + velocity_half..];
-            for (k, c) in own.iter_mut().take(2 * kernels.half + 1).enumerate() {
-                *c += sum(&slopes(joint, false, k), k);
-            }
-        }
-        for &joint in &self.sensitivity.velocity {
-            let own = &mut c[joint * support..(joint + 1) * support];
-            for k in 0..=2 * kernels.half {
-                let at_k = sum(&slopes(joint, true, k), k);
-                // the transposed velocity filter
-                for (c, weight) in own[k..].iter_mut().zip(self.velocity_weights) {
-                    *c += weight * at_k;
+        for &kind in &self.sensitivity.kinds {
+            // Σ_d K_d ∂g_d/∂x
+            let within = &mut scratch[window.clone()];
+            within.fill(0.0);
+            for d in 0..=self.order {
+                let slopes = slopes(kind, d).iter().zip(&kernels.position[d]);
+                for (sum, (slope, weight)) in within.iter_mut().zip(slopes) {
+                    *sum += weight * slope;
                 }
+            }
+            let own = &mut c[kind.joint * support..(kind.joint + 1) * support];
+            if kind.velocity {
+                correlate(self.transposed, scratch, own);
+            } else {
+                own[velocity_half..]
+                    .iter_mut()
+                    .zip(within)
+                    .for_each(|(c, sum)| *c += *sum);
             }
         }
     }

@@ -31,8 +31,9 @@ const RATE: f64 = 2e-5;
 const ROUNDING_NS: f64 = 2.0;
 /// Samples that grid values are made of.
 const STENCIL: usize = 6;
-/// Samples kept.
+/// Samples kept, and room for them: they are moved to the front once in a while.
 const KEPT: usize = 12;
+const ROOM: usize = 4 * KEPT;
 
 /// A sample as it came, at `x` periods on the grid.
 #[derive(Debug, Clone, Copy)]
@@ -64,7 +65,8 @@ pub(super) struct Intake {
     period_ns: f64,
     timing: InputTiming,
     joints: usize,
-    raw: [Raw; KEPT],
+    /// The first `len` are in use, the last [`KEPT`] of them count.
+    raw: [Raw; ROOM],
     len: usize,
     /// The next grid number to be given.
     next: i64,
@@ -83,7 +85,7 @@ impl Intake {
             period_ns: period_s * 1e9,
             timing,
             joints,
-            raw: [raw; KEPT],
+            raw: [raw; ROOM],
             len: 0,
             next: 0,
             first: true,
@@ -104,31 +106,35 @@ impl Intake {
             q: sample.q,
             u: sample.input,
         };
-        let Some(last) = self.len.checked_sub(1).map(|at| self.raw[at]) else {
+        let last = self.len.checked_sub(1).map(|at| (self.raw[at].x, self.raw[at].t_ns));
+        let Some((last_x, last_ns)) = last else {
             self.begin(new, (t_ns as f64 / self.period_ns).round() as i64);
             return None;
         };
-        let periods = (t_ns as f64 - last.t_ns as f64) / self.period_ns;
+        let periods = (t_ns as f64 - last_ns as f64) / self.period_ns;
         if !(periods > 0.0 && periods < BRIDGED as f64 + 1.5) {
             // a long hole, or a clock that went back
-            let number = (last.x + periods.max(1.0)).round() as i64;
+            let number = (last_x + periods.max(1.0)).round() as i64;
             self.begin(new, number.max(self.next));
             return None;
         }
-        new.x = last.x + periods;
+        new.x = last_x + periods;
         let on_grid = new.x.round();
-        if (new.x - on_grid).abs() <= RATE * periods + ROUNDING_NS / self.period_ns && on_grid > last.x {
+        if (new.x - on_grid).abs() <= RATE * periods + ROUNDING_NS / self.period_ns && on_grid > last_x {
             new.x = on_grid;
         }
-        if self.len == KEPT {
-            self.raw.copy_within(1.., 0);
-            self.len -= 1;
+        if self.len == ROOM {
+            self.raw.copy_within(ROOM - KEPT + 1.., 0);
+            self.len = KEPT - 1;
         }
         self.raw[self.len] = new;
         self.len += 1;
         let share = self.next as f64 - new.x;
         let within_last = self.timing == InputTiming::Held && share > 0.0;
-        within_last.then(|| std::array::from_fn(|j| share * (new.u[j] - last.u[j])))
+        within_last.then(|| {
+            let last = &self.raw[self.len - 2];
+            std::array::from_fn(|j| share * (new.u[j] - last.u[j]))
+        })
     }
 
     fn begin(&mut self, mut new: Raw, number: i64) {
@@ -139,11 +145,11 @@ impl Intake {
 
     /// The next grid value that the samples so far determine.
     pub fn next(&mut self) -> Option<GridSample> {
-        let raw = &self.raw[..self.len];
+        let raw = &self.raw[self.len.saturating_sub(KEPT)..self.len];
         let x = self.next as f64;
         // first sample behind the grid instant, or at it
-        let behind = raw.iter().position(|r| r.x >= x)?;
-        let right = &raw[behind];
+        let behind = raw.iter().rposition(|r| r.x < x).map_or(0, |before| before + 1);
+        let right = raw.get(behind)?;
         let mut grid = GridSample {
             number: self.next,
             t_ns: right.t_ns,
@@ -155,7 +161,7 @@ impl Intake {
         };
         if right.x == x {
             if self.timing == InputTiming::Held {
-                self.hold(behind, &mut grid.u);
+                self.hold(&raw[behind..], &mut grid.u);
             }
         } else {
             // the first sample of a stretch lies on the grid, so there is one before, unless the
@@ -188,7 +194,7 @@ impl Intake {
                 }
                 if self.timing == InputTiming::Held {
                     grid.u = left.u;
-                    self.hold(behind - 1, &mut grid.u);
+                    self.hold(&raw[behind - 1..], &mut grid.u);
                 }
                 grid.gain = (nodes[STENCIL - 1] - nodes[0]) / (STENCIL - 1) as f64;
             }
@@ -199,10 +205,10 @@ impl Intake {
     }
 
     /// The mean of a held input over the cell from the next grid instant on, as far as it is known;
-    /// sample `at` is the last at or before the instant.
-    fn hold(&self, at: usize, u: &mut [f64; MAX_JOINTS]) {
+    /// the first of `raw` is the last sample at or before the instant.
+    fn hold(&self, raw: &[Raw], u: &mut [f64; MAX_JOINTS]) {
         let end = self.next as f64 + 1.0;
-        for pair in self.raw[at..self.len].windows(2) {
+        for pair in raw.windows(2) {
             let share = end - pair[1].x;
             if share <= 0.0 {
                 break;

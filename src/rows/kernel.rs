@@ -230,9 +230,44 @@ pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
     ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7])) + rest
 }
 
+/// y_n += Σ_i w_i x_{n+i}, summed in the order of i; x is as long as that needs, w at least 1.
+#[inline]
+pub(super) fn correlate(w: &[f64], x: &[f64], y: &mut [f64]) {
+    const LANES: usize = 8;
+    let mut ys = y.chunks_exact_mut(LANES);
+    let mut first = 0;
+    for y in ys.by_ref() {
+        let mut sums = [0.0; LANES];
+        sums.copy_from_slice(y);
+        for (w, x) in w.iter().zip(x[first..].windows(LANES)) {
+            for lane in 0..LANES {
+                sums[lane] += w * x[lane];
+            }
+        }
+        y.copy_from_slice(&sums);
+        first += LANES;
+    }
+    for (y, x) in ys.into_remainder().iter_mut().zip(x[first..].windows(w.len())) {
+        *y = w.iter().zip(x).fold(*y, |sum, (w, x)| sum + w * x);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn val_a_correlation_is_the_sum_that_it_stands_for() {
+        let w = [0.3, -1.2, 0.7];
+        for len in [1usize, 7, 8, 9, 21] {
+            let x: Vec<f64> = (0..len + 2).map(|k| (k as f64).sin()).collect();
+            let mut y: Vec<f64> = (0..len).map(|k| k as f64).collect();
+            correlate(&w, &x, &mut y);
+            for (n, y) in y.iter().enumerate() {
+                assert_eq!(*y, ((n as f64 + w[0] * x[n]) + w[1] * x[n + 1]) + w[2] * x[n + 2]);
+            }
+        }
+    }
 
     #[test]
     fn val_derivatives_of_polynomials_are_exact_for_short_and_long_windows() {

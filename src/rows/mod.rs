@@ -11,6 +11,8 @@ mod kernel;
 mod mended_signal;
 mod neighbours;
 mod noise;
+mod partials;
+mod passes;
 mod pointwise;
 mod polynomial;
 mod probes;

@@ -31,7 +31,7 @@ pub(super) fn inflation(velocity: f64, acceleration: f64) -> f64 {
         .map(|n| {
             let n = n as f64;
             let cycles = n * velocity;
-            let beat = (cycles - cycles.round())
+            let beat = (cycles - nearest_integer(cycles))
                 .abs()
                 .max(0.5 * (n * acceleration.abs()).sqrt());
             (BEAT / beat).min(LIMIT) / (n * n)
@@ -39,9 +39,27 @@ pub(super) fn inflation(velocity: f64, acceleration: f64) -> f64 {
         .fold(1.0, f64::max)
 }
 
+/// The nearest integer, ties to even, without a call of the maths library: beyond 2^52 a number has
+/// no digits behind the point, and what is added is taken away again.
+#[inline]
+fn nearest_integer(x: f64) -> f64 {
+    const SHIFT: f64 = 6_755_399_441_055_744.0; // 3/2 · 2^52
+    (x + SHIFT) - SHIFT
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn val_the_nearest_integer_is_that_of_the_library() {
+        for k in -4000..4000 {
+            let x = f64::from(k) * 0.12345 + 1e-7;
+            assert_eq!(nearest_integer(x), x.round());
+        }
+        assert_eq!(nearest_integer(1e15), 1e15);
+        assert!(nearest_integer(f64::NAN).is_nan());
+    }
 
     #[test]
     fn prop_only_slow_beats_raise_the_variance() {

@@ -6,7 +6,9 @@
 //!
 //! Terms that are polynomials in θ of degree 2 at most, which the arm's and the servo axis' are,
 //! can be projected before θ is known: only the a and b are, and a row is a handful of products at
-//! any θ. The coefficients are derivatives in θ at θ = 0 and come from hyper-dual numbers, exactly.
+//! any θ. The coefficients are derivatives in θ at θ = 0 and come from hyper-dual numbers, exactly;
+//! sample by sample, fewer evaluations at other θ give the same ones (`passes.rs`). The b that
+//! differ are the features of a sample; a term that stands with two monomials is evaluated once.
 //! Parts that are a constant times a velocity need no velocity: integrated by parts once more they
 //! need the position.
 //!
@@ -14,50 +16,22 @@
 //! coefficients that are zero at all of them are zero. Terms that are not such polynomials are
 //! evaluated anew at each θ, which costs more.
 
+use super::partials::{Kind, Partials};
+use super::passes::{Pass, Terms, Wanted, coefficient, plan, terms};
 use super::probes::{Probe, probes};
 use super::theta_polynomial::{FeatureTerm, Monomial, Polynomial, VelocityTerm};
-use crate::model::{MAX_JOINTS, MAX_PARAMS, Plant};
-use num_dual::{Dual64, HyperDual64};
+use crate::model::{MAX_JOINTS, Plant};
+use std::ops::Range;
 
-/// One more than the highest derivative d of a term: linear terms are integrated by parts once
-/// more.
-pub(super) const MAX_ORDER: usize = 3;
 /// Agreement that counts as equal: some hundred roundings.
 const EQUAL: f64 = 1e-10;
-
-/// Which derivative of a hyper-dual evaluation is a feature.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Part {
-    Value,
-    First,
-    Second,
-    Mixed,
-    /// θ_i²: half the second derivative.
-    HalfMixed,
-}
-
-/// One hyper-dual evaluation of an equation and what is taken from it.
-#[derive(Debug, Clone)]
-struct Pass {
-    equation: usize,
-    seeds: [usize; 2],
-    takes: Vec<(Part, usize, usize)>,
-}
 
 /// Signals that the remaining, nonlinear part of an equation depends on; for the propagation of
 /// sensor noise.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sensitivity {
-    pub position: Vec<usize>,
-    pub velocity: Vec<usize>,
-}
-
-impl Sensitivity {
-    /// Joints with the kind of their signal, true for the velocity.
-    pub fn kinds(&self) -> impl Iterator<Item = (usize, bool)> + '_ {
-        let positions = self.position.iter().map(|&joint| (joint, false));
-        positions.chain(self.velocity.iter().map(|&joint| (joint, true)))
-    }
+    /// Positions first.
+    pub kinds: Vec<Kind>,
 }
 
 /// The plant's equations taken apart.
@@ -71,75 +45,6 @@ pub(super) struct Separation {
     passes: Vec<Pass>,
 }
 
-type Terms = [f64; MAX_ORDER + 1];
-
-fn values(plant: &impl Plant, equation: usize, q: &[f64], dq: &[f64], theta: &[f64]) -> Terms {
-    let mut g = [0.0; MAX_ORDER + 1];
-    let order = plant.equations()[equation].order;
-    plant.terms::<f64>(equation, q, dq, theta, &mut g[..=order]);
-    g
-}
-
-/// Hyper-dual evaluation at θ = 0, seeded in two parameters.
-fn hyper(
-    plant: &impl Plant,
-    equation: usize,
-    q: &[f64; MAX_JOINTS],
-    dq: &[f64; MAX_JOINTS],
-    seeds: [usize; 2],
-) -> [HyperDual64; MAX_ORDER + 1] {
-    let zero = HyperDual64::from_re(0.0);
-    let joints = plant.joints();
-    let params = plant.parameters().len();
-    let mut dual_q = [zero; MAX_JOINTS];
-    let mut dual_dq = [zero; MAX_JOINTS];
-    for joint in 0..joints {
-        dual_q[joint].re = q[joint];
-        dual_dq[joint].re = dq[joint];
-    }
-    let mut theta = [zero; MAX_PARAMS];
-    theta[seeds[0]].eps1 = 1.0;
-    theta[seeds[1]].eps2 = 1.0;
-    let mut g = [zero; MAX_ORDER + 1];
-    let order = plant.equations()[equation].order;
-    plant.terms(
-        equation,
-        &dual_q[..joints],
-        &dual_dq[..joints],
-        &theta[..params],
-        &mut g[..=order],
-    );
-    g
-}
-
-fn part(value: &HyperDual64, part: Part) -> f64 {
-    match part {
-        Part::Value => value.re,
-        Part::First => value.eps1,
-        Part::Second => value.eps2,
-        Part::Mixed => value.eps1eps2,
-        Part::HalfMixed => 0.5 * value.eps1eps2,
-    }
-}
-
-/// The coefficient function of a monomial, all d.
-fn coefficient(
-    plant: &impl Plant,
-    equation: usize,
-    monomial: Monomial,
-    q: &[f64; MAX_JOINTS],
-    dq: &[f64; MAX_JOINTS],
-) -> Terms {
-    let own = plant.equations()[equation].parameters.clone();
-    let (seeds, take) = match monomial {
-        Monomial::One => ([own.start, own.start], Part::Value),
-        Monomial::Linear(i) => ([i, i], Part::First),
-        Monomial::Product(i, j) if i == j => ([i, j], Part::HalfMixed),
-        Monomial::Product(i, j) => ([i, j], Part::Mixed),
-    };
-    hyper(plant, equation, q, dq, seeds).map(|g| part(&g, take))
-}
-
 impl Separation {
     /// Takes the plant apart.
     pub fn new(plant: &impl Plant) -> Self {
@@ -149,17 +54,26 @@ impl Separation {
             features: 0,
             passes: Vec::new(),
         };
-        let probes = probes(plant);
+        let (probes, mut seen) = (probes(plant), Vec::new());
         for equation in 0..plant.equations().len() {
-            let polynomial = separation.polynomial(plant, equation, &probes);
+            let polynomial = separation.polynomial(plant, equation, &probes, &mut seen);
             let sensitivity = sensitivity(plant, equation, polynomial.as_ref(), &probes);
             separation.equations.push(polynomial);
             separation.sensitivities.push(sensitivity);
         }
+        separation.features = seen.len();
         separation
     }
 
-    fn polynomial(&mut self, plant: &impl Plant, equation: usize, probes: &[Probe]) -> Option<Polynomial> {
+    /// Takes an equation apart; `seen` are the features so far, at every probe. Coefficient
+    /// functions that agree at all of them to the last bit are one feature.
+    fn polynomial(
+        &mut self,
+        plant: &impl Plant,
+        equation: usize,
+        probes: &[Probe],
+        seen: &mut Vec<Vec<f64>>,
+    ) -> Option<Polynomial> {
         let form = &plant.equations()[equation];
         let own = form.parameters.clone();
         if own.is_empty() {
@@ -182,13 +96,7 @@ impl Separation {
             })
             .collect();
         for (n, probe) in probes.iter().enumerate() {
-            let exact = values(
-                plant,
-                equation,
-                &probe.q[..plant.joints()],
-                &probe.dq[..plant.joints()],
-                &probe.theta,
-            );
+            let exact = terms(plant, equation, &probe.q, &probe.dq, &probe.theta);
             for d in 0..=form.order {
                 let parts = table.iter().map(|(m, at)| m.value(&probe.theta) * at[n][d]);
                 let (sum, size) = parts.fold((0.0, 0.0), |(sum, size), x| (sum + x, size + x.abs()));
@@ -200,13 +108,15 @@ impl Separation {
         }
 
         let mut polynomial = Polynomial::default();
-        // (monomial, derivative) pairs that need a feature
-        let mut wanted: Vec<(Monomial, usize, usize)> = Vec::new();
+        // coefficient functions that are not zero, and those of them that need a feature
+        let mut present: Vec<(Monomial, usize)> = Vec::new();
+        let mut wanted: Vec<Wanted> = Vec::new();
         for (monomial, at) in &table {
             for d in 0..=form.order {
                 if at.iter().all(|g| g[d] == 0.0) {
                     continue;
                 }
+                present.push((*monomial, d));
                 let index = polynomial
                     .monomials
                     .iter()
@@ -231,68 +141,41 @@ impl Separation {
                                 }),
                         );
                 } else {
+                    let values: Vec<f64> = at.iter().map(|g| g[d]).collect();
+                    let feature = seen.iter().position(|other| *other == values).unwrap_or_else(|| {
+                        wanted.push(Wanted {
+                            monomial: *monomial,
+                            derivative: d,
+                            feature: seen.len(),
+                        });
+                        seen.push(values);
+                        seen.len() - 1
+                    });
                     polynomial.features.push(FeatureTerm {
                         monomial: index,
                         derivative: d,
-                        feature: self.features,
+                        feature,
                     });
-                    wanted.push((*monomial, d, self.features));
-                    self.features += 1;
                 }
             }
         }
-        self.plan(equation, own.start, wanted);
+        let passes = plan(equation, plant.parameters().len(), &present, wanted);
+        self.passes.extend(passes);
         Some(polynomial)
     }
 
-    /// Few evaluations for many features: each gives a product, both its factors and the constant.
-    fn plan(&mut self, equation: usize, first: usize, mut wanted: Vec<(Monomial, usize, usize)>) {
-        while let Some(&(monomial, ..)) = wanted
-            .iter()
-            .max_by_key(|(m, ..)| u8::from(matches!(m, Monomial::Product(..))))
-        {
-            let seeds = match monomial {
-                Monomial::Product(i, j) => [i, j],
-                Monomial::Linear(i) => {
-                    let other = wanted.iter().find_map(|(m, ..)| match m {
-                        Monomial::Linear(j) if *j != i => Some(*j),
-                        _ => None,
-                    });
-                    [i, other.unwrap_or(i)]
-                }
-                Monomial::One => [first, first],
-            };
-            let mut takes = Vec::new();
-            wanted.retain(|&(m, d, feature)| {
-                let part = match m {
-                    Monomial::One => Part::Value,
-                    Monomial::Linear(i) if i == seeds[0] => Part::First,
-                    Monomial::Linear(i) if i == seeds[1] => Part::Second,
-                    Monomial::Product(i, j) if [i, j] == seeds && i == j => Part::HalfMixed,
-                    Monomial::Product(i, j) if [i, j] == seeds => Part::Mixed,
-                    _ => return true,
-                };
-                takes.push((part, d, feature));
-                false
-            });
-            self.passes.push(Pass { equation, seeds, takes });
-        }
-    }
-
-    /// Writes the features of a sample, `put(feature, value)`.
+    /// Writes the features of samples, `put(feature, at, value)`, where `signals(joint, at)` are
+    /// (q, q̇).
     #[inline]
     pub fn extract(
         &self,
         plant: &impl Plant,
-        q: &[f64; MAX_JOINTS],
-        dq: &[f64; MAX_JOINTS],
-        mut put: impl FnMut(usize, f64),
+        samples: Range<usize>,
+        signals: impl Fn(usize, usize) -> (f64, f64),
+        mut put: impl FnMut(usize, usize, f64),
     ) {
         for pass in &self.passes {
-            let g = hyper(plant, pass.equation, q, dq, pass.seeds);
-            for &(take, d, feature) in &pass.takes {
-                put(feature, part(&g[d], take));
-            }
+            pass.evaluate(plant, samples.clone(), &signals, &mut put);
         }
     }
 }
@@ -320,72 +203,29 @@ fn constant_slopes(
     (linear && slopes.iter().any(|a| *a != 0.0)).then_some(slopes)
 }
 
-/// Partial derivatives of an equation's terms in the position and velocity of one joint at θ,
-/// `(∂g/∂q, ∂g/∂q̇)` for each d.
-#[inline]
-pub(super) fn partials(
-    plant: &impl Plant,
-    equation: usize,
-    q: &[f64; MAX_JOINTS],
-    dq: &[f64; MAX_JOINTS],
-    theta: &[f64],
-    joint: usize,
-    velocity: bool,
-) -> Terms {
-    let zero = Dual64::from_re(0.0);
-    let joints = plant.joints();
-    let mut dual_q = [zero; MAX_JOINTS];
-    let mut dual_dq = [zero; MAX_JOINTS];
-    for j in 0..joints {
-        dual_q[j].re = q[j];
-        dual_dq[j].re = dq[j];
-    }
-    if velocity {
-        dual_dq[joint].eps = 1.0;
-    } else {
-        dual_q[joint].eps = 1.0;
-    }
-    let mut dual_theta = [zero; MAX_PARAMS];
-    for (dual, &value) in dual_theta.iter_mut().zip(theta) {
-        dual.re = value;
-    }
-    let mut g = [zero; MAX_ORDER + 1];
-    let order = plant.equations()[equation].order;
-    plant.terms(
-        equation,
-        &dual_q[..joints],
-        &dual_dq[..joints],
-        &dual_theta[..theta.len()],
-        &mut g[..=order],
-    );
-    g.map(|g| g.eps)
-}
-
 fn sensitivity(plant: &impl Plant, equation: usize, polynomial: Option<&Polynomial>, probes: &[Probe]) -> Sensitivity {
     let order = plant.equations()[equation].order;
-    let mut found = Sensitivity::default();
-    for joint in 0..plant.joints() {
-        let depends = |velocity: bool| {
-            probes.iter().any(|probe| {
-                let mut slopes = partials(plant, equation, &probe.q, &probe.dq, &probe.theta, joint, velocity);
-                let size = slopes.map(f64::abs);
-                if let (true, Some(polynomial)) = (velocity, polynomial) {
-                    for term in polynomial.velocity.iter().filter(|term| term.joint == joint) {
-                        let m = polynomial.monomials[term.monomial].value(&probe.theta);
-                        slopes[term.derivative] -= m * term.coefficient;
-                    }
+    let depends = |kind: &Kind| {
+        probes.iter().any(|probe| {
+            let mut partials = Partials::new(plant, equation, &probe.theta, &[*kind]);
+            let [mut slopes, _] = partials.at(|joint| (probe.q[joint], probe.dq[joint]));
+            let size = slopes.map(f64::abs);
+            if let (true, Some(polynomial)) = (kind.velocity, polynomial) {
+                for term in polynomial.velocity.iter().filter(|term| term.joint == kind.joint) {
+                    let m = polynomial.monomials[term.monomial].value(&probe.theta);
+                    slopes[term.derivative] -= m * term.coefficient;
                 }
-                (0..=order).any(|d| slopes[d].abs() > EQUAL * size[d])
-            })
-        };
-        if depends(false) {
-            found.position.push(joint);
-        }
-        if depends(true) {
-            found.velocity.push(joint);
-        }
+            }
+            (0..=order).any(|d| slopes[d].abs() > EQUAL * size[d])
+        })
+    };
+    let kinds = [false, true].into_iter().flat_map(|velocity| {
+        let joints = 0..plant.joints();
+        joints.map(move |joint| Kind { joint, velocity })
+    });
+    Sensitivity {
+        kinds: kinds.filter(depends).collect(),
     }
-    found
 }
 
 #[cfg(test)]
@@ -405,22 +245,13 @@ mod tests {
         // θ₈ q̇₂, θ₇θ₉ q̇₂, θ₆θ₉ q̇₂; centrifugal and weight, each with θ₇ and θ₆
         assert_eq!(joint_2.velocity.len(), 3);
         assert_eq!(joint_2.features.len(), 4);
-        assert_eq!(separation.features, 6);
-        assert_eq!(separation.passes.len(), 3);
-        assert_eq!(
-            (
-                separation.sensitivities[0].position.as_slice(),
-                separation.sensitivities[0].velocity.as_slice()
-            ),
-            (&[1][..], &[0][..])
-        );
-        assert_eq!(
-            (
-                separation.sensitivities[1].position.as_slice(),
-                separation.sensitivities[1].velocity.as_slice()
-            ),
-            (&[1][..], &[0][..])
-        );
+        // 3 cos²q₂ q̇₁, the centrifugal term and the weight, each twice
+        assert_eq!(separation.features, 3);
+        assert_eq!(separation.passes.len(), 2);
+        for sensitivity in &separation.sensitivities {
+            let kinds = sensitivity.kinds.iter().map(|kind| (kind.joint, kind.velocity));
+            assert_eq!(kinds.collect::<Vec<_>>(), [(1, false), (0, true)]);
+        }
     }
 
     #[test]
@@ -436,10 +267,11 @@ mod tests {
             }
             let theta: Vec<f64> = (0..9).map(|_| random.signed(30.0)).collect();
             let mut features = vec![0.0; separation.features];
-            separation.extract(&plant, &q, &dq, |feature, value| features[feature] = value);
+            let signals = |joint: usize, _: usize| (q[joint], dq[joint]);
+            separation.extract(&plant, 0..1, signals, |feature, _, value| features[feature] = value);
             for (e, polynomial) in separation.equations.iter().enumerate() {
                 let polynomial = polynomial.as_ref().unwrap();
-                let exact = values(&plant, e, &q[..2], &dq[..2], &theta);
+                let exact = terms(&plant, e, &q, &dq, &theta);
                 for d in 0..=2 {
                     let mut sum = 0.0;
                     for term in polynomial.velocity.iter().filter(|t| t.derivative == d) {

@@ -41,6 +41,8 @@ const CLUSTER: usize = 40;
 /// Finds spikes, with room for it.
 #[derive(Debug, Clone)]
 pub(super) struct SpikeFinder {
+    /// |r| of a region, and some of them in another order.
+    rough: Vec<f64>,
     scratch: Vec<f64>,
     marked: Vec<usize>,
 }
@@ -49,6 +51,7 @@ impl SpikeFinder {
     /// Room for signals of `capacity` samples.
     pub fn new(capacity: usize) -> Self {
         Self {
+            rough: vec![0.0; capacity],
             scratch: Vec::with_capacity(capacity),
             marked: Vec::with_capacity(capacity),
         }
@@ -75,9 +78,10 @@ impl SpikeFinder {
         if region.len() < 16 {
             return false;
         }
-        let scratch = &mut self.scratch;
+        let (rough, scratch) = (&mut self.rough[..region.len()], &mut self.scratch);
+        roughness(x, &region, rough);
         scratch.clear();
-        scratch.extend(region.clone().step_by(5).map(|k| roughness(x, k)).filter(|v| *v > 0.0));
+        scratch.extend(rough.iter().step_by(5).filter(|v| **v > 0.0));
         let mut spread = GAIN * std;
         if scratch.len() >= 30 {
             let middle = scratch.len() / 2;
@@ -88,8 +92,11 @@ impl SpikeFinder {
             return false;
         }
         let threshold = SPIKE * spread;
+        let is_rough = |k: usize| rough[k - region.start] > threshold;
         let mut search = Search {
             x,
+            rough,
+            region: &region,
             signal,
             stretch,
             threshold,
@@ -98,13 +105,10 @@ impl SpikeFinder {
         let mut doubted = false;
         let most = region.len() / 20 + 2;
         let mut k = region.start;
-        while k < region.end {
-            if roughness(x, k) <= threshold {
-                k += 1;
-                continue;
-            }
-            let (first, mut last) = (k, k);
-            while let Some(next) = (last + 1..(last + 4).min(region.end)).find(|&i| roughness(x, i) > threshold) {
+        while let Some(ahead) = rough[k - region.start..].iter().position(|r| !(*r <= threshold)) {
+            let first = k + ahead;
+            let mut last = first;
+            while let Some(next) = (last + 1..(last + 4).min(region.end)).find(|&i| is_rough(i)) {
                 last = next;
             }
             k = last + 1;
@@ -131,6 +135,9 @@ impl SpikeFinder {
 /// The search in one stretch of a signal.
 struct Search<'a> {
     x: &'a [f64],
+    /// |r| of the samples of a region.
+    rough: &'a [f64],
+    region: &'a Range<usize>,
     signal: &'a mut MendedSignal,
     stretch: &'a Range<usize>,
     /// r from which on a sample is looked at.
@@ -153,7 +160,7 @@ impl Search<'_> {
             let largest = cluster
                 .clone()
                 .filter(|&at| !self.signal.bad[at])
-                .max_by(|a, b| roughness(self.x, *a).total_cmp(&roughness(self.x, *b)));
+                .max_by(|a, b| self.roughness(*a).total_cmp(&self.roughness(*b)));
             let Some(largest) = largest else {
                 return (false, true);
             };
@@ -239,6 +246,11 @@ impl Search<'_> {
         doubted
     }
 
+    /// |r| of a sample of the region.
+    fn roughness(&self, k: usize) -> f64 {
+        self.rough[k - self.region.start]
+    }
+
     /// How far a sample is off the robust straight line of its neighbours, less what they
     /// themselves are off it.
     fn off_trend(&self, at: usize) -> f64 {
@@ -274,10 +286,14 @@ impl Search<'_> {
     }
 }
 
-/// |r_k|: how far a sample is off the curve through its neighbours.
-fn roughness(x: &[f64], k: usize) -> f64 {
-    let sum = 15.0 * (x[k - 1] + x[k + 1]) - 6.0 * (x[k - 2] + x[k + 2]) + (x[k - 3] + x[k + 3]);
-    (x[k] - 0.05 * sum).abs()
+/// |r_k| of the samples of a region: how far each is off the curve through its neighbours.
+fn roughness(x: &[f64], region: &Range<usize>, rough: &mut [f64]) {
+    // x_{k−3}, …, x_{k+3}
+    let [a, b, c, d, e, f, g] = [0, 1, 2, 3, 4, 5, 6].map(|n| &x[region.start - 3 + n..][..region.len()]);
+    for (k, r) in rough.iter_mut().enumerate() {
+        let sum = 15.0 * (c[k] + e[k]) - 6.0 * (b[k] + f[k]) + (a[k] + g[k]);
+        *r = (d[k] - 0.05 * sum).abs();
+    }
 }
 
 fn median(values: &mut [f64]) -> f64 {

@@ -4,6 +4,10 @@
 //! g_d(q, q̇; θ) = Σ_m μ_m(θ) [Σ_j a_{d,m,j} q̇_j + b_{d,m}(q, q̇)]        μ_m ∈ {1, θ_i, θ_i θ_j}
 //! ```
 
+/// One more than the highest derivative d of a term: linear terms are integrated by parts once
+/// more.
+pub(super) const MAX_ORDER: usize = 3;
+
 /// μ: 1, θ_i or θ_i θ_j, indices among all parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Monomial {

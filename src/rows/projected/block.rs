@@ -7,8 +7,8 @@ use super::projection::Projection;
 use super::sensor_noise::SensorNoise;
 use crate::estimator::Residuals;
 use crate::model::{JointSample, Plant};
-use crate::rows::separation::MAX_ORDER;
 use crate::rows::suspects::Suspect;
+use crate::rows::theta_polynomial::MAX_ORDER;
 use crate::rows::{SampleBlock, structure};
 
 /// A block of samples as projected rows, see the module's head.

@@ -12,19 +12,21 @@ use super::input_jumps::within;
 use super::measured::MeasuredBlock;
 use super::sample_noise::EXACT;
 use super::windows::Window;
-use crate::model::{MAX_JOINTS, Plant};
+use crate::model::Plant;
 use crate::rows::error_weights::{ErrorWeights, linear_in_velocity, nonlinear};
 use crate::rows::kernel::dot;
+use crate::rows::partials::{Kind, LANES, Partials};
 use crate::rows::rounding;
-use crate::rows::separation::{MAX_ORDER, partials};
 use crate::rows::suspects::SuspectColumns;
+use crate::rows::theta_polynomial::MAX_ORDER;
 use crate::rows::whitening::Whitening;
 
 /// R of each equation in turn, and the sensitivities that it is made of.
 #[derive(Debug, Clone)]
 pub(super) struct RowCovariance {
-    /// ∂g/∂q and ∂g/∂q̇ of the nonlinear terms \[2 joint + (0 position, 1 velocity)\]\[sample\].
-    slopes: Vec<Vec<[f64; MAX_ORDER + 1]>>,
+    /// ∂g_d/∂q and ∂g_d/∂q̇ of the nonlinear terms
+    /// \[2 joint + (0 position, 1 velocity)\]\[d\]\[sample\].
+    slopes: Vec<[Vec<f64>; MAX_ORDER + 1]>,
     /// c_i of every row \[equation\]\[row\], times the standard deviation of each position.
     sensitivity: Vec<Vec<Vec<f64>>>,
     /// Variance of the rounding of each equation's input within each window \[equation\]\[row\].
@@ -33,8 +35,9 @@ pub(super) struct RowCovariance {
     input_overlap: Vec<f64>,
     /// Positions of each joint that a row depends on.
     support: usize,
-    /// Scratch: c of one row.
+    /// Scratch: c of one row, and what it is made of.
     unscaled: Vec<f64>,
+    scratch: Vec<f64>,
 }
 
 impl RowCovariance {
@@ -46,7 +49,7 @@ impl RowCovariance {
         // strides over which windows overlap
         let bandwidth = (support.max(2 * form.kernels.input_half + 1) - 1) / stride;
         Self {
-            slopes: vec![vec![[0.0; MAX_ORDER + 1]; block.samples.capacity()]; 2 * joints],
+            slopes: vec![std::array::from_fn(|_| vec![0.0; block.samples.capacity()]); 2 * joints],
             sensitivity: vec![vec![vec![0.0; support * joints]; rows]; form.equations()],
             rounding: vec![vec![0.0; rows]; form.equations()],
             input_overlap: (0..=bandwidth)
@@ -54,6 +57,7 @@ impl RowCovariance {
                 .collect(),
             support,
             unscaled: vec![0.0; support * joints],
+            scratch: vec![0.0; ErrorWeights::room(&form.kernels, form.velocity.half)],
         }
     }
 
@@ -63,6 +67,7 @@ impl RowCovariance {
     }
 
     /// c of a row with respect to a joint's positions, times their standard deviations.
+    #[inline]
     pub fn sensitivity(&self, equation: usize, row: usize, joint: usize) -> &[f64] {
         &self.sensitivity[equation][row][joint * self.support..(joint + 1) * self.support]
     }
@@ -99,14 +104,14 @@ impl RowCovariance {
     ) {
         self.differentiate(block, e, theta);
         whitening.begin(block.samples.windows.len());
-        let own_variance = input_variance(block, e);
+        let input = InputNoise::new(block, e);
         for i in 0..block.samples.windows.len() {
             self.weigh_positions(block, e, i, theta, suspects);
             self.rounding[e][i] = input_rounding(block, e, i);
             for lag in 0..=self.bandwidth().min(i) {
                 // the geometric mean of both windows' rounding; 0 if the input is not rounded
                 let rounding = (self.rounding[e][i] * self.rounding[e][i - lag]).sqrt();
-                let covariance = self.covariance(block, e, (i, i - lag), own_variance + rounding);
+                let covariance = self.covariance(block, e, (i, i - lag), &input, rounding);
                 whitening.add(i, lag, covariance);
             }
         }
@@ -115,16 +120,21 @@ impl RowCovariance {
     /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at every sample that a window holds.
     fn differentiate<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, theta: &[f64]) {
         let (form, signals) = (&block.form, &block.samples.signals);
-        for (joint, velocity) in form.separation.sensitivities[e].kinds() {
-            let linear = linear_in_velocity(form.separation.equations[e].as_ref(), joint, velocity, theta);
-            let slopes = &mut self.slopes[2 * joint + usize::from(velocity)];
+        let (polynomial, order) = (form.separation.equations[e].as_ref(), form.plant.equations()[e].order);
+        for kinds in form.separation.sensitivities[e].kinds.chunks(LANES) {
+            let mut linear = [[0.0; MAX_ORDER + 1]; LANES];
+            for (linear, &kind) in linear.iter_mut().zip(kinds) {
+                *linear = linear_in_velocity(polynomial, kind, theta);
+            }
+            let mut partials = Partials::new(&form.plant, e, theta, kinds);
             for at in block.samples.windows.covered() {
-                let mut q = [0.0; MAX_JOINTS];
-                let mut dq = [0.0; MAX_JOINTS];
-                for j in 0..signals.joints() {
-                    (q[j], dq[j]) = (signals.q[j][at], signals.dq[j][at]);
+                let slopes = partials.at(|joint| (signals.q[joint][at], signals.dq[joint][at]));
+                for ((&kind, slopes), linear) in kinds.iter().zip(slopes).zip(&linear) {
+                    let slopes = nonlinear(slopes, linear);
+                    for d in 0..=order {
+                        self.slopes[place(kind)][d][at] = slopes[d];
+                    }
                 }
-                slopes[at] = nonlinear(partials(&form.plant, e, &q, &dq, theta, joint, velocity), &linear);
             }
         }
     }
@@ -141,16 +151,16 @@ impl RowCovariance {
         let form = &block.form;
         let weights = ErrorWeights {
             kernels: &form.kernels,
-            velocity_weights: &form.velocity.weights,
+            transposed: &form.velocity.transposed,
             polynomial: form.separation.equations[e].as_ref(),
             sensitivity: &form.separation.sensitivities[e],
             order: form.plant.equations()[e].order,
         };
         let window = &block.samples.windows.all()[i];
         let (c, all) = (&mut self.sensitivity[e][i], &self.slopes);
-        let start = window.centre - form.kernels.half;
-        let slopes = |joint: usize, velocity: bool, k: usize| all[2 * joint + usize::from(velocity)][start + k];
-        weights.write(theta, slopes, c);
+        let span = window.centre - form.kernels.half..=window.centre + form.kernels.half;
+        let slopes = |kind: Kind, d: usize| &all[place(kind)][d][span.clone()];
+        weights.write(theta, slopes, &mut self.scratch, c);
         let first = first_position(block, window);
         suspects.turn(e, i, c, self.support, first);
         for (own, std) in c.chunks_exact_mut(self.support).zip(&block.noise.q_std) {
@@ -158,20 +168,21 @@ impl RowCovariance {
         }
     }
 
-    /// R of two rows, the later one first.
+    /// R of two rows, the later one first; `rounding` is that of their inputs.
     fn covariance<P: Plant>(
         &self,
         block: &MeasuredBlock<P>,
         e: usize,
         (i, j): (usize, usize),
-        input_variance: f64,
+        input: &InputNoise,
+        rounding: f64,
     ) -> f64 {
-        let kernels = &block.form.kernels;
-        let (input, scale) = block.form.input(e);
+        let (kernels, gain) = (&block.form.kernels, input.scale * input.scale);
         let (window, earlier) = (&block.samples.windows.all()[i], &block.samples.windows.all()[j]);
         let distance = (window.number - earlier.number) as usize;
         let strides = distance / block.samples.windows.stride;
-        let mut sum = self.input_overlap.get(strides).unwrap_or(&0.0) * scale * scale * input_variance;
+        let mut sum =
+            self.input_overlap.get(strides).unwrap_or(&0.0) * input.scale * input.scale * (input.variance + rounding);
         if distance < self.support {
             for joint in 0..block.samples.signals.joints() {
                 let (c_i, c_j) = (self.sensitivity(e, i, joint), self.sensitivity(e, j, joint));
@@ -183,21 +194,51 @@ impl RowCovariance {
         }
         let (from, earlier_from) = (window.centre - kernels.input_half, earlier.centre - kernels.input_half);
         let len = 2 * kernels.input_half + 1;
-        let noise = block.noise.input_std(input);
-        let relative = if noise > 0.0 { 1e-3 } else { 1e-5 };
-        for &(at, size) in block.jumps.within(input, from, len) {
+        for &(at, size) in block.jumps.within(input.number, from, len) {
             if let Some(weight) = kernels.jump[0].get(at - earlier_from) {
-                let variance = 5.0 * noise * noise + (relative * size) * (relative * size);
-                sum += scale * scale * kernels.jump[0][at - from] * weight * variance;
+                let error = input.jump_error * size;
+                let variance = 5.0 * input.std * input.std + error * error;
+                sum += gain * kernels.jump[0][at - from] * weight * variance;
             }
         }
-        for &(at, variance) in within(&block.noise.surplus[input], from, len) {
+        for &(at, variance) in within(&block.noise.surplus[input.number], from, len) {
             if let Some(weight) = kernels.input[0].get(at - earlier_from) {
-                sum += scale * scale * kernels.input[0][at - from] * weight * variance;
+                sum += gain * kernels.input[0][at - from] * weight * variance;
             }
         }
         sum
     }
+}
+
+/// What is known of an equation's input in a block.
+struct InputNoise {
+    number: usize,
+    /// s.
+    scale: f64,
+    /// σ_u², and what is put in its place for exact signals.
+    variance: f64,
+    std: f64,
+    /// What a jump's size is known to, relative to it.
+    jump_error: f64,
+}
+
+impl InputNoise {
+    fn new<P: Plant>(block: &MeasuredBlock<P>, e: usize) -> Self {
+        let (number, scale) = block.form.input(e);
+        let std = block.noise.input_std(number);
+        Self {
+            number,
+            scale,
+            variance: input_variance(block, e),
+            std,
+            jump_error: if std > 0.0 { 1e-3 } else { 1e-5 },
+        }
+    }
+}
+
+/// Place of a signal among the slopes.
+fn place(kind: Kind) -> usize {
+    2 * kind.joint + usize::from(kind.velocity)
 }
 
 /// Buffer position of the first sample that a row depends on.

@@ -105,9 +105,7 @@ impl SmoothedSignals {
                 q[at] = q[at].clamp(measured - most, measured + most);
             }
         }
-        for at in covered {
-            block.form.differentiate(&mut self.signals, at);
-        }
+        block.form.differentiate(&mut self.signals, covered);
         self.applied = true;
     }
 }

@@ -10,7 +10,7 @@
 use super::measured::MeasuredBlock;
 use crate::model::{MAX_JOINTS, MAX_PARAMS, Plant};
 use crate::rows::kernel::dot;
-use crate::rows::separation::MAX_ORDER;
+use crate::rows::theta_polynomial::MAX_ORDER;
 use crate::rows::trajectory::Trajectory;
 use crate::rows::whitening::{Direction, Whitening};
 use num_dual::Dual64;

@@ -15,7 +15,8 @@ use crate::rows::kernel::{Kernels, dot};
 #[derive(Debug, Clone)]
 pub(super) struct InputJumps {
     found: Vec<Vec<(usize, f64)>>,
-    /// Scratch: |j|.
+    /// Scratch: e and |j|.
+    bends: Vec<f64>,
     statistic: Vec<f64>,
 }
 
@@ -25,6 +26,7 @@ impl InputJumps {
         Self {
             // a vector's clone has no room
             found: (0..joints).map(|_| Vec::with_capacity(capacity)).collect(),
+            bends: vec![0.0; capacity],
             statistic: Vec::with_capacity(capacity),
         }
     }
@@ -46,19 +48,30 @@ impl InputJumps {
         if len < 9 {
             return;
         }
-        let e = |k: usize| 1.5 * (u[k] - u[k - 1]) - 0.5 * (u[k + 1] - u[k - 2]);
-        let contrast = |k: usize| (e(k) - 0.5 * (e(k - 1) + e(k + 1))) / 1.5;
+        let e = &mut self.bends[..len];
+        // e_k of the samples that have their neighbours
+        let (before, here, behind) = (&u[1..], &u[2..], &u[3..]);
+        let neighbours = before.iter().zip(here).zip(behind).zip(u);
+        for (e, (((before, here), behind), second)) in e[2..len - 1].iter_mut().zip(neighbours) {
+            *e = 1.5 * (here - before) - 0.5 * (behind - second);
+        }
         let candidates = 5..len - 2;
+        let contrast = |before: f64, here: f64, behind: f64| (here - 0.5 * (before + behind)) / 1.5;
+        let around = e[4..].iter().zip(&e[5..len - 2]).zip(&e[6..]);
         self.statistic.clear();
-        self.statistic.extend(candidates.clone().map(|k| contrast(k).abs()));
+        self.statistic
+            .extend(around.map(|((&before, &here), &behind)| contrast(before, here, behind).abs()));
         let middle = self.statistic.len() / 2;
         let (_, median, _) = self.statistic.select_nth_unstable_by(middle, f64::total_cmp);
         // the variance of j is 7 σ_u², and a median of 0.67 standard deviations
         let threshold = (8.0 * 7f64.sqrt() * noise).max(12.0 * *median).max(f64::MIN_POSITIVE);
         for k in candidates {
-            let here = e(k);
-            let shape = (e(k - 1) + 0.5 * here).abs() + (e(k + 1) + 0.5 * here).abs();
-            if contrast(k).abs() > threshold && shape < 0.5 * here.abs() {
+            let (before, here, behind) = (e[k - 1], e[k], e[k + 1]);
+            if contrast(before, here, behind).abs() <= threshold {
+                continue;
+            }
+            let shape = (before + 0.5 * here).abs() + (behind + 0.5 * here).abs();
+            if shape < 0.5 * here.abs() {
                 // without noise the left limit is extrapolated, which is exact for polynomials of
                 // degree 4
                 let left = 5.0 * (u[k - 1] - u[k - 4]) - 10.0 * (u[k - 2] - u[k - 3]) + u[k - 5];

@@ -104,7 +104,8 @@ impl Samples {
 
         let (velocity_half, reach) = (form.velocity.half, self.windows.reach);
         if self.len > self.segment + 2 * velocity_half {
-            form.differentiate(&mut self.signals, at - velocity_half);
+            let known = at - velocity_half;
+            form.differentiate(&mut self.signals, known..known + 1);
         }
         if self.len > self.segment + 2 * reach {
             let centre = at - reach;
@@ -128,9 +129,8 @@ impl Samples {
             let stretch = self.repair.stretches(self.len).find(|stretch| stretch.contains(&from));
             let Some(stretch) = stretch else { continue };
             let first = from.saturating_sub(half).max(stretch.start + half);
-            for at in first..(to + half).min(stretch.end.saturating_sub(half)) {
-                form.differentiate(&mut self.signals, at);
-            }
+            let end = (to + half).min(stretch.end.saturating_sub(half));
+            form.differentiate(&mut self.signals, first..end);
         }
     }
 

@@ -16,12 +16,14 @@
 use super::measured::MeasuredBlock;
 use super::velocity_filter::ORDER;
 use super::weak_form::{WeakForm, highest_order};
-use crate::model::{MAX_JOINTS, Plant};
+use crate::model::Plant;
 use crate::rows::end_kernel::EndKernels;
 use crate::rows::error_weights::{linear_in_velocity, nonlinear};
-use crate::rows::kernel::dot;
-use crate::rows::separation::{MAX_ORDER, Separation, partials};
+use crate::rows::kernel::{correlate, dot};
+use crate::rows::partials::{LANES, Partials};
+use crate::rows::separation::Separation;
 use crate::rows::smoothing::beyond;
+use crate::rows::theta_polynomial::MAX_ORDER;
 
 /// Windows per equation.
 const COUNT: usize = 4;
@@ -50,6 +52,7 @@ pub(super) struct Tail {
     features: Vec<Vec<f64>>,
     // scratch
     weights: Vec<f64>,
+    filtered: Vec<f64>,
     slopes: Vec<[f64; MAX_ORDER + 1]>,
 }
 
@@ -80,6 +83,7 @@ impl Tail {
             dq: vec![vec![0.0; longest]; joints],
             features: vec![vec![0.0; longest]; separation.features],
             weights: vec![0.0; (longest + velocity_half) * joints],
+            filtered: vec![0.0; longest + 3 * velocity_half],
             slopes: vec![[0.0; MAX_ORDER + 1]; longest * 2 * joints],
             kernels,
             longest,
@@ -126,34 +130,31 @@ impl Tail {
             own[..known].copy_from_slice(&all[first..first + known]);
         }
         let around = stop - 2 * self.velocity_half - 1..stop;
-        for (i, weights) in (known..self.longest).zip(&self.last_velocities) {
-            let mut q = [0.0; MAX_JOINTS];
-            let mut dq = [0.0; MAX_JOINTS];
-            for joint in 0..end.samples.signals.joints() {
-                q[joint] = end.samples.signals.q[joint][first + i];
-                dq[joint] = dot(weights, &end.samples.signals.q[joint][around.clone()]);
-                self.dq[joint][i] = dq[joint];
+        let (q, dq, features) = (&end.samples.signals.q, &mut self.dq, &mut self.features);
+        for (q, dq) in q.iter().zip(dq.iter_mut()) {
+            for (dq, weights) in dq[known..].iter_mut().zip(&self.last_velocities) {
+                *dq = dot(weights, &q[around.clone()]);
             }
-            let features = &mut self.features;
-            end.form
-                .separation
-                .extract(&end.form.plant, &q, &dq, |feature, value| features[feature][i] = value);
         }
+        let motion = |joint: usize, i: usize| (q[joint][first + i], dq[joint][i]);
+        let put = |feature: usize, i: usize, value: f64| features[feature][i] = value;
+        let (form, last) = (&end.form, known..self.longest);
+        form.separation.extract(&form.plant, last, motion, put);
     }
 
     /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at these samples.
     fn differentiate<P: Plant>(&mut self, end: &MeasuredBlock<P>, e: usize, stop: usize, theta: &[f64]) {
-        let first = stop - self.longest;
-        for (joint, velocity) in end.form.separation.sensitivities[e].kinds() {
-            let linear = linear_in_velocity(end.form.separation.equations[e].as_ref(), joint, velocity, theta);
+        let (first, form) = (stop - self.longest, &end.form);
+        let (q, dq) = (&end.samples.signals.q, &self.dq);
+        for kinds in form.separation.sensitivities[e].kinds.chunks(LANES) {
+            let mut partials = Partials::new(&form.plant, e, theta, kinds);
             for i in 0..self.longest {
-                let mut q = [0.0; MAX_JOINTS];
-                let mut dq = [0.0; MAX_JOINTS];
-                for j in 0..end.samples.signals.joints() {
-                    (q[j], dq[j]) = (end.samples.signals.q[j][first + i], self.dq[j][i]);
+                let slopes = partials.at(|joint| (q[joint][first + i], dq[joint][i]));
+                for (&kind, slopes) in kinds.iter().zip(slopes) {
+                    let linear = linear_in_velocity(form.separation.equations[e].as_ref(), kind, theta);
+                    let place = (2 * kind.joint + usize::from(kind.velocity)) * self.longest + i;
+                    self.slopes[place] = nonlinear(slopes, &linear);
                 }
-                let all = partials(&end.form.plant, e, &q, &dq, theta, joint, velocity);
-                self.slopes[(2 * joint + usize::from(velocity)) * self.longest + i] = nonlinear(all, &linear);
             }
         }
     }
@@ -224,23 +225,26 @@ impl Tail {
                 }
             }
         }
-        for (joint, velocity) in end.form.separation.sensitivities[e].kinds() {
-            let own = &mut c[joint * support..(joint + 1) * support];
-            let slopes = &self.slopes[(2 * joint + usize::from(velocity)) * longest..];
-            for i in skipped..longest {
-                let at: f64 = (0..=order)
-                    .map(|d| kernels.position[d][i - skipped] * slopes[i][d])
-                    .sum();
-                if !velocity {
-                    own[half + i] += at;
-                    continue;
-                }
-                // the transposed velocity filter
-                let (from, weights) = match i.checked_sub(longest - half) {
-                    Some(ahead) => (support - 2 * half - 1, &self.last_velocities[ahead][..]),
-                    None => (i, &end.form.velocity.weights[..]),
-                };
-                for (c, weight) in own[from..].iter_mut().zip(weights) {
+        for kind in &end.form.separation.sensitivities[e].kinds {
+            let own = &mut c[kind.joint * support..(kind.joint + 1) * support];
+            let slopes = &self.slopes[(2 * kind.joint + usize::from(kind.velocity)) * longest..];
+            let at = |i: usize| -> f64 {
+                let terms = (0..=order).map(|d| kernels.position[d][i - skipped] * slopes[i][d]);
+                terms.sum()
+            };
+            if !kind.velocity {
+                (skipped..longest).for_each(|i| own[half + i] += at(i));
+                continue;
+            }
+            // the transposed velocity filter, and the polynomial's velocities of the last samples
+            self.filtered.fill(0.0);
+            for i in skipped..longest - half {
+                self.filtered[2 * half + i] = at(i);
+            }
+            correlate(&end.form.velocity.transposed, &self.filtered, own);
+            for i in skipped.max(longest - half)..longest {
+                let (at, weights) = (at(i), &self.last_velocities[i + half - longest]);
+                for (c, weight) in own[support - 2 * half - 1..].iter_mut().zip(weights) {
                     *c += weight * at;
                 }
             }

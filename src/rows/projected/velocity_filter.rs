@@ -14,6 +14,8 @@ pub(super) struct VelocityFilter {
     pub half: usize,
     /// s \[1/s\], 2 n + 1 of them.
     pub weights: Vec<f64>,
+    /// The same in the reverse order: the transposed filter.
+    pub transposed: Vec<f64>,
     /// Standard deviation of the velocity per sample, for white noise of 1 on the positions.
     pub gain: f64,
 }
@@ -24,7 +26,13 @@ impl VelocityFilter {
         let mut weights = savitzky_golay(half, ORDER, 1)?;
         let gain = dot(&weights, &weights).sqrt();
         weights.iter_mut().for_each(|w| *w /= period_s);
-        Some(Self { half, weights, gain })
+        let transposed = weights.iter().rev().copied().collect();
+        Some(Self {
+            half,
+            weights,
+            transposed,
+            gain,
+        })
     }
 
     /// Velocity at sample `at`, which has its neighbours.

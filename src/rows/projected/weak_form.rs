@@ -10,10 +10,11 @@
 use super::options::{ProjectedError, ProjectedOptions};
 use super::velocity_filter::VelocityFilter;
 use super::windows::Window;
-use crate::model::{MAX_JOINTS, Plant};
+use crate::model::Plant;
 use crate::rows::kernel::{Kernels, dot};
 use crate::rows::separation::Separation;
 use crate::rows::trajectory::Trajectory;
+use std::ops::Range;
 
 /// The equations, windows and filter of projected rows.
 #[derive(Debug, Clone)]
@@ -82,23 +83,20 @@ impl<P: Plant> WeakForm<P> {
     pub fn moves(&self, equation: usize, joint: usize) -> bool {
         let nonlinear = &self.separation.sensitivities[equation];
         let linear = self.separation.equations[equation].iter().flat_map(|p| &p.velocity);
-        nonlinear.position.contains(&joint)
-            || nonlinear.velocity.contains(&joint)
-            || linear.map(|term| term.joint).any(|own| own == joint)
+        nonlinear.kinds.iter().any(|kind| kind.joint == joint) || linear.map(|term| term.joint).any(|own| own == joint)
     }
 
-    /// Velocities and features of a sample whose neighbours are known.
-    pub fn differentiate(&self, signals: &mut Trajectory, at: usize) {
-        let mut q = [0.0; MAX_JOINTS];
-        let mut dq = [0.0; MAX_JOINTS];
-        for joint in 0..signals.joints() {
-            q[joint] = signals.q[joint][at];
-            dq[joint] = self.velocity.at(&signals.q[joint], at);
-            signals.dq[joint][at] = dq[joint];
+    /// Velocities and features of samples whose neighbours are known.
+    pub fn differentiate(&self, signals: &mut Trajectory, samples: Range<usize>) {
+        let Trajectory { q, dq, features, .. } = signals;
+        for (q, dq) in q.iter().zip(dq.iter_mut()) {
+            for at in samples.clone() {
+                dq[at] = self.velocity.at(q, at);
+            }
         }
-        let features = &mut signals.features;
-        self.separation
-            .extract(&self.plant, &q, &dq, |feature, value| features[feature][at] = value);
+        let motion = |joint: usize, at: usize| (q[joint][at], dq[joint][at]);
+        let put = |feature: usize, at: usize, value: f64| features[feature][at] = value;
+        self.separation.extract(&self.plant, samples, motion, put);
     }
 
     /// The factors of an equation's monomials \[monomial\]\[window\]; nothing for an equation that

@@ -1,0 +1,69 @@
+//! How a plant's terms depend on the positions and velocities of its joints, by automatic
+//! differentiation.
+//!
+//! ```text
+//! ∂g_d/∂x at q, q̇, θ        x ∈ {q_j, q̇_j}, two of them in one evaluation
+//! ```
+
+use super::passes::Terms;
+use super::theta_polynomial::MAX_ORDER;
+use crate::model::{MAX_JOINTS, MAX_PARAMS, Plant};
+use nalgebra::{Const, U1};
+use num_dual::{Derivative, DualSVec64};
+
+/// Signals that one evaluation differentiates in.
+pub(super) const LANES: usize = 2;
+type Number = DualSVec64<LANES>;
+
+/// A position or a velocity.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Kind {
+    pub joint: usize,
+    pub velocity: bool,
+}
+
+/// The terms of an equation at θ, to be differentiated in up to [`LANES`] signals.
+pub(super) struct Partials<'a, P> {
+    plant: &'a P,
+    equation: usize,
+    theta: [Number; MAX_PARAMS],
+    q: [Number; MAX_JOINTS],
+    dq: [Number; MAX_JOINTS],
+}
+
+impl<'a, P: Plant> Partials<'a, P> {
+    /// Those of `equation` in `kinds`.
+    pub fn new(plant: &'a P, equation: usize, theta: &[f64], kinds: &[Kind]) -> Self {
+        let zero = Number::from_re(0.0);
+        let mut own = Self {
+            plant,
+            equation,
+            theta: [zero; MAX_PARAMS],
+            q: [zero; MAX_JOINTS],
+            dq: [zero; MAX_JOINTS],
+        };
+        for (dual, &value) in own.theta.iter_mut().zip(theta) {
+            dual.re = value;
+        }
+        for (lane, kind) in kinds.iter().enumerate() {
+            let signals = if kind.velocity { &mut own.dq } else { &mut own.q };
+            signals[kind.joint].eps = Derivative::derivative_generic(Const, U1, lane);
+        }
+        own
+    }
+
+    /// ∂g/∂x for each d, at (q, q̇) of each joint.
+    #[inline]
+    pub fn at(&mut self, signals: impl Fn(usize) -> (f64, f64)) -> [Terms; LANES] {
+        let (joints, params) = (self.plant.joints(), self.plant.parameters().len());
+        for joint in 0..joints {
+            (self.q[joint].re, self.dq[joint].re) = signals(joint);
+        }
+        let mut g = [Number::from_re(0.0); MAX_ORDER + 1];
+        let order = self.plant.equations()[self.equation].order;
+        let (q, dq, theta) = (&self.q[..joints], &self.dq[..joints], &self.theta[..params]);
+        self.plant.terms(self.equation, q, dq, theta, &mut g[..=order]);
+        let slopes = g.map(|g| g.eps.unwrap_generic(Const, U1));
+        std::array::from_fn(|lane| slopes.map(|slope| slope[lane]))
+    }
+}

@@ -273,9 +273,8 @@ impl WeakRows {
             let resting = |x: &RobotSample| x.dq[i].abs() < self.rest_speed[i];
             window.rest[i] += if resting(last) { left } else { 0.0 } + if resting(sample) { right } else { 0.0 };
         }
-        // (3) with the terms of a sample together: it counts when the next one is there, and the
-        //     last
-        // one of a window, where ψ = 0, not at all
+        // the terms of a sample in (3) together, once the next one is there; the last one of a
+        // window, where ψ = 0, has none
         let own = 0.5 * (gap_before + gap) * before;
         let sums = &mut self.sums[slot * self.entries..(slot + 1) * self.entries];
         for ((sum, step), direct) in sums.iter_mut().zip(&self.step).zip(&self.direct[0]) {

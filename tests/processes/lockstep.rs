@@ -69,13 +69,14 @@ fn e2e_a_run_with_a_stuck_identifier_ends_with_code_3() {
     let mut observer = site.observer();
     let args = [
         "--duration",
-        "60",
+        "200",
         "--speed",
         "20",
         "--set",
         "bus.delivery=lockstep",
         "--set",
-        "bus.lockstep_limit_s=0.5",
+        // Longer than a busy machine takes to start an identifier, for which the plant waits as long.
+        "bus.lockstep_limit_s=3",
     ];
     let mut run = site.start_run(&[&args[..], &QUICK].concat());
     observer.status("samples", |status| status.accepted > 0);

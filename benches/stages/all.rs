@@ -177,8 +177,9 @@ struct LastBlock<P: Plant> {
     settled: BlockEstimator,
 }
 
-/// Blocks that come before it.
-const BEFORE: usize = 3;
+/// Blocks that come before it: so many that none is fitted for its weights any more, as the first
+/// ones are.
+const BEFORE: usize = 11;
 
 impl<P: Plant + Clone + 'static> LastBlock<P> {
     /// The last of the blocks of these samples.

@@ -194,8 +194,17 @@ fn held_too_long(file: &File) -> String {
     }
 }
 
-/// The process that holds a lock on this file alone, by proc_locks(5).
+/// The process that holds a lock on this file alone. The kernel's list is read in pieces, and one
+/// that changes meanwhile may lack a line, so it is read more than once.
 fn lock_holder(file: &File) -> Option<u32> {
+    (0..5).find_map(|again| {
+        std::thread::sleep(Duration::from_millis(10 * again));
+        listed_holder(file)
+    })
+}
+
+/// The same by proc_locks(5).
+fn listed_holder(file: &File) -> Option<u32> {
     let inode = format!(":{}", file.metadata().ok()?.ino());
     let locks = std::fs::read_to_string("/proc/locks").ok()?;
     locks.lines().find_map(|line| {

@@ -30,6 +30,7 @@
 use super::change::RobotChange;
 use super::figures::BlockFigures;
 use super::information::{Information, Solver};
+use super::levels::LevelRing;
 use super::model::{RobotModel, RobotParameter};
 use super::payload::Payload;
 use super::recent::{RowRing, SliceRing};
@@ -158,6 +159,7 @@ pub struct RobotIdentifier {
     pub(super) walk: Vec<f64>,
     pub(super) torque_std: Vec<f64>,
     pub(super) inflation: Vec<f64>,
+    pub(super) levels: LevelRing,
     pub(super) watch: Option<Watch>,
     /// The change found in the block that is open, or in the last one.
     pub(super) change: Option<RobotChange>,
@@ -218,6 +220,7 @@ impl RobotIdentifier {
             block_slices: 0,
             torque_std: vec![0.0; joints],
             inflation: vec![0.0; joints],
+            levels: LevelRing::new((SLICES as f64 * SLICE_S / options.block_s).ceil() as usize + 1),
             change: None,
             figures: BlockFigures::new(n),
             gain: Information::new(n),
@@ -244,6 +247,7 @@ impl RobotIdentifier {
         self.assumed.1 = ASSUMED_INFLATION.1;
         self.inflation.fill(ASSUMED_INFLATION.0.sqrt());
         self.torque_std.fill(0.0);
+        self.levels.clear();
         self.fixed.fill(false);
         self.covariance.fill(0.0);
         self.change = None;
@@ -472,6 +476,10 @@ impl RobotIdentifier {
         self.blocks += 1;
         self.before.copy_from_slice(&self.effective);
         let changed = self.change.is_some();
+        // before the first block there are none
+        if self.blocks > 1 {
+            self.levels.keep(t_s, &self.torque_std, &self.inflation);
+        }
         if !changed {
             for (joint, sums) in self.block.iter().enumerate() {
                 self.recent[self.recent_blocks % RECENT][joint].copy_from(sums);
@@ -513,6 +521,7 @@ impl RobotIdentifier {
     /// After a state was copied in.
     pub(super) fn go_on(&mut self) -> Result<(), StateError> {
         self.condensed = true;
+        self.levels.clear();
         self.forget_recent();
         self.assemble();
         self.refresh_effective();

@@ -56,6 +56,7 @@ mod friction;
 mod identify;
 mod information;
 mod learning;
+mod levels;
 mod log;
 mod model;
 mod motion_table;

@@ -231,6 +231,12 @@ impl RobotIdentifier {
     fn take_over(&mut self, suspect: Suspect, now_s: f64) {
         let Some(mut watch) = self.watch.take() else { return };
         let begin = self.pending.get(0).begin_s;
+        // blocks since then were judged by the machine as it was
+        if let Some(levels) = self.levels.before(begin) {
+            let joints = self.torque_std.len();
+            self.torque_std.copy_from_slice(&levels.torque_std[..joints]);
+            self.inflation.copy_from_slice(&levels.inflation[..joints]);
+        }
         let half = 0.5 * REACH * self.options.windows.length_s;
         let mut t_s = begin;
         // Twice: windows that hold some of both spoil the first fit.

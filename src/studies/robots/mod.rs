@@ -150,6 +150,7 @@ fn identifier(robot: &Robot) -> Result<RobotIdentifier, String> {
             max_gap_s: 0.02,
             ..WindowOptions::default()
         },
+        block_s: 0.5,
         friction_walk: 0.0,
         payload: true,
         ..IdentifyOptions::default()

@@ -22,7 +22,7 @@ fn settings(seeds: usize) -> Section {
             format!(
                 "The simulated seven-axis arm of config/robots/seven_axis.urdf, {seeds} seeds. Each seed is another machine, whose bodies differ from the URDF by 15 %, on another motion: \
                  Fourier series of 5 harmonics within the limits of the URDF, computed torque, Dahl friction, 1 kHz. Encoders have 16 bits, torques noise of 0.5 % of the joint's \
-                 range, velocities are formed from positions over 20 ms to either side. Windows of 0.1 s, blocks of 1 s, the watch over payload and friction is on.",
+                 range, velocities are formed from positions over 20 ms to either side. Windows of 0.1 s, blocks of 0.5 s, the watch over payload and friction is on.",
             ),
             "Nothing is left out: a run in which something fails counts with what it gave.".to_owned(),
         ],
@@ -203,8 +203,8 @@ fn payload(trials: &[RobotTrial]) -> Section {
                 holds(0),
                 holds(1)
             ),
-            "The pick-up lies at a different point of a block for each seed. The mass is the last one published within 2 s and 5 s after it; with one estimate per second it was \
-             learned from 1 to 2 s of motion with the load."
+            "The pick-up lies at a different point of a block for each seed. The mass is the last one published within 2 s and 5 s after it; with two estimates per second \
+             it was learned from 1.5 to 2 s of motion with the load."
                 .to_owned(),
         ],
         table,

@@ -238,7 +238,7 @@ fn push_last<P: Plant>(block: &mut ProjectedBlock<P>, samples: &[JointSample]) {
 /// Samples to rows.
 fn rows() -> Vec<Stage> {
     let exact = exact_samples(BLOCK, MassSchedule::constant(150.0));
-    let seen = seen_samples(4 * BLOCK);
+    let seen = seen_samples((BEFORE + 1) * BLOCK);
     let options = EstimatorOptions {
         noise_floor: vec![1.0; 2],
         ..arm_options()
@@ -339,7 +339,7 @@ fn axis() -> Vec<Stage> {
     };
     let samples: Vec<JointSample> = MachineSimulator::new(&sim)
         .expect("valid options")
-        .take(4 * BLOCK)
+        .take((BEFORE + 1) * BLOCK)
         .collect();
     let start = plant.parameters().iter().map(|p| p.start).collect();
     let options = EstimatorOptions::recommended(start, 1);

@@ -71,7 +71,10 @@ const GROUPS: [Group; 6] = [
     ),
     (&["alarm/quiet", "alarm/jump", "alarm/worst"], alarms),
     (&["axis/projected/sample", "axis/projected/block"], axis),
-    (&["robot/regressors", "robot/sample", "robot/block"], robot),
+    (
+        &["robot/regressors", "robot/sample", "robot/block", "robot/payload/block"],
+        robot,
+    ),
     (&["recording/write", "recording/read", "recording/identify"], recording),
 ];
 
@@ -372,16 +375,17 @@ fn robot() -> Vec<Stage> {
     let urdf = include_str!("../../config/robots/six_axis.urdf");
     let robot = Robot::from_urdf(urdf, &Selection::default()).expect("a sound URDF");
     let model = RobotModel::new(robot.clone(), true, vec![JointFriction::default(); 6]).expect("sound friction");
-    let mut ready = RobotIdentifier::new(model, IdentifyOptions::default()).expect("sound options");
-    let mut next = 0;
-    while ready.blocks() < 5 || next % 1000 != 0 {
-        let _ = ready.push(&robot_sample(next));
-        next += 1;
-    }
+    let (mut ready, mut next) = before_a_blocks_end(model.clone(), IdentifyOptions::default());
     let before_end = ready.clone();
+    let watch = IdentifyOptions {
+        payload: true,
+        ..IdentifyOptions::default()
+    };
+    let (watching, _) = before_a_blocks_end(model, watch);
     // The first sample of a block ends the one before.
     let _ = ready.push(&robot_sample(next));
-    let samples: Vec<RobotSample> = (next + 1..next + 901).map(robot_sample).collect();
+    next += 1;
+    let samples: Vec<RobotSample> = (next..next + 900).map(robot_sample).collect();
     let states = samples.clone();
     vec![
         stage("robot/regressors", states.len(), move || {
@@ -403,14 +407,30 @@ fn robot() -> Vec<Stage> {
                 }
             })
         }),
-        stage("robot/block", 1, move || {
-            let ready = before_end.clone();
-            Box::new(move || {
-                let mut ready = ready;
-                let _ = black_box(ready.end_of_recording());
-            })
-        }),
+        end_of_block("robot/block", before_end),
+        end_of_block("robot/payload/block", watching),
     ]
+}
+
+/// A robot's identifier after six blocks but for the sample that ends the last of them, and that
+/// sample's number.
+fn before_a_blocks_end(model: RobotModel, options: IdentifyOptions) -> (RobotIdentifier, u32) {
+    let mut ready = RobotIdentifier::new(model, options).expect("sound options");
+    let mut next = 0;
+    while ready.blocks() < 5 || next % 1000 != 0 {
+        let _ = ready.push(&robot_sample(next));
+        next += 1;
+    }
+    (ready, next)
+}
+
+fn end_of_block(name: &'static str, ready: RobotIdentifier) -> Stage {
+    stage(name, 1, move || {
+        let mut ready = ready.clone();
+        Box::new(move || {
+            let _ = black_box(ready.end_of_recording());
+        })
+    })
 }
 
 /// A name for a file that nobody else has; the file goes with its last user.

@@ -528,5 +528,8 @@ fn regress_a_recording_from_before_the_form_of_ros_2_is_read_identified_and_repo
     let mut command = Command::new(env!("CARGO_BIN_EXE_thetabus"));
     command.args(["report", text(&earlier), "--out", text(&report)]);
     let output = command.output().expect("the program starts");
-    assert!(output.status.success() && report.join("report.html").exists(), "{output:?}");
+    assert!(
+        output.status.success() && report.join("report.html").exists(),
+        "{output:?}"
+    );
 }

@@ -103,7 +103,7 @@ impl Speaker {
     }
 }
 
-/// Who is listened to instead of `publisher`; `None` if that one is.
+/// The publisher to listen to instead of `publisher`; `None` if it is this one.
 fn choose(ports: &[Port], holder: Option<i32>, current: Option<u128>, publisher: u128) -> Option<Port> {
     let of_holder = |port: &&Port| holder.is_some() && port.1 == holder;
     if ports.iter().any(|port| port.0 == publisher && of_holder(&port)) {

@@ -2,8 +2,8 @@
 //! two.
 //!
 //! Sources are laid over each other: built-in defaults, then files in the order given, then
-//! `section.key=value` arguments. A file states only what differs. Every problem is told with its
-//! place, key, what was expected and what came, and all of them at once:
+//! `section.key=value` arguments. A file states only what differs. Every problem is reported
+//! with its place, key, what was expected and what came, and all of them at once:
 //!
 //! ```text
 //! config/arm.toml:12: estimator.block_len: expected a whole number from 1 to 10000000 [samples], got "abc" (a string)

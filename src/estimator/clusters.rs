@@ -18,7 +18,7 @@
 //! lags behind, its mean over some five blocks.
 //!
 //! By chance κ and b are neither 1 nor 0. P is widened only by what chance does not explain: κ by
-//! more than four of its own standard deviations if the sensors were told, two if the noise
+//! more than four of its own standard deviations if the sensors are configured, two if the noise
 //! is learnt from the residuals; b by three and a half. Learnt noise knows nothing of correlation,
 //! so that two repeats are enough there, and two that agree are added to them.
 
@@ -28,8 +28,8 @@ use super::persist::Visit;
 const MEAN: f64 = 0.797_884_560_802_865_4;
 /// ρ of the lag: five blocks.
 const RECENT: f64 = 0.8;
-/// Standard deviations of κ that chance may reach, with noise that was told and that was learnt;
-/// and of the lag.
+/// Standard deviations that κ may reach by chance, with configured and with learnt noise; and those
+/// of the lag.
 const CHANCE: f64 = 4.0;
 const CHANCE_LEARNT: f64 = 2.0;
 const LAG: f64 = 3.5;

@@ -102,7 +102,7 @@ impl Confirmation {
     }
 
     /// The parameters themselves are others, because one was fixed or set free: the data must
-    /// inform on them anew, too.
+    /// determine them anew, too.
     pub fn begin(&mut self, theta: &[f64]) {
         self.restart(theta);
         self.informed = false;

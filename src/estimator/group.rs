@@ -483,7 +483,7 @@ impl GroupState {
         self.equations.iter().all(|e| e.floor > 0.0)
     }
 
-    /// χ² of the residuals in `at` and its degrees of freedom, in units of the noise that was told,
+    /// χ² of the residuals in `at` and its degrees of freedom, in units of the configured noise,
     /// or else of the learnt one; and that unit.
     pub fn misfit(&self) -> (f64, f64, f64) {
         chi_square(&self.equations, &self.at, self.noise_is_told())

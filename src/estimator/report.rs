@@ -85,7 +85,7 @@ pub struct Report {
     /// held by a bound against the data. A fixed parameter is nobody's finding and never usable.
     pub usable: u128,
     /// χ² of the whitened residuals over their number, per equation, see `fit_statistic.rs`: 1 on
-    /// average if the block fits. Relative to the noise that was told, otherwise to the level that
+    /// average if the block fits. Relative to the configured noise, otherwise to the level that
     /// was learnt before the block.
     pub fit: Vec<f64>,
     /// Probability of residuals as large as these, in the block or in its last part, if the model

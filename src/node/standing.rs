@@ -49,7 +49,7 @@ impl Standing {
 
     /// True before the first stream and after the END of one.
     pub fn is_between_streams(&self) -> bool {
-        self.status.stream_id == 0 || self.status.state == State::Ended as u32
+        self.status.stream_id == 0 || self.is_ended()
     }
 
     /// Tag of the stream that is open; 0 between two.
@@ -104,15 +104,13 @@ impl Standing {
 
     /// Says whether the identifier goes on from a checkpoint.
     pub fn set_warm(&mut self, warm: bool) {
-        let (estimate, status) = (estimate_flags::WARM, status_flags::WARM);
-        self.news = self.news & !estimate | if warm { estimate } else { 0 };
-        self.status.flags = self.status.flags & !status | if warm { status } else { 0 };
+        set(&mut self.news, estimate_flags::WARM, warm);
+        set(&mut self.status.flags, status_flags::WARM, warm);
     }
 
     /// Says whether the samples are those of a recording.
     pub fn set_replay(&mut self, replay: bool) {
-        self.status.flags &= !status_flags::REPLAY;
-        self.status.flags |= if replay { status_flags::REPLAY } else { 0 };
+        set(&mut self.status.flags, status_flags::REPLAY, replay);
     }
 
     /// A command has changed the configuration.
@@ -131,16 +129,19 @@ impl Standing {
     pub fn undo_commands(&mut self, paused: Option<bool>, commanded: u32) {
         if let Some(paused) = paused {
             self.paused = paused;
-            self.status.flags &= !status_flags::PAUSED;
-            self.status.flags |= if paused { status_flags::PAUSED } else { 0 };
+            set(&mut self.status.flags, status_flags::PAUSED, paused);
         }
-        self.status.flags &= !status_flags::COMMANDED;
-        self.status.flags |= commanded;
-        // nothing that the next stream would have to be told of
+        set(&mut self.status.flags, status_flags::COMMANDED, commanded != 0);
+        // the next stream has not been changed by them
         self.news &= !estimate_flags::COMMANDED;
     }
 
     fn is_ended(&self) -> bool {
         self.status.state == State::Ended as u32
     }
+}
+
+/// Sets or clears one of the flags.
+fn set(flags: &mut u32, flag: u32, on: bool) {
+    *flags = *flags & !flag | if on { flag } else { 0 };
 }

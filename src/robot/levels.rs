@@ -45,8 +45,8 @@ impl LevelRing {
     /// The levels before the first block that ends after `t_s`; `None` if none of those kept does.
     pub fn before(&self, t_s: f64) -> Option<&Levels> {
         let oldest = self.next + self.kept.len() - self.len;
-        let kept = (0..self.len).map(|age| &self.kept[(oldest + age) % self.kept.len()]);
-        kept.into_iter().find(|levels| levels.end_s > t_s)
+        let mut kept = (0..self.len).map(|age| &self.kept[(oldest + age) % self.kept.len()]);
+        kept.find(|levels| levels.end_s > t_s)
     }
 
     /// Forgets them.

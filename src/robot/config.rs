@@ -96,6 +96,7 @@ struct IdentifySection {
     block_s: Option<f64>,
     settle_blocks: Option<usize>,
     friction_walk: Option<f64>,
+    payload_friction: Option<f64>,
     velocity: Option<Velocity>,
     velocity_s: Option<f64>,
     payload: Option<bool>,
@@ -490,6 +491,7 @@ fn options(section: &IdentifySection) -> IdentifyOptions {
         block_s: section.block_s.unwrap_or(default.block_s),
         settle_blocks: section.settle_blocks.unwrap_or(default.settle_blocks),
         friction_walk: section.friction_walk.unwrap_or(default.friction_walk),
+        payload_friction: section.payload_friction.unwrap_or(default.payload_friction),
         ..default
     }
 }

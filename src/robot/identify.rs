@@ -68,6 +68,9 @@ pub struct IdentifyOptions {
     /// Standard deviation by which [`widen_friction`](RobotIdentifier::widen_friction) widens the
     /// friction parameters, as a part of their size.
     pub friction_change: f64,
+    /// Standard deviation of what another payload does to the friction parameters, as a part of
+    /// their size: gears rub more under load. 0 if friction does not depend on the load.
+    pub payload_friction: f64,
     /// True if the flange may carry a payload that comes and goes: it is found and estimated apart
     /// from the arm.
     pub payload: bool,
@@ -77,8 +80,8 @@ pub struct IdentifyOptions {
 }
 
 impl Default for IdentifyOptions {
-    /// Blocks of 1 s; friction that walks by 5 % per √s after a minute, and may change by half its
-    /// size in a pause.
+    /// Blocks of 1 s; friction that walks by 5 % per √s after a minute, may change by half its size
+    /// in a pause and by 5 % with the payload.
     fn default() -> Self {
         Self {
             windows: WindowOptions::default(),
@@ -86,6 +89,7 @@ impl Default for IdentifyOptions {
             settle_blocks: 60,
             friction_walk: 0.05,
             friction_change: 0.5,
+            payload_friction: 0.05,
             payload: false,
             gain_std: 0.0,
         }
@@ -104,6 +108,7 @@ impl IdentifyOptions {
         for (name, value) in [
             ("friction walk", self.friction_walk),
             ("friction change", self.friction_change),
+            ("payload friction", self.payload_friction),
             ("gain_std", self.gain_std),
         ] {
             if !(value >= 0.0 && value.is_finite()) {

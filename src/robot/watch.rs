@@ -31,9 +31,6 @@ const CARRIES: f64 = 3.0;
 const REACH: f64 = 1.5;
 /// Residuals behind a change beyond so many σ_j f_j are not explained.
 const UNEXPLAINED: f64 = 6.0;
-/// A change of the payload shakes friction, too: the standard deviation of that, as a part of its
-/// size.
-const SHAKEN: f64 = 0.05;
 
 /// What may have changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -289,7 +286,7 @@ impl RobotIdentifier {
         }
         match cause {
             ChangeCause::Payload => {
-                self.widen(SHAKEN);
+                self.widen(self.options.payload_friction);
                 self.change_payload(&mut watch);
             }
             ChangeCause::Friction => self.widen(self.options.friction_change),

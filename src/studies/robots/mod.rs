@@ -27,6 +27,8 @@ pub const LOADED_FROM_S: f64 = 20.0;
 /// From one seed's instant to the next \[s\]; 73 of them make a second. No border of a window or a
 /// block is preferred.
 const LOADED_STEP_S: f64 = 0.0137;
+/// Length of a block, and so from one estimate to the next \[s\].
+pub const BLOCK_S: f64 = 0.25;
 /// How long a run goes on after the pick-up \[s\].
 const AFTER_S: f64 = 5.1;
 /// A velocity, and so an estimate, comes so much later than its sample \[s\].
@@ -83,8 +85,11 @@ pub struct LoadedRun {
 pub struct RobotTrial {
     /// Without a load.
     pub empty: EmptyRun,
-    /// With a load that is picked up.
+    /// With a load that is picked up, by an identifier that is told that friction does not depend
+    /// on it, as it does not here.
     pub loaded: LoadedRun,
+    /// The same by one that has to reckon with friction that does, as on real gears.
+    pub guarded: LoadedRun,
     /// With a load that nobody declares from the start.
     pub undeclared: EmptyRun,
 }
@@ -97,19 +102,27 @@ pub fn robot_trial(seed: u64) -> Result<RobotTrial, String> {
     let robot = arm()?;
     Ok(RobotTrial {
         empty: empty_run(&robot, options(&robot, seed, Vec::new()))?,
-        loaded: loaded_trial(seed)?,
+        loaded: loaded_trial(seed, 0.0)?,
+        guarded: loaded_trial(seed, IdentifyOptions::default().payload_friction)?,
         undeclared: empty_run(&robot, options(&robot, seed, vec![load(0.0, UNDECLARED_KG)]))?,
     })
 }
 
-/// Runs the one trial of a seed in which a load is picked up.
+/// Runs the trial of a seed in which a load is picked up, with
+/// [`payload_friction`](IdentifyOptions::payload_friction).
 ///
 /// # Errors
 /// As [`robot_trial`].
-pub fn loaded_trial(seed: u64) -> Result<LoadedRun, String> {
+pub fn loaded_trial(seed: u64, payload_friction: f64) -> Result<LoadedRun, String> {
     let robot = arm()?;
     let at_s = LOADED_FROM_S + (seed % 73) as f64 * LOADED_STEP_S;
-    loaded_run(&robot, options(&robot, seed, vec![load(at_s, LOAD_KG)]), at_s)
+    let identifier = identifier(&robot, payload_friction)?;
+    loaded_run(
+        &robot,
+        identifier,
+        options(&robot, seed, vec![load(at_s, LOAD_KG)]),
+        at_s,
+    )
 }
 
 fn arm() -> Result<Robot, String> {
@@ -136,7 +149,7 @@ fn options(robot: &Robot, seed: u64, payloads: Vec<PayloadChange>) -> RobotSimOp
     }
 }
 
-fn identifier(robot: &Robot) -> Result<RobotIdentifier, String> {
+fn identifier(robot: &Robot, payload_friction: f64) -> Result<RobotIdentifier, String> {
     let friction = JointFriction {
         terms: vec![FrictionTerm::Viscous, FrictionTerm::Coulomb, FrictionTerm::Offset],
         presliding: 1e-4,
@@ -150,8 +163,9 @@ fn identifier(robot: &Robot) -> Result<RobotIdentifier, String> {
             max_gap_s: 0.02,
             ..WindowOptions::default()
         },
-        block_s: 0.5,
+        block_s: BLOCK_S,
         friction_walk: 0.0,
+        payload_friction,
         payload: true,
         ..IdentifyOptions::default()
     };
@@ -184,7 +198,7 @@ fn run(
 }
 
 fn empty_run(robot: &Robot, options: RobotSimOptions) -> Result<EmptyRun, String> {
-    let mut identifier = identifier(robot)?;
+    let mut identifier = identifier(robot, 0.0)?;
     let simulator = RobotSimulator::new(robot, options)?;
     let truth = simulator.truth(identifier.model(), EMPTY_S);
     let mut alarms = Vec::new();
@@ -211,8 +225,12 @@ fn empty_run(robot: &Robot, options: RobotSimOptions) -> Result<EmptyRun, String
     })
 }
 
-fn loaded_run(robot: &Robot, options: RobotSimOptions, at_s: f64) -> Result<LoadedRun, String> {
-    let mut identifier = identifier(robot)?;
+fn loaded_run(
+    robot: &Robot,
+    mut identifier: RobotIdentifier,
+    options: RobotSimOptions,
+    at_s: f64,
+) -> Result<LoadedRun, String> {
     let simulator = RobotSimulator::new(robot, options)?;
     let mut result = LoadedRun {
         at_s,

@@ -204,6 +204,13 @@ fn regress_options_out_of_range_are_refused_in_words() {
             },
             "friction walk",
         ),
+        (
+            IdentifyOptions {
+                payload_friction: -0.1,
+                ..IdentifyOptions::default()
+            },
+            "payload friction",
+        ),
     ] {
         let error = RobotIdentifier::new(model.clone(), options).unwrap_err();
         assert!(error.contains(message), "{error}");

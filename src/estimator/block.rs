@@ -12,6 +12,7 @@ use super::fit::Fit;
 use super::fit_statistic::{self, BlockFit, EquationFit, NoiseLevel};
 use super::groups::Groups;
 use super::options::{ChangeDetection, EstimatorError, EstimatorOptions};
+use super::pass::Summable;
 use super::persist::{EstimatorState, Load, Save, StateError, Visit};
 use super::relation::Published;
 use super::report::{Change, ChangeKind, Held, Report};
@@ -261,6 +262,10 @@ impl BlockEstimator {
     /// An empty block, and one whose rows are not finite, leaves everything as it is and says so in
     /// [`Report::held`].
     pub fn update<R: Residuals>(&mut self, rows: &R) -> &Report {
+        self.learn(rows)
+    }
+
+    fn learn(&mut self, rows: &dyn Summable) -> &Report {
         // a block without rows, or one that was held, leaves the start still to be found
         let unseen = !rows.is_empty() && self.groups.iter().all(|group| group.blocks == 0);
         if let (true, Some(start), 2..) = (unseen, rows.start(), self.options.max_iterations) {
@@ -393,7 +398,7 @@ impl BlockEstimator {
 
     /// Judges how well the block fits at θ̂, see `fit_statistic.rs` and `evidence.rs`; `before`:
     /// the sums were taken at θ̄.
-    fn judge_fit<R: Residuals>(&mut self, rows: &R, lines: u64, before: bool) {
+    fn judge_fit(&mut self, rows: &dyn Summable, lines: u64, before: bool) {
         let mut whole = BlockFit::default();
         for (k, group) in self.groups.iter_mut().enumerate() {
             let line = lines >> k & 1 == 1;
@@ -439,7 +444,7 @@ impl BlockEstimator {
 
     /// Tests the groups that follow no line, and if one raises an alarm, finds out what happened
     /// and fits anew. Returns the groups that now follow a line.
-    fn watch<R: Residuals>(&mut self, rows: &R, lines: u64, detection: ChangeDetection) -> u64 {
+    fn watch(&mut self, rows: &dyn Summable, lines: u64, detection: ChangeDetection) -> u64 {
         let alarm = self.search(rows).alarm(lines, detection);
         let joined = alarm.joined;
         self.report.change_probability = alarm.probability;
@@ -474,7 +479,7 @@ impl BlockEstimator {
     }
 
     /// What finds and follows a change, on this block.
-    fn search<'a, R: Residuals>(&'a mut self, rows: &'a R) -> ChangeSearch<'a, R> {
+    fn search<'a>(&'a mut self, rows: &'a dyn Summable) -> ChangeSearch<'a> {
         ChangeSearch {
             rows,
             groups: &mut self.groups,

@@ -38,14 +38,14 @@
 //! the cut, the plant drifts: the block is used as a whole and its movement is expected of the next
 //! ones.
 
+use super::Forward;
 use super::equation::{EquationState, TINY};
 use super::fit::Fit;
 use super::group::GroupState;
 use super::linalg::{dot, gather, mul_vec};
 use super::options::{EstimatorOptions, Outliers};
-use super::pass::{Loss, Sums, accumulate, used};
+use super::pass::{Loss, Summable, Sums, used};
 use super::stats::f_tail;
-use super::{Forward, Residuals};
 use std::ops::Range;
 
 /// How much wider than stated the start value is taken to be, in variance.
@@ -194,9 +194,9 @@ impl GroupState {
     }
 
     /// Fits the rows alone from the present θ.
-    pub fn fit_alone<R: Residuals>(
+    pub fn fit_alone(
         &mut self,
-        rows: &R,
+        rows: &dyn Summable,
         range: Range<usize>,
         theta: &mut [f64],
         options: &EstimatorOptions,
@@ -263,10 +263,9 @@ impl GroupState {
 
     /// Adds to `costs`[k] the least cost, in units of the noise, of the rows before (`after` false)
     /// or from (`after` true) boundary k on, with the prior as it is and linearised at `theta`.
-    /// One copy serves the rows of all plants: its time is that of the sums.
     pub fn segment_costs(
         &mut self,
-        rows: &dyn Residuals,
+        rows: &dyn Summable,
         whole: Range<usize>,
         theta: &[f64],
         boundaries: &[Boundary],
@@ -300,11 +299,11 @@ impl GroupState {
             if !part.is_empty() {
                 for (e, sums) in self.equations.iter().zip(&mut self.trial) {
                     let weight = variance / e.variance.max(TINY);
-                    let (part, own) = (part.clone(), e.own.clone());
+                    let pass = e.pass(part.clone());
                     if after {
-                        accumulate(rows, e.index, part, theta, own, e.divisor, e.loss, sums);
+                        rows.sum(&pass, theta, sums);
                     } else {
-                        accumulate(&Forward(rows), e.index, part, theta, own, e.divisor, e.loss, sums);
+                        Forward(rows).sum(&pass, theta, sums);
                     }
                     total += weight * sums.cost;
                     let p = sums.params;
@@ -356,7 +355,7 @@ pub struct Boundary {
 
 impl Boundary {
     /// The cut at the first instant of `row`, which lies in `whole`.
-    pub fn at<R: Residuals>(rows: &R, whole: &Range<usize>, row: usize) -> Self {
+    pub fn at(rows: &dyn Summable, whole: &Range<usize>, row: usize) -> Self {
         let cut = rows.span(row).0;
         let mut before = row;
         while before > whole.start && rows.span(before - 1).1 >= cut {
@@ -395,10 +394,10 @@ fn own_variance(sums: &Sums, factor: &mut super::linalg::Cholesky, work: &mut [f
 /// what was known before the block, unless it is `free` of it because an earlier cut separates
 /// them.
 #[allow(clippy::too_many_arguments)]
-pub fn locate<R: Residuals>(
+pub fn locate(
     groups: &mut [GroupState],
     joined: u64,
-    rows: &R,
+    rows: &dyn Summable,
     whole: Range<usize>,
     before: &[f64],
     later: &[f64],

@@ -1,11 +1,11 @@
 //! What happened in a block that raised an alarm, and the fit of the rows that may still be
 //! believed. See `change.rs` for the equations.
 
-use super::Residuals;
 use super::change::locate;
 use super::fit::Fit;
 use super::group::GroupState;
 use super::options::{ChangeDetection, EstimatorOptions};
+use super::pass::Summable;
 use super::report::{Change, ChangeKind};
 use std::ops::Range;
 
@@ -47,8 +47,8 @@ struct Cut {
 }
 
 /// The search in one block, with what it works on. Sets of groups are masks of a bit each.
-pub struct ChangeSearch<'a, R> {
-    pub rows: &'a R,
+pub struct ChangeSearch<'a> {
+    pub rows: &'a dyn Summable,
     pub groups: &'a mut [GroupState],
     pub options: &'a EstimatorOptions,
     /// θ̂ as it becomes.
@@ -58,7 +58,7 @@ pub struct ChangeSearch<'a, R> {
     pub later: &'a mut [f64],
 }
 
-impl<R: Residuals> ChangeSearch<'_, R> {
+impl ChangeSearch<'_> {
     /// The alarm of the groups that follow none of the `lines`.
     pub fn alarm(&self, lines: u64, detection: ChangeDetection) -> Alarm {
         let level = detection.false_alarm_rate / self.groups.len() as f64;
@@ -257,7 +257,7 @@ impl<R: Residuals> ChangeSearch<'_, R> {
 
 /// The first row that begins `margin` after the first of `range` does, or the first if none is
 /// left then.
-fn first_after<R: Residuals>(rows: &R, range: Range<usize>, margin: u64) -> usize {
+fn first_after(rows: &dyn Summable, range: Range<usize>, margin: u64) -> usize {
     let usable = rows.span(range.start).0.saturating_add(margin);
     range
         .clone()

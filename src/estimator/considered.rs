@@ -43,11 +43,10 @@
 //! are the score of the errors and their information matrix, which `score_test.rs` adds up over the
 //! blocks.
 
-use super::Residuals;
 use super::equation::EquationState;
 use super::linalg::{Cholesky, dot};
 use super::line::LineFit;
-use super::pass::Sums;
+use super::pass::{Summable, Sums};
 use super::persist::Visit;
 use std::ops::Range;
 
@@ -169,7 +168,7 @@ impl Considered {
     }
 
     /// Takes over what the rows know of errors.
-    pub fn begin<R: Residuals>(&mut self, rows: &R) {
+    pub fn begin(&mut self, rows: &dyn Summable) {
         self.known = rows.suspects().min(self.drifts.start).min(self.scores.len());
         self.count = if self.drifts.is_empty() {
             self.known
@@ -202,13 +201,7 @@ impl Considered {
     }
 
     /// Sums over the rows of `range` at θ, weighted as the fit weights them.
-    pub fn accumulate<R: Residuals>(
-        &mut self,
-        rows: &R,
-        range: Range<usize>,
-        theta: &[f64],
-        equations: &[EquationState],
-    ) {
+    pub fn accumulate(&mut self, rows: &dyn Summable, range: Range<usize>, theta: &[f64], equations: &[EquationState]) {
         let (n, count, room) = (self.n, self.count, self.scores.len());
         self.cross[..count * n].fill(0.0);
         self.gram.fill(0.0);
@@ -335,9 +328,9 @@ impl Considered {
     /// T ← (I, ½ I) Cov(c, v) (Σ w (φ, sφ) d + (I, −½ I) C⁻¹ T)
     /// ```
     #[allow(clippy::too_many_arguments)]
-    pub fn step_line<R: Residuals>(
+    pub fn step_line(
         &mut self,
-        rows: &R,
+        rows: &dyn Summable,
         equations: &[EquationState],
         line: &LineFit,
         start_information: &[f64],

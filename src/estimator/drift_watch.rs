@@ -1,9 +1,9 @@
 //! How long a drift is followed: from the block that shows one until its line no longer explains a
 //! block, or no longer moves.
 
-use super::Residuals;
 use super::group::GroupState;
 use super::options::EstimatorOptions;
+use super::pass::Summable;
 use super::persist::Visit;
 
 /// Share of its size by which a drifting parameter may always move per block.
@@ -27,9 +27,9 @@ impl DriftWatch {
     /// Goes on with the lines of a drift while they explain the block and any of them moves;
     /// returns the groups that do, all or none, and whether a line ended because it does not
     /// explain the block.
-    pub fn follow<R: Residuals>(
+    pub fn follow(
         &mut self,
-        rows: &R,
+        rows: &dyn Summable,
         groups: &mut [GroupState],
         theta: &mut [f64],
         options: &EstimatorOptions,
@@ -57,9 +57,9 @@ impl DriftWatch {
 
     /// Begins to follow a drift in every group: a group left at a constant would turn the drift
     /// into errors of its weak parameters. Returns the groups that could.
-    pub fn start<R: Residuals>(
+    pub fn start(
         &mut self,
-        rows: &R,
+        rows: &dyn Summable,
         groups: &mut [GroupState],
         theta: &mut [f64],
         options: &EstimatorOptions,

@@ -1,10 +1,10 @@
 //! A group that follows a drift: its lines are fitted with what was known before the block.
 
-use super::Residuals;
 use super::change::{CONSISTENT, GATED, MANY};
 use super::equation::TINY;
 use super::group::GroupState;
 use super::line::LinePrior;
+use super::pass::Summable;
 use super::stats::f_tail;
 
 /// Share of a parameter's size by which a line may always bend.
@@ -13,7 +13,7 @@ const BEND: f64 = 1e-3;
 impl GroupState {
     /// Fits a line to the whole block, see `line.rs`; its cost in units of the noise, infinite if
     /// there is none to be had.
-    pub fn line_cost<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> f64 {
+    pub fn line_cost(&mut self, rows: &dyn Summable, theta: &[f64]) -> f64 {
         let own = self.parameters.clone();
         self.drift
             .line
@@ -61,7 +61,7 @@ impl GroupState {
     /// Begins to follow a drift: fits the line again with what was known before the block, where
     /// every parameter may be off by the share `off` of its size and move by the share `rate`, and
     /// takes its end.
-    pub fn start_line<R: Residuals>(&mut self, rows: &R, theta: &mut [f64], rate: f64, off: f64) -> bool {
+    pub fn start_line(&mut self, rows: &dyn Summable, theta: &mut [f64], rate: f64, off: f64) -> bool {
         for i in 0..self.n {
             let size = self.size(theta, i);
             self.drift.slope[i] = 0.0;
@@ -85,7 +85,7 @@ impl GroupState {
     /// Fits the line that goes on from the last; true if it leaves no more than noise and is
     /// near what was expected of it. `change` is the share of their sizes by which slopes may have
     /// changed.
-    pub fn follow_line<R: Residuals>(&mut self, rows: &R, theta: &[f64], change: f64) -> bool {
+    pub fn follow_line(&mut self, rows: &dyn Summable, theta: &[f64], change: f64) -> bool {
         for i in 0..self.n {
             self.drift.slope_variance[i] += (change * self.size(theta, i)).powi(2);
         }
@@ -106,7 +106,7 @@ impl GroupState {
         })
     }
 
-    fn fit_line<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> bool {
+    fn fit_line(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
         self.prior_from_covariance();
         let variance = self.variance().max(TINY);
         self.prior.iter_mut().for_each(|v| *v /= variance);

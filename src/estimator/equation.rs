@@ -4,9 +4,8 @@
 //! forgotten with λ: a block that a strong prior holds is charged less than one parameter per
 //! parameter. It never goes below the floor of the options.
 
-use super::Residuals;
 use super::options::{EstimatorOptions, Outliers};
-use super::pass::{Loss, Sums, accumulate};
+use super::pass::{Loss, Pass, Summable, Sums};
 use super::persist::Visit;
 use std::ops::Range;
 
@@ -39,6 +38,17 @@ pub struct EquationState {
 }
 
 impl EquationState {
+    /// The pass over some of its rows.
+    pub fn pass(&self, range: Range<usize>) -> Pass {
+        Pass {
+            equation: self.index,
+            range,
+            own: self.own.clone(),
+            divisor: self.divisor,
+            loss: self.loss,
+        }
+    }
+
     /// Equation `index` with parameters `own`, in a group of `parameters`; nothing is known of its
     /// noise.
     pub fn new(index: usize, own: Range<usize>, parameters: &Range<usize>, options: &EstimatorOptions) -> Self {
@@ -132,8 +142,8 @@ fn floor_variance(e: &EquationState, sums: &Sums, options: &EstimatorOptions) ->
 }
 
 /// Sums of every equation at θ; false if something is not finite.
-pub fn evaluate<R: Residuals>(
-    rows: &R,
+pub fn evaluate(
+    rows: &dyn Summable,
     range: Range<usize>,
     theta: &[f64],
     equations: &[EquationState],
@@ -141,16 +151,7 @@ pub fn evaluate<R: Residuals>(
 ) -> bool {
     let mut finite = true;
     for (e, sums) in equations.iter().zip(sums) {
-        accumulate(
-            rows,
-            e.index,
-            range.clone(),
-            theta,
-            e.own.clone(),
-            e.divisor,
-            e.loss,
-            sums,
-        );
+        rows.sum(&e.pass(range.clone()), theta, sums);
         finite &= sums.is_finite();
     }
     finite

@@ -11,12 +11,11 @@
 //! parameter and iteration: without it a far start walks along the curved valley of the products
 //! θ₆θ₉ and θ₇θ₉, in 15 steps when 6 do. A step is halved until the cost falls.
 
-use super::Residuals;
 use super::equation::{add_grams, add_scores};
 use super::group::GroupState;
 use super::linalg::{dot, mul_vec};
 use super::options::{EstimatorOptions, Outliers};
-use super::pass::Sums;
+use super::pass::{Summable, Sums};
 use std::ops::Range;
 
 /// How a fit ended.
@@ -62,9 +61,9 @@ impl GroupState {
 
     /// Minimises the cost over the rows of `range` from the present θ; `at` holds the sums there,
     /// and at the result afterwards.
-    pub fn fit<R: Residuals>(
+    pub fn fit(
         &mut self,
-        rows: &R,
+        rows: &dyn Summable,
         range: Range<usize>,
         theta: &mut [f64],
         options: &EstimatorOptions,

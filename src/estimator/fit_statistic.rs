@@ -19,8 +19,7 @@
 //! the slack is larger there, and residuals within [`SHARE`] of the equation's signal are never a
 //! misfit.
 
-use super::Residuals;
-use super::pass::{Loss, Sums};
+use super::pass::{Loss, Summable, Sums};
 use super::stats::f_tail;
 use std::ops::Range;
 
@@ -136,8 +135,8 @@ fn slack_and_freedom(level: NoiseLevel) -> (f64, f64) {
 
 /// Judges the rows `range` of an equation at θ, the last row first; rows are divided by `divisor`.
 #[allow(clippy::too_many_arguments)]
-pub fn judge<R: Residuals>(
-    rows: &R,
+pub fn judge(
+    rows: &dyn Summable,
     equation: usize,
     range: Range<usize>,
     theta: &[f64],

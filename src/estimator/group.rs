@@ -21,11 +21,11 @@ use super::error_covariance::{ErrorCovariance, clear_entries};
 use super::forgetting::{Excitation, Rule};
 use super::linalg::{Cholesky, Eigen, gather, mul, scatter};
 use super::options::{EstimatorOptions, Forgetting, Outliers};
-use super::pass::{Loss, Sums};
+use super::pass::{Loss, Summable, Sums};
 use super::persist::Visit;
 use super::robust::Magnitudes;
 use super::workspace::Workspace;
-use super::{Group, Residuals, Structure};
+use super::{Group, Structure};
 use std::ops::Range;
 
 /// The state of a group, with room for every step.
@@ -201,7 +201,7 @@ impl GroupState {
 
     /// Looks at the block from the present estimate: innovation and sums at θ̄. False if the
     /// rows are not finite there.
-    pub fn look<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> bool {
+    pub fn look(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
         self.equations.iter_mut().for_each(|e| e.loss = Loss::Square);
         let finite = self.evaluate_at(rows, 0..rows.len(), theta);
         for (e, sums) in self.equations.iter_mut().zip(&self.at) {
@@ -211,7 +211,7 @@ impl GroupState {
     }
 
     /// After [`look`](Self::look): noise level, excitation, and the prior Λ, θ̄.
-    pub fn begin<R: Residuals>(&mut self, rows: &R, theta: &[f64], options: &EstimatorOptions) {
+    pub fn begin(&mut self, rows: &dyn Summable, theta: &[f64], options: &EstimatorOptions) {
         self.set_variances(options);
         self.limit_outliers(rows, 0..rows.len(), theta, true, options);
         self.centre.copy_from_slice(&theta[self.parameters.clone()]);
@@ -224,20 +224,20 @@ impl GroupState {
     }
 
     /// Sums at θ over `range` into `trial`, with the losses as they are.
-    pub fn try_at<R: Residuals>(&mut self, rows: &R, range: Range<usize>, theta: &[f64]) -> bool {
+    pub fn try_at(&mut self, rows: &dyn Summable, range: Range<usize>, theta: &[f64]) -> bool {
         evaluate(rows, range, theta, &self.equations, &mut self.trial)
     }
 
     /// Sums at θ over `range` into `at`, with the losses as they are.
-    pub fn evaluate_at<R: Residuals>(&mut self, rows: &R, range: Range<usize>, theta: &[f64]) -> bool {
+    pub fn evaluate_at(&mut self, rows: &dyn Summable, range: Range<usize>, theta: &[f64]) -> bool {
         evaluate(rows, range, theta, &self.equations, &mut self.at)
     }
 
     /// Sets the losses from the residuals at θ and renews the sums there; an open gate is Huber's
     /// function. Does nothing if every row counts in full.
-    pub fn limit_outliers<R: Residuals>(
+    pub fn limit_outliers(
         &mut self,
-        rows: &R,
+        rows: &dyn Summable,
         range: Range<usize>,
         theta: &[f64],
         closed: bool,
@@ -457,7 +457,7 @@ impl GroupState {
     }
 
     /// Sums over the columns of considered errors, at `theta` and over the rows that the fit used.
-    pub fn suspect<R: Residuals>(&mut self, rows: &R, range: Range<usize>, theta: &[f64]) {
+    pub fn suspect(&mut self, rows: &dyn Summable, range: Range<usize>, theta: &[f64]) {
         for i in 0..self.n {
             self.room.scale[i] = if self.fixed[i] { 0.0 } else { self.size(theta, i) };
         }
@@ -466,7 +466,7 @@ impl GroupState {
     }
 
     /// The same if a line was fitted; `theta` is room for all parameters.
-    pub fn suspect_line<R: Residuals>(&mut self, rows: &R, theta: &mut [f64]) {
+    pub fn suspect_line(&mut self, rows: &dyn Summable, theta: &mut [f64]) {
         self.considered.step_line(
             rows,
             &self.equations,

@@ -1,8 +1,9 @@
 //! All independent groups of parameters: what is asked of them together.
 
+use super::Structure;
 use super::group::GroupState;
 use super::options::EstimatorOptions;
-use super::{Residuals, Structure};
+use super::pass::Summable;
 use std::ops::{Deref, DerefMut};
 
 /// The groups, ordered by their first parameter.
@@ -38,7 +39,7 @@ impl Groups {
 
     /// Looks at the block from θ, see [`GroupState::look`]: all groups or none, for half a block
     /// would be no estimate of the plant. False if any row is not finite there.
-    pub fn look<R: Residuals>(&mut self, rows: &R, theta: &[f64]) -> bool {
+    pub fn look(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
         self.iter_mut()
             .map(|g| g.look(rows, theta))
             .fold(true, |all, finite| all & finite)

@@ -9,9 +9,9 @@
 //! worse than late: the movement of a strong parameter turns up in the weak ones, by a hundred
 //! times its size. The estimate is the line's end, c + v/2.
 
-use super::Residuals;
 use super::equation::{EquationState, TINY};
 use super::linalg::{Cholesky, dot};
+use super::pass::Summable;
 use super::persist::Visit;
 use std::ops::Range;
 
@@ -87,7 +87,7 @@ impl LineFit {
     /// fitted.
     pub fn fit(
         &mut self,
-        rows: &dyn Residuals,
+        rows: &dyn Summable,
         equations: &[EquationState],
         theta: &[f64],
         own: Range<usize>,
@@ -134,7 +134,7 @@ impl LineFit {
     }
 
     // Σ over the rows of the outer products of (φ, s φ), of these times f, and of f²
-    fn sums(&mut self, rows: &dyn Residuals, equations: &[EquationState], first: usize) -> f64 {
+    fn sums(&mut self, rows: &dyn Summable, equations: &[EquationState], first: usize) -> f64 {
         let (n, m) = (self.n, 2 * self.n);
         let length = rows.len().max(2) as f64 - 1.0;
         self.matrix.fill(0.0);

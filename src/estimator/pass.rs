@@ -77,46 +77,51 @@ impl Loss {
     }
 }
 
-/// Sums over the rows `range` of one equation at θ. `own` is the equation's range of parameters,
-/// `divisor` its noise_std.
-#[allow(clippy::too_many_arguments)]
-pub fn accumulate<R: Residuals + ?Sized>(
-    rows: &R,
-    equation: usize,
-    range: Range<usize>,
-    theta: &[f64],
-    own: Range<usize>,
-    divisor: f64,
-    loss: Loss,
-    sums: &mut Sums,
-) {
-    // The plain loss has loops of its own, without branches, of each length that equations have.
-    macro_rules! sized {
-        ($($n:literal)*) => {
-            match (own.len(), loss) {
-                $(($n, Loss::Square) => fixed::<R, $n>(rows, equation, range, theta, own, divisor, sums),)*
-                _ => general(rows, equation, range, theta, own, divisor, loss, sums),
-            }
-        };
-    }
-    sized!(1 2 3 4 5 6 7 8);
+/// Which rows are summed, and how.
+#[derive(Debug, Clone)]
+pub struct Pass {
+    /// The equation.
+    pub equation: usize,
+    /// Its rows.
+    pub range: Range<usize>,
+    /// Its parameters among all.
+    pub own: Range<usize>,
+    /// Its noise_std.
+    pub divisor: f64,
+    /// Its loss.
+    pub loss: Loss,
 }
 
-fn fixed<R: Residuals + ?Sized, const N: usize>(
-    rows: &R,
-    equation: usize,
-    range: Range<usize>,
-    theta: &[f64],
-    own: Range<usize>,
-    divisor: f64,
-    sums: &mut Sums,
-) {
+/// Rows of any kind. The estimator is built once for all of them and calls them through a table;
+/// the sums, which are most of its work, are built for each kind.
+pub trait Summable: Residuals {
+    /// Writes the sums of a pass at θ.
+    fn sum(&self, pass: &Pass, theta: &[f64], sums: &mut Sums);
+}
+
+impl<R: Residuals> Summable for R {
+    fn sum(&self, pass: &Pass, theta: &[f64], sums: &mut Sums) {
+        // The plain loss has loops of its own, without branches, of each length that equations have.
+        macro_rules! sized {
+            ($($n:literal)*) => {
+                match (pass.own.len(), pass.loss) {
+                    $(($n, Loss::Square) => fixed::<R, $n>(self, pass, theta, sums),)*
+                    _ => general(self, pass, theta, sums),
+                }
+            };
+        }
+        sized!(1 2 3 4 5 6 7 8);
+    }
+}
+
+fn fixed<R: Residuals, const N: usize>(rows: &R, pass: &Pass, theta: &[f64], sums: &mut Sums) {
+    let (equation, range) = (pass.equation, pass.range.clone());
     // rows go in LANES at a time, so that each product of two regressor entries is one vector
     // operation
     let mut gram = [[[0.0; LANES]; N]; N];
     let mut score = [[0.0; LANES]; N];
     let mut cost = [0.0; LANES];
-    let inverse = 1.0 / divisor;
+    let inverse = 1.0 / pass.divisor;
     let count = used(rows, equation, range.clone());
     let mut start = range.start;
     while start < range.end {
@@ -155,11 +160,11 @@ fn fixed<R: Residuals + ?Sized, const N: usize>(
         }
     }
     (sums.cost, sums.outliers, sums.rows) = (sum(cost), 0, count);
-    sums.size = size(N, &sums.gram, &theta[own]);
+    sums.size = size(N, &sums.gram, &theta[pass.own.clone()]);
 }
 
 /// Number of rows of an equation that are used.
-pub fn used<R: Residuals + ?Sized>(rows: &R, equation: usize, range: Range<usize>) -> usize {
+pub fn used(rows: &(impl Residuals + ?Sized), equation: usize, range: Range<usize>) -> usize {
     range.filter(|&index| rows.is_used(equation, index)).count()
 }
 
@@ -170,18 +175,9 @@ fn size(n: usize, gram: &[f64], theta: &[f64]) -> f64 {
     (0..n).map(|i| gram[i * n + i] * theta[i] * theta[i]).sum()
 }
 
-#[allow(clippy::too_many_arguments)]
-fn general<R: Residuals + ?Sized>(
-    rows: &R,
-    equation: usize,
-    range: Range<usize>,
-    theta: &[f64],
-    own: Range<usize>,
-    divisor: f64,
-    loss: Loss,
-    sums: &mut Sums,
-) {
-    let n = own.len();
+fn general(rows: &impl Residuals, pass: &Pass, theta: &[f64], sums: &mut Sums) {
+    let (equation, range, divisor) = (pass.equation, pass.range.clone(), pass.divisor);
+    let n = pass.own.len();
     let mut buffer = [0.0; super::MAX_PARAMS];
     let phi = &mut buffer[..n];
     sums.gram.fill(0.0);
@@ -190,7 +186,7 @@ fn general<R: Residuals + ?Sized>(
     for index in range {
         let f = rows.row(equation, index, theta, phi) / divisor;
         phi.iter_mut().for_each(|x| *x /= divisor);
-        let (rho, weight, outlier) = loss.at(f);
+        let (rho, weight, outlier) = pass.loss.at(f);
         sums.cost += rho;
         sums.outliers += usize::from(outlier);
         for i in 0..n {
@@ -206,5 +202,5 @@ fn general<R: Residuals + ?Sized>(
             sums.gram[j * n + i] = sums.gram[i * n + j];
         }
     }
-    sums.size = size(n, &sums.gram, &theta[own]);
+    sums.size = size(n, &sums.gram, &theta[pass.own.clone()]);
 }

@@ -1,12 +1,13 @@
 //! What a block gives: the estimate with its evidence.
 
+use super::Structure;
 use super::fit::Fit;
 use super::group::GroupState;
 use super::groups::Groups;
 use super::options::EstimatorOptions;
+use super::pass::Summable;
 use super::relation::Published;
 use super::score_test::Suspicion;
-use super::{Residuals, Structure};
 
 /// Three relative standard deviations below which a parameter counts as usable.
 const USABLE: f64 = 0.05;
@@ -47,7 +48,7 @@ pub struct Change {
 
 impl Change {
     /// One that all rows of a block come after.
-    pub(super) fn over_the_block<R: Residuals>(kind: ChangeKind, rows: &R) -> Self {
+    pub(super) fn over_the_block(kind: ChangeKind, rows: &dyn Summable) -> Self {
         Self {
             kind,
             row: 0,

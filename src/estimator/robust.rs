@@ -15,9 +15,8 @@
 //! Huber's function (Robust Estimation of a Location Parameter, 1964) bounds a row's pull; a gate
 //! drops it. Both count the rows they touch.
 
-use super::Residuals;
 use super::options::Outliers;
-use super::pass::Loss;
+use super::pass::{Loss, Summable};
 use std::ops::Range;
 
 const PER_OCTAVE: f64 = 16.0;
@@ -39,9 +38,9 @@ impl Magnitudes {
 
     /// The median of |f| over the rows of an equation at θ; `regressor` is room for the equation's
     /// regressor.
-    pub fn median<R: Residuals>(
+    pub fn median(
         &mut self,
-        rows: &R,
+        rows: &dyn Summable,
         equation: usize,
         range: Range<usize>,
         theta: &[f64],
@@ -87,6 +86,7 @@ impl Outliers {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::estimator::Residuals;
 
     struct Values(Vec<f64>);
     impl Residuals for Values {

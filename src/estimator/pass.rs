@@ -101,7 +101,8 @@ pub trait Summable: Residuals {
 
 impl<R: Residuals> Summable for R {
     fn sum(&self, pass: &Pass, theta: &[f64], sums: &mut Sums) {
-        // The plain loss has loops of its own, without branches, of each length that equations have.
+        // The plain loss has loops of its own, without branches, of each length that equations
+        // have.
         macro_rules! sized {
             ($($n:literal)*) => {
                 match (pass.own.len(), pass.loss) {

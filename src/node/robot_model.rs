@@ -11,8 +11,8 @@ use crate::model::{
 #[cfg(feature = "sim")]
 use crate::robot::Reference;
 use crate::robot::{
-    BODY_PARAMETERS, BodyParameters, Drives, FilteredSample, IdentifyOptions, PAYLOAD_VALUES, Payload, RobotIdentifier,
-    RobotModel, RobotSimOptions, Velocities, controller_values,
+    BODY_PARAMETERS, BodyParameters, Drives, Engagement, FilteredSample, IdentifyOptions, PAYLOAD_VALUES, Payload,
+    RobotIdentifier, RobotModel, RobotSimOptions, Velocities, controller_values,
 };
 use std::sync::Arc;
 
@@ -160,7 +160,7 @@ impl Model for RobotPlant {
             q: motion.q,
             dq: motion.dq,
             ddq: motion.ddq,
-            engagement: motion.dq.map(|dq| if dq == 0.0 { 0.0 } else { dq.signum() }),
+            engagement: motion.dq.map(Engagement::steady),
             ..FilteredSample::default()
         };
         let mut tau = [0.0; MAX_JOINTS];

@@ -13,6 +13,7 @@
 //! that are missing in the model lasts as long as a movement.
 
 use super::butterworth::ZeroPhaseLowPass;
+use super::friction::Engagement;
 use super::model::RobotModel;
 use super::state::{FilteredSample, RobotSample};
 use crate::model::MAX_JOINTS;
@@ -43,7 +44,7 @@ pub fn filtered(model: &RobotModel, log: &[RobotSample]) -> Vec<FilteredSample> 
             .map(|i| rate(i.saturating_sub(1), (i + 1).min(len - 1)))
             .collect();
         let ddq = filter.apply(&differences);
-        let (mut engagement, mut last) = (0.0, log[0].t_s);
+        let (mut engagement, mut last) = (Engagement::default(), log[0].t_s);
         for (i, sample) in samples.iter_mut().enumerate() {
             engagement = friction.engagement(dq[i] * (sample.t_s - last), engagement);
             last = sample.t_s;

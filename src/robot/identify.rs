@@ -38,7 +38,6 @@ use super::rows::{SampleFault, WeakRows, WindowOptions};
 use super::state::RobotSample;
 use super::sums::JointSums;
 use super::watch_room::Watch;
-use crate::estimator::StateError;
 
 /// Blocks that (3) is taken over.
 const RECENT: usize = 32;
@@ -135,6 +134,8 @@ pub struct RobotIdentifier {
     pub(super) block: Vec<JointSums>,
     /// Slices of the block that is open among those kept apart.
     pub(super) block_slices: usize,
+    /// Slices since the start.
+    pub(super) slices: usize,
     pub(super) total: Vec<JointSums>,
     pub(super) all: Vec<JointSums>,
     pub(super) pending: SliceRing,
@@ -223,6 +224,7 @@ impl RobotIdentifier {
             frictions,
             carried: payload.iter().flat_map(|payload| payload.indices()).collect(),
             block_slices: 0,
+            slices: 0,
             torque_std: vec![0.0; joints],
             inflation: vec![0.0; joints],
             levels: LevelRing::new((SLICES as f64 * SLICE_S / options.block_s).ceil() as usize + 1),
@@ -246,7 +248,7 @@ impl RobotIdentifier {
         for sums in [&mut self.block, &mut self.total].into_iter().flatten() {
             sums.clear();
         }
-        (self.recent_blocks, self.blocks, self.condensed) = (0, 0, false);
+        (self.recent_blocks, self.blocks, self.slices, self.condensed) = (0, 0, 0, false);
         self.is_loaded = false;
         self.assumed.0.fill(ASSUMED_INFLATION.0);
         self.assumed.1 = ASSUMED_INFLATION.1;
@@ -521,22 +523,6 @@ impl RobotIdentifier {
         self.block_slices = 0;
         self.block.iter_mut().for_each(JointSums::clear);
         true
-    }
-
-    /// After a state was copied in.
-    pub(super) fn go_on(&mut self) -> Result<(), StateError> {
-        self.condensed = true;
-        self.levels.clear();
-        self.forget_recent();
-        self.assemble();
-        self.refresh_effective();
-        let positive = |x: &f64| *x >= 0.0;
-        if !self.torque_std.iter().chain(&self.inflation).all(positive)
-            || !self.solver.covariance(&self.system, &self.fixed, &mut self.covariance)
-        {
-            return Err(StateError::NotPositive);
-        }
-        Ok(())
     }
 
     /// Standard deviation of a parameter before anything was learnt.

@@ -94,7 +94,7 @@ pub use error::UrdfError;
 pub use excitation::{Excitation, ExcitationOptions, JointRange, MAX_EXCITATION_HARMONICS};
 pub use figures::BlockFigures;
 pub use fit::{TorqueFit, correlation_time_s, filtered};
-pub use friction::{FrictionTerm, JointFriction};
+pub use friction::{Engagement, FrictionTerm, JointFriction};
 pub use identify::{IdentifyOptions, RobotIdentifier};
 pub use log::{Drives, LogColumns, LogError, read_log};
 pub use model::{RobotModel, RobotParameter};

@@ -11,7 +11,7 @@
 
 use super::base_parameters::{BaseParameters, Standard};
 use super::dynamics::inverse_dynamics;
-use super::friction::JointFriction;
+use super::friction::{Engagement, JointFriction};
 use super::regressor::EnergyRegressors;
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
 use super::state::FilteredSample;
@@ -178,7 +178,7 @@ impl RobotModel {
         regressors: &mut EnergyRegressors,
         q: &[f64],
         dq: &[f64],
-        engagement: &[f64],
+        engagement: &[Engagement],
         differentiated: &mut [f64],
         direct: &mut [f64],
     ) {

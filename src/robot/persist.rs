@@ -4,6 +4,7 @@
 //! a state weighs what is past as it was weighed.
 
 use super::identify::RobotIdentifier;
+use super::watch::LEARNT;
 use crate::estimator::persist::{Load, Save, Visit};
 use crate::estimator::{EstimatorState, StateError};
 
@@ -45,6 +46,23 @@ impl RobotIdentifier {
         self.visit_rest(&mut load);
         load.finish(state)?;
         self.go_on()
+    }
+
+    /// After a state was copied in.
+    fn go_on(&mut self) -> Result<(), StateError> {
+        self.condensed = true;
+        self.slices = LEARNT;
+        self.levels.clear();
+        self.forget_recent();
+        self.assemble();
+        self.refresh_effective();
+        let positive = |x: &f64| *x >= 0.0;
+        if !self.torque_std.iter().chain(&self.inflation).all(positive)
+            || !self.solver.covariance(&self.system, &self.fixed, &mut self.covariance)
+        {
+            return Err(StateError::NotPositive);
+        }
+        Ok(())
     }
 
     fn visit_rest(&mut self, v: &mut impl Visit) {

@@ -13,6 +13,7 @@
 //! Both sides are divided by ∫ψ dt, so that a row is a mean torque. No acceleration is formed.
 //! Source of the weak form: A. Preisig, D. Rippin, Computers & Chemical Engineering 17 (1993).
 
+use super::friction::Engagement;
 use super::model::RobotModel;
 use super::regressor::EnergyRegressors;
 use super::state::RobotSample;
@@ -130,7 +131,7 @@ pub struct WeakRows {
     entries: usize,
     needs_motion: [bool; MAX_JOINTS],
     rest_speed: [f64; MAX_JOINTS],
-    engagement: [f64; MAX_JOINTS],
+    engagement: [Engagement; MAX_JOINTS],
     regressors: EnergyRegressors,
     last: Option<RobotSample>,
     /// d and c of this sample, and of the one before.
@@ -168,7 +169,7 @@ impl WeakRows {
             entries,
             needs_motion,
             rest_speed,
-            engagement: [0.0; MAX_JOINTS],
+            engagement: [Engagement::default(); MAX_JOINTS],
             regressors: EnergyRegressors::new(joints),
             last: None,
             differentiated: room(),
@@ -186,7 +187,7 @@ impl WeakRows {
     pub fn restart(&mut self) {
         self.last = None;
         self.active = 0;
-        self.engagement = [0.0; MAX_JOINTS];
+        self.engagement = [Engagement::default(); MAX_JOINTS];
     }
 
     /// Takes a sample; gives each row that it completes to `take`. After a gap longer than allowed

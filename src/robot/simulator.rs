@@ -15,7 +15,7 @@
 //! behind the sample's instant.
 
 use super::dynamics::{forward_dynamics, inverse_dynamics};
-use super::friction::{FrictionTerm, JointFriction};
+use super::friction::{Engagement, FrictionTerm, JointFriction};
 use super::model::RobotModel;
 use super::random::Random;
 use super::reference::{MotionLimits, Motions, Reference};
@@ -217,7 +217,7 @@ pub struct RobotSimulator {
     noise: Random,
     q: [f64; MAX_JOINTS],
     dq: [f64; MAX_JOINTS],
-    z: [f64; MAX_JOINTS],
+    engagement: [Engagement; MAX_JOINTS],
     tau: [f64; MAX_JOINTS],
     feed_forward: [f64; MAX_JOINTS],
     next_payload: usize,
@@ -255,7 +255,7 @@ impl RobotSimulator {
             noise: Random(options.seed ^ 0x006e_6f69_7365),
             q: reference.start(),
             dq: [0.0; MAX_JOINTS],
-            z: [0.0; MAX_JOINTS],
+            engagement: [Engagement::default(); MAX_JOINTS],
             tau: [0.0; MAX_JOINTS],
             feed_forward: [0.0; MAX_JOINTS],
             next_payload: 0,
@@ -320,6 +320,7 @@ impl RobotSimulator {
                 FrictionTerm::Coulomb => drive.coulomb,
                 FrictionTerm::Offset => drive.offset,
                 FrictionTerm::Load | FrictionTerm::Stribeck => 0.0,
+                FrictionTerm::Reversal => drive.coulomb * (self.options.presliding / friction.presliding - 1.0),
             }));
         }
         theta.extend(self.payload(t_s).0);
@@ -389,7 +390,7 @@ impl RobotSimulator {
         let mut net = [0.0; MAX_JOINTS];
         for i in 0..n {
             let drive = &self.options.drives[i];
-            net[i] = self.tau[i] - drive.viscous * dq[i] - drive.coulomb * self.z[i] - drive.offset; // (1)
+            net[i] = self.tau[i] - drive.viscous * dq[i] - drive.coulomb * self.engagement[i].z - drive.offset; // (1)
         }
         let (robot, bodies) = (&self.known, &self.loaded);
         forward_dynamics(robot, bodies, &self.rotors, &q[..n], &dq[..n], &net[..n], &mut ddq[..n]);
@@ -413,7 +414,7 @@ impl RobotSimulator {
             let step = h / 6.0 * (v1[i] + 2.0 * v2[i] + 2.0 * v3[i] + v4[i]);
             self.q[i] += step;
             self.dq[i] += h / 6.0 * (a[0][i] + 2.0 * a[1][i] + 2.0 * a[2][i] + a[3][i]);
-            self.z[i] = self.friction.engagement(step, self.z[i]); // (1)
+            self.engagement[i] = self.friction.engagement(step, self.engagement[i]); // (1)
         }
     }
 }

@@ -1,6 +1,7 @@
 //! What is known of a robot at one instant; SI units, the first entries up to the number of joints
 //! count.
 
+use super::friction::Engagement;
 use crate::model::MAX_JOINTS;
 
 /// A sample as it is recorded.
@@ -27,8 +28,8 @@ pub struct FilteredSample {
     pub dq: [f64; MAX_JOINTS],
     /// Accelerations \[rad/s² or m/s²\].
     pub ddq: [f64; MAX_JOINTS],
-    /// Engagement of friction, −1 to 1.
-    pub engagement: [f64; MAX_JOINTS],
+    /// Engagement of friction.
+    pub engagement: [Engagement; MAX_JOINTS],
     /// Torques or forces of the drives as recorded \[N m or N\].
     pub tau: [f64; MAX_JOINTS],
 }

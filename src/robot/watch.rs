@@ -10,8 +10,9 @@ use super::watch_room::Watch;
 
 /// Slices that are held against what was known before them.
 const WINDOW: usize = 4;
-/// Time of learning before a change can be told from what is not known yet \[s\].
-const LEARNT_S: f64 = 5.0;
+/// Slices of learning before a change can be told from what is not known yet: a payload that comes
+/// earlier is learnt half as a part of the arm.
+pub(super) const LEARNT: usize = 8;
 /// ln of the Bayes factor from which on the machine has changed: a factor of 10⁸ …
 const ALARM: f64 = 18.0;
 /// … by which a payload must be likelier than friction of one joint, and by how much less than
@@ -55,6 +56,7 @@ impl RobotIdentifier {
             if self.pending.is_full() {
                 self.commit_pending(1);
             }
+            self.slices += 1;
             let kept = self.pending.push(self.slice_begin);
             self.block_slices += 1;
             for (kept, sums) in kept.sums.iter_mut().zip(&self.slice) {
@@ -68,7 +70,7 @@ impl RobotIdentifier {
     fn look(&mut self, now_s: f64) {
         let doubt = self.watch.as_ref().map_or(0, |watch| watch.doubt);
         let slices = self.pending.len().min(WINDOW + doubt);
-        if (self.blocks as f64) * self.options.block_s < LEARNT_S {
+        if self.blocks == 0 || self.slices < LEARNT {
             return;
         }
         let Some(mut watch) = self.watch.take() else { return };

@@ -253,7 +253,7 @@ impl Found {
                 match term {
                     FrictionTerm::Viscous => values.damping = Some(self.theta[i]),
                     FrictionTerm::Coulomb => values.friction = Some(self.theta[i]),
-                    FrictionTerm::Offset | FrictionTerm::Load | FrictionTerm::Stribeck => {}
+                    FrictionTerm::Offset | FrictionTerm::Load | FrictionTerm::Stribeck | FrictionTerm::Reversal => {}
                 }
             }
             if fitted.rotors[j] > 0.0 {

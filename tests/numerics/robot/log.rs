@@ -3,8 +3,8 @@
 use super::{SIX_AXIS, robot};
 use crate::support::TestRng;
 use thetabus::robot::{
-    Drives, FilteredSample, FrictionTerm, IdentifyOptions, JointFriction, LogColumns, RobotIdentifier, RobotModel,
-    RobotSample, SampleFault, WindowOptions, ZeroPhaseLowPass, correlation_time_s, read_log,
+    Drives, Engagement, FilteredSample, FrictionTerm, IdentifyOptions, JointFriction, LogColumns, RobotIdentifier,
+    RobotModel, RobotSample, SampleFault, WindowOptions, ZeroPhaseLowPass, correlation_time_s, read_log,
 };
 
 fn columns() -> LogColumns {
@@ -109,19 +109,47 @@ fn prop_the_zero_phase_low_pass_has_the_gain_of_butterworth_twice() {
     assert!(ZeroPhaseLowPass::new(0, 0.1).is_none() && ZeroPhaseLowPass::new(5, 1.0).is_none());
 }
 
+/// The slope of the engagement is that of a difference of two ways δ. Central differences with a
+/// step of 1e-4 in ln δ leave 1e-8 of third derivatives of order 1.
+#[test]
+fn val_the_slope_of_the_engagement_is_its_derivative_by_the_way_of_a_reversal() {
+    let of = |presliding: f64| {
+        let friction = JointFriction {
+            presliding,
+            ..JointFriction::default()
+        };
+        let mut engaged = Engagement::default();
+        (0..300)
+            .map(|k| {
+                engaged = friction.engagement(2e-5 * (0.05 * f64::from(k)).sin(), engaged);
+                engaged
+            })
+            .collect::<Vec<_>>()
+    };
+    let (h, delta) = (1e-4_f64, 2e-4);
+    let (less, exact, more) = (of(delta * (-h).exp()), of(delta), of(delta * h.exp()));
+    for k in 0..300 {
+        let slope = (more[k].z - less[k].z) / (2.0 * h);
+        assert!((exact[k].slope - slope).abs() < 1e-7, "{k}: {} {slope}", exact[k].slope);
+    }
+    let largest = exact.iter().map(|e| e.slope.abs()).fold(0.0, f64::max);
+    assert!(largest > 0.3, "the motion reverses: {largest}");
+}
+
 #[test]
 fn prop_engagement_follows_motion_and_stays_at_rest() {
     let friction = JointFriction::default();
-    let mut z = 0.0;
+    let mut engaged = Engagement::default();
     for _ in 0..1000 {
-        z = friction.engagement(1e-5, z);
+        engaged = friction.engagement(1e-5, engaged);
     }
-    assert!(z > 0.999 && z <= 1.0);
-    assert_eq!(friction.engagement(0.0, z), z);
+    assert!(engaged.z > 0.999 && engaged.z <= 1.0);
+    assert_eq!(friction.engagement(0.0, engaged), engaged);
     // One step or many: the way counts.
-    let halves = friction.engagement(-5e-5, friction.engagement(-5e-5, z));
-    assert!((friction.engagement(-1e-4, z) - halves).abs() < 1e-12);
-    assert_eq!(friction.engagement(-1.0, z), -1.0);
+    let halves = friction.engagement(-5e-5, friction.engagement(-5e-5, engaged));
+    let whole = friction.engagement(-1e-4, engaged);
+    assert!((whole.z - halves.z).abs() < 1e-12 && (whole.slope - halves.slope).abs() < 1e-12);
+    assert_eq!(friction.engagement(-1.0, engaged).z, -1.0);
     for wrong in [
         JointFriction {
             presliding: 0.0,

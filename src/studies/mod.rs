@@ -19,6 +19,7 @@ pub mod robots;
 mod scenario;
 pub mod simulated;
 mod speed;
+pub mod states;
 pub mod stress;
 pub mod trials;
 

@@ -4,6 +4,7 @@
 mod common;
 mod contenders;
 mod document;
+pub mod efficiency;
 pub mod ekf;
 pub mod emps;
 pub mod encoder;

@@ -3,13 +3,14 @@
 //! ```text
 //! configuration ─▶ simulated runs ─▶ estimators side by side ─▶ docs/results.md and others
 //! machines and motions by seed ─▶ simulated robots ─▶ their identifier ─▶ docs/robot-trials.md
+//! motions and sensors ─▶ estimators beside the Cramér–Rao bound ─▶ docs/efficiency.md
 //! settings of a trial ─▶ simulated runs ─▶ the identifier node ─▶ docs/trials.md
 //! ```
 #![forbid(unsafe_code)]
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
-use thetabus::service::studies::{self, CompareArgs, RobotsArgs, TrackArgs, TrialsArgs};
+use thetabus::service::studies::{self, CompareArgs, EfficiencyArgs, RobotsArgs, TrackArgs, TrialsArgs};
 use thetabus::service::{EXIT_CODES, VERSION, main_with};
 
 /// Compares estimators and tries the published evidence on simulated machines
@@ -32,6 +33,10 @@ enum Command {
     /// Identify simulated robots of many seeds; the tables of docs/robot-trials.md
     #[command(after_help = EXIT_CODES)]
     Robots(RobotsArgs),
+    /// Compare the errors of estimators with the least that the data allow; the tables of
+    /// docs/efficiency.md
+    #[command(after_help = EXIT_CODES)]
+    Efficiency(EfficiencyArgs),
     /// Follow a trajectory with feed-forward from estimates; the table of docs/adaptive.md
     #[command(after_help = EXIT_CODES)]
     Track(TrackArgs),
@@ -42,6 +47,7 @@ fn main() -> ExitCode {
         Command::Compare(args) => main_with(&args.common, |shutdown| studies::compare(&args, shutdown)),
         Command::Trials(args) => main_with(&args.common, |shutdown| studies::trials(&args, shutdown)),
         Command::Robots(args) => main_with(&args.common, |shutdown| studies::robots(&args, shutdown)),
+        Command::Efficiency(args) => main_with(&args.common, |shutdown| studies::efficiency(&args, shutdown)),
         Command::Track(args) => main_with(&args.common, |shutdown| studies::track(&args, shutdown)),
     }
 }

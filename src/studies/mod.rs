@@ -4,6 +4,7 @@
 mod common;
 mod contenders;
 mod document;
+pub mod efficiency;
 pub mod ekf;
 pub mod emps;
 pub mod encoder;
@@ -19,6 +20,7 @@ pub mod robots;
 mod scenario;
 pub mod simulated;
 mod speed;
+pub mod states;
 pub mod stress;
 pub mod trials;
 

@@ -8,6 +8,8 @@ mod configured;
 #[cfg(feature = "sim")]
 mod considered;
 #[cfg(feature = "studies")]
+mod efficiency;
+#[cfg(feature = "studies")]
 mod emps;
 #[cfg(feature = "studies")]
 mod encoder_study;

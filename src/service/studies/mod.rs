@@ -2,13 +2,15 @@
 
 mod args;
 mod compare;
+mod efficiency;
 mod output;
 mod robots;
 mod track;
 mod trials;
 
-pub use args::{CompareArgs, RobotsArgs, TrackArgs, TrialsArgs};
+pub use args::{CompareArgs, EfficiencyArgs, RobotsArgs, TrackArgs, TrialsArgs};
 pub use compare::run as compare;
+pub use efficiency::run as efficiency;
 pub use robots::run as robots;
 pub use track::run as track;
 pub use trials::{run as trials, trial};

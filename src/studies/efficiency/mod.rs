@@ -1,0 +1,24 @@
+//! How near estimators come to the least error that the data allow: the tables of
+//! docs/efficiency.md.
+//!
+//! ```text
+//! simulated run ─▶ samples as the bus has them ─┬▶ ours, as shipped
+//!                                               ├▶ a Kalman filter with θ in its state
+//!                                               └▶ off line: prediction errors, output errors,
+//!                                                  least squares, instrumental variables
+//! the same run without noise ─▶ the Cramér–Rao bound
+//! ```
+//!
+//! All see the same positions, inputs and setpoints and know the sensors' noise.
+
+mod arm;
+mod axis;
+mod estimators;
+mod instruments;
+mod prediction;
+mod table;
+
+pub use arm::arm_run;
+pub use axis::axis_run;
+pub use estimators::{Method, Outcome, Published};
+pub use table::{CaseRuns, KNOWABLE, efficiency_document};

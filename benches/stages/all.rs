@@ -370,11 +370,14 @@ fn robot_sample(k: u32) -> RobotSample {
     sample
 }
 
-/// The six-axis robot at 1 kHz: 70 parameters, blocks of a second.
+/// The six-axis robot at 1 kHz: 70 parameters, blocks of a second. The targets are those of 68, so
+/// one of the six terms of friction is left out.
 fn robot() -> Vec<Stage> {
     let urdf = include_str!("../../config/robots/six_axis.urdf");
     let robot = Robot::from_urdf(urdf, &Selection::default()).expect("a sound URDF");
-    let model = RobotModel::new(robot.clone(), true, vec![JointFriction::default(); 6]).expect("sound friction");
+    let mut friction = JointFriction::default();
+    friction.terms.pop();
+    let model = RobotModel::new(robot.clone(), true, vec![friction; 6]).expect("sound friction");
     let (mut ready, mut next) = before_a_blocks_end(model.clone(), IdentifyOptions::default());
     let before_end = ready.clone();
     let watch = IdentifyOptions {

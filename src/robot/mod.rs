@@ -37,7 +37,7 @@
 //! | `velocity` | velocities from positions |
 //! | `reference`, `simulator` | motions within limits; a simulated robot in closed loop |
 //! | `motion_table`, `prediction`, `excitation` | a motion as a table; what it will tell; motions that tell much |
-//! | `config` | the TOML file of a robot (feature `config`) |
+//! | `config_file`, `config`, `overrides` | the TOML file of a robot, and `--set` over it (feature `config`) |
 //! | `log`, `fit` | logs in columns; measured against predicted torque |
 
 mod base_parameters;
@@ -47,6 +47,8 @@ mod carried;
 mod change;
 #[cfg(feature = "config")]
 mod config;
+#[cfg(feature = "config")]
+mod config_file;
 mod dynamics;
 mod error;
 mod excitation;
@@ -60,6 +62,8 @@ mod levels;
 mod log;
 mod model;
 mod motion_table;
+#[cfg(feature = "config")]
+mod overrides;
 mod payload;
 mod persist;
 mod physical;
@@ -99,6 +103,8 @@ pub use identify::{IdentifyOptions, RobotIdentifier};
 pub use log::{Drives, LogColumns, LogError, read_log};
 pub use model::{RobotModel, RobotParameter};
 pub use motion_table::{MotionTable, read_motion};
+#[cfg(feature = "config")]
+pub use overrides::is_robot_override;
 pub use payload::Payload;
 pub use physical::{
     BodyInformation, controller_std, controller_values, declared_load, information, is_physical, project,

@@ -6,7 +6,7 @@ use crate::model::MAX_JOINTS;
 use crate::recording::{RecordingReader, Span, read_joint_states};
 use crate::robot::{
     FilteredSample, RobotConfig, RobotIdentifier, RobotSample, TorqueFit, Velocities, correlation_time_s, filtered,
-    read_log,
+    is_robot_override, read_log,
 };
 use crate::runner::Shutdown;
 use serde_json::{Value, json};
@@ -30,12 +30,20 @@ pub(super) fn configuration(args: &IdentifyArgs) -> Result<Option<RobotConfig>, 
     if !RobotConfig::is_robot(&text) {
         return none_with_validation(args);
     }
-    if !args.common.set.is_empty() || args.warm {
+    if args.warm {
         return Err(Failure::Usage(
-            "--set and --warm are not for a robot from a URDF; write the keys in its configuration file".to_owned(),
+            "--warm is not for the log of a robot from a URDF".to_owned(),
         ));
     }
-    RobotConfig::parse(&text, path).map(Some).map_err(Failure::Usage)
+    if let Some(other) = args.common.set.iter().find(|one| !is_robot_override(one)) {
+        return Err(Failure::Usage(format!(
+            "--set {other}: expected a key of {}'s sections model, drive, friction, log or identify, got another, which has no effect on the log of a robot from a URDF",
+            path.display()
+        )));
+    }
+    RobotConfig::parse_with(&text, path, &args.common.set)
+        .map(Some)
+        .map_err(Failure::Usage)
 }
 
 fn none_with_validation(args: &IdentifyArgs) -> Result<Option<RobotConfig>, Failure> {

@@ -38,7 +38,7 @@
 //! | `reference`, `simulator` | motions within limits; a simulated robot in closed loop |
 //! | `motion_table`, `prediction`, `excitation` | a motion as a table; what it will tell; motions that tell much |
 //! | `config_file`, `config`, `overrides` | the TOML file of a robot, and `--set` over it (feature `config`) |
-//! | `log`, `fit` | logs in columns; measured against predicted torque |
+//! | `log`, `fit`, `judge`, `suspicion` | logs in columns; measured against predicted torque; what is probably wrong with them |
 
 mod base_parameters;
 mod butterworth;
@@ -57,6 +57,7 @@ mod fit;
 mod friction;
 mod identify;
 mod information;
+mod judge;
 mod learning;
 mod levels;
 mod log;
@@ -78,6 +79,7 @@ mod spatial;
 mod standard;
 mod state;
 mod sums;
+mod suspicion;
 mod tree;
 mod urdf;
 mod urdf_writer;
@@ -100,6 +102,7 @@ pub use figures::BlockFigures;
 pub use fit::{TorqueFit, correlation_time_s, filtered};
 pub use friction::{FrictionTerm, JointFriction};
 pub use identify::{IdentifyOptions, RobotIdentifier};
+pub use judge::{judge_robot_fit, judge_robot_log};
 pub use log::{Drives, LogColumns, LogError, read_log};
 pub use model::{RobotModel, RobotParameter};
 pub use motion_table::{MotionTable, read_motion};
@@ -118,6 +121,7 @@ pub use simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimula
 pub use spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};
 pub use standard::StandardParameters;
 pub use state::{FilteredSample, RobotSample, Setpoint};
+pub use suspicion::RobotSuspicion;
 pub use tree::{Robot, RobotJoint, RobotLink, Selection};
 pub use urdf::{Joint, JointKind, Limits, Link, Urdf};
 pub use urdf_writer::{JointValues, LinkValues, write_urdf};

@@ -13,6 +13,6 @@ pub use lines::LineError;
 pub use log::LogReader;
 pub use log_counts::LogCounts;
 pub use log_error::LogError;
-pub use profile::{ColumnProfile, LogProfile, Signal, Steps};
+pub use profile::{ColumnProfile, LogProfile, Signal, Steps, short};
 pub use sign::InputSign;
 pub use suspicion::{Configured, Suspicion, judge_bounds, judge_field, judge_header, judge_period, judge_profile};

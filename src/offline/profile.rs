@@ -99,6 +99,21 @@ impl LogProfile {
         }
     }
 
+    /// Of rows at these times alone \[s\].
+    pub fn of_times(times: impl Iterator<Item = f64>) -> Self {
+        let mut profile = Self::default();
+        let mut first_and_last: Option<(f64, f64)> = None;
+        for t_s in times {
+            profile.rows += 1;
+            if let Some((first, last)) = first_and_last {
+                profile.length_s = t_s - first;
+                profile.steps.add(t_s - last);
+            }
+            first_and_last = Some((first_and_last.map_or(t_s, |(first, _)| first), t_s));
+        }
+        profile
+    }
+
     /// Takes a row in; `t_s` from the first one on, `step_s` to the one before if none is
     /// missing between them.
     pub(super) fn take(&mut self, sample: &Sample, t_s: f64, step_s: Option<f64>) {
@@ -159,8 +174,8 @@ impl fmt::Display for LogProfile {
     }
 }
 
-/// Five significant digits.
-fn short(value: f64) -> String {
+/// A number in five significant digits.
+pub fn short(value: f64) -> String {
     let magnitude = value.abs();
     if magnitude == 0.0 || !value.is_finite() {
         return format!("{value}");

@@ -2,180 +2,26 @@
 //!
 //! Everything but `model.kind` and `model.urdf` has a default. Paths are relative to the file.
 
+use super::config_file::{
+    Controller, ExciteSection, File, FrictionSection, IdentifySection, LogSection, Motion, SimulateSection, Velocity,
+};
 use super::excitation::{ExcitationOptions, JointRange};
 use super::friction::{FrictionTerm, JointFriction};
 use super::identify::{IdentifyOptions, RobotIdentifier};
 use super::log::{Drives, LogColumns};
 use super::model::RobotModel;
 use super::motion_table::MotionTable;
+use super::overrides::{is_robot_override, lay};
 use super::reference::{MotionLimits, Motions};
 use super::rows::WindowOptions;
 use super::simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator};
 use super::tree::{Robot, Selection};
 use nalgebra::Vector3;
-use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Time to either side over which velocities are formed from positions \[s\].
 const VELOCITY_S: f64 = 0.02;
-
-/// The file as it is written.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    model: ModelSection,
-    #[serde(default)]
-    drive: DriveSection,
-    #[serde(default)]
-    friction: FrictionSection,
-    #[serde(default)]
-    log: LogSection,
-    #[serde(default)]
-    identify: IdentifySection,
-    #[serde(default)]
-    simulate: SimulateSection,
-    #[serde(default)]
-    excite: ExciteSection,
-    // Sections that every configuration may have: they are read elsewhere.
-    bus: Option<toml::Table>,
-    plant: Option<toml::Table>,
-    estimator: Option<toml::Table>,
-    monitor: Option<toml::Table>,
-    checkpoint: Option<toml::Table>,
-    supervision: Option<toml::Table>,
-    controller: Option<toml::Table>,
-    realtime: Option<toml::Table>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ModelSection {
-    #[serde(rename = "kind")]
-    _kind: String,
-    urdf: PathBuf,
-    base: Option<String>,
-    tip: Option<String>,
-    joints: Option<Vec<String>>,
-    gravity_m_per_s2: Option<[f64; 3]>,
-    rotor_inertia: Option<bool>,
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-struct DriveSection {
-    gain: Option<Vec<f64>>,
-    coupling: Option<Vec<Vec<f64>>>,
-    gain_std: Option<f64>,
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-struct FrictionSection {
-    terms: Option<Vec<String>>,
-    presliding: Option<f64>,
-    rest_speed: Option<f64>,
-    stribeck_speed: Option<f64>,
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-struct LogSection {
-    time_column: Option<usize>,
-    position_columns: Option<Vec<usize>>,
-    velocity_columns: Option<Vec<usize>>,
-    input_columns: Option<Vec<usize>>,
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-struct IdentifySection {
-    window_s: Option<f64>,
-    stride_s: Option<f64>,
-    max_gap_s: Option<f64>,
-    block_s: Option<f64>,
-    settle_blocks: Option<usize>,
-    friction_walk: Option<f64>,
-    payload_friction: Option<f64>,
-    velocity: Option<Velocity>,
-    velocity_s: Option<f64>,
-    payload: Option<bool>,
-}
-
-/// Where velocities come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum Velocity {
-    Measured,
-    Differentiated,
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-struct SimulateSection {
-    motion: Option<Motion>,
-    motion_csv: Option<PathBuf>,
-    harmonics: Option<usize>,
-    period_s: Option<f64>,
-    rest_s: Option<f64>,
-    part_of_limits: Option<f64>,
-    reach: Option<f64>,
-    acceleration: Option<f64>,
-    controller: Option<Controller>,
-    bandwidth_rad_per_s: Option<f64>,
-    difference: Option<f64>,
-    machine_seed: Option<u64>,
-    encoder_bits: Option<u32>,
-    torque_noise: Option<f64>,
-    viscous: Option<Vec<f64>>,
-    coulomb: Option<Vec<f64>>,
-    offset: Option<Vec<f64>>,
-    rotor_inertia: Option<Vec<f64>>,
-    payload: Vec<PayloadSection>,
-}
-
-/// Limits of a designed motion; lists have a number per joint.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-struct ExciteSection {
-    duration_s: Option<f64>,
-    harmonics: Option<usize>,
-    tries: Option<usize>,
-    seed: Option<u64>,
-    part_of_limits: Option<f64>,
-    reach: Option<f64>,
-    lower: Option<Vec<f64>>,
-    upper: Option<Vec<f64>>,
-    velocity: Option<Vec<f64>>,
-    acceleration: Option<Vec<f64>>,
-}
-
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum Motion {
-    Rest,
-    Fourier,
-    Moves,
-}
-
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum Controller {
-    ComputedTorque,
-    Pd,
-    Servo,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct PayloadSection {
-    t_s: f64,
-    mass_kg: f64,
-    #[serde(default)]
-    center_m: [f64; 3],
-    #[serde(default)]
-    inertia_kg_m2: [f64; 6],
-}
 
 /// All that identifying a robot from a log needs.
 #[derive(Debug, Clone)]
@@ -218,10 +64,19 @@ impl RobotConfig {
     /// # Errors
     /// File, line or key, what is expected and what is there; also what is wrong with the URDF.
     pub fn from_file(path: &Path) -> Result<Self, String> {
+        Self::from_file_with(path, &[])
+    }
+
+    /// The same with `section.key=value` arguments laid over it; see
+    /// [`parse_with`](Self::parse_with).
+    ///
+    /// # Errors
+    /// See [`from_file`](Self::from_file).
+    pub fn from_file_with(path: &Path, set: &[String]) -> Result<Self, String> {
         let problem = |e: std::io::Error| format!("{}: {e}", path.display());
         crate::pipe::refuse_named_pipe(path).map_err(problem)?;
         let text = std::fs::read_to_string(path).map_err(problem)?;
-        Self::parse(&text, path)
+        Self::parse_with(&text, path, set)
     }
 
     /// Of a text that stands in the file `path`.
@@ -229,12 +84,42 @@ impl RobotConfig {
     /// # Errors
     /// See [`from_file`](Self::from_file).
     pub fn parse(text: &str, path: &Path) -> Result<Self, String> {
-        let file: File = toml::from_str(text).map_err(|e| {
+        Self::parse_with(text, path, &[])
+    }
+
+    /// The text with the arguments laid over it that set keys of a robot's own sections; others are
+    /// not looked at.
+    ///
+    /// # Errors
+    /// See [`from_file`](Self::from_file).
+    pub fn overlaid(text: &str, set: &[String]) -> Result<toml::Table, String> {
+        let mut table: toml::Table = text.parse().map_err(|e: toml::de::Error| e.to_string())?;
+        for argument in set.iter().filter(|argument| is_robot_override(argument)) {
+            let problem = |problem: &str| format!("--set {argument}: {}", problem.trim_end());
+            lay(&mut table, argument).map_err(|e| problem(&e))?;
+            let checked: Result<File, _> = table.clone().try_into();
+            checked.map_err(|e| problem(e.message()))?;
+        }
+        Ok(table)
+    }
+
+    /// Of a text that stands in the file `path`, with these arguments [laid over
+    /// it](Self::overlaid).
+    ///
+    /// # Errors
+    /// See [`from_file`](Self::from_file).
+    pub fn parse_with(text: &str, path: &Path, set: &[String]) -> Result<Self, String> {
+        // Read as it is first, so that its own mistakes are told with their lines.
+        let mut file: File = toml::from_str(text).map_err(|e| {
             let line = e
                 .span()
                 .map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
             format!("{}:{line}: {}", path.display(), e.message().trim_end())
         })?;
+        if !set.is_empty() {
+            let overlaid: Result<File, _> = Self::overlaid(text, set)?.try_into();
+            file = overlaid.map_err(|e| format!("{}: {}", path.display(), e.message()))?;
+        }
         let at = |section: &str, problem: String| format!("{}: {section}: {problem}", path.display());
         let urdf = path.parent().unwrap_or(Path::new("")).join(&file.model.urdf);
         let selection = Selection {

@@ -37,8 +37,8 @@
 //! | `velocity` | velocities from positions |
 //! | `reference`, `simulator` | motions within limits; a simulated robot in closed loop |
 //! | `motion_table`, `prediction`, `excitation` | a motion as a table; what it will tell; motions that tell much |
-//! | `config` | the TOML file of a robot (feature `config`) |
-//! | `log`, `fit` | logs in columns; measured against predicted torque |
+//! | `config_file`, `config`, `overrides` | the TOML file of a robot, and `--set` over it (feature `config`) |
+//! | `log`, `fit`, `judge`, `suspicion` | logs in columns; measured against predicted torque; what is probably wrong with them |
 
 mod base_parameters;
 mod butterworth;
@@ -47,6 +47,8 @@ mod carried;
 mod change;
 #[cfg(feature = "config")]
 mod config;
+#[cfg(feature = "config")]
+mod config_file;
 mod dynamics;
 mod error;
 mod excitation;
@@ -55,11 +57,14 @@ mod fit;
 mod friction;
 mod identify;
 mod information;
+mod judge;
 mod learning;
 mod levels;
 mod log;
 mod model;
 mod motion_table;
+#[cfg(feature = "config")]
+mod overrides;
 mod payload;
 mod persist;
 mod physical;
@@ -74,6 +79,7 @@ mod spatial;
 mod standard;
 mod state;
 mod sums;
+mod suspicion;
 mod tree;
 mod urdf;
 mod urdf_writer;
@@ -96,9 +102,12 @@ pub use figures::BlockFigures;
 pub use fit::{TorqueFit, correlation_time_s, filtered};
 pub use friction::{Engagement, FrictionTerm, JointFriction};
 pub use identify::{IdentifyOptions, RobotIdentifier};
+pub use judge::{judge_robot_fit, judge_robot_log};
 pub use log::{Drives, LogColumns, LogError, read_log};
 pub use model::{RobotModel, RobotParameter};
 pub use motion_table::{MotionTable, read_motion};
+#[cfg(feature = "config")]
+pub use overrides::is_robot_override;
 pub use payload::Payload;
 pub use physical::{
     BodyInformation, controller_std, controller_values, declared_load, information, is_physical, project,
@@ -112,6 +121,7 @@ pub use simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimula
 pub use spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};
 pub use standard::StandardParameters;
 pub use state::{FilteredSample, RobotSample, Setpoint};
+pub use suspicion::RobotSuspicion;
 pub use tree::{Robot, RobotJoint, RobotLink, Selection};
 pub use urdf::{Joint, JointKind, Limits, Link, Urdf};
 pub use urdf_writer::{JointValues, LinkValues, write_urdf};

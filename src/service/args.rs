@@ -5,6 +5,7 @@ use super::{Failure, cell};
 use crate::bus::{Domain, ICEORYX2_VERSION, Limits};
 use crate::config::{Catalog, Config, Source};
 use crate::messages::SCHEMA_VERSION;
+use crate::robot::is_robot_override;
 use crate::runner::Stay;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -175,23 +176,43 @@ impl CommonArgs {
             None => None,
         };
         let basis = basis(&self.catalog);
-        let mut catalog = self.catalog.clone();
-        let mut all: Vec<Source> = basis.into_iter().collect();
         let files = cell::sources(&self.config, self.robot.as_deref())?;
-        for source in sources.into_iter().chain(files) {
-            let robot = match &source {
-                Source::File(path) => super::robot::source(path, &catalog)?,
+        let sources: Vec<Source> = basis.into_iter().chain(sources).chain(files).collect();
+        let (config, counted_with_s) = self.load_at(&sources, own, None)?;
+        // The time of a robot's block holds whatever is laid over its sample period.
+        let period_s = config.plant.sim.sample_period_s;
+        match counted_with_s {
+            Some(counted) if counted != period_s => Ok(self.load_at(&sources, own, Some(period_s))?.0),
+            _ => Ok(config),
+        }
+    }
+
+    /// With the blocks of robots counted at a sample period, or at that of their files; also which
+    /// one that was, if blocks were counted.
+    fn load_at(
+        &self,
+        sources: &[Source],
+        own: &[(&str, Option<String>)],
+        period_s: Option<f64>,
+    ) -> Result<(Config, Option<f64>), Failure> {
+        let (mut catalog, mut has_robot, mut counted_with_s) = (self.catalog.clone(), false, None);
+        let mut all = Vec::with_capacity(sources.len());
+        for source in sources {
+            let robot = match source {
+                Source::File(path) => super::robot::source(path, &catalog, &self.set, period_s)?,
                 _ => None,
             };
             all.push(match robot {
-                Some((with_robot, own)) => {
-                    catalog = with_robot;
-                    own
+                Some(robot) => {
+                    (catalog, has_robot, counted_with_s) = (robot.catalog, true, robot.counted_with_s);
+                    robot.source
                 }
-                None => source,
+                None => source.clone(),
             });
         }
-        let sources = all;
+        if !has_robot {
+            super::robot::refuse_overrides(&self.set)?;
+        }
         let names = [
             ("bus.robot", quoted(self.robot.as_ref())),
             ("bus.domain", quoted(self.domain.as_ref())),
@@ -200,8 +221,10 @@ impl CommonArgs {
             .iter()
             .chain(own)
             .filter_map(|(key, value)| value.as_ref().map(|value| format!("{key}={value}")));
-        let arguments: Vec<String> = self.set.iter().cloned().chain(own).collect();
-        Ok(Config::load_for(&catalog, &sources, &arguments)?)
+        // A robot's own keys have been laid over its file.
+        let set = self.set.iter().filter(|one| !(has_robot && is_robot_override(one)));
+        let arguments: Vec<String> = set.cloned().chain(own).collect();
+        Ok((Config::load_for(&catalog, &all, &arguments)?, counted_with_s))
     }
 }
 

@@ -1,12 +1,12 @@
 //! `thetabus identify LOG.csv --config ROBOT.toml`: a robot from its URDF, off line.
 
 use super::ticker::Ticker;
-use super::{Exit, Failure, IdentifyArgs, TableFormat, logging, out_dir, robot_urdf};
+use super::{Exit, Failure, IdentifyArgs, TableFormat, logging, out_dir, robot_profile, robot_urdf};
 use crate::model::MAX_JOINTS;
 use crate::recording::{RecordingReader, Span, read_joint_states};
 use crate::robot::{
     FilteredSample, RobotConfig, RobotIdentifier, RobotSample, TorqueFit, Velocities, correlation_time_s, filtered,
-    read_log,
+    is_robot_override, judge_robot_fit, read_log,
 };
 use crate::runner::Shutdown;
 use serde_json::{Value, json};
@@ -30,12 +30,20 @@ pub(super) fn configuration(args: &IdentifyArgs) -> Result<Option<RobotConfig>, 
     if !RobotConfig::is_robot(&text) {
         return none_with_validation(args);
     }
-    if !args.common.set.is_empty() || args.warm {
+    if args.warm {
         return Err(Failure::Usage(
-            "--set and --warm are not for a robot from a URDF; write the keys in its configuration file".to_owned(),
+            "--warm is not for the log of a robot from a URDF".to_owned(),
         ));
     }
-    RobotConfig::parse(&text, path).map(Some).map_err(Failure::Usage)
+    if let Some(other) = args.common.set.iter().find(|one| !is_robot_override(one)) {
+        return Err(Failure::Usage(format!(
+            "--set {other}: expected a key of {}'s sections model, drive, friction, log or identify, got another, which has no effect on the log of a robot from a URDF",
+            path.display()
+        )));
+    }
+    RobotConfig::parse_with(&text, path, &args.common.set)
+        .map(Some)
+        .map_err(Failure::Usage)
 }
 
 fn none_with_validation(args: &IdentifyArgs) -> Result<Option<RobotConfig>, Failure> {
@@ -58,11 +66,17 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
     let ticker = Ticker::start(&format!("reading {}", args.input.display()));
     let log = cut(args, read(&args.input, &config)?)?;
     let held_out = args.validate.as_deref().map(|path| read(path, &config)).transpose()?;
+    // Between two tickers: a line of the one would run into the other's.
+    drop(ticker);
+    robot_profile::tell(&args.input, &config, &log, is_bag(&args.input));
+    if let (Some(path), Some(log)) = (&args.validate, &held_out) {
+        robot_profile::tell(path, &config, log, is_bag(path));
+    }
+    let ticker = Ticker::start(&format!("identifying from {}", args.input.display()));
     let mut identifier = RobotIdentifier::new(config.model, config.options).map_err(Failure::Usage)?;
     let states = filtered(identifier.model(), &log);
     let mut before = TorqueFit::default();
     let mut estimates = estimates_header(&identifier);
-    ticker.stage(&format!("identifying from {}", args.input.display()));
     for (index, (sample, state)) in log.iter().zip(&states).enumerate() {
         ticker.at(index as f64 / log.len() as f64);
         if identifier.blocks() >= WARM_UP_BLOCKS {
@@ -101,7 +115,9 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
         held_out: held_out.map(|log| fit(&filtered(identifier.model(), &log))),
     };
     let summary = summary(&identifier, &fits, log.len());
+    let found = judge_robot_fit(&identifier, &states, &fits.learnt);
     drop(ticker);
+    robot_profile::warn(&args.input, &found);
     if let Some(dir) = &args.out {
         out_dir::create(dir)?;
         write(dir, "summary.json", &pretty(&summary)?)?;

@@ -63,7 +63,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     out_dir::create(&dir)?;
     let config_file = dir.join(CONFIG_TOML);
     let files = args.file.iter().chain(&args.plant.common.config);
-    let own = super::robot::as_file(files, &config, &dir)?;
+    let own = super::robot::as_file(files, &args.plant.common.set, &config, &dir)?;
     files::write_synced(&config_file, own.unwrap_or_else(|| config.to_toml()).as_bytes())
         .map_err(|e| Failure::Failed(format!("{} cannot be written: {e}", config_file.display())))?;
 

@@ -5,7 +5,7 @@ use super::Failure;
 use crate::config::{Catalog, Config, Source};
 use crate::node::model::SharedModel;
 use crate::node::robot_model::{RobotPlant, RobotSettings};
-use crate::robot::{IdentifyOptions, RobotConfig, RobotSimulator};
+use crate::robot::{IdentifyOptions, RobotConfig, RobotSimulator, is_robot_override};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
@@ -18,11 +18,30 @@ const MOTION: &str = "motion.csv";
 /// Length of a run if it names none \[s\].
 const DURATION_S: f64 = 60.0;
 
-/// The model and the rest of a file that is the configuration of a robot; `None` for another file.
+/// A robot's file as ordinary programs take it.
+pub(super) struct RobotSource {
+    /// These models and the robot's.
+    pub catalog: Catalog,
+    /// The other sections.
+    pub source: Source,
+    /// Sample period that the length of a block was counted with \[s\]; `None` if the file states
+    /// that length in samples.
+    pub counted_with_s: Option<f64>,
+}
+
+/// The model and the rest of a file that is the configuration of a robot, with those arguments of
+/// `--set` laid over it that are for a robot's own sections; `None` for another file. A block takes
+/// so many samples as `identify.block_s` holds at `period_s`, the sample period in force; if that
+/// is not known yet, at the file's own.
 ///
 /// # Errors
-/// What is wrong with the file or its URDF.
-pub(super) fn source(path: &Path, catalog: &Catalog) -> Result<Option<(Catalog, Source)>, Failure> {
+/// What is wrong with the file, its URDF or the arguments.
+pub(super) fn source(
+    path: &Path,
+    catalog: &Catalog,
+    set: &[String],
+    period_s: Option<f64>,
+) -> Result<Option<RobotSource>, Failure> {
     // What cannot be read is told by who reads ordinary files.
     let small = std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() <= 1 << 20);
     let text = match small {
@@ -32,7 +51,7 @@ pub(super) fn source(path: &Path, catalog: &Catalog) -> Result<Option<(Catalog, 
     if !RobotConfig::is_robot(&text) {
         return Ok(None);
     }
-    let config = RobotConfig::parse(&text, path).map_err(Failure::Usage)?;
+    let config = RobotConfig::parse_with(&text, path, set).map_err(Failure::Usage)?;
     let in_file = |problem: String| Failure::Usage(format!("{}: {problem}", path.display()));
     let settings = RobotSettings {
         options: IdentifyOptions {
@@ -49,7 +68,8 @@ pub(super) fn source(path: &Path, catalog: &Catalog) -> Result<Option<(Catalog, 
     let mut table = config.ordinary;
     let plant = section(&mut table, "plant");
     let number = |value: Option<&Value>| value.and_then(|v| v.as_float().or(v.as_integer().map(|i| i as f64)));
-    let period_s = number(plant.get("sample_period_s")).unwrap_or(PERIOD_S);
+    let own_period_s = number(plant.get("sample_period_s")).unwrap_or(PERIOD_S);
+    let period_s = period_s.unwrap_or(own_period_s);
     state(plant, "sample_period_s", PERIOD_S);
     state(plant, "duration_s", DURATION_S);
     state(plant, "machine", "model");
@@ -72,25 +92,43 @@ pub(super) fn source(path: &Path, catalog: &Catalog) -> Result<Option<(Catalog, 
         truth.insert("change_s".to_owned(), Value::Float(change.t_s));
         truth.insert("theta_after".to_owned(), theta(change.t_s));
     }
-    state(
-        section(&mut table, "estimator"),
-        "block_len",
-        ((block_s / period_s).round() as i64).max(1),
-    );
+    let estimator = section(&mut table, "estimator");
+    let counted_with_s = (!estimator.contains_key("block_len")).then_some(period_s);
+    state(estimator, "block_len", ((block_s / period_s).round() as i64).max(1));
     let source = Source::Embedded {
         name: path.display().to_string(),
         text: toml::to_string(&table).map_err(|e| in_file(e.to_string()))?,
     };
-    Ok(Some((catalog.clone().with_model(SharedModel::new(robot)), source)))
+    Ok(Some(RobotSource {
+        catalog: catalog.clone().with_model(SharedModel::new(robot)),
+        source,
+        counted_with_s,
+    }))
 }
 
-/// The configuration of a run as a file in its directory, with the URDF beside it; `None` if no
-/// robot is among the files.
+/// Refuses an argument of `--set` for a section that only a robot's file has.
+///
+/// # Errors
+/// There is such an argument.
+pub(super) fn refuse_overrides(set: &[String]) -> Result<(), Failure> {
+    // Sections [model] and [log] are those of other configurations, too.
+    let shared = |argument: &str| ["model.", "log."].iter().any(|section| argument.starts_with(section));
+    match set.iter().find(|one| is_robot_override(one) && !shared(one.trim())) {
+        Some(argument) => Err(Failure::Usage(format!(
+            "--set {argument}: sections drive, friction, identify, simulate and excite are those of a robot's file, model.kind = \"robot\": expected one by --config, got none"
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// The configuration of a run, with `--set`, as a file in its directory, with the URDF beside it;
+/// `None` if no robot is among the files.
 ///
 /// # Errors
 /// The URDF cannot be copied.
 pub(super) fn as_file<'a>(
     files: impl Iterator<Item = &'a PathBuf>,
+    set: &[String],
     config: &Config,
     dir: &Path,
 ) -> Result<Option<String>, Failure> {
@@ -98,7 +136,8 @@ pub(super) fn as_file<'a>(
     for path in files {
         let text = std::fs::read_to_string(path).unwrap_or_default();
         if RobotConfig::is_robot(&text) {
-            robot = text.parse::<Table>().ok().map(|table| (path, table));
+            let table = RobotConfig::overlaid(&text, set).map_err(Failure::Usage)?;
+            robot = Some((path, table));
         }
     }
     let Some((path, mut table)) = robot else {
@@ -147,8 +186,9 @@ pub(super) fn as_file<'a>(
 /// What is wrong with the configuration in the directory.
 pub(super) fn beside(input: &Path, catalog: &Catalog) -> Result<Catalog, Failure> {
     let dir = if input.is_dir() { Some(input) } else { input.parent() };
-    let found = dir.map(|dir| source(&dir.join("config.toml"), catalog)).transpose()?;
-    Ok(found.flatten().map_or_else(|| catalog.clone(), |(catalog, _)| catalog))
+    let of_dir = |dir: &Path| source(&dir.join("config.toml"), catalog, &[], None);
+    let found = dir.map(of_dir).transpose()?.flatten();
+    Ok(found.map_or_else(|| catalog.clone(), |robot| robot.catalog))
 }
 
 /// A section, empty if there is none.
@@ -166,4 +206,102 @@ fn section<'a>(table: &'a mut Table, name: &str) -> &'a mut Table {
 /// A key that is not stated.
 fn state(section: &mut Table, key: &str, value: impl Into<Value>) {
     section.entry(key).or_insert_with(|| value.into());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::CommonArgs;
+    use super::*;
+
+    const SIX_AXIS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/robots/six_axis.toml");
+
+    fn load(file: &Path, set: &[&str]) -> Result<Config, String> {
+        let common = CommonArgs {
+            config: vec![file.to_owned()],
+            set: set.iter().map(|one| (*one).to_owned()).collect(),
+            ..CommonArgs::default()
+        };
+        common.load(Vec::new(), &[]).map_err(|failure| failure.to_string())
+    }
+
+    /// A directory with the URDF and a file of these sections beside it.
+    fn beside_the_urdf(name: &str, sections: &str) -> PathBuf {
+        let dir = std::env::temp_dir().join(format!("thetabus-robot-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).expect("a directory");
+        let urdf = Path::new(SIX_AXIS).with_file_name("six_axis.urdf");
+        std::fs::copy(urdf, dir.join("arm.urdf")).expect("copied");
+        let model = "[model]\nkind = \"robot\"\nurdf = \"arm.urdf\"\n";
+        std::fs::write(dir.join("robot.toml"), format!("{model}{sections}")).expect("written");
+        dir.join("robot.toml")
+    }
+
+    #[test]
+    fn regress_a_block_keeps_its_time_whoever_states_the_sample_period() {
+        let len = |config: Result<Config, String>| config.expect("valid").estimator.block_len;
+        let six_axis = Path::new(SIX_AXIS);
+        assert_eq!(len(load(six_axis, &[])), 1000);
+        assert_eq!(len(load(six_axis, &["plant.sample_period_s=0.004"])), 250);
+        let file = beside_the_urdf("period", "[plant]\nsample_period_s = 0.004\n");
+        assert_eq!(len(load(&file, &[])), 250);
+        assert_eq!(len(load(&file, &["plant.sample_period_s=0.001"])), 1000);
+        // Whoever states a number of samples gets it.
+        let both = ["plant.sample_period_s=0.004", "estimator.block_len=300"];
+        assert_eq!(len(load(six_axis, &both)), 300);
+        std::fs::remove_dir_all(file.parent().expect("a directory")).expect("removed");
+        let file = beside_the_urdf("length", "[estimator]\nblock_len = 700\n");
+        assert_eq!(len(load(&file, &["plant.sample_period_s=0.004"])), 700);
+        std::fs::remove_dir_all(file.parent().expect("a directory")).expect("removed");
+    }
+
+    #[test]
+    fn regress_set_reaches_a_robots_own_sections_and_the_file_of_its_run() {
+        let path = PathBuf::from(SIX_AXIS);
+        let set = [
+            "identify.block_s=0.5",
+            "plant.seed=3",
+            "simulate.motion=rest",
+            "plant.sample_period_s=0.002",
+        ];
+        let config = load(&path, &set).expect("valid");
+        assert_eq!((config.estimator.block_len, config.plant.sim.seed), (250, 3));
+        let dir = std::env::temp_dir().join(format!("thetabus-robot-set-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).expect("a directory");
+        let set = set.map(str::to_owned);
+        let text = as_file([path].iter(), &set, &config, &dir)
+            .expect("written")
+            .expect("a robot");
+        std::fs::write(dir.join("config.toml"), &text).expect("written");
+        let again = load(&dir.join("config.toml"), &[]).expect("valid");
+        assert_eq!(
+            (again.estimator.block_len, again.config_hash()),
+            (250, config.config_hash())
+        );
+        let table: Table = text.parse().expect("TOML");
+        assert_eq!(table["identify"]["block_s"].as_float(), Some(0.5));
+        assert_eq!(table["simulate"]["motion"].as_str(), Some("rest"));
+        std::fs::remove_dir_all(dir).expect("removed");
+    }
+
+    #[test]
+    fn fault_a_wrong_key_or_a_robots_key_without_a_robot_is_refused_with_what_to_do() {
+        let six_axis = Path::new(SIX_AXIS);
+        for (set, words) in [
+            (
+                "identify.block=1",
+                "--set identify.block=1: unknown field `block`, expected one of `window_s`",
+            ),
+            ("identify.block_s=x", "--set identify.block_s=x: invalid type: string"),
+            ("identify.block_s=-1", "identify: block_s"),
+            ("identifyer.block_s=1", "unknown key"),
+        ] {
+            let error = load(six_axis, &[set]).expect_err(set);
+            assert!(error.contains(words), "{error}");
+        }
+        let plain = Path::new(SIX_AXIS).with_file_name("../servo_axis.toml");
+        let error = load(&plain, &["identify.block_s=0.5"]).expect_err("no robot");
+        assert!(
+            error.contains("--set identify.block_s=0.5") && error.contains("a robot's file"),
+            "{error}"
+        );
+    }
 }

@@ -129,7 +129,7 @@ impl Found {
             [] if input.is_dir() => input.join("config.toml"),
             _ => one_config(common)?.to_owned(),
         };
-        let robot = RobotConfig::from_file(&config_file).map_err(Failure::Usage)?;
+        let robot = RobotConfig::from_file_with(&config_file, &common.set).map_err(Failure::Usage)?;
         let own = CommonArgs {
             catalog: super::robot::beside(input, &common.catalog)?,
             ..common.clone()
@@ -391,5 +391,5 @@ fn one_config(common: &CommonArgs) -> Result<&PathBuf, Failure> {
 }
 
 fn robot_config(common: &CommonArgs) -> Result<RobotConfig, Failure> {
-    RobotConfig::from_file(one_config(common)?).map_err(Failure::Usage)
+    RobotConfig::from_file_with(one_config(common)?, &common.set).map_err(Failure::Usage)
 }

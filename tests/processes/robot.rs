@@ -74,6 +74,11 @@ fn e2e_a_robot_is_identified_from_its_urdf_and_a_log() {
     identify.expect_code(0);
     let said = identify.stdout();
     assert!(said.contains("held out [%]") && said.contains("joint_6"), "{said}");
+    let read = identify.stderr();
+    assert!(
+        read.contains("joint 6 \"joint_6\": position (column 7) ") && !read.contains("WARN"),
+        "{read}"
+    );
     let summary: serde_json::Value =
         serde_json::from_str(&fs::read_to_string(out.join("summary.json")).expect("a summary")).expect("JSON");
     // The first moment of the upper arm with what it carries: its nominal value is the truth here.

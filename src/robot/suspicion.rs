@@ -1,0 +1,183 @@
+//! What may be wrong with a robot's log, in words that say what to do.
+
+use std::f64::consts::{PI, TAU};
+use std::fmt;
+
+/// Velocities by the rate of change of positions, if they belong together.
+pub(super) const FACTOR: std::ops::Range<f64> = 0.8..1.25;
+
+/// A likely mistake; joints are counted from 0.
+#[derive(Debug, Clone, PartialEq)]
+pub enum RobotSuspicion {
+    /// Samples are so far apart that time is hardly in seconds.
+    Time {
+        /// Median distance \[s\].
+        step_s: f64,
+    },
+    /// Positions that the joint hardly has.
+    Positions {
+        /// The joint.
+        joint: usize,
+        /// It turns.
+        turns: bool,
+        /// Lowest and highest position \[rad or m\].
+        reach: [f64; 2],
+        /// Limits of the URDF, if it states them.
+        limits: Option<[f64; 2]>,
+    },
+    /// Velocities that the joint hardly has.
+    Speed {
+        /// The joint.
+        joint: usize,
+        /// It turns.
+        turns: bool,
+        /// Root mean square \[rad/s or m/s\].
+        rms: f64,
+        /// Largest speed of the URDF, if it states one.
+        limit: Option<f64>,
+    },
+    /// Positions that are brought back into one turn.
+    Wraps {
+        /// The joint.
+        joint: usize,
+    },
+    /// Velocities that are not those of the positions.
+    Rate {
+        /// The joint.
+        joint: usize,
+        /// It turns.
+        turns: bool,
+        /// Velocity by the rate of change of the position.
+        factor: f64,
+    },
+    /// A signal that never changes though the joint moves by the other.
+    Constant {
+        /// The joint.
+        joint: usize,
+        /// `position` or `torque`.
+        signal: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// Friction that drives the joint.
+    Sign {
+        /// The joint.
+        joint: usize,
+        /// Name, estimate and standard deviation of each parameter that has the wrong sign.
+        parameters: Vec<(String, f64, f64)>,
+    },
+    /// A torque that the model does not explain.
+    Residual {
+        /// The joint.
+        joint: usize,
+        /// Relative residual \[%\].
+        percent: f64,
+    },
+}
+
+impl fmt::Display for RobotSuspicion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let units = |turns: bool| match turns {
+            true => ("degrees", "radians", "rad"),
+            false => ("millimetres", "metres", "m"),
+        };
+        match self {
+            Self::Time { step_s } => write!(
+                f,
+                "samples are {step_s} s apart: if time is in milliseconds or less, convert it to seconds, or is another column the time (log.time_column)?"
+            ),
+            Self::Positions {
+                joint,
+                turns,
+                reach: [least, most],
+                limits,
+            } => {
+                let (wrong, right, unit) = units(*turns);
+                write!(
+                    f,
+                    "positions of joint {} reach from {least:.4} to {most:.4} {unit}",
+                    joint + 1
+                )?;
+                match limits {
+                    Some([lower, upper]) => write!(f, ", the URDF's limits are {lower:.4} and {upper:.4} {unit}")?,
+                    None => write!(f, ", {:.1} turns", (most - least) / TAU)?,
+                }
+                write!(
+                    f,
+                    ": if they are in {wrong}, convert them to {right}; else check log.position_columns"
+                )
+            }
+            Self::Speed {
+                joint,
+                turns,
+                rms,
+                limit,
+            } => {
+                let (wrong, right, unit) = units(*turns);
+                write!(
+                    f,
+                    "velocities of joint {} are {rms:.4} {unit}/s in root mean square",
+                    joint + 1
+                )?;
+                if let Some(limit) = limit {
+                    write!(f, ", the URDF's largest is {limit:.4} {unit}/s")?;
+                }
+                write!(
+                    f,
+                    ": if they are in {wrong} per second, convert them to {right} per second; else check log.velocity_columns"
+                )
+            }
+            Self::Wraps { joint } => write!(
+                f,
+                "positions of joint {} jump by a whole turn between samples: they must go on beyond a turn, unwrapped",
+                joint + 1
+            ),
+            Self::Rate { joint, turns, factor } => {
+                let (wrong, right, _) = units(*turns);
+                let times = if *turns { 180.0 / PI } else { 1000.0 };
+                write!(
+                    f,
+                    "velocities of joint {} are {factor:.3} times the rate of change of its positions: ",
+                    joint + 1
+                )?;
+                if FACTOR.contains(&(factor / times)) {
+                    write!(
+                        f,
+                        "if they are in {wrong} per second, convert them to {right} per second"
+                    )
+                } else if FACTOR.contains(&(factor * times)) {
+                    write!(f, "if its positions are in {wrong}, convert them to {right}")
+                } else if FACTOR.contains(&-factor) {
+                    write!(f, "if they have the opposite sign, turn it round")
+                } else {
+                    write!(
+                        f,
+                        "check log.velocity_columns, log.position_columns, and the units of both and of time"
+                    )
+                }
+            }
+            Self::Constant { joint, signal, value } => write!(
+                f,
+                "{signal} of joint {} is {value} in every sample though the joint moves: is it the column that was meant?",
+                joint + 1
+            ),
+            Self::Sign { joint, parameters } => {
+                let parameters: Vec<String> = parameters
+                    .iter()
+                    .map(|(name, estimate, std)| format!("{name} = {estimate:.3} +- {std:.3}"))
+                    .collect();
+                write!(
+                    f,
+                    "torque of joint {} may have the opposite sign ({}): friction would drive the joint",
+                    joint + 1,
+                    parameters.join(", ")
+                )
+            }
+            Self::Residual { joint, percent } => write!(
+                f,
+                "the model explains little of joint {}'s torque (residual {percent:.0} %): columns swapped, another unit, or a sign?",
+                joint + 1
+            ),
+        }
+    }
+}

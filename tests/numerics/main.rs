@@ -36,6 +36,8 @@ mod standstill;
 #[cfg(feature = "studies")]
 mod studies;
 mod support;
+#[cfg(feature = "config")]
+mod timing;
 #[cfg(feature = "studies")]
 mod trials;
 #[cfg(feature = "sim")]

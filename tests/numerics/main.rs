@@ -1,5 +1,6 @@
 //! Numerics: model, rows, simulation and estimators, each against something independent of it.
 
+mod advice;
 mod cedro;
 #[cfg(feature = "config")]
 mod config;

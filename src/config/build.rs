@@ -16,6 +16,7 @@ use super::sections::{
     BusConfig, CheckpointConfig, Config, MonitorConfig, RealtimeConfig, RealtimeSettings, SupervisionConfig,
 };
 use super::setpoint;
+use super::timing;
 use std::path::PathBuf;
 
 /// Builds and checks; on failure everything that is wrong.
@@ -28,6 +29,7 @@ pub(super) fn config(mut form: FileForm, catalog: &Catalog, layers: &Layers) -> 
     prefer(catalog, &mut form, &check);
     setpoint::inline_setpoints(&mut form, &mut check);
     identifier::decide_on_noise(&mut form, &mut check);
+    timing::decide_on_timing(&mut form, &mut check);
     let own = catalog.is_own(&form.model.kind);
     let model = catalog.build(&form, &mut check);
     // what is wrong with them has been reported with the model

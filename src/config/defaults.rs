@@ -102,7 +102,7 @@ impl Default for FileForm {
                 derivative_gain: Vec::new(),
             },
             controller: schema::Controller {
-                kind: sim.controller.kind,
+                kind: None,
                 feedback: sim.controller.feedback,
                 proportional_gain_v_per_rad: kp.clone(),
                 derivative_gain_v_s_per_rad: kd.clone(),

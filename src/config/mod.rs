@@ -31,6 +31,7 @@ mod sections;
 mod setpoint;
 mod setpoint_csv;
 mod suspicious;
+mod timing;
 mod words;
 
 pub use catalog::Catalog;

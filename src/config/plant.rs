@@ -71,7 +71,7 @@ pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Ch
             interpolation: form.mass_2.between,
         },
         controller: ControllerOptions {
-            kind: form.controller.kind,
+            kind: form.controller.kind.unwrap_or_default(),
             feedback: form.controller.feedback,
             proportional_gain_v_per_rad: joints(&form.controller.proportional_gain_v_per_rad),
             derivative_gain_v_s_per_rad: joints(&form.controller.derivative_gain_v_s_per_rad),

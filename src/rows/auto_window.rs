@@ -16,7 +16,7 @@
 //! the stride is short (docs/method.md, section 16a).
 
 use super::SampleBlock;
-use super::advice::Spectrum;
+use super::advice::{FEWEST, Spectrum};
 use super::projected::{ProjectedBlock, ProjectedError, ProjectedOptions};
 use super::suspects::Suspect;
 use crate::estimator::Residuals;
@@ -27,8 +27,6 @@ const LONGEST_S: f64 = 0.2;
 const SHORTEST_S: f64 = 0.025;
 /// Length to begin with, until something moves \[s\].
 const FIRST_S: f64 = 0.1;
-/// Samples that a window has at least.
-const FEWEST: f64 = 20.0;
 /// Blocks from one review to the next.
 const REVIEW: u32 = 8;
 /// Samples that the bandwidth is taken from at most: some seconds of them say enough, and more cost

@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use crate::messages::Sample;
-use crate::rows::{RowForm, window_advice};
+use crate::rows::{RowForm, window_advice_at};
 
 /// Samples that the advice is taken from.
 const ENOUGH: usize = 20_000;
@@ -14,7 +14,8 @@ pub(super) struct Advisor {
     /// The identifier chooses it.
     auto: bool,
     joints: usize,
-    positions: Vec<Vec<f64>>,
+    /// Time stamps \[ns\] and positions of each joint.
+    positions: Vec<Vec<(u64, f64)>>,
 }
 
 impl Advisor {
@@ -45,7 +46,7 @@ impl Advisor {
         self.positions.resize(self.joints, Vec::new());
         for (kept, &q) in self.positions.iter_mut().zip(&sample.q) {
             if kept.len() < ENOUGH && q.is_finite() {
-                kept.push(q);
+                kept.push((sample.t_ns, q));
             }
         }
     }
@@ -53,12 +54,9 @@ impl Advisor {
     /// One line, if windows are used and something moved; `in_force` is the window at the end.
     pub(super) fn line(&self, in_force: Option<f64>) -> Option<String> {
         let window_s = in_force.or(self.window_s)?;
-        let advices = self.positions.iter().filter_map(|q| window_advice(q, self.period_s));
+        let advices = self.positions.iter();
+        let advices = advices.filter_map(|samples| window_advice_at(samples, self.period_s));
         let fastest = advices.max_by(|a, b| a.bandwidth_hz.total_cmp(&b.bandwidth_hz))?;
-        let verdict = match (0.5..=2.0).contains(&(window_s / fastest.window_s)) {
-            true => "within a factor of two, which is near enough",
-            false => "a length nearer to that tells more",
-        };
         if self.auto {
             return Some(format!(
                 "the motion reaches {:.1} Hz; identifier.projected.window_s = \"auto\" has chosen {:.0} ms",
@@ -66,11 +64,22 @@ impl Advisor {
                 1e3 * window_s
             ));
         }
+        let [advised_ms, ms] = [fastest.window_s, window_s].map(|length_s| 1e3 * length_s);
+        let ratio = window_s / fastest.window_s;
+        let verdict = match (0.499..2.001).contains(&ratio) {
+            _ if fastest.shortest && ratio < 0.999 => "estimates of shorter windows can be wrong",
+            true => "within a factor of two, which is near enough",
+            false => "a length nearer to that tells more",
+        };
+        let resolved = match fastest.shortest {
+            true => format!(
+                "too fast for any windows; the shortest that are sound are those of {advised_ms:.0} ms, 20 samples"
+            ),
+            false => format!("which windows of {advised_ms:.0} ms resolve"),
+        };
         Some(format!(
-            "the motion reaches {:.1} Hz, which windows of {:.0} ms resolve; identifier.projected.window_s is {:.0} ms: {verdict}",
-            fastest.bandwidth_hz,
-            1e3 * fastest.window_s,
-            1e3 * window_s
+            "the motion reaches {:.1} Hz, {resolved}; identifier.projected.window_s is {ms:.0} ms: {verdict}",
+            fastest.bandwidth_hz
         ))
     }
 }

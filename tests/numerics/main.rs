@@ -1,5 +1,6 @@
 //! Numerics: model, rows, simulation and estimators, each against something independent of it.
 
+mod advice;
 mod cedro;
 #[cfg(feature = "config")]
 mod config;
@@ -38,6 +39,8 @@ mod standstill;
 #[cfg(feature = "studies")]
 mod studies;
 mod support;
+#[cfg(feature = "config")]
+mod timing;
 #[cfg(feature = "studies")]
 mod trials;
 #[cfg(feature = "sim")]

@@ -127,8 +127,8 @@ table! {
 table! {
     /// Section `[plant.controller]`.
     Controller {
-        kind: ControllerKind, choice::<ControllerKind>(), "",
-            "analog: continuous, as in the paper. sampled: computed once per sample and held; unstable for |q2| near π/2 at 1 kHz";
+        kind: Option<ControllerKind>, choice::<ControllerKind>(), "",
+            "analog: continuous, as in the paper, and what is simulated if nothing is stated. sampled: computed once per sample and held; unstable for |q2| near π/2 at 1 kHz. If stated, identifier.projected.timing follows it, or must agree";
         feedback: PositionFeedback, choice::<PositionFeedback>(), "",
             "Position that the controller works with: the true one, or as its sample has it (sampled only); the velocity is true, as from a tachometer";
         proportional_gain_v_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V/rad",

@@ -8,7 +8,6 @@
 //! A judgement here never changes a number and never refuses a log: it is told, and whoever knows
 //! the robot decides. The limits are those beyond which hardly any robot is.
 
-use super::fit::TorqueFit;
 use super::friction::FrictionTerm;
 use super::identify::RobotIdentifier;
 use super::model::RobotModel;
@@ -42,7 +41,7 @@ const LARGEST_RESIDUAL: f64 = 70.0;
 const MOVING: f64 = 0.1;
 /// Friction that is a smaller part of the torque hardly counts.
 const LEAST_FRICTION: f64 = 0.01;
-/// Samples that (2) is taken over.
+/// Samples that the sums are taken over.
 const ENOUGH: usize = 2000;
 
 /// What is suspicious about the samples of a log; steps longer than `max_gap_s` are holes.
@@ -96,15 +95,10 @@ pub fn judge_robot_log(model: &RobotModel, log: &[RobotSample], max_gap_s: f64) 
     found
 }
 
-/// What is suspicious about what was learnt from a log: its filtered samples, and how well their
-/// torques are predicted.
-pub fn judge_robot_fit(
-    identifier: &RobotIdentifier,
-    states: &[FilteredSample],
-    fit: &TorqueFit,
-) -> Vec<RobotSuspicion> {
+/// What is suspicious about what was learnt from a log: its filtered samples.
+pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) -> Vec<RobotSuspicion> {
     let model = identifier.model();
-    let friction_drives = friction_drives(identifier, states);
+    let motion = Motion::of(identifier, states);
     let mut found = Vec::new();
     for (joint, friction) in model.friction().iter().enumerate() {
         let negative: Vec<(String, f64, f64)> = friction
@@ -117,20 +111,14 @@ pub fn judge_robot_fit(
             .map(|(i, estimate, std)| (model.parameters()[i].name.clone(), estimate, std))
             .collect();
         // Of several terms one may well be negative while their sum brakes.
-        if !negative.is_empty() && friction_drives[joint] {
+        if !negative.is_empty() && motion.friction_drives(joint) {
             let parameters = negative;
             found.push(RobotSuspicion::Sign { joint, parameters });
         }
     }
-    for (joint, friction) in model.friction().iter().enumerate() {
-        let moving = states
-            .iter()
-            .filter(|s| s.dq[joint].abs() > friction.rest_speed)
-            .count();
-        let moves = moving as f64 > MOVING * states.len() as f64;
-        if let Some(percent) = fit.relative_residual(joint)
+    for joint in 0..model.robot().len() {
+        if let Some(percent) = motion.residual(joint)
             && percent > LARGEST_RESIDUAL
-            && moves
         {
             found.push(RobotSuspicion::Residual { joint, percent });
         }
@@ -226,31 +214,66 @@ impl Rate {
     }
 }
 
-/// True for each joint that contradicts (2), unless its friction hardly counts.
-fn friction_drives(identifier: &RobotIdentifier, states: &[FilteredSample]) -> [bool; MAX_JOINTS] {
-    let model = identifier.model();
-    let n = model.robot().len();
-    let mut frictionless = identifier.theta().to_vec();
-    for (joint, friction) in model.friction().iter().enumerate() {
-        for (term, i) in friction.terms.iter().zip(model.friction_of(joint)) {
-            if *term != FrictionTerm::Offset {
-                frictionless[i] = 0.0;
+/// Sums over samples, per joint.
+#[derive(Default)]
+struct Motion {
+    samples: usize,
+    /// (2).
+    power: [f64; MAX_JOINTS],
+    /// Σ f_j² and Σ τ_j².
+    friction: [f64; MAX_JOINTS],
+    torque: [f64; MAX_JOINTS],
+    /// Samples in which the joint moves, with Σ (τ_j − τ̂_j)² and Σ τ_j² over them: a joint at rest
+    /// bears what it is given.
+    moving: [usize; MAX_JOINTS],
+    error: [f64; MAX_JOINTS],
+    borne: [f64; MAX_JOINTS],
+}
+
+impl Motion {
+    fn of(identifier: &RobotIdentifier, states: &[FilteredSample]) -> Self {
+        let model = identifier.model();
+        let n = model.robot().len();
+        let mut frictionless = identifier.theta().to_vec();
+        for (joint, friction) in model.friction().iter().enumerate() {
+            for (term, i) in friction.terms.iter().zip(model.friction_of(joint)) {
+                if *term != FrictionTerm::Offset {
+                    frictionless[i] = 0.0;
+                }
             }
         }
-    }
-    let (mut power, mut square, mut all) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
-    let (mut with, mut without) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
-    for state in states.iter().step_by(states.len() / ENOUGH + 1) {
-        model.torques(identifier.theta(), state, &mut with[..n]);
-        model.torques(&frictionless, state, &mut without[..n]);
-        for joint in 0..n {
-            let friction = with[joint] - without[joint];
-            power[joint] += friction * state.dq[joint]; // (2)
-            square[joint] += friction.powi(2);
-            all[joint] += state.tau[joint].powi(2);
+        let mut sums = Self::default();
+        let (mut with, mut without) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
+        for state in states.iter().step_by(states.len() / ENOUGH + 1) {
+            sums.samples += 1;
+            model.torques(identifier.theta(), state, &mut with[..n]);
+            model.torques(&frictionless, state, &mut without[..n]);
+            for (joint, own) in model.friction().iter().enumerate() {
+                let (friction, torque) = (with[joint] - without[joint], state.tau[joint]);
+                sums.power[joint] += friction * state.dq[joint]; // (2)
+                sums.friction[joint] += friction.powi(2);
+                sums.torque[joint] += torque.powi(2);
+                if state.dq[joint].abs() > own.rest_speed {
+                    sums.moving[joint] += 1;
+                    sums.error[joint] += (torque - with[joint]).powi(2);
+                    sums.borne[joint] += torque.powi(2);
+                }
+            }
         }
+        sums
     }
-    std::array::from_fn(|joint| power[joint] < 0.0 && square[joint] > LEAST_FRICTION.powi(2) * all[joint])
+
+    /// True if a joint contradicts (2), unless its friction hardly counts.
+    fn friction_drives(&self, joint: usize) -> bool {
+        self.power[joint] < 0.0 && self.friction[joint] > LEAST_FRICTION.powi(2) * self.torque[joint]
+    }
+
+    /// Relative residual of a joint while it moves \[%\]; `None` if it hardly does.
+    fn residual(&self, joint: usize) -> Option<f64> {
+        let moves = self.moving[joint] as f64 > MOVING * self.samples as f64;
+        let residual = 100.0 * (self.error[joint] / self.borne[joint]).sqrt();
+        (moves && residual.is_finite()).then_some(residual)
+    }
 }
 
 #[cfg(test)]
@@ -300,8 +323,7 @@ mod tests {
         log.iter().for_each(|sample| _ = identifier.push(sample));
         identifier.end_of_recording();
         let states = filtered(model, log);
-        let fit = TorqueFit::of(model, identifier.theta(), &states);
-        found.extend(judge_robot_fit(&identifier, &states, &fit));
+        found.extend(judge_robot_fit(&identifier, &states));
         found.iter().map(ToString::to_string).collect()
     }
 
@@ -440,8 +462,13 @@ mod tests {
             assert_eq!(said(&model, &log), [""; 0], "{name}");
             let turned = changed(&log, |s| s.tau[2] *= -1.0);
             let turned = said(&model, &turned);
-            let words = "torque of joint 3 may have the opposite sign";
-            assert!(turned.iter().any(|line| line.contains(words)), "{name}: {turned:#?}");
+            // Short moves between rests may leave the friction positive, and then explain nothing.
+            let words = [
+                "torque of joint 3 may have the opposite sign",
+                "little of joint 3's torque",
+            ];
+            let named = |line: &String| words.iter().any(|words| line.contains(words));
+            assert!(turned.iter().any(named), "{name}: {turned:#?}");
         }
     }
 }

@@ -115,7 +115,7 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
         held_out: held_out.map(|log| fit(&filtered(identifier.model(), &log))),
     };
     let summary = summary(&identifier, &fits, log.len());
-    let found = judge_robot_fit(&identifier, &states, &fits.learnt);
+    let found = judge_robot_fit(&identifier, &states);
     drop(ticker);
     robot_profile::warn(&args.input, &found);
     if let Some(dir) = &args.out {

@@ -291,7 +291,7 @@ mod tests {
                 "--set identify.block=1: unknown field `block`, expected one of `window_s`",
             ),
             ("identify.block_s=x", "--set identify.block_s=x: invalid type: string"),
-            ("identify.block_s=-1", "identify: block_s"),
+            ("identify.block_s=-1", "identify: block length: expected a time above 0"),
             ("identifyer.block_s=1", "unknown key"),
         ] {
             let error = load(six_axis, &[set]).expect_err(set);

@@ -7,6 +7,7 @@ mod log;
 mod node;
 mod payload;
 mod peers;
+mod reversal;
 mod simulated;
 mod simulator;
 mod standard;

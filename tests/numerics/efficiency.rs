@@ -18,6 +18,7 @@ fn load(basis: &str, settings: &[String]) -> Config {
 fn axis_sim(motion: AxisMotion, seed: u64, blocks: u64) -> (SimOptions, ServoAxisOptions, Vec<f64>) {
     let mut settings = AxisSpec { motion, blocks, seed }.settings();
     settings.push("plant.controller.kind=\"sampled\"".to_owned());
+    settings.push("identifier.projected.timing=\"held\"".to_owned());
     let config = load("servo_axis", &settings);
     let Machine::ServoAxis(axis) = config.plant.sim.machine.clone() else {
         panic!("servo_axis.toml simulates a servo axis");

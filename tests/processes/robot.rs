@@ -392,16 +392,12 @@ fn e2e_gains_are_calibrated_from_logs_with_a_known_load() {
 #[test]
 fn e2e_a_load_is_declared_by_a_command() {
     let site = Site::new();
-    // It is there: the watch would find out what is not.
+    // It is there from the start, or the watch would find out.
     let load = "[[simulate.payload]]\nt_s = 0.0\nmass_kg = 1.5\ncenter_m = [0.0, 0.0, 0.05]\n";
     let config = own_config(&site, "robot.toml", load);
     let mut identifier = site.start(Program::Identifier, &["--config", &config]);
-    let _plant = site.start(
-        Program::Plant,
-        &["--config", &config, "--speed", "1", "--duration", "60"],
-    );
     let mut observer = site.observer();
-    observer.estimate("a first estimate", |_| true);
+    observer.status("it is there", |_| true);
     let ctl = |args: &[&str]| {
         site.start(
             Program::Thetabus,
@@ -414,6 +410,10 @@ fn e2e_a_load_is_declared_by_a_command() {
         declare.stdout().contains("a load of 1.5 kg is carried"),
         "{}",
         declare.stdout()
+    );
+    let _plant = site.start(
+        Program::Plant,
+        &["--config", &config, "--speed", "1", "--duration", "60"],
     );
     let loaded = observer.estimate("a declared load", |estimate| (estimate.derived[0] - 1.5).abs() < 1e-6);
     assert!((loaded.derived[3] - 0.05).abs() < 1e-6);

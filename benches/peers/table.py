@@ -23,9 +23,8 @@ HEAD = """# Beside other programs
 Made by `benches/peers/run.sh docs/peers.md`; do not edit.
 
 Everything here ran in one go on one machine, one thread each, on the same data: the arm of the paper with 150 kg, sines, 38 s at 1 kHz. Rust and C++: the
-fastest of five runs; Python: processor time of one run. The machine is shared: two runs differed by a third in the ratios to Python (scipy took 6.8 and 4.5 ×
-the time of thetabus), and single lines of Rust were up to eight times slower in the second one, which had more company; this is the first one. Errors are relative, after the last
-sample, over the five parameters that this motion tells to 1 %: θ₂, θ₅, θ₇, θ₈, θ₉. The recursions start from 0 with a variance of 10 and forget nothing; the
+fastest of five runs; Python: processor time of one run. On a machine that others use, too, ratios to Python change by a third from run to run, and single lines of Rust by more.
+Errors are relative, after the last sample, over the five parameters that this motion tells to 1 %: θ₂, θ₅, θ₇, θ₈, θ₉. The recursions start from 0 with a variance of 10 and forget nothing; the
 rest starts from the values of `config/encoder_only.toml`, a factor of 2.5 off, if nothing else is said.
 
 - **PX4's form**: the recursion that flight controllers run, written anew in C++ (`benches/peers/arx_rls.cpp`). PX4's own class has past inputs and outputs

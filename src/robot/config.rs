@@ -109,7 +109,7 @@ impl RobotConfig {
     /// # Errors
     /// See [`from_file`](Self::from_file).
     pub fn parse_with(text: &str, path: &Path, set: &[String]) -> Result<Self, String> {
-        // Read as it is first, so that its own mistakes are told with their lines.
+        // The file is read alone first, so that its own mistakes are reported with their lines.
         let mut file: File = toml::from_str(text).map_err(|e| {
             let line = e
                 .span()

@@ -13,10 +13,11 @@
 //! integrated over one sample: positions of a log are often rounded to 1e-4 rad, and steps to and
 //! fro between two digits would count as motion.
 //!
-//! Nobody knows δ well, and a reversal is where the acceleration is largest: with δ three times too
-//! long the rotor of a small joint came out 10 % too heavy, at ten standard deviations. f_r, which
-//! is f_c times the part by which the true δ is longer, takes that up. With windows that are long
-//! against a reversal this is exact, because they see the way of the reversal alone.
+//! δ is never known well, and joints reverse where their acceleration is largest: with δ three
+//! times too large, the rotor inertia of a small joint was estimated 10 % too large, by ten
+//! standard deviations. f_r absorbs this: it is f_c times the relative excess of the true δ. For
+//! windows that are long compared with a reversal this is exact, because they see the area under z
+//! alone.
 //!
 //! Below the rest speed v_r a joint may creep under any torque up to the friction's, which (1) does
 //! not say, see [`rows`](super::rows).
@@ -82,7 +83,7 @@ impl FrictionTerm {
             Self::Offset => "constant torque or offset of the sensor",
             Self::Load => "Coulomb friction per weight that the joint bears",
             Self::Stribeck => "additional friction at low speed",
-            Self::Reversal => "Coulomb friction times the part by which reversals take more way than configured",
+            Self::Reversal => "Coulomb friction times the relative excess of the travel of a reversal over presliding",
         }
     }
 }

@@ -67,8 +67,9 @@ pub struct IdentifyOptions {
     /// Standard deviation by which [`widen_friction`](RobotIdentifier::widen_friction) widens the
     /// friction parameters, as a part of their size.
     pub friction_change: f64,
-    /// Standard deviation of what another payload does to the friction parameters, as a part of
-    /// their size: gears rub more under load. 0 if friction does not depend on the load.
+    /// Standard deviation of the change of the friction parameters when the payload changes, as a
+    /// part of their size: gears have more friction under load. 0 if friction does not depend on
+    /// the load.
     pub payload_friction: f64,
     /// True if the flange may carry a payload that comes and goes: it is found and estimated apart
     /// from the arm.

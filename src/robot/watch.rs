@@ -10,8 +10,8 @@ use super::watch_room::Watch;
 
 /// Slices that are held against what was known before them.
 const WINDOW: usize = 4;
-/// Slices of learning before a change can be told from what is not known yet: a payload that comes
-/// earlier is learnt half as a part of the arm.
+/// Slices that must be learnt before a change can be distinguished from what is not known yet. A
+/// payload that comes earlier is learnt partly as the arm.
 pub(super) const LEARNT: usize = 8;
 /// ln of the Bayes factor from which on the machine has changed: a factor of 10⁸ …
 const ALARM: f64 = 18.0;

@@ -19,7 +19,7 @@ pub fn robots_document(trials: &[RobotTrial]) -> Document {
             alarms(trials),
             payload(
                 "friction does not depend on it",
-                "The identifier is told so (`payload_friction = 0`), as it is told that friction does not drift (`friction_walk = 0`).",
+                "The identifier's configuration says so (`payload_friction = 0`), and that friction does not drift (`friction_walk = 0`).",
                 trials.iter().map(|trial| &trial.loaded),
             ),
             payload(

@@ -1,11 +1,9 @@
 //! Known loads: gains of the drives from one, and what the flange carries by declaration.
 
-use super::{SIX_AXIS, robot, shared, ur10e};
-use std::ops::Range;
+use super::{SIX_AXIS, robot, ur10e, ur10e_recording, ur10e_rows};
 use thetabus::robot::{
-    ChangeCause, Drives, FrictionTerm, GainCalibration, IdentifyOptions, JointFriction, KnownLoad, LogColumns,
-    PayloadChange, RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator, Velocities,
-    declared_load, read_log,
+    ChangeCause, FrictionTerm, GainCalibration, IdentifyOptions, JointFriction, KnownLoad, PayloadChange,
+    RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator, Velocities, declared_load,
 };
 
 const LOAD: PayloadChange = PayloadChange {
@@ -202,24 +200,6 @@ fn fault_loads_that_cannot_exist_are_refused() {
     assert!(declared_load(1.0, [0.1, 0.0, 0.0], Some([0.01, 0.0, 0.01, 0.0, 0.0, 0.01])).is_ok());
 }
 
-/// Torque constants as published with the recordings [N m/A].
-const GAINS: [f64; 6] = [14.87, 13.26, 11.13, 10.62, 11.03, 11.47];
-
-fn recording(name: &str, rows: Range<usize>, factor: &[f64]) -> Option<Vec<RobotSample>> {
-    let (_, text) = shared(&format!("ur10e/{name}"))?;
-    let columns = LogColumns {
-        time: 1,
-        position: (2..8).collect(),
-        velocity: (8..14).collect(),
-        input: (14..20).collect(),
-    };
-    let drives = Drives {
-        gain: GAINS.iter().zip(factor).map(|(gain, factor)| gain * factor).collect(),
-        coupling: None,
-    };
-    Some(read_log(&text, &columns, &drives).unwrap()[rows.start - 1..rows.end - 1].to_vec())
-}
-
 /// What the load weighs on line, behind an empty recording.
 fn weighed(empty: &[RobotSample], loaded: &[RobotSample], gain_std: f64) -> (f64, f64) {
     let model = RobotModel::new(ur10e().unwrap(), true, vec![JointFriction::default(); 6]).unwrap();
@@ -249,8 +229,8 @@ fn weighed(empty: &[RobotSample], loaded: &[RobotSample], gain_std: f64) -> (f64
 fn val_a_real_robot_weighs_right_after_a_calibration_with_a_known_load() {
     const TRUE: f64 = 2.805;
     let (Some(empty), Some(loaded), Some(robot)) = (
-        recording("empty_14harm.csv", 195..4967, &[1.0; 6]),
-        recording("load_14harm.csv", 308..5072, &[1.0; 6]),
+        ur10e_rows("empty_14harm.csv", 195..4967),
+        ur10e_rows("load_14harm.csv", 308..5072),
         ur10e(),
     ) else {
         return;
@@ -283,8 +263,9 @@ fn val_a_real_robot_weighs_right_after_a_calibration_with_a_known_load() {
             scaled.collect()
         };
         for (file, rows) in [("empty_14harm.csv", 195..4967), ("empty_15harm.csv", 300..5001)] {
-            let other = recording(file, rows, &found.factor).unwrap();
-            let (mass, std) = weighed(&other, &scale(part), found.mass_std);
+            let other = ur10e_recording(file, &found.factor).unwrap();
+            let other = &other[rows.start - 1..rows.end - 1];
+            let (mass, std) = weighed(other, &scale(part), found.mass_std);
             println!("{name} behind {file}: {mass:.3} ± {std:.3} kg");
             // Published gains: 3.05 kg. The spread between trajectories is some per cent, and the
             // standard deviation covers it.

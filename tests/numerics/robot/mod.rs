@@ -3,6 +3,7 @@
 mod calibration;
 mod dynamics;
 mod excitation;
+mod judge;
 mod log;
 mod node;
 mod payload;
@@ -14,8 +15,11 @@ mod standard;
 mod ur10e;
 mod urdf;
 
+use std::ops::Range;
 use std::path::PathBuf;
-use thetabus::robot::{FrictionTerm, JointFriction, Robot, Selection, WindowOptions};
+use thetabus::robot::{
+    Drives, FrictionTerm, JointFriction, LogColumns, Robot, RobotSample, Selection, WindowOptions, read_log,
+};
 
 /// The arms of this project.
 pub const SIX_AXIS: &str = include_str!("../../../config/robots/six_axis.urdf");
@@ -61,4 +65,33 @@ pub fn shared(name: &str) -> Option<(PathBuf, String)> {
 /// The UR10e, or `None` with a message.
 pub fn ur10e() -> Option<Robot> {
     shared("ur10e/ur10e.urdf").map(|(path, _)| Robot::from_file(&path, &Selection::default()).unwrap())
+}
+
+/// Torque constants of the UR10e as published with its recordings [N m/A].
+const UR10E_GAINS: [f64; 6] = [14.87, 13.26, 11.13, 10.62, 11.03, 11.47];
+
+/// A whole recording of the UR10e with these multiples of the published torque constants, or `None`
+/// with a message.
+pub fn ur10e_recording(name: &str, factor: &[f64]) -> Option<Vec<RobotSample>> {
+    let (_, text) = shared(&format!("ur10e/{name}"))?;
+    let columns = LogColumns {
+        time: 1,
+        position: (2..8).collect(),
+        velocity: (8..14).collect(),
+        input: (14..20).collect(),
+    };
+    let drives = Drives {
+        gain: UR10E_GAINS
+            .iter()
+            .zip(factor)
+            .map(|(gain, factor)| gain * factor)
+            .collect(),
+        coupling: None,
+    };
+    Some(read_log(&text, &columns, &drives).unwrap())
+}
+
+/// Rows of a recording of the UR10e as its source uses them, counted from 1.
+pub fn ur10e_rows(name: &str, rows: Range<usize>) -> Option<Vec<RobotSample>> {
+    Some(ur10e_recording(name, &[1.0; 6])?[rows.start - 1..rows.end - 1].to_vec())
 }

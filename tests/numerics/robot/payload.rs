@@ -1,12 +1,10 @@
 //! Payloads: found, located, told apart from friction, and estimated; on a simulated robot and on
 //! recordings of a real one.
 
-use super::{SEVEN_AXIS, at_1_khz, robot, shared, ur10e};
-use std::ops::Range;
+use super::{SEVEN_AXIS, at_1_khz, robot, ur10e, ur10e_rows};
 use thetabus::robot::{
-    CarriedPayload, ChangeCause, Drives, IdentifyOptions, JointFriction, LogColumns, PayloadChange, RobotChange,
-    RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator, SimulatedDrive, Velocities, is_physical,
-    read_log,
+    CarriedPayload, ChangeCause, IdentifyOptions, JointFriction, PayloadChange, RobotChange, RobotIdentifier,
+    RobotModel, RobotSample, RobotSimOptions, RobotSimulator, SimulatedDrive, Velocities, is_physical,
 };
 
 /// What was found in a run, and the payload after each block.
@@ -187,24 +185,6 @@ fn fault_friction_that_changes_is_no_payload() {
     assert!((found.changes[0].t_s - 20.0).abs() < 0.3 && !identifier.is_loaded());
 }
 
-/// Torque constants as published with the recordings [N m/A].
-const GAINS: [f64; 6] = [14.87, 13.26, 11.13, 10.62, 11.03, 11.47];
-
-fn recording(name: &str, rows: Range<usize>) -> Option<Vec<RobotSample>> {
-    let (_, text) = shared(&format!("ur10e/{name}"))?;
-    let columns = LogColumns {
-        time: 1,
-        position: (2..8).collect(),
-        velocity: (8..14).collect(),
-        input: (14..20).collect(),
-    };
-    let drives = Drives {
-        gain: GAINS.to_vec(),
-        coupling: None,
-    };
-    Some(read_log(&text, &columns, &drives).unwrap()[rows.start - 1..rows.end - 1].to_vec())
-}
-
 /// One recording behind the other, a second later; also where the second begins.
 fn spliced(parts: [Vec<RobotSample>; 2]) -> (Vec<RobotSample>, f64) {
     let mut all: Vec<RobotSample> = Vec::new();
@@ -233,8 +213,8 @@ fn ur10e_identifier() -> Option<RobotIdentifier> {
 #[test]
 fn val_a_load_of_a_real_robot_is_found_within_a_second_and_a_half_of_motion() {
     let (Some(empty), Some(loaded), Some(mut identifier)) = (
-        recording("empty_14harm.csv", 195..4967),
-        recording("load_14harm.csv", 308..5072),
+        ur10e_rows("empty_14harm.csv", 195..4967),
+        ur10e_rows("load_14harm.csv", 308..5072),
         ur10e_identifier(),
     ) else {
         return;
@@ -265,8 +245,8 @@ fn val_a_load_of_a_real_robot_is_found_within_a_second_and_a_half_of_motion() {
 #[test]
 fn val_another_empty_recording_raises_no_payload_alarm_and_weighs_nothing() {
     let (Some(one), Some(other)) = (
-        recording("empty_14harm.csv", 195..4967),
-        recording("empty_15harm.csv", 300..5001),
+        ur10e_rows("empty_14harm.csv", 195..4967),
+        ur10e_rows("empty_15harm.csv", 300..5001),
     ) else {
         return;
     };

@@ -1,12 +1,12 @@
 //! Standard parameters from base parameters: bodies that can exist, and a URDF that says the same
 //! as the identification.
 
-use super::{SEVEN_AXIS, SIX_AXIS, robot, shared, ur10e};
+use super::{SEVEN_AXIS, SIX_AXIS, robot, shared, ur10e, ur10e_rows};
 use crate::support::TestRng;
 use thetabus::robot::{
-    Drives, FrictionTerm, IdentifyOptions, JointFriction, LinkValues, LogColumns, Robot, RobotIdentifier, RobotModel,
-    RobotSample, RobotSimOptions, RobotSimulator, Selection, StandardParameters, TorqueFit, Velocities, filtered,
-    is_physical, read_log, write_urdf,
+    FrictionTerm, IdentifyOptions, JointFriction, LinkValues, Robot, RobotIdentifier, RobotModel, RobotSample,
+    RobotSimOptions, RobotSimulator, Selection, StandardParameters, TorqueFit, Velocities, filtered, is_physical,
+    write_urdf,
 };
 
 fn friction() -> JointFriction {
@@ -150,27 +150,17 @@ fn ident_a_simulated_robot_gives_a_urdf_that_predicts_it() {
 
 #[test]
 fn val_a_real_robot_gives_bodies_that_can_exist_and_predict_as_well() {
-    let (Some((_, text)), Some((_, log)), Some((_, other)), Some(robot)) = (
+    let (Some((_, text)), Some(log), Some(other), Some(robot)) = (
         shared("ur10e/ur10e.urdf"),
-        shared("ur10e/train_30s_12harm.csv"),
-        shared("ur10e/validation_ptp.csv"),
+        ur10e_rows("train_30s_12harm.csv", 635..3511),
+        ur10e_rows("validation_ptp.csv", 700..4201),
         ur10e(),
     ) else {
         return;
     };
-    let columns = LogColumns {
-        time: 1,
-        position: (2..8).collect(),
-        velocity: (8..14).collect(),
-        input: (14..20).collect(),
-    };
-    let drives = Drives {
-        gain: vec![14.87, 13.26, 11.13, 10.62, 11.03, 11.47],
-        coupling: None,
-    };
     let model = RobotModel::new(robot.clone(), true, vec![JointFriction::default(); 6]).unwrap();
     let mut identifier = RobotIdentifier::new(model.clone(), IdentifyOptions::default()).unwrap();
-    for sample in &read_log(&log, &columns, &drives).unwrap()[634..3510] {
+    for sample in &log {
         identifier.push(sample).unwrap();
     }
     identifier.end_of_recording();
@@ -192,7 +182,7 @@ fn val_a_real_robot_gives_bodies_that_can_exist_and_predict_as_well() {
     let mut consistent = theta.clone();
     let base = model.base().nominal(&read, &fitted.rotors);
     consistent[..base.len()].copy_from_slice(&base);
-    let held_out = filtered(&model, &read_log(&other, &columns, &drives).unwrap()[699..4200]);
+    let held_out = filtered(&model, &other);
     let residuals = |theta: &[f64]| -> Vec<f64> {
         let fit = TorqueFit::of(&model, theta, &held_out);
         (0..6).map(|j| fit.relative_residual(j).unwrap()).collect()

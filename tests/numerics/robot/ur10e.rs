@@ -1,30 +1,7 @@
 //! A real six-joint robot: what one on-line pass over 30 s of motion predicts of other recordings.
 
-use super::{shared, ur10e};
-use std::ops::Range;
-use thetabus::robot::{
-    Drives, IdentifyOptions, JointFriction, LogColumns, RobotIdentifier, RobotModel, RobotSample, TorqueFit, filtered,
-    read_log,
-};
-
-/// Torque constants as published with the recordings [N m/A].
-const GAINS: [f64; 6] = [14.87, 13.26, 11.13, 10.62, 11.03, 11.47];
-
-/// Rows of a recording as its source uses them, counted from 1.
-fn recording(name: &str, rows: Range<usize>) -> Option<Vec<RobotSample>> {
-    let (_, text) = shared(&format!("ur10e/{name}"))?;
-    let columns = LogColumns {
-        time: 1,
-        position: (2..8).collect(),
-        velocity: (8..14).collect(),
-        input: (14..20).collect(),
-    };
-    let drives = Drives {
-        gain: GAINS.to_vec(),
-        coupling: None,
-    };
-    Some(read_log(&text, &columns, &drives).unwrap()[rows.start - 1..rows.end - 1].to_vec())
-}
+use super::{ur10e, ur10e_rows};
+use thetabus::robot::{IdentifyOptions, JointFriction, RobotIdentifier, RobotModel, RobotSample, TorqueFit, filtered};
 
 fn identifier(friction: JointFriction) -> Option<RobotIdentifier> {
     let model = RobotModel::new(ur10e()?, true, vec![friction; 6]).unwrap();
@@ -41,8 +18,8 @@ fn learn(identifier: &mut RobotIdentifier, log: &[RobotSample]) {
 /// The recording that is learnt, one that is not, and an identifier that knows neither.
 fn train_and_later() -> Option<(Vec<RobotSample>, Vec<RobotSample>, RobotIdentifier)> {
     Some((
-        recording("train_30s_12harm.csv", 635..3511)?,
-        recording("validation_ptp.csv", 700..4201)?,
+        ur10e_rows("train_30s_12harm.csv", 635..3511)?,
+        ur10e_rows("validation_ptp.csv", 700..4201)?,
         identifier(JointFriction::default())?,
     ))
 }
@@ -110,8 +87,8 @@ fn val_logs_from_50_hz_on_are_enough() {
 #[test]
 fn val_recordings_of_another_day_predict_each_other() {
     let (Some(one), Some(other)) = (
-        recording("empty_14harm.csv", 195..4967),
-        recording("empty_15harm.csv", 300..5001),
+        ur10e_rows("empty_14harm.csv", 195..4967),
+        ur10e_rows("empty_15harm.csv", 300..5001),
     ) else {
         return;
     };

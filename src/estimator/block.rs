@@ -150,6 +150,19 @@ impl BlockEstimator {
         judge.visit(&mut save);
     }
 
+    /// Copies out what [`go_back`](Self::go_back) needs; allocates only if `into` has no room.
+    pub(crate) fn remember(&mut self, into: &mut EstimatorState) {
+        into.reals.clear();
+        into.counts.clear();
+        self.visit(&mut Save(into));
+    }
+
+    /// Goes back to what this estimator has [remembered](Self::remember).
+    pub(crate) fn go_back(&mut self, state: &EstimatorState) {
+        self.visit(&mut Load::new(state));
+        self.describe();
+    }
+
     /// Goes on from a state that was [saved](Self::save).
     ///
     /// # Errors

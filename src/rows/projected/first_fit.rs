@@ -12,11 +12,15 @@
 //! rests had 3 % of its blocks called misfits or changes that way, and θ₅ an error of 14 times the
 //! bound; it is 1.4 times.
 //!
+//! A block that alone tells nothing of some parameter is fitted together with those before, and R
+//! uses the start value of each parameter that is not known to within 50 %: the arbitrary inertia
+//! of a joint that has not moved would spoil the weights.
+//!
 //! Later the same fit serves a block that θ̂ before it does not explain: it is fitted alone, and
 //! its positions are smoothed with that.
 
 use super::projection::Projection;
-use crate::estimator::{BlockEstimator, EstimatorError, EstimatorOptions, Structure};
+use crate::estimator::{BlockEstimator, EstimatorError, EstimatorOptions, EstimatorState, Structure};
 use crate::model::Plant;
 use crate::rows::start::StartFinder;
 use crate::rows::theta_polynomial::Polynomial;
@@ -27,6 +31,9 @@ const FIRST_BLOCKS: u32 = 10;
 const ROUNDS: usize = 3;
 /// Relative standard deviation below which a parameter is known well enough for weights.
 const KNOWN: f64 = 0.5;
+/// Standard deviation, relative to that of the start, above which a fit tells nothing of a
+/// parameter.
+const NOTHING: f64 = 100.0;
 /// Mean square of whitened residuals from which on they hold more than noise.
 const FAR: f64 = 2.0;
 
@@ -42,6 +49,8 @@ pub(super) struct FirstFit {
     begins: bool,
     /// θ of the weights.
     settled: Vec<f64>,
+    /// The fit of the blocks before together with this one.
+    together: EstimatorState,
 }
 
 impl FirstFit {
@@ -56,8 +65,11 @@ impl FirstFit {
         options.lower = parameters.iter().map(|p| p.lower).collect();
         options.upper = parameters.iter().map(|p| p.upper).collect();
         options.change_detection = None;
-        let estimator = BlockEstimator::new(structure, options)?;
+        let mut estimator = BlockEstimator::new(structure, options)?;
+        let mut together = EstimatorState::default();
+        estimator.remember(&mut together);
         Ok(Self {
+            together,
             left: FIRST_BLOCKS,
             finder: None,
             begins: false,
@@ -134,18 +146,45 @@ impl FirstFit {
         if (0..self.settled.len()).all(|i| self.knows(i)) {
             self.left = 0;
         }
+        self.estimator.remember(&mut self.together);
         for _ in 0..ROUNDS {
             self.weigh_and_smooth(rows);
             self.estimator.restart(&self.settled);
             self.estimator.update(rows);
+            if !self.tells_of_all() {
+                self.estimator.go_back(&self.together);
+                self.keep_known_or(None);
+                rows.weigh(&self.settled);
+                self.smooth(rows);
+                return;
+            }
         }
         self.weigh_and_smooth(rows);
+    }
+
+    /// True if the fit tells something of every parameter.
+    fn tells_of_all(&self) -> bool {
+        let (report, options) = (self.estimator.report(), self.estimator.options());
+        let mut pairs = report.theta_std.iter().zip(&options.start_std);
+        pairs.all(|(std, start)| *std < NOTHING * start)
     }
 
     /// True if the fit knows a parameter well enough for weights.
     fn knows(&self, i: usize) -> bool {
         let report = self.estimator.report();
         report.theta_std[i] < KNOWN * report.theta[i].abs()
+    }
+
+    /// Adopts the parameters that the fit knows well enough, and `otherwise`, or the start values,
+    /// for the rest.
+    fn keep_known_or(&mut self, otherwise: Option<&[f64]>) {
+        for i in 0..self.settled.len() {
+            self.settled[i] = if self.knows(i) {
+                self.estimator.theta()[i]
+            } else {
+                otherwise.unwrap_or(&self.estimator.options().theta_start)[i]
+            };
+        }
     }
 
     /// Makes R and the smoothed positions at the fit.
@@ -195,13 +234,7 @@ impl FirstFit {
         }
         self.estimator.restart(theta);
         self.estimator.update(rows);
-        for (i, value) in theta.iter().enumerate() {
-            self.settled[i] = if self.knows(i) {
-                self.estimator.theta()[i]
-            } else {
-                *value
-            };
-        }
+        self.keep_known_or(Some(theta));
         if rows.mean_square(&self.settled) < FAR {
             rows.smooth(&self.settled);
         }

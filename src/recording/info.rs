@@ -13,6 +13,9 @@ pub struct RunInfo {
     pub schema: u32,
     /// Tells recordings apart; all files of one recording have the same.
     pub recording_id: String,
+    /// Number of this file in its recording, from 0; a recorder writes its own, whatever stands
+    /// here. `None` of recordings that did not tell yet.
+    pub file_number: Option<u32>,
     /// Robot name.
     pub robot: String,
     /// Model name.
@@ -88,6 +91,7 @@ pub enum InfoError {
 impl RunInfo {
     /// As the name-value pairs of a metadata record.
     pub(super) fn to_map(&self) -> BTreeMap<String, String> {
+        let file_number = self.file_number.map(|number| ("file_number", number.to_string()));
         [
             ("thetabus_version", env!("CARGO_PKG_VERSION").to_string()),
             ("schema_version", SCHEMA_VERSION.to_string()),
@@ -109,6 +113,7 @@ impl RunInfo {
             ("derived", labels_to_text(&self.derived)),
         ]
         .into_iter()
+        .chain(file_number)
         .map(|(key, value)| (key.to_string(), value))
         .collect()
     }
@@ -165,8 +170,16 @@ impl RunInfo {
                 .parse()
                 .map_err(|_| InfoError::invalid("clock_epoch_ns", "nanoseconds since 1970", got))?,
         };
+        let file_number = match map.get("file_number") {
+            None => None,
+            Some(got) => {
+                let number = got.parse().ok();
+                Some(number.ok_or_else(|| InfoError::invalid("file_number", "0 to 4294967295", got))?)
+            }
+        };
         let info = Self {
             clock_epoch_ns,
+            file_number,
             joint_states: map.get("joint_states").is_some_and(|value| value == "true"),
             first_form,
             schema,
@@ -271,6 +284,7 @@ pub(crate) mod tests {
         RunInfo {
             schema: SCHEMA_VERSION,
             recording_id: "1-2".into(),
+            file_number: Some(3),
             robot: "arm".into(),
             model: "manipulator".into(),
             model_hash: 0x1234,
@@ -309,6 +323,7 @@ pub(crate) mod tests {
             ("schema_version", "1"),
             ("schema_version", "4"),
             ("form", "3"),
+            ("file_number", "-1"),
             ("clock_epoch_ns", "yesterday"),
             ("model_hash", "no"),
             ("parameters", "name without unit"),

@@ -8,6 +8,7 @@ use super::{CommonArgs, Exit, Failure, TableFormat, UrdfArgs, logging, report};
 use crate::checkpoint;
 use crate::config::Config;
 use crate::node::command::NodeState;
+use crate::pipe::{MAX_TABLE_BYTES, read_text};
 use crate::recording::{Entry, Span};
 use crate::robot::{
     FrictionTerm, IdentifyOptions, JointValues, LinkValues, RobotConfig, RobotIdentifier, RobotModel, Standard,
@@ -86,7 +87,7 @@ impl Found {
     fn of_results(dir: &Path, config: RobotConfig) -> Result<Self, Failure> {
         let at = |name: &str| dir.join(name);
         let wrong = |name: &str, e: &dyn std::fmt::Display| Failure::Usage(format!("{}: {e}", at(name).display()));
-        let text = std::fs::read_to_string(at(SUMMARY)).map_err(|e| wrong(SUMMARY, &e))?;
+        let text = read_text(&at(SUMMARY), MAX_TABLE_BYTES).map_err(|e| wrong(SUMMARY, &e))?;
         let summary: Value = serde_json::from_str(&text).map_err(|e| wrong(SUMMARY, &e))?;
         let listed = summary["parameters"].as_array().cloned().unwrap_or_default();
         let text = |p: &Value, key: &str| p[key].as_str().unwrap_or_default().to_owned();
@@ -107,7 +108,7 @@ impl Found {
         }
         let theta: Option<Vec<f64>> = listed.iter().map(|p| p["estimate"].as_f64()).collect();
         let theta = theta.ok_or_else(|| wrong(SUMMARY, &"expected an estimate of each parameter, got none"))?;
-        let text = std::fs::read_to_string(at(COVARIANCE)).map_err(|e| wrong(COVARIANCE, &e))?;
+        let text = read_text(&at(COVARIANCE), MAX_TABLE_BYTES).map_err(|e| wrong(COVARIANCE, &e))?;
         let numbers: Result<Vec<f64>, _> = text
             .lines()
             .skip(1)

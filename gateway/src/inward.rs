@@ -15,6 +15,7 @@ use crate::keys::{self, Host};
 use crate::network::{self, NetworkArgs, Part};
 use crate::out::Counted;
 use crate::questions;
+use crate::refusals::{Lines, Refusals};
 use crate::tally::{HEAD, Tally, say};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -42,8 +43,6 @@ const AT_A_TIME: usize = 256;
 const SECOND_CHANCE: Duration = Duration::from_secs(2);
 /// The other gateway answers for the identifier within its own patience.
 const CONTROL_LIMIT: Duration = questions::PATIENCE.saturating_add(Duration::from_secs(1));
-/// Robots that were refused are remembered up to this number, whatever names the network makes up.
-const REFUSED: usize = 4096;
 /// Requests taken at a time.
 const REQUESTS_AT_A_TIME: usize = 8;
 
@@ -149,7 +148,8 @@ pub fn run(args: &InArgs, stop: &AtomicBool) -> Result<(), GatewayError> {
         session: &session,
         put: put.clone(),
         robots: BTreeMap::new(),
-        refused: BTreeMap::new(),
+        refusals: Refusals::default(),
+        lines: Lines::default(),
         strangers: 0,
     };
     let mut tick = Instant::now();
@@ -224,8 +224,9 @@ struct Guests<'a> {
     session: &'a Session,
     put: Inbox,
     robots: BTreeMap<String, Guest>,
-    /// Robots that cannot come, since when.
-    refused: BTreeMap<String, Instant>,
+    refusals: Refusals,
+    /// Lines that names of the network can bring into the log.
+    lines: Lines,
     /// Keys that are none of ours.
     strangers: u64,
 }
@@ -252,14 +253,18 @@ impl Guests<'_> {
         };
         match &event {
             Event::Alive { .. } => {
-                tracing::info!(host, robot, "is there");
+                if let Some(before) = self.lines.next(Instant::now()) {
+                    tracing::info!(host, robot, lines_left_out = before, "robot connected");
+                }
                 if let Some(guest) = self.robots.get_mut(robot).filter(|guest| guest.host == host) {
                     guest.is_there = true;
                 }
                 self.ask_for_last(host, robot)
             }
             Event::Gone { .. } => {
-                tracing::warn!(host, robot, "its gateway has gone");
+                if let Some(before) = self.lines.next(Instant::now()) {
+                    tracing::warn!(host, robot, lines_left_out = before, "its gateway has gone");
+                }
                 if let Some(guest) = self.robots.get_mut(robot).filter(|guest| guest.host == host) {
                     guest.is_there = false;
                 }
@@ -303,24 +308,21 @@ impl Guests<'_> {
     /// The robot's place in the domain; `None` if there is none for it.
     fn guest(&mut self, host: &str, robot: &str) -> Option<&mut Guest> {
         if !self.robots.contains_key(robot) {
-            let refused = self.refused.get(robot);
-            if refused.is_some_and(|since| since.elapsed() < SECOND_CHANCE) {
+            let now = Instant::now();
+            if self.refusals.is_recent(robot, SECOND_CHANCE, now) {
                 return None;
-            }
-            let is_first = refused.is_none();
-            if self.refused.len() >= REFUSED {
-                self.refused.clear();
             }
             match self.admit(host, robot) {
                 Ok(guest) => {
-                    self.refused.remove(robot);
+                    self.refusals.forget(robot);
                     self.robots.insert(robot.to_owned(), guest);
                 }
                 Err(why) => {
-                    if is_first {
-                        tracing::error!(host, robot, "cannot come in: {why}");
+                    if self.refusals.is_first(robot.to_owned(), now)
+                        && let Some(before) = self.lines.next(now)
+                    {
+                        tracing::error!(host, robot, lines_left_out = before, "robot not admitted: {why}");
                     }
-                    self.refused.insert(robot.to_owned(), Instant::now());
                     return None;
                 }
             }
@@ -329,9 +331,13 @@ impl Guests<'_> {
         if guest.host == host {
             return Some(guest);
         }
-        if self.refused.insert(format!("{host}/{robot}"), Instant::now()).is_none() {
+        let now = Instant::now();
+        if self.refusals.is_first(format!("{host}/{robot}"), now)
+            && let Some(before) = self.lines.next(now)
+        {
             tracing::error!(
-                "robot {robot} comes from {} and from {host}; the second is left out: name one by --from, and bring the other into a domain of its own",
+                lines_left_out = before,
+                "robot {robot} comes from {} and from {host}; the second is ignored; select one with --from and give the other its own domain",
                 guest.host
             );
         }

@@ -14,6 +14,7 @@ mod load;
 mod network;
 mod out;
 mod questions;
+mod refusals;
 mod route;
 mod tally;
 

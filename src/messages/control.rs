@@ -63,6 +63,12 @@ impl Command {
         (Self::Payload, "payload"),
     ];
 
+    /// True for commands that consist of a name and a value alone: pause, resume, reset, set, fix,
+    /// free, save and describe. The others carry data of their own, or are a program's.
+    pub fn is_plain(self) -> bool {
+        !matches!(self, Self::Restore | Self::Recorder | Self::Payload)
+    }
+
     /// The name as on the command line and in files.
     pub fn name(self) -> &'static str {
         Self::ALL[self as usize - 1].1
@@ -345,6 +351,11 @@ mod tests {
             assert_eq!(command.name(), name);
         }
         assert_eq!((Command::from_wire(0), Command::from_wire(12)), (None, None));
+        // As the clients' messages say.
+        let plain: Vec<u32> = (1..=11)
+            .filter(|c| Command::from_wire(*c).is_some_and(Command::is_plain))
+            .collect();
+        assert_eq!(plain, (1..=8).collect::<Vec<u32>>());
     }
 
     #[test]

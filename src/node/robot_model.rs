@@ -4,6 +4,7 @@
 use super::identifier::{Identifier, IdentifierOptions};
 use super::model::{Model, ModelError, NodeSettings};
 use super::robot::{RobotLearner, RobotNode};
+use super::robot_evidence::LEAST_EXPLAINED;
 use crate::messages::signals;
 use crate::model::{
     DerivedQuantity, DerivedValues, Equation, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter, PlantDefinition,
@@ -166,6 +167,10 @@ impl Model for RobotPlant {
         let mut tau = [0.0; MAX_JOINTS];
         model.torques(&effective[..arm], &state, &mut tau[..n]);
         *input = self.settings.drives.inputs(&tau);
+    }
+
+    fn least_explained(&self) -> f64 {
+        LEAST_EXPLAINED
     }
 
     fn restarts_itself(&self) -> bool {

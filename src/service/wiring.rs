@@ -35,7 +35,9 @@ pub(super) fn monitor_node(config: &Config, truth: Option<&SimOptions>) -> Monit
             derived: config.model.derived(),
         }) as Box<dyn Truth>
     });
-    MonitorNode::new(parameters, derived, truth).of_model(definition.hash())
+    MonitorNode::new(parameters, derived, truth)
+        .of_model(definition.hash())
+        .explaining(config.model.least_explained())
 }
 
 /// Whether the simulated machine is one that the model describes.

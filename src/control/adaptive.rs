@@ -125,7 +125,7 @@ impl AdaptiveFeedForward {
         for (i, target) in self.target.iter_mut().enumerate() {
             let (theta, std) = (estimate.theta[i], estimate.theta_std[i]);
             // (3); a standard deviation that is not a number passes nothing
-            if theta.is_finite() && std <= self.options.max_std * theta.abs() {
+            if estimate.is_usable(i) && theta.is_finite() && std <= self.options.max_std * theta.abs() {
                 *target = theta;
             }
         }
@@ -135,9 +135,12 @@ impl AdaptiveFeedForward {
     /// Feed-forward along a trajectory: `motion` has the desired q, q̇, q̈ and q⃛, `dt_s` is the
     /// time since the last call \[s\].
     ///
+    /// A time that is negative or no number counts as 0: no time has passed as far as is known.
+    ///
     /// In the input's unit, one value per joint; 0 for a joint whose value is not finite, so that
     /// its own loop carries it alone.
     pub fn next(&mut self, motion: &JointSample, dt_s: f64) -> [f64; MAX_JOINTS] {
+        let dt_s = if dt_s.is_finite() { dt_s.max(0.0) } else { 0.0 };
         self.silent_for_s += dt_s;
         if self.silent_for_s > self.options.silence_s && self.knowledge != Knowledge::Initial {
             self.knowledge = Knowledge::Silent;
@@ -168,5 +171,27 @@ impl AdaptiveFeedForward {
     /// θ_c, the parameters in use now.
     pub fn theta(&self) -> &[f64] {
         &self.theta
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Manipulator;
+    use crate::node::model::PlantModel;
+
+    /// The parameters move no way in a time that is none.
+    #[test]
+    fn fault_a_time_that_is_negative_or_no_number_changes_nothing() {
+        let model = SharedModel::new(PlantModel::new(Manipulator::default()));
+        let theta = vec![1.0; model.parameters().len()];
+        let mut control = AdaptiveFeedForward::new(model, &theta, AdaptiveOptions::default()).unwrap();
+        let motion = JointSample::default();
+        let own = control.next(&motion, 0.0);
+        control.target.fill(2.0);
+        for dt_s in [-1.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            assert_eq!(control.next(&motion, dt_s), own);
+            assert_eq!((control.theta(), control.silent_for_s), (&theta[..], 0.0));
+        }
     }
 }

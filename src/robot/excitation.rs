@@ -84,16 +84,23 @@ impl JointRange {
     }
 
     fn validate(&self) -> Result<(), String> {
-        let ordered = self.lower.is_finite() && self.upper.is_finite() && self.lower < self.upper;
-        let positive = [self.velocity, self.acceleration]
-            .iter()
-            .all(|x| *x > 0.0 && x.is_finite());
-        match ordered && positive && self.effort > 0.0 {
-            true => Ok(()),
-            false => Err(format!(
-                "expected lower below upper, and a speed, an acceleration and a torque above 0, got {} to {}, {}, {} and {}",
-                self.lower, self.upper, self.velocity, self.acceleration, self.effort
-            )),
+        if !(self.lower.is_finite() && self.upper.is_finite() && self.lower < self.upper) {
+            let (lower, upper) = (self.lower, self.upper);
+            return Err(format!(
+                "expected a finite lower below a finite upper, got {lower} and {upper}"
+            ));
+        }
+        let above_0 = [
+            ("velocity", self.velocity, self.velocity.is_finite()),
+            ("acceleration", self.acceleration, self.acceleration.is_finite()),
+            ("effort", self.effort, true),
+        ];
+        match above_0
+            .into_iter()
+            .find(|(_, x, is_allowed)| !(*x > 0.0 && *is_allowed))
+        {
+            None => Ok(()),
+            Some((name, x, _)) => Err(format!("{name}: expected a number above 0, got {x}")),
         }
     }
 }

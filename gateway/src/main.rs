@@ -15,6 +15,7 @@ mod network;
 mod out;
 mod questions;
 mod refusals;
+mod remote_robot;
 mod route;
 mod tally;
 

@@ -123,21 +123,21 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// Checks every value against its domain.
+    /// Checks every value against its domain; `joints` of the machine.
     ///
     /// # Errors
     /// The first value outside, with its name.
-    pub fn validate(&self) -> Result<(), SimError> {
+    pub fn validate(&self, joints: usize) -> Result<(), SimError> {
         in_range("faults.from_s", self.from_s, 0.0, 1e9)?;
         if !(self.to_s > self.from_s) {
             return Err(SimError::new("faults.to_s", "a time after from_s", self.to_s));
         }
         let of_joint = self.signal.bit() != 0;
         if let Some(joint) = self.joint
-            && (!of_joint || joint >= ARM_JOINTS)
+            && (!of_joint || joint >= joints)
         {
             let expected = if of_joint {
-                "1 or 2, or 0 for both"
+                "a joint of the machine, counted from 1, or 0 for all"
             } else {
                 "0 for a sample or its time"
             };

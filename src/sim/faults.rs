@@ -245,7 +245,7 @@ mod tests {
     /// 30 samples at 1 kHz, every signal x of joint j being 1 + seq + 100 j, and what became of
     /// each.
     fn emitted(fault: Fault) -> Vec<(Passage, Sample)> {
-        fault.validate().expect("valid");
+        fault.validate(ARM_JOINTS).expect("valid");
         let mut faults = Faults::new(&[fault], 1e-3, 5);
         (0..30)
             .map(|seq| {
@@ -452,8 +452,10 @@ mod tests {
                 "faults.share",
             ),
         ];
+        // The third joint of a robot may fail, too.
+        assert!(Fault { joint: Some(2), ..base }.validate(3).is_ok());
         for (fault, field) in cases {
-            assert_eq!(fault.validate().expect_err(field).field, field);
+            assert_eq!(fault.validate(ARM_JOINTS).expect_err(field).field, field);
         }
     }
 }

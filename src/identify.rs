@@ -177,8 +177,8 @@ impl IdentifierBuilder {
     }
 
     /// Encoders of 2^`bits` counts per turn, and white noise of this standard deviation on the
-    /// input, in its unit; the same for all joints. Without a word on the sensors their noise is
-    /// learnt from the signals. For joints that turn; of one that moves along a line
+    /// input, in its unit; the same for all joints. If the sensors are not specified, their noise
+    /// is learnt from the signals. For joints that turn; of one that moves along a line
     /// [`sensors`](Self::sensors) states the resolution.
     #[must_use]
     pub fn encoder(self, bits: u32, input_noise: f64) -> Self {

@@ -18,7 +18,7 @@ impl Estimate {
     ///
     /// | | says | needs |
     /// |---|---|---|
-    /// | `use_ok` | the model with θ̂ describes the machine | the last blocks were predicted; this one fits; the signals are explained; the data have informed on more than half of the directions since the start; no bound is at odds with the data; no change in this block, few samples lost |
+    /// | `use_ok` | the model with θ̂ describes the machine | the last blocks were predicted; this one fits; the signals are explained; the data since the start have determined more than half of the directions; no bound is at odds with the data; no change in this block, few samples lost |
     /// | bit i of `usable` | parameter i is known | three standard deviations below 5 % of it, by the data since the last change; no change of its group of equations in this block or the one before, and both fit; no bound of the group is at odds with the data; it is not fixed |
     ///
     /// A parameter that is fixed is not usable in this sense: its value is the operator's, see

@@ -1,9 +1,9 @@
 //! What is probably wrong with a log that was read as configured: the usual mistakes of those who
 //! write logs and configurations.
 //!
-//! A judgement here never changes a number and never refuses a log. It is told, with the key that
-//! would mend it, and whoever knows the machine decides. The limits are those beyond which hardly
-//! any machine is and within which the mistake nearly always puts it: joints that turn three times,
+//! A judgement here never changes a number and never refuses a log. Each finding is reported with
+//! the key that would correct it; the user decides. The limits are those beyond which hardly any
+//! machine is and within which the mistake nearly always puts it: joints that turn three times,
 //! axes longer than ten metres.
 
 use super::profile::{ColumnProfile, LogProfile, Signal};

@@ -121,7 +121,7 @@ impl RunInfo {
     /// From the name-value pairs of a metadata record.
     ///
     /// # Errors
-    /// Where a key is missing, has another schema version or a value out of its range.
+    /// If a key is missing, has another schema version or a value out of its range.
     pub(super) fn from_map(map: &BTreeMap<String, String>) -> Result<Self, InfoError> {
         let get = |key: &'static str| {
             let value = map.get(key).ok_or(InfoError::Missing(key))?;
@@ -204,7 +204,7 @@ impl RunInfo {
     /// Checks that the counts fit the messages.
     ///
     /// # Errors
-    /// Where they do not.
+    /// If they do not fit.
     pub fn check(&self) -> Result<(), InfoError> {
         let counts = [
             ("joints", self.joints, MAX_JOINTS, "1 to 8"),

@@ -99,7 +99,7 @@ impl RecordingReader {
     /// Opens a recording; of a rotated one the first file that shall be read.
     ///
     /// # Errors
-    /// Where the file cannot be read, or nothing in it tells what was recorded.
+    /// If the file cannot be read, or nothing in it tells what was recorded.
     pub fn open(path: &Path, span: Span) -> Result<Self, ReadError> {
         let mut file = RecordFile::open(path)?;
         let info = file.find_info()?;
@@ -150,7 +150,7 @@ impl RecordingReader {
     /// The next message; `None` at the end of all that can be read.
     ///
     /// # Errors
-    /// Where the file system fails; damage is no error but counted in [`Self::loss`].
+    /// If the file system fails; damage is no error but counted in [`Self::loss`].
     pub fn next_entry(&mut self) -> Result<Option<Entry<'_>>, ReadError> {
         loop {
             while let Some(range) = self.next_message_of_chunk() {
@@ -332,7 +332,7 @@ fn rest_of_series(first: &Path, number: u32) -> u64 {
 /// of a rotated one from this file on.
 ///
 /// # Errors
-/// Where a file cannot be read.
+/// If a file cannot be read.
 pub fn read_journal(path: &Path) -> Result<Vec<Journal>, ReadError> {
     let mut file = RecordFile::open(path)?;
     let info = file.find_info()?;

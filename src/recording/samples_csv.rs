@@ -81,7 +81,7 @@ impl<W: Write> SamplesCsv<W> {
     /// Starts a file by its header.
     ///
     /// # Errors
-    /// Where the sink cannot be written.
+    /// If the sink cannot be written.
     pub fn new(sink: W, info: &RunInfo) -> io::Result<Self> {
         let mut writer = csv::Writer::from_writer(sink);
         writer.write_record(header(info))?;
@@ -95,7 +95,7 @@ impl<W: Write> SamplesCsv<W> {
     /// Appends a sample.
     ///
     /// # Errors
-    /// Where the sink cannot be written.
+    /// If the sink cannot be written.
     pub fn write(&mut self, sample: &Sample) -> io::Result<()> {
         self.record.clear();
         for value in [
@@ -120,7 +120,7 @@ impl<W: Write> SamplesCsv<W> {
     /// Writes everything out.
     ///
     /// # Errors
-    /// Where the sink cannot be written.
+    /// If the sink cannot be written.
     pub fn finish(mut self) -> io::Result<()> {
         self.writer.flush()
     }

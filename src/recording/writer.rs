@@ -144,7 +144,7 @@ impl Recorder {
     /// Writes a sample; `sent_ns` is the clock at sending.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn sample(&mut self, sample: &Sample, sent_ns: u64) -> Result<(), RecordError> {
         match self.cursor.advance(sample.stream_id, sample.seq) {
             Place::Gap { missing } => {
@@ -173,7 +173,7 @@ impl Recorder {
     /// Writes an estimate; `sent_ns` is the clock at sending.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn estimate(&mut self, estimate: &Estimate, sent_ns: u64) -> Result<(), RecordError> {
         self.encode(*estimate);
         self.put(channel::ESTIMATE, estimate.t_last_ns, sent_ns)?;
@@ -184,7 +184,7 @@ impl Recorder {
     /// Writes a status; `sent_ns` is the clock at sending.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn status(&mut self, status: &Status, sent_ns: u64) -> Result<(), RecordError> {
         self.encode(*status);
         self.put(channel::STATUS, status.last_t_ns, sent_ns)?;
@@ -195,7 +195,7 @@ impl Recorder {
     /// Writes what the identifier was told, and where it took effect.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn journal(&mut self, entry: &Journal) -> Result<(), RecordError> {
         // A record of its own between the chunks: found without decompressing a recording.
         let put = self.file.writer.write_metadata(&Metadata {
@@ -209,7 +209,7 @@ impl Recorder {
     /// what never arrived; to be called about once a second.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn flush(&mut self) -> Result<(), RecordError> {
         self.written.file_bytes = self.file.bytes.load(Ordering::Relaxed);
         self.encode(self.written);
@@ -221,7 +221,7 @@ impl Recorder {
     /// Ends the recording: index, statistics, and the mark of a file that is whole.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn finish(mut self) -> Result<RecorderStatus, RecordError> {
         self.flush()?;
         self.file.finish(&self.written)?;

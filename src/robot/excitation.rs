@@ -197,12 +197,12 @@ impl Series {
             center: 0.0,
             scale: 1.0,
         };
-        series.rest();
+        series.enforce_rest();
         series
     }
 
     /// The nearest shape with (2), of size 1.
-    fn rest(&mut self) {
+    fn enforce_rest(&mut self) {
         let k = |i: usize| (i + 1) as f64;
         let sums = |power: i32, part: usize| -> f64 {
             let along: f64 = self
@@ -236,7 +236,7 @@ impl Series {
             *tone += part * random.normal();
         }
         self.place = (self.place + length * random.normal()).clamp(0.0, 1.0);
-        self.rest();
+        self.enforce_rest();
     }
 
     /// Σ_k [a_k sin kωt + b_k cos kωt] with its derivatives, at a part of the period.
@@ -321,7 +321,7 @@ impl Excitation {
                     .map(|_| Series::draw(options.harmonics, &mut random))
                     .collect(),
             };
-            let Some((value, motion)) = Self::weigh(forecaster, options, joints) else {
+            let Some((value, motion)) = Self::evaluate(forecaster, options, joints) else {
                 continue;
             };
             if tries < drawn {
@@ -361,7 +361,11 @@ impl Excitation {
     }
 
     /// The motion of these shapes with (5), and what it counts for.
-    fn weigh(forecaster: &mut Forecaster, options: &ExcitationOptions, mut joints: Vec<Series>) -> Option<(f64, Self)> {
+    fn evaluate(
+        forecaster: &mut Forecaster,
+        options: &ExcitationOptions,
+        mut joints: Vec<Series>,
+    ) -> Option<(f64, Self)> {
         let duration_s = options.duration_s;
         for (series, range) in joints.iter_mut().zip(&options.ranges) {
             series.fit(range, duration_s);
@@ -378,7 +382,7 @@ impl Excitation {
         let n = motion.joints.len();
         let mut effort = [0.0_f64; MAX_JOINTS];
         let robot = forecaster.model().robot().clone();
-        forecaster.look((0..=count as usize).map(|k| {
+        forecaster.sample_motion((0..=count as usize).map(|k| {
             let mut sample = RobotSample {
                 t_s: step * k as f64,
                 ..RobotSample::default()

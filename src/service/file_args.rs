@@ -60,7 +60,7 @@ pub struct DoctorArgs {
     /// Look at this domain only, instead of all of this user
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
-    /// Remove what is dead and only that
+    /// Remove resources of dead processes; resources in use are kept
     #[arg(long)]
     pub clean: bool,
     /// Print what iceoryx2's own tools need to see the domain: put it into config/iceoryx2.toml and
@@ -70,7 +70,7 @@ pub struct DoctorArgs {
     /// Form of the report on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,
-    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    /// Log format on standard error; RUST_LOG chooses what is logged
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,
 }
@@ -91,7 +91,7 @@ pub struct ReportArgs {
     /// Form of the table on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,
-    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    /// Log format on standard error; RUST_LOG chooses what is logged
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,
 }
@@ -108,7 +108,7 @@ pub struct ExportArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "flattened")]
     pub span: SpanArgs,
-    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    /// Log format on standard error; RUST_LOG chooses what is logged
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,
 }
@@ -151,7 +151,7 @@ pub struct ReplayArgs {
     /// Recorded seconds per second, or max
     #[arg(long, value_name = "X|max", default_value = "max", allow_negative_numbers = true)]
     pub speed: String,
-    /// Keep what the identifier learns from it for the stream that comes next
+    /// Keep what was learned from the replay when the next stream begins
     #[arg(long)]
     pub teach: bool,
     #[command(flatten)]

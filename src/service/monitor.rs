@@ -71,7 +71,8 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let live = Live::start(&config, &node, args)?;
     let bus = Bus::join(&domain, robot, "monitor")?;
     let mut ports = MonitorPorts {
-        // First: an identifier that waits for a reader of its estimates speaks here before.
+        // First, because an identifier that waits for a subscriber of its estimates publishes to
+        // the journal before.
         journal: Subscriber::new(&bus)?,
         estimates: Subscriber::new(&bus)?,
         status: Subscriber::new(&bus)?,
@@ -107,7 +108,7 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
             Some(description) => description,
             None => match await_description(&mut ports)? {
                 Some(description) => {
-                    // the estimate that came first is given again to who subscribes anew
+                    // A new subscriber receives the first estimate again.
                     ports.estimates = Subscriber::new(&bus)?;
                     description
                 }

@@ -228,7 +228,7 @@ class Estimate(_Message):
 
     @cached_property
     def excited(self) -> npt.NDArray[np.bool_]:
-        """What the block's data informed on, P."""
+        """Parameters about which the block's data are informative, P."""
         return members(self.raw["excited"], self._params)
 
     @cached_property

@@ -11,6 +11,11 @@
 //! into damping of the error. T_b is the time in which (2) carries a parameter over its own size: a
 //! new estimate never steps the input. Silence of the identifier changes nothing: the last θ_t that
 //! passed (3) is the best that is known, and the loop below works without any.
+//!
+//! (3) asks less of a parameter than [`Estimate::is_usable`], which is for whoever takes a value by
+//! itself: here the values act together, the loop below corrects what is left of their errors, and
+//! one known to 20 % is better than the one of the start. A parameter that an operator has fixed,
+//! σ_i = 0, is taken as it is.
 
 use crate::messages::Estimate;
 use crate::model::{JointSample, MAX_JOINTS};
@@ -125,7 +130,7 @@ impl AdaptiveFeedForward {
         for (i, target) in self.target.iter_mut().enumerate() {
             let (theta, std) = (estimate.theta[i], estimate.theta_std[i]);
             // (3); a standard deviation that is not a number passes nothing
-            if estimate.is_usable(i) && theta.is_finite() && std <= self.options.max_std * theta.abs() {
+            if theta.is_finite() && std <= self.options.max_std * theta.abs() {
                 *target = theta;
             }
         }

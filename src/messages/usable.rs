@@ -14,7 +14,9 @@ pub struct Usable {
 
 impl Estimate {
     /// True if parameter `index`, counted from 0, may be used: `use_ok` is 1 and its bit in
-    /// `usable` is set. This is the one rule for controllers.
+    /// `usable` is set. This is the one rule for whoever takes a value by itself; a feed-forward,
+    /// in which all of them act together above a loop of its own, asks less of each:
+    /// [`AdaptiveFeedForward`](crate::control::AdaptiveFeedForward).
     ///
     /// | | says | needs |
     /// |---|---|---|

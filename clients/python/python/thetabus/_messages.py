@@ -223,7 +223,7 @@ class Estimate(_Message):
 
     @cached_property
     def usable(self) -> npt.NDArray[np.bool_]:
-        """What may be used, P: the parameter's own bit, and `use_ok`. The one rule for controllers."""
+        """What may be used, P: the parameter's own bit, and `use_ok`. The rule for taking a value by itself."""
         return members(self.raw["usable"], self._params) & self.use_ok
 
     @cached_property

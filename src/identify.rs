@@ -29,7 +29,7 @@
 //! configuration: both end at [`Model::identifier`](crate::node::model::Model::identifier).
 
 use crate::estimator::{ChangeDetection, EstimatorOptions};
-use crate::messages::{Estimate, ParameterNames, Sample, signals};
+use crate::messages::{Estimate, ParameterNames, Sample, nanoseconds, signals};
 use crate::model::{JointSample, Plant};
 use crate::node::identifier::{Identifier as Node, IdentifierOptions};
 use crate::node::model::{ModelError, NodeSettings, PlantModel, SharedModel};
@@ -329,7 +329,7 @@ impl IdentifierBuilder {
             input: InputSource::Measured,
             estimator,
             options: IdentifierOptions {
-                sample_period_ns: (period_s * 1e9).round() as u64,
+                sample_period_ns: nanoseconds(period_s),
                 ..IdentifierOptions::new(self.block_len as u64, 0, 0)
             },
             pid: std::process::id(),

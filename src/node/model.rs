@@ -85,6 +85,12 @@ pub trait Model: fmt::Debug + Send + Sync {
         LEAST_EXPLAINED
     }
 
+    /// True if the machine may carry a load that is among the parameters, and that a command may
+    /// declare.
+    fn takes_payload(&self) -> bool {
+        false
+    }
+
     /// True if its identifier has no estimator that could be exchanged: it begins anew by
     /// [`Change::Restart`](super::command::Change::Restart) and has no tunables.
     fn restarts_itself(&self) -> bool {

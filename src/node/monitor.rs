@@ -17,6 +17,16 @@ pub struct Label {
     pub unit: String,
 }
 
+impl Label {
+    /// This name and unit.
+    pub fn new(name: impl Into<String>, unit: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            unit: unit.into(),
+        }
+    }
+}
+
 /// What the values really are, if somebody knows: the simulator's configuration.
 pub trait Truth {
     /// The parameters at a stream time \[s\].

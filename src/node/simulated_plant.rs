@@ -2,6 +2,7 @@
 
 use super::model::{Model, SampleSource};
 use super::plant::PlantNode;
+use crate::messages::nanoseconds;
 use crate::model::JointSample;
 use crate::sim::{Faults, Losses, Machine, MachineSimulator, SampleInstants, SimError, SimOptions};
 
@@ -37,7 +38,7 @@ fn with_sensor_faults<S: Iterator<Item = JointSample>>(
     options: &SimOptions,
     stream_id: u64,
 ) -> PlantNode<S> {
-    let period_ns = (options.sample_period_s * 1e9).round() as u64;
+    let period_ns = nanoseconds(options.sample_period_s);
     let (joints, signals) = (options.joints(), options.signals());
     let mut node = PlantNode::new(source, stream_id, joints, signals, period_ns, options.sample_count());
     if options.sensors.loss_probability > 0.0 {

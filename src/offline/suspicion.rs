@@ -303,7 +303,7 @@ pub fn judge_header(line: &str) -> Option<Suspicion> {
 /// What a field of a column that should be a number looks like.
 pub fn judge_field(column: &str, field: &str) -> Option<Suspicion> {
     let digits = |text: &str, n: usize| text.len() >= n && text.bytes().take(n).all(|b| b.is_ascii_digit());
-    let told = || field.chars().take(40).collect::<String>();
+    let told = || crate::words::cut(field, 40);
     // 2026-11-21…, 21.11.2026…, 11/21/2026, 08:15:30; but 1.5e-3 m is a number with its unit
     let parts: Vec<&str> = field.splitn(4, ['-', '/', ':', '.']).collect();
     let whole = |part: &&str| (1..=4).contains(&part.len()) && part.bytes().all(|b| b.is_ascii_digit());

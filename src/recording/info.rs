@@ -4,6 +4,7 @@
 use crate::messages::{MAX_DERIVED, SCHEMA_VERSION};
 use crate::model::{MAX_JOINTS, MAX_PARAMS};
 use crate::node::monitor::Label;
+use crate::words::cut;
 use std::collections::BTreeMap;
 
 /// The metadata of a recording.
@@ -57,6 +58,8 @@ const READABLE: [u32; 2] = [2, SCHEMA_VERSION];
 const MAX_CONFIG_BYTES: usize = 4 << 20;
 /// Longest other value \[bytes\]: 128 names with their units are far below.
 const MAX_VALUE_BYTES: usize = 1 << 16;
+/// What an error shows of a value \[characters\].
+const SHOWN: usize = 60;
 /// Longest name or unit \[bytes\].
 const MAX_NAME_BYTES: usize = 128;
 
@@ -145,8 +148,8 @@ impl RunInfo {
         let schema = schema.ok_or_else(|| {
             let writer = map.get("thetabus_version").map_or("unknown", String::as_str);
             InfoError::Schema {
-                found: version.chars().take(60).collect(),
-                writer: writer.chars().take(60).collect(),
+                found: cut(version, SHOWN),
+                writer: cut(writer, SHOWN),
             }
         })?;
         let joints = get("joints")?;
@@ -247,7 +250,7 @@ impl InfoError {
         Self::Invalid {
             key,
             expected,
-            got: got.chars().take(60).collect(),
+            got: cut(got, SHOWN),
         }
     }
 }
@@ -263,10 +266,7 @@ fn labels_from_text(key: &'static str, text: &str) -> Result<Vec<Label>, InfoErr
             let (name, unit) = line
                 .split_once('\t')
                 .ok_or_else(|| InfoError::invalid(key, "a name, a tab and a unit on each line", line))?;
-            Ok(Label {
-                name: name.to_string(),
-                unit: unit.to_string(),
-            })
+            Ok(Label::new(name, unit))
         })
         .collect()
 }

@@ -185,7 +185,7 @@ impl Commands {
                 }
             },
             Command::Payload => {
-                if !self.config.model.parameters().iter().any(|p| p.name == "payload_m") {
+                if !self.config.model.takes_payload() {
                     return Err(
                         "payload: this model has none; a robot from a URDF has one, unless identify.payload is false"
                             .to_owned(),

@@ -1,6 +1,7 @@
 //! `thetabus excite ROBOT.toml`: a motion that tells much of a robot; `thetabus config check
 //! ROBOT.toml --motion FILE`: what a given one tells.
 
+use super::new_file::{refuse_existing, write_new};
 use super::robot::robot_text;
 use super::{ExciteArgs, Exit, Failure, TableFormat, logging};
 use crate::pipe::{MAX_TABLE_BYTES, read_text};
@@ -10,7 +11,6 @@ use crate::robot::{
 use crate::runner::Shutdown;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 
 /// Designs a motion and says what it will tell.
@@ -32,9 +32,7 @@ pub fn run(args: &ExciteArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
             args.rate
         )));
     }
-    if let Some(out) = args.out.as_deref().filter(|out| out.exists()) {
-        return Err(exists(out));
-    }
+    args.out.as_deref().map(refuse_existing).transpose()?;
     let expected = Expected::of(&config, args.residuals.as_deref())?;
     let mut forecaster = expected.forecaster(&config)?;
     let motion =
@@ -43,12 +41,7 @@ pub fn run(args: &ExciteArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let forecast = forecaster.forecast(&table);
     if let Some(out) = &args.out {
         let turns: Vec<bool> = config.model.robot().joints.iter().map(|joint| joint.turns).collect();
-        let written =
-            std::fs::File::create_new(out).and_then(|mut file| file.write_all(table.to_csv(&turns).as_bytes()));
-        written.map_err(|e| match e.kind() {
-            ErrorKind::AlreadyExists => exists(out),
-            _ => Failure::Failed(format!("{} cannot be written: {e}", out.display())),
-        })?;
+        write_new(out, &table.to_csv(&turns))?;
     }
     match args.format {
         TableFormat::Json => {
@@ -102,10 +95,6 @@ pub(super) fn check_motion(config: &Path, motion: &Path, residuals: Option<&Path
     let expected = Expected::of(&config, residuals)?;
     let forecast = expected.forecaster(&config)?.forecast(&table);
     logging::result(table_of(&config, &expected, &forecast).trim_end())
-}
-
-fn exists(out: &Path) -> Failure {
-    Failure::Usage(format!("{} exists and is not written over", out.display()))
 }
 
 /// The misfit that is expected, and its source.

@@ -22,7 +22,7 @@ impl SpanArgs {
         let all = Span::default();
         let nanoseconds = |name: &str, time: Option<f64>, default: u64| match time {
             None => Ok(default),
-            Some(t_s) if (0.0..1e10).contains(&t_s) => Ok((t_s * 1e9).round() as u64),
+            Some(t_s) if (0.0..1e10).contains(&t_s) => Ok(crate::messages::nanoseconds(t_s)),
             Some(t_s) => Err(Failure::Usage(format!(
                 "--{name}: expected seconds of stream time, 0 or more, got {t_s}"
             ))),

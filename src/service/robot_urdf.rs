@@ -1,6 +1,7 @@
 //! `thetabus urdf`: what was identified of a robot, written back into its URDF.
 
 use super::commands::Commands;
+use super::new_file::{refuse_existing, write_new};
 use super::record::recording_at;
 use super::script::Script;
 use super::wiring::{identifier_node, identity};
@@ -16,7 +17,6 @@ use crate::robot::{
 };
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Results of `identify LOG.csv --out DIR` that are read again.
@@ -33,9 +33,7 @@ const KNOWN: f64 = 1.0 / 3.0;
 /// Nothing has been identified, an input that cannot be read, a file that exists or cannot be
 /// written.
 pub fn run(args: &UrdfArgs) -> Result<Exit, Failure> {
-    if args.out.exists() {
-        return Err(exists(&args.out));
-    }
+    refuse_existing(&args.out)?;
     let found = Found::of(args)?;
     let model = &found.config.model;
     let fitted = StandardParameters::fit(model, &found.theta, &found.covariance)
@@ -44,21 +42,13 @@ pub fn run(args: &UrdfArgs) -> Result<Exit, Failure> {
         .map_err(|e| Failure::Usage(format!("{}: {e}", found.config.urdf.display())))?;
     let new = write_urdf(&text, &found.header(), &found.links(&fitted), &found.joints(&fitted))
         .map_err(|e| Failure::Usage(format!("{}: {e}", found.config.urdf.display())))?;
-    let written = std::fs::File::create_new(&args.out).and_then(|mut file| file.write_all(new.as_bytes()));
-    written.map_err(|e| match e.kind() {
-        ErrorKind::AlreadyExists => exists(&args.out),
-        _ => Failure::Failed(format!("{} cannot be written: {e}", args.out.display())),
-    })?;
+    write_new(&args.out, &new)?;
     match args.format {
         TableFormat::Json => logging::result(&format!("{:#}", found.as_json(&fitted)))?,
         TableFormat::Text => logging::result(found.table(&fitted).trim_end())?,
     }
     logging::note(args.format, &format!("URDF in {}", args.out.display()))?;
     Ok(Exit::Done)
-}
-
-fn exists(out: &Path) -> Failure {
-    Failure::Usage(format!("{} exists and is not written over", out.display()))
 }
 
 /// Estimates with their covariance, and the robot that they belong to.

@@ -3,6 +3,7 @@
 use super::arm_parameters::ARM_JOINTS;
 use super::error::{SimError, finite, in_range};
 use crate::messages::{Sample, signals};
+use crate::model::MAX_JOINTS;
 
 /// What a fault does to its signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -89,8 +90,10 @@ impl FaultSignal {
         }
     }
 
-    /// Its values in a sample, if it has any.
+    /// Its values at the joints of a sample, if it has any.
     pub(super) fn of(self, sample: &mut Sample) -> Option<&mut [f64]> {
+        // Garbage is drawn for two joints at least, so that an axis keeps its random numbers.
+        let joints = (sample.joints as usize).clamp(ARM_JOINTS, MAX_JOINTS);
         let array = match self {
             Self::Sample | Self::Time => return None,
             Self::Q => &mut sample.q,
@@ -100,7 +103,7 @@ impl FaultSignal {
             Self::Setpoint => &mut sample.setpoint,
             Self::Input => &mut sample.input,
         };
-        Some(&mut array[..ARM_JOINTS])
+        Some(&mut array[..joints])
     }
 
     /// The signals that a whole sample consists of.

@@ -8,7 +8,7 @@
 
 use super::fault::{Fault, FaultKind, FaultSignal};
 use super::noise::Noise;
-use crate::messages::{Passage, Sample};
+use crate::messages::{Passage, Sample, nanoseconds};
 use std::collections::VecDeque;
 
 /// A schedule at work: sees every sample of a stream in turn.
@@ -213,11 +213,6 @@ fn garbage(noise: &mut Noise) -> f64 {
     }
 }
 
-/// Nanoseconds of stream time; the last ones there are for `inf`.
-fn nanoseconds(t_s: f64) -> u64 {
-    (t_s * 1e9).round() as u64
-}
-
 /// Whole samples of a time, at least one.
 fn samples(time_s: f64, sample_period_s: f64) -> u64 {
     ((time_s / sample_period_s).round() as u64).max(1)
@@ -420,6 +415,21 @@ mod tests {
         let share = lost[10..].iter().filter(|lost| **lost).count() as f64 / 50_000.0;
         // 10 000 periods: a deviation of 0.0046.
         assert!((share - 0.3).abs() < 0.025, "{share}");
+    }
+
+    #[test]
+    fn regress_a_fault_strikes_the_joints_of_a_robot_beyond_the_second() {
+        let double = FaultKind::Wrong { gain: 2.0, offset: 0.0 };
+        let joints = JointSample {
+            q: [1.0; crate::model::MAX_JOINTS],
+            ..JointSample::default()
+        };
+        for (joint, expected) in [(Some(2), [1.0, 1.0, 2.0, 1.0]), (None, [2.0, 2.0, 2.0, 1.0])] {
+            let mut faults = Faults::new(&[fault(double, FaultSignal::Q, joint)], 1e-3, 5);
+            let mut sample = Sample::new(3, 15, 15 * MS, 3, signals::ALL, &joints);
+            faults.apply(&mut sample);
+            assert_eq!(sample.q[..4], expected);
+        }
     }
 
     #[test]

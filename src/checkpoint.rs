@@ -24,7 +24,8 @@ const MAGIC: [u8; 8] = *b"THETABUS";
 pub const CHECKPOINT_VERSION: u32 = 2;
 /// Magic, version, CRC, length.
 const HEAD: usize = 24;
-/// No state of 64 parameters comes near this \[bytes\].
+/// No state comes near this \[bytes\]: it is 128 matrices of
+/// [`MAX_PARAMS`](crate::model::MAX_PARAMS) parameters.
 const LIMIT: usize = 16 << 20;
 
 /// Whose state it is.

@@ -29,7 +29,7 @@
 //! configuration: both end at [`Model::identifier`](crate::node::model::Model::identifier).
 
 use crate::estimator::{ChangeDetection, EstimatorOptions};
-use crate::messages::{Estimate, ParameterNames, Sample, signals};
+use crate::messages::{Estimate, ParameterNames, Sample, nanoseconds, signals};
 use crate::model::{JointSample, Plant};
 use crate::node::identifier::{Identifier as Node, IdentifierOptions};
 use crate::node::model::{ModelError, NodeSettings, PlantModel, SharedModel};
@@ -150,6 +150,8 @@ pub struct IdentifierBuilder {
     sample_period_s: f64,
     block_len: usize,
     signals: Signals,
+    /// The resolution of the positions is one of angles.
+    counts_per_turn: bool,
     window_s: Option<f64>,
     considered: Considered,
     forgetting_factor: f64,
@@ -175,17 +177,22 @@ impl IdentifierBuilder {
     }
 
     /// Encoders of 2^`bits` counts per turn, and white noise of this standard deviation on the
-    /// input, in its unit; the same for all joints. Without a word on the sensors their noise is
-    /// learnt from the signals.
+    /// input, in its unit; the same for all joints. If the sensors are not specified, their noise
+    /// is learnt from the signals. For joints that turn; of one that moves along a line
+    /// [`sensors`](Self::sensors) states the resolution.
     #[must_use]
     pub fn encoder(self, bits: u32, input_noise: f64) -> Self {
-        self.sensors(SensorNoise::encoder(bits, input_noise))
+        Self {
+            counts_per_turn: true,
+            ..self.sensors(SensorNoise::encoder(bits, input_noise))
+        }
     }
 
     /// Sensors with this noise, joint by joint.
     #[must_use]
     pub fn sensors(mut self, noise: SensorNoise) -> Self {
         self.signals = Signals::Positions(Some(noise));
+        self.counts_per_turn = false;
         self
     }
 
@@ -266,6 +273,13 @@ impl IdentifierBuilder {
                 got: "0".to_owned(),
             });
         }
+        if self.counts_per_turn && definition.position_unit == "m" {
+            return Err(BuildError::Setting {
+                setting: "encoder",
+                expected: "joints that turn; for others give sensors() with position_resolution [m]",
+                got: "positions in m".to_owned(),
+            });
+        }
         let rows = match self.signals {
             Signals::Derivatives => RowForm::Pointwise,
             Signals::Positions(noise) => {
@@ -315,7 +329,7 @@ impl IdentifierBuilder {
             input: InputSource::Measured,
             estimator,
             options: IdentifierOptions {
-                sample_period_ns: (period_s * 1e9).round() as u64,
+                sample_period_ns: nanoseconds(period_s),
                 ..IdentifierOptions::new(self.block_len as u64, 0, 0)
             },
             pid: std::process::id(),
@@ -376,6 +390,7 @@ impl Identifier {
             sample_period_s: 1e-3,
             block_len: BLOCK_LEN,
             signals: Signals::Positions(None),
+            counts_per_turn: false,
             window_s: None,
             considered: Considered::default(),
             forgetting_factor: 0.98,
@@ -386,7 +401,7 @@ impl Identifier {
     /// Takes the next sample in, one period after the one before. Returns the estimate that it
     /// completes.
     pub fn push(&mut self, sample: &JointSample) -> Option<Estimate> {
-        self.push_at(self.seq * self.period_ns, sample)
+        self.push_at(self.seq.saturating_mul(self.period_ns), sample)
     }
 
     /// Takes the next sample in, at a stream time \[ns\] of its own.
@@ -395,7 +410,7 @@ impl Identifier {
     /// counted in [`status`](Self::status) and left out.
     pub fn push_at(&mut self, t_ns: u64, sample: &JointSample) -> Option<Estimate> {
         let message = Sample::new(STREAM, self.seq, t_ns, self.joints, self.signals, sample);
-        self.seq += 1;
+        self.seq = self.seq.saturating_add(1);
         let mut completed = None;
         self.node
             .on_sample(&message, &mut |estimate| completed = Some(*estimate));

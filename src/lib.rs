@@ -99,6 +99,7 @@ pub mod service;
 pub mod sim;
 #[cfg(feature = "studies")]
 pub mod studies;
+mod words;
 
 // The README's program compiles.
 #[cfg(all(doctest, feature = "bus"))]

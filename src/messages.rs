@@ -31,11 +31,13 @@ pub use estimate::{Estimate, State};
 pub use machine_command::MachineCommand;
 pub use parameter_set::ParameterSet;
 pub use passage::Passage;
-pub use sample::{Header, Sample};
+pub(crate) use sample::nanoseconds;
+pub use sample::{Header, SIGNALS, Sample, Signal};
 pub use status::{
     ERROR_TEXT, ErrorCode, LastError, ProcessStatus, RealtimeStatus, Status, StreamFaults, Timing, status_flags,
 };
 pub use table::{Field, Kind, Layout, Message, Per, Visit};
+pub(crate) use text::FixedText;
 pub use text::{put_text, text_of};
 pub use usable::{ParameterNames, Usable};
 

@@ -1,6 +1,7 @@
-//! Named pipes in the place of files.
+//! Text from files that a user names; named pipes in their place are refused.
 
-use std::io;
+use std::fs::File;
+use std::io::{self, Read};
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
@@ -14,5 +15,70 @@ pub(crate) fn refuse_named_pipe(path: &Path) -> io::Result<()> {
     match is_pipe && !path.starts_with("/dev") && !path.starts_with("/proc") {
         true => Err(io::Error::other("expected a file, got a named pipe")),
         false => Ok(()),
+    }
+}
+
+/// Largest file of settings \[bytes\]: a mistyped path to a recording must not be read whole, and a
+/// parser takes up to a hundred bytes for each byte of garbage.
+#[cfg(feature = "config")]
+pub(crate) const MAX_SETTINGS_BYTES: u64 = 4 << 20;
+/// Largest table of a motion, or of results \[bytes\].
+#[cfg(feature = "config")]
+pub(crate) const MAX_TABLE_BYTES: u64 = 64 << 20;
+
+/// The text of a file of at most `max_bytes` \[bytes\], without the byte-order mark that some
+/// spreadsheets write first.
+///
+/// # Errors
+/// A named pipe, a file that cannot be read or is larger, or bytes that are no UTF-8, with their
+/// line. The caller names the file.
+#[cfg(feature = "config")]
+pub(crate) fn read_text(path: &Path, max_bytes: u64) -> io::Result<String> {
+    refuse_named_pipe(path)?;
+    let failed = |what: &str, e: &io::Error| io::Error::new(e.kind(), format!("cannot be {what}: {e}"));
+    let wrong = |problem: String| io::Error::new(io::ErrorKind::InvalidData, problem);
+    let file = File::open(path).map_err(|e| failed("opened", &e))?;
+    let mut bytes = Vec::new();
+    // What its length states is not asked: a device has none and may never end.
+    file.take(max_bytes.saturating_add(1))
+        .read_to_end(&mut bytes)
+        .map_err(|e| failed("read", &e))?;
+    if bytes.len() as u64 > max_bytes {
+        let problem = format!("expected a file of at most {max_bytes} bytes, got a larger one");
+        return Err(wrong(problem));
+    }
+    let mut text = String::from_utf8(bytes).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        let line = 1 + e.as_bytes()[..at].iter().filter(|b| **b == b'\n').count();
+        wrong(format!("expected UTF-8 text, got other bytes in line {line}"))
+    })?;
+    if text.starts_with('\u{feff}') {
+        text.drain(..'\u{feff}'.len_utf8());
+    }
+    Ok(text)
+}
+
+#[cfg(all(test, feature = "config"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fault_text_is_read_up_to_a_size_in_utf_8_without_a_byte_order_mark() {
+        let path = std::env::temp_dir().join(format!("thetabus-text-{}", std::process::id()));
+        let read = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).expect("written");
+            read_text(&path, 8).map_err(|e| e.to_string())
+        };
+        assert_eq!(read(b"\xef\xbb\xbft_s,q").as_deref(), Ok("t_s,q"));
+        assert_eq!(read(b"12345678").as_deref(), Ok("12345678"));
+        let large = read(b"123456789").expect_err("too large");
+        assert_eq!(large, "expected a file of at most 8 bytes, got a larger one");
+        let latin = read(b"1\n\xe9\n").expect_err("no UTF-8");
+        assert_eq!(latin, "expected UTF-8 text, got other bytes in line 2");
+        std::fs::remove_file(&path).expect("removed");
+        let missing = read_text(&path, 8).expect_err("no file").to_string();
+        assert!(missing.contains("cannot be opened: No such file"), "{missing}");
+        // A device without an end.
+        assert!(read_text(Path::new("/dev/zero"), 8).is_err());
     }
 }

@@ -9,26 +9,19 @@
 //! In the domain this process is the identifier of each robot that it brings, and its plant where
 //! it brings samples.
 
-use crate::envelope::{Envelope, unix_ns};
 use crate::error::{GatewayError, network};
 use crate::keys::{self, Host};
 use crate::network::{self, NetworkArgs, Part};
-use crate::out::Counted;
-use crate::questions;
-use crate::tally::{HEAD, Tally, say};
+use crate::refusals::{Lines, Refusals};
+use crate::remote_robot::{RETRY_AFTER, RemoteRobot};
+use crate::tally::{HEAD, say};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
-use thetabus::bus::{
-    Asked, Bus, BusError, ControlServer, Delivery, Domain, IDLE_TICK, Latched, Publisher, Role, RoleLock,
-    SamplePublisher, Topic,
-};
-use thetabus::messages::{Description, Estimate, Journal, Response, SCHEMA_VERSION, Sample, Status, response_code};
-use thetabus::recording::{Dimensions, OnWire, from_cdr, to_cdr};
-use zenoh::handlers::{FifoChannel, FifoChannelHandler};
-use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
+use thetabus::bus::{Bus, Domain, IDLE_TICK, Topic};
+use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait};
 
@@ -38,14 +31,6 @@ const INBOX: usize = 8192;
 const PAUSE: Duration = Duration::from_millis(5);
 /// Messages taken before the bus is looked after.
 const AT_A_TIME: usize = 256;
-/// A robot whose role another program holds gets another chance after this time.
-const SECOND_CHANCE: Duration = Duration::from_secs(2);
-/// The other gateway answers for the identifier within its own patience.
-const CONTROL_LIMIT: Duration = questions::PATIENCE.saturating_add(Duration::from_secs(1));
-/// Robots that were refused are remembered up to this number, whatever names the network makes up.
-const REFUSED: usize = 4096;
-/// Requests taken at a time.
-const REQUESTS_AT_A_TIME: usize = 8;
 
 /// What comes into a domain.
 #[derive(Debug, Clone, clap::Args)]
@@ -143,36 +128,37 @@ pub fn run(args: &InArgs, stop: &AtomicBool) -> Result<(), GatewayError> {
         control = !args.no_control,
         "carries in"
     );
-    let mut guests = Guests {
+    let mut remote_robots = RemoteRobots {
         args,
         domain,
         session: &session,
         put: put.clone(),
         robots: BTreeMap::new(),
-        refused: BTreeMap::new(),
+        refusals: Refusals::default(),
+        lines: Lines::default(),
         strangers: 0,
     };
     let mut tick = Instant::now();
     while !stop.load(Ordering::Relaxed) {
-        guests.take(&inbox)?;
+        remote_robots.take(&inbox)?;
         let is_tick = tick.elapsed() >= IDLE_TICK;
         if is_tick {
             tick = Instant::now();
         }
-        for robot in guests.robots.values_mut() {
+        for robot in remote_robots.robots.values_mut() {
             robot.turn(&session, is_tick)?;
         }
     }
     say(HEAD);
-    guests.robots.values().for_each(Guest::report);
+    remote_robots.robots.values().for_each(RemoteRobot::report);
     let dropped = put.dropped.load(Ordering::Relaxed);
-    if dropped + guests.strangers > 0 {
+    if dropped + remote_robots.strangers > 0 {
         say(format_args!(
             "inbox full: {dropped} messages, foreign keys: {}",
-            guests.strangers
+            remote_robots.strangers
         ));
     }
-    drop(guests);
+    drop(remote_robots);
     session.close().wait().map_err(network("closing the session"))
 }
 
@@ -218,19 +204,20 @@ fn subscribe(session: &Session, from: Option<&Host>, args: &InArgs, put: &Inbox)
 }
 
 /// The robots that have come.
-struct Guests<'a> {
+struct RemoteRobots<'a> {
     args: &'a InArgs,
     domain: Domain,
     session: &'a Session,
     put: Inbox,
-    robots: BTreeMap<String, Guest>,
-    /// Robots that cannot come, since when.
-    refused: BTreeMap<String, Instant>,
+    robots: BTreeMap<String, RemoteRobot>,
+    refusals: Refusals,
+    /// Lines that names of the network can bring into the log.
+    lines: Lines,
     /// Keys that are none of ours.
     strangers: u64,
 }
 
-impl Guests<'_> {
+impl RemoteRobots<'_> {
     /// Waits for events and takes them.
     fn take(&mut self, inbox: &Receiver<Event>) -> Result<(), GatewayError> {
         let Ok(first) = inbox.recv_timeout(PAUSE) else {
@@ -252,16 +239,28 @@ impl Guests<'_> {
         };
         match &event {
             Event::Alive { .. } => {
-                tracing::info!(host, robot, "is there");
-                if let Some(guest) = self.robots.get_mut(robot).filter(|guest| guest.host == host) {
-                    guest.is_there = true;
+                if let Some(before) = self.lines.next(Instant::now()) {
+                    tracing::info!(host, robot, lines_left_out = before, "robot connected");
+                }
+                if let Some(remote_robot) = self
+                    .robots
+                    .get_mut(robot)
+                    .filter(|remote_robot| remote_robot.host == host)
+                {
+                    remote_robot.is_there = true;
                 }
                 self.ask_for_last(host, robot)
             }
             Event::Gone { .. } => {
-                tracing::warn!(host, robot, "its gateway has gone");
-                if let Some(guest) = self.robots.get_mut(robot).filter(|guest| guest.host == host) {
-                    guest.is_there = false;
+                if let Some(before) = self.lines.next(Instant::now()) {
+                    tracing::warn!(host, robot, lines_left_out = before, "its gateway has gone");
+                }
+                if let Some(remote_robot) = self
+                    .robots
+                    .get_mut(robot)
+                    .filter(|remote_robot| remote_robot.host == host)
+                {
+                    remote_robot.is_there = false;
                 }
                 Ok(())
             }
@@ -275,10 +274,10 @@ impl Guests<'_> {
                     self.strangers += 1;
                     return Ok(());
                 };
-                let Some(guest) = self.guest(host, robot) else {
+                let Some(remote_robot) = self.robot(host, robot) else {
                     return Ok(());
                 };
-                guest.message(topic, payload, envelope, *is_live)
+                remote_robot.message(topic, payload, envelope, *is_live)
             }
         }
     }
@@ -301,277 +300,48 @@ impl Guests<'_> {
     }
 
     /// The robot's place in the domain; `None` if there is none for it.
-    fn guest(&mut self, host: &str, robot: &str) -> Option<&mut Guest> {
+    fn robot(&mut self, host: &str, robot: &str) -> Option<&mut RemoteRobot> {
         if !self.robots.contains_key(robot) {
-            let refused = self.refused.get(robot);
-            if refused.is_some_and(|since| since.elapsed() < SECOND_CHANCE) {
+            let now = Instant::now();
+            if self.refusals.is_recent(robot, RETRY_AFTER, now) {
                 return None;
             }
-            let is_first = refused.is_none();
-            if self.refused.len() >= REFUSED {
-                self.refused.clear();
-            }
             match self.admit(host, robot) {
-                Ok(guest) => {
-                    self.refused.remove(robot);
-                    self.robots.insert(robot.to_owned(), guest);
+                Ok(remote_robot) => {
+                    self.refusals.forget(robot);
+                    self.robots.insert(robot.to_owned(), remote_robot);
                 }
                 Err(why) => {
-                    if is_first {
-                        tracing::error!(host, robot, "cannot come in: {why}");
+                    if self.refusals.is_first(robot.to_owned(), now)
+                        && let Some(before) = self.lines.next(now)
+                    {
+                        tracing::error!(host, robot, lines_left_out = before, "robot not admitted: {why}");
                     }
-                    self.refused.insert(robot.to_owned(), Instant::now());
                     return None;
                 }
             }
         }
-        let guest = self.robots.get_mut(robot)?;
-        if guest.host == host {
-            return Some(guest);
+        let remote_robot = self.robots.get_mut(robot)?;
+        if remote_robot.host == host {
+            return Some(remote_robot);
         }
-        if self.refused.insert(format!("{host}/{robot}"), Instant::now()).is_none() {
+        let now = Instant::now();
+        if self.refusals.is_first(format!("{host}/{robot}"), now)
+            && let Some(before) = self.lines.next(now)
+        {
             tracing::error!(
-                "robot {robot} comes from {} and from {host}; the second is left out: name one by --from, and bring the other into a domain of its own",
-                guest.host
+                lines_left_out = before,
+                "robot {robot} comes from {} and from {host}; the second is ignored; select one with --from and give the other its own domain",
+                remote_robot.host
             );
         }
         None
     }
 
-    fn admit(&self, host: &str, robot: &str) -> Result<Guest, String> {
+    fn admit(&self, host: &str, robot: &str) -> Result<RemoteRobot, String> {
         if self.robots.len() >= self.args.max_robots {
             return Err(format!("there are {} already, as --max-robots says", self.robots.len()));
         }
-        Guest::new(&self.domain, host, robot, !self.args.no_control).map_err(|e| e.to_string())
+        RemoteRobot::new(&self.domain, host, robot, !self.args.no_control).map_err(|e| e.to_string())
     }
-}
-
-/// A robot of another host in this domain.
-struct Guest {
-    host: String,
-    bus: Bus,
-    is_there: bool,
-    description: Inlet<Description>,
-    estimate: Inlet<Estimate>,
-    status: Inlet<Status>,
-    journal: Inlet<Journal>,
-    samples: Samples,
-    control: Option<ControlServer>,
-    /// Requests under way.
-    asked: Vec<(Asked, FifoChannelHandler<Reply>)>,
-    _role: RoleLock,
-}
-
-impl Guest {
-    fn new(domain: &Domain, host: &str, robot: &str, has_control: bool) -> Result<Self, BusError> {
-        let role = RoleLock::acquire(domain, robot, Role::Identifier)?;
-        let bus = Bus::join(domain, robot, "gateway_in")?;
-        Ok(Self {
-            host: host.to_owned(),
-            is_there: true,
-            description: Inlet::new(&bus)?,
-            estimate: Inlet::new(&bus)?,
-            status: Inlet::new(&bus)?,
-            journal: Inlet::new(&bus)?,
-            samples: Samples {
-                port: None,
-                refused: None,
-                tally: Tally::new(),
-            },
-            control: if has_control {
-                Some(ControlServer::new(&bus)?)
-            } else {
-                None
-            },
-            asked: Vec::new(),
-            bus,
-            _role: role,
-        })
-    }
-
-    fn message(&mut self, topic: Topic, payload: &[u8], envelope: &[u8], is_live: bool) -> Result<(), GatewayError> {
-        let letter = Letter {
-            payload,
-            envelope,
-            is_live,
-        };
-        match topic {
-            Topic::Description => self.description.take(&letter)?,
-            Topic::Estimate => self.estimate.take(&letter)?,
-            Topic::Status => self.status.take(&letter)?,
-            Topic::Journal => self.journal.take(&letter)?,
-            Topic::Sample => self.samples.take(&letter, &self.bus)?,
-            Topic::Control | Topic::Command => {}
-        }
-        Ok(())
-    }
-
-    /// Passes requests and answers on, and serves whoever joined the bus.
-    fn turn(&mut self, session: &Session, is_tick: bool) -> Result<(), GatewayError> {
-        if let Some(control) = &mut self.control {
-            for _ in 0..REQUESTS_AT_A_TIME {
-                let Some(asked) = control.take()? else { break };
-                if !self.is_there {
-                    let text = format!("the gateway of host {} is not there", self.host);
-                    asked.answer(&Response::new(response_code::FAILED, &text));
-                    continue;
-                }
-                let key = keys::key(&self.host, self.bus.robot(), Topic::Control.name());
-                let question = session
-                    .get(key)
-                    .payload(to_cdr(asked.request()))
-                    .target(QueryTarget::All);
-                let question = question.timeout(CONTROL_LIMIT).with(FifoChannel::new(2)).wait();
-                self.asked.push((asked, question.map_err(network("asking"))?));
-            }
-        }
-        for (asked, replies) in std::mem::take(&mut self.asked) {
-            match answer(&replies, &self.host) {
-                Some(response) => asked.answer(&response),
-                None => self.asked.push((asked, replies)),
-            }
-        }
-        if is_tick {
-            self.description.port.serve_late_joiners()?;
-            self.estimate.port.serve_late_joiners()?;
-            self.status.port.serve_late_joiners()?;
-            self.journal.port.serve_late_joiners()?;
-            if let Some((port, _)) = &mut self.samples.port {
-                port.serve_late_joiners()?;
-            }
-        }
-        Ok(())
-    }
-
-    fn report(&self) {
-        let line = |topic: Topic, tally: &Tally| {
-            let key = keys::key(&self.host, self.bus.robot(), topic.name());
-            say(format_args!("{key:<36} {tally}"));
-        };
-        line(Topic::Description, &self.description.tally);
-        line(Topic::Estimate, &self.estimate.tally);
-        line(Topic::Status, &self.status.tally);
-        line(Topic::Journal, &self.journal.tally);
-        if self.samples.port.is_some() {
-            line(Topic::Sample, &self.samples.tally);
-        }
-    }
-}
-
-/// What came of a question to control; `None` while nothing has.
-fn answer(replies: &FifoChannelHandler<Reply>, host: &str) -> Option<Response> {
-    let failed = |text: &str| Response::new(response_code::FAILED, text);
-    match replies.try_recv() {
-        Ok(None) => None,
-        Ok(Some(reply)) => Some(match reply.result() {
-            Ok(sample) => from_cdr(&sample.payload().to_bytes(), Dimensions::ALL)
-                .unwrap_or_else(|e| failed(&format!("host {host} answered what is {e}"))),
-            Err(error) => failed(&format!(
-                "host {host}: {}",
-                String::from_utf8_lossy(&error.payload().to_bytes())
-            )),
-        }),
-        Err(_) => Some(failed(&format!(
-            "host {host} does not answer: its gateway takes no commands, or has gone"
-        ))),
-    }
-}
-
-/// A message as it came.
-struct Letter<'a> {
-    payload: &'a [u8],
-    envelope: &'a [u8],
-    is_live: bool,
-}
-
-impl Letter<'_> {
-    /// The message, if it is new and can be read.
-    fn open<M: OnWire + Counted>(&self, tally: &mut Tally) -> Option<M> {
-        let envelope = Envelope::from_bytes(self.envelope).filter(|envelope| envelope.schema == SCHEMA_VERSION);
-        let message = envelope.and_then(|e| from_cdr::<M>(self.payload, e.dimensions).ok().map(|m| (e, m)));
-        let Some((envelope, message)) = message else {
-            if tally.left_out == 0 {
-                tracing::warn!(
-                    "a {} was left out: {} bytes that are none of schema {SCHEMA_VERSION}; use the same version of thetabus on both hosts",
-                    M::LAYOUT.name,
-                    self.payload.len()
-                );
-            }
-            tally.left_out += 1;
-            return None;
-        };
-        if !tally.admit(&envelope, self.is_live) {
-            return None;
-        }
-        if let Some((stream_id, seq)) = message.counted() {
-            tally.place(stream_id, seq);
-        }
-        if self.is_live {
-            tally.late(envelope.sent_unix_ns, unix_ns());
-        }
-        Some(message)
-    }
-}
-
-/// A topic of which the bus keeps the last message.
-struct Inlet<T: Latched> {
-    port: Publisher<T>,
-    tally: Tally,
-}
-
-impl<T: Latched + OnWire + Counted> Inlet<T> {
-    fn new(bus: &Bus) -> Result<Self, BusError> {
-        Ok(Self {
-            port: Publisher::new(bus)?,
-            tally: Tally::new(),
-        })
-    }
-
-    fn take(&mut self, letter: &Letter<'_>) -> Result<(), BusError> {
-        match letter.open::<T>(&mut self.tally) {
-            Some(message) => self.port.send(&message),
-            None => Ok(()),
-        }
-    }
-}
-
-/// The samples of a robot: its topic is made when the first one comes.
-struct Samples {
-    port: Option<(SamplePublisher, RoleLock)>,
-    refused: Option<Instant>,
-    tally: Tally,
-}
-
-impl Samples {
-    fn take(&mut self, letter: &Letter<'_>, bus: &Bus) -> Result<(), BusError> {
-        let Some(sample) = letter.open::<Sample>(&mut self.tally) else {
-            return Ok(());
-        };
-        if self.port.is_none() {
-            if self.refused.is_some_and(|since| since.elapsed() < SECOND_CHANCE) {
-                return Ok(());
-            }
-            match samples(bus) {
-                Ok(port) => self.port = Some(port),
-                Err(e) => {
-                    if self.refused.is_none() {
-                        tracing::error!("samples cannot come in: {e}");
-                    }
-                    self.refused = Some(Instant::now());
-                }
-            }
-        }
-        let Some((port, _)) = &mut self.port else {
-            return Ok(());
-        };
-        port.send(&sample)?;
-        port.wake();
-        Ok(())
-    }
-}
-
-fn samples(bus: &Bus) -> Result<(SamplePublisher, RoleLock), BusError> {
-    let role = RoleLock::acquire(bus.domain(), bus.robot(), Role::Plant)?;
-    let port = SamplePublisher::new(bus, Delivery::Realtime, Arc::new(AtomicBool::new(false)))?;
-    Ok((port, role))
 }

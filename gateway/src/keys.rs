@@ -1,7 +1,7 @@
 //! The key space: `thetabus/<host>/<robot>/<topic>`.
 
 use crate::error::GatewayError;
-use thetabus::bus::Topic;
+use thetabus::bus::{Topic, is_name};
 
 /// First part of every key.
 const ROOT: &str = "thetabus";
@@ -47,12 +47,6 @@ impl Host {
     pub fn name(&self) -> &str {
         &self.0
     }
-}
-
-/// What hosts, robots and domains may be called.
-pub fn is_name(name: &str) -> bool {
-    let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_' || c == '-';
-    (1..=32).contains(&name.len()) && name.chars().all(legal)
 }
 
 /// Key of a robot's topic, of its token, or of all that it has: `last` is the topic's name,

@@ -14,6 +14,8 @@ mod load;
 mod network;
 mod out;
 mod questions;
+mod refusals;
+mod remote_robot;
 mod route;
 mod tally;
 

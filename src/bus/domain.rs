@@ -1,6 +1,7 @@
 //! Domains: runs on one machine that never meet.
 
 use super::BusError;
+use crate::words::is_name;
 use iceoryx2::prelude::{Config, FileName, Path as IoxPath, SemanticString};
 use std::fs::Metadata;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
@@ -13,16 +14,14 @@ const SOCKET_NAME_LEN: usize = 33 + ".event".len();
 /// Linux keeps a socket's path in 108 bytes, the closing zero included.
 const SOCKET_PATH_MAX: usize = 107;
 
-/// The name of a domain or a robot: `[a-z0-9_-]{1,32}`.
+/// The name of a domain or a robot: see [`is_name`].
 pub(super) fn check_name(what: &'static str, name: &str) -> Result<(), BusError> {
-    let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_' || c == '-';
-    if (1..=32).contains(&name.len()) && name.chars().all(legal) {
-        Ok(())
-    } else {
-        Err(BusError::Name {
+    match is_name(name) {
+        true => Ok(()),
+        false => Err(BusError::Name {
             what,
             name: name.into(),
-        })
+        }),
     }
 }
 

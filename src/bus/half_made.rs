@@ -75,7 +75,7 @@ impl Tender {
                 tracing::info!(
                     domain = self.domain.name(),
                     object = %path.display(),
-                    "removed what a process had not finished making when it was killed"
+                    "removed an object that a process had created incompletely when it was killed"
                 );
             }
         }
@@ -123,7 +123,7 @@ fn is_due(path: &Path, metadata: &Metadata, age: Duration) -> bool {
             tracing::warn!(
                 object = %path.display(),
                 processes = ?makers,
-                "removing an object that has been in the making for {} s: its maker is stopped, and it blocks the others",
+                "removing an object that has been incomplete for {} s: the process that creates it is stopped, and it blocks the others",
                 MAKER_LIMIT.as_secs()
             );
             true

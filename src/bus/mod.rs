@@ -63,6 +63,7 @@ mod time_limit;
 mod topic;
 mod watch;
 
+pub use crate::words::is_name;
 pub use bare::{BareLink, End};
 pub use control::{Asked, ControlClient, ControlServer, Pending};
 pub use domain::{Domain, Limits};

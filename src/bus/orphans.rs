@@ -26,7 +26,7 @@ pub(super) fn sweep(domain: &Domain) {
             tracing::info!(
                 domain = domain.name(),
                 file = %path.display(),
-                "removed a service that its last program was killed over while it let go of it"
+                "removed a service whose last user was killed while closing it"
             );
         }
     }

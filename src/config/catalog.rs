@@ -113,7 +113,7 @@ impl Catalog {
             if let Err(message) = definition.validate() {
                 check.wrong("model", format!("the plant {name} of this program: {message}"));
             }
-            if !super::kind::is_name(name) {
+            if !crate::words::is_name(name) {
                 let message = "expected a name of 1 to 32 characters a-z 0-9 _ -";
                 check.wrong("model", format!("the plant {name:?} of this program: {message}"));
             }

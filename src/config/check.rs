@@ -26,6 +26,11 @@ impl Check<'_> {
         self.warnings.push(Problem::new(self.layers.origin(key), key, message));
     }
 
+    pub(super) fn warn_without_effect(&mut self, key: &str, reason: &str) {
+        let problem = Problem::without_effect(self.layers.origin(key), key, reason);
+        self.warnings.push(problem);
+    }
+
     pub(super) fn stated(&self, key: &str) -> bool {
         self.layers.entries().contains_key(key)
     }

@@ -38,6 +38,8 @@ pub struct Problem {
     pub key: String,
     /// What was expected and what came, with a hint if there is one.
     pub message: String,
+    /// The value is legal and changes nothing, since it belongs to a choice that was not made.
+    pub is_without_effect: bool,
 }
 
 impl Problem {
@@ -47,6 +49,7 @@ impl Problem {
             origin,
             key: key.to_owned(),
             message: format!("expected {expected}, got {got}"),
+            is_without_effect: false,
         }
     }
 
@@ -56,6 +59,15 @@ impl Problem {
             origin,
             key: key.to_owned(),
             message: message.into(),
+            is_without_effect: false,
+        }
+    }
+
+    /// A value that has no effect, with the reason.
+    pub(super) fn without_effect(origin: Origin, key: &str, reason: &str) -> Self {
+        Self {
+            is_without_effect: true,
+            ..Self::new(origin, key, format!("has no effect {reason}"))
         }
     }
 }

@@ -4,6 +4,7 @@ use super::check::Check;
 use super::schema::{BoundsKind, Estimator, FileForm, OutliersKind, RelationsKind, RowsKind};
 use super::sections::EstimatorConfig;
 use crate::estimator::{ChangeDetection, EstimatorError, EstimatorOptions, Outliers, forgetting_factor};
+use crate::messages::nanoseconds;
 use crate::node::model::SharedModel;
 
 pub(super) fn estimator(form: &FileForm, model: &SharedModel, check: &mut Check<'_>) -> Option<EstimatorConfig> {
@@ -116,7 +117,7 @@ pub(super) fn estimator(form: &FileForm, model: &SharedModel, check: &mut Check<
         change_detection: section.change_detection.then(|| ChangeDetection {
             false_alarm_rate: section.false_alarm_rate,
             // Rows state their span in nanoseconds.
-            margin: (section.change_margin_s * 1e9).round() as u64,
+            margin: nanoseconds(section.change_margin_s),
         }),
     };
     if let Err(error) = options.validate(&structure) {

@@ -23,6 +23,22 @@ fn per_joint(key: &str, list: &[f64], otherwise: f64, joints: usize, check: &mut
     })
 }
 
+/// A gain for each joint of the model, 0 beyond them: a missing one would make inputs of 0 V. A
+/// longer list is taken, so that the files of an arm serve a single axis.
+fn gains(name: &str, list: &[f64], joints: usize, check: &mut Check<'_>) -> Option<[f64; MAX_JOINTS]> {
+    let Some(own) = list.get(..joints) else {
+        let message = format!(
+            "expected {joints} numbers, one per joint of the model, got {}",
+            list.len()
+        );
+        check.wrong(&format!("identifier.{name}"), message);
+        return None;
+    };
+    let mut gains = [0.0; MAX_JOINTS];
+    gains[..joints].copy_from_slice(own);
+    Some(gains)
+}
+
 /// What the model does not say. Positions along a line have no period of one turn.
 fn considered(form: &FileForm, linear: bool) -> Considered {
     let section = &form.considered;
@@ -165,11 +181,14 @@ pub(super) fn identifier(
     };
     let input = match form.identifier.input {
         InputKind::Controller => {
-            let kp = &form.identifier.proportional_gain_v_per_rad;
-            let kd = &form.identifier.derivative_gain_v_s_per_rad;
+            let section = &form.identifier;
+            let mut gains = |name: &str, list: &[f64]| gains(name, list, joints, check);
+            let kp = gains("proportional_gain_v_per_rad", &section.proportional_gain_v_per_rad);
+            let kd = gains("derivative_gain_v_s_per_rad", &section.derivative_gain_v_s_per_rad);
+            let (kp, kd) = (kp?, kd?);
             InputSource::Controller(std::array::from_fn(|joint| PdController {
-                proportional_gain_v_per_rad: kp.get(joint).copied().unwrap_or(0.0),
-                derivative_gain_v_s_per_rad: kd.get(joint).copied().unwrap_or(0.0),
+                proportional_gain_v_per_rad: kp[joint],
+                derivative_gain_v_s_per_rad: kd[joint],
             }))
         }
         InputKind::Measured => InputSource::Measured,

@@ -2,6 +2,7 @@
 //! reader.
 
 use crate::sim::ARM_JOINTS;
+use crate::words::is_name;
 use std::fmt;
 use toml::Value;
 use toml::de::DeValue;
@@ -270,13 +271,6 @@ pub(super) const MAX_ROWS_BYTES: usize = 3 << 20;
 
 fn is_text(s: &str, longest: usize) -> bool {
     !s.is_empty() && s.len() <= longest && !s.contains('\0')
-}
-
-/// A name that can stand in file names, service names and socket paths.
-pub(super) fn is_name(s: &str) -> bool {
-    (1..=32).contains(&s.len())
-        && s.bytes()
-            .all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b"_-".contains(&b))
 }
 
 /// "a", "b" or "c".

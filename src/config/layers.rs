@@ -5,15 +5,14 @@ use super::kind::Key;
 use super::kind::{Kind, quoted};
 use super::schema::{EXCLUSIVE, key};
 use super::words::{cut, describe, is_section, nearest, shorten, unknown};
+use crate::pipe::read_text;
 use std::collections::BTreeMap;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 use toml::Value;
 use toml::de::{DeTable, DeValue};
 
-/// Larger files are refused: a mistyped path to a recording must not be read whole, and a parser
-/// takes up to a hundred bytes for each byte of garbage.
-pub(super) const MAX_BYTES: u64 = 4 << 20;
+/// Longest text of settings, wherever it comes from \[bytes\].
+pub(super) const MAX_BYTES: u64 = crate::pipe::MAX_SETTINGS_BYTES;
 
 /// More problems than this are counted, not told: a file of garbage has one in each line.
 const MAX_PROBLEMS: usize = 100;
@@ -118,11 +117,12 @@ impl Layers {
             Source::File(path) | Source::Shared(path) => {
                 self.shared = matches!(source, Source::Shared(_));
                 let name = path.display().to_string();
-                match read(path) {
+                match read_text(path, MAX_BYTES) {
                     Ok(text) => self.text(&name, &text, path.parent()),
-                    Err(message) => self
-                        .problems
-                        .push(Problem::new(Origin::File { name, line: 0 }, "", message)),
+                    Err(problem) => {
+                        self.problems
+                            .push(Problem::new(Origin::File { name, line: 0 }, "", problem.to_string()))
+                    }
                 }
                 self.shared = false;
             }
@@ -403,23 +403,6 @@ impl File<'_> {
     fn slice(&self, span: &std::ops::Range<usize>) -> &str {
         self.text.get(span.clone()).unwrap_or("")
     }
-}
-
-fn read(path: &Path) -> Result<String, String> {
-    crate::pipe::refuse_named_pipe(path).map_err(|e| e.to_string())?;
-    let file = std::fs::File::open(path).map_err(|e| format!("cannot be opened: {e}"))?;
-    let mut bytes = Vec::new();
-    file.take(MAX_BYTES + 1)
-        .read_to_end(&mut bytes)
-        .map_err(|e| format!("cannot be read: {e}"))?;
-    if bytes.len() as u64 > MAX_BYTES {
-        return Err(too_large());
-    }
-    String::from_utf8(bytes).map_err(|e| {
-        let at = e.utf8_error().valid_up_to();
-        let line = 1 + e.as_bytes()[..at].iter().filter(|b| **b == b'\n').count();
-        format!("expected UTF-8 text, got other bytes in line {line}")
-    })
 }
 
 fn too_large() -> String {

@@ -47,6 +47,7 @@ pub use sections::{
     MonitorConfig, PlantConfig, RealtimeConfig, RealtimeSettings, Speed, SupervisionConfig,
 };
 
+use crate::words::fnv1a;
 use layers::Layers;
 use serde::Deserialize;
 use std::fmt::Write as _;
@@ -150,7 +151,7 @@ impl Config {
             text: base.unwrap_or_default(),
         };
         let config = Self::load_for(&self.catalog, &[source], &[format!("{path}={}", literal(&value))])?;
-        let useless = |problem: &&Problem| problem.key == path && problem.to_string().contains("has no effect");
+        let useless = |problem: &&Problem| problem.key == path && problem.is_without_effect;
         match config.warnings.iter().find(useless) {
             Some(problem) => Err(ConfigError {
                 problems: vec![problem.clone()],
@@ -190,9 +191,7 @@ impl Config {
             let _ = writeln!(text, "{section}.{name} = {value}");
             text
         });
-        text.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-        })
+        fnv1a(text.bytes())
     }
 
     /// The whole configuration as a file that loads to the same.

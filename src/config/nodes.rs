@@ -1,7 +1,7 @@
 //! From a configuration to an identifier, and to what it says of itself.
 
 use super::Config;
-use crate::messages::{DerivedInfo, Description, JointInfo, ParameterInfo};
+use crate::messages::{DerivedInfo, Description, JointInfo, ParameterInfo, nanoseconds};
 use crate::node::identifier::{Identifier, IdentifierOptions};
 use crate::node::model::{ModelError, NodeSettings};
 
@@ -19,7 +19,7 @@ impl Config {
             estimator: self.estimator.options.clone(),
             options: IdentifierOptions {
                 config_hash: self.config_hash(),
-                sample_period_ns: (period_s * 1e9).round() as u64,
+                sample_period_ns: nanoseconds(period_s),
                 input_limit: self.identifier.input_limit,
                 frozen_after: (self.identifier.frozen_after_s / period_s).round() as u64,
                 ..IdentifierOptions::new(self.estimator.block_len as u64, 0, 0)
@@ -45,7 +45,7 @@ impl Config {
             .with(joints, parameters, derived);
         description.config_hash = self.config_hash();
         description.block_len = self.estimator.block_len as u64;
-        description.sample_period_ns = (self.plant.sim.sample_period_s * 1e9).round() as u64;
+        description.sample_period_ns = nanoseconds(self.plant.sim.sample_period_s);
         description.equations = model.equations.len() as u32;
         description
     }

@@ -115,7 +115,7 @@ pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Ch
         check.wrong("plant.sample_period_s", message);
     }
     for (index, fault) in sim.faults.iter().enumerate() {
-        if let Err(error) = fault.validate() {
+        if let Err(error) = fault.validate(sim.joints()) {
             let name = error.field.strip_prefix("faults.").unwrap_or(error.field);
             let message = format!(
                 "table {}, {name}: expected {}, got {}",

@@ -2,9 +2,9 @@
 
 use super::kind::MAX_ROWS_BYTES;
 use super::words::cut;
+use crate::pipe::{MAX_TABLE_BYTES, read_text};
 use crate::sim::ARM_JOINTS;
 use std::fmt::Write as _;
-use std::io::Read;
 use std::path::Path;
 
 /// Times \[s\] and for each joint the commanded positions \[rad\].
@@ -15,9 +15,6 @@ pub(super) struct Columns {
 }
 
 const HEADER: [&str; 1 + ARM_JOINTS] = ["t_s", "q1_rad", "q2_rad"];
-
-/// Larger files are refused: a path to a device has no end.
-const MAX_FILE_BYTES: u64 = 64 << 20;
 
 /// What a message shows of a file.
 const SHOWN: usize = 60;
@@ -83,24 +80,16 @@ impl Columns {
 pub(super) fn read(path: &Path) -> Result<Columns, String> {
     let name = path.display();
     let unreadable = |e: &dyn std::fmt::Display| format!("{name} cannot be read: {e}");
-    let file = std::fs::File::open(path).map_err(|e| unreadable(&e))?;
+    let found = std::fs::metadata(path).map_err(|e| unreadable(&e))?;
     // A pipe would wait for somebody to write, a device never ends.
-    if !file.metadata().map_err(|e| unreadable(&e))?.is_file() {
+    if !found.is_file() {
         return Err(format!("{name}: expected a file, got a directory, pipe or device"));
     }
-    let mut text = Vec::new();
-    file.take(MAX_FILE_BYTES + 1)
-        .read_to_end(&mut text)
-        .map_err(|e| unreadable(&e))?;
-    if text.len() as u64 > MAX_FILE_BYTES {
-        return Err(format!(
-            "{name}: expected a file of at most {MAX_FILE_BYTES} bytes, got a larger one"
-        ));
-    }
+    let text = read_text(path, MAX_TABLE_BYTES).map_err(|e| format!("{name}: {e}"))?;
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .comment(Some(b'#'))
-        .from_reader(text.as_slice());
+        .from_reader(text.as_bytes());
     let headers = reader.headers().map_err(|e| format!("{name}: {e}"))?.clone();
     let mut index = [0; HEADER.len()];
     for (index, wanted) in index.iter_mut().zip(HEADER) {

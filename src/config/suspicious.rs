@@ -98,8 +98,7 @@ impl Check<'_> {
                     return None;
                 }
                 if own && section.split('.').next() == Some("model") && path != "model.kind" {
-                    let message = format!("has no effect on {kind}, a model of this program");
-                    return Some((path.clone(), message));
+                    return Some((path.clone(), format!("on {kind}, a model of this program")));
                 }
                 let Need { key, wanted } = Need::of(section, name)?;
                 let got = key
@@ -110,10 +109,12 @@ impl Check<'_> {
                     Value::String(_) => format!("{wanted:?}"),
                     _ => wanted.to_owned(),
                 };
-                let message = format!("has no effect unless {key} is {wanted}; it is {got}");
-                (got.to_string() != wanted).then(|| (path.clone(), message))
+                let reason = format!("unless {key} is {wanted}; it is {got}");
+                (got.to_string() != wanted).then(|| (path.clone(), reason))
             })
             .collect();
-        unused.into_iter().for_each(|(path, message)| self.warn(&path, message));
+        for (path, reason) in unused {
+            self.warn_without_effect(&path, &reason);
+        }
     }
 }

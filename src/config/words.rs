@@ -4,6 +4,8 @@ use super::kind::Key;
 use super::schema::{RETIRED, keys};
 use toml::de::DeValue;
 
+pub(super) use crate::words::cut;
+
 /// True for a section and for the beginning of one.
 pub(super) fn is_section(path: &str) -> bool {
     keys().any(|key| key.section == path || key.section.strip_prefix(path).is_some_and(|rest| rest.starts_with('.')))
@@ -35,32 +37,17 @@ pub(super) fn unknown(path: &str) -> String {
     }
 }
 
+/// Longest word that is compared: what is longer is no slip of the finger.
+const LONGEST: usize = 64;
+
 /// The word that differs least, if that is little enough to be a slip of the finger.
 pub(super) fn nearest<'a>(word: &str, words: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     words
-        .map(|candidate| (edit_distance(word, candidate), candidate))
+        .filter(|_| word.len() <= LONGEST)
+        .map(|candidate| (strsim::levenshtein(word, candidate), candidate))
         .min()
         .filter(|(distance, candidate)| *distance <= 1 + candidate.len() / 5)
         .map(|(_, candidate)| candidate)
-}
-
-/// Levenshtein's distance, for keys of sensible length.
-fn edit_distance(a: &str, b: &str) -> usize {
-    const LONGEST: usize = 64;
-    if a.len() > LONGEST {
-        return usize::MAX;
-    }
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.bytes().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.bytes().enumerate() {
-            let replaced = diagonal + usize::from(x != y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
 }
 
 /// The value as it was written, and what it is.
@@ -90,12 +77,4 @@ pub(super) fn shorten(text: &str) -> String {
     // Words up to the limit are all that can be shown, however long the text is.
     let words = text.split_whitespace().take(LIMIT).map(|word| cut(word, LIMIT + 1));
     cut(&words.collect::<Vec<_>>().join(" "), LIMIT)
-}
-
-/// The first characters, and an ellipsis if there are more.
-pub(super) fn cut(text: &str, limit: usize) -> String {
-    match text.char_indices().nth(limit) {
-        Some((end, _)) => format!("{}…", &text[..end]),
-        None => text.to_owned(),
-    }
 }

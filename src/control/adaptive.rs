@@ -11,6 +11,11 @@
 //! into damping of the error. T_b is the time in which (2) carries a parameter over its own size: a
 //! new estimate never steps the input. Silence of the identifier changes nothing: the last θ_t that
 //! passed (3) is the best that is known, and the loop below works without any.
+//!
+//! (3) asks less of a parameter than [`Estimate::is_usable`], which is for whoever takes a value by
+//! itself: here the values act together, the loop below corrects what is left of their errors, and
+//! one known to 20 % is better than the one of the start. A parameter that an operator has fixed,
+//! σ_i = 0, is taken as it is.
 
 use crate::messages::Estimate;
 use crate::model::{JointSample, MAX_JOINTS};
@@ -135,9 +140,12 @@ impl AdaptiveFeedForward {
     /// Feed-forward along a trajectory: `motion` has the desired q, q̇, q̈ and q⃛, `dt_s` is the
     /// time since the last call \[s\].
     ///
+    /// A time that is negative or no number counts as 0: no time has passed as far as is known.
+    ///
     /// In the input's unit, one value per joint; 0 for a joint whose value is not finite, so that
     /// its own loop carries it alone.
     pub fn next(&mut self, motion: &JointSample, dt_s: f64) -> [f64; MAX_JOINTS] {
+        let dt_s = if dt_s.is_finite() { dt_s.max(0.0) } else { 0.0 };
         self.silent_for_s += dt_s;
         if self.silent_for_s > self.options.silence_s && self.knowledge != Knowledge::Initial {
             self.knowledge = Knowledge::Silent;
@@ -168,5 +176,27 @@ impl AdaptiveFeedForward {
     /// θ_c, the parameters in use now.
     pub fn theta(&self) -> &[f64] {
         &self.theta
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Manipulator;
+    use crate::node::model::PlantModel;
+
+    /// The parameters move no way in a time that is none.
+    #[test]
+    fn fault_a_time_that_is_negative_or_no_number_changes_nothing() {
+        let model = SharedModel::new(PlantModel::new(Manipulator::default()));
+        let theta = vec![1.0; model.parameters().len()];
+        let mut control = AdaptiveFeedForward::new(model, &theta, AdaptiveOptions::default()).unwrap();
+        let motion = JointSample::default();
+        let own = control.next(&motion, 0.0);
+        control.target.fill(2.0);
+        for dt_s in [-1.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            assert_eq!(control.next(&motion, dt_s), own);
+            assert_eq!((control.theta(), control.silent_for_s), (&theta[..], 0.0));
+        }
     }
 }

@@ -46,7 +46,7 @@ impl BlockEstimator {
     /// An estimator at its start values.
     ///
     /// # Errors
-    /// Where the options do not fit the structure or are out of range.
+    /// If the options do not fit the structure or are out of range.
     pub fn new(structure: Structure, options: EstimatorOptions) -> Result<Self, EstimatorError> {
         options.validate(&structure)?;
         let groups = Groups::new(&structure, &options);

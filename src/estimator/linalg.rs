@@ -5,8 +5,9 @@
 //! of very different units (jerk times 0.004, velocity times 23) meet on equal terms, which is van
 //! der Sluis's nearly optimal scaling.
 
-/// Scaled pivots below this are rounding, not information: with n ≤ 64 the rounding of a Gram
-/// matrix stays below it.
+/// Scaled pivots below this are rounding, not information: with n ≤
+/// [`MAX_PARAMS`](super::MAX_PARAMS) the rounding of a Gram matrix, (n + 1) · 1.1e-16 = 1.4e-14,
+/// stays below it.
 pub const RANK_TOLERANCE: f64 = 1e-13;
 
 /// a ← xᵀ y.

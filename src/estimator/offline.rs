@@ -42,7 +42,7 @@ const RANK_TOLERANCE: f64 = 1e-11;
 /// halved.
 ///
 /// # Errors
-/// Where `theta_start` has the wrong length, or it, a residual or a regressor at it is not finite.
+/// If `theta_start` has the wrong length, or it, a residual or a regressor at it is not finite.
 pub fn batch_least_squares<R: Residuals>(
     structure: &Structure,
     rows: &R,

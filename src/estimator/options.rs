@@ -354,7 +354,7 @@ impl EstimatorOptions {
 /// `time_constant_s`.
 ///
 /// # Errors
-/// Where an argument is not a positive finite number or λ would not lie in (0, 1).
+/// If an argument is not a positive finite number or λ would not lie in (0, 1).
 pub fn forgetting_factor(time_constant_s: f64, block_len: usize, sample_period_s: f64) -> Result<f64, EstimatorError> {
     let positive = |v: f64| v.is_finite() && v > 0.0;
     one(

@@ -55,7 +55,7 @@ impl Wrls {
     /// `forgetting_factor` in (0, 1].
     ///
     /// # Errors
-    /// Where a value is out of its range.
+    /// If a value is out of its range.
     pub fn new(theta_start: &[f64], forgetting_factor: f64, information_floor: f64) -> Result<Self, WrlsError> {
         let n = theta_start.len();
         if n == 0 || theta_start.iter().any(|v| !v.is_finite()) {

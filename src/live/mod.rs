@@ -29,6 +29,6 @@ pub use line::{block_line, progress_line};
 pub use quantity::{About, Quantity};
 pub use signals::{SignalPoint, Signals};
 pub use state::LiveState;
-pub use table::{Frontispiece, draw};
+pub use table::{TableContext, draw};
 pub use terminal::{Key, Screen, columns};
 pub use view::{Health, Row, Times, Trend, View};

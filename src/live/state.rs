@@ -46,6 +46,8 @@ pub struct LiveState {
     generation: u64,
     /// What the model lacks, in the identifier's words.
     lacks: String,
+    /// Share of the signals' power that the model is expected to explain, if that is known.
+    least_explained: Option<f64>,
 }
 
 impl LiveState {
@@ -69,7 +71,16 @@ impl LiveState {
             lost_estimates: 0,
             generation: 0,
             lacks: String::new(),
+            least_explained: None,
         }
+    }
+
+    /// The same for a model that is [expected](crate::node::model::Model::least_explained) to
+    /// explain this share of each signal's power.
+    #[must_use]
+    pub fn explaining(mut self, share: f64) -> Self {
+        self.least_explained = Some(share);
+        self
     }
 
     /// The same without the past that plots need: for lines of text the newest blocks are enough.
@@ -434,7 +445,8 @@ impl LiveState {
             State::Invalid => ("the estimate must not be used".into(), Health::Bad),
             State::Ended => (format!("the stream has ended; {so_far}"), Health::Good),
             State::Misfit => {
-                let why = self.estimate.as_ref().map_or("", |(e, _)| misfit_words(e));
+                let why = self.estimate.as_ref();
+                let why = why.map_or_else(String::new, |(e, _)| misfit_words(e, self.least_explained));
                 (format!("the model does not fit: {why}"), Health::Bad)
             }
         }

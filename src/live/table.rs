@@ -18,7 +18,7 @@ const WIDE: u16 = 100;
 
 /// What a table needs beside the view.
 #[derive(Debug, Clone, Copy)]
-pub struct Frontispiece<'a> {
+pub struct TableContext<'a> {
     /// Whose it is.
     pub about: &'a About,
     /// Meanings, in the order of the rows.
@@ -32,7 +32,7 @@ pub struct Frontispiece<'a> {
 }
 
 /// Draws a view; returns the most rows that it makes sense to scroll by.
-pub fn draw(frame: &mut Frame<'_>, view: &View, about: &Frontispiece<'_>) -> usize {
+pub fn draw(frame: &mut Frame<'_>, view: &View, about: &TableContext<'_>) -> usize {
     let area = frame.area();
     let paint = Paint(about.colours);
     let width = area.width as usize;
@@ -79,7 +79,7 @@ pub fn draw(frame: &mut Frame<'_>, view: &View, about: &Frontispiece<'_>) -> usi
 
 fn table<'a>(
     view: &'a View,
-    about: &Frontispiece<'a>,
+    about: &TableContext<'a>,
     scroll: usize,
     rows: usize,
     width: u16,
@@ -243,7 +243,7 @@ mod tests {
     ) -> (Vec<String>, Terminal<TestBackend>) {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         let view = state.view(10 * S);
-        let about = Frontispiece {
+        let about = TableContext {
             about: state.about(),
             quantities: state.quantities(),
             scroll,

@@ -1,6 +1,6 @@
 //! The terminal: taken over and given back, whatever ends the program.
 
-use super::table::{Frontispiece, draw};
+use super::table::{TableContext, draw};
 use super::view::View;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{Event, KeyCode, KeyEventKind, KeyModifiers, poll, read};
@@ -56,8 +56,8 @@ impl Screen {
     ///
     /// # Errors
     /// The terminal has gone.
-    pub fn draw(&mut self, view: &View, about: Frontispiece<'_>) -> io::Result<()> {
-        let about = Frontispiece {
+    pub fn draw(&mut self, view: &View, about: TableContext<'_>) -> io::Result<()> {
+        let about = TableContext {
             scroll: self.scroll,
             colours: self.colours,
             ..about

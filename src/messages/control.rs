@@ -1,4 +1,4 @@
-//! Service `control` and topic `journal`: what an identifier is told, and what became of it.
+//! Service `control` and topic `journal`: commands to an identifier and their outcome.
 
 use super::table::message;
 use super::text::{put_text, text_of};
@@ -63,6 +63,12 @@ impl Command {
         (Self::Payload, "payload"),
     ];
 
+    /// True for commands that consist of a name and a value alone: pause, resume, reset, set, fix,
+    /// free, save and describe. The others carry data of their own, or are a program's.
+    pub fn is_plain(self) -> bool {
+        !matches!(self, Self::Restore | Self::Recorder | Self::Payload)
+    }
+
     /// The name as on the command line and in files.
     pub fn name(self) -> &'static str {
         Self::ALL[self as usize - 1].1
@@ -85,7 +91,7 @@ impl Command {
 
 /// Flags of a [`Request`] and of a [`Journal`].
 pub mod request_flags {
-    /// `value` holds.
+    /// `value` is set.
     pub const VALUE: u32 = 1 << 0;
 }
 
@@ -101,7 +107,7 @@ message! {
         /// See [`Command`].
         command: u32, One, "", "1 pause, 2 resume, 3 reset, 4 set, 5 fix, 6 free, 7 save, 8 describe, 9 restore, 10 recorder, 11 payload";
         /// See [`request_flags`].
-        flags: u32, One, "", "Bit 0: value holds";
+        flags: u32, One, "", "Bit 0: `value` is set";
         from_seq: u64, One, "", "Not before this sample of the stream; 0: at the next border between two blocks";
         value: f64, One, "", "Value of a tunable or parameter, in its unit; lost samples of a recorder";
         name: [u8; NAME], Text, "", "Tunable or parameter";
@@ -294,10 +300,10 @@ message! {
         /// See [`response_code`].
         code: u32, One, "", "0 done, 1 refused, 2 failed";
         items_len: u32, One, "", "Items in use";
-        from_seq: u64, One, "", "First sample that the command holds for, as far as it is known";
-        block: u64, One, "", "Block that begins there";
+        from_seq: u64, One, "", "First sample to which the command applies; 0 if not known";
+        block: u64, One, "", "Block that begins there; 0 if not known";
         text: [u8; RESPONSE_TEXT], Text, "", "What was done, or why not";
-        items: [Item; MAX_ITEMS], Item, "", "What describe tells";
+        items: [Item; MAX_ITEMS], Item, "", "Items listed by `describe`";
     }
 }
 
@@ -328,8 +334,8 @@ message! {
     /// them, so that a replay repeats them.
     pub struct Journal = "ThetabusJournalV3" {
         stream_id: u64, One, "", "The sample stream; 0 before the first one";
-        block: u64, One, "", "Number of the block that begins at the first sample that the command holds for";
-        request: Request, One, "", "What was asked for; from_seq is the first sample that it holds for";
+        block: u64, One, "", "Number of the first block to which the command applies";
+        request: Request, One, "", "The request; from_seq is the first sample to which it applies";
     }
 }
 
@@ -345,6 +351,11 @@ mod tests {
             assert_eq!(command.name(), name);
         }
         assert_eq!((Command::from_wire(0), Command::from_wire(12)), (None, None));
+        // As the clients' messages say.
+        let plain: Vec<u32> = (1..=11)
+            .filter(|c| Command::from_wire(*c).is_some_and(Command::is_plain))
+            .collect();
+        assert_eq!(plain, (1..=8).collect::<Vec<u32>>());
     }
 
     #[test]

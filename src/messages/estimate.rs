@@ -71,7 +71,7 @@ message! {
         accepted: u64, One, "", "Samples used since the start of the stream";
         missing: u64, One, "", "Samples lost since the start of the stream, gaps in seq";
         rejected: u64, One, "", "Samples refused since the start of the stream: not finite, out of range, out of order";
-        excited: ParameterSet, One, "", "Parameters that the block's data informed on";
+        excited: ParameterSet, One, "", "Parameters about which the block's data are informative";
         /// What both mean stands at [`Self::is_usable`].
         usable: ParameterSet, One, "", "Parameters known from data well enough to be used, if use_ok is 1, too";
         fixed: ParameterSet, One, "", "Parameters held by configuration or command";

@@ -1,7 +1,7 @@
 //! Topic `sample`, and the user header of every message.
 
-use super::sample_flags;
 use super::table::message;
+use super::{sample_flags, signals};
 use crate::model::{JointSample, MAX_JOINTS};
 #[cfg(feature = "bus")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -37,7 +37,55 @@ message! {
     }
 }
 
+/// A time as messages have it \[ns\]; a negative one and NaN are 0, `inf` the last there is.
+pub(crate) fn nanoseconds(time_s: f64) -> u64 {
+    (time_s * 1e9).round() as u64
+}
+
+/// A signal of a [`Sample`]: a value for each joint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Signal {
+    /// Its name in messages and files.
+    pub name: &'static str,
+    /// Its bit of [`Sample::signals`].
+    pub flag: u32,
+    /// Its unit, with `{position}` or `{input}` for what the description says.
+    pub unit: &'static str,
+}
+
+/// The signals of a sample, in the order of the message.
+pub const SIGNALS: [Signal; 6] = {
+    const fn signal(name: &'static str, flag: u32, unit: &'static str) -> Signal {
+        Signal { name, flag, unit }
+    }
+    [
+        signal("q", signals::Q, "{position}"),
+        signal("dq", signals::DQ, "{position}/s"),
+        signal("ddq", signals::DDQ, "{position}/s^2"),
+        signal("dddq", signals::DDDQ, "{position}/s^3"),
+        signal("setpoint", signals::SETPOINT, "{position}"),
+        signal("input", signals::INPUT, "{input}"),
+    ]
+};
+
 impl Sample {
+    /// The values of [`SIGNALS`], in their order.
+    pub fn arrays(&self) -> [&[f64; MAX_JOINTS]; 6] {
+        [&self.q, &self.dq, &self.ddq, &self.dddq, &self.setpoint, &self.input]
+    }
+
+    /// The values of [`SIGNALS`], in their order, to be changed.
+    pub fn arrays_mut(&mut self) -> [&mut [f64; MAX_JOINTS]; 6] {
+        [
+            &mut self.q,
+            &mut self.dq,
+            &mut self.ddq,
+            &mut self.dddq,
+            &mut self.setpoint,
+            &mut self.input,
+        ]
+    }
+
     /// The joints' signals as the core types have them.
     pub fn joint_sample(&self) -> JointSample {
         JointSample {
@@ -71,5 +119,25 @@ impl Sample {
     /// True for the last sample of a stream.
     pub fn is_end(&self) -> bool {
         self.flags & sample_flags::END != 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Message as _;
+    use super::*;
+
+    #[test]
+    fn prop_the_signals_are_the_arrays_of_the_message_in_name_unit_and_order() {
+        let fields = Sample::LAYOUT.fields.iter().filter(|field| field.is_array);
+        let fields: Vec<_> = fields.map(|field| (field.name, field.unit)).collect();
+        assert_eq!(fields, SIGNALS.map(|signal| (signal.name, signal.unit)));
+        assert_eq!(SIGNALS.iter().fold(0, |all, signal| all | signal.flag), signals::ALL);
+        let mut sample = Sample::EMPTY;
+        for (k, values) in sample.arrays_mut().into_iter().enumerate() {
+            values[0] = k as f64;
+        }
+        assert_eq!(sample.arrays().map(|values| values[0]), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
+        assert_eq!((sample.q[0], sample.ddq[0], sample.input[0]), (0.0, 2.0, 5.0));
     }
 }

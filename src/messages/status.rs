@@ -109,7 +109,7 @@ message! {
         refused: u64, One, "", "Requests that were refused";
         checkpoints: u64, One, "", "Checkpoints written";
         checkpoints_failed: u64, One, "", "Checkpoints that could not be written, or were found unusable";
-        recorder_missing: u64, One, "", "Samples that a recorder has told it lost";
+        recorder_missing: u64, One, "", "Samples lost by recorders, as reported by them";
     }
 }
 
@@ -164,7 +164,7 @@ pub enum ErrorCode {
     Realtime = 15,
     /// A recorder loses samples.
     Recorder = 16,
-    /// The residuals speak for a term that the model lacks.
+    /// The residuals indicate a term that is missing in the model.
     Misfit = 17,
 }
 
@@ -189,7 +189,7 @@ impl ErrorCode {
             Self::Refused => "a request was refused",
             Self::Realtime => "a real-time setting was refused",
             Self::Recorder => "a recorder loses samples",
-            Self::Misfit => "the residuals speak for a term that the model lacks",
+            Self::Misfit => "the residuals indicate a term that is missing in the model",
         }
     }
 

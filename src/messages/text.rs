@@ -1,5 +1,7 @@
 //! Text of fixed size: UTF-8, filled up with zeros.
 
+use std::fmt::{self, Write};
+
 /// Writes `words` and zeros behind them; what does not fit is cut off between two characters.
 pub fn put_text(target: &mut [u8], words: &str) {
     let mut len = words.len().min(target.len());
@@ -19,6 +21,47 @@ pub fn text_of(bytes: &[u8]) -> &str {
     }
 }
 
+/// Text of at most N bytes, written without allocation.
+#[derive(Debug, Clone)]
+pub(crate) struct FixedText<const N: usize> {
+    bytes: [u8; N],
+    len: usize,
+}
+
+impl<const N: usize> Default for FixedText<N> {
+    fn default() -> Self {
+        Self { bytes: [0; N], len: 0 }
+    }
+}
+
+impl<const N: usize> FixedText<N> {
+    pub(crate) fn as_str(&self) -> &str {
+        text_of(&self.bytes[..self.len])
+    }
+
+    /// Appends a text, or nothing of it if it does not fit.
+    pub(crate) fn push_whole(&mut self, text: &str) {
+        if self.len + text.len() <= N {
+            let _ = self.write_str(text);
+        }
+    }
+}
+
+impl<const N: usize> Write for FixedText<N> {
+    /// Text beyond N bytes is dropped at a character boundary, which is an error, so that nothing
+    /// follows it.
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let room = &mut self.bytes[self.len..];
+        put_text(room, text);
+        let written = text_of(room).len();
+        self.len += written;
+        match written == text.len() {
+            true => Ok(()),
+            false => Err(fmt::Error),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -32,5 +75,17 @@ mod tests {
         assert_eq!(text_of(&field), "12345678");
         field[3] = 0xff;
         assert_eq!(text_of(&field), "123");
+    }
+
+    #[test]
+    fn prop_text_of_a_fixed_size_ends_at_a_character_and_nothing_follows_a_cut() {
+        let mut text = FixedText::<6>::default();
+        assert!(write!(text, "{}θθ{}", "a", "b").is_ok());
+        assert_eq!(text.as_str(), "aθθb");
+        text.push_whole("x");
+        assert_eq!(text.as_str(), "aθθb");
+        let mut cut = FixedText::<4>::default();
+        assert!(write!(cut, "{}{}", "aθθ", "b").is_err());
+        assert_eq!(cut.as_str(), "aθ");
     }
 }

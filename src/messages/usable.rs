@@ -14,11 +14,13 @@ pub struct Usable {
 
 impl Estimate {
     /// True if parameter `index`, counted from 0, may be used: `use_ok` is 1 and its bit in
-    /// `usable` is set. This is the one rule for controllers.
+    /// `usable` is set. This is the one rule for whoever takes a value by itself; a feed-forward,
+    /// in which all of them act together above a loop of its own, asks less of each:
+    /// [`AdaptiveFeedForward`](crate::control::AdaptiveFeedForward).
     ///
     /// | | says | needs |
     /// |---|---|---|
-    /// | `use_ok` | the model with θ̂ describes the machine | the last blocks were predicted; this one fits; the signals are explained; the data have informed on more than half of the directions since the start; no bound is at odds with the data; no change in this block, few samples lost |
+    /// | `use_ok` | the model with θ̂ describes the machine | the last blocks were predicted; this one fits; the signals are explained; the data since the start have determined more than half of the directions; no bound is at odds with the data; no change in this block, few samples lost |
     /// | bit i of `usable` | parameter i is known | three standard deviations below 5 % of it, by the data since the last change; no change of its group of equations in this block or the one before, and both fit; no bound of the group is at odds with the data; it is not fixed |
     ///
     /// A parameter that is fixed is not usable in this sense: its value is the operator's, see

@@ -33,6 +33,7 @@ pub use physical::{ExtendedDerived, KnownConstants, ManipulatorDerived, Physical
 pub use raw_manipulator::RawManipulator;
 pub use servo_axis::{DriveInput, Motion, SERVO_PARAMS, ServoAxis};
 
+use crate::words::fnv1a;
 use std::borrow::Cow;
 use std::ops::Range;
 
@@ -221,10 +222,7 @@ impl PlantDefinition {
             )
         });
         let text = std::iter::once(self.name.clone()).chain(parameters).chain(equations);
-        text.flat_map(|line| line.into_bytes().into_iter().chain([b'\n']))
-            .fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-                (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-            })
+        fnv1a(text.flat_map(|line| line.into_bytes().into_iter().chain([b'\n'])))
     }
 
     /// Checks what every plant must keep to.

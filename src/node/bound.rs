@@ -18,7 +18,7 @@ pub(super) const KEPT: usize = 2;
 
 /// How a parameter was held before.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Was {
+enum Previous {
     Untouched,
     Free,
     HeldAt(f64),
@@ -32,7 +32,7 @@ pub(super) struct BoundEffects {
     paused: Option<bool>,
     /// [`status_flags::COMMANDED`], if it was set.
     commanded: Option<u32>,
-    held: [Was; MAX_PARAMS],
+    held: [Previous; MAX_PARAMS],
     /// The first change of tunables, with those of before inside.
     tuned: Option<Order>,
     /// The first change of N if that is another one, with the rows of before inside.
@@ -44,7 +44,7 @@ pub(super) struct BoundEffects {
 pub(super) struct Before {
     pub(super) paused: Option<bool>,
     pub(super) commanded: u32,
-    held: [Was; MAX_PARAMS],
+    held: [Previous; MAX_PARAMS],
     pub(super) tuned: Option<Order>,
     pub(super) resized: Option<Order>,
 }
@@ -55,7 +55,7 @@ impl BoundEffects {
             tag: 0,
             paused: None,
             commanded: None,
-            held: [Was::Untouched; MAX_PARAMS],
+            held: [Previous::Untouched; MAX_PARAMS],
             tuned: None,
             resized: None,
         }
@@ -84,9 +84,9 @@ impl BoundEffects {
             Change::Fix { index, .. } | Change::Free { index } => {
                 let Some(was) = self.held.get_mut(*index) else { return };
                 *was = match *was {
-                    Was::Untouched if bound => learner.held_at(*index).map_or(Was::Free, Was::HeldAt),
+                    Previous::Untouched if bound => learner.held_at(*index).map_or(Previous::Free, Previous::HeldAt),
                     was if bound => was,
-                    _ => Was::Untouched,
+                    _ => Previous::Untouched,
                 };
             }
             _ => {}
@@ -142,9 +142,9 @@ impl Before {
     pub(super) fn hold(&self, learner: &mut impl Learner) {
         for (index, was) in self.held.iter().enumerate() {
             match was {
-                Was::Untouched => {}
-                Was::Free => learner.free(index),
-                Was::HeldAt(value) => learner.fix(index, Some(*value)),
+                Previous::Untouched => {}
+                Previous::Free => learner.free(index),
+                Previous::HeldAt(value) => learner.fix(index, Some(*value)),
             }
         }
     }

@@ -30,7 +30,7 @@ use super::lacking;
 use super::learner::{BlockEnd, Learner};
 use super::replayed::{BeforeReplay, copy_out};
 use super::sample_gate::{SampleGate, largest};
-use super::standing::Standing;
+use super::status_tracker::StatusTracker;
 use super::stream::{SampleCursor, SamplePlace};
 use crate::estimator::{StateError, Verdict};
 use crate::messages::{
@@ -56,7 +56,7 @@ pub struct IdentifierNode<L> {
     commands: CommandQueue,
     bound: BoundEffects,
     before_replay: BeforeReplay,
-    standing: Standing,
+    tracker: StatusTracker,
 }
 
 impl<L: Learner> IdentifierNode<L> {
@@ -83,10 +83,10 @@ impl<L: Learner> IdentifierNode<L> {
             open: None,
             commands: CommandQueue::new(),
             bound: BoundEffects::new(),
-            standing: Standing::new(pid),
+            tracker: StatusTracker::new(pid),
             options,
         };
-        node.learner.describe(&mut node.standing.status);
+        node.learner.describe(&mut node.tracker.status);
         node
     }
 
@@ -96,19 +96,19 @@ impl<L: Learner> IdentifierNode<L> {
         match self.cursor.advance(sample.stream_id, sample.seq) {
             SamplePlace::First => self.start_stream(sample),
             SamplePlace::Next => {}
-            SamplePlace::Gap { missing } => self.standing.miss(sample.seq, missing),
+            SamplePlace::Gap { missing } => self.tracker.miss(sample.seq, missing),
             SamplePlace::Duplicate => {
-                self.standing.refuse(sample.seq, ErrorCode::Duplicate);
+                self.tracker.refuse(sample.seq, ErrorCode::Duplicate);
                 return;
             }
             SamplePlace::Late => {
                 // it was counted as missing, and rows are made in the order of time
-                self.standing.status.missing = self.standing.status.missing.saturating_sub(1);
-                self.standing.refuse(sample.seq, ErrorCode::Reordered);
+                self.tracker.status.missing = self.tracker.status.missing.saturating_sub(1);
+                self.tracker.refuse(sample.seq, ErrorCode::Reordered);
                 return;
             }
         }
-        self.standing.status.last_seq = sample.seq;
+        self.tracker.status.last_seq = sample.seq;
         let place = self.grid.block(sample.seq);
         if self
             .open
@@ -130,14 +130,14 @@ impl<L: Learner> IdentifierNode<L> {
         }
         if sample.is_end() {
             self.discard();
-            self.standing.status.state = State::Ended as u32;
+            self.tracker.status.state = State::Ended as u32;
             self.leave_stream();
         }
     }
 
     /// The heartbeat.
     pub fn status(&self) -> Status {
-        self.standing.status
+        self.tracker.status
     }
 
     /// What learns, for its evidence beyond the message.
@@ -171,15 +171,15 @@ impl<L: Learner> IdentifierNode<L> {
         if !fits || !self.commands.has_room_for(&order) {
             return Err(order);
         }
-        let (between, tag) = (self.standing.is_between_streams(), order.tag);
+        let (between, tag) = (self.tracker.is_between_streams(), order.tag);
         order.stream = self.cursor.streams() + u64::from(between);
         let from_seq = order.from_seq;
         self.commands.push(order);
         let next = match between {
             true => 0,
-            false => self.standing.status.last_seq.saturating_add(1),
+            false => self.tracker.status.last_seq.saturating_add(1),
         };
-        if tag != 0 && tag != self.standing.open_tag() {
+        if tag != 0 && tag != self.tracker.open_tag() {
             let (seq, block) = BlockGrid::new(self.grid.len).border(from_seq);
             return Ok(Border {
                 stream_id: 0,
@@ -196,7 +196,7 @@ impl<L: Learner> IdentifierNode<L> {
             self.grid.border(from_seq.max(next))
         };
         Ok(Border {
-            stream_id: if between { 0 } else { self.standing.status.stream_id },
+            stream_id: if between { 0 } else { self.tracker.status.stream_id },
             from_seq: seq,
             block,
         })
@@ -213,7 +213,7 @@ impl<L: Learner> IdentifierNode<L> {
     /// replay, and after it up to the next stream, this is the state from before it.
     pub fn save(&mut self, into: &mut NodeState) {
         match self.before_replay.kept() {
-            None => copy_out(&mut self.learner, &self.standing.status, into),
+            None => copy_out(&mut self.learner, &self.tracker.status, into),
             Some(kept) => into.copy_from(kept),
         }
     }
@@ -225,8 +225,8 @@ impl<L: Learner> IdentifierNode<L> {
     /// been tried then.
     pub fn load(&mut self, state: &NodeState) -> Result<(), StateError> {
         self.learner.load(&state.estimator)?;
-        self.standing.set_warm(true);
-        self.learner.describe(&mut self.standing.status);
+        self.tracker.set_warm(true);
+        self.learner.describe(&mut self.tracker.status);
         Ok(())
     }
 
@@ -241,7 +241,7 @@ impl<L: Learner> IdentifierNode<L> {
         self.open = None;
         self.first_seq = sample.seq;
         self.t_change_ns = 0;
-        self.standing.begin_stream(sample.stream_id, self.cursor.streams());
+        self.tracker.begin_stream(sample.stream_id, self.cursor.streams());
     }
 
     /// Goes back to what was known before a replay that is over, and keeps it while another one is
@@ -249,17 +249,17 @@ impl<L: Learner> IdentifierNode<L> {
     fn change_teacher(&mut self, sample: &Sample) {
         let given_back = self.before_replay.give_back(&mut self.learner);
         if given_back != Ok(false) {
-            self.learner.describe(&mut self.standing.status);
+            self.learner.describe(&mut self.tracker.status);
         }
         if given_back.is_err() {
-            self.standing.status.error = LastError::new(ErrorCode::NotEvaluable, sample.seq);
+            self.tracker.status.error = LastError::new(ErrorCode::NotEvaluable, sample.seq);
         }
         let replay = sample.flags & sample_flags::REPLAY != 0;
-        self.standing.set_replay(replay);
+        self.tracker.set_replay(replay);
         if replay {
             match given_back {
                 Ok(true) => self.before_replay.keep_on(),
-                _ => self.before_replay.keep(&mut self.learner, &self.standing.status),
+                _ => self.before_replay.keep(&mut self.learner, &self.tracker.status),
             }
         }
     }
@@ -284,7 +284,7 @@ impl<L: Learner> IdentifierNode<L> {
                 block,
                 t_first_ns: match verdict {
                     Ok(()) => sample.t_ns,
-                    Err(_) => self.standing.status.last_t_ns,
+                    Err(_) => self.tracker.status.last_t_ns,
                 },
                 samples: 0,
                 spoilt: false,
@@ -292,23 +292,23 @@ impl<L: Learner> IdentifierNode<L> {
         }
         match verdict {
             Ok(()) => {
-                let used = wanted.is_some() && !self.standing.paused;
+                let used = wanted.is_some() && !self.tracker.paused;
                 if used && !self.learner.take(sample) {
-                    self.standing.refuse(sample.seq, ErrorCode::NotEvaluable);
+                    self.tracker.refuse(sample.seq, ErrorCode::NotEvaluable);
                     return;
                 }
-                self.standing.status.accepted += 1;
-                self.standing.status.last_t_ns = sample.t_ns;
+                self.tracker.status.accepted += 1;
+                self.tracker.status.last_t_ns = sample.t_ns;
                 if let Some(open) = &mut self.open {
                     open.samples += 1;
                 }
             }
             Err(code) => {
-                self.standing.refuse(sample.seq, code);
-                self.standing.status.error = match code {
+                self.tracker.refuse(sample.seq, code);
+                self.tracker.status.error = match code {
                     ErrorCode::WrongSignals => lacking::signal(sample.seq, self.options.signals, sample.signals),
                     ErrorCode::NotFinite => lacking::number(sample, self.options.signals, self.options.joints, largest),
-                    _ => self.standing.status.error,
+                    _ => self.tracker.status.error,
                 };
                 if let Some(open) = &mut self.open {
                     open.spoilt |= code == ErrorCode::Frozen;
@@ -321,7 +321,7 @@ impl<L: Learner> IdentifierNode<L> {
     fn close(&mut self, emit: &mut dyn FnMut(&Estimate)) {
         let Some(open) = self.open.take() else { return };
         let incomplete = open.samples < self.grid.len;
-        let mut estimate = if self.standing.paused {
+        let mut estimate = if self.tracker.paused {
             let mut estimate = message(self.learner.report(), Verdict::default());
             estimate.state = State::Paused as u32;
             estimate.flags |= estimate_flags::HELD;
@@ -331,15 +331,15 @@ impl<L: Learner> IdentifierNode<L> {
             self.learn(open)
         };
         estimate.t_change_ns = self.t_change_ns;
-        estimate.stream_id = self.standing.status.stream_id;
+        estimate.stream_id = self.tracker.status.stream_id;
         estimate.block = open.block;
         estimate.t_first_ns = open.t_first_ns;
-        estimate.t_last_ns = self.standing.status.last_t_ns;
+        estimate.t_last_ns = self.tracker.status.last_t_ns;
         estimate.model_hash = self.options.model_hash;
         estimate.config_hash = self.options.config_hash;
-        estimate.accepted = self.standing.status.accepted;
-        estimate.missing = self.standing.status.missing;
-        estimate.rejected = self.standing.status.rejected;
+        estimate.accepted = self.tracker.status.accepted;
+        estimate.missing = self.tracker.status.missing;
+        estimate.rejected = self.tracker.status.rejected;
         if incomplete {
             estimate.flags |= estimate_flags::INCOMPLETE;
         }
@@ -347,15 +347,15 @@ impl<L: Learner> IdentifierNode<L> {
             estimate.flags |= estimate_flags::SENSOR;
         }
         self.learner.derive(&mut estimate);
-        self.standing.publish(&mut estimate);
-        self.learner.describe(&mut self.standing.status);
+        self.tracker.publish(&mut estimate);
+        self.learner.describe(&mut self.tracker.status);
         emit(&estimate);
     }
 
     fn learn(&mut self, open: OpenBlock) -> Estimate {
         if open.spoilt {
             self.learner.restart_rows();
-            self.standing.status.faults.blocks_held += 1;
+            self.tracker.status.faults.blocks_held += 1;
         }
         let learnt = self.learner.learn(&BlockEnd {
             lost: match open.spoilt {
@@ -364,10 +364,10 @@ impl<L: Learner> IdentifierNode<L> {
             },
             len: self.grid.len,
             joints: self.options.joints,
-            last_seq: self.standing.status.last_seq,
+            last_seq: self.tracker.status.last_seq,
         });
         self.t_change_ns = learnt.change_ns.unwrap_or(self.t_change_ns);
-        self.standing.status.error = learnt.error.unwrap_or(self.standing.status.error);
+        self.tracker.status.error = learnt.error.unwrap_or(self.tracker.status.error);
         learnt.estimate
     }
 
@@ -381,7 +381,7 @@ impl<L: Learner> IdentifierNode<L> {
     /// Carries out what is due between two blocks; `begin` is the first sample behind the border,
     /// `next` the next one to be taken in.
     fn at_border(&mut self, begin: u64, next: u64) {
-        let (streams, open_tag) = (self.cursor.streams(), self.standing.open_tag());
+        let (streams, open_tag) = (self.cursor.streams(), self.tracker.open_tag());
         let is_due = |order: &Order| {
             let here = order.tag == 0 || order.tag == open_tag;
             let in_time = (order.tag != 0 || order.stream == streams) && next >= order.from_seq;
@@ -389,26 +389,26 @@ impl<L: Learner> IdentifierNode<L> {
         };
         while let Some(mut order) = self.commands.take_due(is_due) {
             self.bound
-                .note(&order, self.standing.paused, self.standing.status.flags, &self.learner);
+                .note(&order, self.tracker.paused, self.tracker.status.flags, &self.learner);
             self.carry_out(&mut order.change, begin);
             self.before_replay
-                .follow(&order, &mut self.learner, &self.standing.status);
+                .follow(&order, &mut self.learner, &self.tracker.status);
             order.border = Border {
-                stream_id: self.standing.status.stream_id,
+                stream_id: self.tracker.status.stream_id,
                 from_seq: begin,
                 block: self.grid.border(begin).1,
             };
             for superfluous in self.bound.keep(&mut order).into_iter().flatten() {
                 self.commands.give_back(superfluous, Fate::Undone);
             }
-            self.standing.count_command();
+            self.tracker.count_command();
             self.commands.give_back(order, Fate::Done);
         }
     }
 
     /// At the END of a stream: what was for it alone goes with it.
     fn leave_stream(&mut self) {
-        let over = stream_tag(self.standing.status.stream_id);
+        let over = stream_tag(self.tracker.status.stream_id);
         self.drop_orders(self.cursor.streams() + 1, |order| order.tag == over);
         self.undo_for(0);
     }
@@ -439,26 +439,26 @@ impl<L: Learner> IdentifierNode<L> {
             self.commands.give_back(order, Fate::Undone);
         }
         self.learner.restart_rows();
-        self.standing.undo_commands(before.paused, before.commanded);
+        self.tracker.undo_commands(before.paused, before.commanded);
     }
 
     fn carry_out(&mut self, change: &mut Change, begin: u64) {
         match change {
-            Change::Pause => self.standing.pause(),
+            Change::Pause => self.tracker.pause(),
             Change::Resume => {
-                self.standing.resume();
+                self.tracker.resume();
                 // windows must not reach back over the pause
                 self.learner.restart_rows();
             }
             Change::Replace { .. } | Change::Restart { .. } => {
                 self.t_change_ns = 0;
                 let begun = self.learner.begin_anew(change);
-                self.standing.set_warm(begun == Ok(true));
+                self.tracker.set_warm(begun == Ok(true));
                 if begun.is_err() {
-                    self.standing.status.error =
-                        LastError::new(ErrorCode::CheckpointUnused, self.standing.status.last_seq);
+                    self.tracker.status.error =
+                        LastError::new(ErrorCode::CheckpointUnused, self.tracker.status.last_seq);
                 }
-                self.learner.describe(&mut self.standing.status);
+                self.learner.describe(&mut self.tracker.status);
             }
             Change::Tune {
                 options,
@@ -466,7 +466,7 @@ impl<L: Learner> IdentifierNode<L> {
                 block_len,
                 rows,
             } => {
-                self.standing.set_commanded();
+                self.tracker.set_commanded();
                 std::mem::swap(&mut self.options.config_hash, config_hash);
                 if self.learner.tune(options, rows.as_mut()) {
                     let (seq, block) = self.grid.border(begin);
@@ -475,16 +475,16 @@ impl<L: Learner> IdentifierNode<L> {
                 }
             }
             Change::Payload { body } => {
-                self.standing.set_commanded();
+                self.tracker.set_commanded();
                 self.learner.declare_payload(body.as_deref());
             }
             Change::Kept => {}
             Change::Fix { index, value } => {
-                self.standing.set_commanded();
+                self.tracker.set_commanded();
                 self.learner.fix(*index, *value);
             }
             Change::Free { index } => {
-                self.standing.set_commanded();
+                self.tracker.set_commanded();
                 self.learner.free(*index);
             }
         }

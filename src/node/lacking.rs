@@ -1,47 +1,12 @@
 //! What a refused sample lacks, in words that fit into a status: the signal, its joint, and what
 //! would do with the signals that are there.
 
-use crate::messages::{ERROR_TEXT, ErrorCode, LastError, Sample, signals, text_of};
+use crate::messages::{ERROR_TEXT, ErrorCode, FixedText, LastError, SIGNALS, Sample, signals};
 use crate::model::MAX_JOINTS;
-use std::fmt::{self, Write};
+use std::fmt::{self, Write as _};
 
-/// Signals by their names in messages and files.
-const NAMES: [(u32, &str); 6] = [
-    (signals::Q, "q"),
-    (signals::DQ, "dq"),
-    (signals::DDQ, "ddq"),
-    (signals::DDDQ, "dddq"),
-    (signals::SETPOINT, "setpoint"),
-    (signals::INPUT, "input"),
-];
-
-/// Text in a place of its own: a step of the identifier allocates nothing.
-struct Words {
-    text: [u8; ERROR_TEXT],
-    len: usize,
-}
-
-impl Words {
-    fn new() -> Self {
-        Self {
-            text: [0; ERROR_TEXT],
-            len: 0,
-        }
-    }
-
-    fn error(&self, code: ErrorCode, seq: u64) -> LastError {
-        LastError::with_text(code, seq, text_of(&self.text))
-    }
-}
-
-impl Write for Words {
-    fn write_str(&mut self, s: &str) -> fmt::Result {
-        let room = self.text.get_mut(self.len..self.len + s.len()).ok_or(fmt::Error)?;
-        room.copy_from_slice(s.as_bytes());
-        self.len += s.len();
-        Ok(())
-    }
-}
+/// A step of the identifier allocates nothing.
+type Words = FixedText<ERROR_TEXT>;
 
 /// The names of the signals in a mask, `none` for an empty one.
 struct Names(u32);
@@ -49,8 +14,8 @@ struct Names(u32);
 impl fmt::Display for Names {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut between = "";
-        for (_, name) in NAMES.iter().filter(|(bit, _)| self.0 & bit != 0) {
-            write!(f, "{between}{name}")?;
+        for signal in SIGNALS.iter().filter(|signal| self.0 & signal.flag != 0) {
+            write!(f, "{between}{}", signal.name)?;
             between = ", ";
         }
         f.write_str(if between.is_empty() { "none" } else { "" })
@@ -61,43 +26,34 @@ impl fmt::Display for Names {
 pub(super) fn signal(seq: u64, needed: u32, has: u32) -> LastError {
     const DERIVATIVES: u32 = signals::DQ | signals::DDQ | signals::DDDQ;
     let lacks = needed & !has;
-    let mut words = Words::new();
+    let mut words = Words::default();
     // What no longer fits is left out as a whole: the most important comes first.
     let _ = write!(words, "the sample lacks {} and has {}", Names(lacks), Names(has));
     let all = |mask: u32| has & mask == mask;
-    let _ = if lacks & !DERIVATIVES == 0 && all(signals::Q | signals::INPUT) {
-        words.write_str("; identifier.rows = \"projected\" does without")
+    if lacks & !DERIVATIVES == 0 && all(signals::Q | signals::INPUT) {
+        words.push_whole("; identifier.rows = \"projected\" does without");
     } else if lacks == signals::INPUT && all(signals::SETPOINT | signals::DQ) {
-        words.write_str("; identifier.input = \"controller\" does without")
-    } else {
-        Ok(())
-    };
-    words.error(ErrorCode::WrongSignals, seq)
+        words.push_whole("; identifier.input = \"controller\" does without");
+    }
+    LastError::with_text(ErrorCode::WrongSignals, seq, words.as_str())
 }
 
 /// A sample of which a needed signal is not a number, or one that no machine has: beyond `limit` of
 /// the signal.
 pub(super) fn number(sample: &Sample, needed: u32, joints: usize, limit: impl Fn(u32) -> f64) -> LastError {
-    let arrays = [
-        &sample.q,
-        &sample.dq,
-        &sample.ddq,
-        &sample.dddq,
-        &sample.setpoint,
-        &sample.input,
-    ];
-    let mut words = Words::new();
-    for ((bit, name), values) in NAMES.iter().zip(arrays).filter(|((bit, _), _)| needed & bit != 0) {
-        let most = limit(*bit);
+    let mut words = Words::default();
+    let arrays = SIGNALS.iter().zip(sample.arrays());
+    for (signal, values) in arrays.filter(|(signal, _)| needed & signal.flag != 0) {
+        let most = limit(signal.flag);
         // false for NaN, too
         let bad = values[..joints.min(MAX_JOINTS)].iter().position(|v| !(v.abs() <= most));
         if let Some(joint) = bad {
             let value = values[joint];
-            let _ = write!(words, "{name} of joint {} is {value:e}", joint + 1);
+            let _ = write!(words, "{} of joint {} is {value:e}", signal.name, joint + 1);
             if value.is_finite() {
                 let _ = write!(words, ", expected at most {most:e}");
             }
-            return words.error(ErrorCode::NotFinite, sample.seq);
+            return LastError::with_text(ErrorCode::NotFinite, sample.seq, words.as_str());
         }
     }
     LastError::new(ErrorCode::NotFinite, sample.seq)

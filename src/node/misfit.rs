@@ -1,38 +1,14 @@
 //! What a model lacks, in words that fit a status.
 
 use crate::estimator::Suspicion;
-use crate::messages::{ErrorCode, LastError};
+use crate::messages::{ERROR_TEXT, ErrorCode, FixedText, LastError};
 use crate::rows::{Suspect, SuspectKind};
-use std::fmt::{self, Write};
-
-/// Words without allocation; what does not fit is cut off.
-struct Words {
-    bytes: [u8; 112],
-    len: usize,
-}
-
-impl Write for Words {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        for c in text.chars() {
-            let mut utf8 = [0; 4];
-            let encoded = c.encode_utf8(&mut utf8).as_bytes();
-            let Some(room) = self.bytes.get_mut(self.len..self.len + encoded.len()) else {
-                return Err(fmt::Error);
-            };
-            room.copy_from_slice(encoded);
-            self.len += encoded.len();
-        }
-        Ok(())
-    }
-}
+use std::fmt::Write as _;
 
 /// "Coulomb friction at joint 1 would explain 80 % of the misfit (0.33 V)". Rounded, so that the
 /// words change only with the matter.
 pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
-    let mut words = Words {
-        bytes: [0; 112],
-        len: 0,
-    };
+    let mut words = FixedText::<ERROR_TEXT>::default();
     let amplitude = suspicion.amplitude * suspect.scale;
     let share = 10.0 * (10.0 * suspicion.share).round();
     let share = share.max(10.0);
@@ -63,8 +39,7 @@ pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
             suspect.unit
         ),
     };
-    let text = std::str::from_utf8(&words.bytes[..words.len]).unwrap_or_default();
-    LastError::with_text(ErrorCode::Misfit, seq, text)
+    LastError::with_text(ErrorCode::Misfit, seq, words.as_str())
 }
 
 #[cfg(test)]

@@ -29,7 +29,7 @@ pub mod robot_model;
 mod sample_gate;
 #[cfg(feature = "sim")]
 pub mod simulated_plant;
-mod standing;
+mod status_tracker;
 pub mod stream;
 #[cfg(test)]
 mod tests;

@@ -10,7 +10,7 @@
 
 use super::block_learner::BlockLearner;
 use super::identifier::{Identifier, IdentifierNode, IdentifierOptions};
-use crate::estimator::{BlockEstimator, EstimatorOptions, Structure};
+use crate::estimator::{BlockEstimator, EstimatorOptions, LEAST_EXPLAINED, Structure};
 use crate::messages::signals;
 use crate::model::{
     AutoDiff, DerivedQuantity, DerivedValues, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter, Plant, PlantDefinition,
@@ -78,6 +78,18 @@ pub trait Model: fmt::Debug + Send + Sync {
     /// The input at which the equations hold along a motion: q, q̇, q̈ and, if they ask for it, q⃛
     /// of `motion`, in the input's unit per joint. 0 for a joint that no equation drives.
     fn input_for(&self, motion: &JointSample, theta: &[f64], input: &mut [f64; MAX_JOINTS]);
+
+    /// Share of each joint's or equation's signal power that the model is expected to explain, 0 to
+    /// 1: less is a misfit.
+    fn least_explained(&self) -> f64 {
+        LEAST_EXPLAINED
+    }
+
+    /// True if the machine may carry a load that is among the parameters, and that a command may
+    /// declare.
+    fn takes_payload(&self) -> bool {
+        false
+    }
 
     /// True if its identifier has no estimator that could be exchanged: it begins anew by
     /// [`Change::Restart`](super::command::Change::Restart) and has no tunables.

@@ -2,7 +2,7 @@
 
 use super::block_history::BlockHistory;
 use super::stream::{Place, StreamCursor};
-use crate::estimator::{LEAST_EXPLAINED, MISFIT};
+use crate::estimator::MISFIT;
 use crate::messages::{Description, ErrorCode, Estimate, LastError, State, Status, estimate_flags};
 use std::fmt::Write as _;
 
@@ -15,6 +15,16 @@ pub struct Label {
     pub name: String,
     /// SI unit, `"1"` if there is none.
     pub unit: String,
+}
+
+impl Label {
+    /// This name and unit.
+    pub fn new(name: impl Into<String>, unit: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            unit: unit.into(),
+        }
+    }
 }
 
 /// What the values really are, if somebody knows: the simulator's configuration.
@@ -41,6 +51,8 @@ pub struct MonitorNode {
     model_hash: u64,
     /// Of the first estimate that the labels do not belong to.
     foreign: Option<u64>,
+    /// Share of the signals' power that the model is expected to explain, if that is known.
+    least_explained: Option<f64>,
 }
 
 impl MonitorNode {
@@ -58,7 +70,16 @@ impl MonitorNode {
             lost_estimates: 0,
             model_hash: 0,
             foreign: None,
+            least_explained: None,
         }
+    }
+
+    /// The same for a model that is [expected](super::model::Model::least_explained) to explain
+    /// this share of each signal's power.
+    #[must_use]
+    pub fn explaining(mut self, share: f64) -> Self {
+        self.least_explained = Some(share);
+        self
     }
 
     /// The same for estimates of one model alone, by its
@@ -163,7 +184,7 @@ impl MonitorNode {
             let _ = write!(line, "{}{fit:.2}", if e == 0 { ' ' } else { '/' });
         }
         if estimate.state == State::Misfit as u32 {
-            let _ = write!(line, " ({})", misfit_words(estimate));
+            let _ = write!(line, " ({})", misfit_words(estimate, self.least_explained));
         }
         let lost = estimate.missing.saturating_add(estimate.rejected);
         if lost > 0 {
@@ -239,20 +260,29 @@ fn worst_relative_error(estimate: &Estimate, truth: &[f64]) -> f64 {
         )
 }
 
-/// Why an estimate is in the state `misfit`.
-pub fn misfit_words(estimate: &Estimate) -> &'static str {
-    let equations = estimate.equations as usize;
-    if estimate.fit_probability < MISFIT {
-        "the residuals are more than noise: p below 1e-4 in the block or in its last part"
-    } else if estimate
-        .explained
-        .iter()
-        .take(equations)
-        .any(|&share| share < LEAST_EXPLAINED)
-    {
-        "the model explains less than 99.5 % of the input's power"
-    } else {
-        "the data push a parameter against its bound"
+/// Why an estimate is in the state `misfit`, as far as it tells; `least_explained` is the share of
+/// each signal's power that the model is [expected](super::model::Model::least_explained) to
+/// explain, if that is known.
+pub fn misfit_words(estimate: &Estimate, least_explained: Option<f64>) -> String {
+    let p = estimate.fit_probability;
+    if p < MISFIT {
+        return format!(
+            "the residuals are larger than noise explains: p = {p:.0e} in the block or in its last part, below {MISFIT:e}"
+        );
+    }
+    let shares = estimate.explained.iter().take(estimate.equations as usize);
+    let worst = shares.copied().fold(f64::INFINITY, f64::min);
+    match least_explained {
+        Some(least) if worst < least => format!(
+            "the model explains {:.1} % of an input's power, less than the {:.1} % expected of it",
+            100.0 * worst,
+            100.0 * least
+        ),
+        Some(_) => "a parameter is at its bound, or the model lacks a term".to_owned(),
+        None => {
+            "the model explains too little of the inputs' power, a parameter is at its bound, or the model lacks a term"
+                .to_owned()
+        }
     }
 }
 
@@ -423,6 +453,44 @@ pub(crate) mod tests {
             "missing 3",
         ] {
             assert!(line.contains(part), "{part:?} is not in {line:?}");
+        }
+    }
+
+    /// p, the share that is explained and the share that is expected decide, not each other.
+    #[test]
+    fn regress_a_misfit_is_explained_by_what_the_estimate_tells_and_by_the_limit_of_its_model() {
+        for (p, explained, least, said) in [
+            (
+                1.5e-4,
+                1.0,
+                Some(0.995),
+                "p = 2e-4 in the block or in its last part, below 2e-4",
+            ),
+            (1e-9, 0.5, Some(0.9), "p = 1e-9"),
+            (
+                0.5,
+                0.97,
+                Some(0.995),
+                "explains 97.0 % of an input's power, less than the 99.5 %",
+            ),
+            (
+                0.5,
+                0.97,
+                Some(0.9),
+                "a parameter is at its bound, or the model lacks a term",
+            ),
+            (0.5, 0.85, Some(0.9), "less than the 90.0 %"),
+            (
+                0.5,
+                0.97,
+                None,
+                "too little of the inputs' power, a parameter is at its bound, or",
+            ),
+        ] {
+            let mut message = estimate(3, 10.0);
+            (message.fit_probability, message.explained[0]) = (p, explained);
+            let words = misfit_words(&message, least);
+            assert!(words.contains(said), "{words}");
         }
     }
 

@@ -4,6 +4,7 @@
 use super::identifier::{Identifier, IdentifierOptions};
 use super::model::{Model, ModelError, NodeSettings};
 use super::robot::{RobotLearner, RobotNode};
+use super::robot_evidence::LEAST_EXPLAINED;
 use crate::messages::signals;
 use crate::model::{
     DerivedQuantity, DerivedValues, Equation, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter, PlantDefinition,
@@ -14,6 +15,7 @@ use crate::robot::{
     BODY_PARAMETERS, BodyParameters, Drives, Engagement, FilteredSample, IdentifyOptions, PAYLOAD_VALUES, Payload,
     RobotIdentifier, RobotModel, RobotSimOptions, Velocities, controller_values,
 };
+use crate::words::fnv1a;
 use std::sync::Arc;
 
 /// Largest part of a name that is the robot's own; the rest tells robots of one name apart.
@@ -131,10 +133,7 @@ fn name(settings: &RobotSettings) -> String {
     }
     let meanings = model.parameters().iter().map(|p| format!("{} {}", p.name, p.meaning));
     let rest = format!("{:?} {:?} {:?}", model.friction(), settings.options, settings.drives);
-    let digest = meanings.chain([rest]).flat_map(String::into_bytes);
-    let digest = digest.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-    });
+    let digest = fnv1a(meanings.chain([rest]).flat_map(String::into_bytes));
     format!("{own}_{:08x}", digest as u32)
 }
 
@@ -166,6 +165,14 @@ impl Model for RobotPlant {
         let mut tau = [0.0; MAX_JOINTS];
         model.torques(&effective[..arm], &state, &mut tau[..n]);
         *input = self.settings.drives.inputs(&tau);
+    }
+
+    fn least_explained(&self) -> f64 {
+        LEAST_EXPLAINED
+    }
+
+    fn takes_payload(&self) -> bool {
+        self.payload.is_some()
     }
 
     fn restarts_itself(&self) -> bool {

@@ -3,7 +3,7 @@
 
 use super::freeze::FreezeWatch;
 use super::stream::{StreamClock, Tick};
-use crate::messages::{ErrorCode, Sample, signals};
+use crate::messages::{ErrorCode, SIGNALS, Sample, signals};
 use crate::model::MAX_JOINTS;
 
 /// Positions, velocities, setpoints and inputs beyond this are no machine's \[SI units\].
@@ -87,15 +87,10 @@ impl SampleGate {
     fn are_numbers(&self, sample: &Sample) -> bool {
         let joints = self.joints.min(MAX_JOINTS);
         // false for NaN, too
-        let within = |signal: u32, values: &[f64; MAX_JOINTS]| {
-            self.signals & signal == 0 || values[..joints].iter().all(|value| value.abs() <= largest(signal))
-        };
-        within(signals::Q, &sample.q)
-            && within(signals::DQ, &sample.dq)
-            && within(signals::DDQ, &sample.ddq)
-            && within(signals::DDDQ, &sample.dddq)
-            && within(signals::SETPOINT, &sample.setpoint)
-            && within(signals::INPUT, &sample.input)
+        let needed = |flag: u32| self.signals & flag != 0;
+        let within = |flag: u32, values: &[f64]| values.iter().all(|value| value.abs() <= largest(flag));
+        let mut signals = SIGNALS.iter().zip(sample.arrays());
+        signals.all(|(signal, values)| !needed(signal.flag) || within(signal.flag, &values[..joints]))
     }
 }
 

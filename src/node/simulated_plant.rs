@@ -2,6 +2,7 @@
 
 use super::model::{Model, SampleSource};
 use super::plant::PlantNode;
+use crate::messages::nanoseconds;
 use crate::model::JointSample;
 use crate::sim::{Faults, Losses, Machine, MachineSimulator, SampleInstants, SimError, SimOptions};
 
@@ -11,7 +12,7 @@ use crate::sim::{Faults, Losses, Machine, MachineSimulator, SampleInstants, SimE
 /// # Errors
 /// The options are not valid, see [`SimOptions::validate`].
 pub fn sample_stream(options: &SimOptions, stream_id: u64) -> Result<PlantNode<MachineSimulator>, SimError> {
-    Ok(dressed(MachineSimulator::new(options)?, options, stream_id))
+    Ok(with_sensor_faults(MachineSimulator::new(options)?, options, stream_id))
 }
 
 /// The same of whichever machine the options name; `model` has the equations if they are what is
@@ -28,12 +29,16 @@ pub fn sample_stream_of(
         Machine::Plant(_) => model.simulator(options).map_err(|e| e.to_string())?,
         _ => Box::new(MachineSimulator::new(options).map_err(|e| e.to_string())?),
     };
-    Ok(dressed(source, options, stream_id))
+    Ok(with_sensor_faults(source, options, stream_id))
 }
 
 /// What the samples of a machine go through on their way.
-fn dressed<S: Iterator<Item = JointSample>>(source: S, options: &SimOptions, stream_id: u64) -> PlantNode<S> {
-    let period_ns = (options.sample_period_s * 1e9).round() as u64;
+fn with_sensor_faults<S: Iterator<Item = JointSample>>(
+    source: S,
+    options: &SimOptions,
+    stream_id: u64,
+) -> PlantNode<S> {
+    let period_ns = nanoseconds(options.sample_period_s);
     let (joints, signals) = (options.joints(), options.signals());
     let mut node = PlantNode::new(source, stream_id, joints, signals, period_ns, options.sample_count());
     if options.sensors.loss_probability > 0.0 {

@@ -37,7 +37,7 @@ impl StreamCursor {
     pub fn advance(&mut self, stream_id: u64, seq: u64) -> Place {
         let ahead = self
             .last
-            .and_then(|(boot, last)| if boot == stream_id { seq.checked_sub(last) } else { None });
+            .and_then(|(own, last)| if own == stream_id { seq.checked_sub(last) } else { None });
         let place = match ahead {
             Some(0) => Place::Duplicate,
             Some(1) => Place::Next,
@@ -103,10 +103,10 @@ impl SampleCursor {
 
     /// Places the next sample and moves on to it.
     pub fn advance(&mut self, stream_id: u64, seq: u64) -> SamplePlace {
-        let Some((boot, last)) = self.last else {
+        let Some((own, last)) = self.last else {
             return self.begin(stream_id, seq);
         };
-        if boot != stream_id {
+        if own != stream_id {
             return self.begin(stream_id, seq);
         }
         if let Some(ahead) = seq.checked_sub(last) {
@@ -234,7 +234,7 @@ mod tests {
     fn prop_a_stream_is_followed_through_gaps_restarts_and_duplicates() {
         let mut cursor = StreamCursor::new();
         let steps = [
-            // boot, seq, place: joined late at 7, which is no gap
+            // stream_id, seq, place: joined late at 7, which is no gap
             (1, 7, Place::First),
             (1, 8, Place::Next),
             (1, 8, Place::Duplicate),
@@ -247,8 +247,8 @@ mod tests {
             (2, 500, Place::First),
             (2, 501, Place::Next),
         ];
-        for (boot, seq, place) in steps {
-            assert_eq!(cursor.advance(boot, seq), place, "boot {boot} seq {seq}");
+        for (stream_id, seq, place) in steps {
+            assert_eq!(cursor.advance(stream_id, seq), place, "stream {stream_id} seq {seq}");
         }
         assert_eq!(cursor.streams(), 3);
     }

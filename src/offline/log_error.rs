@@ -78,10 +78,7 @@ fn hint(likely: &Option<Box<Suspicion>>) -> String {
 
 /// At most [`SHOWN`] characters.
 pub(super) fn cut(text: &str) -> String {
-    match text.char_indices().nth(SHOWN) {
-        Some((end, _)) => format!("{}…", &text[..end]),
-        None => text.to_owned(),
-    }
+    crate::words::cut(text, SHOWN)
 }
 
 /// Names in quotes, as many as a message can show.

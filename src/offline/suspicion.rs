@@ -1,9 +1,9 @@
 //! What is probably wrong with a log that was read as configured: the usual mistakes of those who
 //! write logs and configurations.
 //!
-//! A judgement here never changes a number and never refuses a log. It is told, with the key that
-//! would mend it, and whoever knows the machine decides. The limits are those beyond which hardly
-//! any machine is and within which the mistake nearly always puts it: joints that turn three times,
+//! A judgement here never changes a number and never refuses a log. Each finding is reported with
+//! the key that would correct it; the user decides. The limits are those beyond which hardly any
+//! machine is and within which the mistake nearly always puts it: joints that turn three times,
 //! axes longer than ten metres.
 
 use super::profile::{ColumnProfile, LogProfile, Signal};
@@ -109,6 +109,8 @@ pub enum Suspicion {
     },
     /// Dates where numbers of seconds were expected.
     Dates {
+        /// Name of the column.
+        column: String,
         /// Such a field.
         field: String,
     },
@@ -180,9 +182,9 @@ impl fmt::Display for Suspicion {
                 f,
                 "{parameter} rests at its bound {bound}, so the data ask for a value beyond it: check sign and unit of the input, and the order of the columns"
             ),
-            Self::Dates { field } => write!(
+            Self::Dates { column, field } => write!(
                 f,
-                "\"{field}\" is a date or time of day: the time column must be a number, seconds since any instant for instance"
+                "\"{field}\" in column \"{column}\" is a date or time of day: expected a number, of a time the seconds since any instant"
             ),
             Self::DecimalComma { field } => {
                 write!(
@@ -298,15 +300,19 @@ pub fn judge_header(line: &str) -> Option<Suspicion> {
     Some(Suspicion::Separator { separator })
 }
 
-/// What a field that should be a number looks like.
-pub fn judge_field(field: &str) -> Option<Suspicion> {
+/// What a field of a column that should be a number looks like.
+pub fn judge_field(column: &str, field: &str) -> Option<Suspicion> {
     let digits = |text: &str, n: usize| text.len() >= n && text.bytes().take(n).all(|b| b.is_ascii_digit());
-    let told = || field.chars().take(40).collect::<String>();
-    // 2026-11-21…, 21.11.2026…, 11/21/2026, 08:15:30
+    let told = || crate::words::cut(field, 40);
+    // 2026-11-21…, 21.11.2026…, 11/21/2026, 08:15:30; but 1.5e-3 m is a number with its unit
     let parts: Vec<&str> = field.splitn(4, ['-', '/', ':', '.']).collect();
-    let date = parts.len() >= 3 && parts.iter().take(3).all(|part| digits(part, 1));
+    let whole = |part: &&str| (1..=4).contains(&part.len()) && part.bytes().all(|b| b.is_ascii_digit());
+    let date = parts.len() >= 3 && parts[..2].iter().all(whole) && digits(parts[2], 1);
     if date {
-        return Some(Suspicion::Dates { field: told() });
+        return Some(Suspicion::Dates {
+            column: column.to_owned(),
+            field: told(),
+        });
     }
     if let Some(separator) = [';', '\t'].into_iter().find(|c| field.contains(*c)) {
         return Some(Suspicion::Separator { separator });
@@ -456,12 +462,13 @@ mod tests {
 
     #[test]
     fn regress_times_separators_and_fields_are_told_by_their_looks() {
-        let field = |text: &str| judge_field(text).map(|s| s.to_string());
+        let field = |text: &str| judge_field("clock", text).map(|s| s.to_string());
         for (text, words) in [
-            ("2026-11-21T08:15:30.123Z", "date"),
+            ("2026-11-21T08:15:30.123Z", "in column \"clock\" is a date"),
             ("2026-11-21 08:15:30", "date"),
             ("21.11.2026 08:15", "date"),
             ("08:15:30.5", "date"),
+            ("2026-11-21Z", "date"),
             ("0,125", "decimal point"),
             ("-3,5", "decimal point"),
             ("0,5;1,25;3", "semicolons"),
@@ -470,7 +477,7 @@ mod tests {
             let told = field(text).unwrap_or_default();
             assert!(told.contains(words), "{text}: {told}");
         }
-        for text in ["abc", "", "1.5", "NaN", "1-2"] {
+        for text in ["abc", "", "1.5", "NaN", "1-2", "1.5e-3 m", "-1.5e-3", "20.5e-3.1"] {
             assert_eq!(field(text), None, "{text}");
         }
         for (line, words) in [

@@ -25,7 +25,7 @@ impl<W: Write> EstimatesCsv<W> {
     /// Starts a file by its header.
     ///
     /// # Errors
-    /// Where the sink cannot be written.
+    /// If the sink cannot be written.
     pub fn new(sink: W, parameters: &[Label], equations: usize, derived: &[Label]) -> io::Result<Self> {
         let mut writer = csv::Writer::from_writer(sink);
         let fixed = [
@@ -73,7 +73,7 @@ impl<W: Write> EstimatesCsv<W> {
     /// whole lines.
     ///
     /// # Errors
-    /// Where the sink cannot be written.
+    /// If the sink cannot be written.
     pub fn write(&mut self, estimate: &Estimate) -> io::Result<()> {
         let state = State::from_wire(estimate.state).map_or("unknown", State::name);
         let flag = |set: bool| if set { "1" } else { "0" }.to_string();

@@ -4,6 +4,7 @@
 use crate::messages::{MAX_DERIVED, SCHEMA_VERSION};
 use crate::model::{MAX_JOINTS, MAX_PARAMS};
 use crate::node::monitor::Label;
+use crate::words::cut;
 use std::collections::BTreeMap;
 
 /// The metadata of a recording.
@@ -13,6 +14,9 @@ pub struct RunInfo {
     pub schema: u32,
     /// Tells recordings apart; all files of one recording have the same.
     pub recording_id: String,
+    /// Number of this file in its recording, from 0; a recorder writes its own, whatever stands
+    /// here. `None` of recordings that did not tell yet.
+    pub file_number: Option<u32>,
     /// Robot name.
     pub robot: String,
     /// Model name.
@@ -54,6 +58,8 @@ const READABLE: [u32; 2] = [2, SCHEMA_VERSION];
 const MAX_CONFIG_BYTES: usize = 4 << 20;
 /// Longest other value \[bytes\]: 128 names with their units are far below.
 const MAX_VALUE_BYTES: usize = 1 << 16;
+/// What an error shows of a value \[characters\].
+const SHOWN: usize = 60;
 /// Longest name or unit \[bytes\].
 const MAX_NAME_BYTES: usize = 128;
 
@@ -88,6 +94,7 @@ pub enum InfoError {
 impl RunInfo {
     /// As the name-value pairs of a metadata record.
     pub(super) fn to_map(&self) -> BTreeMap<String, String> {
+        let file_number = self.file_number.map(|number| ("file_number", number.to_string()));
         [
             ("thetabus_version", env!("CARGO_PKG_VERSION").to_string()),
             ("schema_version", SCHEMA_VERSION.to_string()),
@@ -109,6 +116,7 @@ impl RunInfo {
             ("derived", labels_to_text(&self.derived)),
         ]
         .into_iter()
+        .chain(file_number)
         .map(|(key, value)| (key.to_string(), value))
         .collect()
     }
@@ -116,7 +124,7 @@ impl RunInfo {
     /// From the name-value pairs of a metadata record.
     ///
     /// # Errors
-    /// Where a key is missing, has another schema version or a value out of its range.
+    /// If a key is missing, has another schema version or a value out of its range.
     pub(super) fn from_map(map: &BTreeMap<String, String>) -> Result<Self, InfoError> {
         let get = |key: &'static str| {
             let value = map.get(key).ok_or(InfoError::Missing(key))?;
@@ -140,8 +148,8 @@ impl RunInfo {
         let schema = schema.ok_or_else(|| {
             let writer = map.get("thetabus_version").map_or("unknown", String::as_str);
             InfoError::Schema {
-                found: version.chars().take(60).collect(),
-                writer: writer.chars().take(60).collect(),
+                found: cut(version, SHOWN),
+                writer: cut(writer, SHOWN),
             }
         })?;
         let joints = get("joints")?;
@@ -165,8 +173,16 @@ impl RunInfo {
                 .parse()
                 .map_err(|_| InfoError::invalid("clock_epoch_ns", "nanoseconds since 1970", got))?,
         };
+        let file_number = match map.get("file_number") {
+            None => None,
+            Some(got) => {
+                let number = got.parse().ok();
+                Some(number.ok_or_else(|| InfoError::invalid("file_number", "0 to 4294967295", got))?)
+            }
+        };
         let info = Self {
             clock_epoch_ns,
+            file_number,
             joint_states: map.get("joint_states").is_some_and(|value| value == "true"),
             first_form,
             schema,
@@ -191,7 +207,7 @@ impl RunInfo {
     /// Checks that the counts fit the messages.
     ///
     /// # Errors
-    /// Where they do not.
+    /// If they do not fit.
     pub fn check(&self) -> Result<(), InfoError> {
         let counts = [
             ("joints", self.joints, MAX_JOINTS, "1 to 8"),
@@ -234,7 +250,7 @@ impl InfoError {
         Self::Invalid {
             key,
             expected,
-            got: got.chars().take(60).collect(),
+            got: cut(got, SHOWN),
         }
     }
 }
@@ -250,10 +266,7 @@ fn labels_from_text(key: &'static str, text: &str) -> Result<Vec<Label>, InfoErr
             let (name, unit) = line
                 .split_once('\t')
                 .ok_or_else(|| InfoError::invalid(key, "a name, a tab and a unit on each line", line))?;
-            Ok(Label {
-                name: name.to_string(),
-                unit: unit.to_string(),
-            })
+            Ok(Label::new(name, unit))
         })
         .collect()
 }
@@ -271,6 +284,7 @@ pub(crate) mod tests {
         RunInfo {
             schema: SCHEMA_VERSION,
             recording_id: "1-2".into(),
+            file_number: Some(3),
             robot: "arm".into(),
             model: "manipulator".into(),
             model_hash: 0x1234,
@@ -309,6 +323,7 @@ pub(crate) mod tests {
             ("schema_version", "1"),
             ("schema_version", "4"),
             ("form", "3"),
+            ("file_number", "-1"),
             ("clock_epoch_ns", "yesterday"),
             ("model_hash", "no"),
             ("parameters", "name without unit"),

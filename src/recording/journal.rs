@@ -24,6 +24,11 @@ pub(super) fn journal_to_map(entry: &Journal) -> BTreeMap<String, String> {
         pairs.push(("stream", request.stream.to_string()));
     }
     if request.parts > 0 {
+        pairs.push(("part", request.part.to_string()));
+        pairs.push(("parts", request.parts.to_string()));
+    }
+    // A payload has data without being a part of a state.
+    if request.parts > 0 || request.data_len > 0 {
         let bytes = &request.data[..(request.data_len as usize).min(DATA)];
         let hex = bytes
             .iter()
@@ -31,8 +36,6 @@ pub(super) fn journal_to_map(entry: &Journal) -> BTreeMap<String, String> {
                 let _ = write!(text, "{byte:02x}");
                 text
             });
-        pairs.push(("part", request.part.to_string()));
-        pairs.push(("parts", request.parts.to_string()));
         pairs.push(("data", hex));
     }
     pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
@@ -52,6 +55,8 @@ pub(super) fn journal_from_map(map: &BTreeMap<String, String>) -> Option<Journal
     }
     if map.contains_key("parts") {
         (request.part, request.parts) = (small("part")?, small("parts")?);
+    }
+    if request.parts > 0 || map.contains_key("data") {
         let hex = map.get("data")?.as_bytes();
         if hex.len() > 2 * DATA || !hex.len().is_multiple_of(2) {
             return None;
@@ -80,11 +85,16 @@ mod tests {
             .with_value(0.1 + 0.2);
         set.from_seq = 1900;
         let state: Vec<u8> = (0..1500u32).map(|i| (i * 7) as u8).collect();
+        let body = std::array::from_fn(|i| 0.1 * i as f64 - 0.3);
+        let payloads = [Request::payload(Some(&body)), Request::payload(None)];
+        // Every command that this schema has.
+        let plain = (1..).map_while(Command::from_wire).map(Request::new);
         let requests = Request::restore(&state)
             .unwrap()
             .into_iter()
-            .chain([set, Request::new(Command::Pause)]);
-        for request in requests {
+            .chain(payloads)
+            .chain([set]);
+        for request in requests.chain(plain) {
             let entry = Journal {
                 stream_id: u64::MAX,
                 block: 2,

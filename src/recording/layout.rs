@@ -9,7 +9,7 @@
 use super::info::RunInfo;
 use super::names::channel;
 use crate::messages::table::message;
-use crate::messages::{Estimate, Field, Message, Per, Sample, State, Status, Visit, signals};
+use crate::messages::{Estimate, Field, Message, Per, SIGNALS, Sample, State, Status, Visit};
 use std::collections::BTreeSet;
 use std::convert::Infallible;
 use std::fmt::Write as _;
@@ -188,16 +188,9 @@ fn constants(field: &str) -> Vec<(String, u32)> {
         "state" => states()
             .map(|state| (format!("STATE_{}", state.name().to_uppercase()), state as u32))
             .collect(),
-        "signals" => [
-            ("Q", signals::Q),
-            ("DQ", signals::DQ),
-            ("DDQ", signals::DDQ),
-            ("DDDQ", signals::DDDQ),
-            ("SETPOINT", signals::SETPOINT),
-            ("INPUT", signals::INPUT),
-        ]
-        .map(|(name, bit)| (format!("SIGNAL_{name}"), bit))
-        .to_vec(),
+        "signals" => SIGNALS
+            .map(|signal| (format!("SIGNAL_{}", signal.name.to_uppercase()), signal.flag))
+            .to_vec(),
         _ => Vec::new(),
     }
 }

@@ -20,6 +20,7 @@ mod names;
 mod reader;
 mod record_file;
 mod samples_csv;
+mod series;
 #[cfg(test)]
 mod tests;
 mod unmeasured;
@@ -32,8 +33,8 @@ pub use info::{InfoError, RunInfo};
 pub use joint_state::{JointState, read_joint_states};
 pub use layout::{Channel, NameCollision, RecorderStatus};
 pub use loss::{Loss, ReadError};
-pub use names::oldest_file;
 pub use reader::{Entry, RecordingReader, Span, read_journal};
 pub use samples_csv::{CsvSampleError, SamplesCsv, SamplesCsvReader, is_samples_csv};
+pub use series::oldest_file;
 pub use wire::{Dimensions, NotOnWire, OnWire, described, from_cdr, to_cdr};
 pub use writer::{RecordError, Recorder, RecordingLimits};

@@ -10,8 +10,9 @@ use super::info::RunInfo;
 use super::journal::journal_from_map;
 use super::layout::{Counts, RecorderStatus, check_names};
 use super::loss::{Loss, ReadError};
-use super::names::{CLOCK_METADATA, END_METADATA, JOURNAL_METADATA, channel, numbered, series};
+use super::names::{CLOCK_METADATA, END_METADATA, JOURNAL_METADATA, channel};
 use super::record_file::{Next, RecordFile, decompress};
+use super::series::{first_file, numbered};
 use super::unmeasured::cleared;
 use crate::messages::{Estimate, Journal, Message as _, Sample, Status};
 use mcap::records::{MessageHeader, op};
@@ -75,7 +76,8 @@ pub struct RecordingReader {
     clock_epoch_ns: u64,
     /// Time of day at which the stream's time was 0; `None` as long as the file has not told it.
     stream_epoch_ns: Option<u64>,
-    next_number: u32,
+    /// Number of the file in `file`.
+    number: u32,
     first: PathBuf,
     /// Of all files, as they are now, and of those that have been read.
     bytes: u64,
@@ -97,7 +99,7 @@ impl RecordingReader {
     /// Opens a recording; of a rotated one the first file that shall be read.
     ///
     /// # Errors
-    /// Where the file cannot be read, or nothing in it tells what was recorded.
+    /// If the file cannot be read, or nothing in it tells what was recorded.
     pub fn open(path: &Path, span: Span) -> Result<Self, ReadError> {
         let mut file = RecordFile::open(path)?;
         let info = file.find_info()?;
@@ -106,7 +108,7 @@ impl RecordingReader {
             reason,
         };
         check_names(&info).map_err(|e| not_ours(e.to_string()))?;
-        let (first, number) = series(path);
+        let (first, number) = first_file(path, &info);
         Ok(Self {
             counts: Counts::of(&info),
             clock_epoch_ns: info.clock_epoch_ns,
@@ -116,7 +118,7 @@ impl RecordingReader {
             bytes: file.length() + rest_of_series(&first, number),
             bytes_read: 0,
             file,
-            next_number: number + 1,
+            number,
             first,
             chunk: Vec::new(),
             position: 0,
@@ -148,7 +150,7 @@ impl RecordingReader {
     /// The next message; `None` at the end of all that can be read.
     ///
     /// # Errors
-    /// Where the file system fails; damage is no error but counted in [`Self::loss`].
+    /// If the file system fails; damage is no error but counted in [`Self::loss`].
     pub fn next_entry(&mut self) -> Result<Option<Entry<'_>>, ReadError> {
         loop {
             while let Some(range) = self.next_message_of_chunk() {
@@ -294,7 +296,10 @@ impl RecordingReader {
 
     /// Goes on to the next file of a rotated recording.
     fn next_file(&mut self) -> Result<bool, ReadError> {
-        let path = numbered(&self.first, self.next_number);
+        let Some(number) = self.number.checked_add(1) else {
+            return Ok(false);
+        };
+        let path = numbered(&self.first, number);
         if !path.exists() {
             return Ok(false);
         }
@@ -311,14 +316,15 @@ impl RecordingReader {
         self.bytes_read += self.file.length();
         self.file = file;
         self.file_ended = false;
-        self.next_number += 1;
+        self.number = number;
         Ok(true)
     }
 }
 
 /// Bytes of the files of a rotated recording behind this one.
 fn rest_of_series(first: &Path, number: u32) -> u64 {
-    let files = (number + 1..).map(|number| std::fs::metadata(numbered(first, number)).ok());
+    let later = (number..u32::MAX).map(|number| number + 1);
+    let files = later.map(|number| std::fs::metadata(numbered(first, number)).ok());
     files.map_while(|file| file.map(|file| file.len())).sum()
 }
 
@@ -326,15 +332,15 @@ fn rest_of_series(first: &Path, number: u32) -> u64 {
 /// of a rotated one from this file on.
 ///
 /// # Errors
-/// Where a file cannot be read.
+/// If a file cannot be read.
 pub fn read_journal(path: &Path) -> Result<Vec<Journal>, ReadError> {
     let mut file = RecordFile::open(path)?;
-    let id = file.find_info()?.recording_id;
-    let (first, number) = series(path);
+    let info = file.find_info()?;
+    let (first, mut number) = first_file(path, &info);
     let mut entries = Vec::new();
     // What is damaged is counted where the messages are read.
     let mut ignored = Loss::default();
-    for next in number + 1.. {
+    loop {
         loop {
             match file.next_record(&mut ignored)? {
                 Next::Record(op::METADATA) => {
@@ -351,14 +357,16 @@ pub fn read_journal(path: &Path) -> Result<Vec<Journal>, ReadError> {
                 Next::CutChunk | Next::End => break,
             }
         }
+        let Some(next) = number.checked_add(1) else { break };
         let path = numbered(&first, next);
         if !path.exists() {
             break;
         }
         file = RecordFile::open(&path)?;
-        if file.find_info()?.recording_id != id {
+        if file.find_info()?.recording_id != info.recording_id {
             break;
         }
+        number = next;
     }
     Ok(entries)
 }

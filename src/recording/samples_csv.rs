@@ -5,7 +5,7 @@
 
 use super::info::RunInfo;
 use super::layout::field_name;
-use crate::messages::{Sample, signals};
+use crate::messages::{SIGNALS, Sample};
 use std::io::{self, Read, Write};
 
 /// Writes samples as CSV.
@@ -41,38 +41,15 @@ pub enum CsvSampleError {
     },
 }
 
-/// The arrays of a sample with the bit that says whether they are valid.
-const ARRAYS: [(&str, u32); 6] = [
-    ("q", signals::Q),
-    ("dq", signals::DQ),
-    ("ddq", signals::DDQ),
-    ("dddq", signals::DDDQ),
-    ("setpoint", signals::SETPOINT),
-    ("input", signals::INPUT),
-];
-
-fn array_mut(sample: &mut Sample, index: usize) -> &mut [f64] {
-    match index {
-        0 => &mut sample.q,
-        1 => &mut sample.dq,
-        2 => &mut sample.ddq,
-        3 => &mut sample.dddq,
-        4 => &mut sample.setpoint,
-        _ => &mut sample.input,
-    }
-}
-
 fn header(info: &RunInfo) -> Vec<String> {
     let mut header: Vec<String> = ["seq", "t_ns", "flags", "signals"].map(String::from).to_vec();
-    for (name, _) in ARRAYS {
-        let unit = match name {
-            "dq" => format!("{}_per_s", info.position_unit),
-            "ddq" => format!("{}_per_s2", info.position_unit),
-            "dddq" => format!("{}_per_s3", info.position_unit),
-            "input" => info.input_unit.clone(),
-            _ => info.position_unit.clone(),
-        };
-        header.extend((1..=info.joints).map(|j| format!("{name}_{j}_{}", field_name(&unit))));
+    for signal in SIGNALS {
+        let unit = signal.unit.replace("{position}", &info.position_unit);
+        let unit = unit
+            .replace("{input}", &info.input_unit)
+            .replace('/', "_per_")
+            .replace('^', "");
+        header.extend((1..=info.joints).map(|j| format!("{}_{j}_{}", signal.name, field_name(&unit))));
     }
     header
 }
@@ -81,7 +58,7 @@ impl<W: Write> SamplesCsv<W> {
     /// Starts a file by its header.
     ///
     /// # Errors
-    /// Where the sink cannot be written.
+    /// If the sink cannot be written.
     pub fn new(sink: W, info: &RunInfo) -> io::Result<Self> {
         let mut writer = csv::Writer::from_writer(sink);
         writer.write_record(header(info))?;
@@ -95,7 +72,7 @@ impl<W: Write> SamplesCsv<W> {
     /// Appends a sample.
     ///
     /// # Errors
-    /// Where the sink cannot be written.
+    /// If the sink cannot be written.
     pub fn write(&mut self, sample: &Sample) -> io::Result<()> {
         self.record.clear();
         for value in [
@@ -106,10 +83,9 @@ impl<W: Write> SamplesCsv<W> {
         ] {
             self.record.push_field(value.to_string().as_bytes());
         }
-        let mut sample = *sample;
-        for (index, (_, valid)) in ARRAYS.iter().enumerate() {
-            let known = sample.signals & valid != 0;
-            for value in &array_mut(&mut sample, index)[..self.joints] {
+        for (signal, values) in SIGNALS.iter().zip(sample.arrays()) {
+            let known = sample.signals & signal.flag != 0;
+            for value in &values[..self.joints] {
                 let cell = if known { value.to_string() } else { String::new() };
                 self.record.push_field(cell.as_bytes());
             }
@@ -120,7 +96,7 @@ impl<W: Write> SamplesCsv<W> {
     /// Writes everything out.
     ///
     /// # Errors
-    /// Where the sink cannot be written.
+    /// If the sink cannot be written.
     pub fn finish(mut self) -> io::Result<()> {
         self.writer.flush()
     }
@@ -150,10 +126,7 @@ impl<R: Read> Read for Bounded<R> {
 }
 
 fn cut(text: &str) -> String {
-    match text.char_indices().nth(SHOWN) {
-        Some((end, _)) => format!("{}…", &text[..end]),
-        None => text.to_owned(),
-    }
+    crate::words::cut(text, SHOWN)
 }
 
 /// Reads what [`SamplesCsv`] wrote, sample by sample; `stream_id` is 0.
@@ -210,9 +183,10 @@ impl<R: Read> SamplesCsvReader<R> {
         (sample.flags, sample.signals) = (small(2)?, small(3)?);
         sample.joints = self.joints as u32;
         let mut column = 4;
-        for (index, (_, valid)) in ARRAYS.iter().enumerate() {
-            let known = sample.signals & valid != 0;
-            for value in &mut array_mut(&mut sample, index)[..self.joints] {
+        let given = sample.signals;
+        for (signal, values) in SIGNALS.iter().zip(sample.arrays_mut()) {
+            let known = given & signal.flag != 0;
+            for value in &mut values[..self.joints] {
                 if known {
                     *value = cell(column).parse().map_err(|_| bad(column))?;
                 }

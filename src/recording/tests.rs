@@ -1,7 +1,8 @@
 //! Recordings written, read, cut and damaged.
 
 use super::info::tests::arm;
-use super::names::{RUN_METADATA, numbered};
+use super::names::RUN_METADATA;
+use super::series::{existing_files, numbered};
 use super::*;
 use crate::messages::{ErrorCode, Estimate, LastError, ParameterSet, Sample, Status, signals};
 use std::fs;
@@ -335,6 +336,37 @@ fn prop_a_rotated_recording_is_read_as_one_and_keeps_to_its_limits() {
     let existing: Vec<_> = paths.iter().filter(|p| p.exists()).collect();
     assert_eq!(existing, paths[paths.len() - 2..].iter().collect::<Vec<_>>());
     assert_eq!(numbered(&kept, 12).file_name().unwrap(), "kept_0012.mcap");
+}
+
+#[test]
+fn regress_a_recording_whose_own_name_ends_in_digits_is_read_and_resumed_as_one() {
+    let dir = tempfile::tempdir().unwrap();
+    let limits = RecordingLimits {
+        file_bytes: 60_000,
+        files: 0,
+    };
+    let at = |name: &str| dir.path().join(name);
+    // The second name is one that a later file of `run.mcap` could have.
+    for name in ["run.mcap", "run_20260801.mcap", "run_4294967295.mcap"] {
+        let paths = write(&at(name), 5_000, 100, limits, true);
+        assert!(paths.len() > 3, "{paths:?}");
+        let (seqs, _, _, loss) = read(&at(name), Span::default());
+        assert_eq!(seqs.len(), 5_000, "{name}");
+        assert!(loss.is_none(), "{loss}");
+        let (seqs, ..) = read(&paths[2], Span::default());
+        assert_eq!(*seqs.last().unwrap(), 4_999, "{name}");
+        // A recorder that goes on takes the next number, and counts no file of another recording.
+        let existing: Vec<_> = existing_files(&at(name)).into_iter().map(|(_, path)| path).collect();
+        assert_eq!(existing, paths);
+        let resumed = Recorder::resume(&at(name), arm(), limits).unwrap();
+        assert_eq!(resumed.path(), numbered(&at(name), paths.len() as u32));
+    }
+    // Beside the others, too.
+    let own = existing_files(&at("run.mcap"));
+    assert!(own.iter().all(|(number, _)| *number < 1_000), "{own:?}");
+    fs::remove_file(at("run_20260801.mcap")).unwrap();
+    let oldest = oldest_file(&at("run_20260801.mcap"));
+    assert_eq!(oldest, Some(at("run_20260801_0001.mcap")));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! What a machine does not measure is NaN in recordings, where a 0 would be taken for a value; on
 //! the bus it is anything and mostly 0.
 
-use crate::messages::{Sample, signals};
+use crate::messages::{SIGNALS, Sample};
 
 /// The sample as a recording has it.
 pub(super) fn marked(sample: &Sample) -> Sample {
@@ -15,15 +15,8 @@ pub(super) fn cleared(sample: &Sample) -> Sample {
 
 fn filled(sample: &Sample, value: f64) -> Sample {
     let mut filled = *sample;
-    for (signal, values) in [
-        (signals::Q, &mut filled.q),
-        (signals::DQ, &mut filled.dq),
-        (signals::DDQ, &mut filled.ddq),
-        (signals::DDDQ, &mut filled.dddq),
-        (signals::SETPOINT, &mut filled.setpoint),
-        (signals::INPUT, &mut filled.input),
-    ] {
-        if sample.signals & signal == 0 {
+    for (signal, values) in SIGNALS.iter().zip(filled.arrays_mut()) {
+        if sample.signals & signal.flag == 0 {
             values.fill(value);
         }
     }

@@ -148,10 +148,6 @@ pub fn from_cdr<M: OnWire>(bytes: &[u8], dimensions: Dimensions) -> Result<M, No
 /// A description does not name the equations: they are called `joint_1` … if there is one for each
 /// joint, as those of the built-in models are, and `equation_1` … if not.
 pub fn described(robot: &str, description: &Description) -> RunInfo {
-    let label = |name: &str, unit: &str| Label {
-        name: name.to_owned(),
-        unit: unit.to_owned(),
-    };
     let joints = description.joints();
     let unit = |of: fn(&crate::messages::JointInfo) -> &str| joints.first().map_or("", of).to_owned();
     let equations = description.equations.min(MAX_JOINTS as u32) as usize;
@@ -169,12 +165,12 @@ pub fn described(robot: &str, description: &Description) -> RunInfo {
         parameters: description
             .parameters()
             .iter()
-            .map(|p| label(p.name(), p.unit()))
+            .map(|p| Label::new(p.name(), p.unit()))
             .collect(),
         derived: description
             .derived()
             .iter()
-            .map(|d| label(d.name(), d.unit()))
+            .map(|d| Label::new(d.name(), d.unit()))
             .collect(),
         ..RunInfo::default()
     }

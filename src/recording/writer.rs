@@ -11,7 +11,8 @@ use super::info::{InfoError, RunInfo};
 use super::joint_state_out::JointStates;
 use super::journal::journal_to_map;
 use super::layout::{Counts, NameCollision, RecorderStatus, channels, check_names};
-use super::names::{CLOCK_METADATA, END_METADATA, JOURNAL_METADATA, RUN_METADATA, channel, existing_files, numbered};
+use super::names::{CLOCK_METADATA, END_METADATA, JOURNAL_METADATA, RUN_METADATA, channel};
+use super::series::{existing_files, numbered};
 use super::unmeasured::marked;
 use crate::files::{Temporary, vacant};
 use crate::messages::{Estimate, Journal, Message, SCHEMA_VERSION, Sample, Status};
@@ -64,7 +65,8 @@ pub struct Recorder {
     first: PathBuf,
     kept: std::collections::VecDeque<PathBuf>,
     file: OpenFile,
-    rotations: u32,
+    /// Number of the file being written.
+    number: u32,
     written: RecorderStatus,
     cursor: StreamCursor,
     clock: WallClock,
@@ -88,24 +90,31 @@ impl Recorder {
     /// If the file exists or cannot be made, or if the plant's names cannot be told apart in
     /// a recording.
     pub fn create(path: &Path, info: RunInfo, limits: RecordingLimits) -> Result<Self, RecordError> {
+        Self::begin(path, 0, info, limits)
+    }
+
+    /// Begins with file `number` of the recording whose first file is `first`.
+    fn begin(first: &Path, number: u32, info: RunInfo, limits: RecordingLimits) -> Result<Self, RecordError> {
+        let path = numbered(first, number);
         let info = RunInfo {
             schema: SCHEMA_VERSION,
             first_form: false,
+            file_number: Some(number),
             ..info
         };
         info.check()?;
         check_names(&info)?;
-        let file = OpenFile::create(path, &info)?;
+        let file = OpenFile::create(&path, &info)?;
         Ok(Self {
             counts: Counts::of(&info),
             clock: WallClock::new(info.clock_epoch_ns),
             joint_states: info.joint_states.then(|| JointStates::new(&info)),
             info,
             limits,
-            first: path.to_path_buf(),
-            kept: [path.to_path_buf()].into(),
+            first: first.to_path_buf(),
+            kept: [path].into(),
             file,
-            rotations: 0,
+            number,
             written: RecorderStatus::default(),
             cursor: StreamCursor::new(),
             last_t_ns: 0,
@@ -125,13 +134,9 @@ impl Recorder {
         let Some(last) = existing.last().map(|(number, _)| *number) else {
             return Self::create(path, info, limits);
         };
-        let number = last + 1;
-        let next = numbered(path, number);
-        let mut recorder = Self::create(&next, info, limits)?;
-        recorder.first = path.to_path_buf();
-        recorder.rotations = number;
-        recorder.kept = existing.into_iter().map(|(_, path)| path).collect();
-        recorder.kept.push_back(next);
+        let mut recorder = Self::begin(path, following(path, last)?, info, limits)?;
+        let next = recorder.kept.pop_back();
+        recorder.kept = existing.into_iter().map(|(_, path)| path).chain(next).collect();
         recorder.make_room()?;
         Ok(recorder)
     }
@@ -139,7 +144,7 @@ impl Recorder {
     /// Writes a sample; `sent_ns` is the clock at sending.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn sample(&mut self, sample: &Sample, sent_ns: u64) -> Result<(), RecordError> {
         match self.cursor.advance(sample.stream_id, sample.seq) {
             Place::Gap { missing } => {
@@ -168,7 +173,7 @@ impl Recorder {
     /// Writes an estimate; `sent_ns` is the clock at sending.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn estimate(&mut self, estimate: &Estimate, sent_ns: u64) -> Result<(), RecordError> {
         self.encode(*estimate);
         self.put(channel::ESTIMATE, estimate.t_last_ns, sent_ns)?;
@@ -179,7 +184,7 @@ impl Recorder {
     /// Writes a status; `sent_ns` is the clock at sending.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn status(&mut self, status: &Status, sent_ns: u64) -> Result<(), RecordError> {
         self.encode(*status);
         self.put(channel::STATUS, status.last_t_ns, sent_ns)?;
@@ -190,7 +195,7 @@ impl Recorder {
     /// Writes what the identifier was told, and where it took effect.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn journal(&mut self, entry: &Journal) -> Result<(), RecordError> {
         // A record of its own between the chunks: found without decompressing a recording.
         let put = self.file.writer.write_metadata(&Metadata {
@@ -204,7 +209,7 @@ impl Recorder {
     /// what never arrived; to be called about once a second.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn flush(&mut self) -> Result<(), RecordError> {
         self.written.file_bytes = self.file.bytes.load(Ordering::Relaxed);
         self.encode(self.written);
@@ -216,7 +221,7 @@ impl Recorder {
     /// Ends the recording: index, statistics, and the mark of a file that is whole.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn finish(mut self) -> Result<RecorderStatus, RecordError> {
         self.flush()?;
         self.file.finish(&self.written)?;
@@ -259,8 +264,9 @@ impl Recorder {
     }
 
     fn rotate(&mut self) -> Result<(), RecordError> {
-        self.rotations += 1;
-        let path = numbered(&self.first, self.rotations);
+        self.number = following(&self.first, self.number)?;
+        self.info.file_number = Some(self.number);
+        let path = numbered(&self.first, self.number);
         let mut next = OpenFile::create(&path, &self.info)?;
         next.tell_clock(&self.clock)?;
         std::mem::replace(&mut self.file, next).finish(&self.written)?;
@@ -277,6 +283,16 @@ impl Recorder {
         }
         Ok(())
     }
+}
+
+/// The number after that of a file.
+fn following(first: &Path, number: u32) -> Result<u32, RecordError> {
+    number.checked_add(1).ok_or_else(|| RecordError::Io {
+        path: numbered(first, number),
+        source: io::Error::other(
+            "expected a file number below 4294967295, which is the last one; record under another name",
+        ),
+    })
 }
 
 impl OpenFile {

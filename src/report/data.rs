@@ -207,7 +207,7 @@ impl RunData {
     /// Takes the whole of a recording in; `look` is called after each message.
     ///
     /// # Errors
-    /// Where the file system fails.
+    /// If the file system fails.
     pub fn read(
         mut self,
         mut reader: RecordingReader,
@@ -254,8 +254,8 @@ impl RunData {
 
     /// Takes an estimate in; `sent_ns` is the clock at sending, 0 if it is not known.
     pub fn estimate(&mut self, estimate: &Estimate, sent_ns: u64) {
-        let boot = self.estimates.last().map(|e| e.stream_id);
-        if boot.is_some_and(|boot| boot != estimate.stream_id) {
+        let stream_id = self.estimates.last().map(|e| e.stream_id);
+        if stream_id.is_some_and(|own| own != estimate.stream_id) {
             self.estimates.clear();
             self.timing.clear();
             self.inputs.clear();

@@ -117,7 +117,7 @@ fn setpoints(run: &RunData) -> Option<Figure> {
     (!panels.is_empty() && end > 0.0).then(|| Figure {
         name: "setpoint".into(),
         title: "Setpoints and positions".into(),
-        caption: "What the joints were told and where they were: the excitation on which everything else rests (the paper's Fig. 3)."
+        caption: "Commanded and measured joint positions: the excitation on which everything else rests (the paper's Fig. 3)."
             .into(),
         x_label: "time (s)".into(),
         x_range: (0.0, end),
@@ -398,8 +398,8 @@ fn excitation(run: &RunData) -> Figure {
     }
     Figure {
         name: "excitation".into(),
-        title: "On which parameters the data inform".into(),
-        caption: "A dark cell: the interval's data told something about the parameter. A light one: they did not, and the parameter kept its value.".into(),
+        title: "Parameters about which the data were informative".into(),
+        caption: "Dark: the data of the interval were informative about the parameter. Light: they were not, and it kept its value.".into(),
         x_label,
         x_range,
         panels,

@@ -46,7 +46,7 @@ const PNG_SCALE: f32 = 2.0;
 /// written.
 ///
 /// # Errors
-/// Where the directory cannot be written.
+/// If the directory cannot be written.
 pub fn write_report(dir: &Path, run: &RunData, summary: &Summary, mut look: impl FnMut(f64)) -> io::Result<PathBuf> {
     let figures = figures(run);
     let figures_dir = dir.join(FIGURES);

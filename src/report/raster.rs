@@ -35,7 +35,7 @@ static FONTS: LazyLock<Arc<fontdb::Database>> = LazyLock::new(|| {
 /// Draws an SVG document at `scale` pixels per unit.
 ///
 /// # Errors
-/// Where the text is no SVG, or the picture would be too large.
+/// If the text is no SVG, or the picture would be too large.
 pub fn png(svg: &str, scale: f32) -> Result<Vec<u8>, RasterError> {
     let options = Options {
         fontdb: FONTS.clone(),

@@ -16,12 +16,16 @@ use super::reference::{MotionLimits, Motions};
 use super::rows::WindowOptions;
 use super::simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator};
 use super::tree::{Robot, Selection};
+use crate::pipe::{MAX_SETTINGS_BYTES, MAX_TABLE_BYTES, read_text};
 use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Time to either side over which velocities are formed from positions \[s\].
 const VELOCITY_S: f64 = 0.02;
+
+/// Sample period if section `[plant]` states none \[s\].
+const SAMPLE_PERIOD_S: f64 = 0.001;
 
 /// All that identifying a robot from a log needs.
 #[derive(Debug, Clone)]
@@ -45,6 +49,8 @@ pub struct RobotConfig {
     pub simulation: RobotSimOptions,
     /// How a motion is designed for it.
     pub excitation: ExcitationOptions,
+    /// Sample period as section `[plant]` states it, 0.001 if it does not \[s\].
+    pub sample_period_s: f64,
     /// What else the file says, by section: `[bus]`, `[plant]`, …
     pub ordinary: toml::Table,
 }
@@ -73,9 +79,7 @@ impl RobotConfig {
     /// # Errors
     /// See [`from_file`](Self::from_file).
     pub fn from_file_with(path: &Path, set: &[String]) -> Result<Self, String> {
-        let problem = |e: std::io::Error| format!("{}: {e}", path.display());
-        crate::pipe::refuse_named_pipe(path).map_err(problem)?;
-        let text = std::fs::read_to_string(path).map_err(problem)?;
+        let text = read_text(path, MAX_SETTINGS_BYTES).map_err(|e| format!("{}: {e}", path.display()))?;
         Self::parse_with(&text, path, set)
     }
 
@@ -156,10 +160,10 @@ impl RobotConfig {
             Some(Velocity::Measured) => None,
             _ => Some(file.identify.velocity_s.unwrap_or(VELOCITY_S)),
         };
-        if velocity_s.is_some_and(|half| !(half > 0.0 && half <= 1.0)) {
+        if let Some(half) = velocity_s.filter(|half| !(*half > 0.0 && *half <= 1.0)) {
             return Err(at(
                 "identify",
-                "velocity_s: expected a time above 0 and up to 1 [s]".to_owned(),
+                format!("velocity_s: expected a time above 0 and up to 1 s, got {half}"),
             ));
         }
         let mut simulation =
@@ -179,10 +183,11 @@ impl RobotConfig {
             ("controller", file.controller),
             ("realtime", file.realtime),
         ];
-        let ordinary = sections
+        let ordinary: toml::Table = sections
             .into_iter()
             .filter_map(|(name, section)| Some((name.to_owned(), toml::Value::Table(section?))))
             .collect();
+        let sample_period_s = sample_period_s(&ordinary).map_err(|problem| at("plant.sample_period_s", problem))?;
         let payload = file.identify.payload.unwrap_or(true);
         let columns = columns(file.log, n).map_err(|problem| at("log", problem))?;
         Ok(Self {
@@ -195,16 +200,26 @@ impl RobotConfig {
             velocity_s,
             simulation,
             excitation,
+            sample_period_s,
             ordinary,
         })
     }
 }
 
+/// TOML writes a whole number of seconds without a point.
+fn sample_period_s(ordinary: &toml::Table) -> Result<f64, String> {
+    let Some(value) = ordinary.get("plant").and_then(|plant| plant.get("sample_period_s")) else {
+        return Ok(SAMPLE_PERIOD_S);
+    };
+    let number = value.as_float().or(value.as_integer().map(|whole| whole as f64));
+    let number = number.filter(|period_s| (1e-5..=0.1).contains(period_s));
+    number.ok_or_else(|| format!("expected 1e-5 to 0.1 s, got {value}"))
+}
+
 /// A motion in a file.
 fn table(path: &Path, joints: usize) -> Result<MotionTable, String> {
     let problem = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
-    crate::pipe::refuse_named_pipe(path).map_err(|e| problem(&e))?;
-    let text = std::fs::read_to_string(path).map_err(|e| problem(&e))?;
+    let text = read_text(path, MAX_TABLE_BYTES).map_err(|e| problem(&e))?;
     MotionTable::parse(&text, joints).map_err(|e| problem(&e))
 }
 

@@ -84,16 +84,23 @@ impl JointRange {
     }
 
     fn validate(&self) -> Result<(), String> {
-        let ordered = self.lower.is_finite() && self.upper.is_finite() && self.lower < self.upper;
-        let positive = [self.velocity, self.acceleration]
-            .iter()
-            .all(|x| *x > 0.0 && x.is_finite());
-        match ordered && positive && self.effort > 0.0 {
-            true => Ok(()),
-            false => Err(format!(
-                "expected lower below upper, and a speed, an acceleration and a torque above 0, got {} to {}, {}, {} and {}",
-                self.lower, self.upper, self.velocity, self.acceleration, self.effort
-            )),
+        if !(self.lower.is_finite() && self.upper.is_finite() && self.lower < self.upper) {
+            let (lower, upper) = (self.lower, self.upper);
+            return Err(format!(
+                "expected a finite lower below a finite upper, got {lower} and {upper}"
+            ));
+        }
+        let above_0 = [
+            ("velocity", self.velocity, self.velocity.is_finite()),
+            ("acceleration", self.acceleration, self.acceleration.is_finite()),
+            ("effort", self.effort, true),
+        ];
+        match above_0
+            .into_iter()
+            .find(|(_, x, is_allowed)| !(*x > 0.0 && *is_allowed))
+        {
+            None => Ok(()),
+            Some((name, x, _)) => Err(format!("{name}: expected a number above 0, got {x}")),
         }
     }
 }
@@ -190,12 +197,12 @@ impl Series {
             center: 0.0,
             scale: 1.0,
         };
-        series.rest();
+        series.enforce_rest();
         series
     }
 
     /// The nearest shape with (2), of size 1.
-    fn rest(&mut self) {
+    fn enforce_rest(&mut self) {
         let k = |i: usize| (i + 1) as f64;
         let sums = |power: i32, part: usize| -> f64 {
             let along: f64 = self
@@ -229,7 +236,7 @@ impl Series {
             *tone += part * random.normal();
         }
         self.place = (self.place + length * random.normal()).clamp(0.0, 1.0);
-        self.rest();
+        self.enforce_rest();
     }
 
     /// Σ_k [a_k sin kωt + b_k cos kωt] with its derivatives, at a part of the period.
@@ -314,7 +321,7 @@ impl Excitation {
                     .map(|_| Series::draw(options.harmonics, &mut random))
                     .collect(),
             };
-            let Some((value, motion)) = Self::weigh(forecaster, options, joints) else {
+            let Some((value, motion)) = Self::evaluate(forecaster, options, joints) else {
                 continue;
             };
             if tries < drawn {
@@ -354,7 +361,11 @@ impl Excitation {
     }
 
     /// The motion of these shapes with (5), and what it counts for.
-    fn weigh(forecaster: &mut Forecaster, options: &ExcitationOptions, mut joints: Vec<Series>) -> Option<(f64, Self)> {
+    fn evaluate(
+        forecaster: &mut Forecaster,
+        options: &ExcitationOptions,
+        mut joints: Vec<Series>,
+    ) -> Option<(f64, Self)> {
         let duration_s = options.duration_s;
         for (series, range) in joints.iter_mut().zip(&options.ranges) {
             series.fit(range, duration_s);
@@ -371,7 +382,7 @@ impl Excitation {
         let n = motion.joints.len();
         let mut effort = [0.0_f64; MAX_JOINTS];
         let robot = forecaster.model().robot().clone();
-        forecaster.look((0..=count as usize).map(|k| {
+        forecaster.sample_motion((0..=count as usize).map(|k| {
             let mut sample = RobotSample {
                 t_s: step * k as f64,
                 ..RobotSample::default()

@@ -63,12 +63,12 @@ impl MotionTable {
             q: q.to_vec(),
             ddq: vec![[0.0; MAX_JOINTS]; q.len()],
         };
-        (0..joints).for_each(|joint| table.bend(joint));
+        (0..joints).for_each(|joint| table.fit_spline(joint));
         Ok(table)
     }
 
     /// (1) and (2) by elimination from the first point on.
-    fn bend(&mut self, joint: usize) {
+    fn fit_spline(&mut self, joint: usize) {
         let n = self.t_s.len();
         let (mut pivot, mut right) = (vec![1.0; n], vec![0.0; n]);
         let h = |i: usize| self.t_s[i + 1] - self.t_s[i];

@@ -140,7 +140,7 @@ impl Forecaster {
     }
 
     /// (1), from the states of a motion at rising times.
-    pub(super) fn look(&mut self, motion: impl Iterator<Item = RobotSample>) {
+    pub(super) fn sample_motion(&mut self, motion: impl Iterator<Item = RobotSample>) {
         self.rows.restart();
         self.sums.iter_mut().for_each(JointSums::clear);
         for sample in motion {
@@ -174,7 +174,7 @@ impl Forecaster {
     pub fn forecast(&mut self, motion: &MotionTable) -> Vec<ParameterForecast> {
         let (step, joints) = (self.step_s(), motion.joints());
         let count = (motion.duration_s() / step).floor() as usize;
-        self.look((0..=count).map(|k| sample(motion, joints, step * k as f64)));
+        self.sample_motion((0..=count).map(|k| sample(motion, joints, step * k as f64)));
         let n = self.information.n;
         let mut covariance = vec![0.0; n * n];
         Solver::new(n).covariance(&self.information, &vec![false; n], &mut covariance);

@@ -186,9 +186,14 @@ impl RobotSimOptions {
         }
         for (i, payload) in self.payloads.iter().enumerate() {
             within("payload mass", payload.mass_kg, 0.0, 1e6)?;
-            let numbers = payload.center_m.iter().chain(&payload.inertia_kg_m2);
-            if !(payload.t_s.is_finite() && numbers.into_iter().all(|x| x.is_finite())) {
-                return Err("payload: expected finite numbers".to_owned());
+            let members = [
+                ("t_s", &[payload.t_s][..]),
+                ("center_m", &payload.center_m),
+                ("inertia_kg_m2", &payload.inertia_kg_m2),
+            ];
+            let wrong = |(_, numbers): &(&str, &[f64])| numbers.iter().any(|x| !x.is_finite());
+            if let Some((name, numbers)) = members.into_iter().find(wrong) {
+                return Err(format!("payload: {name}: expected finite numbers, got {numbers:?}"));
             }
             if i > 0 && payload.t_s <= self.payloads[i - 1].t_s {
                 return Err(format!("payload: expected rising times, got {} s", payload.t_s));

@@ -189,8 +189,5 @@ fn named(node: Node<'_, '_>) -> String {
 pub(super) fn shortened(text: &str) -> String {
     const MOST: usize = 60;
     let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
-    match line.char_indices().nth(MOST) {
-        Some((end, _)) => format!("{}…", &line[..end]),
-        None => line,
-    }
+    crate::words::cut(&line, MOST)
 }

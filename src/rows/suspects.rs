@@ -334,7 +334,7 @@ impl SuspectColumns {
         }
     }
 
-    /// Projects what hangs on the input and on the sign of the velocity: one row. `moments` are
+    /// Projects what depends on the input and on the sign of the velocity: one row. `moments` are
     /// ∫ψ^(r) u with the input's scale.
     pub fn project(&mut self, e: usize, row: usize, centre: usize, scale: f64, kernels: &Kernels, moments: [f64; 3]) {
         let own = 1 + PER_EQUATION * e;

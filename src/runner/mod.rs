@@ -14,8 +14,8 @@
 mod controller;
 mod desk;
 mod identifier;
+mod log_state;
 mod monitor;
-mod news;
 mod pace;
 mod plant;
 mod realtime;

@@ -1,7 +1,7 @@
 //! One robot at its identifier: node, ports, and what the loop knows of itself.
 
 use super::desk::LoopEnd;
-use super::news::News;
+use super::log_state::LogState;
 use super::stopwatch::Stopwatch;
 use super::{HEARTBEAT, Stay, TICK};
 use crate::bus::{BusError, Publisher, SampleSubscriber, monotonic_ns};
@@ -52,8 +52,8 @@ pub struct Session {
     ports: IdentifierPorts,
     clock: Clock,
     end_told: bool,
-    news: News,
-    vitals: Vitals,
+    log: LogState,
+    loop_status: LoopStatus,
     is_done: bool,
     /// The bus has failed it: nothing more is sent.
     has_failed: bool,
@@ -68,8 +68,8 @@ impl Session {
             span: tracing::error_span!("robot", name = robot),
             clock: Clock::new(),
             end_told: false,
-            news: News::default(),
-            vitals: Vitals::new(ports.started_ns, ports.realtime),
+            log: LogState::default(),
+            loop_status: LoopStatus::new(ports.started_ns, ports.realtime),
             is_done: false,
             has_failed: false,
             readers: 0,
@@ -100,7 +100,7 @@ impl Session {
     /// Looks for a plant that has come or gone; with an empty queue.
     pub(super) fn look(&mut self) -> Result<(), BusError> {
         self.ports.samples.refresh()?;
-        self.news.plant(self.ports.samples.is_connected());
+        self.log.plant(self.ports.samples.is_connected());
         Ok(())
     }
 
@@ -112,24 +112,27 @@ impl Session {
     /// Takes in what has come, one batch at most, hands commands over and sends what is due.
     pub(super) fn turn(&mut self) -> Result<Turn, BusError> {
         let Self {
-            node, ports, vitals, ..
+            node,
+            ports,
+            loop_status,
+            ..
         } = self;
         let node = &mut **node;
-        let taken = take_in(node, &mut ports.samples, &mut ports.estimates, vitals)?;
+        let taken = take_in(node, &mut ports.samples, &mut ports.estimates, loop_status)?;
         ports.desk.exchange(node);
         let ended = node.status().state == State::Ended as u32;
         if ended != self.end_told {
             self.end_told = ended;
             if ended {
                 ports.desk.settle(node);
-                vitals.send(node, ports)?;
+                loop_status.send(node, ports)?;
             }
         }
         if self.clock.heartbeat_due() {
-            vitals.send(node, ports)?;
-            self.news.losses(&node.status());
-            self.news.window(node);
-            self.news.replay(&node.status());
+            loop_status.send(node, ports)?;
+            self.log.losses(&node.status());
+            self.log.window(node);
+            self.log.replay(&node.status());
         }
         if self.clock.tick_due() {
             ports.estimates.serve_late_joiners()?;
@@ -148,9 +151,9 @@ impl Session {
         self.is_done = true;
         let Self { node, ports, .. } = self;
         ports.desk.settle(&mut **node);
-        self.vitals.send(&**node, ports)?;
-        self.news.losses(&node.status());
-        self.news.left_out(ports.samples.left_out());
+        self.loop_status.send(&**node, ports)?;
+        self.log.losses(&node.status());
+        self.log.left_out(ports.samples.left_out());
         self.readers = ports.estimates.subscribers();
         Ok(())
     }
@@ -175,7 +178,7 @@ fn take_in(
     node: &mut dyn Identifier,
     samples: &mut SampleSubscriber,
     estimates: &mut Publisher<Estimate>,
-    vitals: &mut Vitals,
+    loop_status: &mut LoopStatus,
 ) -> Result<usize, BusError> {
     let mut failure = None;
     let mut begun = Instant::now();
@@ -190,20 +193,20 @@ fn take_in(
         });
         let now = Instant::now();
         match computed {
-            Some(duration) => vitals.block.add(duration),
-            None => vitals.step.add(now - begun),
+            Some(duration) => loop_status.block.add(duration),
+            None => loop_status.step.add(now - begun),
         }
         begun = now;
     })?;
     if taken > 0 {
-        vitals.heard(begun);
+        loop_status.heard(begun);
     }
     failure.map_or(Ok(taken), Err)
 }
 
 /// What the loop knows of itself.
 #[derive(Debug)]
-struct Vitals {
+struct LoopStatus {
     step: Stopwatch,
     block: Stopwatch,
     started_ns: u64,
@@ -214,7 +217,7 @@ struct Vitals {
     pauses: u64,
 }
 
-impl Vitals {
+impl LoopStatus {
     fn new(started_ns: u64, realtime: RealtimeStatus) -> Self {
         Self {
             step: Stopwatch::new(),

@@ -81,10 +81,10 @@ enum Command {
     /// Print the manual page
     #[command(after_help = EXIT_CODES)]
     Man,
-    /// The simulated machine on its own: samples onto the bus
+    /// Publish the samples of a simulated machine on the bus
     #[command(after_help = EXIT_CODES)]
     Plant(PlantArgs),
-    /// Many simulated robots in real time, for the identifier of a file that has robot entries
+    /// Publish the samples of all robots of a file on the bus, simulated in real time
     #[command(after_help = EXIT_CODES)]
     Load(PlantArgs),
     /// The identification service on its own: samples from the bus in, estimates out
@@ -100,7 +100,7 @@ enum Command {
 
 #[derive(Subcommand)]
 enum ConfigCommand {
-    /// Check a configuration file and tell everything that is wrong or suspicious
+    /// Check a configuration file and report errors and suspicious settings
     #[command(after_help = EXIT_CODES)]
     Check {
         /// The file
@@ -109,8 +109,8 @@ enum ConfigCommand {
         /// Override a key, as the programs do; repeatable
         #[arg(long, value_name = "SECTION.KEY=VALUE")]
         set: Vec<String>,
-        /// Say which parameters of a robot this motion can tell: a file of `thetabus excite`, or a
-        /// log
+        /// Report which parameters of a robot can be identified from this motion: a file of
+        /// `thetabus excite`, or a log
         #[arg(long, value_name = "MOTION.csv")]
         motion: Option<PathBuf>,
         /// Result of an identification, whose misfit is expected with --motion

@@ -23,7 +23,7 @@ pub static VERSION: LazyLock<String> = LazyLock::new(|| {
 /// its own lays below is `own_plant`.
 pub(super) const BUILT_IN: &str = "encoder_only";
 
-/// Form of the logs on standard error.
+/// Log format on standard error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum LogFormat {
     /// Lines for people.
@@ -49,7 +49,7 @@ pub struct CommonArgs {
     /// Keeps whole runs apart; programs that belong together name the same (key bus.domain)
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
-    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    /// Log format on standard error; RUST_LOG chooses what is logged
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,
     #[command(flatten)]

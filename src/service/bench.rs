@@ -38,7 +38,7 @@ pub struct BenchArgs {
     /// The other end of the ping-pong, in this domain
     #[arg(long, hide = true)]
     pub echo: Option<String>,
-    /// Form of the logs on standard error
+    /// Log format on standard error
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,
 }

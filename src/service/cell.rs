@@ -15,6 +15,7 @@
 
 use super::Failure;
 use crate::config::Source;
+use crate::pipe::{MAX_SETTINGS_BYTES, read_text};
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -107,11 +108,11 @@ fn pick(path: &Path, robots: Vec<Robot>, wanted: Option<&str>) -> Result<Robot, 
 /// The robots of a file; `None` for one without entries, and for what is no TOML: the ordinary
 /// loader reports that.
 fn read(path: &Path) -> Result<Option<Vec<Robot>>, Failure> {
-    let small = std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() <= 1 << 20);
-    let text = match small {
-        true => std::fs::read_to_string(path).unwrap_or_default(),
-        false => return Ok(None),
-    };
+    // A pipe can be read once only, which is the ordinary loader's.
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let text = read_text(path, MAX_SETTINGS_BYTES).unwrap_or_default();
     let is_cell = text
         .parse::<Table>()
         .is_ok_and(|table| matches!(table.get("robot"), Some(Value::Array(_))));

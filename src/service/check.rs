@@ -1,10 +1,9 @@
 //! `thetabus config check`, `show` and `new`.
 
+use super::new_file::write_new;
 use super::{CommonArgs, Exit, Failure, logging};
 use crate::config::{Config, Source};
 use std::collections::BTreeSet;
-use std::fs::File;
-use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 
 /// Loads a configuration file and says what is wrong or suspicious.
@@ -50,11 +49,7 @@ pub fn config_show(name: Option<&str>) -> Result<Exit, Failure> {
 pub fn config_new(file: Option<&Path>, from: &str) -> Result<Exit, Failure> {
     let text = built_in(from)?;
     let file = file.map_or_else(|| Path::new(from).with_extension("toml"), Path::to_path_buf);
-    let written = File::create_new(&file).and_then(|mut new| new.write_all(text.as_bytes()));
-    written.map_err(|e| match e.kind() {
-        ErrorKind::AlreadyExists => Failure::Usage(format!("{} exists and is not written over", file.display())),
-        _ => Failure::Failed(format!("{} cannot be written: {e}", file.display())),
-    })?;
+    write_new(&file, &text)?;
     logging::result(&format!(
         "{}: written; a configuration states only what differs from the defaults",
         file.display()

@@ -96,7 +96,7 @@ struct Process {
     started: Instant,
     ended: Option<(ExitStatus, Instant)>,
     signalled: Option<Instant>,
-    /// The run itself is to end, so whoever ends early may.
+    /// The run is ending, so children may end early.
     excused: bool,
     restarts: Restarts,
     /// When it is started again, after it failed.
@@ -212,7 +212,7 @@ impl Children {
         }
     }
 
-    /// Ends whoever is left: by their own, after `grace` by SIGTERM, in the end by SIGKILL.
+    /// Ends the remaining children: by themselves within `grace`, then by SIGTERM, then by SIGKILL.
     fn end_all(&mut self, grace: Duration) {
         let start = Instant::now();
         while self.any_left() && start.elapsed() < 2 * grace + SIGNAL_GRACE {

@@ -185,7 +185,7 @@ impl Commands {
                 }
             },
             Command::Payload => {
-                if !self.config.model.parameters().iter().any(|p| p.name == "payload_m") {
+                if !self.config.model.takes_payload() {
                     return Err(
                         "payload: this model has none; a robot from a URDF has one, unless identify.payload is false"
                             .to_owned(),
@@ -260,7 +260,7 @@ impl Commands {
                 self.longest_block
             ));
         }
-        // Where it was written is of no use to whoever asked: there is no file.
+        // The path is of no use to the client: there is no file.
         let in_words = |e: ConfigError| -> String {
             let problems = e.problems.iter().map(|p| format!("{}: {}", p.key, p.message));
             problems.collect::<Vec<_>>().join("; ")

@@ -5,6 +5,7 @@ use super::{ControllerArgs, Exit, Failure, child, logging};
 use crate::bus::{Bus, Publisher, Role, RoleLock, SampleSubscriber, Subscriber};
 use crate::config::FeedForward;
 use crate::control::{AdaptiveFeedForward, Trajectory};
+use crate::messages::nanoseconds;
 use crate::runner::{ControllerPorts, Follower, Shutdown, run_controller};
 
 /// Sends feed-forward along the configured setpoints, from estimates or from fixed values, until it
@@ -31,8 +32,8 @@ pub fn run(args: &ControllerArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
         trajectory: Trajectory::of(&*config.model, sim).map_err(Failure::Usage)?,
         feed_forward: AdaptiveFeedForward::new(config.model.clone(), &settings.theta, settings.options)
             .map_err(|e| Failure::Usage(format!("controller: {e}")))?,
-        period_ns: (sim.sample_period_s * 1e9).round() as u64,
-        deadline_ns: (settings.deadline_s * 1e9).round() as u64,
+        period_ns: nanoseconds(sim.sample_period_s),
+        deadline_ns: nanoseconds(settings.deadline_s),
     };
     let bus = Bus::join(&domain, robot, "controller")?;
     let adaptive = settings.feed_forward == FeedForward::Adaptive;

@@ -7,10 +7,10 @@ use std::path::PathBuf;
 /// `thetabus ctl`.
 #[derive(Debug, Clone, Args)]
 pub struct CtlArgs {
-    /// What the identifier shall do; it takes effect at the next border between two blocks
+    /// Command to the identifier; it takes effect at the next border between two blocks
     #[command(subcommand)]
     pub command: CtlCommand,
-    /// How long to wait for an answer
+    /// How long to wait for an answer [s]
     #[arg(
         long,
         global = true,
@@ -31,7 +31,7 @@ pub struct CtlArgs {
     /// Domain that the identifier runs in (key bus.domain)
     #[arg(long, global = true, value_name = "NAME")]
     pub domain: Option<String>,
-    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    /// Log format on standard error; RUST_LOG chooses what is logged
     #[arg(long, global = true, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,
 }
@@ -66,7 +66,7 @@ pub enum CtlCommand {
         #[arg(value_name = "PARAMETER")]
         parameter: String,
     },
-    /// Say what a robot's flange carries instead of finding it: nothing, or a known load
+    /// Declare the robot's payload instead of estimating it: none, or a known load
     Payload {
         /// The flange is empty
         #[arg(value_name = "none", value_parser = ["none"], conflicts_with_all = ["mass", "com", "inertia"], required_unless_present = "mass")]
@@ -96,6 +96,6 @@ pub enum CtlCommand {
     },
     /// Write a checkpoint now
     Save,
-    /// Tell parameters, tunables and signals with their units and bounds
+    /// List parameters, tunables and signals with their units and bounds
     Describe,
 }

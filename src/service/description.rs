@@ -5,11 +5,7 @@ use crate::node::monitor::{Label, MonitorNode};
 
 /// A monitor that takes names and units from a description.
 pub(super) fn monitor_of(description: &Description) -> MonitorNode {
-    let label = |name: &str, unit: &str| Label {
-        name: name.to_owned(),
-        unit: unit.to_owned(),
-    };
-    let parameters = description.parameters().iter().map(|p| label(p.name(), p.unit()));
-    let derived = description.derived().iter().map(|d| label(d.name(), d.unit()));
+    let parameters = description.parameters().iter().map(|p| Label::new(p.name(), p.unit()));
+    let derived = description.derived().iter().map(|d| Label::new(d.name(), d.unit()));
     MonitorNode::new(parameters.collect(), derived.collect(), None).of_model(description.model_hash)
 }

@@ -30,7 +30,7 @@ impl Desk {
     ///
     /// # Errors
     /// A control service that is taken, or a bus that fails.
-    pub(super) fn open(domain: &Domain, seats: Vec<Seat>) -> Result<Self, Failure> {
+    pub(super) fn open(domain: &Domain, setups: Vec<DeskSetup>) -> Result<Self, Failure> {
         let stop = Arc::new(AtomicBool::new(false));
         let (told, ready) = sync_channel::<Result<(), BusError>>(1);
         let (domain, stopped) = (domain.clone(), stop.clone());
@@ -38,10 +38,10 @@ impl Desk {
             .name("desk".to_owned())
             .spawn(move || {
                 // Ports belong to the thread that makes them.
-                match clerks(&domain, seats) {
-                    Ok(mut clerks) => {
+                match robot_desks(&domain, setups) {
+                    Ok(mut robot_desks) => {
                         let _ = told.send(Ok(()));
-                        work(&mut clerks, &stopped);
+                        work(&mut robot_desks, &stopped);
                     }
                     Err(e) => _ = told.send(Err(e)),
                 }
@@ -78,7 +78,7 @@ impl Drop for Desk {
 }
 
 /// What the desk needs to serve one robot.
-pub(super) struct Seat {
+pub(super) struct DeskSetup {
     /// The robot's configuration.
     pub config: Config,
     /// The end of the queues to its loop.
@@ -88,41 +88,41 @@ pub(super) struct Seat {
 }
 
 /// One for each robot, all by this thread's membership in the domain.
-fn clerks(domain: &Domain, seats: Vec<Seat>) -> Result<Vec<Clerk>, BusError> {
-    let mut clerks = Vec::with_capacity(seats.len());
-    let alone = seats.len() == 1;
+fn robot_desks(domain: &Domain, setups: Vec<DeskSetup>) -> Result<Vec<RobotDesk>, BusError> {
+    let mut robot_desks = Vec::with_capacity(setups.len());
+    let alone = setups.len() == 1;
     let mut bus: Option<Bus> = None;
-    for seat in seats {
-        let robot = &seat.config.bus.robot;
+    for setup in setups {
+        let robot = &setup.config.bus.robot;
         let own = match &bus {
             Some(bus) => bus.for_robot(robot)?,
             None => Bus::join(domain, robot, "identifier_desk")?,
         };
-        let description = seat.config.description();
-        let mut clerk = Clerk::new(&own, &seat.config, seat.end, alone)?;
-        clerk.begin(seat.warm.as_deref());
-        clerk.desk.describe(&description)?;
-        clerks.push(clerk);
+        let description = setup.config.description();
+        let mut robot_desk = RobotDesk::new(&own, &setup.config, setup.end, alone)?;
+        robot_desk.begin(setup.warm.as_deref());
+        robot_desk.desk.describe(&description)?;
+        robot_desks.push(robot_desk);
         bus = Some(own);
     }
-    Ok(clerks)
+    Ok(robot_desks)
 }
 
 /// Serves all robots in turn until asked to stop.
-fn work(clerks: &mut [Clerk], stop: &AtomicBool) {
+fn work(robot_desks: &mut [RobotDesk], stop: &AtomicBool) {
     let mut busy = false;
     loop {
         let stopping = stop.load(Ordering::Relaxed);
         let pause = if stopping || busy { Duration::ZERO } else { LOOK };
-        match clerks {
-            [clerk] => clerk.wait(pause),
+        match robot_desks {
+            [robot_desk] => robot_desk.wait(pause),
             _ => std::thread::sleep(pause),
         }
         busy = false;
-        for clerk in clerks.iter_mut() {
-            busy |= clerk.serve();
+        for robot_desk in robot_desks.iter_mut() {
+            busy |= robot_desk.serve();
             if stopping {
-                clerk.desk.tell_rest(Instant::now(), true);
+                robot_desk.desk.tell_rest(Instant::now(), true);
             }
         }
         if stopping {
@@ -131,12 +131,12 @@ fn work(clerks: &mut [Clerk], stop: &AtomicBool) {
     }
 }
 
-struct Clerk {
+struct RobotDesk {
     server: ControlServer,
     desk: Work,
 }
 
-impl Clerk {
+impl RobotDesk {
     fn new(bus: &Bus, config: &Config, end: DeskEnd, is_woken: bool) -> Result<Self, BusError> {
         Ok(Self {
             server: match is_woken {

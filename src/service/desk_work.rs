@@ -296,16 +296,13 @@ impl Work {
     /// How many lines were left out of the log.
     pub(super) fn tell_rest(&mut self, now: Instant, end: bool) {
         if let Some(count) = self.refusals.rest(now, end) {
-            tracing::warn!(count, "refused: as many requests more");
+            tracing::warn!("{count} more requests refused");
         }
         if let Some(count) = self.drops.rest(now, end) {
-            tracing::warn!(
-                count,
-                "the streams that so many more commands were for are over; they were dropped"
-            );
+            tracing::warn!("{count} more commands dropped: the streams that they were for are over");
         }
         if let Some(count) = self.acceptances.rest(now, end) {
-            tracing::info!(count, "as many commands more");
+            tracing::info!("{count} more commands taken");
         }
     }
 

@@ -145,10 +145,13 @@ fn one(text: &mut String, report: &DomainReport) {
         );
     }
     if report.is_blocked {
-        text.push_str("  programs and services cannot be listed: something half-made is in the way\n");
+        text.push_str("  programs and services cannot be listed: an incompletely created object blocks the listing\n");
     }
     for object in &report.half_made {
-        let _ = writeln!(text, "  half-made {object}: its maker was killed or is stopped");
+        let _ = writeln!(
+            text,
+            "  incompletely created object {object}: the process that creates it was killed or is stopped"
+        );
     }
     let memory = &report.memory;
     let _ = writeln!(

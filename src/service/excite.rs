@@ -1,18 +1,17 @@
 //! `thetabus excite ROBOT.toml`: a motion that tells much of a robot; `thetabus config check
 //! ROBOT.toml --motion FILE`: what a given one tells.
 
+use super::new_file::{refuse_existing, write_new};
+use super::robot::robot_text;
 use super::{ExciteArgs, Exit, Failure, TableFormat, logging};
+use crate::pipe::{MAX_TABLE_BYTES, read_text};
 use crate::robot::{
     Excitation, ExcitationOptions, Forecaster, MotionTable, ParameterForecast, RobotConfig, RowMisfit, read_motion,
 };
 use crate::runner::Shutdown;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use std::io::{ErrorKind, Write as _};
 use std::path::Path;
-
-/// Sample period if section `[plant]` names none \[s\].
-const PERIOD_S: f64 = 0.001;
 
 /// Designs a motion and says what it will tell.
 ///
@@ -33,9 +32,7 @@ pub fn run(args: &ExciteArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
             args.rate
         )));
     }
-    if let Some(out) = args.out.as_deref().filter(|out| out.exists()) {
-        return Err(exists(out));
-    }
+    args.out.as_deref().map(refuse_existing).transpose()?;
     let expected = Expected::of(&config, args.residuals.as_deref())?;
     let mut forecaster = expected.forecaster(&config)?;
     let motion =
@@ -44,12 +41,7 @@ pub fn run(args: &ExciteArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let forecast = forecaster.forecast(&table);
     if let Some(out) = &args.out {
         let turns: Vec<bool> = config.model.robot().joints.iter().map(|joint| joint.turns).collect();
-        let written =
-            std::fs::File::create_new(out).and_then(|mut file| file.write_all(table.to_csv(&turns).as_bytes()));
-        written.map_err(|e| match e.kind() {
-            ErrorKind::AlreadyExists => exists(out),
-            _ => Failure::Failed(format!("{} cannot be written: {e}", out.display())),
-        })?;
+        write_new(out, &table.to_csv(&turns))?;
     }
     match args.format {
         TableFormat::Json => {
@@ -90,24 +82,19 @@ pub fn run(args: &ExciteArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 /// # Errors
 /// A configuration or a motion that is wrong.
 pub(super) fn check_motion(config: &Path, motion: &Path, residuals: Option<&Path>) -> Result<(), Failure> {
-    let text = std::fs::read_to_string(config).unwrap_or_default();
-    if !RobotConfig::is_robot(&text) {
+    let Some(text) = robot_text(config) else {
         return Err(Failure::Usage(format!(
             "--motion: expected a configuration with [model] kind = \"robot\", got {}",
             config.display()
         )));
-    }
+    };
     let config = RobotConfig::parse(&text, config).map_err(Failure::Usage)?;
     let problem = |e: &dyn std::fmt::Display| Failure::Usage(format!("{}: {e}", motion.display()));
-    let text = std::fs::read_to_string(motion).map_err(|e| problem(&e))?;
+    let text = read_text(motion, MAX_TABLE_BYTES).map_err(|e| problem(&e))?;
     let table = read_motion(&text, &config.columns).map_err(|e| problem(&e))?;
     let expected = Expected::of(&config, residuals)?;
     let forecast = expected.forecaster(&config)?.forecast(&table);
     logging::result(table_of(&config, &expected, &forecast).trim_end())
-}
-
-fn exists(out: &Path) -> Failure {
-    Failure::Usage(format!("{} exists and is not written over", out.display()))
 }
 
 /// The misfit that is expected, and its source.
@@ -127,14 +114,7 @@ impl Expected {
     /// White noise as the simulated robot has it.
     fn simulated(config: &RobotConfig) -> Self {
         let part = config.simulation.torque_noise.max(1e-6);
-        let plant = config
-            .ordinary
-            .get("plant")
-            .and_then(|plant| plant.get("sample_period_s"));
-        let period_s = plant
-            .and_then(toml::Value::as_float)
-            .filter(|x| *x > 0.0)
-            .unwrap_or(PERIOD_S);
+        let period_s = config.sample_period_s;
         let size = |joint: &crate::robot::RobotJoint| joint.limits.effort.filter(|x| *x > 0.0).unwrap_or(100.0);
         let noise: Vec<f64> = config
             .model
@@ -160,7 +140,7 @@ impl Expected {
             false => path.to_owned(),
         };
         let problem = |e: &dyn std::fmt::Display| Failure::Usage(format!("--residuals: {}: {e}", path.display()));
-        let text = std::fs::read_to_string(&path).map_err(|e| problem(&e))?;
+        let text = read_text(&path, MAX_TABLE_BYTES).map_err(|e| problem(&e))?;
         let summary: Value = serde_json::from_str(&text).map_err(|e| problem(&e))?;
         let list = |key: &str| -> Option<Vec<f64>> {
             let joints = summary["joints"].as_array()?;

@@ -17,9 +17,9 @@ pub const EXIT_CODES: &str = "Exit codes:\n  \
 /// Exit code of a launched process that was [interrupted](Exit::Interrupted): 128 + SIGTERM, as a
 /// shell has it.
 pub(super) const INTERRUPTED: u8 = 143;
-/// Of a launched process every signal comes from its launcher or from the kernel when that dies,
-/// once for each of the launcher's threads, which may take a while on a busy machine. Who does not
-/// end within this time gets SIGKILL from a launcher that lives.
+/// A launched process gets every signal from its launcher, or from the kernel when the launcher
+/// dies: once per thread of the launcher, which may take a while on a busy machine. A process that
+/// is still running after this time receives SIGKILL from its launcher.
 const LAUNCHED_TOGETHER: Duration = Duration::from_secs(10);
 
 /// Logging, signals, the program, its exit code.

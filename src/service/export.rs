@@ -1,5 +1,6 @@
 //! `thetabus export`: a recording's samples as a table.
 
+use super::new_file::not_written;
 use super::record::recording_at;
 use super::{Exit, ExportArgs, Failure, report};
 use crate::messages::Sample;
@@ -21,10 +22,7 @@ pub fn run(args: &ExportArgs) -> Result<Exit, Failure> {
         .out
         .as_ref()
         .map_or("standard output".to_owned(), |out| out.display().to_string());
-    let unwritable = |e: io::Error| match e.kind() {
-        io::ErrorKind::AlreadyExists => Failure::Usage(format!("{name} exists and is not written over")),
-        _ => Failure::Failed(format!("{name} cannot be written: {e}")),
-    };
+    let unwritable = |e: io::Error| not_written(&name, &e);
     let sink: Box<dyn Write> = match &args.out {
         Some(out) => Box::new(BufWriter::new(File::create_new(out).map_err(unwritable)?)),
         None => Box::new(BufWriter::new(io::stdout().lock())),

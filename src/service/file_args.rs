@@ -22,7 +22,7 @@ impl SpanArgs {
         let all = Span::default();
         let nanoseconds = |name: &str, time: Option<f64>, default: u64| match time {
             None => Ok(default),
-            Some(t_s) if (0.0..1e10).contains(&t_s) => Ok((t_s * 1e9).round() as u64),
+            Some(t_s) if (0.0..1e10).contains(&t_s) => Ok(crate::messages::nanoseconds(t_s)),
             Some(t_s) => Err(Failure::Usage(format!(
                 "--{name}: expected seconds of stream time, 0 or more, got {t_s}"
             ))),
@@ -60,7 +60,7 @@ pub struct DoctorArgs {
     /// Look at this domain only, instead of all of this user
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
-    /// Remove what is dead and only that
+    /// Remove resources of dead processes; resources in use are kept
     #[arg(long)]
     pub clean: bool,
     /// Print what iceoryx2's own tools need to see the domain: put it into config/iceoryx2.toml and
@@ -70,7 +70,7 @@ pub struct DoctorArgs {
     /// Form of the report on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,
-    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    /// Log format on standard error; RUST_LOG chooses what is logged
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,
 }
@@ -91,7 +91,7 @@ pub struct ReportArgs {
     /// Form of the table on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,
-    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    /// Log format on standard error; RUST_LOG chooses what is logged
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,
 }
@@ -108,7 +108,7 @@ pub struct ExportArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "flattened")]
     pub span: SpanArgs,
-    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    /// Log format on standard error; RUST_LOG chooses what is logged
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,
 }
@@ -151,7 +151,7 @@ pub struct ReplayArgs {
     /// Recorded seconds per second, or max
     #[arg(long, value_name = "X|max", default_value = "max", allow_negative_numbers = true)]
     pub speed: String,
-    /// Keep what the identifier learns from it for the stream that comes next
+    /// Keep what was learned from the replay when the next stream begins
     #[arg(long)]
     pub teach: bool,
     #[command(flatten)]

@@ -13,12 +13,21 @@ use std::time::Duration;
 /// these names.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// A model with its parameters in one line: `servo_axis (mass [kg], offset [N])`.
+/// Parameters that a message lists; a robot has 90.
+const LISTED: usize = 8;
+
+/// A model with its first parameters in one line: `servo_axis (mass [kg], offset [N])`.
 fn described(model: &str, parameters: impl IntoIterator<Item = (String, String)>) -> String {
-    let list: Vec<String> = parameters
-        .into_iter()
+    let mut parameters = parameters.into_iter();
+    let mut list: Vec<String> = parameters
+        .by_ref()
+        .take(LISTED)
         .map(|(name, unit)| format!("{name} [{unit}]"))
         .collect();
+    let more = parameters.count();
+    if more > 0 {
+        list.push(format!("and {more} more"));
+    }
     format!("{model} ({})", list.join(", "))
 }
 
@@ -90,7 +99,9 @@ pub(super) fn warn_of_description(description: &Description, config: &Config) {
 pub(super) fn check_recording(info: &RunInfo, as_recorded: Option<&Config>, config: &Config) -> Result<(), Failure> {
     let own = config.model.definition().hash();
     let recorded = as_recorded.map(|config| config.model.definition().hash());
-    if recorded == Some(info.model_hash) {
+    // Whoever names the robot's own file, as a recording without its URDF needs, names no other
+    // model.
+    if own == info.model_hash || recorded == Some(info.model_hash) {
         return Ok(());
     }
     if recorded != Some(own) {
@@ -148,5 +159,19 @@ pub(super) fn warn_of_replay(info: &RunInfo, bus: &Bus) {
             of_recording(info),
             described(&model, parameters)
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_a_model_of_many_parameters_is_described_in_one_line() {
+        let of = |count: usize| described("arm", (1..=count).map(|i| (format!("x_{i}"), "kg".to_owned())));
+        assert_eq!(of(2), "arm (x_1 [kg], x_2 [kg])");
+        assert!(!of(8).contains("more"));
+        let many = of(90);
+        assert!(many.ends_with("x_8 [kg], and 82 more)"), "{many}");
     }
 }

@@ -2,7 +2,7 @@
 //! there are cores.
 
 use super::args::{Launched, domain};
-use super::desk::{Desk, Seat, last_checkpoint};
+use super::desk::{Desk, DeskSetup, last_checkpoint};
 use super::readiness::{Watchdog, ready};
 use super::wiring::identifier_node;
 use super::{Exit, Failure, IdentifierArgs, child, logging, warm};
@@ -55,7 +55,7 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
     super::open_files::raise_limit();
     let lock = |config: &Config| RoleLock::acquire(&domain, &config.bus.robot, Role::Identifier);
     let _only_ones = configs.iter().map(lock).collect::<Result<Vec<_>, _>>()?;
-    let (mut robots, mut seats) = (Vec::with_capacity(configs.len()), Vec::with_capacity(configs.len()));
+    let (mut robots, mut setups) = (Vec::with_capacity(configs.len()), Vec::with_capacity(configs.len()));
     for config in configs {
         let mut node = identifier_node(&config)?;
         let (desk, end) = desk();
@@ -63,7 +63,7 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
             true => warm::start(&config, &mut *node, Some(&end.board))?,
             false => None,
         };
-        seats.push(Seat {
+        setups.push(DeskSetup {
             config: config.clone(),
             end,
             warm,
@@ -89,8 +89,8 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
     };
     let names: Vec<String> = robots.iter().map(|robot| robot.config.bus.robot.clone()).collect();
     let (mut outcomes, result) = match setting.alone {
-        true => one(setting, robots, seats)?,
-        false => many(setting, workers, robots, seats)?,
+        true => one(setting, robots, setups)?,
+        false => many(setting, workers, robots, setups)?,
     };
     for outcome in &outcomes {
         last_checkpoint(&outcome.config, &outcome.state);
@@ -114,11 +114,11 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
 fn one(
     setting: Setting<'_>,
     robots: Vec<Robot>,
-    seats: Vec<Seat>,
+    setups: Vec<DeskSetup>,
 ) -> Result<(Vec<Outcome>, Result<(), Failure>), Failure> {
     let mut desk = None;
     let opened = || {
-        desk = Some(Desk::open(setting.domain, seats)?);
+        desk = Some(Desk::open(setting.domain, setups)?);
         Ok(true)
     };
     let served = serve(setting, 0, robots, opened);
@@ -133,7 +133,7 @@ fn many(
     setting: Setting<'_>,
     workers: usize,
     mut robots: Vec<Robot>,
-    seats: Vec<Seat>,
+    setups: Vec<DeskSetup>,
 ) -> Result<(Vec<Outcome>, Result<(), Failure>), Failure> {
     tracing::info!(
         robots = robots.len(),
@@ -166,7 +166,7 @@ fn many(
         }
         drop(told);
         let is_open = opened.iter().take(workers).count() == workers;
-        let desk = is_open.then(|| Desk::open(setting.domain, seats)).transpose();
+        let desk = is_open.then(|| Desk::open(setting.domain, setups)).transpose();
         if matches!(desk, Ok(Some(_))) {
             go.iter().for_each(|begin| _ = begin.send(()));
         }

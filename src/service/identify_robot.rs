@@ -1,8 +1,10 @@
 //! `thetabus identify LOG.csv --config ROBOT.toml`: a robot from its URDF, off line.
 
+use super::robot::robot_text;
 use super::ticker::Ticker;
 use super::{Exit, Failure, IdentifyArgs, TableFormat, logging, out_dir, robot_profile, robot_urdf};
 use crate::model::MAX_JOINTS;
+use crate::pipe::read_text;
 use crate::recording::{RecordingReader, Span, read_joint_states};
 use crate::robot::{
     FilteredSample, RobotConfig, RobotIdentifier, RobotSample, TorqueFit, Velocities, correlation_time_s, filtered,
@@ -16,6 +18,9 @@ use std::path::Path;
 /// Blocks that are learnt before predictions count: at first nothing is known of friction.
 const WARM_UP_BLOCKS: usize = 10;
 
+/// Largest log \[bytes\], which is held in memory: two hours of seven joints at 1 kHz.
+const MAX_LOG_BYTES: u64 = 2 << 30;
+
 /// The robot's configuration, if the command line names one.
 ///
 /// # Errors
@@ -24,12 +29,9 @@ pub(super) fn configuration(args: &IdentifyArgs) -> Result<Option<RobotConfig>, 
     let [path] = &args.common.config[..] else {
         return none_with_validation(args);
     };
-    let Ok(text) = std::fs::read_to_string(path) else {
+    let Some(text) = robot_text(path) else {
         return none_with_validation(args);
     };
-    if !RobotConfig::is_robot(&text) {
-        return none_with_validation(args);
-    }
     if args.warm {
         return Err(Failure::Usage(
             "--warm is not for the log of a robot from a URDF".to_owned(),
@@ -166,7 +168,7 @@ pub(super) fn read(path: &Path, config: &RobotConfig) -> Result<Vec<RobotSample>
     let log = match is_bag(path) {
         true => read_bag(path, config)?,
         false => {
-            let text = std::fs::read_to_string(path).map_err(|e| usage(&e))?;
+            let text = read_text(path, MAX_LOG_BYTES).map_err(|e| usage(&e))?;
             read_log(&text, &config.columns, &config.drives).map_err(|e| usage(&e))?
         }
     };

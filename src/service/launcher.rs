@@ -104,7 +104,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let summary = result?;
     if restarted {
         // Whatever the delivery: what a process that died had in its hands has gone with it.
-        tracing::error!("processes had to be started again; what they had in their hands is lost");
+        tracing::error!("processes were restarted; the data they were processing are lost");
         return Ok(Exit::DataLoss);
     }
     let incomplete = lost || summary.samples.missing > 0;

@@ -43,7 +43,7 @@ pub(super) fn live_state(config: &Config) -> LiveState {
         .derived
         .iter()
         .map(|d| Quantity::new(&d.name, &d.unit, &d.meaning));
-    LiveState::new(about, parameters.collect(), derived.collect())
+    LiveState::new(about, parameters.collect(), derived.collect()).explaining(config.model.least_explained())
 }
 
 /// What an identifier says of itself.

@@ -38,6 +38,7 @@ mod live;
 mod load;
 mod logging;
 mod monitor;
+mod new_file;
 mod offline_run;
 mod open_files;
 mod out_dir;

@@ -71,7 +71,8 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let live = Live::start(&config, &node, args)?;
     let bus = Bus::join(&domain, robot, "monitor")?;
     let mut ports = MonitorPorts {
-        // First: an identifier that waits for a reader of its estimates speaks here before.
+        // First, because an identifier that waits for a subscriber of its estimates publishes to
+        // the journal before.
         journal: Subscriber::new(&bus)?,
         estimates: Subscriber::new(&bus)?,
         status: Subscriber::new(&bus)?,
@@ -107,7 +108,7 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
             Some(description) => description,
             None => match await_description(&mut ports)? {
                 Some(description) => {
-                    // the estimate that came first is given again to who subscribes anew
+                    // A new subscriber receives the first estimate again.
                     ports.estimates = Subscriber::new(&bus)?;
                     description
                 }
@@ -185,7 +186,12 @@ pub(super) fn await_description(ports: &mut MonitorPorts) -> Result<Option<Box<D
 fn renamed_csv(path: &Path, node: &MonitorNode, equations: u32) -> Result<EstimatesCsv<File>, Failure> {
     let begin = || {
         std::fs::remove_file(path)?;
-        EstimatesCsv::new(create(path)?, node.parameters(), equations as usize, node.derived())
+        EstimatesCsv::new(
+            File::create_new(path)?,
+            node.parameters(),
+            equations as usize,
+            node.derived(),
+        )
     };
     begin().map_err(|e| unwritable(ESTIMATES_CSV, &e))
 }
@@ -193,7 +199,7 @@ fn renamed_csv(path: &Path, node: &MonitorNode, equations: u32) -> Result<Estima
 /// A new file with its header, or the one of a monitor that died.
 fn estimates_csv(path: &Path, node: &MonitorNode, equations: usize, resume: bool) -> io::Result<EstimatesCsv<File>> {
     if !resume || !path.exists() {
-        return EstimatesCsv::new(create(path)?, node.parameters(), equations, node.derived());
+        return EstimatesCsv::new(File::create_new(path)?, node.parameters(), equations, node.derived());
     }
     // A link that somebody has put in the place of the file is not followed, and a pipe is not
     // waited for.
@@ -245,10 +251,6 @@ pub(super) fn write_summary(dir: &Path, summary: &Summary) -> Result<(), Failure
         files::write_synced(&dir.join(SUMMARY_JSON), text.as_bytes())
     };
     write().map_err(|e| unwritable(SUMMARY_JSON, &e))
-}
-
-pub(super) fn create(path: &Path) -> io::Result<File> {
-    File::create_new(path)
 }
 
 pub(super) fn unwritable(name: &str, error: &io::Error) -> Failure {

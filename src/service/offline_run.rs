@@ -1,7 +1,7 @@
 //! A node off line, and what becomes of its estimates: table, advice, files.
 
 use super::advice::Advisor;
-use super::monitor::{ESTIMATES_CSV, create, unwritable, write_summary};
+use super::monitor::{ESTIMATES_CSV, unwritable, write_summary};
 use super::ticker::Ticker;
 use super::wiring::{identifier_node, input_prediction};
 use super::{Exit, Failure, IdentifyArgs, logging, out_dir, report, warm};
@@ -73,7 +73,7 @@ impl<'a> OfflineRun<'a> {
         if let (0, Some(dir)) = (self.run.samples, &self.args.out) {
             out_dir::create(dir)?;
             let (monitor, equations) = (&self.run.monitor, self.run.info.equations.len());
-            let csv = create(&dir.join(ESTIMATES_CSV))
+            let csv = File::create_new(dir.join(ESTIMATES_CSV))
                 .and_then(|file| EstimatesCsv::new(file, monitor.parameters(), equations, monitor.derived()));
             self.csv = Some(csv.map_err(|e| unwritable(ESTIMATES_CSV, &e))?);
         }

@@ -9,13 +9,13 @@ pub(super) fn check(dir: &Path) -> Result<(), Failure> {
         Ok(mut entries) => match entries.next() {
             None => Ok(()),
             Some(_) => Err(Failure::Usage(format!(
-                "monitor.out_dir: {} is not empty, and results are never written over; name another --out or remove it",
+                "the directory for results, {}: expected an empty or a new one, got one with files; results are never written over: name another by --out or monitor.out_dir, or remove it",
                 dir.display()
             ))),
         },
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(()),
         Err(e) => Err(Failure::Usage(format!(
-            "monitor.out_dir: {} cannot be used: {e}",
+            "the directory for results, {}, cannot be used: {e}; name another by --out or monitor.out_dir",
             dir.display()
         ))),
     }

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 /// What a replay does unless its command line says otherwise: it loses nothing, and waits for the
 /// identifier. The recorded run may have waited for its recorder as well, which nobody need start
 /// again.
-const MANNERS: &str = "[bus]\ndelivery = \"lockstep\"\nlockstep_consumers = 1\n";
+const REPLAY_SETTINGS: &str = "[bus]\ndelivery = \"lockstep\"\nlockstep_consumers = 1\n";
 
 /// Publishes the samples of a recording, from the first to one flagged END.
 ///
@@ -27,11 +27,11 @@ const MANNERS: &str = "[bus]\ndelivery = \"lockstep\"\nlockstep_consumers = 1\n"
 pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let recording = recording_at(&args.input);
     let reader = report::open(&recording, args.span.span()?)?;
-    let manners = Source::Embedded {
+    let settings = Source::Embedded {
         name: "a replay's own settings".to_owned(),
-        text: MANNERS.to_owned(),
+        text: REPLAY_SETTINGS.to_owned(),
     };
-    let sources = vec![report::source_of(reader.info()), manners];
+    let sources = vec![report::source_of(reader.info()), settings];
     let config = args
         .common
         .load(sources, &[("plant.speed", Some(args.speed.clone()))])?;

@@ -5,12 +5,11 @@ use super::Failure;
 use crate::config::{Catalog, Config, Source};
 use crate::node::model::SharedModel;
 use crate::node::robot_model::{RobotPlant, RobotSettings};
+use crate::pipe::{MAX_SETTINGS_BYTES, read_text};
 use crate::robot::{IdentifyOptions, RobotConfig, RobotSimulator, is_robot_override};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
-/// Sample period if section `[plant]` names none \[s\].
-const PERIOD_S: f64 = 0.001;
 /// Name of the URDF in a directory of results.
 const URDF: &str = "robot.urdf";
 /// Name of the simulated robot's motion there.
@@ -29,6 +28,17 @@ pub(super) struct RobotSource {
     pub counted_with_s: Option<f64>,
 }
 
+/// The text of a file that is the configuration of a robot; `None` for another file. The ordinary
+/// loader reports files that cannot be read.
+pub(super) fn robot_text(path: &Path) -> Option<String> {
+    // A pipe can be read once only, which is the ordinary loader's.
+    if !path.is_file() {
+        return None;
+    }
+    let text = read_text(path, MAX_SETTINGS_BYTES).ok()?;
+    RobotConfig::is_robot(&text).then_some(text)
+}
+
 /// The model and the rest of a file that is the configuration of a robot, with those arguments of
 /// `--set` laid over it that are for a robot's own sections; `None` for another file. A block takes
 /// so many samples as `identify.block_s` holds at `period_s`, the sample period in force; if that
@@ -42,17 +52,13 @@ pub(super) fn source(
     set: &[String],
     period_s: Option<f64>,
 ) -> Result<Option<RobotSource>, Failure> {
-    // What cannot be read is told by who reads ordinary files.
-    let small = std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() <= 1 << 20);
-    let text = match small {
-        true => std::fs::read_to_string(path).unwrap_or_default(),
-        false => return Ok(None),
-    };
-    if !RobotConfig::is_robot(&text) {
+    let Some(text) = robot_text(path) else {
         return Ok(None);
-    }
+    };
     let config = RobotConfig::parse_with(&text, path, set).map_err(Failure::Usage)?;
     let in_file = |problem: String| Failure::Usage(format!("{}: {problem}", path.display()));
+    let own_period_s = config.sample_period_s;
+    let ordinary = config.ordinary;
     let settings = RobotSettings {
         options: IdentifyOptions {
             payload: config.payload,
@@ -65,12 +71,10 @@ pub(super) fn source(
     };
     let (block_s, simulation) = (settings.options.block_s, settings.simulation.clone());
     let robot = RobotPlant::new(settings).map_err(in_file)?;
-    let mut table = config.ordinary;
-    let plant = section(&mut table, "plant");
-    let number = |value: Option<&Value>| value.and_then(|v| v.as_float().or(v.as_integer().map(|i| i as f64)));
-    let own_period_s = number(plant.get("sample_period_s")).unwrap_or(PERIOD_S);
     let period_s = period_s.unwrap_or(own_period_s);
-    state(plant, "sample_period_s", PERIOD_S);
+    let mut table = ordinary;
+    let plant = section(&mut table, "plant");
+    state(plant, "sample_period_s", own_period_s);
     state(plant, "duration_s", DURATION_S);
     state(plant, "machine", "model");
     let sensors = section(plant, "sensors");
@@ -134,8 +138,7 @@ pub(super) fn as_file<'a>(
 ) -> Result<Option<String>, Failure> {
     let mut robot = None;
     for path in files {
-        let text = std::fs::read_to_string(path).unwrap_or_default();
-        if RobotConfig::is_robot(&text) {
+        if let Some(text) = robot_text(path) {
             let table = RobotConfig::overlaid(&text, set).map_err(Failure::Usage)?;
             robot = Some((path, table));
         }
@@ -146,9 +149,7 @@ pub(super) fn as_file<'a>(
     let model = section(&mut table, "model");
     let urdf = model.get("urdf").and_then(Value::as_str).unwrap_or_default();
     let urdf = path.parent().unwrap_or(Path::new("")).join(urdf);
-    let failed = |e: &dyn std::fmt::Display| Failure::Failed(format!("{}: {e}", dir.join(URDF).display()));
-    let bytes = std::fs::read(&urdf).map_err(|e| failed(&e))?;
-    crate::files::write(&dir.join(URDF), &bytes).map_err(|e| failed(&e))?;
+    copy(&urdf, &dir.join(URDF))?;
     model.insert("urdf".to_owned(), Value::from(URDF));
     if let Some(name) = table
         .get_mut("simulate")
@@ -158,10 +159,15 @@ pub(super) fn as_file<'a>(
             .parent()
             .unwrap_or(Path::new(""))
             .join(name.as_str().unwrap_or_default());
-        let bytes = std::fs::read(&motion).map_err(|e| failed(&e))?;
-        crate::files::write(&dir.join(MOTION), &bytes).map_err(|e| failed(&e))?;
+        copy(&motion, &dir.join(MOTION))?;
         *name = Value::from(MOTION);
     }
+    let failed = |e: &dyn std::fmt::Display| {
+        Failure::Failed(format!(
+            "{}: the configuration cannot be written as TOML: {e}",
+            path.display()
+        ))
+    };
     let resolved: Table = config.to_toml().parse().map_err(|e| failed(&e))?;
     for name in [
         "bus",
@@ -178,6 +184,18 @@ pub(super) fn as_file<'a>(
         }
     }
     toml::to_string(&table).map(Some).map_err(|e| failed(&e))
+}
+
+/// Copies a file whose text was read before, so that it is no pipe.
+fn copy(from: &Path, to: &Path) -> Result<(), Failure> {
+    let bytes = std::fs::read(from).map_err(|e| {
+        Failure::Failed(format!(
+            "{}: cannot be read: {e}; it is copied to {}",
+            from.display(),
+            to.display()
+        ))
+    })?;
+    crate::files::write(to, &bytes).map_err(|e| Failure::Failed(format!("{}: cannot be written: {e}", to.display())))
 }
 
 /// These models and, if results of a robot stand in this directory, the robot's.
@@ -251,6 +269,33 @@ mod tests {
         let file = beside_the_urdf("length", "[estimator]\nblock_len = 700\n");
         assert_eq!(len(load(&file, &["plant.sample_period_s=0.004"])), 700);
         std::fs::remove_dir_all(file.parent().expect("a directory")).expect("removed");
+    }
+
+    #[test]
+    fn regress_the_sample_period_is_read_by_one_rule() {
+        for (written, said) in [("0.004", "0.004"), ("1", "got 1"), ("\"fast\"", "got \"fast\"")] {
+            let file = beside_the_urdf("rule", &format!("[plant]\nsample_period_s = {written}\n"));
+            let config = RobotConfig::from_file(&file).map(|config| config.sample_period_s.to_string());
+            let text = config.unwrap_or_else(|problem| problem);
+            assert!(text.contains(said), "{text}");
+            std::fs::remove_dir_all(file.parent().expect("a directory")).expect("removed");
+        }
+    }
+
+    #[test]
+    fn regress_a_file_that_cannot_be_copied_is_named() {
+        let file = beside_the_urdf("copy", "");
+        let config = load(&file, &[]).expect("valid");
+        let dir = file.parent().expect("a directory");
+        std::fs::remove_file(dir.join("arm.urdf")).expect("removed");
+        let out = std::env::temp_dir();
+        let error = as_file([file.clone()].iter(), &[], &config, &out).expect_err("no URDF");
+        let text = error.to_string();
+        assert!(
+            text.contains(&format!("{}: cannot be read", dir.join("arm.urdf").display())),
+            "{text}"
+        );
+        std::fs::remove_dir_all(dir).expect("removed");
     }
 
     #[test]

@@ -35,7 +35,7 @@ pub struct ExciteArgs {
     /// Form of the table on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,
-    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    /// Log format on standard error; RUST_LOG chooses what is logged
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,
 }
@@ -87,7 +87,7 @@ pub struct CalibrateArgs {
     /// Form of the table on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,
-    /// Form of the logs on standard error; RUST_LOG chooses what is logged
+    /// Log format on standard error; RUST_LOG chooses what is logged
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,
 }

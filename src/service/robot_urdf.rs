@@ -1,6 +1,7 @@
 //! `thetabus urdf`: what was identified of a robot, written back into its URDF.
 
 use super::commands::Commands;
+use super::new_file::{refuse_existing, write_new};
 use super::record::recording_at;
 use super::script::Script;
 use super::wiring::{identifier_node, identity};
@@ -8,6 +9,7 @@ use super::{CommonArgs, Exit, Failure, TableFormat, UrdfArgs, logging, report};
 use crate::checkpoint;
 use crate::config::Config;
 use crate::node::command::NodeState;
+use crate::pipe::{MAX_TABLE_BYTES, read_text};
 use crate::recording::{Entry, Span};
 use crate::robot::{
     FrictionTerm, IdentifyOptions, JointValues, LinkValues, RobotConfig, RobotIdentifier, RobotModel, Standard,
@@ -15,7 +17,6 @@ use crate::robot::{
 };
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Results of `identify LOG.csv --out DIR` that are read again.
@@ -32,9 +33,7 @@ const KNOWN: f64 = 1.0 / 3.0;
 /// Nothing has been identified, an input that cannot be read, a file that exists or cannot be
 /// written.
 pub fn run(args: &UrdfArgs) -> Result<Exit, Failure> {
-    if args.out.exists() {
-        return Err(exists(&args.out));
-    }
+    refuse_existing(&args.out)?;
     let found = Found::of(args)?;
     let model = &found.config.model;
     let fitted = StandardParameters::fit(model, &found.theta, &found.covariance)
@@ -43,21 +42,13 @@ pub fn run(args: &UrdfArgs) -> Result<Exit, Failure> {
         .map_err(|e| Failure::Usage(format!("{}: {e}", found.config.urdf.display())))?;
     let new = write_urdf(&text, &found.header(), &found.links(&fitted), &found.joints(&fitted))
         .map_err(|e| Failure::Usage(format!("{}: {e}", found.config.urdf.display())))?;
-    let written = std::fs::File::create_new(&args.out).and_then(|mut file| file.write_all(new.as_bytes()));
-    written.map_err(|e| match e.kind() {
-        ErrorKind::AlreadyExists => exists(&args.out),
-        _ => Failure::Failed(format!("{} cannot be written: {e}", args.out.display())),
-    })?;
+    write_new(&args.out, &new)?;
     match args.format {
         TableFormat::Json => logging::result(&format!("{:#}", found.as_json(&fitted)))?,
         TableFormat::Text => logging::result(found.table(&fitted).trim_end())?,
     }
     logging::note(args.format, &format!("URDF in {}", args.out.display()))?;
     Ok(Exit::Done)
-}
-
-fn exists(out: &Path) -> Failure {
-    Failure::Usage(format!("{} exists and is not written over", out.display()))
 }
 
 /// Estimates with their covariance, and the robot that they belong to.
@@ -86,7 +77,7 @@ impl Found {
     fn of_results(dir: &Path, config: RobotConfig) -> Result<Self, Failure> {
         let at = |name: &str| dir.join(name);
         let wrong = |name: &str, e: &dyn std::fmt::Display| Failure::Usage(format!("{}: {e}", at(name).display()));
-        let text = std::fs::read_to_string(at(SUMMARY)).map_err(|e| wrong(SUMMARY, &e))?;
+        let text = read_text(&at(SUMMARY), MAX_TABLE_BYTES).map_err(|e| wrong(SUMMARY, &e))?;
         let summary: Value = serde_json::from_str(&text).map_err(|e| wrong(SUMMARY, &e))?;
         let listed = summary["parameters"].as_array().cloned().unwrap_or_default();
         let text = |p: &Value, key: &str| p[key].as_str().unwrap_or_default().to_owned();
@@ -107,7 +98,7 @@ impl Found {
         }
         let theta: Option<Vec<f64>> = listed.iter().map(|p| p["estimate"].as_f64()).collect();
         let theta = theta.ok_or_else(|| wrong(SUMMARY, &"expected an estimate of each parameter, got none"))?;
-        let text = std::fs::read_to_string(at(COVARIANCE)).map_err(|e| wrong(COVARIANCE, &e))?;
+        let text = read_text(&at(COVARIANCE), MAX_TABLE_BYTES).map_err(|e| wrong(COVARIANCE, &e))?;
         let numbers: Result<Vec<f64>, _> = text
             .lines()
             .skip(1)

@@ -59,8 +59,7 @@ pub struct WebArgs {
     /// port 0 for any that is free
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8080")]
     pub web: Option<SocketAddr>,
-    /// Let the page pause, resume, reset, fix and free, for whoever knows the token in the address
-    /// that is printed
+    /// Let the page pause, resume, reset, fix and free; requires the token in the printed address
     #[arg(long, requires = "web")]
     pub web_control: bool,
     /// Stream samples, estimates and status to Foxglove or Lichtblick, ws://ADDRESS:PORT; the
@@ -68,7 +67,7 @@ pub struct WebArgs {
     #[cfg(feature = "foxglove")]
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
     pub foxglove: Option<SocketAddr>,
-    /// Stream to Foxglove on an address of the network, too: whoever reaches it reads along
+    /// Also serve Foxglove on the network; anyone who can reach the address can read the data
     #[cfg(feature = "foxglove")]
     #[arg(long, requires = "foxglove")]
     pub foxglove_open: bool,
@@ -89,8 +88,8 @@ impl WebArgs {
     pub(super) fn check(&self) -> Result<(), super::Failure> {
         match self.foxglove {
             Some(address) if !address.ip().is_loopback() && !self.foxglove_open => Err(super::Failure::Usage(format!(
-                "--foxglove {address}: expected an address of this machine alone, such as 127.0.0.1:{port}: the protocol has no token, so whoever \
-                 reaches {address} would read along; from elsewhere use ssh -L {port}:127.0.0.1:{port} HOST, or add --foxglove-open if all \
+                "--foxglove {address}: expected an address of this machine alone, such as 127.0.0.1:{port}: the protocol has no token, so anyone who \
+                 can reach {address} could read the data; from elsewhere use ssh -L {port}:127.0.0.1:{port} HOST, or add --foxglove-open if all \
                  of the network may",
                 port = address.port()
             ))),

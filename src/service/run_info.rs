@@ -15,6 +15,7 @@ pub(super) fn run_info(config: &Config, node: &MonitorNode, simulated: bool) -> 
     RunInfo {
         schema: SCHEMA_VERSION,
         recording_id: format!("{now}-{}", std::process::id()),
+        file_number: None,
         robot: config.bus.robot.clone(),
         model: plant.name.clone(),
         model_hash: plant.hash(),

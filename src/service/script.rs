@@ -48,9 +48,9 @@ impl Script {
         while let Some(entry) = self.entries.front() {
             let due = match entry.stream_id {
                 0 => true,
-                boot if boot == sample.stream_id => sample.seq >= entry.request.from_seq,
+                stream_id if stream_id == sample.stream_id => sample.seq >= entry.request.from_seq,
                 // of a stream that is over; one that has not begun is waited for
-                boot => self.seen.contains(&boot),
+                stream_id => self.seen.contains(&stream_id),
             };
             if !due {
                 break;

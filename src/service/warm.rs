@@ -13,7 +13,7 @@ use std::path::Path;
 /// Where checkpoints are.
 ///
 /// # Errors
-/// Where `checkpoint.dir` is not set, for then nobody can have meant a warm start.
+/// If `checkpoint.dir` is not set, for then nobody can have meant a warm start.
 pub(super) fn dir(config: &Config) -> Result<&Path, Failure> {
     let dir = config.checkpoint.dir.as_deref();
     dir.ok_or_else(|| Failure::Usage("--warm needs checkpoint.dir, the directory of the checkpoints".to_owned()))
@@ -23,7 +23,7 @@ pub(super) fn dir(config: &Config) -> Result<&Path, Failure> {
 /// start is cold.
 ///
 /// # Errors
-/// Where `checkpoint.dir` is not set.
+/// If `checkpoint.dir` is not set.
 pub(super) fn start(
     config: &Config,
     node: &mut dyn Identifier,

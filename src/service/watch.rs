@@ -8,7 +8,7 @@ use super::monitor::await_description;
 use super::wiring::monitor_node;
 use super::{Exit, Failure, WatchArgs, foreign, logging};
 use crate::bus::{Bus, ControlClient, Subscriber, monotonic_ns};
-use crate::live::{Frontispiece, Key, LiveState, Screen, block_line};
+use crate::live::{Key, LiveState, Screen, TableContext, block_line};
 use crate::messages::{Command, Estimate, Journal, Request, Sample, Status, estimate_flags, response_code};
 use crate::node::monitor::{MonitorNode, seconds};
 use crate::runner::{MonitorPorts, MonitorSink, RunError, Shutdown, Stay, run_monitor};
@@ -62,7 +62,7 @@ pub fn run(args: &WatchArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         };
         node = monitor_of(&description);
         rename(&mut watch.state, &description);
-        // The estimate that came first is given again to whoever subscribes anew.
+        // A new subscriber receives the first estimate again.
         ports.estimates = Subscriber::new(&bus)?;
     };
     // Gives the terminal back before anything else is said.
@@ -139,7 +139,7 @@ impl MonitorSink for Watch {
         }
         if self.drawn.is_none_or(|drawn| drawn.elapsed() >= PERIOD) {
             self.drawn = Some(Instant::now());
-            let about = Frontispiece {
+            let about = TableContext {
                 about: self.state.about(),
                 quantities: self.state.quantities(),
                 scroll: 0,

@@ -17,7 +17,7 @@ const PATIENCE: Duration = Duration::from_secs(3);
 /// What a page may ask for.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Wish {
+struct ControlBody {
     command: String,
     name: Option<String>,
     value: Option<f64>,
@@ -54,16 +54,16 @@ fn ask(domain: &Domain, robot: &str, text: &str) -> Result<String, String> {
 }
 
 fn request(text: &str) -> Result<Request, String> {
-    let wish: Wish = serde_json::from_str(text).map_err(|e| format!("expected {{\"command\": …}}: {e}"))?;
-    let name = || wish.name.as_deref().ok_or("expected the name of a parameter");
-    Ok(match wish.command.as_str() {
+    let body: ControlBody = serde_json::from_str(text).map_err(|e| format!("expected {{\"command\": …}}: {e}"))?;
+    let name = || body.name.as_deref().ok_or("expected the name of a parameter");
+    Ok(match body.command.as_str() {
         "pause" => Request::new(Command::Pause),
         "resume" => Request::new(Command::Resume),
         "reset" => Request::new(Command::Reset),
         "free" => Request::new(Command::Free).named(name()?),
         "fix" => {
             let request = Request::new(Command::Fix).named(name()?);
-            wish.value.map_or(request, |value| request.with_value(value))
+            body.value.map_or(request, |value| request.with_value(value))
         }
         other => return Err(format!("expected pause, resume, reset, fix or free, got {other:?}")),
     })

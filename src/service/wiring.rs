@@ -21,13 +21,17 @@ impl From<ModelError> for Failure {
 /// A monitor that knows the names, and what the values really are if `truth` is the simulated
 /// machine.
 pub(super) fn monitor_node(config: &Config, truth: Option<&SimOptions>) -> MonitorNode {
-    let label = |name: &str, unit: &str| Label {
-        name: name.to_owned(),
-        unit: unit.to_owned(),
-    };
     let definition = config.model.definition();
-    let parameters = definition.parameters.iter().map(|p| label(&p.name, &p.unit)).collect();
-    let derived = definition.derived.iter().map(|d| label(&d.name, &d.unit)).collect();
+    let parameters = definition
+        .parameters
+        .iter()
+        .map(|p| Label::new(&*p.name, &*p.unit))
+        .collect();
+    let derived = definition
+        .derived
+        .iter()
+        .map(|d| Label::new(&*d.name, &*d.unit))
+        .collect();
     let truth = truth.filter(|sim| simulates(config, sim)).map(|sim| {
         Box::new(SimulatedTruth {
             sim: sim.clone(),
@@ -35,7 +39,9 @@ pub(super) fn monitor_node(config: &Config, truth: Option<&SimOptions>) -> Monit
             derived: config.model.derived(),
         }) as Box<dyn Truth>
     });
-    MonitorNode::new(parameters, derived, truth).of_model(definition.hash())
+    MonitorNode::new(parameters, derived, truth)
+        .of_model(definition.hash())
+        .explaining(config.model.least_explained())
 }
 
 /// Whether the simulated machine is one that the model describes.

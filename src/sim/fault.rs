@@ -3,6 +3,7 @@
 use super::arm_parameters::ARM_JOINTS;
 use super::error::{SimError, finite, in_range};
 use crate::messages::{Sample, signals};
+use crate::model::MAX_JOINTS;
 
 /// What a fault does to its signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -89,8 +90,10 @@ impl FaultSignal {
         }
     }
 
-    /// Its values in a sample, if it has any.
+    /// Its values at the joints of a sample, if it has any.
     pub(super) fn of(self, sample: &mut Sample) -> Option<&mut [f64]> {
+        // Garbage is drawn for two joints at least, so that an axis keeps its random numbers.
+        let joints = (sample.joints as usize).clamp(ARM_JOINTS, MAX_JOINTS);
         let array = match self {
             Self::Sample | Self::Time => return None,
             Self::Q => &mut sample.q,
@@ -100,7 +103,7 @@ impl FaultSignal {
             Self::Setpoint => &mut sample.setpoint,
             Self::Input => &mut sample.input,
         };
-        Some(&mut array[..ARM_JOINTS])
+        Some(&mut array[..joints])
     }
 
     /// The signals that a whole sample consists of.
@@ -123,21 +126,21 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// Checks every value against its domain.
+    /// Checks every value against its domain; `joints` of the machine.
     ///
     /// # Errors
     /// The first value outside, with its name.
-    pub fn validate(&self) -> Result<(), SimError> {
+    pub fn validate(&self, joints: usize) -> Result<(), SimError> {
         in_range("faults.from_s", self.from_s, 0.0, 1e9)?;
         if !(self.to_s > self.from_s) {
             return Err(SimError::new("faults.to_s", "a time after from_s", self.to_s));
         }
         let of_joint = self.signal.bit() != 0;
         if let Some(joint) = self.joint
-            && (!of_joint || joint >= ARM_JOINTS)
+            && (!of_joint || joint >= joints)
         {
             let expected = if of_joint {
-                "1 or 2, or 0 for both"
+                "a joint of the machine, counted from 1, or 0 for all"
             } else {
                 "0 for a sample or its time"
             };

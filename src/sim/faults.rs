@@ -8,7 +8,7 @@
 
 use super::fault::{Fault, FaultKind, FaultSignal};
 use super::noise::Noise;
-use crate::messages::{Passage, Sample};
+use crate::messages::{Passage, Sample, nanoseconds};
 use std::collections::VecDeque;
 
 /// A schedule at work: sees every sample of a stream in turn.
@@ -213,11 +213,6 @@ fn garbage(noise: &mut Noise) -> f64 {
     }
 }
 
-/// Nanoseconds of stream time; the last ones there are for `inf`.
-fn nanoseconds(t_s: f64) -> u64 {
-    (t_s * 1e9).round() as u64
-}
-
 /// Whole samples of a time, at least one.
 fn samples(time_s: f64, sample_period_s: f64) -> u64 {
     ((time_s / sample_period_s).round() as u64).max(1)
@@ -245,7 +240,7 @@ mod tests {
     /// 30 samples at 1 kHz, every signal x of joint j being 1 + seq + 100 j, and what became of
     /// each.
     fn emitted(fault: Fault) -> Vec<(Passage, Sample)> {
-        fault.validate().expect("valid");
+        fault.validate(ARM_JOINTS).expect("valid");
         let mut faults = Faults::new(&[fault], 1e-3, 5);
         (0..30)
             .map(|seq| {
@@ -423,6 +418,21 @@ mod tests {
     }
 
     #[test]
+    fn regress_a_fault_strikes_the_joints_of_a_robot_beyond_the_second() {
+        let double = FaultKind::Wrong { gain: 2.0, offset: 0.0 };
+        let joints = JointSample {
+            q: [1.0; crate::model::MAX_JOINTS],
+            ..JointSample::default()
+        };
+        for (joint, expected) in [(Some(2), [1.0, 1.0, 2.0, 1.0]), (None, [2.0, 2.0, 2.0, 1.0])] {
+            let mut faults = Faults::new(&[fault(double, FaultSignal::Q, joint)], 1e-3, 5);
+            let mut sample = Sample::new(3, 15, 15 * MS, 3, signals::ALL, &joints);
+            faults.apply(&mut sample);
+            assert_eq!(sample.q[..4], expected);
+        }
+    }
+
+    #[test]
     fn fault_schedules_that_make_no_sense_are_refused_by_name() {
         let base = fault(FaultKind::Off, FaultSignal::Q, None);
         let cases = [
@@ -452,8 +462,10 @@ mod tests {
                 "faults.share",
             ),
         ];
+        // The third joint of a robot may fail, too.
+        assert!(Fault { joint: Some(2), ..base }.validate(3).is_ok());
         for (fault, field) in cases {
-            assert_eq!(fault.validate().expect_err(field).field, field);
+            assert_eq!(fault.validate(ARM_JOINTS).expect_err(field).field, field);
         }
     }
 }

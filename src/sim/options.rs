@@ -1,4 +1,4 @@
-//! What a simulation is told: plain data with units in the names, validated before use.
+//! Options of a simulation: plain data with units in the names, validated before use.
 
 use super::arm_parameters::{ARM_JOINTS, ArmParameters};
 use super::controller::ControllerOptions;
@@ -296,6 +296,6 @@ impl SimOptions {
         }
         self.sensors.validate()?;
         self.unmodelled.validate()?;
-        self.faults.iter().try_for_each(Fault::validate)
+        self.faults.iter().try_for_each(|fault| fault.validate(self.joints()))
     }
 }

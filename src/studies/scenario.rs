@@ -2,6 +2,7 @@
 //! same data.
 
 use crate::estimator::Residuals;
+use crate::messages::nanoseconds;
 use crate::model::{MANIPULATOR_PARAMS, MAX_JOINTS, Manipulator, ManipulatorFeatures, PointwiseModel};
 use crate::sim::{ArmSimulator, SimError, SimOptions};
 
@@ -97,7 +98,7 @@ impl Scenario {
             model: &self.model,
             features: &self.features[range.clone()],
             first: range.start as u64,
-            period_ns: (self.options.sample_period_s * 1e9).round() as u64,
+            period_ns: nanoseconds(self.options.sample_period_s),
         }
     }
 

@@ -7,6 +7,7 @@ use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
 use super::paper::ALL;
 use super::{CompareError, Reference, Scenario, for_each_index};
 use crate::estimator::EstimatorOptions;
+use crate::messages::nanoseconds;
 use crate::sim::{Interpolation, MassSchedule, SensorOptions, SimOptions};
 
 /// Parameters that gravity shows: θ₆, θ₇, θ₉, and with them the mass of the payload.
@@ -73,7 +74,7 @@ pub fn exact_run(
         .ok_or(CompareError::NoJump)?;
     let record = run_blocks(&scenario, block_len, ours)?;
     let errors = errors(&scenario, block_len, &record, &ALL);
-    let at_ns = (scenario.time_s(sample) * 1e9).round() as u64;
+    let at_ns = nanoseconds(scenario.time_s(sample));
     let alarms = |b: &usize| record.blocks[*b].change.is_some();
     Ok(ExactRun {
         first: errors[0],

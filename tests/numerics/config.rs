@@ -675,6 +675,10 @@ fn fault_a_fault_that_is_wrong_itself_is_named_with_its_table_and_key() {
         ),
         ("kind = \"delayed\"\nfrom_s = 2", ["table 1, delay_s", "got 0"]),
         ("kind = \"wrong\"\nfrom_s = 2", ["table 1, signal", "single signal"]),
+        (
+            "kind = \"off\"\nsignal = \"q\"\njoint = 3\nfrom_s = 2",
+            ["table 1, joint: expected a joint of the machine", "got 3"],
+        ),
     ];
     for (table, parts) in cases {
         let error = load(&format!("[[plant.faults]]\n{table}\n"), &[]).unwrap_err();

@@ -7,13 +7,13 @@ use thetabus::estimator::BlockEstimator;
 use thetabus::identify::{Identifier, IdentifierBuilder, ParameterPrior};
 use thetabus::messages::{Sample, signals};
 use thetabus::model::{
-    DerivedValues, Equation, ExtendedDerived, ExtendedManipulator, ExtraTerms, JointSample, Manipulator,
-    ManipulatorDerived, Parameter, Plant, Scalar,
+    DerivedValues, DriveInput, Equation, ExtendedDerived, ExtendedManipulator, ExtraTerms, JointSample, Manipulator,
+    ManipulatorDerived, Motion, Parameter, Plant, Scalar, ServoAxis,
 };
 use thetabus::node::identifier::IdentifierOptions;
 use thetabus::node::model::NodeSettings;
 use thetabus::node::simulated_plant::sample_stream;
-use thetabus::rows::{AutoWindowBlock, RowForm, SampleBlock, structure};
+use thetabus::rows::{AutoWindowBlock, InputSource, RowForm, SampleBlock, structure};
 use thetabus::sim::{ArmParameters, SimOptions, rk4_step};
 
 fn encoder_only(sets: &[String]) -> Config {
@@ -400,11 +400,86 @@ fn prop_the_builder_makes_the_identifier_of_own_plant_toml() {
         let text = message(wrong);
         assert!(text.contains(named), "{text}");
     }
+    let line = ServoAxis::new(Motion::Linear, DriveInput::Force, 1.0).unwrap();
+    let counts_per_turn = message(Identifier::builder(line).encoder(16, 0.1));
+    assert!(
+        counts_per_turn.contains("position_resolution") && counts_per_turn.contains("positions in m"),
+        "{counts_per_turn}"
+    );
+    let mut far = builder().build().unwrap();
+    far.skip(u64::MAX);
+    assert!(far.push(&JointSample::default()).is_none() && far.push(&JointSample::default()).is_none());
     let held = builder()
         .prior("weight", ParameterPrior::new(12.0).fixed())
         .build()
         .unwrap();
     assert_eq!(held.status().estimates, 0);
+}
+
+/// Three masses, each with an input of its own.
+#[derive(Clone, Copy)]
+struct Masses;
+
+impl Plant for Masses {
+    fn name(&self) -> &'static str {
+        "masses"
+    }
+    fn joints(&self) -> usize {
+        3
+    }
+    fn input_unit(&self) -> &'static str {
+        "V"
+    }
+    fn parameters(&self) -> &[Parameter] {
+        static PARAMETERS: [Parameter; 3] = [
+            Parameter::positive("mass_1", "V s^2/rad", "of joint 1", 1.0),
+            Parameter::positive("mass_2", "V s^2/rad", "of joint 2", 1.0),
+            Parameter::positive("mass_3", "V s^2/rad", "of joint 3", 1.0),
+        ];
+        &PARAMETERS
+    }
+    fn equations(&self) -> &[Equation] {
+        static EQUATIONS: [Equation; 3] = [
+            Equation::new("joint_1", 0, 1.0, 1, 0..1),
+            Equation::new("joint_2", 1, 1.0, 1, 1..2),
+            Equation::new("joint_3", 2, 1.0, 1, 2..3),
+        ];
+        &EQUATIONS
+    }
+    fn terms<D: Scalar>(&self, equation: usize, _: &[D], dq: &[D], theta: &[D], g: &mut [D]) {
+        g[1] = theta[equation] * dq[equation];
+    }
+}
+
+#[test]
+fn regress_a_computed_input_needs_the_gains_of_every_joint_of_the_model() {
+    let own = Catalog::default().with(Masses);
+    let load = |more: &[&str]| {
+        let sets = [
+            "model.kind=masses",
+            "identifier.rows=pointwise",
+            "identifier.input=controller",
+        ];
+        let sets: Vec<String> = sets.iter().chain(more).map(|&set| set.to_owned()).collect();
+        Config::load_for(&own, &[], &sets).map_err(|e| e.to_string())
+    };
+    let kd = "identifier.derivative_gain_v_s_per_rad=[1, 2, 3]";
+    let refused = load(&[kd]).unwrap_err();
+    assert!(
+        refused
+            .contains("identifier.proportional_gain_v_per_rad: expected 3 numbers, one per joint of the model, got 2"),
+        "{refused}"
+    );
+    assert!(!refused.contains("derivative_gain_v_s_per_rad: expected"), "{refused}");
+    let InputSource::Controller(gains) = load(&[kd, "identifier.proportional_gain_v_per_rad=[4, 5, 6, 7]"])
+        .unwrap()
+        .identifier
+        .input
+    else {
+        panic!("the input is computed");
+    };
+    let kp = gains.map(|gain| gain.proportional_gain_v_per_rad);
+    assert_eq!(kp[..4], [4.0, 5.0, 6.0, 0.0]);
 }
 
 #[test]

@@ -126,7 +126,10 @@ fn fault_a_named_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for() {
         path.to_str().expect("UTF-8").to_owned()
     };
     let (config, log, recording) = (pipe("p.toml"), pipe("p.csv"), pipe("p.mcap"));
-    let commands: [&[&str]; 7] = [
+    let robot = concat!(env!("CARGO_MANIFEST_DIR"), "/config/robots/six_axis.toml");
+    std::fs::create_dir(site.dir.path().join("result")).expect("a directory");
+    let _results = ["result/summary.json", "result/covariance.csv"].map(pipe);
+    let commands: [&[&str]; 12] = [
         &["config", "check", &config],
         &["run", &config],
         &["identify", &log, "--config", PAPER],
@@ -134,6 +137,11 @@ fn fault_a_named_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for() {
         &["report", &recording],
         &["replay", &recording],
         &["export", &recording],
+        &["identify", &log, "--config", robot],
+        &["config", "check", robot, "--motion", &log],
+        &["calibrate", &log, &log, "--config", robot, "--mass", "1"],
+        &["excite", robot, "--residuals", &log],
+        &["urdf", "result", "--config", robot, "--out", "new.urdf"],
     ];
     for words in commands {
         let start = Instant::now();

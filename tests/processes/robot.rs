@@ -395,6 +395,10 @@ fn e2e_a_load_is_declared_by_a_command() {
     // It is there from the start, or the watch would find out.
     let load = "[[simulate.payload]]\nt_s = 0.0\nmass_kg = 1.5\ncenter_m = [0.0, 0.0, 0.05]\n";
     let config = own_config(&site, "robot.toml", load);
+    let at = |name: &str| site.dir.path().join(name).to_str().expect("UTF-8").to_owned();
+    let recording = at("declared.mcap");
+    let mut monitor = site.start(Program::Monitor, &["--config", &config, "--record", &recording]);
+    monitor.wait_for_log("monitor");
     let mut identifier = site.start(Program::Identifier, &["--config", &config]);
     let mut observer = site.observer();
     observer.status("it is there", |_| true);
@@ -435,8 +439,25 @@ fn e2e_a_load_is_declared_by_a_command() {
         refused.expect_code(2);
         assert!(refused.stderr().contains(said), "{}", refused.stderr());
     }
-    identifier.signal(nix::sys::signal::Signal::SIGTERM);
-    identifier.expect_code(0);
+    for program in [&mut identifier, &mut monitor] {
+        program.signal(nix::sys::signal::Signal::SIGTERM);
+        program.expect_code(0);
+    }
+
+    // A replay declares the same at the same places.
+    let again = at("again");
+    let identify = ["identify", &recording, "--config", &config, "--out", &again];
+    let mut replayed = site.start(Program::Thetabus, &identify);
+    replayed.expect_code(0);
+    let stderr = replayed.stderr();
+    assert!(!stderr.contains("the recording is of"), "its own model: {stderr}");
+    let table = fs::read_to_string(Path::new(&again).join("estimates.csv")).expect("estimates");
+    let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let header = lines.next().expect("a header");
+    let mass = header.iter().position(|name| *name == "payload_m").expect("a column");
+    let declared = |fields: &Vec<&str>| (fields[mass].parse::<f64>().expect("a number") - 1.5).abs() < 1e-6;
+    let blocks: Vec<bool> = lines.map(|fields| declared(&fields)).collect();
+    assert!(blocks.contains(&true) && blocks.last() == Some(&false), "{blocks:?}");
 }
 
 /// A bag as a driver's topic `joint_states` is recorded: CDR by hand, the joints in another order

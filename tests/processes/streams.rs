@@ -102,7 +102,7 @@ fn replay_broken_off_leaves_no_command_to_the_next_stream() {
                 0,
                 "{what}"
             );
-            identifier.wait_for_log("the replay is over");
+            identifier.wait_for_log("replay ended");
             plant.signal(Signal::SIGTERM);
             plant.expect_code(0);
         }

@@ -69,7 +69,7 @@ typedef struct thetabus_estimate {
     uint64_t accepted; /* Samples used since the start of the stream */
     uint64_t missing; /* Samples lost since the start of the stream, gaps in seq */
     uint64_t rejected; /* Samples refused since the start of the stream: not finite, out of range, out of order */
-    uint64_t excited[2]; /* Parameters that the block's data informed on */
+    uint64_t excited[2]; /* Parameters about which the block's data are informative */
     uint64_t usable[2]; /* Parameters known from data well enough to be used, if use_ok is 1, too */
     uint64_t fixed[2]; /* Parameters held by configuration or command */
     uint64_t t_change_ns; /* Located stream time of the last change, 0 if none was found [ns] */
@@ -171,7 +171,7 @@ typedef struct thetabus_process_status {
     uint64_t refused; /* Requests that were refused */
     uint64_t checkpoints; /* Checkpoints written */
     uint64_t checkpoints_failed; /* Checkpoints that could not be written, or were found unusable */
-    uint64_t recorder_missing; /* Samples that a recorder has told it lost */
+    uint64_t recorder_missing; /* Samples lost by recorders, as reported by them */
 } thetabus_process_status_t;
 THETABUS_CHECK(sizeof(thetabus_process_status_t) == 80, "thetabus_process_status_t has another size");
 THETABUS_CHECK(offsetof(thetabus_process_status_t, started_ns) == 0, "thetabus_process_status_t.started_ns has another place");
@@ -332,7 +332,7 @@ THETABUS_CHECK(offsetof(thetabus_description_t, derived) == 32912, "thetabus_des
 typedef struct thetabus_machine_command {
     uint64_t stream_id; /* stream_id of the sample that is answered; a command for another stream does not count */
     uint64_t seq; /* seq of that sample; the command holds from the next one on */
-    uint64_t until_ns; /* Stream time from which on it holds no longer: then the machine's own loop is alone [ns] */
+    uint64_t until_ns; /* Stream time at which the command expires; the machine then runs on its own loop alone [ns] */
     uint32_t joints; /* Number of joints, 1 to 8 */
     uint32_t pad; /* Zero */
     double feed_forward[8]; /* Input that is added to what the machine's own loop gives [{input}] */
@@ -347,7 +347,7 @@ THETABUS_CHECK(offsetof(thetabus_machine_command_t, feed_forward) == 32, "thetab
 
 typedef struct thetabus_request {
     uint32_t command; /* 1 pause, 2 resume, 3 reset, 4 set, 5 fix, 6 free, 7 save, 8 describe, 9 restore, 10 recorder, 11 payload */
-    uint32_t flags; /* Bit 0: value holds */
+    uint32_t flags; /* Bit 0: `value` is set */
     uint64_t from_seq; /* Not before this sample of the stream; 0: at the next border between two blocks */
     double value; /* Value of a tunable or parameter, in its unit; lost samples of a recorder */
     char name[64]; /* Tunable or parameter */
@@ -390,10 +390,10 @@ THETABUS_CHECK(offsetof(thetabus_item_t, unit) == 96, "thetabus_item_t.unit has 
 typedef struct thetabus_response {
     uint32_t code; /* 0 done, 1 refused, 2 failed */
     uint32_t items_len; /* Items in use */
-    uint64_t from_seq; /* First sample that the command holds for, as far as it is known */
-    uint64_t block; /* Block that begins there */
+    uint64_t from_seq; /* First sample to which the command applies; 0 if not known */
+    uint64_t block; /* Block that begins there; 0 if not known */
     char text[256]; /* What was done, or why not */
-    thetabus_item_t items[160]; /* What describe tells */
+    thetabus_item_t items[160]; /* Items listed by `describe` */
 } thetabus_response_t;
 THETABUS_CHECK(sizeof(thetabus_response_t) == 20760, "thetabus_response_t has another size");
 THETABUS_CHECK(offsetof(thetabus_response_t, code) == 0, "thetabus_response_t.code has another place");
@@ -405,8 +405,8 @@ THETABUS_CHECK(offsetof(thetabus_response_t, items) == 280, "thetabus_response_t
 
 typedef struct thetabus_journal {
     uint64_t stream_id; /* The sample stream; 0 before the first one */
-    uint64_t block; /* Number of the block that begins at the first sample that the command holds for */
-    thetabus_request_t request; /* What was asked for; from_seq is the first sample that it holds for */
+    uint64_t block; /* Number of the first block to which the command applies */
+    thetabus_request_t request; /* The request; from_seq is the first sample to which it applies */
 } thetabus_journal_t;
 THETABUS_CHECK(sizeof(thetabus_journal_t) == 1144, "thetabus_journal_t has another size");
 THETABUS_CHECK(offsetof(thetabus_journal_t, stream_id) == 0, "thetabus_journal_t.stream_id has another place");
@@ -460,7 +460,7 @@ int32_t thetabus_commands_open(const char *domain, const char *robot, thetabus_c
 int32_t thetabus_commands_next(thetabus_commands_t *reader, thetabus_machine_command_t *out, uint64_t *sent_ns, int32_t timeout_ms);
 void thetabus_commands_close(thetabus_commands_t *reader);
 
-/* 1 if parameter `index`, from 0, may be used, else 0: the one rule for controllers. */
+/* 1 if parameter `index`, from 0, may be used, else 0: the rule for taking a value by itself. */
 int32_t thetabus_is_usable(const thetabus_estimate_t *estimate, uint32_t index);
 /* Index of the parameter of this name, from 0, or -1. */
 int32_t thetabus_find_parameter(const thetabus_description_t *description, const char *name);

@@ -44,8 +44,12 @@ pub unsafe extern "C" fn thetabus_control_ask(
         let control = unsafe { control.as_ref() };
         let control = control.ok_or_else(|| Failure::invalid("expected a control, got a null pointer"))?;
         let known = Command::from_wire(command)
-            .filter(|command| !matches!(command, Command::Restore | Command::Recorder))
-            .ok_or_else(|| Failure::invalid(format!("command: expected 1 to 8, got {command}")))?;
+            .filter(|command| command.is_plain())
+            .ok_or_else(|| {
+                Failure::invalid(format!(
+                    "command: expected 1 to 8, got {command}; declare a payload with thetabus_control_payload()"
+                ))
+            })?;
         let mut request = Request::new(known);
         if !name.is_null() {
             // SAFETY: not null, and as the caller promises

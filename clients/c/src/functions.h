@@ -45,7 +45,7 @@ int32_t thetabus_commands_open(const char *domain, const char *robot, thetabus_c
 int32_t thetabus_commands_next(thetabus_commands_t *reader, thetabus_machine_command_t *out, uint64_t *sent_ns, int32_t timeout_ms);
 void thetabus_commands_close(thetabus_commands_t *reader);
 
-/* 1 if parameter `index`, from 0, may be used, else 0: the one rule for controllers. */
+/* 1 if parameter `index`, from 0, may be used, else 0: the rule for taking a value by itself. */
 int32_t thetabus_is_usable(const thetabus_estimate_t *estimate, uint32_t index);
 /* Index of the parameter of this name, from 0, or -1. */
 int32_t thetabus_find_parameter(const thetabus_description_t *description, const char *name);

@@ -36,8 +36,12 @@ impl Control {
         timeout: f64,
     ) -> PyResult<Bound<'py, PyBytes>> {
         let known = Command::from_name(command)
-            .filter(|command| !matches!(command, Command::Restore | Command::Recorder))
-            .ok_or_else(|| PyValueError::new_err(format!("command {command:?} is not known")))?;
+            .filter(|command| command.is_plain())
+            .ok_or_else(|| {
+                PyValueError::new_err(format!(
+                    "command: expected pause, resume, reset, set, fix, free, save or describe, got {command:?}; declare a payload with payload()"
+                ))
+            })?;
         let mut request = Request::new(known).named(name);
         if let Some(value) = value {
             request = request.with_value(value);

@@ -60,7 +60,7 @@ fn fault_a_peer_without_credentials_gets_nothing() {
         let count = descriptions.drain(|_| {}).expect("looked") + estimates.drain(|_| {}).expect("looked");
         assert_eq!(count, 0, "nothing without the password");
     }
-    assert!(!none.stderr().contains("is there") && !wrong.stderr().contains("is there"));
+    assert!(!none.stderr().contains("robot connected") && !wrong.stderr().contains("robot connected"));
     drop(right);
 }
 
@@ -99,7 +99,7 @@ fn prop_only_the_loopback_interface_is_used_unless_told_otherwise() {
     let inward = site.inward(&["--connect", &at]);
     router.says("routes");
     out.says("carries out");
-    inward.says("is there");
+    inward.says("robot connected");
     // 127.0.0.1 as /proc/net/tcp writes it.
     let loopback = "0100007F:";
     for process in [&router, &out, &inward] {
@@ -162,7 +162,7 @@ fn fault_garbage_on_the_network_is_left_out_and_told() {
             .expect("put");
     }
     inward.says("was left out");
-    inward.says("cannot come in: there are 1 already");
+    inward.says("robot not admitted: there are 1 already");
     let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
     let mut estimates = Subscriber::<Estimate>::new(&bus).expect("subscribed");
     std::thread::sleep(Duration::from_millis(300));
@@ -299,6 +299,6 @@ fn fault_a_peer_that_does_not_know_the_certificate_gets_nothing_by_tls() {
     let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
     let mut descriptions = Subscriber::<Description>::new(&bus).expect("subscribed");
     machine.until(&mut descriptions, "the description", |_| true);
-    assert!(!refused.stderr().contains("is there"), "{}", refused.stderr());
+    assert!(!refused.stderr().contains("robot connected"), "{}", refused.stderr());
     drop(inward);
 }

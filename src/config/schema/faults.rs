@@ -3,6 +3,7 @@
 use super::super::choice::choices;
 use super::super::kind::{Interval, Key, Kind};
 use super::table::{FINITE, Field, LONGEST_S, choice, table};
+use crate::model::MAX_JOINTS;
 use crate::sim::FaultSignal;
 
 choices! {
@@ -32,8 +33,8 @@ table! {
             "off: nothing comes. stuck: the value at the beginning. garbage: NaN, infinities, any number. wrong: gain x + offset. slow: a new value once per period_s. delayed: the value of delay_s ago, samples come so much later. intermittent: off in a share of periods";
         signal: Option<FaultSignal>, choice::<FaultSignal>(), "",
             "What it happens to: the whole sample (default; off then means that it is lost), its time stamp (stuck and wrong only), or one of its signals (off then clears its bit in the mask, or gives NaN for a single joint)";
-        joint: Option<u64>, Kind::Whole(0, 2), "",
-            "Joint of the signal; 0 for both (default)";
+        joint: Option<u64>, Kind::Whole(0, MAX_JOINTS as u64), "",
+            "Joint of the signal; 0 for all (default)";
         from_s: f64, Kind::Real(Interval::closed(0.0, LONGEST_S)), "s",
             "Beginning in stream time";
         to_s: Option<f64>, Kind::Real(Interval::above(0.0, f64::INFINITY).or_infinite()), "s",

@@ -2,7 +2,7 @@
 
 use super::super::choice::choices;
 use super::super::kind::{Interval, Kind, Len};
-use super::table::{FINITE, NOT_NEGATIVE, POSITIVE, RealOr, choice, joints, real_or, table};
+use super::table::{FINITE, NOT_NEGATIVE, POSITIVE, RealOr, choice, real_or, table};
 use crate::rows::InputTiming;
 
 choices! {
@@ -36,10 +36,10 @@ table! {
             "pointwise: one row per sample and equation, from measured q, dq, ddq, dddq. projected: one row per window and equation, from q and the input alone";
         input: InputKind, choice::<InputKind>(), "",
             "Where the drives' voltage comes from: measured, or computed from setpoint, q and dq by the PD law as in (27)";
-        proportional_gain_v_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V/rad",
-            "Gain Kp of each joint for input = \"controller\"";
-        derivative_gain_v_s_per_rad: Vec<f64>, joints(NOT_NEGATIVE), "V s/rad",
-            "Gain Kd of each joint for input = \"controller\"";
+        proportional_gain_v_per_rad: Vec<f64>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "V/rad",
+            "Gain Kp of each joint of the model for input = \"controller\"";
+        derivative_gain_v_s_per_rad: Vec<f64>, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "V s/rad",
+            "Gain Kd of each joint of the model for input = \"controller\"";
         input_limit: Vec<f64>, Kind::Reals(Len::From(1, 8), POSITIVE.or_infinite()), "V, A, N or N m",
             "Magnitude at which the measurement of the inputs ends, one number or one per joint: samples there are refused and counted as saturated; inf: no limit";
         frozen_after_s: f64, Kind::Real(Interval::closed(0.0, 3600.0)), "s",

@@ -89,11 +89,12 @@ pub(super) const fn parameters(interval: Interval) -> Kind {
     Kind::Reals(Len::Parameters, interval)
 }
 
-/// A number per equation, or none.
+/// A number per joint of the model, or none.
 pub(super) const fn model_joints(interval: Interval) -> Kind {
     Kind::Reals(Len::ModelJoints, interval)
 }
 
+/// A number per equation, or none.
 pub(super) const fn equations(interval: Interval) -> Kind {
     Kind::Reals(Len::Equations, interval)
 }

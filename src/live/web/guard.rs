@@ -5,8 +5,7 @@
 
 use hyper::HeaderMap;
 use hyper::header::{CONTENT_TYPE, HOST, ORIGIN};
-use std::collections::hash_map::RandomState;
-use std::hash::{BuildHasher, Hasher};
+use std::io;
 use std::net::{IpAddr, SocketAddr};
 
 /// The rules of one server.
@@ -17,11 +16,13 @@ pub(super) struct Guard {
 }
 
 impl Guard {
-    pub(super) fn new(address: SocketAddr) -> Self {
-        Self {
+    /// # Errors
+    /// The operating system has no random numbers.
+    pub(super) fn new(address: SocketAddr) -> io::Result<Self> {
+        Ok(Self {
             loopback: address.ip().is_loopback(),
-            token: token(),
-        }
+            token: token()?,
+        })
     }
 
     /// What the address of the page must hold to see it from elsewhere, and to control by it.
@@ -92,15 +93,12 @@ fn is_loopback_name(name: &str) -> bool {
     name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
 }
 
-/// 128 random bits: the keys of `RandomState` come from the system's random numbers.
-fn token() -> String {
-    let mut text = String::new();
-    for round in 0..2_u64 {
-        let mut hasher = RandomState::new().build_hasher();
-        hasher.write_u64(round);
-        text.push_str(&format!("{:016x}", hasher.finish()));
-    }
-    text
+/// 128 bits from the operating system's random generator.
+fn token() -> io::Result<String> {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes)
+        .map_err(|e| io::Error::other(format!("no random numbers for the token of the page: {e}")))?;
+    Ok(format!("{:032x}", u128::from_ne_bytes(bytes)))
 }
 
 #[cfg(test)]
@@ -117,7 +115,7 @@ mod tests {
 
     #[test]
     fn fault_requests_for_others_and_from_pages_of_others_are_refused() {
-        let guard = Guard::new("127.0.0.1:8080".parse().unwrap());
+        let guard = Guard::new("127.0.0.1:8080".parse().unwrap()).unwrap();
         for (list, admitted) in [
             (&[("host", "127.0.0.1:8080")][..], true),
             (&[("host", "localhost:9000")], true),
@@ -137,14 +135,14 @@ mod tests {
             assert_eq!(guard.admits(&headers(list)).is_ok(), admitted, "{list:?}");
         }
         // Elsewhere any name may lead here: the token decides.
-        let open = Guard::new("0.0.0.0:8080".parse().unwrap());
+        let open = Guard::new("0.0.0.0:8080".parse().unwrap()).unwrap();
         assert!(open.is_closed() && open.admits(&headers(&[("host", "robot.lab:8080")])).is_ok());
     }
 
     #[test]
     fn prop_tokens_are_long_and_new_each_time_and_only_the_own_one_opens() {
         let address = "127.0.0.1:0".parse().unwrap();
-        let (one, other) = (Guard::new(address), Guard::new(address));
+        let (one, other) = (Guard::new(address).unwrap(), Guard::new(address).unwrap());
         assert_eq!(one.token().len(), 32);
         assert_ne!(one.token(), other.token());
         assert!(one.knows(Some(one.token())));

@@ -92,7 +92,7 @@ impl WebServer {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let listener = runtime.block_on(async { listen(options.address) })?;
         let address = listener.local_addr()?;
-        let guard = Guard::new(address);
+        let guard = Guard::new(address)?;
         let needs_token = guard.is_closed() || options.control.is_some();
         let token = needs_token.then(|| guard.token().to_owned());
         let shared = Arc::new(Shared {

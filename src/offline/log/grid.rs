@@ -4,6 +4,7 @@ use super::super::log_counts::LogCounts;
 use super::super::log_error::{LogError, cut};
 use super::super::suspicion::judge_period;
 use super::row::{Row, RowReader};
+use crate::messages::nanoseconds;
 use std::collections::VecDeque;
 
 /// Why a row gives no sample.
@@ -73,7 +74,7 @@ impl Grid {
         let distance_s = row.t_s - before;
         if distance_s < 1.5 * self.period_s {
             counts.pairs += 1;
-            counts.pairs_span_ns += (distance_s * 1e9).round() as u64;
+            counts.pairs_span_ns += nanoseconds(distance_s);
         }
         let first = *self.first_t_s.get_or_insert(row.t_s);
         let on_grid = (row.t_s - first) / self.period_s;

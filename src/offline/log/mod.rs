@@ -37,7 +37,7 @@ use super::profile::LogProfile;
 use super::sign::InputSign;
 use super::suspicion::Suspicion;
 use crate::config::LogColumns;
-use crate::messages::{Sample, sample_flags};
+use crate::messages::{Sample, nanoseconds, sample_flags};
 use std::collections::VecDeque;
 use std::io::Read;
 
@@ -85,7 +85,7 @@ impl<R: Read> LogReader<R> {
             ahead: VecDeque::with_capacity(LOOK),
             waiting: None,
             counts: LogCounts {
-                period_ns: (period_s * 1e9).round() as u64,
+                period_ns: nanoseconds(period_s),
                 ..LogCounts::default()
             },
             profile: LogProfile::new(reader.read()),

@@ -137,23 +137,30 @@ impl RowReader {
             let decimal = commas.then(|| Suspicion::DecimalComma { field: cut(text) });
             return Err(judge_header(text).or(decimal));
         }
-        let field = |index: usize| -> Result<f64, Option<Suspicion>> {
+        let field = |index: usize, name: &str| -> Result<f64, Option<Suspicion>> {
             let cell = cells.get(index).ok_or(None)?;
-            cell.parse().map_err(|_| judge_field(cell))
+            cell.parse().map_err(|_| judge_field(name, cell))
         };
+        let time = self.columns.time.as_deref().unwrap_or_default();
         let stamp = match self.time {
-            Some(index) => Stamp::parse(cells[index]).ok_or_else(|| judge_field(cells[index]))?,
+            Some(index) => Stamp::parse(cells[index]).ok_or_else(|| judge_field(time, cells[index]))?,
             None => Stamp::of(number as f64 * self.period_s / self.columns.time_unit_s),
         };
         let mut joints = JointSample::default();
+        let columns = &self.columns;
         let signals = [
-            (&self.q, &mut joints.q, self.columns.position_unit),
-            (&self.input, &mut joints.input, self.columns.input_unit),
-            (&self.setpoint, &mut joints.setpoint, self.columns.position_unit),
+            (&self.q, &columns.positions, &mut joints.q, columns.position_unit),
+            (&self.input, &columns.inputs, &mut joints.input, columns.input_unit),
+            (
+                &self.setpoint,
+                &columns.setpoints,
+                &mut joints.setpoint,
+                columns.position_unit,
+            ),
         ];
-        for (places, values, unit) in signals {
-            for (value, &index) in values.iter_mut().zip(places) {
-                *value = field(index)? * unit;
+        for (places, names, values, unit) in signals {
+            for ((value, &index), name) in values.iter_mut().zip(places).zip(names) {
+                *value = field(index, name)? * unit;
             }
         }
         let from_origin = self.origin.map_or(0.0, |origin| stamp.since(&origin));

@@ -198,7 +198,7 @@ impl<P: Plant> Projection<P> {
     }
 }
 
-/// The columns of a row that hang on the input and on the sign of the velocity; gives s ∫ψ^(r) u,
+/// The columns of a row that depend on the input and on the sign of the velocity; gives s ∫ψ^(r) u,
 /// which they are made of.
 fn project_errors<P: Plant>(
     block: &MeasuredBlock<P>,

@@ -2,7 +2,7 @@
 
 use super::{CompareArgs, output};
 use crate::config::{Config, Source};
-use crate::messages::Sample;
+use crate::messages::{Sample, nanoseconds};
 use crate::model::MANIPULATOR_PARAMS;
 use crate::node::plant::PlantNode;
 use crate::recording::{Entry, Span};
@@ -110,7 +110,7 @@ fn recording_section(config: &Config) -> Result<Section, Failure> {
         let sim = SimOptions { sensors, ..sim.clone() };
         let count = sim.sample_count();
         let simulator = MachineSimulator::new(&sim).map_err(|e| failed(&e))?;
-        let period_ns = (sim.sample_period_s * 1e9).round() as u64;
+        let period_ns = nanoseconds(sim.sample_period_s);
         let mut plant = PlantNode::new(simulator, 1, sim.joints(), sim.signals(), period_ns, count);
         let samples: Vec<Sample> = std::iter::from_fn(|| plant.next_sample()).collect();
         let start = Instant::now();

@@ -4,7 +4,7 @@
 use super::{TrackArgs, output};
 use crate::config::{Config, Source};
 use crate::control::{AdaptiveFeedForward, AdaptiveOptions, Trajectory};
-use crate::messages::Sample;
+use crate::messages::{Sample, nanoseconds};
 use crate::model::{JointSample, MAX_JOINTS};
 use crate::node::model::SampleSource;
 use crate::report::{TrackingPanel, tracking_figure};
@@ -216,7 +216,7 @@ fn follow(config: &Config, contender: Contender, change_s: f64) -> Result<Tracki
         let Some(joint_sample) = machine.next() else {
             return Err(Failure::Failed(format!("the loop is unstable at {t_s} s")));
         };
-        let t_ns = (t_s * 1e9).round() as u64;
+        let t_ns = nanoseconds(t_s);
         if contender == Contender::Adaptive {
             let sample = Sample::new(1, seq, t_ns, joints, signals, &joint_sample);
             node.on_sample(&sample, &mut |estimate| {

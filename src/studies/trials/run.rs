@@ -3,7 +3,7 @@
 
 use super::bound::CramerRaoBound;
 use super::score::{TrialResult, Truth};
-use crate::messages::{Estimate, Sample, estimate_flags};
+use crate::messages::{Estimate, Sample, estimate_flags, nanoseconds};
 use crate::model::{DerivedValues, KnownConstants, Manipulator, ManipulatorDerived, Plant};
 use crate::node::simulated_plant::sample_stream;
 use crate::sim::{ArmSimulator, ControllerKind, Machine, SensorOptions, SimOptions, Unmodelled};
@@ -42,8 +42,8 @@ impl Trial<'_> {
         let sim = self.sim;
         let mut plant = sample_stream(sim, 1)?;
         let derived = self.known.and_then(|known| ManipulatorDerived::new(known).ok());
-        let block_ns = self.block_len * (sim.sample_period_s * 1e9).round() as u64;
-        let end_ns = (sim.duration_s * 1e9).round() as u64;
+        let block_ns = self.block_len * nanoseconds(sim.sample_period_s);
+        let end_ns = nanoseconds(sim.duration_s);
         let changes_ns = self.changes_ns();
         let first_change_ns = changes_ns.first().copied().unwrap_or(u64::MAX);
         let quiet_blocks = first_change_ns.min(end_ns) / block_ns;
@@ -104,11 +104,11 @@ impl Trial<'_> {
             Machine::ServoAxis(axis) => &axis.mass,
             Machine::Plant(plant) => {
                 let changes = plant.truth.iter().skip(1);
-                return changes.map(|(t_s, _)| (t_s * 1e9).round() as u64).collect();
+                return changes.map(|(t_s, _)| nanoseconds(*t_s)).collect();
             }
         };
         let changes = schedule.points.windows(2).filter(|pair| pair[0].1 != pair[1].1);
-        changes.map(|pair| (pair[1].0 * 1e9).round() as u64).collect()
+        changes.map(|pair| nanoseconds(pair[1].0)).collect()
     }
 
     /// The arm as its equations say, and what could be known of it; none for other machines and

@@ -228,7 +228,15 @@ fn fault_options_of_a_motion_are_refused_by_name() {
             with(&|o| _ = o.ranges.pop()),
             "expected one for each of 6 joints, got 5",
         ),
-        (narrow, "limits of joint \"joint_3\""),
+        (narrow, "limits of joint \"joint_3\": expected a finite lower below"),
+        (
+            with(&|o| o.ranges[2].acceleration = -1.0),
+            "limits of joint \"joint_3\": acceleration: expected a number above 0, got -1",
+        ),
+        (
+            with(&|o| o.ranges[2].effort = f64::NAN),
+            "effort: expected a number above 0, got NaN",
+        ),
         (weak, "torques of joint \"joint_2\" up to 0.5"),
     ] {
         let error = Excitation::design(&mut forecaster(&model), &options, &mut |_| true).unwrap_err();

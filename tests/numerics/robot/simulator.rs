@@ -188,6 +188,23 @@ fn prop_motions_keep_to_their_limits_and_the_robot_to_its_motion() {
 }
 
 #[test]
+fn fault_a_payload_that_is_no_body_is_refused_by_its_member() {
+    let robot = robot(SIX_AXIS);
+    let payload = PayloadChange {
+        t_s: 1.0,
+        mass_kg: 2.0,
+        center_m: [0.0, f64::NAN, 0.1],
+        inertia_kg_m2: [0.01, 0.0, 0.01, 0.0, 0.0, 0.01],
+    };
+    let options = RobotSimOptions {
+        payloads: vec![payload],
+        ..RobotSimOptions::new(&robot)
+    };
+    let error = RobotSimulator::new(&robot, options).unwrap_err();
+    assert_eq!(error, "payload: center_m: expected finite numbers, got [0.0, NaN, 0.1]");
+}
+
+#[test]
 fn prop_the_same_seed_gives_the_same_bits_and_another_one_others() {
     let robot = robot(SIX_AXIS);
     let run = |seed| {

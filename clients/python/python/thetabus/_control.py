@@ -35,7 +35,7 @@ class Answer:
 
     text: str
     from_seq: int
-    """First sample that the command holds for, as far as it is known."""
+    """First sample to which the command applies; 0 if not known."""
     block: int
     """Block that begins there."""
     items: tuple[Item, ...]

@@ -223,12 +223,12 @@ class Estimate(_Message):
 
     @cached_property
     def usable(self) -> npt.NDArray[np.bool_]:
-        """What may be used, P: the parameter's own bit, and `use_ok`. The one rule for controllers."""
+        """What may be used, P: the parameter's own bit, and `use_ok`. The rule for taking a value by itself."""
         return members(self.raw["usable"], self._params) & self.use_ok
 
     @cached_property
     def excited(self) -> npt.NDArray[np.bool_]:
-        """What the block's data informed on, P."""
+        """Parameters about which the block's data are informative, P."""
         return members(self.raw["excited"], self._params)
 
     @cached_property

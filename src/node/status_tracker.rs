@@ -5,15 +5,15 @@ use crate::messages::{
 };
 
 /// The status, with what becomes of it when something happens.
-pub(super) struct Standing {
+pub(super) struct StatusTracker {
     pub status: Status,
     /// Estimates are held until somebody says resume.
     pub paused: bool,
     /// Flags of the next estimate.
-    news: u32,
+    next_flags: u32,
 }
 
-impl Standing {
+impl StatusTracker {
     /// Before the first sample.
     pub fn new(pid: u32) -> Self {
         Self {
@@ -23,7 +23,7 @@ impl Standing {
                 ..Status::default()
             },
             paused: false,
-            news: 0,
+            next_flags: 0,
         }
     }
 
@@ -77,7 +77,7 @@ impl Standing {
 
     /// Counts an estimate, gives it the flags that wait for it, and takes over what it says.
     pub fn publish(&mut self, estimate: &mut Estimate) {
-        estimate.flags |= std::mem::take(&mut self.news);
+        estimate.flags |= std::mem::take(&mut self.next_flags);
         self.status.estimates += 1;
         self.status.last_block = estimate.block;
         self.status.state = estimate.state;
@@ -104,7 +104,7 @@ impl Standing {
 
     /// Says whether the identifier goes on from a checkpoint.
     pub fn set_warm(&mut self, warm: bool) {
-        set(&mut self.news, estimate_flags::WARM, warm);
+        set(&mut self.next_flags, estimate_flags::WARM, warm);
         set(&mut self.status.flags, status_flags::WARM, warm);
     }
 
@@ -121,7 +121,7 @@ impl Standing {
     /// A command took effect: the next estimate says so.
     pub fn count_command(&mut self) {
         self.status.process.commands += 1;
-        self.news |= estimate_flags::COMMANDED;
+        self.next_flags |= estimate_flags::COMMANDED;
     }
 
     /// Goes back to what held before commands that are gone with their stream: `paused`, if one of
@@ -133,7 +133,7 @@ impl Standing {
         }
         set(&mut self.status.flags, status_flags::COMMANDED, commanded != 0);
         // the next stream has not been changed by them
-        self.news &= !estimate_flags::COMMANDED;
+        self.next_flags &= !estimate_flags::COMMANDED;
     }
 
     fn is_ended(&self) -> bool {

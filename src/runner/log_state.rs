@@ -5,7 +5,7 @@ use crate::node::identifier::Identifier;
 
 /// What the log says, once per heartbeat at most and never from within the step.
 #[derive(Debug, Default)]
-pub(super) struct News {
+pub(super) struct LogState {
     connected: bool,
     stream: u64,
     missing: u64,
@@ -14,13 +14,13 @@ pub(super) struct News {
     is_replay: bool,
 }
 
-impl News {
+impl LogState {
     /// The log gives the length of windows that are chosen from the signals whenever it changes,
     /// once samples have come.
     pub(super) fn window(&mut self, node: &dyn Identifier) {
         let window_s = node.window_s().filter(|_| node.status().estimates > 0);
-        if window_s.is_some() && window_s != self.window_s {
-            tracing::info!("rows of windows of {:.0} ms", 1e3 * window_s.unwrap_or(0.0));
+        if let Some(length_s) = window_s.filter(|_| window_s != self.window_s) {
+            tracing::info!("window of the projected rows: {:.3} ms", 1e3 * length_s);
             self.window_s = window_s;
         }
     }
@@ -31,9 +31,9 @@ impl News {
             tracing::info!(
                 "{}",
                 if connected {
-                    "a plant is there"
+                    "plant connected"
                 } else {
-                    "the plant has gone"
+                    "plant disconnected"
                 }
             );
         }
@@ -53,9 +53,9 @@ impl News {
             tracing::info!(
                 "{}",
                 if is_replay {
-                    "a replay: what it teaches is dropped when another stream begins"
+                    "replay started: its estimates are discarded when the next stream begins"
                 } else {
-                    "the replay is over: the estimates go on from what was known before it"
+                    "replay ended: the estimates continue from the state before it"
                 }
             );
         }

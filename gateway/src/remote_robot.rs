@@ -1,0 +1,273 @@
+//! A robot of another host in this domain: its topics, and the requests to its identifier.
+
+use crate::envelope::{Envelope, unix_ns};
+use crate::error::{GatewayError, network};
+use crate::keys;
+use crate::out::Counted;
+use crate::questions;
+use crate::tally::{Tally, say};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+use thetabus::bus::{
+    Asked, Bus, BusError, ControlServer, Delivery, Domain, Latched, Publisher, Role, RoleLock, SamplePublisher, Topic,
+};
+use thetabus::messages::{Description, Estimate, Journal, Response, SCHEMA_VERSION, Sample, Status, response_code};
+use thetabus::recording::{Dimensions, OnWire, from_cdr, to_cdr};
+use zenoh::handlers::{FifoChannel, FifoChannelHandler};
+use zenoh::query::{QueryTarget, Reply};
+use zenoh::{Session, Wait};
+
+/// A robot whose role another program holds is tried again after this time.
+pub const RETRY_AFTER: Duration = Duration::from_secs(2);
+/// The other gateway answers for the identifier within its own patience.
+const CONTROL_LIMIT: Duration = questions::PATIENCE.saturating_add(Duration::from_secs(1));
+/// Requests taken at a time.
+const REQUESTS_AT_A_TIME: usize = 8;
+
+/// A robot of another host in this domain.
+pub struct RemoteRobot {
+    /// Its host.
+    pub host: String,
+    bus: Bus,
+    /// The gateway of its host is there.
+    pub is_there: bool,
+    description: TopicPort<Description>,
+    estimate: TopicPort<Estimate>,
+    status: TopicPort<Status>,
+    journal: TopicPort<Journal>,
+    samples: Samples,
+    control: Option<ControlServer>,
+    /// Requests under way.
+    asked: Vec<(Asked, FifoChannelHandler<Reply>)>,
+    _role: RoleLock,
+}
+
+impl RemoteRobot {
+    /// # Errors
+    /// Another program has the identifier's role, or the bus fails.
+    pub fn new(domain: &Domain, host: &str, robot: &str, has_control: bool) -> Result<Self, BusError> {
+        let role = RoleLock::acquire(domain, robot, Role::Identifier)?;
+        let bus = Bus::join(domain, robot, "gateway_in")?;
+        Ok(Self {
+            host: host.to_owned(),
+            is_there: true,
+            description: TopicPort::new(&bus)?,
+            estimate: TopicPort::new(&bus)?,
+            status: TopicPort::new(&bus)?,
+            journal: TopicPort::new(&bus)?,
+            samples: Samples {
+                port: None,
+                refused: None,
+                tally: Tally::new(),
+            },
+            control: if has_control {
+                Some(ControlServer::new(&bus)?)
+            } else {
+                None
+            },
+            asked: Vec::new(),
+            bus,
+            _role: role,
+        })
+    }
+
+    /// Passes a message of the network on to the bus.
+    ///
+    /// # Errors
+    /// The bus fails.
+    pub fn message(
+        &mut self,
+        topic: Topic,
+        payload: &[u8],
+        envelope: &[u8],
+        is_live: bool,
+    ) -> Result<(), GatewayError> {
+        let message = IncomingMessage {
+            payload,
+            envelope,
+            is_live,
+        };
+        match topic {
+            Topic::Description => self.description.take(&message)?,
+            Topic::Estimate => self.estimate.take(&message)?,
+            Topic::Status => self.status.take(&message)?,
+            Topic::Journal => self.journal.take(&message)?,
+            Topic::Sample => self.samples.take(&message, &self.bus)?,
+            Topic::Control | Topic::Command => {}
+        }
+        Ok(())
+    }
+
+    /// Passes requests and answers on, and serves whoever joined the bus.
+    ///
+    /// # Errors
+    /// The bus or the network fails.
+    pub fn turn(&mut self, session: &Session, is_tick: bool) -> Result<(), GatewayError> {
+        if let Some(control) = &mut self.control {
+            for _ in 0..REQUESTS_AT_A_TIME {
+                let Some(asked) = control.take()? else { break };
+                if !self.is_there {
+                    let text = format!("the gateway of host {} is not there", self.host);
+                    asked.answer(&Response::new(response_code::FAILED, &text));
+                    continue;
+                }
+                let key = keys::key(&self.host, self.bus.robot(), Topic::Control.name());
+                let question = session
+                    .get(key)
+                    .payload(to_cdr(asked.request()))
+                    .target(QueryTarget::All);
+                let question = question.timeout(CONTROL_LIMIT).with(FifoChannel::new(2)).wait();
+                self.asked.push((asked, question.map_err(network("asking"))?));
+            }
+        }
+        for (asked, replies) in std::mem::take(&mut self.asked) {
+            match answer(&replies, &self.host) {
+                Some(response) => asked.answer(&response),
+                None => self.asked.push((asked, replies)),
+            }
+        }
+        if is_tick {
+            self.description.port.serve_late_joiners()?;
+            self.estimate.port.serve_late_joiners()?;
+            self.status.port.serve_late_joiners()?;
+            self.journal.port.serve_late_joiners()?;
+            if let Some((port, _)) = &mut self.samples.port {
+                port.serve_late_joiners()?;
+            }
+        }
+        Ok(())
+    }
+
+    pub fn report(&self) {
+        let line = |topic: Topic, tally: &Tally| {
+            let key = keys::key(&self.host, self.bus.robot(), topic.name());
+            say(format_args!("{key:<36} {tally}"));
+        };
+        line(Topic::Description, &self.description.tally);
+        line(Topic::Estimate, &self.estimate.tally);
+        line(Topic::Status, &self.status.tally);
+        line(Topic::Journal, &self.journal.tally);
+        if self.samples.port.is_some() {
+            line(Topic::Sample, &self.samples.tally);
+        }
+    }
+}
+
+/// What came of a question to control; `None` while nothing has.
+fn answer(replies: &FifoChannelHandler<Reply>, host: &str) -> Option<Response> {
+    let failed = |text: &str| Response::new(response_code::FAILED, text);
+    match replies.try_recv() {
+        Ok(None) => None,
+        Ok(Some(reply)) => Some(match reply.result() {
+            Ok(sample) => from_cdr(&sample.payload().to_bytes(), Dimensions::ALL)
+                .unwrap_or_else(|e| failed(&format!("host {host} answered what is {e}"))),
+            Err(error) => failed(&format!(
+                "host {host}: {}",
+                String::from_utf8_lossy(&error.payload().to_bytes())
+            )),
+        }),
+        Err(_) => Some(failed(&format!(
+            "host {host} does not answer: its gateway takes no commands, or has gone"
+        ))),
+    }
+}
+
+/// A message as it came.
+struct IncomingMessage<'a> {
+    payload: &'a [u8],
+    envelope: &'a [u8],
+    is_live: bool,
+}
+
+impl IncomingMessage<'_> {
+    /// The message, if it is new and can be read.
+    fn open<M: OnWire + Counted>(&self, tally: &mut Tally) -> Option<M> {
+        let envelope = Envelope::from_bytes(self.envelope).filter(|envelope| envelope.schema == SCHEMA_VERSION);
+        let message = envelope.and_then(|e| from_cdr::<M>(self.payload, e.dimensions).ok().map(|m| (e, m)));
+        let Some((envelope, message)) = message else {
+            if tally.left_out == 0 {
+                tracing::warn!(
+                    "a {} was left out: {} bytes that are none of schema {SCHEMA_VERSION}; use the same version of thetabus on both hosts",
+                    M::LAYOUT.name,
+                    self.payload.len()
+                );
+            }
+            tally.left_out += 1;
+            return None;
+        };
+        if !tally.admit(&envelope, self.is_live) {
+            return None;
+        }
+        if let Some((stream_id, seq)) = message.counted() {
+            tally.place(stream_id, seq);
+        }
+        if self.is_live {
+            tally.late(envelope.sent_unix_ns, unix_ns());
+        }
+        Some(message)
+    }
+}
+
+/// A topic of which the bus keeps the last message.
+struct TopicPort<T: Latched> {
+    port: Publisher<T>,
+    tally: Tally,
+}
+
+impl<T: Latched + OnWire + Counted> TopicPort<T> {
+    fn new(bus: &Bus) -> Result<Self, BusError> {
+        Ok(Self {
+            port: Publisher::new(bus)?,
+            tally: Tally::new(),
+        })
+    }
+
+    fn take(&mut self, message: &IncomingMessage<'_>) -> Result<(), BusError> {
+        match message.open::<T>(&mut self.tally) {
+            Some(message) => self.port.send(&message),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The samples of a robot: its topic is made when the first one comes.
+struct Samples {
+    port: Option<(SamplePublisher, RoleLock)>,
+    refused: Option<Instant>,
+    tally: Tally,
+}
+
+impl Samples {
+    fn take(&mut self, message: &IncomingMessage<'_>, bus: &Bus) -> Result<(), BusError> {
+        let Some(sample) = message.open::<Sample>(&mut self.tally) else {
+            return Ok(());
+        };
+        if self.port.is_none() {
+            if self.refused.is_some_and(|since| since.elapsed() < RETRY_AFTER) {
+                return Ok(());
+            }
+            match samples(bus) {
+                Ok(port) => self.port = Some(port),
+                Err(e) => {
+                    if self.refused.is_none() {
+                        tracing::error!("samples cannot come in: {e}");
+                    }
+                    self.refused = Some(Instant::now());
+                }
+            }
+        }
+        let Some((port, _)) = &mut self.port else {
+            return Ok(());
+        };
+        port.send(&sample)?;
+        port.wake();
+        Ok(())
+    }
+}
+
+fn samples(bus: &Bus) -> Result<(SamplePublisher, RoleLock), BusError> {
+    let role = RoleLock::acquire(bus.domain(), bus.robot(), Role::Plant)?;
+    let port = SamplePublisher::new(bus, Delivery::Realtime, Arc::new(AtomicBool::new(false)))?;
+    Ok((port, role))
+}

@@ -90,7 +90,7 @@ pub(super) fn warn_of_description(description: &Description, config: &Config) {
 pub(super) fn check_recording(info: &RunInfo, as_recorded: Option<&Config>, config: &Config) -> Result<(), Failure> {
     let own = config.model.definition().hash();
     let recorded = as_recorded.map(|config| config.model.definition().hash());
-    if recorded == Some(info.model_hash) {
+    if own == info.model_hash || recorded == Some(info.model_hash) {
         return Ok(());
     }
     if recorded != Some(own) {

@@ -66,6 +66,9 @@ pub(super) fn source(
     let (block_s, simulation) = (settings.options.block_s, settings.simulation.clone());
     let robot = RobotPlant::new(settings).map_err(in_file)?;
     let mut table = config.ordinary;
+    // What lies below, such as the configuration of a recording, may name another robot.
+    let name = crate::node::model::Model::definition(&robot).name.clone();
+    section(&mut table, "model").insert("kind".to_owned(), Value::from(name));
     let plant = section(&mut table, "plant");
     let number = |value: Option<&Value>| value.and_then(|v| v.as_float().or(v.as_integer().map(|i| i as f64)));
     let own_period_s = number(plant.get("sample_period_s")).unwrap_or(PERIOD_S);
@@ -100,7 +103,7 @@ pub(super) fn source(
         text: toml::to_string(&table).map_err(|e| in_file(e.to_string()))?,
     };
     Ok(Some(RobotSource {
-        catalog: catalog.clone().with_model(SharedModel::new(robot)),
+        catalog: catalog.clone().with_latest(SharedModel::new(robot)),
         source,
         counted_with_s,
     }))

@@ -62,17 +62,17 @@ fn array_mut(sample: &mut Sample, index: usize) -> &mut [f64] {
     }
 }
 
-fn header(info: &RunInfo) -> Vec<String> {
+fn header(joints: usize, position_unit: &str, input_unit: &str) -> Vec<String> {
     let mut header: Vec<String> = ["seq", "t_ns", "flags", "signals"].map(String::from).to_vec();
     for (name, _) in ARRAYS {
         let unit = match name {
-            "dq" => format!("{}_per_s", info.position_unit),
-            "ddq" => format!("{}_per_s2", info.position_unit),
-            "dddq" => format!("{}_per_s3", info.position_unit),
-            "input" => info.input_unit.clone(),
-            _ => info.position_unit.clone(),
+            "dq" => format!("{position_unit}_per_s"),
+            "ddq" => format!("{position_unit}_per_s2"),
+            "dddq" => format!("{position_unit}_per_s3"),
+            "input" => input_unit.to_owned(),
+            _ => position_unit.to_owned(),
         };
-        header.extend((1..=info.joints).map(|j| format!("{name}_{j}_{}", field_name(&unit))));
+        header.extend((1..=joints).map(|j| format!("{name}_{j}_{}", field_name(&unit))));
     }
     header
 }
@@ -84,7 +84,7 @@ impl<W: Write> SamplesCsv<W> {
     /// Where the sink cannot be written.
     pub fn new(sink: W, info: &RunInfo) -> io::Result<Self> {
         let mut writer = csv::Writer::from_writer(sink);
-        writer.write_record(header(info))?;
+        writer.write_record(header(info.joints, &info.position_unit, &info.input_unit))?;
         Ok(Self {
             writer,
             joints: info.joints,
@@ -170,8 +170,16 @@ impl<R: Read> SamplesCsvReader<R> {
     /// # Errors
     /// The header is that of another plant.
     pub fn new(source: R, info: &RunInfo) -> Result<Self, CsvSampleError> {
+        Self::of_units(source, info.joints, &info.position_unit, &info.input_unit)
+    }
+
+    /// The same for a plant of so many joints with these units.
+    ///
+    /// # Errors
+    /// See [`new`](Self::new).
+    pub fn of_units(source: R, joints: usize, position_unit: &str, input_unit: &str) -> Result<Self, CsvSampleError> {
         let mut reader = csv::Reader::from_reader(Bounded { source, since_row: 0 });
-        let columns = header(info);
+        let columns = header(joints, position_unit, input_unit);
         let got: Vec<String> = reader.headers()?.iter().map(String::from).collect();
         if got != columns {
             return Err(CsvSampleError::Header {
@@ -182,7 +190,7 @@ impl<R: Read> SamplesCsvReader<R> {
         Ok(Self {
             reader,
             columns,
-            joints: info.joints,
+            joints,
             record: csv::StringRecord::new(),
         })
     }
@@ -275,7 +283,7 @@ mod tests {
 
     #[test]
     fn fault_a_cell_that_is_no_number_is_named_by_line_and_column() {
-        let head = header(&arm()).join(",");
+        let head = header(arm().joints, &arm().position_unit, &arm().input_unit).join(",");
         let text = format!("{head}\n0,0,0,1,0,0,,,,,,,,,,\n1,1000,0,1,0,x,,,,,,,,,,\n");
         let error = read(&text).unwrap_err().to_string();
         assert_eq!(error, "line 3, column q_2_rad: expected a number, got \"x\"");

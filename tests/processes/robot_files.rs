@@ -1,9 +1,10 @@
 //! What the tools for recordings make of a robot: its configuration comes from the recording's
 //! directory, from the command line, or from both.
 
-use crate::support::{Program, Site};
+use crate::support::{Process, Program, Site};
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/robots/six_axis.toml");
 
@@ -97,4 +98,67 @@ fn fault_a_recording_without_its_configuration_says_what_the_urdf_needs() {
     let mut written = site.start(Program::Thetabus, &["urdf", &alone, "--config", CONFIG, "--out", &new]);
     written.expect_code(0);
     assert!(!written.stderr().contains("WARN"), "{}", written.stderr());
+}
+
+/// Samples of a robot hold no velocities, so that the columns of these are empty in an export.
+#[test]
+fn regress_an_export_and_a_log_without_velocities_are_identified() {
+    let site = Site::new();
+    let out = run(&site);
+    let at = |name: &str| site.dir.path().join(name).to_str().expect("UTF-8").to_owned();
+    let mut export = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+    export.args(["export", &out, "--out", &at("export.csv")]);
+    Process::start(export).expect_code(0);
+    let export = fs::read_to_string(at("export.csv")).expect("an export");
+    // The same samples as a log of one's own: t, q, input; behind them, as other loggers have it,
+    // a column of zeros.
+    let mut log = String::new();
+    let mut wide = String::new();
+    for line in export.lines().skip(1) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let nanoseconds: f64 = cells[1].parse().expect("a number");
+        let line = format!(
+            "{:e},{},{}",
+            nanoseconds * 1e-9,
+            cells[4..10].join(","),
+            cells[34..40].join(",")
+        );
+        log += &format!("{line}\n");
+        wide += &format!("{line},0\n");
+    }
+    fs::write(at("log.csv"), log).expect("written");
+    fs::write(at("wide.csv"), wide).expect("written");
+    let set = ["--set", "log.velocity_columns=[]"];
+    let [export, log, wide] = [("export.csv", &[][..]), ("log.csv", &[]), ("wide.csv", &set)].map(|(name, set)| {
+        let args = ["identify", &at(name), "--config", CONFIG, "--format", "json"];
+        let mut identify = site.start(Program::Thetabus, &[&args[..], set].concat());
+        identify.expect_code(0);
+        let said = identify.stderr();
+        assert!(
+            said.contains("no velocities: they are formed from the positions over 0.02 s to either side"),
+            "{said}"
+        );
+        assert!(!said.contains("WARN"), "{said}");
+        identify.stdout()
+    });
+    assert_eq!(log, wide);
+    let parameters = |text: &str| -> Vec<[f64; 2]> {
+        let summary: serde_json::Value = serde_json::from_str(text).expect("JSON");
+        let all = summary["parameters"].as_array().expect("a list");
+        let number = |p: &serde_json::Value, key: &str| p[key].as_f64().expect("a number");
+        all.iter().map(|p| [number(p, "estimate"), number(p, "std")]).collect()
+    };
+    // Times of the log are those of the export up to a rounding.
+    for (export, log) in parameters(&export).into_iter().zip(parameters(&log)) {
+        assert!((export[0] - log[0]).abs() < 1e-3 * export[1], "{export:?} {log:?}");
+    }
+    let mut short = site.start(Program::Thetabus, &["identify", &at("wide.csv"), "--config", CONFIG]);
+    short.expect_code(2);
+    assert!(
+        short
+            .stderr()
+            .contains("expected at least 19 columns, got 14; a log without velocities"),
+        "{}",
+        short.stderr()
+    );
 }

@@ -124,7 +124,8 @@ enum ConfigCommand {
         #[arg(value_name = "NAME")]
         name: Option<String>,
     },
-    /// Write a configuration that is built in to a file, to begin your own with
+    /// Write a built-in configuration to a file, to begin your own with; a robot's comes with its
+    /// URDF
     #[command(after_help = EXIT_CODES)]
     New {
         /// The file, which must not exist; NAME.toml here without it

@@ -42,12 +42,7 @@ fn run() -> Result<(), String> {
     };
     let robot = Robot::from_file(Path::new(urdf), &selection).map_err(|e| e.to_string())?;
     let n = robot.len();
-    let columns = LogColumns {
-        time: 1,
-        position: (2..2 + n).collect(),
-        velocity: (2 + n..2 + 2 * n).collect(),
-        input: (2 + 2 * n..2 + 3 * n).collect(),
-    };
+    let columns = LogColumns::in_order(n, true);
     let drives = Drives {
         gain: gain.unwrap_or_else(|| vec![1.0; n]),
         coupling: None,

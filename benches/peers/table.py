@@ -12,13 +12,15 @@ JOBS = {
 
 # Why a goal is not met, or what there is to compare.
 NOTES = {
-    "rows": "The recursion is the same arithmetic for everybody, so that nobody can be 5 × faster. The C++ has its size from "
+    "rows": "All programs do the same arithmetic, so no program can be 5 × faster. The C++ has its size from "
     "the compiler; Wrls takes any number of parameters, keeps the covariance as U D Uᵀ, which stays positive after any number "
     "of samples, and refuses rows that are not finite.",
     "samples": "No other program here does this job.",
 }
 
 HEAD = """# Beside other programs
+
+This page compares accuracy and speed with other programs on the same data.
 
 Made by `benches/peers/run.sh docs/peers.md`; do not edit.
 
@@ -37,7 +39,7 @@ rest starts from the values of `config/encoder_only.toml`, a factor of 2.5 off, 
 - **pinocchio**'s regressor with least squares has all ten parameters of each body, rotors, and friction with tanh(q̇/0.01); thetabus has base parameters, and
   friction that engages over a way, as the simulated robot's does. The errors of this job are the residuals of the torques of another motion, relative to the
   torques, worst and median joint; 0.5 % of each drive's limit is noise.
-- None of them says when it may be used, finds a change or tells a model that is wrong. The times of thetabus but for the first job include that.
+- None of them marks usable estimates, detects changes, or reports a wrong model. The times of thetabus include this, except in the first job.
 """
 
 

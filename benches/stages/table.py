@@ -34,6 +34,8 @@ STAGES = {
 
 HEAD = """# The time of each stage
 
+This page lists the time and the instructions of each stage from a sample to an estimate.
+
 Made by `cargo bench --no-default-features --features recording,robot,sim --bench stages -- --warm-up-time 0.3 --measurement-time 1.5` and
 `python3 benches/stages/table.py > docs/speed.md`; do not edit.
 

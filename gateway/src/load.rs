@@ -53,7 +53,7 @@ pub struct Floor {
     #[arg(long, default_value_t = 100)]
     pub hosts: usize,
     /// How long they send [s]
-    #[arg(long, default_value_t = 20.0)]
+    #[arg(long = "duration", alias = "duration-s", value_name = "S", default_value_t = 20.0)]
     pub duration_s: f64,
     /// Time between two estimates of a robot [s]
     #[arg(long, default_value_t = 1.9)]
@@ -117,7 +117,7 @@ pub fn run(args: &LoadArgs, stop: &AtomicBool) -> Result<(), GatewayError> {
     let numbers = [
         ("--robots", floor.robots.to_string()),
         ("--hosts", floor.hosts.to_string()),
-        ("--duration-s", floor.duration_s.to_string()),
+        ("--duration", floor.duration_s.to_string()),
         ("--estimate-period-s", floor.estimate_period_s.to_string()),
         ("--status-period-s", floor.status_period_s.to_string()),
         ("--sampled", floor.sampled.to_string()),

@@ -66,6 +66,13 @@ impl Catalog {
         self
     }
 
+    /// With one more model, in the place of one of the same name: as with keys, the last file wins.
+    #[must_use]
+    pub(crate) fn with_latest(mut self, model: SharedModel) -> Self {
+        self.own.retain(|own| own.name() != model.name());
+        self.with_model(model)
+    }
+
     /// All names, those of this library first.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         let own = self.own.iter().map(|model| model.name());

@@ -76,21 +76,12 @@ impl RobotPlant {
             .map(|(name, unit, meaning)| DerivedQuantity::new(name, unit, meaning))
             .collect();
         let payload = settings.model.parameters().len();
+        let (position_unit, input_unit) = robot_units(&settings.model, &settings.drives);
         let definition = PlantDefinition {
             name: name(&settings),
             joints: robot.len(),
-            input_unit: if settings.drives.gain.iter().all(|gain| *gain == 1.0) {
-                "N m"
-            } else {
-                "A"
-            }
-            .to_owned(),
-            position_unit: if robot.joints.iter().all(|joint| !joint.turns) {
-                "m"
-            } else {
-                "rad"
-            }
-            .to_owned(),
+            input_unit: input_unit.to_owned(),
+            position_unit: position_unit.to_owned(),
             equations: equations.collect(),
             parameters,
             relations: Vec::new(),
@@ -114,6 +105,13 @@ impl RobotPlant {
     pub fn settings(&self) -> &RobotSettings {
         &self.settings
     }
+}
+
+/// Units of the positions and of the drives' inputs.
+pub fn robot_units(model: &RobotModel, drives: &Drives) -> (&'static str, &'static str) {
+    let turns = model.robot().joints.iter().any(|joint| joint.turns);
+    let is_torque = drives.gain.iter().all(|gain| *gain == 1.0);
+    (if turns { "rad" } else { "m" }, if is_torque { "N m" } else { "A" })
 }
 
 /// The robot's name, with a digest of what gives its parameters their meaning: combinations that

@@ -41,15 +41,15 @@ pub enum CsvSampleError {
     },
 }
 
-fn header(info: &RunInfo) -> Vec<String> {
+fn header(joints: usize, position_unit: &str, input_unit: &str) -> Vec<String> {
     let mut header: Vec<String> = ["seq", "t_ns", "flags", "signals"].map(String::from).to_vec();
     for signal in SIGNALS {
-        let unit = signal.unit.replace("{position}", &info.position_unit);
+        let unit = signal.unit.replace("{position}", position_unit);
         let unit = unit
-            .replace("{input}", &info.input_unit)
+            .replace("{input}", input_unit)
             .replace('/', "_per_")
             .replace('^', "");
-        header.extend((1..=info.joints).map(|j| format!("{}_{j}_{}", signal.name, field_name(&unit))));
+        header.extend((1..=joints).map(|j| format!("{}_{j}_{}", signal.name, field_name(&unit))));
     }
     header
 }
@@ -61,7 +61,7 @@ impl<W: Write> SamplesCsv<W> {
     /// If the sink cannot be written.
     pub fn new(sink: W, info: &RunInfo) -> io::Result<Self> {
         let mut writer = csv::Writer::from_writer(sink);
-        writer.write_record(header(info))?;
+        writer.write_record(header(info.joints, &info.position_unit, &info.input_unit))?;
         Ok(Self {
             writer,
             joints: info.joints,
@@ -143,8 +143,16 @@ impl<R: Read> SamplesCsvReader<R> {
     /// # Errors
     /// The header is that of another plant.
     pub fn new(source: R, info: &RunInfo) -> Result<Self, CsvSampleError> {
+        Self::of_units(source, info.joints, &info.position_unit, &info.input_unit)
+    }
+
+    /// The same for a plant of so many joints with these units.
+    ///
+    /// # Errors
+    /// See [`new`](Self::new).
+    pub fn of_units(source: R, joints: usize, position_unit: &str, input_unit: &str) -> Result<Self, CsvSampleError> {
         let mut reader = csv::Reader::from_reader(Bounded { source, since_row: 0 });
-        let columns = header(info);
+        let columns = header(joints, position_unit, input_unit);
         let got: Vec<String> = reader.headers()?.iter().map(String::from).collect();
         if got != columns {
             return Err(CsvSampleError::Header {
@@ -155,7 +163,7 @@ impl<R: Read> SamplesCsvReader<R> {
         Ok(Self {
             reader,
             columns,
-            joints: info.joints,
+            joints,
             record: csv::StringRecord::new(),
         })
     }
@@ -206,6 +214,7 @@ pub fn is_samples_csv(beginning: &[u8]) -> bool {
 mod tests {
     use super::super::info::tests::arm;
     use super::*;
+    use crate::messages::signals;
 
     fn read(text: &str) -> Result<Vec<Sample>, CsvSampleError> {
         let mut reader = SamplesCsvReader::new(text.as_bytes(), &arm())?;
@@ -249,7 +258,7 @@ mod tests {
 
     #[test]
     fn fault_a_cell_that_is_no_number_is_named_by_line_and_column() {
-        let head = header(&arm()).join(",");
+        let head = header(arm().joints, &arm().position_unit, &arm().input_unit).join(",");
         let text = format!("{head}\n0,0,0,1,0,0,,,,,,,,,,\n1,1000,0,1,0,x,,,,,,,,,,\n");
         let error = read(&text).unwrap_err().to_string();
         assert_eq!(error, "line 3, column q_2_rad: expected a number, got \"x\"");

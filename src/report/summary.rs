@@ -204,7 +204,6 @@ fn derived(monitor: &MonitorNode, last: Option<&Estimate>) -> Vec<DerivedSummary
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let number = |value: Option<f64>| value.map_or_else(|| "-".to_string(), significant);
-        let percent = |value: Option<f64>| value.map_or_else(|| "-".to_string(), percent);
         let name = |text: &str| format!("{text:<18}");
         writeln!(
             f,
@@ -228,15 +227,11 @@ impl fmt::Display for Summary {
                 number(p.estimate),
                 p.std.map_or_else(|| "-".to_string(), |std| format!("{std:.1e}")),
                 number(p.truth),
-                percent(p.relative_error),
+                error(p.estimate, p.std, p.truth),
                 p.unit
             )?;
         }
         for d in &self.derived {
-            let error = d
-                .estimate
-                .zip(d.truth)
-                .map(|(value, truth)| relative_error(value, truth));
             writeln!(
                 f,
                 "{} {:>14} {:>11} {:>14} {:>11}  {}",
@@ -244,7 +239,7 @@ impl fmt::Display for Summary {
                 number(d.estimate),
                 d.std.map_or_else(|| "-".to_string(), |std| format!("{std:.1e}")),
                 number(d.truth),
-                percent(error),
+                error(d.estimate, d.std, d.truth),
                 d.unit
             )?;
         }
@@ -285,6 +280,17 @@ impl fmt::Display for Summary {
             writeln!(f, "{words}")?;
         }
         Ok(())
+    }
+}
+
+/// The relative error in percent; none of a value that is not determined, because its standard
+/// deviation is larger than itself, and none beside a truth of 0.
+fn error(estimate: Option<f64>, std: Option<f64>, truth: Option<f64>) -> String {
+    match (estimate, truth) {
+        (Some(value), Some(truth)) if truth != 0.0 && std.is_none_or(|std| std <= value.abs()) => {
+            percent(relative_error(value, truth))
+        }
+        _ => "-".to_string(),
     }
 }
 
@@ -367,6 +373,20 @@ mod tests {
         ] {
             assert_eq!(percent(share), text);
         }
+    }
+
+    #[test]
+    fn regress_what_is_not_determined_has_no_error_in_percent() {
+        for (value, std, truth, text) in [
+            (10.5, Some(0.1), 10.0, "+5.000 %"),
+            (10.5, None, 10.0, "+5.000 %"),
+            (0.3, Some(0.5), 0.002, "-"),
+            (0.002, Some(0.001), 0.0, "-"),
+        ] {
+            assert_eq!(error(Some(value), std, Some(truth)), text);
+        }
+        assert_eq!(error(None, None, Some(1.0)), "-");
+        assert_eq!(error(Some(1.0), None, None), "-");
     }
 
     #[test]

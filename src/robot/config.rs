@@ -8,14 +8,16 @@ use super::config_file::{
 use super::excitation::{ExcitationOptions, JointRange};
 use super::friction::{FrictionTerm, JointFriction};
 use super::identify::{IdentifyOptions, RobotIdentifier};
-use super::log::{Drives, LogColumns};
+use super::log::{Drives, LogColumns, width_of};
 use super::model::RobotModel;
 use super::motion_table::MotionTable;
 use super::overrides::{is_robot_override, lay};
 use super::reference::{MotionLimits, Motions};
 use super::rows::WindowOptions;
 use super::simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator};
+use super::state::RobotSample;
 use super::tree::{Robot, Selection};
+use super::velocity::with_velocities;
 use crate::pipe::{MAX_SETTINGS_BYTES, MAX_TABLE_BYTES, read_text};
 use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
@@ -36,6 +38,8 @@ pub struct RobotConfig {
     pub model: RobotModel,
     /// Columns of the logs.
     pub columns: LogColumns,
+    /// True if the file names them; else a log has them in order, with velocities or without.
+    pub names_columns: bool,
     /// From a log's inputs to torques.
     pub drives: Drives,
     /// How it is identified from a log.
@@ -189,11 +193,13 @@ impl RobotConfig {
             .collect();
         let sample_period_s = sample_period_s(&ordinary).map_err(|problem| at("plant.sample_period_s", problem))?;
         let payload = file.identify.payload.unwrap_or(true);
+        let names_columns = file.log.names_columns();
         let columns = columns(file.log, n).map_err(|problem| at("log", problem))?;
         Ok(Self {
             urdf,
             model,
             columns,
+            names_columns,
             drives,
             options,
             payload,
@@ -203,6 +209,29 @@ impl RobotConfig {
             sample_period_s,
             ordinary,
         })
+    }
+
+    /// Columns of a log: those that the file names, else as many as its lines hold.
+    pub fn columns_of(&self, log: &str) -> LogColumns {
+        let n = self.model.robot().len();
+        let lacks_velocity = !self.names_columns && width_of(log) == Some(1 + 2 * n);
+        match lacks_velocity {
+            true => LogColumns {
+                time: self.columns.time,
+                ..LogColumns::in_order(n, false)
+            },
+            false => self.columns.clone(),
+        }
+    }
+
+    /// Time to either side over which velocities of a log that holds none are formed \[s\].
+    pub fn log_velocity_s(&self) -> f64 {
+        self.velocity_s.unwrap_or(VELOCITY_S)
+    }
+
+    /// The samples of a log that holds no velocities, with those of their positions.
+    pub fn with_velocities(&self, log: &[RobotSample]) -> Vec<RobotSample> {
+        with_velocities(log, self.log_velocity_s(), self.options.windows.max_gap_s)
     }
 }
 
@@ -396,10 +425,11 @@ fn options(section: &IdentifySection) -> IdentifyOptions {
     }
 }
 
-/// Without columns: t, then all positions, all velocities, all inputs.
+/// Without columns: t, then all positions, all velocities, all inputs. A section that names the
+/// columns of the inputs names those of the velocities, too, if there are any.
 fn columns(section: LogSection, n: usize) -> Result<LogColumns, String> {
-    let list = |name: &str, given: Option<Vec<usize>>, first: usize| {
-        let columns = given.unwrap_or_else(|| (first..first + n).collect());
+    let list = |name: &str, given: Option<Vec<usize>>, default: Vec<usize>| {
+        let columns = given.unwrap_or(default);
         match columns.len() == n && columns.iter().all(|column| *column >= 1) {
             true => Ok(columns),
             false => Err(format!(
@@ -411,10 +441,18 @@ fn columns(section: LogSection, n: usize) -> Result<LogColumns, String> {
     if time == 0 {
         return Err("time_column: expected a column counted from 1, got 0".to_owned());
     }
+    let default = LogColumns::in_order(n, section.input_columns.is_none());
+    let velocity = match section.velocity_columns {
+        None => default.velocity,
+        Some(columns) if columns.is_empty() => columns,
+        given => list("velocity_columns", given, Vec::new())
+            .map_err(|problem| format!("{problem}; leave it out, or empty, if the log holds no velocities"))?,
+    };
+    let in_order = LogColumns::in_order(n, !velocity.is_empty());
     Ok(LogColumns {
         time,
-        position: list("position_columns", section.position_columns, 2)?,
-        velocity: list("velocity_columns", section.velocity_columns, 2 + n)?,
-        input: list("input_columns", section.input_columns, 2 + 2 * n)?,
+        position: list("position_columns", section.position_columns, in_order.position)?,
+        input: list("input_columns", section.input_columns, in_order.input)?,
+        velocity,
     })
 }

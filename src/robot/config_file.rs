@@ -70,6 +70,13 @@ pub(super) struct LogSection {
     pub input_columns: Option<Vec<usize>>,
 }
 
+impl LogSection {
+    /// True if it says where positions, velocities or inputs stand.
+    pub fn names_columns(&self) -> bool {
+        self.position_columns.is_some() || self.velocity_columns.is_some() || self.input_columns.is_some()
+    }
+}
+
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct IdentifySection {

@@ -11,10 +11,23 @@ pub struct LogColumns {
     pub time: usize,
     /// Positions \[rad or m\], one per joint.
     pub position: Vec<usize>,
-    /// Velocities \[rad/s or m/s\], one per joint.
+    /// Velocities \[rad/s or m/s\], one per joint; empty if the log holds none.
     pub velocity: Vec<usize>,
     /// Torques, forces or currents of the drives, one per joint.
     pub input: Vec<usize>,
+}
+
+impl LogColumns {
+    /// Time, then positions, velocities if there are any, and inputs of all joints.
+    pub fn in_order(joints: usize, has_velocity: bool) -> Self {
+        let list = |index: usize| (2 + index * joints..2 + (index + 1) * joints).collect();
+        Self {
+            time: 1,
+            position: list(0),
+            velocity: if has_velocity { list(1) } else { Vec::new() },
+            input: list(if has_velocity { 2 } else { 1 }),
+        }
+    }
 }
 
 /// From the input of the drives to the torques at the joints.
@@ -118,7 +131,8 @@ impl fmt::Display for LogError {
 impl std::error::Error for LogError {}
 
 /// Reads a log; numbers are separated by semicolons, bars, tabs, commas or spaces, a first line of
-/// names is skipped. Where commas do not separate they are decimal commas.
+/// names is skipped. Where commas do not separate they are decimal commas. Without columns of
+/// velocities these are 0, see [`with_velocities`](super::with_velocities).
 ///
 /// # Errors
 /// The first line that does not hold finite numbers in the columns, or whose time is not after the
@@ -132,7 +146,8 @@ pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Vec
         ("input", &columns.input),
     ];
     for (name, list) in lists {
-        if list.len() != joints || !(1..=MAX_JOINTS).contains(&joints) {
+        let is_left_out = name == "velocity" && list.is_empty();
+        if !is_left_out && list.len() != joints || !(1..=MAX_JOINTS).contains(&joints) {
             return Err(problem(
                 None,
                 format!(
@@ -162,9 +177,13 @@ pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Vec
             continue;
         }
         if fields.len() < widest {
+            let hint = match columns.velocity.is_empty() {
+                true => "",
+                false => "; a log without velocities needs log.velocity_columns = []",
+            };
             return Err(problem(
                 number,
-                format!("expected at least {widest} columns, got {}", fields.len()),
+                format!("expected at least {widest} columns, got {}{hint}", fields.len()),
             ));
         }
         let value = |column: usize| -> Result<f64, LogError> {
@@ -184,7 +203,9 @@ pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Vec
         let mut input = [0.0; MAX_JOINTS];
         for joint in 0..joints {
             sample.q[joint] = value(columns.position[joint])?;
-            sample.dq[joint] = value(columns.velocity[joint])?;
+            if let Some(column) = columns.velocity.get(joint) {
+                sample.dq[joint] = value(*column)?;
+            }
             input[joint] = value(columns.input[joint])?;
         }
         sample.tau = drives.torques(&input);
@@ -199,6 +220,17 @@ pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Vec
         samples.push(sample);
     }
     Ok(samples)
+}
+
+/// Number of columns of the first line that holds a number; `None` if none does.
+pub(super) fn width_of(text: &str) -> Option<usize> {
+    let mut fields = Vec::new();
+    text.lines().find_map(|line| {
+        fields.clear();
+        split(line, &mut fields);
+        let has_number = fields.iter().any(|field| number_of(field).is_some());
+        has_number.then_some(fields.len())
+    })
 }
 
 /// With a decimal point, or with a comma in its place.

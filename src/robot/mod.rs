@@ -125,4 +125,4 @@ pub use suspicion::RobotSuspicion;
 pub use tree::{Robot, RobotJoint, RobotLink, Selection};
 pub use urdf::{Joint, JointKind, Limits, Link, Urdf};
 pub use urdf_writer::{JointValues, LinkValues, write_urdf};
-pub use velocity::Velocities;
+pub use velocity::{Velocities, with_velocities};

@@ -222,7 +222,7 @@ pub fn read_motion(text: &str, columns: &LogColumns) -> Result<MotionTable, LogE
     }
     // Positions alone: velocities and inputs may be anything.
     let positions = LogColumns {
-        velocity: columns.position.clone(),
+        velocity: Vec::new(),
         input: columns.position.clone(),
         ..columns.clone()
     };

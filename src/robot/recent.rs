@@ -145,10 +145,13 @@ impl SliceRing {
         Some(&self.slices[(self.next + room - self.len - 1) % room])
     }
 
-    /// Drops the newest ones.
+    /// Drops the newest ones; a ring without room, where no payload is looked for, has none.
     pub fn drop_newest(&mut self, count: usize) {
         let room = self.slices.len();
         let count = count.min(self.len);
+        if count == 0 {
+            return;
+        }
         self.next = (self.next + room - count) % room;
         self.len -= count;
     }

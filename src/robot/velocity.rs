@@ -82,6 +82,23 @@ impl Velocities {
     }
 }
 
+/// The samples of a log with velocities by their positions, over `half_s` \[s\] to either side, two
+/// samples at least. Samples at the ends, and beside gaps longer than `max_gap_s` \[s\], have no
+/// neighbours on both sides and are left out.
+pub fn with_velocities(log: &[RobotSample], half_s: f64, max_gap_s: f64) -> Vec<RobotSample> {
+    if log.len() < 2 {
+        return Vec::new();
+    }
+    // The median, so that a pause does not count.
+    let mut steps: Vec<f64> = log.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
+    let (_, period_s, _) = steps.select_nth_unstable_by((log.len() - 1) / 2, f64::total_cmp);
+    let period_s = *period_s;
+    // Not more neighbours than there are samples: a wrong unit of time is reported elsewhere.
+    let half = ((half_s / period_s).round() as usize).clamp(2, log.len());
+    let mut velocities = Velocities::new(half, max_gap_s.max(1.5 * period_s));
+    log.iter().filter_map(|sample| velocities.push(sample)).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -112,5 +129,27 @@ mod tests {
             ..RobotSample::default()
         };
         assert!(velocities.push(&late).is_none());
+    }
+
+    #[test]
+    fn val_a_log_has_velocities_but_at_its_ends_and_beside_a_gap() {
+        let at = |t: f64| {
+            let mut sample = RobotSample {
+                t_s: t,
+                ..RobotSample::default()
+            };
+            sample.q[0] = t.sin();
+            sample
+        };
+        // 100 Hz, 2 s, a gap of 1 s, 2 s: 20 ms are two samples to either side.
+        let log: Vec<RobotSample> = (0..400)
+            .map(|k| at(0.01 * f64::from(k) + if k < 200 { 0.0 } else { 1.0 }))
+            .collect();
+        let with = with_velocities(&log, 0.02, 0.05);
+        assert_eq!(with.len(), 400 - 4 - 4);
+        // The cubic leaves 4/5! · 0.01⁴ of the fifth derivative: 3e-10.
+        assert!(with.iter().all(|sample| (sample.dq[0] - sample.t_s.cos()).abs() < 1e-8));
+        assert_eq!(with_velocities(&log[..4], 0.02, 0.05), []);
+        assert_eq!(with_velocities(&[], 0.02, 0.05), []);
     }
 }

@@ -56,11 +56,11 @@ enum Command {
     /// Make figures and a page of a run that was recorded
     #[command(after_help = EXIT_CODES)]
     Report(ReportArgs),
-    /// Write a recording's samples as CSV, units in the header; `identify` reads it back to the
-    /// same bits
+    /// Write a recording's samples as CSV, units in the header; `identify` reads them back bit for
+    /// bit
     #[command(after_help = EXIT_CODES)]
     Export(ExportArgs),
-    /// Pause, resume, reset, tune, fix, free, save or describe a running identifier
+    /// Command a running identifier: pause, resume, reset, set, fix, free, payload, save, describe
     #[command(after_help = EXIT_CODES)]
     Ctl(CtlArgs),
     /// Show what is on the bus: domains, programs, services, locks, memory
@@ -85,7 +85,7 @@ enum Command {
     #[command(after_help = EXIT_CODES)]
     Plant(PlantArgs),
     /// Publish the samples of all robots of a file on the bus, simulated in real time
-    #[command(after_help = EXIT_CODES)]
+    #[command(after_help = EXIT_CODES, mut_arg("config", |arg| arg.help("File with [[robot]] entries, or of one robot; it must state a speed (plant.speed = 1); repeatable, later files override earlier ones key by key")))]
     Load(PlantArgs),
     /// The identification service on its own: samples from the bus in, estimates out
     #[command(after_help = EXIT_CODES)]
@@ -117,14 +117,16 @@ enum ConfigCommand {
         #[arg(long, value_name = "DIR|summary.json", requires = "motion")]
         residuals: Option<PathBuf>,
     },
-    /// Print a configuration that is built in, or the names of all of them
+    /// Print a built-in configuration, or list their names
     #[command(after_help = EXIT_CODES)]
     Show {
-        /// Its name, for example encoder_only; default is the list of all keys
+        /// Name, for example encoder_only; `default` prints every key. Without a name: list the
+        /// names
         #[arg(value_name = "NAME")]
         name: Option<String>,
     },
-    /// Write a configuration that is built in to a file, to begin your own with
+    /// Write a built-in configuration to a file, to begin your own with; a robot's comes with its
+    /// URDF
     #[command(after_help = EXIT_CODES)]
     New {
         /// The file, which must not exist; NAME.toml here without it

@@ -36,8 +36,8 @@ pub enum LogFormat {
 /// What all programs understand.
 #[derive(Debug, Clone, Default, Args)]
 pub struct CommonArgs {
-    /// Configuration file; repeated, later files win key by key. Without one
-    /// config/encoder_only.toml, which is built in
+    /// Configuration file; repeatable, later files override earlier ones key by key. Default:
+    /// config/encoder_only.toml, built in
     #[arg(long, value_name = "FILE")]
     pub config: Vec<PathBuf>,
     /// Override a key of the configuration, e.g. --set estimator.block_len=950; repeatable

@@ -30,7 +30,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 #[derive(Debug, Clone, clap::Args)]
 pub struct BenchArgs {
     /// How long each stage is measured, in seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 20)]
+    #[arg(long = "duration", alias = "duration-s", value_name = "S", default_value_t = 20)]
     pub duration_s: u64,
     /// Write the page there as well as to standard output
     #[arg(long, value_name = "FILE")]

@@ -1,6 +1,7 @@
 //! `thetabus calibrate EMPTY.csv LOADED.csv`: gains of the drives from a load whose mass is known.
 
-use super::{CalibrateArgs, Exit, Failure, TableFormat, identify_robot, logging};
+use super::robot_log::RobotLog;
+use super::{CalibrateArgs, Exit, Failure, TableFormat, logging, robot_profile};
 use crate::robot::{BodyParameters, GainCalibration, KnownLoad, RobotConfig, declared_load};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -22,8 +23,12 @@ pub fn run(args: &CalibrateArgs) -> Result<Exit, Failure> {
         center_m: numbers("com", args.com.as_deref())?,
         inertia_kg_m2: numbers("inertia", args.inertia.as_deref())?,
     };
-    let empty = identify_robot::read(&args.empty, &config)?;
-    let loaded = identify_robot::read(&args.loaded, &config)?;
+    let [empty, loaded] = [&args.empty, &args.loaded].map(|path| -> Result<RobotLog, Failure> {
+        let log = RobotLog::read(path, &config)?;
+        robot_profile::tell_velocities(path, &config, &log);
+        Ok(log)
+    });
+    let (empty, loaded) = (empty?.samples, loaded?.samples);
     let found = GainCalibration::of(&config.model, &config.options, &empty, &loaded, &load).map_err(Failure::Usage)?;
     let gains: Vec<f64> = config
         .drives

@@ -1,6 +1,6 @@
 //! `thetabus config check`, `show` and `new`.
 
-use super::new_file::write_new;
+use super::new_file::{refuse_existing, write_new};
 use super::{CommonArgs, Exit, Failure, logging};
 use crate::config::{Config, Source};
 use std::collections::BTreeSet;
@@ -30,6 +30,10 @@ pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<
     Ok(Exit::Done)
 }
 
+/// A robot's configuration is read otherwise than the rest, and needs its URDF beside it.
+const ROBOT: (&str, &str) = ("six_axis", include_str!("../../config/robots/six_axis.toml"));
+const ROBOT_URDF: (&str, &str) = ("six_axis.urdf", include_str!("../../config/robots/six_axis.urdf"));
+
 /// Prints a configuration that is built in, or the names of all.
 ///
 /// # Errors
@@ -37,32 +41,51 @@ pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<
 pub fn config_show(name: Option<&str>) -> Result<Exit, Failure> {
     match name {
         Some(name) => logging::result(built_in(name)?.trim_end())?,
-        None => logging::result(&Config::embedded_names().collect::<Vec<_>>().join("\n"))?,
+        None => logging::result(&names().join("\n"))?,
     }
     Ok(Exit::Done)
 }
 
-/// Writes a configuration that is built in to a file that does not exist yet.
+/// Writes a configuration that is built in to a file that does not exist yet, and the URDF of a
+/// robot's beside it.
 ///
 /// # Errors
-/// There is none of this name, or the file exists or cannot be written.
+/// There is none of this name, or a file exists or cannot be written.
 pub fn config_new(file: Option<&Path>, from: &str) -> Result<Exit, Failure> {
     let text = built_in(from)?;
     let file = file.map_or_else(|| Path::new(from).with_extension("toml"), Path::to_path_buf);
+    let urdf = (from == ROBOT.0).then(|| file.with_file_name(ROBOT_URDF.0));
+    // Both or none: the URDF of an earlier start may stay if it is the same.
+    let is_there = |path: &Path| std::fs::read(path).is_ok_and(|bytes| bytes == ROBOT_URDF.1.as_bytes());
+    let urdf = urdf.filter(|path| !is_there(path));
+    for path in [Some(&file), urdf.as_ref()].into_iter().flatten() {
+        refuse_existing(path)?;
+    }
     write_new(&file, &text)?;
     logging::result(&format!(
         "{}: written; a configuration states only what differs from the defaults",
         file.display()
     ))?;
+    if let Some(urdf) = urdf {
+        write_new(&urdf, ROBOT_URDF.1)?;
+        logging::result(&format!(
+            "{}: written; put your robot's in its place, and its name into model.urdf",
+            urdf.display()
+        ))?;
+    }
     Ok(Exit::Done)
+}
+
+fn names() -> Vec<&'static str> {
+    Config::embedded_names().chain([ROBOT.0]).collect()
 }
 
 fn built_in(name: &str) -> Result<String, Failure> {
     match Config::embedded(name) {
         Some(Source::Embedded { text, .. }) => Ok(text),
+        _ if name == ROBOT.0 => Ok(ROBOT.1.to_owned()),
         _ => {
-            let names: Vec<&str> = Config::embedded_names().collect();
-            let message = format!("expected a configuration out of {}, got \"{name}\"", names.join(", "));
+            let message = format!("expected a configuration out of {}, got \"{name}\"", names().join(", "));
             Err(Failure::Usage(message))
         }
     }

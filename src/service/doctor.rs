@@ -61,7 +61,7 @@ fn text(reports: &[DomainReport], removed: &[(Domain, Cleaned)], args: &DoctorAr
         let _ = match cleaned.domain {
             true => writeln!(
                 text,
-                "removed domain {}: nobody lived in it, {} file(s)",
+                "removed domain {}: no program was running, {} file(s)",
                 domain.name(),
                 cleaned.files
             ),
@@ -90,9 +90,9 @@ fn text(reports: &[DomainReport], removed: &[(Domain, Cleaned)], args: &DoctorAr
 
 fn one(text: &mut String, report: &DomainReport) {
     let state = match (report.abandoned, report.has_dead()) {
-        (true, true) => "nobody lives in it, and something dead is left",
-        (true, false) => "nobody lives in it",
-        (false, true) => "in use, with something dead in it",
+        (true, true) => "no program is running; stale resources are left",
+        (true, false) => "no program is running",
+        (false, true) => "in use; stale resources are left",
         (false, false) => "in use",
     };
     let _ = writeln!(

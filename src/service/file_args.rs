@@ -115,6 +115,7 @@ pub struct ExportArgs {
 
 /// `thetabus identify`.
 #[derive(Debug, Clone, Args)]
+#[command(mut_arg("config", |arg| arg.help("Configuration file; repeatable, later files override earlier ones key by key. Default: the recording's own configuration; for a log, config/encoder_only.toml, built in")))]
 pub struct IdentifyArgs {
     /// Directory of results or recording, whose own configuration holds if --config and --set
     /// say nothing, or log with columns as section log names them
@@ -144,6 +145,7 @@ pub struct IdentifyArgs {
 
 /// `thetabus replay`.
 #[derive(Debug, Clone, Args)]
+#[command(mut_arg("config", |arg| arg.help("Configuration file; repeatable, later files override earlier ones key by key. Default: the recording's own configuration")))]
 pub struct ReplayArgs {
     /// Directory of results, or recording
     #[arg(value_name = "DIR|RECORDING")]

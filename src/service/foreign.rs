@@ -99,8 +99,6 @@ pub(super) fn warn_of_description(description: &Description, config: &Config) {
 pub(super) fn check_recording(info: &RunInfo, as_recorded: Option<&Config>, config: &Config) -> Result<(), Failure> {
     let own = config.model.definition().hash();
     let recorded = as_recorded.map(|config| config.model.definition().hash());
-    // Whoever names the robot's own file, as a recording without its URDF needs, names no other
-    // model.
     if own == info.model_hash || recorded == Some(info.model_hash) {
         return Ok(());
     }

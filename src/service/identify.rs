@@ -6,7 +6,7 @@ use super::record::recording_at;
 use super::run_info::run_info;
 use super::script::Script;
 use super::wiring::monitor_node;
-use super::{Exit, Failure, IdentifyArgs, foreign, identify_log, identify_robot, report};
+use super::{Exit, Failure, IdentifyArgs, foreign, identify_log, identify_robot, report, robot_log};
 use crate::config::{Config, ConfigError};
 use crate::recording::{Entry, Loss, RunInfo};
 use crate::runner::Shutdown;
@@ -25,7 +25,7 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         .extension()
         .is_some_and(|name| name.eq_ignore_ascii_case("csv"));
     let is_log = is_log && !args.input.is_dir();
-    let is_bag = identify_robot::is_bag(&args.input);
+    let is_bag = robot_log::is_bag(&args.input);
     if (is_log || is_bag || args.validate.is_some())
         && let Some(robot) = identify_robot::configuration(args)?
     {

@@ -1,14 +1,12 @@
 //! `thetabus identify LOG.csv --config ROBOT.toml`: a robot from its URDF, off line.
 
 use super::robot::robot_text;
+use super::robot_log::RobotLog;
 use super::ticker::Ticker;
 use super::{Exit, Failure, IdentifyArgs, TableFormat, logging, out_dir, robot_profile, robot_urdf};
-use crate::model::MAX_JOINTS;
-use crate::pipe::read_text;
-use crate::recording::{RecordingReader, Span, read_joint_states};
 use crate::robot::{
-    FilteredSample, RobotConfig, RobotIdentifier, RobotSample, TorqueFit, Velocities, correlation_time_s, filtered,
-    is_robot_override, judge_robot_fit, read_log,
+    FilteredSample, RobotConfig, RobotIdentifier, TorqueFit, correlation_time_s, filtered, is_robot_override,
+    judge_robot_fit,
 };
 use crate::runner::Shutdown;
 use serde_json::{Value, json};
@@ -17,9 +15,6 @@ use std::path::Path;
 
 /// Blocks that are learnt before predictions count: at first nothing is known of friction.
 const WARM_UP_BLOCKS: usize = 10;
-
-/// Largest log \[bytes\], which is held in memory: two hours of seven joints at 1 kHz.
-const MAX_LOG_BYTES: u64 = 2 << 30;
 
 /// The robot's configuration, if the command line names one.
 ///
@@ -66,14 +61,16 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
         out_dir::check(dir)?;
     }
     let ticker = Ticker::start(&format!("reading {}", args.input.display()));
-    let log = cut(args, read(&args.input, &config)?)?;
-    let held_out = args.validate.as_deref().map(|path| read(path, &config)).transpose()?;
+    let log = cut(args, RobotLog::read(&args.input, &config)?)?;
+    let held_out = args.validate.as_deref().map(|path| RobotLog::read(path, &config));
+    let held_out = held_out.transpose()?;
     // Between two tickers: a line of the one would run into the other's.
     drop(ticker);
-    robot_profile::tell(&args.input, &config, &log, is_bag(&args.input));
+    robot_profile::tell(&args.input, &config, &log);
     if let (Some(path), Some(log)) = (&args.validate, &held_out) {
-        robot_profile::tell(path, &config, log, is_bag(path));
+        robot_profile::tell(path, &config, log);
     }
+    let log = log.samples;
     let ticker = Ticker::start(&format!("identifying from {}", args.input.display()));
     let mut identifier = RobotIdentifier::new(config.model, config.options).map_err(Failure::Usage)?;
     let states = filtered(identifier.model(), &log);
@@ -114,7 +111,7 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
         correlation_s: (0..identifier.model().robot().len())
             .map(|joint| correlation_time_s(identifier.model(), identifier.theta(), &states, joint))
             .collect(),
-        held_out: held_out.map(|log| fit(&filtered(identifier.model(), &log))),
+        held_out: held_out.map(|log| fit(&filtered(identifier.model(), &log.samples))),
     };
     let summary = summary(&identifier, &fits, log.len());
     let found = judge_robot_fit(&identifier, &states);
@@ -148,88 +145,15 @@ struct Fits {
     held_out: Option<TorqueFit>,
 }
 
-/// True for what `thetabus` has not recorded itself: a bag of ROS 2, as a file or as a directory.
-pub(super) fn is_bag(path: &Path) -> bool {
-    match path.is_dir() {
-        true => path.join("metadata.yaml").is_file(),
-        false => {
-            path.extension().is_some_and(|name| name.eq_ignore_ascii_case("mcap"))
-                && RecordingReader::open(path, Span::default()).is_err()
-        }
-    }
-}
-
-/// A log of the configured robot: columns of numbers, or a bag of ROS 2.
-///
-/// # Errors
-/// What is wrong with it, with its line.
-pub(super) fn read(path: &Path, config: &RobotConfig) -> Result<Vec<RobotSample>, Failure> {
-    let usage = |problem: &dyn std::fmt::Display| Failure::Usage(format!("{}: {problem}", path.display()));
-    let log = match is_bag(path) {
-        true => read_bag(path, config)?,
-        false => {
-            let text = read_text(path, MAX_LOG_BYTES).map_err(|e| usage(&e))?;
-            read_log(&text, &config.columns, &config.drives).map_err(|e| usage(&e))?
-        }
-    };
-    match log.len() {
-        0..3 => Err(usage(&format!("expected at least 3 samples, got {}", log.len()))),
-        _ => Ok(log),
-    }
-}
-
-/// `sensor_msgs/msg/JointState`, joints by their names in the URDF; effort is the input of the
-/// drives.
-fn read_bag(path: &Path, config: &RobotConfig) -> Result<Vec<RobotSample>, Failure> {
-    let usage = |problem: &dyn std::fmt::Display| Failure::Usage(format!("{}: {problem}", path.display()));
-    let robot = config.model.robot();
-    let names: Vec<&str> = robot.joints.iter().map(|joint| joint.name.as_str()).collect();
-    let states = read_joint_states(path, &names).map_err(Failure::Usage)?;
-    let begin = states.first().map_or(0, |state| state.t_ns);
-    let mut log: Vec<RobotSample> = Vec::with_capacity(states.len());
-    let mut has_velocity = true;
-    for state in &states {
-        if state.effort.is_empty() {
-            return Err(usage(
-                &"expected an effort of each joint, got messages without; torques or currents are needed",
-            ));
-        }
-        let mut input = [0.0; MAX_JOINTS];
-        let mut sample = RobotSample {
-            t_s: state.t_ns.saturating_sub(begin) as f64 * 1e-9,
-            ..RobotSample::default()
-        };
-        input[..names.len()].copy_from_slice(&state.effort);
-        sample.q[..names.len()].copy_from_slice(&state.position);
-        has_velocity &= !state.velocity.is_empty();
-        if has_velocity {
-            sample.dq[..names.len()].copy_from_slice(&state.velocity);
-        }
-        sample.tau = config.drives.torques(&input);
-        // Drivers repeat a state if nothing new has come.
-        if log.last().is_none_or(|last| sample.t_s > last.t_s) {
-            log.push(sample);
-        }
-    }
-    if has_velocity || log.len() < 3 {
-        return Ok(log);
-    }
-    let period_s = log.last().map_or(0.0, |last| last.t_s) / (log.len() - 1) as f64;
-    let half_s = config.velocity_s.unwrap_or(period_s);
-    let half = ((half_s / period_s).round() as usize).max(2);
-    let mut velocities = Velocities::new(half, config.options.windows.max_gap_s.max(1.5 * period_s));
-    Ok(log.iter().filter_map(|sample| velocities.push(sample)).collect())
-}
-
 /// The part that --from and --to ask for, in seconds after the first sample.
-fn cut(args: &IdentifyArgs, mut log: Vec<RobotSample>) -> Result<Vec<RobotSample>, Failure> {
+fn cut(args: &IdentifyArgs, mut log: RobotLog) -> Result<RobotLog, Failure> {
     let span = args.span.span()?;
-    let start = log.first().map_or(0.0, |sample| sample.t_s);
-    log.retain(|sample| {
+    let start = log.samples.first().map_or(0.0, |sample| sample.t_s);
+    log.samples.retain(|sample| {
         let t_ns = ((sample.t_s - start) * 1e9).round() as u64;
         (span.from_ns..=span.to_ns).contains(&t_ns)
     });
-    match log.len() {
+    match log.samples.len() {
         0..3 => Err(args.span.nothing(&args.input)),
         _ => Ok(log),
     }

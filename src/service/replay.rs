@@ -5,7 +5,7 @@ use super::args::domain;
 use super::plant::{delivery, limit, stream_id};
 use super::record::recording_at;
 use super::ticker::Ticker;
-use super::{Exit, Failure, ReplayArgs, foreign, logging, report};
+use super::{CommonArgs, Exit, Failure, ReplayArgs, foreign, logging, report};
 use crate::bus::{Bus, BusError, ControlClient, Delivery, Role, RoleLock, SamplePublisher};
 use crate::config::{Source, Speed};
 use crate::messages::{Request, Sample, response_code, sample_flags, stream_tag};
@@ -32,9 +32,11 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         text: REPLAY_SETTINGS.to_owned(),
     };
     let sources = vec![report::source_of(reader.info()), settings];
-    let config = args
-        .common
-        .load(sources, &[("plant.speed", Some(args.speed.clone()))])?;
+    let common = CommonArgs {
+        catalog: super::robot::beside(&args.input, &args.common.catalog)?,
+        ..args.common.clone()
+    };
+    let config = common.load(sources, &[("plant.speed", Some(args.speed.clone()))])?;
     let domain = domain(&config)?;
     let robot = &config.bus.robot;
     let _only_one = RoleLock::acquire(&domain, robot, Role::Plant)?;

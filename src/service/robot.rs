@@ -71,8 +71,11 @@ pub(super) fn source(
     };
     let (block_s, simulation) = (settings.options.block_s, settings.simulation.clone());
     let robot = RobotPlant::new(settings).map_err(in_file)?;
-    let period_s = period_s.unwrap_or(own_period_s);
     let mut table = ordinary;
+    // What lies below, such as the configuration of a recording, may name another robot.
+    let name = crate::node::model::Model::definition(&robot).name.clone();
+    section(&mut table, "model").insert("kind".to_owned(), Value::from(name));
+    let period_s = period_s.unwrap_or(own_period_s);
     let plant = section(&mut table, "plant");
     state(plant, "sample_period_s", own_period_s);
     state(plant, "duration_s", DURATION_S);
@@ -104,7 +107,7 @@ pub(super) fn source(
         text: toml::to_string(&table).map_err(|e| in_file(e.to_string()))?,
     };
     Ok(Some(RobotSource {
-        catalog: catalog.clone().with_model(SharedModel::new(robot)),
+        catalog: catalog.clone().with_latest(SharedModel::new(robot)),
         source,
         counted_with_s,
     }))

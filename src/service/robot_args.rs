@@ -42,8 +42,9 @@ pub struct ExciteArgs {
 
 /// `thetabus urdf`.
 #[derive(Debug, Clone, Args)]
+#[command(mut_arg("config", |arg| arg.help("Configuration of the robot; the directory of a run, and a recording in it, bring their own")))]
 pub struct UrdfArgs {
-    /// Checkpoint, directory of results or recording of a robot from a URDF
+    /// Checkpoint, directory of results, or recording of a robot from a URDF
     #[arg(value_name = "CHECKPOINT|DIR|RECORDING")]
     pub input: PathBuf,
     /// File for the URDF, which must not exist

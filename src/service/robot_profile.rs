@@ -1,19 +1,34 @@
 //! What a robot's log was read as, and what is probably wrong with it, on standard error.
 
+use super::robot_log::RobotLog;
 use crate::offline::{LogProfile, short};
-use crate::robot::{RobotConfig, RobotSample, RobotSuspicion, judge_robot_log};
+use crate::robot::{LogColumns, RobotConfig, RobotSample, RobotSuspicion, judge_robot_log};
 use std::path::Path;
 
-/// Says what was read, then what looks like a mistake; `is_bag` if joints were found by name.
-pub(super) fn tell(input: &Path, config: &RobotConfig, log: &[RobotSample], is_bag: bool) {
+/// Says what was read, then what looks like a mistake.
+pub(super) fn tell(input: &Path, config: &RobotConfig, log: &RobotLog) {
     let place = input.display();
-    for line in lines(config, log, is_bag) {
+    for line in lines(config, log) {
         tracing::info!("{place}: {line}");
     }
-    warn(
-        input,
-        &judge_robot_log(&config.model, log, config.options.windows.max_gap_s),
-    );
+    tell_velocities(input, config, log);
+    let mut found = judge_robot_log(&config.model, &log.samples, config.options.windows.max_gap_s);
+    // Velocities that the log does not hold are in no wrong column or unit.
+    let of_velocities =
+        |one: &RobotSuspicion| matches!(one, RobotSuspicion::Speed { .. } | RobotSuspicion::Rate { .. });
+    found.retain(|one| !(log.forms_velocities && of_velocities(one)));
+    warn(input, &found);
+}
+
+/// Says so if the log holds no velocities.
+pub(super) fn tell_velocities(input: &Path, config: &RobotConfig, log: &RobotLog) {
+    if log.forms_velocities {
+        tracing::info!(
+            "{}: no velocities: they are formed from the positions over {} s to either side (identify.velocity_s), at least two samples",
+            input.display(),
+            config.log_velocity_s()
+        );
+    }
 }
 
 /// Says what looks like a mistake.
@@ -24,22 +39,22 @@ pub(super) fn warn(input: &Path, found: &[RobotSuspicion]) {
 }
 
 /// One line on time, then one for each joint.
-fn lines(config: &RobotConfig, log: &[RobotSample], is_bag: bool) -> Vec<String> {
-    let mut lines = vec![LogProfile::of_times(log.iter().map(|sample| sample.t_s)).to_string()];
-    let columns = &config.columns;
+fn lines(config: &RobotConfig, log: &RobotLog) -> Vec<String> {
+    let samples = &log.samples;
+    let mut lines = vec![LogProfile::of_times(samples.iter().map(|sample| sample.t_s)).to_string()];
     for (j, joint) in config.model.robot().joints.iter().enumerate() {
         let (unit, force) = if joint.turns { ("rad", "N m") } else { ("m", "N") };
         let range = |of: &dyn Fn(&RobotSample) -> f64| {
-            let values = || log.iter().map(of);
+            let values = || samples.iter().map(of);
             let (least, most) = (
                 values().fold(f64::INFINITY, f64::min),
                 values().fold(f64::NEG_INFINITY, f64::max),
             );
             format!("{} to {}", short(least), short(most))
         };
-        let column = |numbers: &[usize]| match is_bag {
-            true => String::new(),
-            false => format!(" (column {})", numbers[j]),
+        let column = |list: fn(&LogColumns) -> &Vec<usize>| {
+            let number = log.columns.as_ref().and_then(|columns| list(columns).get(j));
+            number.map_or_else(String::new, |number| format!(" (column {number})"))
         };
         let by_drive = match config.drives.gain[j] == 1.0 && config.drives.coupling.is_none() {
             true => "",
@@ -49,11 +64,11 @@ fn lines(config: &RobotConfig, log: &[RobotSample], is_bag: bool) -> Vec<String>
             "joint {} \"{}\": position{} {} {unit}, velocity{} {} {unit}/s, input{} {} {force}{by_drive}",
             j + 1,
             joint.name,
-            column(&columns.position),
+            column(|columns| &columns.position),
             range(&|sample| sample.q[j]),
-            column(&columns.velocity),
+            column(|columns| &columns.velocity),
             range(&|sample| sample.dq[j]),
-            column(&columns.input),
+            column(|columns| &columns.input),
             range(&|sample| sample.tau[j]),
         ));
     }

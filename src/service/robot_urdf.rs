@@ -5,7 +5,7 @@ use super::new_file::{refuse_existing, write_new};
 use super::record::recording_at;
 use super::script::Script;
 use super::wiring::{identifier_node, identity};
-use super::{CommonArgs, Exit, Failure, TableFormat, UrdfArgs, logging, report};
+use super::{CommonArgs, Exit, Failure, TableFormat, UrdfArgs, foreign, logging, report};
 use crate::checkpoint;
 use crate::config::Config;
 use crate::node::command::NodeState;
@@ -116,18 +116,21 @@ impl Found {
 
     /// By going through a recording again, with the commands in it.
     fn of_recording(input: &Path, common: &CommonArgs) -> Result<Self, Failure> {
-        let config_file = match &common.config[..] {
-            [] if input.is_dir() => input.join("config.toml"),
-            _ => one_config(common)?.to_owned(),
+        let own = match &common.config[..] {
+            [] => CommonArgs {
+                config: vec![own_config(input)?],
+                ..common.clone()
+            },
+            _ => common.clone(),
         };
-        let robot = RobotConfig::from_file_with(&config_file, &common.set).map_err(Failure::Usage)?;
-        let own = CommonArgs {
-            catalog: super::robot::beside(input, &common.catalog)?,
-            ..common.clone()
-        };
+        let robot = robot_config(&own)?;
         let recording = recording_at(input);
         let mut reader = report::open(&recording, Span::default())?;
+        let recorded = super::robot::beside(input, &common.catalog)
+            .ok()
+            .and_then(|catalog| report::config_of(reader.info(), &catalog).ok());
         let config = own.load(vec![report::source_of(reader.info())], &[])?;
+        foreign::check_recording(reader.info(), recorded.as_ref(), &config)?;
         let mut script = Script::read(&recording, Commands::new(&config))?;
         let mut node = identifier_node(&config)?;
         while let Some(entry) = reader.next_entry().map_err(report::unreadable)? {
@@ -369,6 +372,20 @@ fn first_difference(wanted: &[(String, String)], found: &[(String, String)]) -> 
         false => format!("{name} ({meaning})"),
     };
     Some((said(at(wanted, different)), said(at(found, different))))
+}
+
+/// The configuration that `thetabus run` leaves in the directory of a recording.
+fn own_config(input: &Path) -> Result<PathBuf, Failure> {
+    let dir = if input.is_dir() { Some(input) } else { input.parent() };
+    let path = dir.unwrap_or(Path::new("")).join("config.toml");
+    match path.is_file() {
+        true => Ok(path),
+        false => Err(Failure::Usage(format!(
+            "{}: expected the configuration of the run beside its recording, {}, got none; name one with [model] kind = \"robot\" by --config",
+            input.display(),
+            path.display()
+        ))),
+    }
 }
 
 fn one_config(common: &CommonArgs) -> Result<&PathBuf, Failure> {

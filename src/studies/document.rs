@@ -7,6 +7,8 @@ use std::fmt::{self, Write as _};
 pub struct Document {
     /// Title.
     pub title: String,
+    /// What the page is for, in a sentence.
+    pub purpose: String,
     /// Sections in order.
     pub sections: Vec<Section>,
 }
@@ -102,7 +104,8 @@ impl fmt::Display for Section {
 impl Document {
     /// Markdown; `command` is what made it.
     pub fn markdown(&self, command: &str) -> String {
-        let mut text = format!("# {}\n\nMade by `{command}`; do not edit.\n\n", self.title);
+        let (title, purpose) = (&self.title, &self.purpose);
+        let mut text = format!("# {title}\n\n{purpose}\n\nMade by `{command}`; do not edit.\n\n");
         for section in &self.sections {
             let _ = write!(text, "{section}");
         }
@@ -181,9 +184,10 @@ mod tests {
         };
         let document = Document {
             title: "Title".to_owned(),
+            purpose: "A page.".to_owned(),
             sections: vec![section],
         };
-        let expected = "# Title\n\nMade by `cmd`; do not edit.\n\n## Part\n\nWords.\n\n| name |   θ |\n|:-----|----:|\n| a    | 1.5 |\n";
+        let expected = "# Title\n\nA page.\n\nMade by `cmd`; do not edit.\n\n## Part\n\nWords.\n\n| name |   θ |\n|:-----|----:|\n| a    | 1.5 |\n";
         assert_eq!(document.markdown("cmd"), expected);
     }
 }

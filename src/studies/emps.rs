@@ -119,8 +119,8 @@ pub(super) fn section(recording: Option<&[(f64, f64)]>) -> Result<Section, Compa
              values, which are off-line fits of the same record, and ± one standard deviation. Six of the blocks hold motion in one direction only and say nothing on some \
              parameter."
                 .to_owned(),
-            "The figures hang little on the window, which is what makes them more than a fit to the known answer; they do hang on what the input does between samples. \
-             The drive's voltage is a continuous one: taken as held, it acts half a sample late."
+            "The estimates hardly depend on the window, so they are not tuned to the known answer. They do depend on the input between samples: the drive's voltage is continuous; \
+             if it is treated as held, it acts half a sample late."
                 .to_owned(),
         ],
         table,

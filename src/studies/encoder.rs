@@ -36,6 +36,7 @@ pub fn encoder_document(setup: &EncoderSetup, effort: Effort) -> Result<Document
     let [end, course] = accuracy_sections(setup, effort.seeds)?;
     Ok(Document {
         title: "Results from positions and voltages".to_owned(),
+        purpose: "This page shows the accuracy from encoder positions and voltages alone.".to_owned(),
         sections: vec![
             end,
             course,
@@ -108,8 +109,8 @@ fn accuracy_sections(setup: &EncoderSetup, seeds: u64) -> Result<[Section; 2], C
             text: vec![
                 about,
                 "Errors after the last block in per cent, median / worst of all runs. θ1 and θ3 belong to link 1, a twentieth of the inertia that moves with \
-                 joint 1: through 16 bits sines leave them open to some per cent, and their deviations say so. Sines of equal speed hardly contain what tells an \
-                 inductance; there θ6, θ9 and θ4 are as good as their deviations say (θ6: 0.06 %), and no better."
+                 joint 1: through 16 bits sines leave them open to some per cent, and their standard deviations show it. Sines of equal speed hardly contain what tells an \
+                 inductance; there θ6, θ9 and θ4 are as good as their standard deviations (θ6: 0.06 %), and no better."
                     .to_owned(),
             ],
             table: end,
@@ -257,7 +258,7 @@ fn skew_section(setup: &EncoderSetup, seeds: u64) -> Result<Section, CompareErro
         heading: "An input that acts late".to_owned(),
         text: vec![format!(
             "16 bit, 0.05 V, sampled controller, {seeds} seeds each: signed error after 10 blocks in per cent, median of the runs. Estimated, the delay is one more \
-             parameter (`estimate_input_delay`) with a prior deviation of 1 ms; its error is median / worst."
+             parameter (`estimate_input_delay`) with a prior standard deviation of 1 ms; its error is median / worst."
         )],
         table,
     })

@@ -99,6 +99,9 @@ pub fn paper_document(sim: &SimOptions, base: &EstimatorOptions, seeds: u64) -> 
     }
     Ok(Document {
         title: "The paper's experiment with the paper's recursion".to_owned(),
+        purpose:
+            "This page shows how the paper's recursion follows the payload jump, and what its open choices change."
+                .to_owned(),
         sections,
     })
 }
@@ -179,9 +182,8 @@ pub fn variants_section(scenario: &Scenario, base: &EstimatorOptions) -> Result<
              1 % takes two to four times as long. A smaller N is sooner in seconds but not in blocks, because a short block without a step carries little \
              information. As printed, (10) and (11) forget twice, which makes this form the quickest of the three."
                 .to_owned(),
-            "Two things hold the recursion up. What the blocks before the jump said stays in the information with the weight λ per block; and the block \
-             of the jump, which fits neither mass, stays in it too, linearised at an estimate that suits neither. Both only fade. So accuracy and speed both \
-             want a small λ here, where no noise asks for a large one."
+            "Two things delay the recursion. Information from before the jump keeps the weight λ per block. The block of the jump fits neither mass, but its \
+             information stays, too. Both fade only with λ, so a small λ is best here, where there is no noise."
                 .to_owned(),
         ],
         table,

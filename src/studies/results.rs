@@ -27,6 +27,7 @@ pub fn results_document(
 ) -> Result<Document, CompareError> {
     Ok(Document {
         title: "Results".to_owned(),
+        purpose: "This page compares thetabus with other estimators on the paper's arm, and shows changes, false alarms, calibration and one real axis.".to_owned(),
         sections: vec![
             baselines_section(sim, block_len, ours, 0.0, 1)?,
             baselines_section(sim, block_len, ours, STUDY_NOISE_V, effort.seeds.min(5))?,
@@ -259,7 +260,7 @@ pub fn baselines_section(
                 if seeds > 1 { format!(", medians over {seeds} seeds of the noise") } else { String::new() }
             ),
             "The paper's variants and WRLS have λ = 0.9 a block. WRLS takes θ6θ9 and θ7θ9 as parameters of their own and gets θ9 from their quotient. The \
-             Kalman filter estimates 5 states and 9 parameters together at each sample, with three tunings of the random walk (relative, per block); it believes \
+             Kalman filter estimates 5 states and 9 parameters together at each sample, with three tunings of the random walk (relative, per block); it assumes \
              0.05 V of noise on the voltage. Batch least squares is off line, over everything from the first sample to just before the jump, and to the end; it \
              cannot follow a change and is given the better start values."
                 .to_owned(),

@@ -62,8 +62,8 @@ const MICROSECONDS: (f64, &str) = (1e6, "µs");
 
 fn how(block_len: usize) -> String {
     format!(
-        "One core of a shared machine: each piece of work is done {REPETITIONS} times with equal input, and the fastest counts, because equal input is equal work and \
-         the rest is other people's. Nine parameters, f64, N = {block_len}"
+        "One core of a shared machine: each stage runs {REPETITIONS} times on the same input; the fastest time counts, because slower ones include \
+         other load. Nine parameters, f64, N = {block_len}"
     )
 }
 

@@ -150,3 +150,36 @@ fn e2e_a_configuration_that_is_built_in_can_be_shown_and_begun_with() {
         assert!(page.stdout().contains(part), "{}", page.said());
     }
 }
+
+/// A robot's configuration is nothing without its URDF.
+#[test]
+fn e2e_a_robots_configuration_is_begun_with_its_urdf() {
+    let site = Site::new();
+    let thetabus = |args: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+        command.current_dir(site.dir.path()).args(args);
+        Process::start(command)
+    };
+    let mut names = thetabus(&["config", "show"]);
+    names.expect_code(0);
+    assert!(
+        names.stdout().lines().any(|name| name == "six_axis"),
+        "{}",
+        names.said()
+    );
+    let mut new = thetabus(&["config", "new", "robot.toml", "--from", "six_axis"]);
+    new.expect_code(0);
+    assert!(
+        new.stdout().contains("robot.toml: written") && new.stdout().contains("six_axis.urdf: written"),
+        "{}",
+        new.said()
+    );
+    thetabus(&["config", "check", "robot.toml"]).expect_code(0);
+    // The same URDF may stay, another one is not written over, and then nothing is written.
+    thetabus(&["config", "new", "second.toml", "--from", "six_axis"]).expect_code(0);
+    std::fs::write(site.dir.path().join("six_axis.urdf"), "<robot/>").expect("written");
+    let mut refused = thetabus(&["config", "new", "third.toml", "--from", "six_axis"]);
+    refused.expect_code(2);
+    refused.expect_stderr(&["six_axis.urdf exists and is not written over"]);
+    assert!(!site.dir.path().join("third.toml").exists());
+}

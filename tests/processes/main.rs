@@ -30,6 +30,7 @@ mod readiness;
 mod realtime;
 mod recording;
 mod robot;
+mod robot_files;
 mod run;
 mod signals;
 mod soak;

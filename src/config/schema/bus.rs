@@ -30,7 +30,7 @@ table! {
         lockstep_limit_s: f64, Kind::Real(Interval::closed(0.1, 3600.0)), "s",
             "Longest time that a lockstep run waits for its consumers, or for one of them that is stuck, which is then cut off";
         sample_buffer: u64, Kind::Whole(256, 65536), "",
-            "Samples that a consumer of a realtime run may be behind before it loses the oldest; the plant takes about 560 bytes of shared memory for each, times max_sample_subscribers";
+            "Samples that a consumer of a realtime run may be behind before it loses the oldest; the plant takes about 500 bytes of shared memory for each sample and consumer, so sample_buffer times max_sample_subscribers times 500 bytes";
         max_sample_subscribers: u64, Kind::Whole(1, 64), "",
             "Programs that can receive samples at a time: identifiers, recorders, your own. Set by the program that creates the topic: the plant";
         max_estimate_subscribers: u64, Kind::Whole(2, 128), "",

@@ -8,7 +8,7 @@ table! {
     /// Section `[model]`.
     Model {
         kind: String, Kind::Name, "",
-            "manipulator: the two-joint arm with DC motors of equations (24) to (27), parameters theta_1 to theta_9. servo_axis: mass, viscous_friction, coulomb_friction, offset of one axis. A program with models of its own knows their names, too, and means the first of them unless this says otherwise";
+            "manipulator: the two-joint arm with DC motors, equations (24) to (27), parameters theta_1 to theta_9. servo_axis: mass, viscous_friction, coulomb_friction, offset of one axis. robot: an arm from its URDF, with the further sections that config/robots/six_axis.toml lists. Programs with models of their own accept those names, too; the first is their default";
         gravity_m_s2: f64, Kind::Real(NOT_NEGATIVE), "m/s²",
             "Acceleration of gravity g in the equations";
         coulomb_friction: bool, Kind::Flag, "",

@@ -87,7 +87,7 @@ table! {
         backoff_limit_s: f64, Kind::Real(Interval::closed(0.0, 3600.0)), "s",
             "Longest pause";
         healthy_s: f64, Kind::Real(Interval::above(0.0, LONGEST_S)), "s",
-            "A process that has run this long has its restarts forgiven, and the pause begins anew";
+            "After running this long, a process has its restart count and its pause reset";
     }
 }
 

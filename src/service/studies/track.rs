@@ -37,7 +37,7 @@ impl Contender {
         (Self::Without, "own loop alone"),
         (Self::Fixed, "feed-forward, fixed"),
         (Self::Adaptive, "feed-forward, adaptive"),
-        (Self::Knowing, "feed-forward that knows theta"),
+        (Self::Knowing, "feed-forward, exact"),
     ];
 }
 
@@ -110,6 +110,9 @@ pub fn run(args: &TrackArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         .collect::<Result<_, _>>()?;
     let text = Document {
         title: "The controller that adapts".to_owned(),
+        purpose:
+            "This page compares the tracking error of adaptive feed-forward with fixed and with exact feed-forward."
+                .to_owned(),
         sections: all.iter().map(section).collect(),
     };
     let mut text = text.markdown(&command(args));
@@ -259,7 +262,7 @@ fn section(of: &Compared) -> Section {
         columns.extend((1..=joints).map(|joint| format!("{part}, joint {joint}")));
     }
     let last = [
-        "before / knowing",
+        "before / exact",
         "worst seed",
         "after / fixed",
         "worst seed",
@@ -305,7 +308,7 @@ fn section(of: &Compared) -> Section {
             "Root mean square of setpoint minus measured position, from {SETTLED_S} s to the change at {change_s} s, and from {FOUND_S} s after it to the end; \
              root mean square over {seeds} seeds. The ratios are of the joints together, over all seeds and of the worst one. The machine's own loop is the same in all rows; fixed \
              feed-forward is made from the true values before the change, adaptive begins with `controller.theta` and goes on with estimates that may be used, and the \
-             last row is told the truth."
+             last row uses the true parameters."
         )],
         table,
     }

@@ -234,6 +234,7 @@ pub fn trials_document(results: &[(Case, CaseResult)], seeds: u64) -> Document {
     }
     Document {
         title: "Trials".to_owned(),
+        purpose: "This page counts how often an estimate that is marked usable is wrong, for other motions, sensors, faults and model errors.".to_owned(),
         sections,
     }
 }
@@ -245,7 +246,7 @@ const EXPLANATION: [&str; 4] = [
     "A **dangerous block** has `use_ok = 1` and a usable parameter or a derived value that is more than 5 σ and more than 0.5 % off. An alarm is false if nothing changed in its block \
      or in the one before. Intervals are those of values with σ below half the value, in blocks without a change, from block 6 on; usable shares count parameters in all blocks from block 6 \
      on. A parameter is knowable while its Cramér–Rao bound is below 1 %; the bound is that of the same run without its disturbance, up to the change of the payload.",
-    "The truth is that of the block's last sample; of derived values it is what the true parameters give with the constants that the identifier is told, so that a winding that has become warm \
+    "The truth is that of the block's last sample; of derived values it is what the true parameters give with the constants in the identifier's configuration, so that a winding that has become warm \
      counts as a true change of both.",
     "Error ÷ bound is the root mean square over seeds and three marks before the change, of the knowable parameters together and of the worst of them; the bound leaves the nine parameters and the state at the start free. \
      The error at the end is that of the worst knowable parameter, of the worst of all if there is no bound.",

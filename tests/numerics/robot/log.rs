@@ -3,8 +3,9 @@
 use super::{SIX_AXIS, robot};
 use crate::support::TestRng;
 use thetabus::robot::{
-    Drives, Engagement, FilteredSample, FrictionTerm, IdentifyOptions, JointFriction, LogColumns, RobotIdentifier,
-    RobotModel, RobotSample, SampleFault, WindowOptions, ZeroPhaseLowPass, correlation_time_s, read_log,
+    Drives, Engagement, FilteredSample, FrictionTerm, IdentifyOptions, JointFriction, LogColumns, RobotConfig,
+    RobotIdentifier, RobotModel, RobotSample, SampleFault, WindowOptions, ZeroPhaseLowPass, correlation_time_s,
+    read_log,
 };
 
 fn columns() -> LogColumns {
@@ -35,6 +36,49 @@ fn regress_logs_with_any_separator_and_with_or_without_names() {
         // τ = C K i: (10 + 0.5 · 18, 18).
         assert_eq!(log[0].tau[..2], [19.0, 18.0]);
     }
+}
+
+#[test]
+fn regress_a_log_may_lack_velocities() {
+    let columns = LogColumns::in_order(2, false);
+    let log = read_log("0,1,2,5,6\n0.01,1,2,5,6\n", &columns, &Drives::torque(2)).unwrap();
+    assert_eq!(
+        (log[1].q[..2].to_vec(), log[1].dq, log[1].tau[..2].to_vec()),
+        (vec![1.0, 2.0], [0.0; 8], vec![5.0, 6.0])
+    );
+    assert_eq!(LogColumns::in_order(2, true), self::columns());
+}
+
+/// Section `[log]` of a configuration, and the columns of a log with so many.
+#[test]
+fn regress_columns_of_a_robots_log_follow_from_the_section_or_from_their_number() {
+    let path = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/config/robots/seven_axis.toml"));
+    let of = |section: &str, width: usize| -> Result<LogColumns, String> {
+        let text = format!("[model]\nkind = \"robot\"\nurdf = \"six_axis.urdf\"\n[log]\n{section}");
+        let config = RobotConfig::parse(&text, path)?;
+        Ok(config.columns_of(&format!("names\n{}\n", vec!["0"; width].join(","))))
+    };
+    let [with, without] = [true, false].map(|has| LogColumns::in_order(6, has));
+    let behind = LogColumns {
+        input: (8..14).collect(),
+        ..without.clone()
+    };
+    for (section, width, expected) in [
+        ("", 19, &with),
+        ("", 13, &without),
+        ("", 14, &with),
+        ("velocity_columns = []", 30, &without),
+        ("velocity_columns = [8, 9, 10, 11, 12, 13]", 13, &with),
+        ("position_columns = [2, 3, 4, 5, 6, 7]", 13, &with),
+        ("input_columns = [8, 9, 10, 11, 12, 13]", 30, &behind),
+    ] {
+        assert_eq!(of(section, width).as_ref(), Ok(expected), "{section} {width}");
+    }
+    let error = of("velocity_columns = [1, 2]", 19).unwrap_err();
+    assert!(
+        error.contains("velocity_columns: expected 6 columns") && error.contains("leave it out, or empty"),
+        "{error}"
+    );
 }
 
 #[test]

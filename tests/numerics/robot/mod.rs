@@ -74,12 +74,7 @@ const UR10E_GAINS: [f64; 6] = [14.87, 13.26, 11.13, 10.62, 11.03, 11.47];
 /// with a message.
 pub fn ur10e_recording(name: &str, factor: &[f64]) -> Option<Vec<RobotSample>> {
     let (_, text) = shared(&format!("ur10e/{name}"))?;
-    let columns = LogColumns {
-        time: 1,
-        position: (2..8).collect(),
-        velocity: (8..14).collect(),
-        input: (14..20).collect(),
-    };
+    let columns = LogColumns::in_order(6, true);
     let drives = Drives {
         gain: UR10E_GAINS
             .iter()

@@ -5,7 +5,7 @@ use super::{SEVEN_AXIS, robot};
 use crate::support::TestRng;
 use thetabus::robot::{
     FrictionTerm, IdentifyOptions, JointFriction, Robot, RobotIdentifier, RobotModel, RobotSample, WindowOptions,
-    forward_dynamics, inverse_dynamics,
+    forward_dynamics, inverse_dynamics, with_velocities,
 };
 use thetabus::rows::savitzky_golay;
 
@@ -194,4 +194,32 @@ fn ident_a_seven_axis_robot_with_encoders_and_noise() {
     );
     assert!(worst < 0.005, "{worst}");
     assert!(coverage > 0.9, "{coverage}");
+}
+
+/// Velocities of rounded positions beside exact ones, with the same noise of the torques.
+#[test]
+fn ident_a_log_without_velocities_gives_what_a_log_with_exact_ones_gives() {
+    let clean = simulate(&robot(SEVEN_AXIS), 60.0);
+    let theta = truth(&model());
+    let mut exact = measured(&clean, &robot(SEVEN_AXIS), 1);
+    let mut positions = exact.clone();
+    let first = clean.iter().position(|sample| sample.t_s == exact[0].t_s).unwrap();
+    for (k, (exact, positions)) in exact.iter_mut().zip(&mut positions).enumerate() {
+        (exact.dq, positions.dq) = (clean[first + k].dq, [0.0; 8]);
+    }
+    let formed = with_velocities(&positions, 0.02, 0.02);
+    assert_eq!(formed.len(), positions.len() - 40);
+    let [with, without] = [&exact, &formed].map(|log| identify(log));
+    let rms = |of: &dyn Fn(usize) -> f64| {
+        let sum: f64 = (0..theta.len()).map(|i| of(i).powi(2)).sum();
+        (sum / theta.len() as f64).sqrt()
+    };
+    let apart = rms(&|i| (without.theta()[i] - with.theta()[i]) / with.theta_std(i));
+    let error = |identifier: &RobotIdentifier| rms(&|i| (identifier.theta()[i] - theta[i]) / identifier.theta_std(i));
+    let (of_exact, of_formed) = (error(&with), error(&without));
+    println!("{apart:.2} std apart; errors of {of_exact:.2} std with velocities, {of_formed:.2} std without");
+    assert!(
+        apart < 0.5 && of_formed < 1.2 * of_exact.max(1.0),
+        "{apart} {of_exact} {of_formed}"
+    );
 }

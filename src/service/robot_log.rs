@@ -1,0 +1,154 @@
+//! The log of a robot from a URDF: columns of numbers, an exported recording, or a bag of ROS 2.
+
+use super::Failure;
+use crate::messages::{Sample, signals};
+use crate::model::MAX_JOINTS;
+use crate::node::robot_model::robot_units;
+use crate::pipe::read_text;
+use crate::recording::{RecordingReader, SamplesCsvReader, Span, is_samples_csv, read_joint_states};
+use crate::robot::{LogColumns, RobotConfig, RobotSample, read_log};
+use std::path::Path;
+
+/// Largest log \[bytes\], which is held in memory: two hours of seven joints at 1 kHz.
+const MAX_LOG_BYTES: u64 = 2 << 30;
+
+/// Samples with velocities, and where they come from.
+pub(super) struct RobotLog {
+    /// The samples.
+    pub samples: Vec<RobotSample>,
+    /// Columns of the file; `None` if signals were found by name.
+    pub columns: Option<LogColumns>,
+    /// True if the file holds no velocities: these were formed from the positions.
+    pub forms_velocities: bool,
+}
+
+impl RobotLog {
+    /// A log of the configured robot.
+    ///
+    /// # Errors
+    /// What is wrong with it, with its line.
+    pub fn read(path: &Path, config: &RobotConfig) -> Result<Self, Failure> {
+        let usage = |problem: &dyn std::fmt::Display| Failure::Usage(format!("{}: {problem}", path.display()));
+        let (mut samples, columns, has_velocity) = if is_bag(path) {
+            let (samples, has_velocity) = of_bag(path, config)?;
+            (samples, None, has_velocity)
+        } else {
+            let text = read_text(path, MAX_LOG_BYTES).map_err(|e| usage(&e))?;
+            if is_samples_csv(text.as_bytes()) {
+                let (samples, has_velocity) = of_export(&text, config).map_err(|e| usage(&e))?;
+                (samples, None, has_velocity)
+            } else {
+                let columns = config.columns_of(&text);
+                let samples = read_log(&text, &columns, &config.drives).map_err(|e| usage(&e))?;
+                let has_velocity = !columns.velocity.is_empty();
+                (samples, Some(columns), has_velocity)
+            }
+        };
+        if !has_velocity {
+            samples = config.with_velocities(&samples);
+        }
+        match (samples.len(), has_velocity) {
+            (0..3, true) => Err(usage(&format!("expected at least 3 samples, got {}", samples.len()))),
+            (0..3, false) => Err(usage(&format!(
+                "expected at least 3 samples with neighbours within {} s to either side, whose positions give their velocities, got {}",
+                config.log_velocity_s(),
+                samples.len()
+            ))),
+            _ => Ok(Self {
+                samples,
+                columns,
+                forms_velocities: !has_velocity,
+            }),
+        }
+    }
+}
+
+/// True for what `thetabus` has not recorded itself: a bag of ROS 2, as a file or as a directory.
+pub(super) fn is_bag(path: &Path) -> bool {
+    match path.is_dir() {
+        true => path.join("metadata.yaml").is_file(),
+        false => {
+            path.extension().is_some_and(|name| name.eq_ignore_ascii_case("mcap"))
+                && RecordingReader::open(path, Span::default()).is_err()
+        }
+    }
+}
+
+/// What `thetabus export` wrote, and whether all its samples hold velocities.
+fn of_export(text: &str, config: &RobotConfig) -> Result<(Vec<RobotSample>, bool), String> {
+    let joints = config.model.robot().len();
+    let (position_unit, input_unit) = robot_units(&config.model, &config.drives);
+    let mut reader =
+        SamplesCsvReader::of_units(text.as_bytes(), joints, position_unit, input_unit).map_err(|e| e.to_string())?;
+    let mut log: Vec<RobotSample> = Vec::new();
+    let mut has_velocity = true;
+    while let Some(sample) = reader.next_sample().map_err(|e| e.to_string())? {
+        // The header is line 1.
+        let line = log.len() + 2;
+        let next = of_message(&sample, config).map_err(|problem| format!("line {line}: {problem}"))?;
+        if let Some(last) = log.last()
+            && next.t_s <= last.t_s
+        {
+            return Err(format!(
+                "line {line}: expected a time after {} s, got {} s; --from and --to choose a part",
+                last.t_s, next.t_s
+            ));
+        }
+        has_velocity &= sample.signals & signals::DQ != 0;
+        log.push(next);
+    }
+    Ok((log, has_velocity))
+}
+
+fn of_message(sample: &Sample, config: &RobotConfig) -> Result<RobotSample, String> {
+    for (signal, name) in [(signals::Q, "positions"), (signals::INPUT, "torques or currents")] {
+        if sample.signals & signal == 0 {
+            return Err(format!("expected {name} of all joints, got none"));
+        }
+    }
+    let mut next = RobotSample {
+        t_s: sample.t_ns as f64 * 1e-9,
+        tau: config.drives.torques(&sample.input),
+        ..RobotSample::default()
+    };
+    let joints = config.model.robot().len();
+    next.q[..joints].copy_from_slice(&sample.q[..joints]);
+    next.dq[..joints].copy_from_slice(&sample.dq[..joints]);
+    Ok(next)
+}
+
+/// `sensor_msgs/msg/JointState`, joints by their names in the URDF, and whether all messages hold
+/// velocities; effort is the input of the drives.
+fn of_bag(path: &Path, config: &RobotConfig) -> Result<(Vec<RobotSample>, bool), Failure> {
+    let robot = config.model.robot();
+    let names: Vec<&str> = robot.joints.iter().map(|joint| joint.name.as_str()).collect();
+    let states = read_joint_states(path, &names).map_err(Failure::Usage)?;
+    let begin = states.first().map_or(0, |state| state.t_ns);
+    let mut log: Vec<RobotSample> = Vec::with_capacity(states.len());
+    let mut has_velocity = true;
+    for state in &states {
+        if state.effort.is_empty() {
+            return Err(Failure::Usage(format!(
+                "{}: expected an effort of each joint, got messages without; torques or currents are needed",
+                path.display()
+            )));
+        }
+        let mut input = [0.0; MAX_JOINTS];
+        let mut sample = RobotSample {
+            t_s: state.t_ns.saturating_sub(begin) as f64 * 1e-9,
+            ..RobotSample::default()
+        };
+        input[..names.len()].copy_from_slice(&state.effort);
+        sample.q[..names.len()].copy_from_slice(&state.position);
+        has_velocity &= !state.velocity.is_empty();
+        if has_velocity {
+            sample.dq[..names.len()].copy_from_slice(&state.velocity);
+        }
+        sample.tau = config.drives.torques(&input);
+        // Drivers repeat a state if nothing new has come.
+        if log.last().is_none_or(|last| sample.t_s > last.t_s) {
+            log.push(sample);
+        }
+    }
+    Ok((log, has_velocity))
+}

@@ -206,6 +206,7 @@ pub fn is_samples_csv(beginning: &[u8]) -> bool {
 mod tests {
     use super::super::info::tests::arm;
     use super::*;
+    use crate::messages::signals;
 
     fn read(text: &str) -> Result<Vec<Sample>, CsvSampleError> {
         let mut reader = SamplesCsvReader::new(text.as_bytes(), &arm())?;

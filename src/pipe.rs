@@ -1,7 +1,6 @@
 //! Text from files that a user names; named pipes in their place are refused.
 
-use std::fs::File;
-use std::io::{self, Read};
+use std::io;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
@@ -34,10 +33,11 @@ pub(crate) const MAX_TABLE_BYTES: u64 = 64 << 20;
 /// line. The caller names the file.
 #[cfg(feature = "config")]
 pub(crate) fn read_text(path: &Path, max_bytes: u64) -> io::Result<String> {
+    use std::io::Read as _;
     refuse_named_pipe(path)?;
     let failed = |what: &str, e: &io::Error| io::Error::new(e.kind(), format!("cannot be {what}: {e}"));
     let wrong = |problem: String| io::Error::new(io::ErrorKind::InvalidData, problem);
-    let file = File::open(path).map_err(|e| failed("opened", &e))?;
+    let file = std::fs::File::open(path).map_err(|e| failed("opened", &e))?;
     let mut bytes = Vec::new();
     // What its length states is not asked: a device has none and may never end.
     file.take(max_bytes.saturating_add(1))

@@ -267,7 +267,7 @@ pub fn misfit_words(estimate: &Estimate, least_explained: Option<f64>) -> String
     let p = estimate.fit_probability;
     if p < MISFIT {
         return format!(
-            "the residuals are larger than noise explains: p = {p:.0e} in the block or in its last part, below {MISFIT:e}"
+            "the residuals are larger than noise explains: p = {p:.1e} in the block or in its last part, below {MISFIT:e}"
         );
     }
     let shares = estimate.explained.iter().take(estimate.equations as usize);
@@ -461,12 +461,12 @@ pub(crate) mod tests {
     fn regress_a_misfit_is_explained_by_what_the_estimate_tells_and_by_the_limit_of_its_model() {
         for (p, explained, least, said) in [
             (
-                1.5e-4,
+                1.7e-4,
                 1.0,
                 Some(0.995),
-                "p = 2e-4 in the block or in its last part, below 2e-4",
+                "p = 1.7e-4 in the block or in its last part, below 2e-4",
             ),
-            (1e-9, 0.5, Some(0.9), "p = 1e-9"),
+            (1e-9, 0.5, Some(0.9), "p = 1.0e-9"),
             (
                 0.5,
                 0.97,

@@ -101,7 +101,7 @@ mod tests {
         assert!(check(&dir.path().join("new")).is_ok());
         std::fs::write(dir.path().join("file"), "").expect("write");
         let error = check(dir.path()).expect_err("not empty").to_string();
-        assert!(error.contains("not empty"), "{error}");
+        assert!(error.contains("expected an empty or a new one"), "{error}");
         assert!(check(&dir.path().join("file")).is_err());
     }
 }

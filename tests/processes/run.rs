@@ -229,7 +229,7 @@ fn fault_results_are_never_written_over() {
     std::fs::write(site.out().join("precious"), "data").expect("write");
     let mut run = site.start_run(&["--duration", "1"]);
     run.expect_code(2);
-    run.expect_stderr(&["not empty", "--out"]);
+    run.expect_stderr(&["expected an empty or a new one", "--out"]);
     assert_eq!(std::fs::read_dir(site.out()).expect("directory").count(), 1);
 }
 

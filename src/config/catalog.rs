@@ -67,6 +67,7 @@ impl Catalog {
     }
 
     /// With one more model, in the place of one of the same name: as with keys, the last file wins.
+    #[cfg(feature = "service")]
     #[must_use]
     pub(crate) fn with_latest(mut self, model: SharedModel) -> Self {
         self.own.retain(|own| own.name() != model.name());

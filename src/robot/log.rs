@@ -223,6 +223,7 @@ pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Vec
 }
 
 /// Number of columns of the first line that holds a number; `None` if none does.
+#[cfg(feature = "config")]
 pub(super) fn width_of(text: &str) -> Option<usize> {
     let mut fields = Vec::new();
     text.lines().find_map(|line| {

@@ -10,7 +10,7 @@ pub struct CtlArgs {
     /// Command to the identifier; it takes effect at the next border between two blocks
     #[command(subcommand)]
     pub command: CtlCommand,
-    /// How long to wait for an answer [s]
+    /// How long to wait for an answer, in seconds
     #[arg(
         long,
         global = true,

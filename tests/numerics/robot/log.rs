@@ -2,10 +2,11 @@
 
 use super::{SIX_AXIS, robot};
 use crate::support::TestRng;
+#[cfg(feature = "config")]
+use thetabus::robot::RobotConfig;
 use thetabus::robot::{
-    Drives, Engagement, FilteredSample, FrictionTerm, IdentifyOptions, JointFriction, LogColumns, RobotConfig,
-    RobotIdentifier, RobotModel, RobotSample, SampleFault, WindowOptions, ZeroPhaseLowPass, correlation_time_s,
-    read_log,
+    Drives, Engagement, FilteredSample, FrictionTerm, IdentifyOptions, JointFriction, LogColumns, RobotIdentifier,
+    RobotModel, RobotSample, SampleFault, WindowOptions, ZeroPhaseLowPass, correlation_time_s, read_log,
 };
 
 fn columns() -> LogColumns {
@@ -50,6 +51,7 @@ fn regress_a_log_may_lack_velocities() {
 }
 
 /// Section `[log]` of a configuration, and the columns of a log with so many.
+#[cfg(feature = "config")]
 #[test]
 fn regress_columns_of_a_robots_log_follow_from_the_section_or_from_their_number() {
     let path = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/config/robots/seven_axis.toml"));

@@ -215,8 +215,9 @@ fn introduction(cases: &[CaseRuns], seeds: u64, duration_s: f64) -> Section {
             .to_owned(),
         "**Why figures are above 1.** thetabus on the axis: friction that reverses; without Coulomb friction its \
          mass is at the bound on sines, and windows of half or twice the length change nothing. What thetabus loses \
-         on smooth moves at 13 bits, and of theta_1 on steps at 20 bits, is not explained yet; prediction errors lose \
-         nothing there. Filter and prediction errors on moves with rests: they believe the rounding of a machine at \
+         of theta_1 on steps at 20 bits is not explained yet. On smooth moves at 13 bits a first block alone hardly \
+         determines the θ that its weights and smoothed positions are made with; begun at the true θ, thetabus is at \
+         the bound there. Filter and prediction errors on moves with rests: they believe the rounding of a machine at \
          rest to be noise (8 seeds of trapezoidal, 20 bit, have 1.1 in the place of 1.5 with one count of white \
          noise added), and on the axis they linearise sticking (there such noise changes nothing). Least squares and \
          instruments: filters of a fixed width, equations without weights. A six-axis robot is missing, because its \

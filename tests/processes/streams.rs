@@ -208,7 +208,10 @@ fn fault_a_flood_of_requests_fills_neither_queue_nor_memory_nor_log() {
                 let number = line.split(key).nth(1).and_then(|rest| rest.split(' ').next());
                 number.and_then(|number| number.parse::<u64>().ok())
             };
-            let more = count("before=").map(|before| before + 1).or(count("count="));
+            // "… WARN 17 more requests refused"
+            let rest = line.split_once(" more requests refused").map(|(before, _)| before);
+            let rest = rest.and_then(|before| before.rsplit(' ').next()?.parse().ok());
+            let more = count("before=").map(|before| before + 1).or(rest);
             (lines + 1, told + more.unwrap_or(1))
         });
     // One a second and one for the rest; every refusal is in a line or in a count.

@@ -9,8 +9,8 @@
 //! the fit before, until every parameter is known to within 50 %. One θ serves both: positions that
 //! are smoothed with a θ that does not minimise the block's residuals agree with that θ afterwards,
 //! and the estimator would learn it, confidently. Through encoders of 13 bits, smooth motion with
-//! rests had 3 % of its blocks called misfits or changes that way, and θ₅ an error of 14 times the
-//! bound; it is 1.4 times.
+//! rests had 3 % of its blocks called misfits or changes that way, and θ₅ an error of 18 times the
+//! bound; it is 1.7 times (docs/efficiency.md).
 //!
 //! A block that alone tells nothing of some parameter is fitted together with those before, and R
 //! uses the start value of each parameter that is not known to within 50 %: the arbitrary inertia

@@ -70,14 +70,6 @@ fn e2e_topics_come_to_the_bit_and_late_joiners_get_the_last() {
     );
 }
 
-/// Seconds of the test below; ten minutes, as docs/gateway.md tells, if the environment says so.
-fn seconds() -> u64 {
-    std::env::var("THETABUS_GATEWAY_SECONDS")
-        .ok()
-        .and_then(|text| text.parse().ok())
-        .unwrap_or(5)
-}
-
 #[test]
 fn e2e_samples_at_1_khz_pass_two_routers_and_none_is_lost() {
     let site = Site::new();
@@ -104,7 +96,7 @@ fn e2e_samples_at_1_khz_pass_two_routers_and_none_is_lost() {
             .expect("received");
         (!come.is_empty()).then_some(())
     });
-    let total = seq + 1000 * seconds();
+    let total = seq + 1000 * seconds().unwrap_or(5);
     let (start, first) = (Instant::now(), seq);
     while seq < total {
         machine.sample(seq);

@@ -23,6 +23,13 @@ pub const WATCHDOG: Duration = Duration::from_secs(60);
 /// Longest wait for the last words of a program that has ended: an orphan may keep its pipes open.
 const LAST_WORDS: Duration = Duration::from_secs(5);
 
+/// Seconds that the tests of long flows take; ten minutes, as docs/gateway.md tells, if the
+/// environment says so.
+pub fn seconds() -> Option<u64> {
+    let text = std::env::var("THETABUS_GATEWAY_SECONDS").ok()?;
+    Some(text.parse().expect("THETABUS_GATEWAY_SECONDS is a number of seconds"))
+}
+
 /// Waits until `find` has found something.
 pub fn eventually<T>(what: &str, mut find: impl FnMut() -> Option<T>) -> T {
     let start = Instant::now();

@@ -3,23 +3,50 @@
 use super::{Failure, LogFormat, TableFormat};
 use crate::report::Summary;
 use std::io::{ErrorKind, IsTerminal, Write};
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::{Layer as _, SubscriberExt as _};
+use tracing_subscriber::util::SubscriberInitExt as _;
 
 /// Starts logging; `RUST_LOG` chooses what, and `default` without it: `warn` below a launcher that
 /// shows progress itself, `error` beside a table on the terminal, else `info`.
 pub(super) fn start(format: LogFormat, default: &str) {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
-    let builder = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let layer = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .log_internal_errors(false);
-    // A second start in one process, as in tests, keeps the first.
-    let _ = match format {
-        LogFormat::Text => builder.try_init(),
-        LogFormat::Json => builder.json().try_init(),
+    let layer = match format {
+        LogFormat::Text => layer.boxed(),
+        LogFormat::Json => layer.json().boxed(),
     };
+    let (filter, unreadable) = filter(std::env::var("RUST_LOG").ok().as_deref(), default);
+    // A second start in one process, as in tests, keeps the first.
+    let _ = tracing_subscriber::registry()
+        .with(layer.with_filter(filter))
+        .try_init();
+    if let Some(message) = unreadable {
+        say(format, &message);
+    }
+}
+
+/// What is logged, and a message if `wanted` cannot be read; `default` is logged then.
+fn filter(wanted: Option<&str>, default: &str) -> (Targets, Option<String>) {
+    let parsed = |text: &str| text.parse::<Targets>();
+    let fallback = || parsed(default).expect("the programs name levels that exist");
+    match wanted
+        .filter(|text| !text.trim().is_empty())
+        .map(|text| (text, parsed(text)))
+    {
+        None => (fallback(), None),
+        Some((_, Ok(filter))) => (filter, None),
+        Some((text, Err(e))) => {
+            let message = format!(
+                "RUST_LOG = \"{text}\" cannot be read ({e}); \
+                 expected levels such as info or warn,thetabus=debug. What is logged: {default}"
+            );
+            (fallback(), Some(message))
+        }
+    }
 }
 
 /// The name of a format on the command line.
@@ -87,4 +114,33 @@ pub(super) fn note(format: TableFormat, text: &str) -> Result<(), Failure> {
         TableFormat::Json => tracing::info!("{text}"),
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::filter;
+    use tracing::Level;
+
+    #[test]
+    fn a_filter_that_cannot_be_read_is_named_and_the_default_logged() {
+        let (targets, message) = filter(Some("thetabus=loud"), "warn");
+        let message = message.expect("a message");
+        assert!(
+            message.contains("thetabus=loud") && message.contains("warn"),
+            "{message}"
+        );
+        assert!(targets.would_enable("thetabus", &Level::WARN) && !targets.would_enable("thetabus", &Level::INFO));
+    }
+
+    #[test]
+    fn rust_log_chooses_by_target_and_an_empty_one_chooses_nothing() {
+        let (targets, message) = filter(Some("warn,thetabus=debug"), "info");
+        assert_eq!(message, None);
+        assert!(
+            targets.would_enable("thetabus::bus", &Level::DEBUG) && !targets.would_enable("iceoryx2", &Level::INFO)
+        );
+        let (targets, message) = filter(Some(""), "info");
+        assert_eq!(message, None);
+        assert!(targets.would_enable("iceoryx2", &Level::INFO));
+    }
 }

@@ -101,55 +101,93 @@ pub trait Summable: Residuals {
 
 impl<R: Residuals> Summable for R {
     fn sum(&self, pass: &Pass, theta: &[f64], sums: &mut Sums) {
-        // The plain loss has loops of its own, without branches, of each length that equations
-        // have.
-        macro_rules! sized {
-            ($($n:literal)*) => {
-                match (pass.own.len(), pass.loss) {
-                    $(($n, Loss::Square) => fixed::<R, $n>(self, pass, theta, sums),)*
-                    _ => general(self, pass, theta, sums),
-                }
-            };
+        if pass.loss != Loss::Square || pass.own.len() > MOST {
+            return general(self, pass, theta, sums);
         }
-        sized!(1 2 3 4 5 6 7 8);
+        sums.rows = used(self, pass.equation, pass.range.clone());
+        // All that is built for each kind of rows; the loops over them are built once for all.
+        let (n, inverse) = (pass.own.len(), 1.0 / pass.divisor);
+        let mut gather = |rows: Range<usize>, chunk: &mut Chunk| {
+            for (at, index) in rows.enumerate() {
+                let mut regressor = [0.0; MOST];
+                chunk.f[at] = self.row(pass.equation, index, theta, &mut regressor[..n]) * inverse;
+                for (phi, value) in chunk.phi[..n].iter_mut().zip(&regressor) {
+                    phi[at] = value * inverse;
+                }
+            }
+        };
+        plain(pass, theta, sums, &mut gather);
     }
 }
 
-fn fixed<R: Residuals, const N: usize>(rows: &R, pass: &Pass, theta: &[f64], sums: &mut Sums) {
-    let (equation, range) = (pass.equation, pass.range.clone());
-    // rows go in LANES at a time, so that each product of two regressor entries is one vector
-    // operation
+/// Parameters of an equation up to which the sums live in arrays.
+const MOST: usize = 8;
+/// Rows that are summed side by side, so that each product of two regressor entries is one vector
+/// operation.
+const LANES: usize = 4;
+/// Rows that are gathered at a time.
+const CHUNK: usize = 8 * LANES;
+
+/// Rows on the way to the sums, divided by the equation's noise_std.
+struct Chunk {
+    phi: [[f64; CHUNK]; MOST],
+    f: [f64; CHUNK],
+}
+
+/// The sums under the plain loss, in loops without branches of each length that equations have.
+fn plain(pass: &Pass, theta: &[f64], sums: &mut Sums, gather: &mut dyn FnMut(Range<usize>, &mut Chunk)) {
+    macro_rules! sized {
+        ($($n:literal)*) => {
+            match pass.own.len() {
+                $($n => fixed::<$n>(pass, theta, sums, gather),)*
+                _ => unreachable!("the caller looks at the length"),
+            }
+        };
+    }
+    sized!(0 1 2 3 4 5 6 7 8);
+}
+
+fn fixed<const N: usize>(
+    pass: &Pass,
+    theta: &[f64],
+    sums: &mut Sums,
+    gather: &mut dyn FnMut(Range<usize>, &mut Chunk),
+) {
+    let mut chunk = Chunk {
+        phi: [[0.0; CHUNK]; MOST],
+        f: [0.0; CHUNK],
+    };
     let mut gram = [[[0.0; LANES]; N]; N];
     let mut score = [[0.0; LANES]; N];
     let mut cost = [0.0; LANES];
-    let inverse = 1.0 / pass.divisor;
-    let count = used(rows, equation, range.clone());
-    let mut start = range.start;
-    while start < range.end {
-        let lanes = LANES.min(range.end - start);
-        let mut phi = [[0.0; LANES]; N];
-        let mut f = [0.0; LANES];
-        for lane in 0..lanes {
-            let mut regressor = [0.0; N];
-            f[lane] = rows.row(equation, start + lane, theta, &mut regressor) * inverse;
-            for i in 0..N {
-                phi[i][lane] = regressor[i] * inverse;
-            }
+    for start in pass.range.clone().step_by(CHUNK) {
+        let rows = start..pass.range.end.min(start + CHUNK);
+        let count = rows.len();
+        gather(rows, &mut chunk);
+        // What the last chunk leaves of its last lanes is nothing.
+        let filled = count.next_multiple_of(LANES);
+        chunk.f[count..filled].fill(0.0);
+        for phi in &mut chunk.phi[..N] {
+            phi[count..filled].fill(0.0);
         }
-        for lane in 0..LANES {
-            cost[lane] += f[lane] * f[lane]; // Σ f² of (6)
-        }
-        for i in 0..N {
+        for at in (0..filled).step_by(LANES) {
+            let lanes = |values: &[f64; CHUNK]| -> [f64; LANES] { std::array::from_fn(|lane| values[at + lane]) };
+            let f = lanes(&chunk.f);
+            let phi: [[f64; LANES]; N] = std::array::from_fn(|i| lanes(&chunk.phi[i]));
             for lane in 0..LANES {
-                score[i][lane] += phi[i][lane] * f[lane]; // Σ φ f of (8)
+                cost[lane] += f[lane] * f[lane]; // Σ f² of (6)
             }
-            for j in 0..=i {
+            for i in 0..N {
                 for lane in 0..LANES {
-                    gram[i][j][lane] += phi[i][lane] * phi[j][lane]; // Σ φ φᵀ of (9)
+                    score[i][lane] += phi[i][lane] * f[lane]; // Σ φ f of (8)
+                }
+                for j in 0..=i {
+                    for lane in 0..LANES {
+                        gram[i][j][lane] += phi[i][lane] * phi[j][lane]; // Σ φ φᵀ of (9)
+                    }
                 }
             }
         }
-        start += LANES;
     }
     let sum = |lanes: [f64; LANES]| lanes.iter().sum::<f64>();
     for i in 0..N {
@@ -160,7 +198,7 @@ fn fixed<R: Residuals, const N: usize>(rows: &R, pass: &Pass, theta: &[f64], sum
             sums.gram[j * N + i] = v;
         }
     }
-    (sums.cost, sums.outliers, sums.rows) = (sum(cost), 0, count);
+    (sums.cost, sums.outliers) = (sum(cost), 0);
     sums.size = size(N, &sums.gram, &theta[pass.own.clone()]);
 }
 
@@ -168,9 +206,6 @@ fn fixed<R: Residuals, const N: usize>(rows: &R, pass: &Pass, theta: &[f64], sum
 pub fn used(rows: &(impl Residuals + ?Sized), equation: usize, range: Range<usize>) -> usize {
     range.filter(|&index| rows.is_used(equation, index)).count()
 }
-
-/// Rows that are summed side by side.
-const LANES: usize = 4;
 
 fn size(n: usize, gram: &[f64], theta: &[f64]) -> f64 {
     (0..n).map(|i| gram[i * n + i] * theta[i] * theta[i]).sum()

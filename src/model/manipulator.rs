@@ -130,14 +130,17 @@ impl Plant for Manipulator {
         // (26) as Σ_d (d/dt)^d g_d
         let gravity = self.gravity_m_s2;
         if equation == 0 {
-            let cos2 = q[1].cos() * q[1].cos();
+            let cos = q[1].cos();
+            let cos2 = cos * cos;
             g[0] = theta[4] * dq[0] * 12.0;
             g[1] = (theta[2] + theta[3] * cos2 * 3.0) * dq[0];
             g[2] = (theta[0] + theta[1] * cos2 * 3.0) * dq[0];
         } else {
             let (theta_6, theta_7, theta_9) = (theta[5], theta[6], theta[8]);
-            let centrifugal = theta_9 * (q[1] * 2.0).sin() * dq[0] * dq[0] * 1.5;
-            let weight = q[1].cos() * (6.0 * gravity);
+            let (sin, cos) = q[1].sin_cos();
+            // sin 2q₂ = 2 sin q₂ cos q₂
+            let centrifugal = theta_9 * sin * cos * dq[0] * dq[0] * 3.0;
+            let weight = cos * (6.0 * gravity);
             g[0] = theta[7] * dq[1] * 12.0 + theta_7 * (centrifugal + weight);
             g[1] = theta_7 * theta_9 * dq[1] * 4.0 + theta_6 * (centrifugal + weight);
             g[2] = theta_6 * theta_9 * dq[1] * 4.0;

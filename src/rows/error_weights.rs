@@ -20,8 +20,6 @@ pub(super) struct ErrorWeights<'a> {
     pub transposed: &'a [f64],
     pub polynomial: Option<&'a Polynomial>,
     pub sensitivity: &'a Sensitivity,
-    /// Highest derivative of the equation's terms.
-    pub order: usize,
 }
 
 /// ∂g_d/∂q̇ of the terms that are linear in the velocity of a joint, which enter by way of the
@@ -79,11 +77,11 @@ impl ErrorWeights<'_> {
                 }
             }
         }
-        for &kind in &self.sensitivity.kinds {
+        for (&kind, derivatives) in self.sensitivity.kinds.iter().zip(&self.sensitivity.derivatives) {
             // Σ_d K_d ∂g_d/∂x
             let within = &mut scratch[window.clone()];
             within.fill(0.0);
-            for d in 0..=self.order {
+            for d in derivatives.clone() {
                 let slopes = slopes(kind, d).iter().zip(&kernels.position[d]);
                 for (sum, (slope, weight)) in within.iter_mut().zip(slopes) {
                     *sum += weight * slope;

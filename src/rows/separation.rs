@@ -32,6 +32,8 @@ const EQUAL: f64 = 1e-10;
 pub(super) struct Sensitivity {
     /// Positions first.
     pub kinds: Vec<Kind>,
+    /// The derivatives d whose terms depend on each of them; those between, too.
+    pub derivatives: Vec<Range<usize>>,
 }
 
 /// The plant's equations taken apart.
@@ -205,8 +207,9 @@ fn constant_slopes(
 
 fn sensitivity(plant: &impl Plant, equation: usize, polynomial: Option<&Polynomial>, probes: &[Probe]) -> Sensitivity {
     let order = plant.equations()[equation].order;
-    let depends = |kind: &Kind| {
-        probes.iter().any(|probe| {
+    let derivatives = |kind: &Kind| {
+        let mut found: Option<Range<usize>> = None;
+        for probe in probes {
             let mut partials = Partials::new(plant, equation, &probe.theta, &[*kind]);
             let [mut slopes, _] = partials.at(|joint| (probe.q[joint], probe.dq[joint]));
             let size = slopes.map(f64::abs);
@@ -216,16 +219,20 @@ fn sensitivity(plant: &impl Plant, equation: usize, polynomial: Option<&Polynomi
                     slopes[term.derivative] -= m * term.coefficient;
                 }
             }
-            (0..=order).any(|d| slopes[d].abs() > EQUAL * size[d])
-        })
+            for d in (0..=order).filter(|&d| slopes[d].abs() > EQUAL * size[d]) {
+                let known = found.clone().unwrap_or(d..d + 1);
+                found = Some(known.start.min(d)..known.end.max(d + 1));
+            }
+        }
+        found
     };
     let kinds = [false, true].into_iter().flat_map(|velocity| {
         let joints = 0..plant.joints();
         joints.map(move |joint| Kind { joint, velocity })
     });
-    Sensitivity {
-        kinds: kinds.filter(depends).collect(),
-    }
+    let found = kinds.filter_map(|kind| Some((kind, derivatives(&kind)?)));
+    let (kinds, derivatives) = found.unzip();
+    Sensitivity { kinds, derivatives }
 }
 
 #[cfg(test)]
@@ -251,6 +258,12 @@ mod tests {
         for sensitivity in &separation.sensitivities {
             let kinds = sensitivity.kinds.iter().map(|kind| (kind.joint, kind.velocity));
             assert_eq!(kinds.collect::<Vec<_>>(), [(1, false), (0, true)]);
+        }
+        // the nonlinear terms of joint 1 are differentiated once and twice, those of joint 2 not at
+        // all and once
+        let derivatives = [1..3, 0..2];
+        for (sensitivity, expected) in separation.sensitivities.iter().zip(derivatives) {
+            assert_eq!(sensitivity.derivatives, [expected.clone(), expected]);
         }
     }
 

@@ -120,8 +120,12 @@ impl RowCovariance {
     /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at every sample that a window holds.
     fn differentiate<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, theta: &[f64]) {
         let (form, signals) = (&block.form, &block.samples.signals);
-        let (polynomial, order) = (form.separation.equations[e].as_ref(), form.plant.equations()[e].order);
-        for kinds in form.separation.sensitivities[e].kinds.chunks(LANES) {
+        let (polynomial, sensitivity) = (form.separation.equations[e].as_ref(), &form.separation.sensitivities[e]);
+        let all = sensitivity
+            .kinds
+            .chunks(LANES)
+            .zip(sensitivity.derivatives.chunks(LANES));
+        for (kinds, derivatives) in all {
             let mut linear = [[0.0; MAX_ORDER + 1]; LANES];
             for (linear, &kind) in linear.iter_mut().zip(kinds) {
                 *linear = linear_in_velocity(polynomial, kind, theta);
@@ -129,9 +133,9 @@ impl RowCovariance {
             let mut partials = Partials::new(&form.plant, e, theta, kinds);
             for at in block.samples.windows.covered() {
                 let slopes = partials.at(|joint| (signals.q[joint][at], signals.dq[joint][at]));
-                for ((&kind, slopes), linear) in kinds.iter().zip(slopes).zip(&linear) {
-                    let slopes = nonlinear(slopes, linear);
-                    for d in 0..=order {
+                for (lane, (&kind, slopes)) in kinds.iter().zip(slopes).enumerate() {
+                    let slopes = nonlinear(slopes, &linear[lane]);
+                    for d in derivatives[lane].clone() {
                         self.slopes[place(kind)][d][at] = slopes[d];
                     }
                 }
@@ -154,7 +158,6 @@ impl RowCovariance {
             transposed: &form.velocity.transposed,
             polynomial: form.separation.equations[e].as_ref(),
             sensitivity: &form.separation.sensitivities[e],
-            order: form.plant.equations()[e].order,
         };
         let window = &block.samples.windows.all()[i];
         let (c, all) = (&mut self.sensitivity[e][i], &self.slopes);

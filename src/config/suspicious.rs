@@ -2,8 +2,9 @@
 
 use super::check::Check;
 use super::error::Origin;
-use super::schema::{Delivery, FileForm, Need, RowsKind};
+use super::schema::{Delivery, FileForm, Need, RealOr, RowsKind};
 use super::sections::{BusConfig, EstimatorConfig, PlantConfig, Speed};
+use crate::rows::FEWEST_WINDOW_SAMPLES;
 use crate::sim::Machine;
 use toml::Value;
 
@@ -59,6 +60,16 @@ impl Check<'_> {
                 "plant.sensors.position_noise_rad",
             ];
             self.warn(self.culprit(&keys), message);
+        }
+        if let (RowsKind::Projected, RealOr::Real(window_s)) = (form.identifier.rows, &form.projected.window_s) {
+            let samples = window_s / form.plant.sample_period_s;
+            if samples < FEWEST_WINDOW_SAMPLES - 1e-6 {
+                let message = format!(
+                    "is {samples:.0} samples long; below {FEWEST_WINDOW_SAMPLES} the terms between samples are \
+                     lost, and estimates can be wrong by more than they say: \"auto\" chooses from the signals"
+                );
+                self.warn("identifier.projected.window_s", message);
+            }
         }
         let options = &estimator.options;
         let arm = form.model.kind == "manipulator";

@@ -253,7 +253,8 @@ fn worst_relative_error(estimate: &Estimate, truth: &[f64]) -> f64 {
         .iter()
         .enumerate()
         .filter(|&(i, _)| judged(i))
-        .map(|(i, &value)| relative_error(estimate.theta[i], value).abs())
+        .filter_map(|(i, &value)| relative_error(estimate.theta[i], value))
+        .map(f64::abs)
         .fold(
             0.0,
             |worst, error| if error > worst || error.is_nan() { error } else { worst },
@@ -286,10 +287,9 @@ pub fn misfit_words(estimate: &Estimate, least_explained: Option<f64>) -> String
     }
 }
 
-/// (estimate − truth) / truth; the absolute error if the truth is zero.
-pub fn relative_error(estimate: f64, truth: f64) -> f64 {
-    let error = estimate - truth;
-    if truth == 0.0 { error } else { error / truth }
+/// (estimate − truth) / truth; none beside a truth of 0.
+pub fn relative_error(estimate: f64, truth: f64) -> Option<f64> {
+    (truth != 0.0).then(|| (estimate - truth) / truth)
 }
 
 /// Nanoseconds of stream time as seconds.
@@ -437,6 +437,11 @@ pub(crate) mod tests {
         assert!(!(worst_relative_error(&message, &[10.0]) <= 0.01));
         message.theta[0] = 10.0;
         assert!(worst_relative_error(&message, &[10.0]) <= 0.01);
+        assert_eq!(
+            worst_relative_error(&message, &[0.0]),
+            0.0,
+            "beside 0 nothing is relative"
+        );
     }
 
     #[test]

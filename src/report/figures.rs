@@ -253,7 +253,8 @@ fn accuracy(run: &RunData) -> Option<Figure> {
         let errors = values
             .iter()
             .zip(&e.theta)
-            .map(|(&truth, &value)| relative_error(value, truth).abs());
+            .filter_map(|(&truth, &value)| relative_error(value, truth))
+            .map(f64::abs);
         let mut errors: Vec<f64> = errors.filter(|v| v.is_finite()).collect();
         errors.sort_by(f64::total_cmp);
         if let (Some(&largest), Some(&middle)) = (errors.last(), errors.get(errors.len() / 2)) {

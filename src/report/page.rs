@@ -182,7 +182,7 @@ fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
     for (index, p) in summary.parameters.iter().enumerate() {
         let note = match (p.fixed, p.excited) {
             (Some(true), _) => "held fixed",
-            (_, Some(false)) => "not excited in the last interval",
+            (_, Some(false)) => "not excited in the last block",
             _ => "",
         };
         let values = [
@@ -198,7 +198,7 @@ fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
         let error = d
             .estimate
             .zip(d.truth)
-            .map(|(value, truth)| crate::node::monitor::relative_error(value, truth));
+            .and_then(|(value, truth)| crate::node::monitor::relative_error(value, truth));
         let values = [
             number(d.estimate),
             standard_deviation(d.std),

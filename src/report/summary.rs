@@ -30,7 +30,7 @@ pub struct ParameterSummary {
     pub std: Option<f64>,
     /// The true value.
     pub truth: Option<f64>,
-    /// (estimate − truth) / truth.
+    /// (estimate − truth) / truth; null beside a truth of 0.
     pub relative_error: Option<f64>,
     /// Whether the last block informed on it.
     pub excited: Option<bool>,
@@ -174,7 +174,8 @@ fn parameters(monitor: &MonitorNode, last: Option<&Estimate>) -> Vec<ParameterSu
                 truth,
                 relative_error: estimate
                     .zip(truth)
-                    .and_then(|(value, truth)| finite(relative_error(value, truth))),
+                    .and_then(|(value, truth)| relative_error(value, truth))
+                    .and_then(finite),
                 excited: last.map(|e| e.excited.contains(i)),
                 fixed: last.map(|e| e.fixed.contains(i)),
             }
@@ -286,12 +287,11 @@ impl fmt::Display for Summary {
 /// The relative error in percent; none of a value that is not determined, because its standard
 /// deviation is larger than itself, and none beside a truth of 0.
 fn error(estimate: Option<f64>, std: Option<f64>, truth: Option<f64>) -> String {
-    match (estimate, truth) {
-        (Some(value), Some(truth)) if truth != 0.0 && std.is_none_or(|std| std <= value.abs()) => {
-            percent(relative_error(value, truth))
-        }
-        _ => "-".to_string(),
-    }
+    let determined = estimate.filter(|value| std.is_none_or(|std| std <= value.abs()));
+    let error = determined
+        .zip(truth)
+        .and_then(|(value, truth)| relative_error(value, truth));
+    error.map_or_else(|| "-".to_owned(), percent)
 }
 
 /// A share in percent; what three decimals would round to zero keeps its magnitude.

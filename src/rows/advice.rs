@@ -14,7 +14,7 @@
 //! A step of the setpoint is motion at every frequency: under it f_b says where the noise begins,
 //! and 1.3/f_b can be a few samples. Windows of 8 samples are wrong, though: they put the offset of
 //! an axis under such steps 10 % off, 13 standard deviations, while those of 12 to 60 samples
-//! agree. So no window of fewer than [`FEWEST`] samples is advised.
+//! agree. So no window of fewer than [`FEWEST_WINDOW_SAMPLES`] samples is advised.
 
 use super::intake::BRIDGED;
 use super::noise::SignalNoise;
@@ -22,7 +22,7 @@ use super::polynomial::{MOST, weights};
 use std::f64::consts::TAU;
 
 /// Samples that a window has at least if its length is advised or chosen.
-pub(super) const FEWEST: f64 = 20.0;
+pub const FEWEST_WINDOW_SAMPLES: f64 = 20.0;
 /// Samples that the value at an instant without one is made of.
 const STENCIL: usize = 4;
 /// Deviation from the grid that is a time stamp's rounding \[sample periods\].
@@ -171,8 +171,8 @@ impl Spectrum {
         let half = (0.65 / (bandwidth_hz * h)).round();
         Some(WindowAdvice {
             bandwidth_hz,
-            window_s: 2.0 * half.clamp(0.5 * FEWEST, 1000.0) * h,
-            shortest: half < 0.5 * FEWEST,
+            window_s: 2.0 * half.clamp(0.5 * FEWEST_WINDOW_SAMPLES, 1000.0) * h,
+            shortest: half < 0.5 * FEWEST_WINDOW_SAMPLES,
         })
     }
 }

@@ -16,7 +16,7 @@
 //! the stride is short (docs/method.md, section 16a).
 
 use super::SampleBlock;
-use super::advice::{FEWEST, Spectrum};
+use super::advice::{FEWEST_WINDOW_SAMPLES, Spectrum};
 use super::projected::{ProjectedBlock, ProjectedError, ProjectedOptions};
 use super::suspects::Suspect;
 use crate::estimator::Residuals;
@@ -71,8 +71,8 @@ impl ProjectedOptions {
 /// The lengths that [`AutoWindowBlock::chosen`] has to choose from at a sample period \[s\], the
 /// longest first; at least one.
 pub fn auto_window_lengths(sample_period_s: f64) -> impl Iterator<Item = f64> {
-    let shortest = SHORTEST_S.max(FEWEST * sample_period_s);
-    let longest = LONGEST_S.max(FEWEST * sample_period_s);
+    let shortest = SHORTEST_S.max(FEWEST_WINDOW_SAMPLES * sample_period_s);
+    let longest = LONGEST_S.max(FEWEST_WINDOW_SAMPLES * sample_period_s);
     std::iter::successors(Some(longest), |length| Some(0.5 * length))
         .take_while(move |length| *length >= shortest * (1.0 - 1e-9))
 }
@@ -342,7 +342,7 @@ mod tests {
                 };
                 let own = options.with_window(window_s);
                 own.validate().unwrap();
-                assert!(own.window_s / period_s > FEWEST - 1e-6);
+                assert!(own.window_s / period_s > FEWEST_WINDOW_SAMPLES - 1e-6);
                 assert!(own.stride_s <= 0.02 + 1e-12, "{period_s} {window_s}: {}", own.stride_s);
             }
         }

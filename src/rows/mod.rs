@@ -30,7 +30,7 @@ mod theta_polynomial;
 mod trajectory;
 mod whitening;
 
-pub use advice::{WindowAdvice, window_advice, window_advice_at};
+pub use advice::{FEWEST_WINDOW_SAMPLES, WindowAdvice, window_advice, window_advice_at};
 pub use auto_window::{AutoWindowBlock, auto_window_first, auto_window_lengths};
 pub use form::RowForm;
 pub use kernel::InputTiming;

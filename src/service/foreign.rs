@@ -99,7 +99,9 @@ pub(super) fn warn_of_description(description: &Description, config: &Config) {
 pub(super) fn check_recording(info: &RunInfo, as_recorded: Option<&Config>, config: &Config) -> Result<(), Failure> {
     let own = config.model.definition().hash();
     let recorded = as_recorded.map(|config| config.model.definition().hash());
-    if own == info.model_hash || recorded == Some(info.model_hash) {
+    // Another form of the same model is a question of its terms, which a recording leaves open.
+    let of_same_name = recorded == Some(info.model_hash) && config.model.definition().name == info.model;
+    if own == info.model_hash || of_same_name {
         return Ok(());
     }
     if recorded != Some(own) {

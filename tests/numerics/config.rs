@@ -553,6 +553,10 @@ fn regress_legal_but_suspicious_settings_warn() {
         (&["plant.sensors.encoder_bits=16"], "sensors give no derivatives"),
         (&["estimator.huber_limit=2"], "no effect unless estimator.outliers"),
         (
+            &["identifier.rows=projected", "identifier.projected.window_s=0.012"],
+            "is 12 samples long",
+        ),
+        (
             &["identifier.derivative_gain_v_s_per_rad=[1,1]"],
             "no effect unless identifier.input",
         ),

@@ -25,7 +25,7 @@ This page compares accuracy and speed with other programs on the same data.
 Made by `benches/peers/run.sh docs/peers.md`; do not edit.
 
 Everything here ran in one go on one machine, one thread each, on the same data: the arm of the paper with 150 kg, sines, 38 s at 1 kHz. Rust and C++: the
-fastest of five runs; Python: processor time of one run. On a machine that others use, too, ratios to Python change by a third from run to run, and single lines of Rust by more.
+fastest of 15 runs; Python: processor time of one run. On a machine that others use, too, ratios to Python change by a third from run to run, and single lines of Rust by more.
 Errors are relative, after the last sample, over the five parameters that this motion tells to 1 %: θ₂, θ₅, θ₇, θ₈, θ₉. The recursions start from 0 with a variance of 10 and forget nothing; the
 rest starts from the values of `config/encoder_only.toml`, a factor of 2.5 off, if nothing else is said.
 

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Each estimator runs so often; its fastest run counts, because the rest is other people's work.
-const REPETITIONS: usize = 5;
+const REPETITIONS: usize = 15;
 /// The parameters that the motion tells to 1 %: θ₂, θ₅, θ₇, θ₈, θ₉.
 const TOLD: [usize; 5] = [1, 4, 6, 7, 8];
 

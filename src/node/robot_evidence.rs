@@ -47,7 +47,9 @@ pub(super) fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, c
     report.held = (!learnt).then_some(Held::Empty);
     let change = robot.change().filter(|_| learnt);
     let unexplained = change.is_some_and(|change| change.cause == ChangeCause::Unexplained);
-    report.change = change.filter(|_| !unexplained).map(|change| Change {
+    // a model without a term of friction takes motion for changes
+    let left_out = robot.left_out_friction().is_some();
+    report.change = change.filter(|_| !unexplained && !left_out).map(|change| Change {
         kind: ChangeKind::Within,
         row: 0,
         time: (change.t_s.max(0.0) * 1e9) as u64,
@@ -62,7 +64,7 @@ pub(super) fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, c
     report.fit_probability = figures.fit_probability;
     report.excitation.copy_from_slice(&figures.excitation);
     let unfit = unexplained || figures.fit_probability < crate::estimator::MISFIT;
-    report.misfit = u64::from(unfit || robot.left_out_friction().is_some());
+    report.misfit = u64::from(unfit || left_out);
     for j in 0..joints {
         // Friction's misfit is correlated: whole blocks are off by more than rows are.
         report.noise_std[j] = robot.torque_std(j) * robot.inflation(j);

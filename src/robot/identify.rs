@@ -30,7 +30,7 @@
 use super::change::RobotChange;
 use super::figures::BlockFigures;
 use super::information::{Information, Solver};
-use super::left_out::LeftOut;
+use super::left_out_room::LeftOut;
 use super::levels::LevelRing;
 use super::model::{RobotModel, RobotParameter};
 use super::payload::Payload;

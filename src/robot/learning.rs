@@ -3,7 +3,7 @@
 
 use super::identify::RobotIdentifier;
 use super::information::{Information, Solver};
-use super::left_out::LeftOut;
+use super::left_out_room::LeftOut;
 use super::model::RobotModel;
 use super::payload::Payload;
 use super::spatial::BodyParameters;

@@ -18,173 +18,33 @@
 //! weights in Λ hold f_j and σ_j, which a missing term has raised itself; x brings them to what
 //! remains once every term is there. f_j there is of blocks as clusters, so that a misfit that
 //! keeps its sign through a block raises no alarm. A term is named if z exceeds [`NAMED`] and a
-//! usable parameter is off by more than [`HARMFUL`] of its standard deviations: then the model does
-//! not describe the machine. Standard deviations hold (6) before that, too.
+//! usable parameter is off by more than [`HARMFUL`] of its standard deviations and [`LEAST_ERROR`]
+//! of itself: then the model does not describe the machine. Standard deviations hold (6) before
+//! that, too, so that a term that does less harm, or is less sure, makes nothing surely wrong.
 //!
 //! With thirty terms and some minutes a right model names one in 1e7 runs by chance; the rest of
 //! the margin is for friction that is none of (1) there. Sources: C. R. Rao, Proc. Cambridge Phil.
 //! Soc. 44 (1948); K.-Y. Liang, S. Zeger, Biometrika 73 (1986).
 
-use super::friction::FrictionTerm;
 use super::identify::RobotIdentifier;
-use super::information::Information;
 use super::learning::friction_misfit;
+use super::left_out_room::{LeftOut, LeftOutFriction, ROUNDING};
 use super::model::LeftOutTerm;
 use super::sums::JointSums;
-use crate::estimator::linalg::{Cholesky, dot};
 use crate::model::MAX_JOINTS;
 
 /// z from which on a term is named, and below which it no longer is.
 const NAMED: (f64, f64) = (6.0, 4.0);
 /// Standard deviations by which a usable parameter must be off for that, and no longer.
-const HARMFUL: (f64, f64) = (1.0, 0.5);
+const HARMFUL: (f64, f64) = (3.0, 2.0);
 /// z from which on standard deviations allow for a term.
 const BELIEVED: f64 = 4.0;
-/// Three standard deviations below this part of a parameter make its error matter.
+/// Three standard deviations below this part of a parameter make its error matter …
 const USABLE: f64 = 0.05;
-/// Part of a term's information that must be left beside the parameters: less is rounding.
-const TOLD_APART: f64 = 1e-9;
-
-/// A term that the model leaves out although it would explain the misfit.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LeftOutFriction {
-    /// The joint, counted from 0.
-    pub joint: usize,
-    /// The term.
-    pub term: FrictionTerm,
-    /// Its parameter, were it the only one that is missing.
-    pub amplitude: f64,
-    /// z: standard deviations that it is from 0.
-    pub deviations: f64,
-    /// Standard deviations by which the usable parameter that suffers most is off.
-    pub harm: f64,
-    /// Share of the joint's squared residuals that it would explain, 0 to 1.
-    pub share: f64,
-}
-
-impl std::fmt::Display for LeftOutFriction {
-    /// Rounded, so that the words change only with the matter.
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let share = (10.0 * (10.0 * self.share).round()).max(10.0);
-        write!(
-            f,
-            "{} at joint {}, which the model leaves out, would explain {share:.0} % of the misfit",
-            self.term.phrase(),
-            self.joint + 1
-        )
-    }
-}
-
-/// The terms that are left out, and room for the test.
-#[derive(Debug, Clone)]
-pub(super) struct LeftOut {
-    pub terms: Vec<LeftOutTerm>,
-    /// The term that was named last, if it still is.
-    pub found: Option<LeftOutFriction>,
-    /// v_c by rows, then v_c ĉ of those that are believed.
-    shifts: Vec<f64>,
-    believed: usize,
-    /// U, I and ĉ_all.
-    score: Vec<f64>,
-    information: Vec<f64>,
-    all: Vec<f64>,
-    factor: Cholesky,
-    theta: Vec<f64>,
-    effective: Vec<f64>,
-}
-
-impl LeftOut {
-    /// Room for these, beside so many parameters and terms together.
-    pub fn new(terms: Vec<LeftOutTerm>, n: usize) -> Self {
-        let k = terms.len();
-        let room = if k > 0 { n } else { 0 };
-        Self {
-            terms,
-            found: None,
-            shifts: vec![0.0; k * n],
-            believed: 0,
-            score: vec![0.0; k],
-            information: vec![0.0; k * k],
-            all: vec![0.0; k],
-            factor: Cholesky::new(k),
-            theta: vec![0.0; room],
-            effective: vec![0.0; room],
-        }
-    }
-
-    /// Forgets everything.
-    pub fn reset(&mut self) {
-        (self.found, self.believed) = (None, 0);
-    }
-
-    /// Parameters are held or free that were not: the errors (2) are those of another estimate.
-    pub fn forget_shifts(&mut self) {
-        self.believed = 0;
-    }
-
-    /// Number of terms of a joint.
-    pub fn of_joint(&self, joint: usize) -> usize {
-        self.terms.iter().filter(|term| term.joint == joint).count()
-    }
-
-    /// The terms' priors.
-    pub fn set_priors(&self, into: &mut Information) {
-        for term in &self.terms {
-            into.set_prior(term.index, 0.0, term.scale);
-        }
-    }
-
-    /// What (6) adds to an entry of P.
-    pub fn covariance(&self, i: usize, j: usize, n: usize) -> f64 {
-        let shifts = self.shifts.chunks_exact(n.max(1)).take(self.believed);
-        shifts.map(|shift| shift[i] * shift[j]).sum() // (6)
-    }
-
-    /// (1) and (3); false if rounding has spoilt I.
-    fn solve(&mut self, known: &Information, covariance: &[f64], theta: &[f64]) -> bool {
-        let (n, k) = (known.n, self.terms.len());
-        for (c, term) in self.terms.iter().enumerate() {
-            let row = &known.matrix[term.index * n..(term.index + 1) * n];
-            self.score[c] = known.vector[term.index] - dot(row, theta); // (1)
-            for (i, v) in self.shifts[c * n..(c + 1) * n].iter_mut().enumerate() {
-                *v = dot(&covariance[i * n..(i + 1) * n], row); // (1)
-            }
-        }
-        for (c, term) in self.terms.iter().enumerate() {
-            let row = &known.matrix[term.index * n..(term.index + 1) * n];
-            for d in 0..k {
-                let v = &self.shifts[d * n..(d + 1) * n];
-                self.information[c * k + d] = row[self.terms[d].index] - dot(row, v); // (1)
-            }
-        }
-        if !self.factor.factor(k, &self.information) {
-            return false;
-        }
-        self.all.copy_from_slice(&self.score);
-        self.factor.solve(&mut self.all);
-        self.theta.copy_from_slice(theta);
-        (0..k).for_each(|c| self.step(c, self.all[c])); // (3)
-        true
-    }
-
-    /// Gives θ a term with this amplitude.
-    fn step(&mut self, c: usize, amplitude: f64) {
-        let n = self.theta.len();
-        for (theta, v) in self.theta.iter_mut().zip(&self.shifts[c * n..(c + 1) * n]) {
-            *theta -= v * amplitude; // (2), (3)
-        }
-        self.theta[self.terms[c].index] += amplitude;
-    }
-
-    /// Keeps the error (2) that a term makes; errors of those before it may be kept already.
-    fn believe(&mut self, c: usize, amplitude: f64) {
-        let n = self.theta.len();
-        self.shifts.copy_within(c * n..(c + 1) * n, self.believed * n);
-        let shift = &mut self.shifts[self.believed * n..(self.believed + 1) * n];
-        shift.iter_mut().for_each(|v| *v *= amplitude); // (2)
-        self.believed += 1;
-    }
-}
+/// … if that is larger than this part of it.
+const LEAST_ERROR: f64 = 0.0025;
+/// Standard deviations allow for terms whose information is not nearly all rounding.
+const TOLD_APART: f64 = 2.0 * ROUNDING;
 
 impl RobotIdentifier {
     /// The term of friction that the model leaves out and that makes what is known wrong, if the
@@ -255,12 +115,17 @@ impl RobotIdentifier {
     fn harm(&self, direction: &[f64], amplitude: f64) -> f64 {
         let n = self.theta.len();
         let payload = self.payload.as_ref().filter(|_| self.is_loaded);
-        let is_carried = |i: &usize| payload.is_some_and(|payload| payload.indices().contains(i));
-        let std = |i: &usize| self.covariance[i * n + i].max(0.0).sqrt();
-        (0..self.parameters.len())
-            .filter(|i| std(i) > 0.0 && (3.0 * std(i) < USABLE * self.theta[*i].abs() || is_carried(i)))
-            .map(|i| (direction[i] * amplitude).abs() / std(&i))
-            .fold(0.0, f64::max)
+        let mut harm = 0.0_f64;
+        for i in (0..self.parameters.len()).filter(|i| !self.fixed[*i]) {
+            let (std, size) = (self.covariance[i * n + i].max(0.0).sqrt(), self.theta[i].abs());
+            let error = (direction[i] * amplitude).abs();
+            // what a controller is told of the payload is made of all of its parameters
+            let is_told = payload.is_some_and(|payload| payload.indices().contains(&i));
+            if (is_told || 3.0 * std < USABLE * size) && error > LEAST_ERROR * size {
+                harm = harm.max(error / std);
+            }
+        }
+        harm
     }
 
     /// The last blocks of a joint, those without rows left out.

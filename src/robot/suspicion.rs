@@ -1,6 +1,6 @@
 //! What may be wrong with a robot's log, in words that say what to do.
 
-use super::left_out::LeftOutFriction;
+use super::left_out_room::LeftOutFriction;
 use std::f64::consts::{PI, TAU};
 use std::fmt;
 

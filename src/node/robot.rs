@@ -95,7 +95,8 @@ impl Learner for RobotLearner {
         Learnt {
             estimate,
             change_ns: explained.map(|change| (change.t_s.max(0.0) * 1e9) as u64),
-            error: change.and_then(|change| robot_evidence::words(&change, end.last_seq)),
+            error: robot_evidence::left_out(&self.robot, end.last_seq)
+                .or_else(|| robot_evidence::words(&change?, end.last_seq)),
         }
     }
 

@@ -2,8 +2,9 @@
 //! mean the same.
 
 use crate::estimator::{Change, ChangeKind, Held, Report};
-use crate::messages::{ErrorCode, LastError};
+use crate::messages::{ERROR_TEXT, ErrorCode, FixedText, LastError};
 use crate::robot::{ChangeCause, RobotChange, RobotIdentifier};
+use std::fmt::Write as _;
 
 /// Share of each joint's torque that a model of a robot is expected to explain. Rigid-body models
 /// with friction reach 0.96 to 0.999 on geared arms; 0.9 tells them from a log with exchanged
@@ -46,7 +47,9 @@ pub(super) fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, c
     report.held = (!learnt).then_some(Held::Empty);
     let change = robot.change().filter(|_| learnt);
     let unexplained = change.is_some_and(|change| change.cause == ChangeCause::Unexplained);
-    report.change = change.filter(|_| !unexplained).map(|change| Change {
+    // a model without a term of friction takes motion for changes
+    let left_out = robot.left_out_friction().is_some();
+    report.change = change.filter(|_| !unexplained && !left_out).map(|change| Change {
         kind: ChangeKind::Within,
         row: 0,
         time: (change.t_s.max(0.0) * 1e9) as u64,
@@ -60,7 +63,8 @@ pub(super) fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, c
     report.fit.copy_from_slice(&figures.fit[..joints]);
     report.fit_probability = figures.fit_probability;
     report.excitation.copy_from_slice(&figures.excitation);
-    report.misfit = u64::from(unexplained || figures.fit_probability < crate::estimator::MISFIT);
+    let unfit = unexplained || figures.fit_probability < crate::estimator::MISFIT;
+    report.misfit = u64::from(unfit || left_out);
     for j in 0..joints {
         // Friction's misfit is correlated: whole blocks are off by more than rows are.
         report.noise_std[j] = robot.torque_std(j) * robot.inflation(j);
@@ -93,6 +97,14 @@ pub(super) fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, c
 
 fn mark(mask: &mut u128, i: usize) {
     *mask |= u32::try_from(i).ok().and_then(|i| 1u128.checked_shl(i)).unwrap_or(0);
+}
+
+/// A term of friction that the model leaves out, in words.
+pub(super) fn left_out(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
+    let mut words = FixedText::<ERROR_TEXT>::default();
+    // longer words than fit are cut, which is what an error means here
+    let _cut = write!(words, "{}", robot.left_out_friction()?);
+    Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
 }
 
 /// A change that is no payload, in words.

@@ -242,7 +242,7 @@ impl Extra<'_> {
         match self {
             Self::Nothing => {}
             Self::Payload(payload) => {
-                for (a, step) in step.iter_mut().enumerate() {
+                for (a, step) in step.iter_mut().enumerate().take(payload.first) {
                     *step += payload.row(a).iter().zip(extra).map(|(m, x)| m * x).sum::<f64>();
                 }
             }

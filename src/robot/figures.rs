@@ -97,7 +97,8 @@ impl RecentTorque {
 }
 
 impl BlockFigures {
-    pub(super) fn new(parameters: usize) -> Self {
+    /// For so many parameters among so many columns.
+    pub(super) fn new(parameters: usize, columns: usize) -> Self {
         Self {
             rows: [0; MAX_JOINTS],
             innovation_rms: [0.0; MAX_JOINTS],
@@ -109,7 +110,7 @@ impl BlockFigures {
             fit: [0.0; MAX_JOINTS],
             fit_probability: 1.0,
             excitation: vec![0.0; parameters],
-            covariance: vec![0.0; parameters * parameters],
+            covariance: vec![0.0; columns * columns],
             independent: 1.0,
         }
     }
@@ -120,7 +121,7 @@ impl BlockFigures {
         *self = Self {
             excitation,
             covariance,
-            ..Self::new(0)
+            ..Self::new(0, 0)
         };
         self.excitation.fill(0.0);
     }
@@ -173,7 +174,7 @@ impl BlockFigures {
     pub(super) fn of_gain(&mut self, solver: &mut Solver, gain: &Information, fixed: &[bool], size: &[f64]) {
         let n = gain.n;
         let solved = solver.covariance(gain, fixed, &mut self.covariance);
-        for i in 0..n {
+        for i in 0..self.excitation.len() {
             let left = self.covariance[i * n + i] / size[i].powi(2);
             self.excitation[i] = if solved && !fixed[i] {
                 (1.0 - left).clamp(0.0, 1.0)

@@ -86,6 +86,18 @@ impl FrictionTerm {
             Self::Reversal => "Coulomb friction times the relative excess of the travel of a reversal over presliding",
         }
     }
+
+    /// What a machine has that this term stands for, in a few words with the term's name.
+    pub fn phrase(self) -> &'static str {
+        match self {
+            Self::Viscous => "viscous friction",
+            Self::Coulomb => "Coulomb friction",
+            Self::Offset => "a constant torque (offset)",
+            Self::Load => "load-dependent friction",
+            Self::Stribeck => "Stribeck friction",
+            Self::Reversal => "another travel of reversals (reversal)",
+        }
+    }
 }
 
 /// How far a joint's friction follows its motion; at the start of a recording not at all.

@@ -30,6 +30,7 @@
 use super::change::RobotChange;
 use super::figures::BlockFigures;
 use super::information::{Information, Solver};
+use super::left_out_room::LeftOut;
 use super::levels::LevelRing;
 use super::model::{RobotModel, RobotParameter};
 use super::payload::Payload;
@@ -123,6 +124,9 @@ impl IdentifyOptions {
 #[derive(Debug, Clone)]
 pub struct RobotIdentifier {
     pub(super) model: RobotModel,
+    /// The same with rows over the terms of friction that it leaves out, too.
+    pub(super) wide: RobotModel,
+    pub(super) left_out: Option<LeftOut>,
     pub(super) options: IdentifyOptions,
     pub(super) rows: WeakRows,
     pub(super) parameters: Vec<RobotParameter>,
@@ -183,20 +187,24 @@ impl RobotIdentifier {
     pub fn new(model: RobotModel, options: IdentifyOptions) -> Result<Self, String> {
         options.validate()?;
         let joints = model.robot().len();
-        let payload = options.payload.then(|| Payload::new(&model));
+        let mut payload = options.payload.then(|| Payload::new(&model));
         let mut parameters = model.parameters().to_vec();
         let arm = parameters.len();
         parameters.extend(payload.iter().flat_map(Payload::parameters));
-        let n = parameters.len();
-        let columns: Vec<usize> = (0..joints).map(|i| model.columns(i).len()).collect();
-        let empty: Vec<JointSums> = (0..joints).map(|i| JointSums::new(model.columns(i))).collect();
+        let (wide, terms) = model.with_left_out(parameters.len());
+        let n = parameters.len() + terms.len();
+        // parameters that act on rows
+        let acting = if terms.is_empty() { arm } else { n };
+        payload = payload.map(|payload| payload.over_columns(acting));
+        let columns: Vec<usize> = (0..joints).map(|i| wide.columns(i).len()).collect();
+        let empty: Vec<JointSums> = (0..joints).map(|i| JointSums::new(wide.columns(i))).collect();
         let frictions: Vec<usize> = (0..joints).flat_map(|i| model.friction_of(i)).collect();
         let windows = match options.payload {
             true => (KEPT_S / options.windows.stride_s).ceil() as usize + 1,
             false => 0,
         };
         let mut identifier = Self {
-            rows: WeakRows::new(&model, options.windows)?,
+            rows: WeakRows::new(&wide, options.windows)?,
             is_loaded: false,
             slice_end: None,
             slice_begin: 0.0,
@@ -208,7 +216,7 @@ impl RobotIdentifier {
             recent: vec![empty.clone(); RECENT],
             recent_blocks: 0,
             assumed: (vec![0.0; joints], 0.0),
-            watch: payload.as_ref().map(|_| Watch::new(n, arm, frictions.len(), &empty)),
+            watch: payload.as_ref().map(|_| Watch::new(n, acting, frictions.len(), &empty)),
             block: empty,
             blocks: 0,
             block_end: None,
@@ -217,8 +225,8 @@ impl RobotIdentifier {
             system: Information::new(n),
             solver: Solver::new(n),
             theta: vec![0.0; n],
-            effective: vec![0.0; arm],
-            before: vec![0.0; arm],
+            effective: vec![0.0; acting],
+            before: vec![0.0; acting],
             covariance: vec![0.0; n * n],
             fixed: vec![false; n],
             walk: vec![0.0; frictions.len()],
@@ -230,7 +238,9 @@ impl RobotIdentifier {
             inflation: vec![0.0; joints],
             levels: LevelRing::new((SLICES as f64 * SLICE_S / options.block_s).ceil() as usize + 1),
             change: None,
-            figures: BlockFigures::new(n),
+            figures: BlockFigures::new(parameters.len(), n),
+            left_out: (!terms.is_empty()).then(|| LeftOut::new(terms, n)),
+            wide,
             gain: Information::new(n),
             size: vec![0.0; n],
             parameters,
@@ -256,11 +266,13 @@ impl RobotIdentifier {
         self.inflation.fill(ASSUMED_INFLATION.0.sqrt());
         self.torque_std.fill(0.0);
         self.levels.clear();
-        self.fixed.fill(false);
+        self.fixed.fill(true);
         self.covariance.fill(0.0);
         self.change = None;
+        self.left_out.iter_mut().for_each(LeftOut::reset);
         self.figures.clear();
         let n = self.theta.len();
+        self.theta.fill(0.0);
         for (i, parameter) in self.parameters.iter().enumerate() {
             self.theta[i] = parameter.nominal;
             let is_held = self.payload.as_ref().is_some_and(|payload| i >= payload.first);
@@ -282,7 +294,7 @@ impl RobotIdentifier {
 
     /// Estimates θ̂ in the order of [`parameters`](Self::parameters).
     pub fn theta(&self) -> &[f64] {
-        &self.theta
+        &self.theta[..self.parameters.len()]
     }
 
     /// Standard deviation of one estimate; the prior's before the first block, 0 if it is held.
@@ -292,7 +304,9 @@ impl RobotIdentifier {
 
     /// Covariance of two estimates.
     pub fn covariance(&self, i: usize, j: usize) -> f64 {
-        self.covariance[i * self.theta.len() + j]
+        let n = self.theta.len();
+        let left_out = self.left_out.as_ref();
+        self.covariance[i * n + j] + left_out.map_or(0.0, |left_out| left_out.covariance(i, j, n))
     }
 
     /// σ_j: standard deviation of a joint's rows from what is predicted \[N m or N\].
@@ -367,6 +381,7 @@ impl RobotIdentifier {
         self.solver.solve(&self.system, &self.fixed, &mut self.theta);
         self.solver.covariance(&self.system, &self.fixed, &mut self.covariance);
         self.refresh_effective();
+        self.left_out.iter_mut().for_each(LeftOut::forget_shifts);
     }
 
     /// Takes a sample; true if a block of time was completed and the estimates are new.
@@ -395,7 +410,7 @@ impl RobotIdentifier {
     /// The sample cannot be used and was left out.
     pub fn take(&mut self, sample: &RobotSample) -> Result<(), SampleFault> {
         let (slice, ring, begin) = (&mut self.slice, &mut self.ring, &mut self.slice_begin);
-        self.rows.push(&self.model, sample, &mut |row| {
+        self.rows.push(&self.wide, sample, &mut |row| {
             if slice.iter().all(|sums| sums.rows == 0) {
                 *begin = row.t_s;
             }
@@ -519,6 +534,7 @@ impl RobotIdentifier {
             let block_s = self.options.block_s;
             self.figures
                 .explain(&self.block, &self.effective, &self.torque_std, block_s);
+            self.look_for_left_out();
         }
         self.note_excitation();
         self.block_slices = 0;

@@ -3,10 +3,12 @@
 
 use super::identify::RobotIdentifier;
 use super::information::{Information, Solver};
+use super::left_out_room::LeftOut;
 use super::model::RobotModel;
 use super::payload::Payload;
 use super::spatial::BodyParameters;
 use super::sums::JointSums;
+use std::ops::Range;
 
 /// Number of blocks that the f_j² of before a change counts for.
 const KEPT_INFLATION: f64 = 8.0;
@@ -49,7 +51,9 @@ impl RobotIdentifier {
                 if sums.rows == 0 || friction == 0 {
                     continue;
                 }
-                if let Some((square, directions)) = friction_misfit(sums, friction, &self.effective) {
+                let left_out = self.left_out.as_ref().map_or(0, |left_out| left_out.of_joint(joint));
+                let end = sums.columns().len() - left_out;
+                if let Some((square, directions)) = friction_misfit(sums, end - friction..end, &self.effective) {
                     sum += square / (directions * self.torque_std[joint].powi(2)); // (3)
                     count += 1.0;
                 }
@@ -77,7 +81,7 @@ impl RobotIdentifier {
         model: &RobotModel,
         total: &[JointSums],
         weight: impl Fn(usize) -> f64,
-        mut load: Option<&mut Payload>,
+        (mut load, left_out): (Option<&mut Payload>, Option<&LeftOut>),
         into: &mut Information,
     ) {
         into.clear();
@@ -89,6 +93,9 @@ impl RobotIdentifier {
                 into.set_prior(i, 0.0, std);
             }
         }
+        if let Some(left_out) = left_out {
+            left_out.set_priors(into);
+        }
         for (joint, sums) in total.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
             learn(sums, weight(joint), load.as_deref_mut(), into); // (1)
         }
@@ -98,7 +105,8 @@ impl RobotIdentifier {
     pub(super) fn solve_all(&mut self) {
         let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
         let load = self.payload.as_mut().filter(|_| self.is_loaded);
-        Self::of_total(&self.model, &self.all, weight, load, &mut self.system);
+        let besides = (load, self.left_out.as_ref());
+        Self::of_total(&self.model, &self.all, weight, besides, &mut self.system);
         self.solver.solve(&self.system, &self.fixed, &mut self.theta); // (1)
         self.refresh_effective();
     }
@@ -110,7 +118,8 @@ impl RobotIdentifier {
             self.condensed = true;
             let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
             let load = self.payload.as_mut().filter(|_| self.is_loaded);
-            Self::of_total(&self.model, &self.total, weight, load, &mut self.committed);
+            let besides = (load, self.left_out.as_ref());
+            Self::of_total(&self.model, &self.total, weight, besides, &mut self.committed);
         }
     }
 
@@ -122,7 +131,8 @@ impl RobotIdentifier {
         } else {
             let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
             let load = self.payload.as_mut().filter(|_| self.is_loaded);
-            Self::of_total(&self.model, &self.total, weight, load, &mut self.system);
+            let besides = (load, self.left_out.as_ref());
+            Self::of_total(&self.model, &self.total, weight, besides, &mut self.system);
         }
         for age in 0..slices {
             for joint in 0..self.block.len() {
@@ -269,8 +279,8 @@ impl RobotIdentifier {
         match self.payload.as_ref().filter(|_| self.is_loaded) {
             Some(payload) => payload.effective(&self.theta, &mut self.effective),
             None => {
-                let arm = self.effective.len();
-                self.effective.copy_from_slice(&self.theta[..arm]);
+                let len = self.effective.len();
+                self.effective.copy_from_slice(&self.theta[..len]);
             }
         }
     }
@@ -278,6 +288,7 @@ impl RobotIdentifier {
     /// What the block alone says of each parameter that is known to within its size.
     pub(super) fn note_excitation(&mut self) {
         let n = self.theta.len();
+        let own = self.parameters.len();
         self.gain.clear();
         for joint in 0..self.block.len() {
             if self.block[joint].rows > 0 {
@@ -286,7 +297,7 @@ impl RobotIdentifier {
                 learn(&self.block[joint], weight, load, &mut self.gain);
             }
         }
-        for i in 0..n {
+        for i in 0..own {
             self.size[i] = self.theta[i].abs().max(SMALLEST_SIZE * self.parameters[i].scale);
             self.gain.matrix[i * n + i] += self.size[i].powi(-2);
         }
@@ -304,19 +315,19 @@ pub(super) fn learn(sums: &JointSums, weight: f64, load: Option<&mut Payload>, i
     }
 }
 
-/// eᵀ (FᵀF)⁻¹ e over the friction columns of one block, and the number of directions that it has.
-fn friction_misfit(sums: &JointSums, friction: usize, theta: &[f64]) -> Option<(f64, f64)> {
+/// eᵀ (FᵀF)⁻¹ e over these friction columns of one block, and the number of directions that it has.
+pub(super) fn friction_misfit(sums: &JointSums, friction: Range<usize>, theta: &[f64]) -> Option<(f64, f64)> {
     const MOST: usize = 8;
     const DEPENDENT: f64 = 1e-6;
     let m = sums.columns().len();
-    let first = m - friction;
+    let first = friction.start;
     // Cholesky without square roots; a column that depends on those before it, as in a block
     // without a reversal, counts no direction.
     let mut l = [[0.0; MOST]; MOST];
     let mut d = [0.0; MOST];
     let mut e = [0.0; MOST];
     let (mut square, mut directions) = (0.0, 0.0);
-    for i in 0..friction.min(MOST) {
+    for i in 0..friction.len().min(MOST) {
         let row = &sums.gram[(first + i) * m + first..(first + i + 1) * m];
         e[i] = sums.gradient(first + i, theta);
         let mut pivot = row[i];

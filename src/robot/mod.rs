@@ -31,6 +31,7 @@
 //! | `friction`, `model` | friction per joint; all of it as one linear model |
 //! | `rows`, `sums`, `information` | samples → weak-form rows → normal equations |
 //! | `identify`, `learning`, `figures` | blocks → estimates with standard deviations, and how well they fit |
+//! | `left_out` | which term of friction the model leaves out, by the residuals |
 //! | `payload`, `change`, `watch`, `physical` | what the flange carries: found, located, weighed, physically possible |
 //! | `standard`, `urdf_writer` | bodies that can exist, from base parameters; written into the URDF |
 //! | `calibration` | gains of the drives from a known load |
@@ -59,6 +60,8 @@ mod identify;
 mod information;
 mod judge;
 mod learning;
+mod left_out;
+mod left_out_room;
 mod levels;
 mod log;
 mod model;
@@ -103,6 +106,7 @@ pub use fit::{TorqueFit, correlation_time_s, filtered};
 pub use friction::{Engagement, FrictionTerm, JointFriction};
 pub use identify::{IdentifyOptions, RobotIdentifier};
 pub use judge::{judge_robot_fit, judge_robot_log};
+pub use left_out_room::LeftOutFriction;
 pub use log::{Drives, LogColumns, LogError, read_log};
 pub use model::{RobotModel, RobotParameter};
 pub use motion_table::{MotionTable, read_motion};

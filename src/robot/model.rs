@@ -11,7 +11,7 @@
 
 use super::base_parameters::{BaseParameters, Standard};
 use super::dynamics::inverse_dynamics;
-use super::friction::{Engagement, JointFriction};
+use super::friction::{Engagement, FrictionTerm, JointFriction};
 use super::regressor::EnergyRegressors;
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
 use super::state::FilteredSample;
@@ -45,12 +45,25 @@ enum Column {
     Friction(usize),
 }
 
+/// A term of friction that a joint's model leaves out although it could be built.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LeftOutTerm {
+    pub joint: usize,
+    pub term: FrictionTerm,
+    /// Index of its column, behind every parameter.
+    pub index: usize,
+    /// Standard deviation that covers what a machine of this size can have.
+    pub scale: f64,
+}
+
 /// A robot with its friction as a linear model; made by [`new`](Self::new).
 #[derive(Debug, Clone)]
 pub struct RobotModel {
     robot: Robot,
     base: BaseParameters,
     friction: Vec<JointFriction>,
+    /// The same with the terms that rows have beyond those of the model.
+    built: Vec<JointFriction>,
     parameters: Vec<RobotParameter>,
     columns: Vec<Vec<Column>>,
     indices: Vec<Vec<usize>>,
@@ -125,19 +138,43 @@ impl RobotModel {
                 });
             }
         }
-        let has_load = friction
-            .iter()
-            .any(|f| f.terms.contains(&super::friction::FrictionTerm::Load));
         Ok(Self {
-            has_load,
+            has_load: has_load(&friction),
             robot,
             base,
+            built: friction.clone(),
             friction,
             parameters,
             columns,
             indices,
             first_friction,
         })
+    }
+
+    /// The same model with longer rows: behind its own columns each joint has those of the terms of
+    /// friction that it leaves out, with indices from `first` on. They are no parameters.
+    pub(super) fn with_left_out(&self, first: usize) -> (Self, Vec<LeftOutTerm>) {
+        let (mut wide, mut left_out) = (self.clone(), Vec::new());
+        let scales = Scales::of(&self.robot);
+        for (joint, built) in wide.built.iter_mut().enumerate() {
+            for (_, term) in FrictionTerm::NAMES {
+                if built.terms.contains(&term) {
+                    continue;
+                }
+                let index = first + left_out.len();
+                wide.columns[joint].push(Column::Friction(built.terms.len()));
+                wide.indices[joint].push(index);
+                built.terms.push(term);
+                left_out.push(LeftOutTerm {
+                    joint,
+                    term,
+                    index,
+                    scale: scales.friction(joint, term),
+                });
+            }
+        }
+        wide.has_load = has_load(&wide.built);
+        (wide, left_out)
     }
 
     /// The robot.
@@ -190,8 +227,8 @@ impl RobotModel {
         let mut at = 0;
         for i in 0..self.robot.len() {
             let (momentum, lagrangian) = (regressors.momentum(i), regressors.lagrangian(i));
-            let mut friction = [0.0; super::friction::FrictionTerm::NAMES.len()];
-            self.friction[i].row(dq[i], engagement[i], weight[i], &mut friction);
+            let mut friction = [0.0; FrictionTerm::NAMES.len()];
+            self.built[i].row(dq[i], engagement[i], weight[i], &mut friction);
             for column in &self.columns[i] {
                 (differentiated[at], direct[at]) = match *column {
                     Column::Body(entry) => (momentum[entry], -lagrangian[entry]), // (1)
@@ -242,6 +279,10 @@ impl RobotModel {
     }
 }
 
+fn has_load(friction: &[JointFriction]) -> bool {
+    friction.iter().any(|f| f.terms.contains(&FrictionTerm::Load))
+}
+
 /// Sizes that a robot's parameters can have: mass and reach of what each joint carries, and what
 /// its drive can give.
 struct Scales {
@@ -290,11 +331,11 @@ impl Scales {
         }
     }
 
-    fn friction(&self, joint: usize, term: super::friction::FrictionTerm) -> f64 {
+    fn friction(&self, joint: usize, term: FrictionTerm) -> f64 {
         const G: f64 = 9.81;
         let force = self.mass[joint] * G;
         match term {
-            super::friction::FrictionTerm::Load => 1.0,
+            FrictionTerm::Load => 1.0,
             _ if self.turns[joint] => (force * self.reach[joint]).max(self.effort[joint]),
             _ => force.max(self.effort[joint]),
         }

@@ -86,6 +86,14 @@ impl Payload {
         }
     }
 
+    /// The same for rows with columns up to this index; those behind the arm's parameters do not
+    /// see the payload.
+    pub(super) fn over_columns(mut self, columns: usize) -> Self {
+        self.map.resize(columns, [0.0; BODY_PARAMETERS]);
+        self.product.resize(columns, [0.0; BODY_PARAMETERS]);
+        self
+    }
+
     /// Its parameters.
     pub fn parameters(&self) -> impl Iterator<Item = RobotParameter> + '_ {
         NAMES

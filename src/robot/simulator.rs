@@ -2,7 +2,7 @@
 //! a payload that changes.
 //!
 //! ```text
-//! M(q) q̈ + … = τ − f,     f_i = f_v q̇ + f_c z + f_0,     dz/dt = (q̇ − |q̇| z)/δ                 (1)
+//! M(q) q̈ + … = τ − f,     f_i = f_v q̇ + (f_c + f_s e^−(q̇/v_s)²) z + f_0,     dz/dt = (q̇ − |q̇| z)/δ  (1)
 //! computed torque:  τ = ID(q, q̇, q̈_r + ω² e + 2 ω ė) + Ia (q̈_r + …)                            (2)
 //! PD:               τ = g(q) + M_ii (ω² e + 2 ω ė)                                             (3)
 //! servo:            τ = M_ii (ω² e + 2 ω ė), for feed-forward that carries weight and inertia  (4)
@@ -47,6 +47,8 @@ pub struct SimulatedDrive {
     pub coulomb: f64,
     /// f_0 \[N m or N\].
     pub offset: f64,
+    /// f_s, which has fallen to 1/e at 0.1 rad/s or m/s \[N m or N\], ≥ 0.
+    pub stribeck: f64,
     /// Inertia of the rotor at the joint \[kg m² or kg\], ≥ 0.
     pub rotor_inertia: f64,
 }
@@ -62,6 +64,7 @@ impl SimulatedDrive {
                 viscous: 0.04 * effort / speed,
                 coulomb: 0.04 * effort,
                 offset: 0.0,
+                stribeck: 0.0,
                 rotor_inertia: 0.002 * effort,
             }
         };
@@ -182,6 +185,7 @@ impl RobotSimOptions {
             within("viscous friction", drive.viscous, 0.0, 1e6)?;
             within("Coulomb friction", drive.coulomb, 0.0, 1e6)?;
             within("offset", drive.offset, -1e6, 1e6)?;
+            within("Stribeck friction", drive.stribeck, 0.0, 1e6)?;
             within("rotor_inertia", drive.rotor_inertia, 0.0, 1e6)?;
         }
         for (i, payload) in self.payloads.iter().enumerate() {
@@ -324,7 +328,8 @@ impl RobotSimulator {
                 FrictionTerm::Viscous => drive.viscous,
                 FrictionTerm::Coulomb => drive.coulomb,
                 FrictionTerm::Offset => drive.offset,
-                FrictionTerm::Load | FrictionTerm::Stribeck => 0.0,
+                FrictionTerm::Load => 0.0,
+                FrictionTerm::Stribeck => drive.stribeck,
                 FrictionTerm::Reversal => drive.coulomb * (self.options.presliding / friction.presliding - 1.0),
             }));
         }
@@ -396,6 +401,10 @@ impl RobotSimulator {
         for i in 0..n {
             let drive = &self.options.drives[i];
             net[i] = self.tau[i] - drive.viscous * dq[i] - drive.coulomb * self.engagement[i].z - drive.offset; // (1)
+            if drive.stribeck > 0.0 {
+                let slow = (-(dq[i] / self.friction.stribeck_speed).powi(2)).exp();
+                net[i] -= drive.stribeck * self.engagement[i].z * slow; // (1)
+            }
         }
         let (robot, bodies) = (&self.known, &self.loaded);
         forward_dynamics(robot, bodies, &self.rotors, &q[..n], &dq[..n], &net[..n], &mut ddq[..n]);

@@ -1,5 +1,6 @@
 //! What may be wrong with a robot's log, in words that say what to do.
 
+use super::left_out_room::LeftOutFriction;
 use std::f64::consts::{PI, TAU};
 use std::fmt;
 
@@ -66,6 +67,8 @@ pub enum RobotSuspicion {
         /// Name, estimate and standard deviation of each parameter that has the wrong sign.
         parameters: Vec<(String, f64, f64)>,
     },
+    /// A term of friction that the model leaves out.
+    LeftOut(LeftOutFriction),
     /// A torque that the model does not explain.
     Residual {
         /// The joint.
@@ -173,6 +176,12 @@ impl fmt::Display for RobotSuspicion {
                     parameters.join(", ")
                 )
             }
+            Self::LeftOut(left_out) => write!(
+                f,
+                "{left_out}, and a parameter is {:.1} standard deviations off: add \"{}\" to friction.terms",
+                left_out.harm,
+                left_out.term.name()
+            ),
             Self::Residual { joint, percent } => write!(
                 f,
                 "the model explains little of joint {}'s torque (residual {percent:.0} %): columns swapped, another unit, or a sign?",

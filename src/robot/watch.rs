@@ -108,7 +108,7 @@ impl RobotIdentifier {
     }
 
     /// What acts as these parameters do, as parameters of the arm.
-    fn effective_of(&self, theta: &[f64], out: &mut [f64]) {
+    pub(super) fn effective_of(&self, theta: &[f64], out: &mut [f64]) {
         match self.payload.as_ref().filter(|_| self.is_loaded) {
             Some(payload) => payload.effective(theta, out),
             None => out.copy_from_slice(&theta[..out.len()]),
@@ -246,7 +246,7 @@ impl RobotIdentifier {
                 &watch.effective,
                 &watch.changed,
                 &self.torque_std,
-                |j| self.model.columns(j),
+                |j| self.wide.columns(j),
             );
             self.sum_up(&mut watch.window, |t| t >= t_s + half);
             self.weigh_window(&mut watch);
@@ -344,7 +344,7 @@ impl RobotIdentifier {
             }
             for (j, sums) in sums.iter_mut().enumerate() {
                 if instant.torque[j].is_finite() {
-                    let row = self.ring.regressor(at, j, self.model.columns(j).len());
+                    let row = self.ring.regressor(at, j, self.wide.columns(j).len());
                     sums.add_row(row, instant.torque[j]);
                 }
             }

@@ -4,6 +4,7 @@ mod calibration;
 mod dynamics;
 mod excitation;
 mod judge;
+mod left_out;
 mod log;
 mod node;
 mod payload;

@@ -1,0 +1,225 @@
+//! Room for the test of terms of friction that the model leaves out, taken at the start; (1) to (6)
+//! are those of [`left_out`](super::left_out).
+
+use super::friction::FrictionTerm;
+use super::information::Information;
+use super::model::LeftOutTerm;
+use crate::estimator::linalg::{Cholesky, dot};
+
+/// Part of a term's information that is taken for rounding: the parameters can imitate a term
+/// altogether.
+pub(super) const ROUNDING: f64 = 1e-9;
+
+/// A term that the model leaves out although it would explain the misfit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LeftOutFriction {
+    /// The joint, counted from 0.
+    pub joint: usize,
+    /// The term.
+    pub term: FrictionTerm,
+    /// Its parameter, were it the only one that is missing.
+    pub amplitude: f64,
+    /// z: standard deviations that it is from 0.
+    pub deviations: f64,
+    /// Standard deviations by which the usable parameter that suffers most is off.
+    pub harm: f64,
+    /// Share of the joint's squared residuals that it would explain, 0 to 1.
+    pub share: f64,
+}
+
+impl std::fmt::Display for LeftOutFriction {
+    /// Rounded, so that the words change only with the matter.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let share = (10.0 * (10.0 * self.share).round()).max(10.0);
+        write!(
+            f,
+            "{} at joint {}, which the model leaves out, would explain {share:.0} % of the misfit",
+            self.term.phrase(),
+            self.joint + 1
+        )
+    }
+}
+
+/// The terms that are left out, and room for the test.
+#[derive(Debug, Clone)]
+pub(super) struct LeftOut {
+    pub terms: Vec<LeftOutTerm>,
+    /// The term that was named last, if it still is.
+    pub found: Option<LeftOutFriction>,
+    /// v_c by rows, then v_c ĉ of those that are believed.
+    pub shifts: Vec<f64>,
+    pub believed: usize,
+    /// U, I and ĉ_all.
+    pub score: Vec<f64>,
+    pub information: Vec<f64>,
+    all: Vec<f64>,
+    factor: Cholesky,
+    pub theta: Vec<f64>,
+    pub effective: Vec<f64>,
+}
+
+impl LeftOut {
+    /// Room for these, beside so many parameters and terms together.
+    pub fn new(terms: Vec<LeftOutTerm>, n: usize) -> Self {
+        let k = terms.len();
+        Self {
+            terms,
+            found: None,
+            shifts: vec![0.0; k * n],
+            believed: 0,
+            score: vec![0.0; k],
+            information: vec![0.0; k * k],
+            all: vec![0.0; k],
+            factor: Cholesky::new(k),
+            theta: vec![0.0; n],
+            effective: vec![0.0; n],
+        }
+    }
+
+    /// Forgets everything.
+    pub fn reset(&mut self) {
+        (self.found, self.believed) = (None, 0);
+    }
+
+    /// Parameters are held or free that were not: the errors (2) are those of another estimate.
+    pub fn forget_shifts(&mut self) {
+        self.believed = 0;
+    }
+
+    /// Number of terms of a joint.
+    pub fn of_joint(&self, joint: usize) -> usize {
+        self.terms.iter().filter(|term| term.joint == joint).count()
+    }
+
+    /// The terms' priors.
+    pub fn set_priors(&self, into: &mut Information) {
+        for term in &self.terms {
+            into.set_prior(term.index, 0.0, term.scale);
+        }
+    }
+
+    /// What (6) adds to an entry of P.
+    pub fn covariance(&self, i: usize, j: usize, n: usize) -> f64 {
+        let shifts = self.shifts.chunks_exact(n.max(1)).take(self.believed);
+        shifts.map(|shift| shift[i] * shift[j]).sum() // (6)
+    }
+
+    /// (1) and (3); false if rounding has spoilt I.
+    pub fn solve(&mut self, known: &Information, covariance: &[f64], theta: &[f64]) -> bool {
+        let (n, k) = (known.n, self.terms.len());
+        for (c, term) in self.terms.iter().enumerate() {
+            let row = &known.matrix[term.index * n..(term.index + 1) * n];
+            self.score[c] = known.vector[term.index] - dot(row, theta); // (1)
+            for (i, v) in self.shifts[c * n..(c + 1) * n].iter_mut().enumerate() {
+                *v = dot(&covariance[i * n..(i + 1) * n], row); // (1)
+            }
+        }
+        for (c, term) in self.terms.iter().enumerate() {
+            let row = &known.matrix[term.index * n..(term.index + 1) * n];
+            for d in 0..k {
+                let v = &self.shifts[d * n..(d + 1) * n];
+                self.information[c * k + d] = row[self.terms[d].index] - dot(row, v); // (1)
+            }
+            self.information[c * k + c] += ROUNDING * row[term.index];
+        }
+        if !self.factor.factor(k, &self.information) {
+            return false;
+        }
+        self.all.copy_from_slice(&self.score);
+        self.factor.solve(&mut self.all);
+        self.theta.copy_from_slice(theta);
+        (0..k).for_each(|c| self.step(c, self.all[c])); // (3)
+        true
+    }
+
+    /// Gives θ a term with this amplitude.
+    pub fn step(&mut self, c: usize, amplitude: f64) {
+        let n = self.theta.len();
+        for (theta, v) in self.theta.iter_mut().zip(&self.shifts[c * n..(c + 1) * n]) {
+            *theta -= v * amplitude; // (2), (3)
+        }
+        self.theta[self.terms[c].index] += amplitude;
+    }
+
+    /// Keeps the error (2) that a term makes; errors of those before it may be kept already.
+    pub fn believe(&mut self, c: usize, amplitude: f64) {
+        let n = self.theta.len();
+        self.shifts.copy_within(c * n..(c + 1) * n, self.believed * n);
+        let shift = &mut self.shifts[self.believed * n..(self.believed + 1) * n];
+        shift.iter_mut().for_each(|v| *v *= amplitude); // (2)
+        self.believed += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::information::Solver;
+    use super::*;
+
+    /// (3) is the solution with every term free, from that without them. Rounding of the terms'
+    /// information is 1e-9.
+    #[test]
+    fn val_terms_that_are_set_free_give_what_all_parameters_together_give() {
+        let n = 5;
+        let rows: [[f64; 5]; 7] = [
+            [1.0, 0.3, -0.2, 0.7, 0.1],
+            [0.2, 1.1, 0.4, -0.3, 0.6],
+            [-0.5, 0.2, 0.9, 0.8, -0.4],
+            [0.6, -0.7, 0.1, 1.2, 0.3],
+            [0.3, 0.8, -0.6, 0.2, 1.3],
+            [1.4, 0.1, 0.5, -0.9, 0.2],
+            [-0.1, 0.5, 0.7, 0.4, -1.1],
+        ];
+        let mut known = Information::new(n);
+        for (row, y) in rows.iter().zip([0.3, -1.2, 2.0, 0.4, 0.9, -0.6, 1.5]) {
+            for i in 0..n {
+                known.vector[i] += row[i] * y;
+                (0..n).for_each(|j| known.matrix[i * n + j] += row[i] * row[j]);
+            }
+        }
+        let (mut theta, mut covariance) = (vec![0.0; n], vec![0.0; n * n]);
+        let held = [false, false, false, true, true];
+        let mut solver = Solver::new(n);
+        assert!(solver.solve(&known, &held, &mut theta) && solver.covariance(&known, &held, &mut covariance));
+        let mut all = vec![0.0; n];
+        assert!(solver.solve(&known, &[false; 5], &mut all));
+        let term = |index| LeftOutTerm {
+            joint: 0,
+            term: FrictionTerm::Viscous,
+            index,
+            scale: 1.0,
+        };
+        let mut left_out = LeftOut::new(vec![term(3), term(4)], n);
+        assert!(left_out.solve(&known, &covariance, &theta));
+        for (left_out, all) in left_out.theta.iter().zip(&all) {
+            assert!((left_out - all).abs() < 1e-7, "{left_out} {all}");
+        }
+        // one of them alone, and what it does to P
+        let amplitude = left_out.score[1] / left_out.information[3];
+        let shift = left_out.shifts[n] * amplitude;
+        let mut alone = theta.clone();
+        assert!(solver.solve(&known, &[false, false, false, true, false], &mut alone));
+        assert!((theta[0] - shift - alone[0]).abs() < 1e-7 && (amplitude - alone[4]).abs() < 1e-7);
+        left_out.believe(1, amplitude);
+        assert_eq!(left_out.covariance(0, 0, n), shift * shift);
+    }
+
+    #[test]
+    fn prop_each_term_has_words_that_fit_a_status() {
+        for (_, term) in FrictionTerm::NAMES {
+            let found = LeftOutFriction {
+                joint: 7,
+                term,
+                amplitude: 1.0,
+                deviations: 9.0,
+                harm: 2.0,
+                share: 1.0,
+            };
+            let words = found.to_string();
+            assert!(
+                words.ends_with("would explain 100 % of the misfit") && words.len() <= 112,
+                "{words}"
+            );
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! A robot whose friction has terms that the identified model leaves out: it is said, and nothing
+//! that may be used is wrong.
+//!
+//! A block is *dangerous* if it may be used and holds a usable parameter, or a derived value of the
+//! payload, that is off by more than 5 of its standard deviations and more than 0.5 %.
+
+use super::{SIX_AXIS, robot};
+use FrictionTerm::{Coulomb, Offset, Viscous};
+use thetabus::messages::{Estimate, Sample, State, signals};
+use thetabus::node::identifier::IdentifierOptions;
+use thetabus::node::robot::{RobotLearner, RobotNode};
+use thetabus::robot::{
+    Drives, FrictionTerm, IdentifyOptions, JointFriction, Motions, RobotIdentifier, RobotModel, RobotSimOptions,
+    RobotSimulator, Velocities,
+};
+
+/// Fourier series that begin anew every 20 s, and moves from posture to posture with rests.
+const MOTIONS: [bool; 2] = [false, true];
+
+/// What a run has shown.
+#[derive(Debug, Default)]
+struct Run {
+    usable: usize,
+    dangerous: usize,
+    misfits: usize,
+    /// What the status said at the last misfit.
+    words: String,
+}
+
+fn simulation(has_rests: bool, seed: u64) -> RobotSimOptions {
+    let mut options = RobotSimOptions {
+        seed,
+        machine_seed: seed,
+        difference: 0.15,
+        ..RobotSimOptions::new(&robot(SIX_AXIS))
+    };
+    if has_rests {
+        options.motions = Motions::Moves { rest_s: 0.5 };
+    }
+    options
+}
+
+/// Identifies as the service does by default; `terms` are those of the model.
+fn run(terms: &[FrictionTerm], presliding: f64, simulation: RobotSimOptions, seconds: usize) -> Run {
+    let robot = robot(SIX_AXIS);
+    let friction = JointFriction {
+        terms: terms.to_vec(),
+        presliding,
+        ..JointFriction::default()
+    };
+    let model = RobotModel::new(robot.clone(), true, vec![friction; 6]).unwrap();
+    let options = IdentifyOptions {
+        payload: true,
+        ..IdentifyOptions::default()
+    };
+    let identifier = RobotIdentifier::new(model, options).unwrap();
+    let simulator = RobotSimulator::new(&robot, simulation).unwrap();
+    let truth = simulator.truth(identifier.model(), 0.0);
+    let options = IdentifierOptions {
+        sample_period_ns: 1_000_000,
+        ..IdentifierOptions::new(1000, 6, signals::Q | signals::INPUT)
+    };
+    let learner = RobotLearner::new(Drives::torque(6), identifier, Some(Velocities::new(20, 0.02)));
+    let mut node = RobotNode::new(options, learner, 1);
+    let mut run = Run::default();
+    for (seq, joints) in (0..).zip(simulator.take(1000 * seconds)) {
+        let sample = Sample::new(1, seq, seq * 1_000_000, 6, signals::Q | signals::INPUT, &joints);
+        let mut closed: Option<Estimate> = None;
+        node.on_sample(&sample, &mut |estimate| closed = Some(*estimate));
+        let Some(estimate) = closed else { continue };
+        if estimate.state == State::Misfit as u32 {
+            run.misfits += 1;
+            run.words = node.status().error.words().to_owned();
+        }
+        if estimate.use_ok == 1 {
+            run.usable += 1;
+            // Nothing is carried: a derived value that is not 0 is wrong altogether.
+            let derived = estimate.derived[..estimate.derived_len as usize].iter();
+            let weighs = derived.zip(&estimate.derived_std).any(|(x, std)| x.abs() > 5.0 * std);
+            let is_wrong = |i: usize| {
+                let error = (estimate.theta[i] - truth[i]).abs();
+                error > 5.0 * estimate.theta_std[i] && error > 0.005 * truth[i].abs()
+            };
+            run.dangerous += usize::from(weighs || estimate.usable.iter().any(is_wrong));
+        }
+    }
+    run
+}
+
+/// Without the test of `left_out.rs` half of the blocks that may be used are dangerous, by up to 19
+/// standard deviations of Coulomb friction.
+#[test]
+fn fault_viscous_friction_that_the_model_leaves_out_is_named() {
+    for (has_rests, seed) in [(false, 1), (false, 2), (true, 1), (true, 2)] {
+        let run = run(&[Coulomb], 1e-4, simulation(has_rests, seed), 40);
+        println!("rests {has_rests}, seed {seed}: {run:?}");
+        assert_eq!(run.dangerous, 0);
+        assert!(run.misfits > 30, "{}", run.misfits);
+        let said = run.words.strip_prefix("viscous friction at joint ").unwrap_or_default();
+        assert!(said.contains("which the model leaves out"), "{}", run.words);
+    }
+}
+
+#[test]
+fn prop_a_model_with_the_terms_that_the_machine_has_is_no_misfit() {
+    for (has_rests, seed) in [(false, 1), (true, 2)] {
+        let run = run(&[Coulomb, Viscous], 1e-4, simulation(has_rests, seed), 75);
+        println!("rests {has_rests}, seed {seed}: {run:?}");
+        assert_eq!((run.dangerous, run.misfits), (0, 0));
+        assert!(run.usable > 60, "{}", run.usable);
+    }
+}
+
+#[test]
+fn fault_each_other_term_that_is_left_out_is_named_or_does_no_harm() {
+    let mut with_offset = simulation(false, 1);
+    let mut with_stribeck = simulation(true, 1);
+    for drive in &mut with_offset.drives {
+        drive.offset = 0.3 * drive.coulomb;
+    }
+    for drive in &mut with_stribeck.drives {
+        drive.stribeck = 0.5 * drive.coulomb;
+    }
+    let cases: [(&[FrictionTerm], f64, RobotSimOptions, &str); 4] = [
+        (&[Viscous], 1e-4, simulation(false, 1), "Coulomb friction at joint "),
+        (
+            &[Coulomb, Viscous],
+            1e-4,
+            with_offset,
+            "a constant torque (offset) at joint ",
+        ),
+        (
+            &[Coulomb, Viscous, Offset],
+            1e-4,
+            with_stribeck,
+            "Stribeck friction at joint ",
+        ),
+        (
+            &[Coulomb, Viscous],
+            3e-4,
+            simulation(false, 1),
+            "another travel of reversals (reversal) at joint ",
+        ),
+    ];
+    for (terms, presliding, simulation, words) in cases {
+        let run = run(terms, presliding, simulation, 40);
+        println!("{terms:?}: {run:?}");
+        assert_eq!(run.dangerous, 0);
+        assert!(run.words.starts_with(words), "{}", run.words);
+    }
+}
+
+/// What is left over many seeds; `THETABUS_SEEDS` says how many.
+#[test]
+#[ignore = "minutes; prints a table"]
+fn report_dangerous_blocks() {
+    let seeds = std::env::var("THETABUS_SEEDS").map_or(4, |seeds| seeds.parse().unwrap());
+    let only = std::env::var("THETABUS_CASE").ok();
+    type Machine<'a> = &'a dyn Fn(&mut RobotSimOptions);
+    let as_it_is = |_: &mut RobotSimOptions| {};
+    let dry = |o: &mut RobotSimOptions| o.drives.iter_mut().for_each(|d| d.viscous = 0.0);
+    let biased = |o: &mut RobotSimOptions| o.drives.iter_mut().for_each(|d| d.offset = 0.3 * d.coulomb);
+    let sticky = |o: &mut RobotSimOptions| o.drives.iter_mut().for_each(|d| d.stribeck = 0.5 * d.coulomb);
+    let all = FrictionTerm::NAMES.map(|(_, term)| term);
+    let cases: [(&str, &[FrictionTerm], f64, Machine); 11] = [
+        ("coulomb | viscous, coulomb", &[Coulomb], 1e-4, &as_it_is),
+        (
+            "coulomb | viscous, coulomb, twice presliding",
+            &[Coulomb],
+            2e-4,
+            &as_it_is,
+        ),
+        ("viscous | viscous, coulomb", &[Viscous], 1e-4, &as_it_is),
+        ("viscous | coulomb", &[Viscous], 1e-4, &dry),
+        ("coulomb, viscous | offset, too", &[Coulomb, Viscous], 1e-4, &biased),
+        ("coulomb, viscous | Stribeck, too", &[Coulomb, Viscous], 1e-4, &sticky),
+        (
+            "coulomb, viscous | twice presliding",
+            &[Coulomb, Viscous],
+            2e-4,
+            &as_it_is,
+        ),
+        ("coulomb, viscous | the same", &[Coulomb, Viscous], 1e-4, &as_it_is),
+        (
+            "coulomb, viscous, offset | the same",
+            &[Coulomb, Viscous, Offset],
+            1e-4,
+            &biased,
+        ),
+        (
+            "coulomb, viscous, offset | twice presliding",
+            &[Coulomb, Viscous, Offset],
+            2e-4,
+            &as_it_is,
+        ),
+        ("all | Stribeck, too", &all, 1e-4, &sticky),
+    ];
+    for (name, terms, presliding, machine) in cases {
+        if only.as_ref().is_some_and(|only| !name.contains(only.as_str())) {
+            continue;
+        }
+        for has_rests in MOTIONS {
+            for seed in 1..=seeds {
+                let mut simulation = simulation(has_rests, seed);
+                machine(&mut simulation);
+                println!(
+                    "{name}, rests {has_rests}, seed {seed}: {:?}",
+                    run(terms, presliding, simulation, 75)
+                );
+            }
+        }
+    }
+}

@@ -48,7 +48,7 @@ pub(super) fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, c
     let change = robot.change().filter(|_| learnt);
     let unexplained = change.is_some_and(|change| change.cause == ChangeCause::Unexplained);
     // a model without a term of friction takes motion for changes
-    let left_out = robot.left_out_friction().is_some();
+    let left_out = robot.left_out_cause().is_some();
     report.change = change.filter(|_| !unexplained && !left_out).map(|change| Change {
         kind: ChangeKind::Within,
         row: 0,
@@ -103,7 +103,7 @@ fn mark(mask: &mut u128, i: usize) {
 pub(super) fn left_out(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     let mut words = FixedText::<ERROR_TEXT>::default();
     // longer words than fit are cut, which is what an error means here
-    let _cut = write!(words, "{}", robot.left_out_friction()?);
+    let _cut = write!(words, "{}", robot.left_out_cause()?);
     Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
 }
 

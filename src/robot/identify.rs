@@ -87,7 +87,7 @@ impl Default for IdentifyOptions {
         Self {
             windows: WindowOptions::default(),
             block_s: 1.0,
-            settle_blocks: 60,
+            settle_blocks: 10,
             friction_walk: 0.05,
             friction_change: 0.5,
             payload_friction: 0.05,

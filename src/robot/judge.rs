@@ -116,7 +116,7 @@ pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) 
             found.push(RobotSuspicion::Sign { joint, parameters });
         }
     }
-    found.extend(identifier.left_out_friction().map(RobotSuspicion::LeftOut));
+    found.extend(identifier.left_out_cause().map(RobotSuspicion::LeftOut));
     for joint in 0..model.robot().len() {
         if let Some(percent) = motion.residual(joint)
             && percent > LARGEST_RESIDUAL

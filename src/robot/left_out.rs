@@ -28,7 +28,7 @@
 
 use super::identify::RobotIdentifier;
 use super::learning::friction_misfit;
-use super::left_out_room::{LeftOut, LeftOutFriction, ROUNDING};
+use super::left_out_room::{LeftOut, LeftOutCause, ROUNDING};
 use super::model::LeftOutTerm;
 use super::sums::JointSums;
 use crate::model::MAX_JOINTS;
@@ -47,9 +47,9 @@ const LEAST_ERROR: f64 = 0.0025;
 const TOLD_APART: f64 = 2.0 * ROUNDING;
 
 impl RobotIdentifier {
-    /// The term of friction that the model leaves out and that makes what is known wrong, if the
-    /// residuals speak for one: the model does not describe the machine then.
-    pub fn left_out_friction(&self) -> Option<LeftOutFriction> {
+    /// What the model leaves out and makes what is known wrong, if the residuals speak for it: the
+    /// model does not describe the machine then.
+    pub fn left_out_cause(&self) -> Option<LeftOutCause> {
         self.left_out.as_ref()?.found
     }
 
@@ -82,13 +82,18 @@ impl RobotIdentifier {
         };
         let (n, k) = (self.theta.len(), left_out.terms.len());
         for c in 0..k {
-            let LeftOutTerm { joint, term, index, .. } = left_out.terms[c];
+            let LeftOutTerm { what, index, .. } = left_out.terms[c];
+            // what touches the rows of several joints is judged by the worst of them
+            let excess = match what.only_joint() {
+                Some(joint) => excess[joint],
+                None => excess.iter().copied().filter(|x| x.is_finite()).fold(0.0, f64::max),
+            };
             let (score, information) = (left_out.score[c], left_out.information[c * k + c]);
             if !(information > TOLD_APART * self.system.matrix[index * n + index]) {
                 continue;
             }
             let amplitude = score / information; // (2)
-            let deviations = (score * amplitude / excess[joint]).sqrt(); // (5)
+            let deviations = (score * amplitude / excess).sqrt(); // (5)
             if !(deviations > BELIEVED) {
                 continue;
             }
@@ -98,13 +103,12 @@ impl RobotIdentifier {
                 left_out.theta.copy_from_slice(&self.theta);
                 left_out.step(c, amplitude);
                 self.effective_of(&left_out.theta, &mut left_out.effective);
-                left_out.found = Some(LeftOutFriction {
-                    joint,
-                    term,
+                left_out.found = Some(LeftOutCause {
+                    what,
                     amplitude,
                     deviations,
                     harm,
-                    share: self.share(joint, &left_out.effective),
+                    share: self.share(what.only_joint(), &left_out.effective),
                 });
             }
             left_out.believe(c, amplitude);
@@ -134,9 +138,15 @@ impl RobotIdentifier {
         recent.map(move |block| &block[joint]).filter(|sums| sums.rows > 0)
     }
 
-    /// Share of a joint's squared residuals that these effective parameters explain.
-    fn share(&self, joint: usize, effective: &[f64]) -> f64 {
-        let square = |theta: &[f64]| -> f64 { self.recent_of(joint).map(|sums| sums.residual_square(theta)).sum() };
+    /// Share of squared residuals that these effective parameters explain: of a joint's, or of all
+    /// by their weights.
+    fn share(&self, joint: Option<usize>, effective: &[f64]) -> f64 {
+        let of_joint = |joint: usize, theta: &[f64]| -> f64 {
+            let square: f64 = self.recent_of(joint).map(|sums| sums.residual_square(theta)).sum();
+            self.weight(joint) * square
+        };
+        let joints = joint.map_or(0..self.torque_std.len(), |joint| joint..joint + 1);
+        let square = |theta: &[f64]| -> f64 { joints.clone().map(|joint| of_joint(joint, theta)).sum() };
         (1.0 - square(effective) / square(&self.effective)).clamp(0.0, 1.0)
     }
 
@@ -148,8 +158,8 @@ impl RobotIdentifier {
         for sums in self.recent_of(joint) {
             square += sums.residual_square(&left_out.effective);
             rows += sums.rows;
-            let columns = sums.columns().len();
-            if let Some((misfit, directions)) = friction_misfit(sums, columns - terms..columns, &left_out.effective) {
+            let end = sums.columns().len() - left_out.shared();
+            if let Some((misfit, directions)) = friction_misfit(sums, end - terms..end, &left_out.effective) {
                 clusters += misfit / directions;
                 count += 1.0;
             }

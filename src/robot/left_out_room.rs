@@ -1,41 +1,48 @@
 //! Room for the test of terms of friction that the model leaves out, taken at the start; (1) to (6)
 //! are those of [`left_out`](super::left_out).
 
-use super::friction::FrictionTerm;
 use super::information::Information;
-use super::model::LeftOutTerm;
+use super::model::{LeftOutTerm, Unmodelled};
 use crate::estimator::linalg::{Cholesky, dot};
 
 /// Part of a term's information that is taken for rounding: the parameters can imitate a term
 /// altogether.
 pub(super) const ROUNDING: f64 = 1e-9;
 
-/// A term that the model leaves out although it would explain the misfit.
+/// What the model leaves out although it would explain the misfit.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LeftOutFriction {
-    /// The joint, counted from 0.
-    pub joint: usize,
-    /// The term.
-    pub term: FrictionTerm,
+pub struct LeftOutCause {
+    /// What it is.
+    pub what: Unmodelled,
     /// Its parameter, were it the only one that is missing.
     pub amplitude: f64,
     /// z: standard deviations that it is from 0.
     pub deviations: f64,
     /// Standard deviations by which the usable parameter that suffers most is off.
     pub harm: f64,
-    /// Share of the joint's squared residuals that it would explain, 0 to 1.
+    /// Share of the squared residuals that it would explain, 0 to 1: of its joint's, or of all.
     pub share: f64,
 }
 
-impl std::fmt::Display for LeftOutFriction {
+impl std::fmt::Display for Unmodelled {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Friction { joint, term } => write!(f, "{} at joint {}", term.phrase(), joint + 1),
+            Self::Zero { joint } => write!(f, "another zero of the encoder of joint {}", joint + 1),
+            Self::Tilt => f.write_str("a tilted base"),
+            Self::Delay => f.write_str("a delay or filter of the torques"),
+        }
+    }
+}
+
+impl std::fmt::Display for LeftOutCause {
     /// Rounded, so that the words change only with the matter.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let share = (10.0 * (10.0 * self.share).round()).max(10.0);
         write!(
             f,
-            "{} at joint {}, which the model leaves out, would explain {share:.0} % of the misfit",
-            self.term.phrase(),
-            self.joint + 1
+            "{}, which the model leaves out, would explain {share:.0} % of the misfit",
+            self.what
         )
     }
 }
@@ -45,7 +52,7 @@ impl std::fmt::Display for LeftOutFriction {
 pub(super) struct LeftOut {
     pub terms: Vec<LeftOutTerm>,
     /// The term that was named last, if it still is.
-    pub found: Option<LeftOutFriction>,
+    pub found: Option<LeftOutCause>,
     /// v_c by rows, then v_c ĉ of those that are believed.
     pub shifts: Vec<f64>,
     pub believed: usize,
@@ -86,9 +93,16 @@ impl LeftOut {
         self.believed = 0;
     }
 
-    /// Number of terms of a joint.
+    /// Number of terms of a joint's friction.
     pub fn of_joint(&self, joint: usize) -> usize {
-        self.terms.iter().filter(|term| term.joint == joint).count()
+        let own = |term: &&LeftOutTerm| term.what.only_joint() == Some(joint);
+        self.terms.iter().filter(own).count()
+    }
+
+    /// Number of columns behind those of friction, in the rows of every joint.
+    pub fn shared(&self) -> usize {
+        let shared = |term: &&LeftOutTerm| term.what.only_joint().is_none();
+        self.terms.iter().filter(shared).count()
     }
 
     /// The terms' priors.
@@ -153,6 +167,7 @@ impl LeftOut {
 
 #[cfg(test)]
 mod tests {
+    use super::super::friction::FrictionTerm;
     use super::super::information::Solver;
     use super::*;
 
@@ -184,8 +199,7 @@ mod tests {
         let mut all = vec![0.0; n];
         assert!(solver.solve(&known, &[false; 5], &mut all));
         let term = |index| LeftOutTerm {
-            joint: 0,
-            term: FrictionTerm::Viscous,
+            what: Unmodelled::Delay,
             index,
             scale: 1.0,
         };
@@ -206,10 +220,11 @@ mod tests {
 
     #[test]
     fn prop_each_term_has_words_that_fit_a_status() {
-        for (_, term) in FrictionTerm::NAMES {
-            let found = LeftOutFriction {
-                joint: 7,
-                term,
+        let frictions = FrictionTerm::NAMES.map(|(_, term)| Unmodelled::Friction { joint: 7, term });
+        let others = [Unmodelled::Zero { joint: 7 }, Unmodelled::Tilt, Unmodelled::Delay];
+        for what in frictions.into_iter().chain(others) {
+            let found = LeftOutCause {
+                what,
                 amplitude: 1.0,
                 deviations: 9.0,
                 harm: 2.0,

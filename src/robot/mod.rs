@@ -106,9 +106,9 @@ pub use fit::{TorqueFit, correlation_time_s, filtered};
 pub use friction::{Engagement, FrictionTerm, JointFriction};
 pub use identify::{IdentifyOptions, RobotIdentifier};
 pub use judge::{judge_robot_fit, judge_robot_log};
-pub use left_out_room::LeftOutFriction;
+pub use left_out_room::LeftOutCause;
 pub use log::{Drives, LogColumns, LogError, read_log};
-pub use model::{RobotModel, RobotParameter};
+pub use model::{RobotModel, RobotParameter, Unmodelled};
 pub use motion_table::{MotionTable, read_motion};
 #[cfg(feature = "config")]
 pub use overrides::is_robot_override;

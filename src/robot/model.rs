@@ -12,9 +12,9 @@
 use super::base_parameters::{BaseParameters, Standard};
 use super::dynamics::inverse_dynamics;
 use super::friction::{Engagement, FrictionTerm, JointFriction};
-use super::regressor::EnergyRegressors;
+use super::regressor::{EnergyRegressors, TILTS};
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
-use super::state::FilteredSample;
+use super::state::{FilteredSample, RobotSample};
 use super::tree::Robot;
 use crate::model::MAX_JOINTS;
 use std::ops::Range;
@@ -34,6 +34,10 @@ pub struct RobotParameter {
     pub scale: f64,
 }
 
+/// Standard deviations that cover any error of a zero or of the base \[rad\], and any delay \[s\].
+const ANGLE_SCALE: f64 = 0.1;
+const DELAY_SCALE: f64 = 0.02;
+
 /// Where a column of a joint's row comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Column {
@@ -43,13 +47,48 @@ enum Column {
     Rotor,
     /// Term of the joint's own friction.
     Friction(usize),
+    /// Slope of the joint's weight in a position, or in a tilt.
+    Slope(usize),
+    /// Derivative of the joint's measured torque.
+    Delay,
 }
 
-/// A term of friction that a joint's model leaves out although it could be built.
+/// What the equations of a robot leave out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unmodelled {
+    /// A term of a joint's friction.
+    Friction {
+        /// The joint, counted from 0.
+        joint: usize,
+        /// The term.
+        term: FrictionTerm,
+    },
+    /// The encoder of a joint has another zero than the URDF; the amplitude is what it shows too
+    /// much \[rad\].
+    Zero {
+        /// The joint, counted from 0.
+        joint: usize,
+    },
+    /// Gravity has another direction than the model says \[rad\].
+    Tilt,
+    /// Torques are later than positions and velocities, or filtered more \[s\].
+    Delay,
+}
+
+impl Unmodelled {
+    /// The joint whose rows alone it touches.
+    pub(super) fn only_joint(self) -> Option<usize> {
+        match self {
+            Self::Friction { joint, .. } => Some(joint),
+            Self::Zero { .. } | Self::Tilt | Self::Delay => None,
+        }
+    }
+}
+
+/// A column that rows have beyond those of the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LeftOutTerm {
-    pub joint: usize,
-    pub term: FrictionTerm,
+    pub what: Unmodelled,
     /// Index of its column, behind every parameter.
     pub index: usize,
     /// Standard deviation that covers what a machine of this size can have.
@@ -69,6 +108,8 @@ pub struct RobotModel {
     indices: Vec<Vec<usize>>,
     first_friction: Vec<usize>,
     has_load: bool,
+    /// Rows have columns of the weight's slopes.
+    has_slopes: bool,
 }
 
 impl RobotModel {
@@ -140,6 +181,7 @@ impl RobotModel {
         }
         Ok(Self {
             has_load: has_load(&friction),
+            has_slopes: false,
             robot,
             base,
             built: friction.clone(),
@@ -152,7 +194,8 @@ impl RobotModel {
     }
 
     /// The same model with longer rows: behind its own columns each joint has those of the terms of
-    /// friction that it leaves out, with indices from `first` on. They are no parameters.
+    /// friction that it leaves out, then those of the errors of sensors and base that all joints
+    /// share, with indices from `first` on. They are no parameters.
     pub(super) fn with_left_out(&self, first: usize) -> (Self, Vec<LeftOutTerm>) {
         let (mut wide, mut left_out) = (self.clone(), Vec::new());
         let scales = Scales::of(&self.robot);
@@ -166,14 +209,29 @@ impl RobotModel {
                 wide.indices[joint].push(index);
                 built.terms.push(term);
                 left_out.push(LeftOutTerm {
-                    joint,
-                    term,
+                    what: Unmodelled::Friction { joint, term },
                     index,
                     scale: scales.friction(joint, term),
                 });
             }
         }
         wide.has_load = has_load(&wide.built);
+        let n = self.robot.len();
+        let turning = (0..n).filter(|&joint| self.robot.joints[joint].turns);
+        let zeros = turning.map(|joint| (Unmodelled::Zero { joint }, Column::Slope(joint), ANGLE_SCALE));
+        let tilts = (0..TILTS).map(|tilt| (Unmodelled::Tilt, Column::Slope(n + tilt), ANGLE_SCALE));
+        let shared = zeros
+            .chain(tilts)
+            .chain([(Unmodelled::Delay, Column::Delay, DELAY_SCALE)]);
+        for (what, column, scale) in shared {
+            let index = first + left_out.len();
+            for joint in 0..n {
+                wide.columns[joint].push(column);
+                wide.indices[joint].push(index);
+            }
+            left_out.push(LeftOutTerm { what, index, scale });
+        }
+        wide.has_slopes = true;
         (wide, left_out)
     }
 
@@ -208,18 +266,23 @@ impl RobotModel {
         first..first + self.friction[joint].terms.len()
     }
 
-    /// (2): writes d_i and c_i of all joints, one after the other, at a state; `engagement` is
+    /// (2): writes d_i and c_i of all joints, one after the other, at a sample; `engagement` is
     /// that of each joint's friction, [`JointFriction::engagement`].
     pub fn rows(
         &self,
         regressors: &mut EnergyRegressors,
-        q: &[f64],
-        dq: &[f64],
+        sample: &RobotSample,
         engagement: &[Engagement],
         differentiated: &mut [f64],
         direct: &mut [f64],
     ) {
+        let n = self.robot.len();
+        let (q, dq) = (&sample.q[..n], &sample.dq[..n]);
         regressors.evaluate(&self.robot, q, dq);
+        let mut slopes = Default::default();
+        if self.has_slopes {
+            regressors.weight_slopes(&self.robot, &mut slopes);
+        }
         let mut weight = [0.0; MAX_JOINTS];
         if self.has_load {
             regressors.weight(&self.robot.bodies, &mut weight[..self.robot.len()]);
@@ -234,6 +297,10 @@ impl RobotModel {
                     Column::Body(entry) => (momentum[entry], -lagrangian[entry]), // (1)
                     Column::Rotor => (dq[i], 0.0),                                // (1)
                     Column::Friction(term) => (0.0, friction[term]),              // (1)
+                    // what a position or a direction that is too large by 1 takes from the torque
+                    Column::Slope(of) => (0.0, -slopes[of][i]),
+                    // τ measured 1 s late is τ − τ̇
+                    Column::Delay => (-sample.tau[i], 0.0),
                 };
                 at += 1;
             }

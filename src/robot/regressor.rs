@@ -11,11 +11,20 @@
 //! Y_L π   = ∂(T − V)/∂q,         τ = d/dt (Y_p π) − Y_L π                                      (5)
 //! ```
 //!
+//! What holds a robot up changes with the zero of an encoder and with the direction of gravity. With
+//! m and h those of joint j and all that it carries:
+//!
+//! ```text
+//! u_j = m J_l,jj + J_a,jj × h,    ∂V/∂q_j = −g·u_j                                            (6)
+//! ∂²V/∂q_i ∂q_j = −J_a,ji·(u_j × g)    for i on the path of j                                  (7)
+//! ∂²V/∂α ∂q_j = −|g| e·u_j    if gravity turns towards the horizontal direction e by α         (8)
+//! ```
+//!
 //! No acceleration enters, which is what the weak form needs. v_λ(i) × J_ki is transformed like
 //! J_ki itself, so both are carried along. Sources: P. Hsu, M. Bodson, S. Sastry, B. Paden, ICRA
 //! 1987; M. Gautier, IROS 1997; H. Wang, Automatica 2012.
 
-use super::spatial::{BODY_PARAMETERS, BodyParameters, Motion};
+use super::spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};
 use super::tree::Robot;
 use crate::model::MAX_JOINTS;
 use nalgebra::Vector3;
@@ -33,7 +42,15 @@ pub struct EnergyRegressors {
     path: [u32; MAX_JOINTS],
     /// Gravity in the frame of each body.
     gravity: [Vector3<f64>; MAX_JOINTS],
+    /// Each body as its parent sees it.
+    placement: [Placement; MAX_JOINTS],
 }
+
+/// Directions in which a base can tilt.
+pub(super) const TILTS: usize = 2;
+
+/// ∂²V/∂q_i ∂q_j at \[i\]\[j\], and behind the joints those with the base's tilts (8).
+pub(super) type WeightSlopes = [[f64; MAX_JOINTS]; MAX_JOINTS + TILTS];
 
 impl EnergyRegressors {
     /// Room for a robot of this many joints.
@@ -47,6 +64,7 @@ impl EnergyRegressors {
             turned: [[Motion::default(); MAX_JOINTS]; MAX_JOINTS],
             path: [0; MAX_JOINTS],
             gravity: [Vector3::zeros(); MAX_JOINTS],
+            placement: [Placement::identity(); MAX_JOINTS],
         }
     }
 
@@ -76,6 +94,40 @@ impl EnergyRegressors {
         }
     }
 
+    /// (7) and (8) of the robot's own bodies at the state that was evaluated last \[N m/rad\].
+    pub(super) fn weight_slopes(&self, robot: &Robot, slopes: &mut WeightSlopes) {
+        let n = self.joints;
+        let mut mass = [0.0; MAX_JOINTS];
+        let mut moment = [Vector3::zeros(); MAX_JOINTS];
+        for (k, body) in robot.bodies.iter().enumerate() {
+            (mass[k], moment[k]) = (body.mass(), body.first_moment());
+        }
+        for k in (0..n).rev() {
+            if let Some(parent) = robot.joints[k].parent {
+                let Placement { rotation, translation } = &self.placement[k];
+                let carried = rotation * moment[k] + mass[k] * translation;
+                mass[parent] += mass[k];
+                moment[parent] += carried;
+            }
+        }
+        let level = horizontals(&robot.gravity);
+        let mut horizontal = [[Vector3::zeros(); TILTS]; MAX_JOINTS];
+        for j in 0..n {
+            let before = robot.joints[j].parent.map_or(&level, |parent| &horizontal[parent]);
+            horizontal[j] = before.map(|e| self.placement[j].rotation.tr_mul(&e));
+            let own = &self.unit[j][j];
+            let u = mass[j] * own.linear + own.angular.cross(&moment[j]); // (6)
+            let turned = u.cross(&self.gravity[j]);
+            for i in joints_of(self.path[j], j) {
+                let slope = -self.unit[j][i].angular.dot(&turned); // (7)
+                (slopes[i][j], slopes[j][i]) = (slope, slope);
+            }
+            for (e, direction) in horizontal[j].iter().enumerate() {
+                slopes[n + e][j] = -robot.gravity.norm() * direction.dot(&u); // (8)
+            }
+        }
+    }
+
     /// Evaluates both at positions `q` \[rad or m\] and velocities `dq`; the robot must have the
     /// joints given to `new`.
     pub fn evaluate(&mut self, robot: &Robot, q: &[f64], dq: &[f64]) {
@@ -88,11 +140,13 @@ impl EnergyRegressors {
             turned,
             path,
             gravity,
+            placement,
             ..
         } = self;
         for k in 0..n {
             let joint = &robot.joints[k];
-            let x = robot.placement(k, q[k]);
+            placement[k] = robot.placement(k, q[k]);
+            let x = &placement[k];
             let axis = if joint.turns {
                 Motion::new(joint.axis, Vector3::zeros())
             } else {
@@ -133,6 +187,14 @@ impl EnergyRegressors {
             }
         }
     }
+}
+
+/// Two directions across gravity and each other.
+fn horizontals(gravity: &Vector3<f64>) -> [Vector3<f64>; TILTS] {
+    let down = gravity.try_normalize(0.0).unwrap_or_else(Vector3::z);
+    let aside = if down.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+    let first = (aside - down * down.dot(&aside)).normalize();
+    [first, down.cross(&first)]
 }
 
 /// The joints on a body's path, itself included.

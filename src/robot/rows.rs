@@ -219,8 +219,7 @@ impl WeakRows {
         self.direct.swap(0, 1);
         model.rows(
             &mut self.regressors,
-            &sample.q[..n],
-            &sample.dq[..n],
+            sample,
             &self.engagement[..n],
             &mut self.differentiated[1],
             &mut self.direct[1],

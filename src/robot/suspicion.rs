@@ -1,6 +1,7 @@
 //! What may be wrong with a robot's log, in words that say what to do.
 
-use super::left_out_room::LeftOutFriction;
+use super::left_out_room::LeftOutCause;
+use super::model::Unmodelled;
 use std::f64::consts::{PI, TAU};
 use std::fmt;
 
@@ -68,7 +69,7 @@ pub enum RobotSuspicion {
         parameters: Vec<(String, f64, f64)>,
     },
     /// A term of friction that the model leaves out.
-    LeftOut(LeftOutFriction),
+    LeftOut(LeftOutCause),
     /// A torque that the model does not explain.
     Residual {
         /// The joint.
@@ -176,12 +177,27 @@ impl fmt::Display for RobotSuspicion {
                     parameters.join(", ")
                 )
             }
-            Self::LeftOut(left_out) => write!(
-                f,
-                "{left_out}, and a parameter is {:.1} standard deviations off: add \"{}\" to friction.terms",
-                left_out.harm,
-                left_out.term.name()
-            ),
+            Self::LeftOut(left_out) => {
+                write!(
+                    f,
+                    "{left_out}, and a parameter is {:.1} standard deviations off: ",
+                    left_out.harm
+                )?;
+                match left_out.what {
+                    Unmodelled::Friction { term, .. } => write!(f, "add \"{}\" to friction.terms", term.name()),
+                    Unmodelled::Zero { .. } => write!(f, "it shows {:.1} mrad too much", 1e3 * left_out.amplitude),
+                    Unmodelled::Tilt => write!(
+                        f,
+                        "{:.1} mrad in one direction; state model.gravity_m_per_s2 as it acts on the base",
+                        1e3 * left_out.amplitude.abs()
+                    ),
+                    Unmodelled::Delay => write!(
+                        f,
+                        "{:.1} ms; torques, positions and velocities must be of the same instants",
+                        1e3 * left_out.amplitude
+                    ),
+                }
+            }
             Self::Residual { joint, percent } => write!(
                 f,
                 "the model explains little of joint {}'s torque (residual {percent:.0} %): columns swapped, another unit, or a sign?",

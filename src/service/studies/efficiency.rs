@@ -161,7 +161,10 @@ fn is_wanted(args: &EfficiencyArgs, name: &str) -> bool {
 /// The runs of the six-axis robot; settings of a configuration have no effect on it.
 fn robots(args: &EfficiencyArgs, shutdown: &Shutdown) -> Result<Vec<RobotRuns>, Failure> {
     let mut results = Vec::new();
-    for motion in RobotMotion::ALL.into_iter().filter(|motion| is_wanted(args, motion.name())) {
+    for motion in RobotMotion::ALL
+        .into_iter()
+        .filter(|motion| is_wanted(args, motion.name()))
+    {
         let case = RobotCase::new(motion).map_err(Failure::Failed)?;
         let runs = for_each_index(args.seeds as usize, |seed| match shutdown.requested() {
             true => Ok(RobotOutcome::default()),
@@ -170,7 +173,10 @@ fn robots(args: &EfficiencyArgs, shutdown: &Shutdown) -> Result<Vec<RobotRuns>, 
         if shutdown.requested() {
             return Err(Failure::Failed("interrupted, nothing was written".to_owned()));
         }
-        let runs: Vec<RobotOutcome> = runs.into_iter().collect::<Result<_, String>>().map_err(Failure::Failed)?;
+        let runs: Vec<RobotOutcome> = runs
+            .into_iter()
+            .collect::<Result<_, String>>()
+            .map_err(Failure::Failed)?;
         let result = RobotRuns::new(motion.name(), case.model(), runs);
         logging::result(&result.words())?;
         results.push(result);

@@ -201,7 +201,11 @@ impl RobotCase {
             machine_seed: seed,
             difference: DIFFERENCE,
             motions: self.motions.clone(),
-            drives: SimulatedDrive::sized(robot).into_iter().enumerate().map(offset).collect(),
+            drives: SimulatedDrive::sized(robot)
+                .into_iter()
+                .enumerate()
+                .map(offset)
+                .collect(),
             ..RobotSimOptions::new(robot)
         }
     }
@@ -260,7 +264,12 @@ impl RobotCase {
         }
         let noise = torque_std(robot);
         let of_rows = RowMisfit::white(&noise, period_s, &identification.windows);
-        let of_rows: Vec<f64> = of_rows.std.iter().zip(&of_rows.correlation).map(|(s, f)| s * f).collect();
+        let of_rows: Vec<f64> = of_rows
+            .std
+            .iter()
+            .zip(&of_rows.correlation)
+            .map(|(s, f)| s * f)
+            .collect();
         let [windows, weighted_windows] = in_windows(model, identification.windows, &moving, &of_rows)?;
         let [differentiated, instruments] = differentiated(model, &log, &setpoints, &noise);
         Ok(RobotOutcome {

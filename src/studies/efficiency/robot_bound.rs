@@ -267,7 +267,7 @@ impl<'a, const N: usize> RobotBound<'a, N> {
                 self.linearised.step(&self.truth, part, &p.column(joint).into(), column);
             }
         }
-        // F P first; its transpose P Fᵀ goes the same way once more
+        // F P, and then its transpose P Fᵀ the same way
         for _ in 0..2 {
             for column in &mut self.covariance {
                 for part in &parts {
@@ -293,6 +293,17 @@ impl<'a, const N: usize> RobotBound<'a, N> {
                 let lower = *self.covariance[j].entry(i);
                 *self.covariance[j].entry(i) = *self.covariance[i].entry(j);
                 *self.covariance[i].entry(j) = lower;
+            }
+        }
+    }
+
+    /// Rounding must not make P lopsided: nothing would bring that back.
+    fn symmetrise(&mut self) {
+        for i in 0..3 * N {
+            for j in 0..i {
+                let mean = 0.5 * (*self.covariance[j].entry(i) + *self.covariance[i].entry(j));
+                *self.covariance[j].entry(i) = mean;
+                *self.covariance[i].entry(j) = mean;
             }
         }
     }
@@ -342,7 +353,14 @@ impl<'a, const N: usize> RobotBound<'a, N> {
         );
         let torques = |q: &SVector<f64, N>, dq: &SVector<f64, N>, ddq: &SVector<f64, N>| -> SVector<f64, N> {
             let mut tau = SVector::<f64, N>::zeros();
-            inverse_dynamics(robot, bodies, q.as_slice(), dq.as_slice(), ddq.as_slice(), tau.as_mut_slice());
+            inverse_dynamics(
+                robot,
+                bodies,
+                q.as_slice(),
+                dq.as_slice(),
+                ddq.as_slice(),
+                tau.as_mut_slice(),
+            );
             tau
         };
         let here = torques(&q, &dq, &ddq);
@@ -354,8 +372,14 @@ impl<'a, const N: usize> RobotBound<'a, N> {
             mass.set_column(i, &(torques(&q, &dq, &(ddq + unit)) - here));
             let near = unit * STEP;
             let slope = |ahead: SVector<f64, N>, behind: SVector<f64, N>| (ahead - behind) / (2.0 * STEP);
-            by_q.set_column(i, &slope(torques(&(q + near), &dq, &ddq), torques(&(q - near), &dq, &ddq)));
-            by_v.set_column(i, &slope(torques(&q, &(dq + near), &ddq), torques(&q, &(dq - near), &ddq)));
+            by_q.set_column(
+                i,
+                &slope(torques(&(q + near), &dq, &ddq), torques(&(q - near), &dq, &ddq)),
+            );
+            by_v.set_column(
+                i,
+                &slope(torques(&q, &(dq + near), &ddq), torques(&q, &(dq - near), &ddq)),
+            );
             mass[(i, i)] += self.truth.drives[i].rotor_inertia;
             by_v[(i, i)] += self.truth.drives[i].viscous;
         }
@@ -392,6 +416,7 @@ impl<'a, const N: usize> RobotBound<'a, N> {
         };
         self.sensitivity.iter_mut().for_each(less);
         self.covariance.iter_mut().for_each(less);
+        self.symmetrise();
     }
 
     /// Least standard deviations of the model's parameters by (3), and by (5), with what is known
@@ -433,16 +458,16 @@ impl<'a, const N: usize> RobotBound<'a, N> {
 
 impl<const N: usize> Linearised<N> {
     /// A part of (2) for a column, with accelerations that come from elsewhere. Friction acts with
-    /// z as it is before, as in the simulator.
+    /// z as it is before, and z follows the speed behind: so the spring that a joint at rest is does
+    /// not swing up.
     fn step(&self, truth: &RobotTruth, reversal: &Reversal<N>, more: &SVector<f64, N>, column: &mut Column<N>) {
         let h = truth.sample_period_s / SUBSTEPS as f64;
         let friction = SVector::<f64, N>::from_fn(|i, _| truth.drives[i].coulomb * column.z[i]);
         let acceleration = self.by_q * column.q + self.by_v * column.v - self.by_torque * friction + more;
         let before = column.v;
         column.v += acceleration * h;
-        let way = (before + column.v) * (0.5 * h);
-        column.q += way;
-        column.z = reversal.kept.component_mul(&column.z) + reversal.by_way.component_mul(&way);
+        column.q += (before + column.v) * (0.5 * h);
+        column.z = reversal.kept.component_mul(&column.z) + reversal.by_way.component_mul(&column.v) * h;
     }
 }
 

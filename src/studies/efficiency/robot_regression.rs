@@ -114,7 +114,13 @@ impl Equations {
     fn new(model: &RobotModel, positions: &[[f64; MAX_JOINTS]], period_s: f64) -> Self {
         let (n, count, width) = (model.robot().len(), positions.len(), model.row_entries());
         let joints: Vec<[Vec<f64>; 4]> = (0..n)
-            .map(|joint| derivatives(positions.iter().map(|q| q[joint]).collect(), DIFFERENTIATED_HZ, period_s))
+            .map(|joint| {
+                derivatives(
+                    positions.iter().map(|q| q[joint]).collect(),
+                    DIFFERENTIATED_HZ,
+                    period_s,
+                )
+            })
             .collect();
         let mut regressors = EnergyRegressors::new(n);
         let mut engagement = [Engagement::default(); MAX_JOINTS];
@@ -194,10 +200,7 @@ pub fn differentiated(
         thin(&mut torque, period_s);
         for (k, torque) in torque.into_iter().enumerate() {
             if measured.moves[joint][k] {
-                let (row, instrument) = (
-                    measured.row(entries.clone(), k),
-                    reference.row(entries.clone(), k),
-                );
+                let (row, instrument) = (measured.row(entries.clone(), k), reference.row(entries.clone(), k));
                 least_squares.add(joint, &row, &row, torque, *std);
                 instruments.add(joint, &instrument, &row, torque, *std);
             }

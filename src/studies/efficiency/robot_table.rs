@@ -99,9 +99,10 @@ impl RobotRuns {
         let mut held = [0, 0];
         for run in &self.runs {
             for &i in of {
-                held[0] += usize::from(run.ratio(RobotMethod::Ours, i).is_some_and(|ratio| {
-                    (ratio * run.bound[i]).abs() <= INTERVAL * run.own_std[i]
-                }));
+                held[0] += usize::from(
+                    run.ratio(RobotMethod::Ours, i)
+                        .is_some_and(|ratio| (ratio * run.bound[i]).abs() <= INTERVAL * run.own_std[i]),
+                );
                 held[1] += 1;
             }
         }
@@ -126,9 +127,8 @@ impl RobotRuns {
                 .copied()
                 .filter(|&i| ZERO.contains(&group) || self.is_knowable(i))
                 .collect();
-            let figures = |method: RobotMethod| -> Vec<f64> {
-                of.iter().filter_map(|&i| rms(self.ratios(method, i))).collect()
-            };
+            let figures =
+                |method: RobotMethod| -> Vec<f64> { of.iter().filter_map(|&i| rms(self.ratios(method, i))).collect() };
             let ours = figures(RobotMethod::Ours);
             let worst = of
                 .iter()
@@ -140,7 +140,9 @@ impl RobotRuns {
                 GROUPS[group].to_owned(),
                 format!("{} of {}", of.len(), members.len()),
                 median(ours.clone()).map_or(NONE.to_owned(), two_digits),
-                worst.map_or(NONE.to_owned(), |(ratio, i)| format!("{} ({})", two_digits(ratio), self.parameters[i])),
+                worst.map_or(NONE.to_owned(), |(ratio, i)| {
+                    format!("{} ({})", two_digits(ratio), self.parameters[i])
+                }),
                 ours.iter().filter(|ratio| **ratio > GOAL).count().to_string(),
                 median(figures(RobotMethod::WeightedWindows)).map_or(NONE.to_owned(), two_digits),
                 format!("{held} of {all}"),
@@ -202,12 +204,19 @@ fn verdict(cases: &[RobotRuns]) -> String {
         held = [held[0] + own, held[1] + all];
         figures.extend(of.into_iter().filter_map(|i| {
             let ratio = rms(case.ratios(RobotMethod::Ours, i))?;
-            Some((ratio, format!("{} {} {}", case.name, case.parameters[i], two_digits(ratio))))
+            Some((
+                ratio,
+                format!("{} {} {}", case.name, case.parameters[i], two_digits(ratio)),
+            ))
         }));
     }
     let above = |limit: f64| figures.iter().filter(move |(ratio, _)| *ratio > limit);
     let clearly: Vec<&str> = above(beyond_chance).map(|(_, words)| words.as_str()).collect();
-    let listed = if clearly.is_empty() { "none".to_owned() } else { clearly.join("; ") };
+    let listed = if clearly.is_empty() {
+        "none".to_owned()
+    } else {
+        clearly.join("; ")
+    };
     format!(
         "**What misses the goal.** Of {} figures of thetabus whose bound is below {}, {} are above {GOAL}; {} are above {}, \
          which {seeds} seeds seldom make of {GOAL}: {listed}. Of the 95 % intervals {:.1} % hold the truth.",
@@ -226,7 +235,11 @@ fn rounding(cases: &[RobotRuns]) -> String {
         .filter_map(|case| {
             let [middle, most] = case.of_rounding()?;
             let name = case.name.trim_start_matches("six-axis, ");
-            Some(format!("{name} by {} in the median and {} at most", percent(middle), percent(most)))
+            Some(format!(
+                "{name} by {} in the median and {} at most",
+                percent(middle),
+                percent(most)
+            ))
         })
         .collect();
     words.join(", ")

@@ -171,6 +171,9 @@ fn verdict(cases: &[CaseRuns], seeds: u64) -> String {
     } else {
         clearly.join("; ")
     };
+    if all == 0 {
+        return "**What misses the goal** stands below: only the six-axis robot was asked for.".to_owned();
+    }
     format!(
         "**What misses the goal.** The goal is {GOAL} × the bound for every parameter whose bound is below {}. \
          Of {all} such figures of thetabus {} are above it. {seeds} seeds tell a root mean square to {} of itself, \

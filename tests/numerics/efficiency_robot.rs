@@ -105,8 +105,8 @@ fn val_the_bound_of_a_cart_with_exact_positions_is_that_of_its_regression() {
 }
 
 /// Friction that reverses acts through its own state in the recursion, and as two columns in the
-/// regression: with exact positions both say the same. The engagement at the start, which only the
-/// regression knows, costs the rest.
+/// regression: with exact positions both say the same. A reversal takes 6 ms at 5 m/s², of which the
+/// regression has six rows with trapezoids between: 2 % of f_r, which depends on reversals alone.
 #[test]
 fn val_reversals_count_the_same_as_states_and_as_columns() {
     use FrictionTerm::{Coulomb, Offset, Reversal, Viscous};

@@ -8,8 +8,8 @@
 //! its true states ─▶ the Cramér–Rao bound, `robot_bound`
 //! ```
 //!
-//! Everything is as `config/robots/six_axis.toml` says, but for offsets of the drives, which would be 0,
-//! and without a payload.
+//! Everything is as `config/robots/six_axis.toml` says, but for offsets of the drives, which would
+//! be 0, and without a payload.
 
 use super::robot_bound::{RobotBound, RobotTruth};
 use super::robot_regression::{differentiated, in_windows};

@@ -18,8 +18,8 @@
 //! Friction takes its parameters as they act on the simulated machine, f_c and ln δ; what the model
 //! calls f_r is f_c (δ/δ_m − 1) with the δ_m of its configuration, which the last step allows for.
 //!
-//! Sources: R. Mehra, IEEE Trans. Automatic Control 15 (1970) for the innovations; C. Olsson et
-//! al. 1998 as in [`friction`](crate::robot::JointFriction) for z.
+//! Sources: R. Mehra, IEEE Trans. Automatic Control 15 (1970) for the innovations; H. Olsson et
+//! al., European J. of Control 4 (1998) for z.
 
 use crate::model::MAX_JOINTS;
 use crate::robot::{
@@ -178,7 +178,7 @@ impl<'a, const N: usize> RobotBound<'a, N> {
             *column.entry(i) = UNKNOWN[i / N].powi(2);
             column
         });
-        let nothing = SMatrix::zeros();
+        let [by_q, by_v, by_torque] = [SMatrix::zeros(); 3];
         Some(Self {
             friction: JointFriction {
                 presliding: truth.presliding,
@@ -187,11 +187,7 @@ impl<'a, const N: usize> RobotBound<'a, N> {
             regressors: EnergyRegressors::new(N),
             last: None,
             samples: 0,
-            linearised: Linearised {
-                by_q: nothing,
-                by_v: nothing,
-                by_torque: nothing,
-            },
+            linearised: Linearised { by_q, by_v, by_torque },
             covariance: covariance.collect(),
             sensitivity: vec![Column::zeros(); count],
             information: Squares::new(count),
@@ -439,11 +435,8 @@ impl<'a, const N: usize> RobotBound<'a, N> {
         let covariance = |i: usize, j: usize| inverse[(i, j)] * scale(i) * scale(j);
         let mut std: Vec<f64> = (0..count).map(|i| covariance(i, i).max(0.0).sqrt()).collect();
         for joint in 0..N {
-            let found = (
-                self.term(joint, FrictionTerm::Reversal),
-                self.term(joint, FrictionTerm::Coulomb),
-            );
-            if let (Some(reversal), Some(coulomb)) = found {
+            let place = |term| self.term(joint, term);
+            if let (Some(reversal), Some(coulomb)) = (place(FrictionTerm::Reversal), place(FrictionTerm::Coulomb)) {
                 let part = self.truth.presliding / self.model.friction()[joint].presliding;
                 // df_r = (δ/δ_m − 1) df_c + (δ/δ_m) f_c dln δ
                 let variance = (part - 1.0).powi(2) * covariance(coulomb, coulomb)
@@ -458,8 +451,8 @@ impl<'a, const N: usize> RobotBound<'a, N> {
 
 impl<const N: usize> Linearised<N> {
     /// A part of (2) for a column, with accelerations that come from elsewhere. Friction acts with
-    /// z as it is before, and z follows the speed behind: so the spring that a joint at rest is does
-    /// not swing up.
+    /// z as before, and z follows the speed behind: the spring of a joint at rest does not swing
+    /// up so.
     fn step(&self, truth: &RobotTruth, reversal: &Reversal<N>, more: &SVector<f64, N>, column: &mut Column<N>) {
         let h = truth.sample_period_s / SUBSTEPS as f64;
         let friction = SVector::<f64, N>::from_fn(|i, _| truth.drives[i].coulomb * column.z[i]);

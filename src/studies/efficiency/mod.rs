@@ -9,7 +9,8 @@
 //! the same run without noise ─▶ the Cramér–Rao bound
 //! ```
 //!
-//! All see the same positions, inputs and setpoints and know the sensors' noise.
+//! All see the same positions, inputs and setpoints and know the sensors' noise. The six-axis robot
+//! has estimators and a bound of its own, see `robot`.
 
 mod arm;
 mod axis;

@@ -10,6 +10,8 @@ mod configured;
 mod considered;
 #[cfg(feature = "studies")]
 mod efficiency;
+#[cfg(all(feature = "robot", feature = "studies"))]
+mod efficiency_robot;
 #[cfg(feature = "studies")]
 mod emps;
 #[cfg(feature = "studies")]

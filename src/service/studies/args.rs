@@ -110,8 +110,8 @@ pub struct EfficiencyArgs {
     /// Seeds per case
     #[arg(long, value_name = "COUNT", default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub seeds: u64,
-    /// Only cases with this in their name, such as "minimum_jerk, 16 bit"; repeatable, any of them
-    /// then
+    /// Only cases with this in their name, such as "minimum_jerk, 16 bit" or "six-axis";
+    /// repeatable, any of them then
     #[arg(long, value_name = "WORDS")]
     pub only: Vec<String>,
     /// File to write the tables to

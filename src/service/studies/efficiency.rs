@@ -7,7 +7,10 @@ use crate::runner::Shutdown;
 use crate::service::wiring::identifier_node;
 use crate::service::{Exit, Failure, logging};
 use crate::sim::Machine;
-use crate::studies::efficiency::{CaseRuns, Outcome, Published, arm_run, axis_run, efficiency_document};
+use crate::studies::efficiency::{
+    CaseRuns, Outcome, Published, ROBOT_RUN_S, RobotCase, RobotMotion, RobotOutcome, RobotRuns, arm_run, axis_run,
+    efficiency_document, robot_sections,
+};
 use crate::studies::for_each_index;
 use crate::studies::trials::{AxisMotion, AxisSpec, Motion, Spec, TrialSpec};
 
@@ -112,9 +115,8 @@ fn run_case(spec: &Spec, more: &[String]) -> Result<Outcome, Failure> {
 /// A setting is wrong, no case has the words asked for, a signal came, or the file cannot be
 /// written.
 pub fn run(args: &EfficiencyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
-    let wanted = |case: &Case| args.only.is_empty() || args.only.iter().any(|only| case.name.contains(only.as_str()));
     let mut results = Vec::new();
-    for case in cases().filter(wanted) {
+    for case in cases().filter(|case| is_wanted(args, &case.name)) {
         let runs = for_each_index(args.seeds as usize, |seed| {
             if shutdown.requested() {
                 return Ok(Outcome::default());
@@ -139,15 +141,47 @@ pub fn run(args: &EfficiencyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
         logging::result(&result.words())?;
         results.push(result);
     }
-    if results.is_empty() {
+    let robots = robots(args, shutdown)?;
+    if results.is_empty() && robots.is_empty() {
         return Err(Failure::Usage(format!(
             "--only: expected a part of the name of a case, such as \"minimum_jerk, 16 bit\", got {}",
             args.only.join(" ")
         )));
     }
-    let text = efficiency_document(&results, args.seeds, BLOCKS as f64 * 1.9).markdown(&command(args));
+    let sections = robot_sections(&robots);
+    let text = efficiency_document(&results, args.seeds, BLOCKS as f64 * 1.9, sections).markdown(&command(args));
     output::write(args.out.as_deref(), &text)?;
     Ok(Exit::Done)
+}
+
+fn is_wanted(args: &EfficiencyArgs, name: &str) -> bool {
+    args.only.is_empty() || args.only.iter().any(|only| name.contains(only.as_str()))
+}
+
+/// The runs of the six-axis robot; settings of a configuration have no effect on it.
+fn robots(args: &EfficiencyArgs, shutdown: &Shutdown) -> Result<Vec<RobotRuns>, Failure> {
+    let mut results = Vec::new();
+    for motion in RobotMotion::ALL
+        .into_iter()
+        .filter(|motion| is_wanted(args, motion.name()))
+    {
+        let case = RobotCase::new(motion).map_err(Failure::Failed)?;
+        let runs = for_each_index(args.seeds as usize, |seed| match shutdown.requested() {
+            true => Ok(RobotOutcome::default()),
+            false => case.run(seed as u64, ROBOT_RUN_S),
+        });
+        if shutdown.requested() {
+            return Err(Failure::Failed("interrupted, nothing was written".to_owned()));
+        }
+        let runs: Vec<RobotOutcome> = runs
+            .into_iter()
+            .collect::<Result<_, String>>()
+            .map_err(Failure::Failed)?;
+        let result = RobotRuns::new(motion.name(), case.model(), runs);
+        logging::result(&result.words())?;
+        results.push(result);
+    }
+    Ok(results)
 }
 
 /// The command that makes the document again.

@@ -9,16 +9,31 @@
 //! the same run without noise ─▶ the Cramér–Rao bound
 //! ```
 //!
-//! All see the same positions, inputs and setpoints and know the sensors' noise.
+//! All see the same positions, inputs and setpoints and know the sensors' noise. The six-axis robot
+//! has estimators and a bound of its own, see `robot`.
 
 mod arm;
 mod axis;
 mod estimators;
 mod instruments;
 mod prediction;
+#[cfg(feature = "robot")]
+mod robot;
+#[cfg(feature = "robot")]
+mod robot_bound;
+#[cfg(feature = "robot")]
+mod robot_regression;
+#[cfg(feature = "robot")]
+mod robot_table;
 mod table;
 
 pub use arm::arm_run;
 pub use axis::axis_run;
 pub use estimators::{Method, Outcome, Published};
+#[cfg(feature = "robot")]
+pub use robot::{ROBOT_RUN_S, RobotCase, RobotMethod, RobotMotion, RobotOutcome};
+#[cfg(feature = "robot")]
+pub use robot_bound::{RobotBound, RobotTruth};
+#[cfg(feature = "robot")]
+pub use robot_table::{RobotRuns, robot_sections};
 pub use table::{CaseRuns, KNOWABLE, efficiency_document};

@@ -1,0 +1,289 @@
+//! The shipped six-axis robot: simulated runs, the identifier, and what else could be done with the
+//! same samples.
+//!
+//! ```text
+//! simulated robot ─▶ positions, torques, 1 kHz ─┬▶ RobotIdentifier, on line, as shipped
+//!                                                ├▶ its windows, least squares off line
+//!                                                └▶ differentiated positions, with instruments or not
+//! its true states ─▶ the Cramér–Rao bound, `robot_bound`
+//! ```
+//!
+//! Everything is as `config/robots/six_axis.toml` says, but for offsets of the drives, which would
+//! be 0, and without a payload.
+
+use super::robot_bound::{RobotBound, RobotTruth};
+use super::robot_regression::{differentiated, in_windows};
+use crate::model::MAX_JOINTS;
+use crate::robot::{
+    Excitation, ExcitationOptions, Forecaster, IdentifyOptions, JointFriction, JointRange, MotionLimits, Motions,
+    Robot, RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator, RowMisfit, Selection,
+    SimulatedDrive, with_velocities,
+};
+use std::sync::Arc;
+
+const URDF: &str = include_str!("../../../config/robots/six_axis.urdf");
+const JOINTS: usize = 6;
+/// Length of a run \[s\].
+pub const ROBOT_RUN_S: f64 = 40.0;
+/// Velocities are formed over this time to either side \[s\].
+const VELOCITY_S: f64 = 0.02;
+/// Each body differs from the URDF by up to this part.
+const DIFFERENCE: f64 = 0.15;
+/// Offset of the drives as a part of their Coulomb friction.
+const OFFSET: f64 = 0.5;
+/// Motions that the designed one is the best of.
+const TRIES: usize = 400;
+/// Period of the points of the designed motion \[s\], as `thetabus excite` writes them.
+const POINTS_S: f64 = 0.01;
+
+/// How the robot moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RobotMotion {
+    /// Sums of sines, other ones for each seed: what the configuration simulates.
+    Fourier,
+    /// The periodic motion that `thetabus excite` designs, the same for each seed.
+    Designed,
+    /// From posture to posture with rests of half a second, others for each seed.
+    Moves,
+}
+
+impl RobotMotion {
+    /// Every motion, in the order of the tables.
+    pub const ALL: [Self; 3] = [Self::Fourier, Self::Designed, Self::Moves];
+
+    /// Name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fourier => "six-axis, fourier",
+            Self::Designed => "six-axis, designed",
+            Self::Moves => "six-axis, moves",
+        }
+    }
+
+    fn motions(self, model: &RobotModel) -> Result<Motions, String> {
+        Ok(match self {
+            Self::Fourier => Motions::Fourier {
+                harmonics: 5,
+                period_s: 20.0,
+            },
+            Self::Moves => Motions::Moves { rest_s: 0.5 },
+            Self::Designed => {
+                let MotionLimits {
+                    part,
+                    reach,
+                    acceleration,
+                } = MotionLimits::default();
+                let ranges = JointRange::of(model.robot(), part, reach, acceleration);
+                let options = ExcitationOptions {
+                    tries: TRIES,
+                    ..ExcitationOptions::new(ranges)
+                };
+                let windows = IdentifyOptions::default().windows;
+                let misfit = RowMisfit::white(&torque_std(model.robot()), sample_period_s(model.robot()), &windows);
+                let mut forecaster = Forecaster::new(model.clone(), windows, misfit)?;
+                let motion = Excitation::design(&mut forecaster, &options, &mut |_| true)?;
+                Motions::Table(Arc::new(motion.table(POINTS_S)?))
+            }
+        })
+    }
+}
+
+/// An estimator in the comparison of robots.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RobotMethod {
+    /// The service as shipped, on line.
+    Ours,
+    /// Least squares over the rows of its windows, all of one weight, off line.
+    Windows,
+    /// The same with the noise of each joint's torque as weights.
+    WeightedWindows,
+    /// Weighted least squares on differentiated positions, off line.
+    Differentiated,
+    /// The same with the reference motion as instruments.
+    Instruments,
+}
+
+impl RobotMethod {
+    /// Every estimator, in the order of the tables.
+    pub const ALL: [Self; 5] = [
+        Self::Ours,
+        Self::Windows,
+        Self::WeightedWindows,
+        Self::Differentiated,
+        Self::Instruments,
+    ];
+
+    /// Name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ours => "thetabus",
+            Self::Windows => "windows, least squares",
+            Self::WeightedWindows => "windows, weighted",
+            Self::Differentiated => "differentiated, weighted",
+            Self::Instruments => "instrumental variables",
+        }
+    }
+}
+
+/// What a run gave after its last sample.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RobotOutcome {
+    /// θ as it is.
+    pub truth: Vec<f64>,
+    /// Least standard deviations if nothing is known of the state at the start.
+    pub bound: Vec<f64>,
+    /// The same if positions were exact.
+    pub exact_bound: Vec<f64>,
+    /// θ̂ of each of [`RobotMethod::ALL`]; none if it does not tell θ.
+    pub estimates: [Option<Vec<f64>>; RobotMethod::ALL.len()],
+    /// What the service says of its own standard deviations.
+    pub own_std: Vec<f64>,
+}
+
+impl RobotOutcome {
+    /// (θ̂ − θ)/bound of a parameter; none if there is no θ̂.
+    pub fn ratio(&self, method: RobotMethod, i: usize) -> Option<f64> {
+        let theta = self.estimates[method as usize].as_ref()?;
+        Some((theta[i] - self.truth[i]) / self.bound[i])
+    }
+}
+
+/// Standard deviation of the recorded torques.
+fn torque_std(robot: &Robot) -> Vec<f64> {
+    let part = RobotSimOptions::new(robot).torque_noise;
+    let effort = |joint: &crate::robot::RobotJoint| joint.limits.effort.unwrap_or(100.0);
+    robot.joints.iter().map(|joint| part * effort(joint)).collect()
+}
+
+fn sample_period_s(robot: &Robot) -> f64 {
+    RobotSimOptions::new(robot).sample_period_s
+}
+
+/// The robot in one motion, ready for any seed.
+#[derive(Debug, Clone)]
+pub struct RobotCase {
+    model: RobotModel,
+    motions: Motions,
+}
+
+impl RobotCase {
+    /// The robot in a motion; a designed one takes seconds.
+    ///
+    /// # Errors
+    /// In words, if there is no such robot or motion.
+    pub fn new(motion: RobotMotion) -> Result<Self, String> {
+        let selection = Selection {
+            tip: Some("flange".to_owned()),
+            ..Selection::default()
+        };
+        let robot = Robot::from_urdf(URDF, &selection).map_err(|e| e.to_string())?;
+        let model = RobotModel::new(robot, true, vec![JointFriction::default(); JOINTS])?;
+        Ok(Self {
+            motions: motion.motions(&model)?,
+            model,
+        })
+    }
+
+    /// Its model.
+    pub fn model(&self) -> &RobotModel {
+        &self.model
+    }
+
+    /// What is simulated with a seed: another machine, other noise, another motion if it is drawn.
+    pub fn options(&self, seed: u64) -> RobotSimOptions {
+        let robot = self.model.robot();
+        let offset = |(i, drive): (usize, SimulatedDrive)| SimulatedDrive {
+            offset: if i.is_multiple_of(2) { OFFSET } else { -OFFSET } * drive.coulomb,
+            ..drive
+        };
+        RobotSimOptions {
+            seed,
+            machine_seed: seed,
+            difference: DIFFERENCE,
+            motions: self.motions.clone(),
+            drives: SimulatedDrive::sized(robot)
+                .into_iter()
+                .enumerate()
+                .map(offset)
+                .collect(),
+            ..RobotSimOptions::new(robot)
+        }
+    }
+
+    /// How it is identified.
+    pub fn identification() -> IdentifyOptions {
+        IdentifyOptions {
+            payload: true,
+            ..IdentifyOptions::default()
+        }
+    }
+
+    /// Simulates a run of this length and gives its samples to every estimator.
+    ///
+    /// # Errors
+    /// In words, if the robot cannot be simulated or identified.
+    pub fn run(&self, seed: u64, duration_s: f64) -> Result<RobotOutcome, String> {
+        let (model, robot) = (&self.model, self.model.robot());
+        let options = self.options(seed);
+        let period_s = options.sample_period_s;
+        let mut simulator = RobotSimulator::new(robot, options.clone())?;
+        let count = model.parameters().len();
+        let mut truth = simulator.truth(model, 0.0);
+        truth.truncate(count);
+        let resolution = std::f64::consts::TAU / f64::from(options.encoder_bits).exp2();
+        let machine = RobotTruth {
+            bodies: simulator.bodies().to_vec(),
+            drives: options.drives.clone(),
+            presliding: options.presliding,
+            sample_period_s: period_s,
+            torque_std: torque_std(robot),
+            position_std: vec![resolution / 12f64.sqrt(); JOINTS],
+        };
+        let mut bound = RobotBound::<JOINTS>::new(model, machine).ok_or("expected a robot of six joints")?;
+        let samples = (duration_s / period_s).round() as usize;
+        let mut log = Vec::with_capacity(samples);
+        let mut setpoints: Vec<[f64; MAX_JOINTS]> = Vec::with_capacity(samples);
+        for k in 0..samples {
+            let (q, dq) = simulator.state();
+            bound.advance(&q, &dq);
+            let sample = simulator.next().ok_or("the simulated robot is lost")?;
+            log.push(RobotSample {
+                t_s: period_s * k as f64,
+                q: sample.q,
+                dq: sample.dq,
+                tau: sample.input,
+            });
+            setpoints.push(sample.setpoint);
+        }
+        let [bound, exact_bound] = bound.std().ok_or("the run tells nothing")?;
+        let identification = Self::identification();
+        let moving = with_velocities(&log, VELOCITY_S, identification.windows.max_gap_s);
+        let mut identifier = RobotIdentifier::new(model.clone(), identification)?;
+        for sample in &moving {
+            identifier.push(sample).map_err(|e| e.to_string())?;
+        }
+        let noise = torque_std(robot);
+        let of_rows = RowMisfit::white(&noise, period_s, &identification.windows);
+        let of_rows: Vec<f64> = of_rows
+            .std
+            .iter()
+            .zip(&of_rows.correlation)
+            .map(|(s, f)| s * f)
+            .collect();
+        let [windows, weighted_windows] = in_windows(model, identification.windows, &moving, &of_rows)?;
+        let [differentiated, instruments] = differentiated(model, &log, &setpoints, &noise);
+        Ok(RobotOutcome {
+            truth,
+            bound,
+            exact_bound,
+            estimates: [
+                Some(identifier.theta()[..count].to_vec()),
+                windows,
+                weighted_windows,
+                differentiated,
+                instruments,
+            ],
+            own_std: (0..count).map(|i| identifier.theta_std(i)).collect(),
+        })
+    }
+}

@@ -22,7 +22,7 @@
 //! of itself: then the model does not describe the machine. Standard deviations hold (6) before
 //! that, too, so that a term that does less harm, or is less sure, makes nothing surely wrong.
 //!
-//! With thirty terms and some minutes a right model names one in 1e7 runs by chance; the rest of
+//! With thirty terms and some hundred blocks noise alone names one in 1e5 runs at most; the rest of
 //! the margin is for friction that is none of (1) there. Sources: C. R. Rao, Proc. Cambridge Phil.
 //! Soc. 44 (1948); K.-Y. Liang, S. Zeger, Biometrika 73 (1986).
 

@@ -64,7 +64,7 @@ pub(super) fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, c
     report.fit_probability = figures.fit_probability;
     report.excitation.copy_from_slice(&figures.excitation);
     let unfit = unexplained || figures.fit_probability < crate::estimator::MISFIT;
-    report.misfit = u64::from(unfit || left_out);
+    report.misfit = u64::from(unfit || left_out || refuted(robot).is_some());
     for j in 0..joints {
         // Friction's misfit is correlated: whole blocks are off by more than rows are.
         report.noise_std[j] = robot.torque_std(j) * robot.inflation(j);
@@ -87,7 +87,8 @@ pub(super) fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, c
         if learnt && report.excitation[i] >= EXCITED {
             mark(&mut report.excited, i);
         }
-        if quiet && informed && 3.0 * std < USABLE * report.theta[i].abs() {
+        let means = robot.parameters()[i].range.holds(report.theta[i]);
+        if quiet && informed && means && 3.0 * std < USABLE * report.theta[i].abs() {
             mark(&mut report.usable, i);
         }
     }
@@ -99,7 +100,28 @@ fn mark(mask: &mut u128, i: usize) {
     *mask |= u32::try_from(i).ok().and_then(|i| 1u128.checked_shl(i)).unwrap_or(0);
 }
 
-/// A term of friction that the model leaves out, in words.
+/// The first parameter with a value that no machine has.
+fn refuted(robot: &RobotIdentifier) -> Option<usize> {
+    let surely = |i: &usize| {
+        let range = robot.parameters()[*i].range;
+        !robot.is_fixed(*i) && range.refutes(robot.theta()[*i], robot.theta_std(*i))
+    };
+    (0..robot.theta().len()).find(surely)
+}
+
+/// A value that no machine has, in words.
+pub(super) fn impossible(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
+    let name = &robot.parameters()[refuted(robot)?].name;
+    let mut words = FixedText::<ERROR_TEXT>::default();
+    // longer words than fit are cut, which is what an error means here
+    let _cut = write!(
+        words,
+        "{name} is negative: a torque or position has the wrong sign, or a change was no payload"
+    );
+    Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
+}
+
+/// What the model leaves out, in words.
 pub(super) fn left_out(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     let mut words = FixedText::<ERROR_TEXT>::default();
     // longer words than fit are cut, which is what an error means here

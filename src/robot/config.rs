@@ -426,6 +426,7 @@ fn options(section: &IdentifySection) -> IdentifyOptions {
         settle_blocks: section.settle_blocks.unwrap_or(default.settle_blocks),
         friction_walk: section.friction_walk.unwrap_or(default.friction_walk),
         payload_friction: section.payload_friction.unwrap_or(default.payload_friction),
+        zero_rad: section.zero_rad.unwrap_or(default.zero_rad),
         ..default
     }
 }

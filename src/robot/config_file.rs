@@ -87,6 +87,7 @@ pub(super) struct IdentifySection {
     pub settle_blocks: Option<usize>,
     pub friction_walk: Option<f64>,
     pub payload_friction: Option<f64>,
+    pub zero_rad: Option<f64>,
     pub velocity: Option<Velocity>,
     pub velocity_s: Option<f64>,
     pub payload: Option<bool>,

@@ -75,14 +75,19 @@ pub struct IdentifyOptions {
     /// True if the flange may carry a payload that comes and goes: it is found and estimated apart
     /// from the arm.
     pub payload: bool,
+    /// Standard deviation of the zero of each encoder and of each direction of gravity \[rad\], ≥ 0.
+    /// Neither leaves a residual: the moments of what the links weigh turn with them. So they are
+    /// not estimated, and standard deviations allow for them.
+    pub zero_rad: f64,
     /// Relative standard deviation of masses by the gains of the drives, ≥ 0: how well the gains
     /// are known.
     pub gain_std: f64,
 }
 
 impl Default for IdentifyOptions {
-    /// Blocks of 1 s; friction that walks by 5 % per √s after a minute, may change by half its size
-    /// in a pause and by 5 % with the payload.
+    /// Blocks of 1 s; friction that walks by 5 % per √s after 10 s, because a cold machine warms
+    /// fastest, may change by half its size in a pause and by 5 % with the payload; zeros known to
+    /// 3 mrad.
     fn default() -> Self {
         Self {
             windows: WindowOptions::default(),
@@ -92,6 +97,7 @@ impl Default for IdentifyOptions {
             friction_change: 0.5,
             payload_friction: 0.05,
             payload: false,
+            zero_rad: 0.003,
             gain_std: 0.0,
         }
     }
@@ -110,6 +116,7 @@ impl IdentifyOptions {
             ("friction walk", self.friction_walk),
             ("friction change", self.friction_change),
             ("payload friction", self.payload_friction),
+            ("zero_rad", self.zero_rad),
             ("gain_std", self.gain_std),
         ] {
             if !(value >= 0.0 && value.is_finite()) {
@@ -239,7 +246,7 @@ impl RobotIdentifier {
             levels: LevelRing::new((SLICES as f64 * SLICE_S / options.block_s).ceil() as usize + 1),
             change: None,
             figures: BlockFigures::new(parameters.len(), n),
-            left_out: (!terms.is_empty()).then(|| LeftOut::new(terms, n)),
+            left_out: (!terms.is_empty()).then(|| LeftOut::new(terms, options.zero_rad, n)),
             wide,
             gain: Information::new(n),
             size: vec![0.0; n],

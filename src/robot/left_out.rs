@@ -1,8 +1,9 @@
-//! Which term of friction that the model leaves out would explain a joint's misfit, and how far off
-//! the estimates are without it.
+//! What the model leaves out and would explain the misfit, and how far off the estimates are without
+//! it.
 //!
 //! Rows have a column for each term of [`friction`](super::friction) that a joint's model leaves
-//! out. It is held at 0, so that Λ and b hold its score and information, and P = Λ_θθ⁻¹ is what the
+//! out, for the zeros of the encoders, the base's tilt (both as slopes of the links' weight by the
+//! URDF) and a delay of the torques. Each is held at 0, so that Λ and b hold its score and information, and P = Λ_θθ⁻¹ is what the
 //! estimate has anyway. For one such term c, and for all of them together:
 //!
 //! ```text
@@ -12,6 +13,7 @@
 //! s_j² = (f_j σ_j)² by (2) and (3) of identify.rs over the last blocks, at θ_all                (4)
 //! z_c² = U_c²/(I_cc x),    x = s_j²/(f_j σ_j)²                                                  (5)
 //! P ← P + Σ (v_c ĉ)(v_c ĉ)ᵀ    over the terms with z > BELIEVED                                 (6)
+//! P ← P + Σ (v_c σ_c)(v_c σ_c)ᵀ    over zeros and tilts                                         (7)
 //! ```
 //!
 //! (1) is the efficient score: what the estimated parameters can imitate of c is taken out. The
@@ -21,6 +23,11 @@
 //! usable parameter is off by more than [`HARMFUL`] of its standard deviations and [`LEAST_ERROR`]
 //! of itself: then the model does not describe the machine. Standard deviations hold (6) before
 //! that, too, so that a term that does less harm, or is less sure, makes nothing surely wrong.
+//!
+//! A zero or a tilt turns the moments of what the links weigh, and leaves next to no residual (on a
+//! six-axis arm, z < 1 with 10 mrad at joint 3, which puts hz3 2 % off): no test can find it, so
+//! (7) allows for it always. This is Schmidt's consider analysis (S. F. Schmidt, Advances in Control
+//! Systems 3, 1966).
 //!
 //! With thirty terms and some hundred blocks noise alone names one in 1e5 runs at most; the rest of
 //! the margin is for friction that is none of (1) there. Sources: C. R. Rao, Proc. Cambridge Phil.

@@ -56,6 +56,11 @@ pub(super) struct LeftOut {
     /// v_c by rows, then v_c ĉ of those that are believed.
     pub shifts: Vec<f64>,
     pub believed: usize,
+    /// v_c times the standard deviation of c, for what is considered.
+    considered: Vec<f64>,
+    /// Standard deviation of zeros and tilts.
+    zero_rad: f64,
+    is_considered: bool,
     /// U, I and ĉ_all.
     pub score: Vec<f64>,
     pub information: Vec<f64>,
@@ -67,9 +72,13 @@ pub(super) struct LeftOut {
 
 impl LeftOut {
     /// Room for these, beside so many parameters and terms together.
-    pub fn new(terms: Vec<LeftOutTerm>, n: usize) -> Self {
+    pub fn new(terms: Vec<LeftOutTerm>, zero_rad: f64, n: usize) -> Self {
         let k = terms.len();
+        let considered = terms.iter().filter(|term| term.what.leaves_no_residual()).count();
         Self {
+            considered: vec![0.0; considered * n],
+            zero_rad,
+            is_considered: false,
             terms,
             found: None,
             shifts: vec![0.0; k * n],
@@ -85,12 +94,13 @@ impl LeftOut {
 
     /// Forgets everything.
     pub fn reset(&mut self) {
-        (self.found, self.believed) = (None, 0);
+        self.found = None;
+        self.forget_shifts();
     }
 
     /// Parameters are held or free that were not: the errors (2) are those of another estimate.
     pub fn forget_shifts(&mut self) {
-        self.believed = 0;
+        (self.believed, self.is_considered) = (0, false);
     }
 
     /// Number of terms of a joint's friction.
@@ -112,10 +122,29 @@ impl LeftOut {
         }
     }
 
-    /// What (6) adds to an entry of P.
+    /// What (6) and (7) add to an entry of P.
     pub fn covariance(&self, i: usize, j: usize, n: usize) -> f64 {
-        let shifts = self.shifts.chunks_exact(n.max(1)).take(self.believed);
-        shifts.map(|shift| shift[i] * shift[j]).sum() // (6)
+        let n = n.max(1);
+        let considered = if self.is_considered {
+            self.considered.len() / n
+        } else {
+            0
+        };
+        let considered = self.considered.chunks_exact(n).take(considered);
+        let believed = self.shifts.chunks_exact(n).take(self.believed);
+        considered.chain(believed).map(|shift| shift[i] * shift[j]).sum() // (6), (7)
+    }
+
+    /// Keeps what the errors that are considered do to the estimates.
+    fn consider(&mut self, n: usize) {
+        let shifts = self.terms.iter().zip(self.shifts.chunks_exact(n));
+        let of = shifts.filter(|(term, _)| term.what.leaves_no_residual());
+        for (kept, (_, shift)) in self.considered.chunks_exact_mut(n).zip(of) {
+            for (kept, v) in kept.iter_mut().zip(shift) {
+                *kept = v * self.zero_rad; // (7)
+            }
+        }
+        self.is_considered = true;
     }
 
     /// (1) and (3); false if rounding has spoilt I.
@@ -128,6 +157,7 @@ impl LeftOut {
                 *v = dot(&covariance[i * n..(i + 1) * n], row); // (1)
             }
         }
+        self.consider(n);
         for (c, term) in self.terms.iter().enumerate() {
             let row = &known.matrix[term.index * n..(term.index + 1) * n];
             for d in 0..k {
@@ -203,7 +233,7 @@ mod tests {
             index,
             scale: 1.0,
         };
-        let mut left_out = LeftOut::new(vec![term(3), term(4)], n);
+        let mut left_out = LeftOut::new(vec![term(3), term(4)], 0.0, n);
         assert!(left_out.solve(&known, &covariance, &theta));
         for (left_out, all) in left_out.theta.iter().zip(&all) {
             assert!((left_out - all).abs() < 1e-7, "{left_out} {all}");

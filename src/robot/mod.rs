@@ -108,7 +108,7 @@ pub use identify::{IdentifyOptions, RobotIdentifier};
 pub use judge::{judge_robot_fit, judge_robot_log};
 pub use left_out_room::LeftOutCause;
 pub use log::{Drives, LogColumns, LogError, read_log};
-pub use model::{RobotModel, RobotParameter, Unmodelled};
+pub use model::{Meaningful, RobotModel, RobotParameter, Unmodelled};
 pub use motion_table::{MotionTable, read_motion};
 #[cfg(feature = "config")]
 pub use overrides::is_robot_override;

@@ -32,6 +32,49 @@ pub struct RobotParameter {
     pub nominal: f64,
     /// Standard deviation that covers what a machine of this size can have.
     pub scale: f64,
+    /// What values mean something.
+    pub range: Meaningful,
+}
+
+/// The values of a parameter that mean something.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Meaningful {
+    /// Any.
+    All,
+    /// 0 and above; below, other terms may well make up for it, and the value alone means nothing.
+    NotNegative,
+    /// 0 and above, because no machine has less: the model is refuted by less.
+    Positive,
+    /// None: it takes up what others would be wrong by.
+    None,
+}
+
+/// Standard deviations below 0 from which on a value refutes its model.
+const SURELY_NEGATIVE: f64 = 5.0;
+
+impl Meaningful {
+    /// True if a value in this range can be used.
+    pub fn holds(self, value: f64) -> bool {
+        match self {
+            Self::All => true,
+            Self::NotNegative | Self::Positive => value >= 0.0,
+            Self::None => false,
+        }
+    }
+
+    /// True if no machine has this value, which is known to within `std`.
+    pub fn refutes(self, value: f64, std: f64) -> bool {
+        self == Self::Positive && value < -SURELY_NEGATIVE * std
+    }
+
+    fn of_friction(term: FrictionTerm) -> Self {
+        match term {
+            FrictionTerm::Viscous => Self::NotNegative,
+            FrictionTerm::Coulomb => Self::Positive,
+            FrictionTerm::Reversal => Self::None,
+            FrictionTerm::Offset | FrictionTerm::Load | FrictionTerm::Stribeck => Self::All,
+        }
+    }
 }
 
 /// Standard deviations that cover any error of a zero or of the base \[rad\], and any delay \[s\].
@@ -76,6 +119,11 @@ pub enum Unmodelled {
 }
 
 impl Unmodelled {
+    /// Estimated parameters can imitate it, so that no test finds it.
+    pub(super) fn leaves_no_residual(self) -> bool {
+        matches!(self, Self::Zero { .. } | Self::Tilt)
+    }
+
     /// The joint whose rows alone it touches.
     pub(super) fn only_joint(self) -> Option<usize> {
         match self {
@@ -143,6 +191,7 @@ impl RobotModel {
                 meaning: parameter.combination(),
                 nominal,
                 scale: scales.body(parameter.leading),
+                range: Meaningful::All,
             })
             .collect();
         let mut columns = vec![Vec::new(); n];
@@ -176,6 +225,7 @@ impl RobotModel {
                     meaning: format!("{} of {}", term.meaning(), robot.joints[i].name),
                     nominal: 0.0,
                     scale: scales.friction(i, *term),
+                    range: Meaningful::of_friction(*term),
                 });
             }
         }
@@ -266,9 +316,25 @@ impl RobotModel {
         first..first + self.friction[joint].terms.len()
     }
 
-    /// (2): writes d_i and c_i of all joints, one after the other, at a sample; `engagement` is
+    /// (2): writes d_i and c_i of all joints, one after the other, at a state; `engagement` is
     /// that of each joint's friction, [`JointFriction::engagement`].
     pub fn rows(
+        &self,
+        regressors: &mut EnergyRegressors,
+        q: &[f64],
+        dq: &[f64],
+        engagement: &[Engagement],
+        differentiated: &mut [f64],
+        direct: &mut [f64],
+    ) {
+        let mut sample = RobotSample::default();
+        sample.q[..q.len()].copy_from_slice(q);
+        sample.dq[..dq.len()].copy_from_slice(dq);
+        self.rows_of(regressors, &sample, engagement, differentiated, direct);
+    }
+
+    /// The same of a sample, with the columns beyond those of the model, if there are any.
+    pub(super) fn rows_of(
         &self,
         regressors: &mut EnergyRegressors,
         sample: &RobotSample,

@@ -11,7 +11,7 @@
 //! from the arm. The arm as it was learnt without payload does.
 
 use super::information::Information;
-use super::model::{RobotModel, RobotParameter};
+use super::model::{Meaningful, RobotModel, RobotParameter};
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
 use super::sums::JointSums;
 
@@ -105,6 +105,11 @@ impl Payload {
                 meaning: (*meaning).to_owned(),
                 nominal: 0.0,
                 scale,
+                range: match *name {
+                    "payload_m" => Meaningful::Positive,
+                    "payload_Ixx" | "payload_Iyy" | "payload_Izz" => Meaningful::NotNegative,
+                    _ => Meaningful::All,
+                },
             })
     }
 

@@ -217,7 +217,7 @@ impl WeakRows {
         }
         self.differentiated.swap(0, 1);
         self.direct.swap(0, 1);
-        model.rows(
+        model.rows_of(
             &mut self.regressors,
             sample,
             &self.engagement[..n],

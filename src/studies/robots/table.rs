@@ -21,12 +21,12 @@ pub fn robots_document(trials: &[RobotTrial]) -> Document {
             alarms(trials),
             payload(
                 "friction does not depend on it",
-                "The configuration has `payload_friction = 0` and `friction_walk = 0`: friction neither depends on the load nor drifts.",
+                "The configuration has `payload_friction = 0`, `friction_walk = 0` and `zero_rad = 0`: friction neither depends on the load nor drifts, and the zeros of the encoders are known.",
                 trials.iter().map(|trial| &trial.loaded),
             ),
             payload(
                 "friction might depend on it",
-                "The same runs with the default `payload_friction = 0.05` (and `friction_walk = 0`): gears rub more under load, so each friction parameter may be another one by 5 % of its size from the pick-up on. \
+                "The same runs with the default `payload_friction = 0.05` (and `friction_walk = 0`, `zero_rad = 0`): gears rub more under load, so each friction parameter may be another one by 5 % of its size from the pick-up on. \
                  Here it is not, and the mass is known less well at first.",
                 trials.iter().map(|trial| &trial.guarded),
             ),

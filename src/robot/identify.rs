@@ -29,6 +29,7 @@
 
 use super::change::RobotChange;
 use super::figures::BlockFigures;
+use super::friction_drift::FrictionDrift;
 use super::information::{Information, Solver};
 use super::left_out_room::LeftOut;
 use super::levels::LevelRing;
@@ -85,19 +86,18 @@ pub struct IdentifyOptions {
 }
 
 impl Default for IdentifyOptions {
-    /// Blocks of 1 s; friction that walks by 5 % per √s after 10 s, because a cold machine warms
-    /// fastest, may change by half its size in a pause and by 5 % with the payload; zeros known to
-    /// 3 mrad.
+    /// Blocks of 1 s; friction that walks by 5 % per √s after a minute, may change by half its size
+    /// in a pause and by 5 % with the payload; zeros known to 5 mrad.
     fn default() -> Self {
         Self {
             windows: WindowOptions::default(),
             block_s: 1.0,
-            settle_blocks: 10,
+            settle_blocks: 60,
             friction_walk: 0.05,
             friction_change: 0.5,
             payload_friction: 0.05,
             payload: false,
-            zero_rad: 0.003,
+            zero_rad: 0.005,
             gain_std: 0.0,
         }
     }
@@ -134,6 +134,7 @@ pub struct RobotIdentifier {
     /// The same with rows over the terms of friction that it leaves out, too.
     pub(super) wide: RobotModel,
     pub(super) left_out: Option<LeftOut>,
+    pub(super) drift: FrictionDrift,
     pub(super) options: IdentifyOptions,
     pub(super) rows: WeakRows,
     pub(super) parameters: Vec<RobotParameter>,
@@ -246,6 +247,7 @@ impl RobotIdentifier {
             levels: LevelRing::new((SLICES as f64 * SLICE_S / options.block_s).ceil() as usize + 1),
             change: None,
             figures: BlockFigures::new(parameters.len(), n),
+            drift: FrictionDrift::new(arm),
             left_out: (!terms.is_empty()).then(|| LeftOut::new(terms, options.zero_rad, n)),
             wide,
             gain: Information::new(n),
@@ -277,6 +279,7 @@ impl RobotIdentifier {
         self.covariance.fill(0.0);
         self.change = None;
         self.left_out.iter_mut().for_each(LeftOut::reset);
+        self.drift.reset();
         self.figures.clear();
         let n = self.theta.len();
         self.theta.fill(0.0);
@@ -309,11 +312,20 @@ impl RobotIdentifier {
         self.covariance(parameter, parameter).max(0.0).sqrt()
     }
 
+    /// The same without what is allowed for what the model leaves out and for drifts: those have the
+    /// mistake itself for a reason.
+    pub(super) fn own_std(&self, parameter: usize) -> f64 {
+        self.covariance[parameter * self.theta.len() + parameter]
+            .max(0.0)
+            .sqrt()
+    }
+
     /// Covariance of two estimates.
     pub fn covariance(&self, i: usize, j: usize) -> f64 {
         let n = self.theta.len();
         let left_out = self.left_out.as_ref();
-        self.covariance[i * n + j] + left_out.map_or(0.0, |left_out| left_out.covariance(i, j, n))
+        let drift = if i == j { self.drift.variance(i) } else { 0.0 };
+        self.covariance[i * n + j] + drift + left_out.map_or(0.0, |left_out| left_out.covariance(i, j, n))
     }
 
     /// σ_j: standard deviation of a joint's rows from what is predicted \[N m or N\].
@@ -542,6 +554,7 @@ impl RobotIdentifier {
             self.figures
                 .explain(&self.block, &self.effective, &self.torque_std, block_s);
             self.look_for_left_out();
+            self.look_for_drift();
         }
         self.note_excitation();
         self.block_slices = 0;

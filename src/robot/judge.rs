@@ -106,7 +106,7 @@ pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) 
             .iter()
             .zip(model.friction_of(joint))
             .filter(|(term, _)| matches!(term, FrictionTerm::Viscous | FrictionTerm::Coulomb))
-            .map(|(_, i)| (i, identifier.theta()[i], identifier.theta_std(i)))
+            .map(|(_, i)| (i, identifier.theta()[i], identifier.own_std(i)))
             .filter(|(_, estimate, std)| *estimate < -SURE * std)
             .map(|(i, estimate, std)| (model.parameters()[i].name.clone(), estimate, std))
             .collect();

@@ -96,11 +96,12 @@ impl LeftOut {
     pub fn reset(&mut self) {
         self.found = None;
         self.forget_shifts();
+        self.is_considered = false;
     }
 
     /// Parameters are held or free that were not: the errors (2) are those of another estimate.
     pub fn forget_shifts(&mut self) {
-        (self.believed, self.is_considered) = (0, false);
+        self.believed = 0;
     }
 
     /// Number of terms of a joint's friction.

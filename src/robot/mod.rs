@@ -56,6 +56,7 @@ mod excitation;
 mod figures;
 mod fit;
 mod friction;
+mod friction_drift;
 mod identify;
 mod information;
 mod judge;

@@ -169,6 +169,7 @@ fn regress_the_study_has_the_shipped_robot() {
     assert_eq!(case.model().parameters(), config.model.parameters());
     assert_eq!(case.model().friction(), config.model.friction());
     let shipped = IdentifyOptions {
+        zero_rad: 0.0,
         payload: config.payload,
         ..config.options
     };

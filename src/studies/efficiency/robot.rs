@@ -214,6 +214,8 @@ impl RobotCase {
     pub fn identification() -> IdentifyOptions {
         IdentifyOptions {
             payload: true,
+            // The zeros of the simulated encoders are those of the URDF.
+            zero_rad: 0.0,
             ..IdentifyOptions::default()
         }
     }

@@ -164,7 +164,6 @@ fn identifier(robot: &Robot, payload_friction: f64) -> Result<RobotIdentifier, S
             ..WindowOptions::default()
         },
         block_s: BLOCK_S,
-        settle_blocks: 60,
         friction_walk: 0.0,
         zero_rad: 0.0,
         payload_friction,

@@ -10,7 +10,7 @@
 //! P_ii ← P_ii + (2 δ_i)²    if |z_i| > SEEN                                                    (3)
 //! ```
 //!
-//! δ_i is how far the last blocks are from the mean. The friction of now is up to twice as far if
+//! With `friction_walk = 0` friction does not drift, and nothing is allowed. δ_i is how far the last blocks are from the mean. The friction of now is up to twice as far if
 //! it drifts steadily and the last blocks are half of all.
 
 use super::identify::RobotIdentifier;
@@ -21,8 +21,9 @@ use crate::estimator::linalg::Cholesky;
 const LAST: usize = 8;
 /// Terms of a joint's friction, at most.
 const MOST: usize = super::friction::FrictionTerm::NAMES.len();
-/// z from which on standard deviations allow for a drift.
-const SEEN: f64 = 2.5;
+/// z from which on standard deviations allow for a drift: a slow one is small beside what the last
+/// blocks alone say, and no value of friction is of use that may have drifted by as much.
+const SEEN: f64 = 1.0;
 /// Part of a column's sum of squares that keeps columns apart which depend on each other.
 const RIDGE: f64 = 1e-6;
 
@@ -58,6 +59,9 @@ impl RobotIdentifier {
     /// (1) to (3) after a block was learnt.
     pub(super) fn look_for_drift(&mut self) {
         self.drift.reset();
+        if self.options.friction_walk == 0.0 {
+            return;
+        }
         for joint in 0..self.torque_std.len() {
             self.drift_of(joint);
         }

@@ -95,6 +95,9 @@ impl RobotIdentifier {
                 Some(joint) => excess[joint],
                 None => excess.iter().copied().filter(|x| x.is_finite()).fold(0.0, f64::max),
             };
+            if what.leaves_no_residual() {
+                continue; // (7)
+            }
             let (score, information) = (left_out.score[c], left_out.information[c * k + c]);
             if !(information > TOLD_APART * self.system.matrix[index * n + index]) {
                 continue;

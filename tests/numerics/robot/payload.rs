@@ -55,6 +55,8 @@ fn seven_axis() -> RobotIdentifier {
     let options = IdentifyOptions {
         windows,
         friction_walk: 0.0,
+        // the simulated encoders have the zeros of the URDF
+        zero_rad: 0.0,
         payload: true,
         ..IdentifyOptions::default()
     };

@@ -100,7 +100,12 @@ fn ident_a_simulated_robot_gives_a_urdf_that_predicts_it() {
         difference: 0.3,
         ..RobotSimOptions::new(&robot)
     };
-    let mut identifier = RobotIdentifier::new(model.clone(), IdentifyOptions::default()).unwrap();
+    // The simulated encoders have the zeros of the URDF.
+    let options_of_identifier = IdentifyOptions {
+        zero_rad: 0.0,
+        ..IdentifyOptions::default()
+    };
+    let mut identifier = RobotIdentifier::new(model.clone(), options_of_identifier).unwrap();
     let mut velocities = Velocities::new(20, 0.05);
     for (k, sample) in RobotSimulator::new(&robot, options.clone())
         .unwrap()

@@ -7,11 +7,11 @@
 //! ```text
 //! e = Σ (b_f − A_f θ̂),    δ = (Σ A_ff)⁻¹ e                                                   (1)
 //! z_i = δ_i/(f_j σ_j √[(Σ A_ff)⁻¹]_ii)                                                        (2)
-//! P_ii ← P_ii + (2 δ_i)²    if |z_i| > SEEN                                                    (3)
+//! P_ii ← P_ii + δ_i²    if |z_i| > SEEN                                                        (3)
 //! ```
 //!
-//! With `friction_walk = 0` friction does not drift, and nothing is allowed. δ_i is how far the last blocks are from the mean. The friction of now is up to twice as far if
-//! it drifts steadily and the last blocks are half of all.
+//! δ_i is how far the last blocks are from the mean, which is most of a steady drift unless they
+//! are most of all blocks. With `friction_walk = 0` friction does not drift, and nothing is allowed.
 
 use super::identify::RobotIdentifier;
 use super::left_out_room::LeftOut;
@@ -30,7 +30,7 @@ const RIDGE: f64 = 1e-6;
 /// How far friction seems to have drifted, and room to find out.
 #[derive(Debug, Clone)]
 pub(super) struct FrictionDrift {
-    /// 2 δ per parameter, 0 for what has not drifted.
+    /// δ per parameter, 0 for what has not drifted.
     shift: Vec<f64>,
     factor: Cholesky,
 }
@@ -99,7 +99,7 @@ impl RobotIdentifier {
             unit[i] = 1.0;
             self.drift.factor.solve(&mut unit[..n]);
             if !self.fixed[parameter] && delta[i].abs() > SEEN * level * unit[i].max(0.0).sqrt() {
-                self.drift.shift[parameter] = 2.0 * delta[i]; // (2), (3)
+                self.drift.shift[parameter] = delta[i]; // (2), (3)
             }
         }
     }

@@ -31,7 +31,7 @@ impl Check<'_> {
             .mass_2
             .points
             .iter()
-            .find(|point| point.0 >= sim.duration_s && !shortened)
+            .find(|point| point.0 >= sim.duration_s && !shortened && !own)
         {
             let message = format!(
                 "the point at {} s lies behind the end of the run at {} s",

@@ -553,7 +553,11 @@ fn regress_legal_but_suspicious_settings_warn() {
         (&["plant.sensors.encoder_bits=16"], "sensors give no derivatives"),
         (&["estimator.huber_limit=2"], "no effect unless estimator.outliers"),
         (
-            &["identifier.rows=projected", "identifier.projected.window_s=0.012"],
+            &[
+                "identifier.rows=projected",
+                "identifier.projected.window_s=0.012",
+                "identifier.projected.stride_s=0.004",
+            ],
             "is 12 samples long",
         ),
         (

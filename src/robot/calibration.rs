@@ -18,7 +18,8 @@
 //! Sources: M. Gautier, S. Briot, J. Dyn. Sys., Meas., Control 136 (2014), on drive gains from a
 //! known payload.
 
-use super::identify::{IdentifyOptions, RobotIdentifier};
+use super::identify::RobotIdentifier;
+use super::identify_options::IdentifyOptions;
 use super::model::RobotModel;
 use super::payload::Payload;
 use super::rows::WeakRows;

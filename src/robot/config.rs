@@ -7,7 +7,8 @@ use super::config_file::{
 };
 use super::excitation::{ExcitationOptions, JointRange};
 use super::friction::{FrictionTerm, JointFriction};
-use super::identify::{IdentifyOptions, RobotIdentifier};
+use super::identify::RobotIdentifier;
+use super::identify_options::IdentifyOptions;
 use super::log::{Drives, LogColumns, width_of};
 use super::model::RobotModel;
 use super::motion_table::MotionTable;

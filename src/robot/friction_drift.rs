@@ -11,11 +11,12 @@
 //! ```
 //!
 //! δ_i is how far the last blocks are from the mean, which is most of a steady drift unless they
-//! are most of all blocks. With `friction_walk = 0` friction does not drift, and nothing is allowed.
+//! are most of all blocks. With `friction_walk = 0` friction does not drift, and nothing is
+//! allowed.
 
-use super::identify::RobotIdentifier;
-use super::left_out_room::LeftOut;
+use super::sums::JointSums;
 use crate::estimator::linalg::Cholesky;
+use std::ops::Range;
 
 /// Blocks that are looked at.
 const LAST: usize = 8;
@@ -49,38 +50,22 @@ impl FrictionDrift {
         self.shift.fill(0.0);
     }
 
-    /// What (3) adds to a variance.
-    pub fn variance(&self, parameter: usize) -> f64 {
-        self.shift.get(parameter).map_or(0.0, |shift| shift * shift)
-    }
-}
-
-impl RobotIdentifier {
-    /// (1) to (3) after a block was learnt.
-    pub(super) fn look_for_drift(&mut self) {
-        self.drift.reset();
-        if self.options.friction_walk == 0.0 {
-            return;
-        }
-        for joint in 0..self.torque_std.len() {
-            self.drift_of(joint);
-        }
-    }
-
-    fn drift_of(&mut self, joint: usize) {
-        let own = self.model.friction_of(joint);
-        let n = own.len();
-        let behind = |left_out: &LeftOut| left_out.of_joint(joint) + left_out.shared();
-        let behind = self.left_out.as_ref().map_or(0, behind);
+    /// (1) to (3) of a joint: `last` are the sums of its last blocks, `columns` those of its
+    /// friction there, `parameters` the indices of the same in θ, and `level` is f_j σ_j.
+    pub fn look_at<'a>(
+        &mut self,
+        last: impl Iterator<Item = &'a JointSums>,
+        (columns, parameters): (Range<usize>, Range<usize>),
+        theta: &[f64],
+        level: f64,
+    ) {
+        let (first, n) = (columns.start, columns.len());
         let mut sum = [0.0; MOST * MOST];
         let mut delta = [0.0; MOST];
-        let (kept, last) = (self.recent.len(), self.recent_blocks.min(LAST));
-        for age in 1..=last {
-            let sums = &self.recent[(self.recent_blocks - age) % kept][joint];
+        for sums in last.take(LAST) {
             let m = sums.columns().len();
-            let first = m - behind - n;
             for i in 0..n {
-                delta[i] += sums.gradient(first + i, &self.effective); // e of (1)
+                delta[i] += sums.gradient(first + i, theta); // e of (1)
                 for j in 0..n {
                     sum[i * n + j] += sums.gram[(first + i) * m + first + j];
                 }
@@ -89,18 +74,22 @@ impl RobotIdentifier {
         for i in 0..n {
             sum[i * n + i] *= 1.0 + RIDGE;
         }
-        if n == 0 || !self.drift.factor.factor(n, &sum[..n * n]) {
+        if n == 0 || !self.factor.factor(n, &sum[..n * n]) {
             return;
         }
-        self.drift.factor.solve(&mut delta[..n]); // (1)
-        let level = self.torque_std[joint] * self.inflation[joint];
-        for (i, parameter) in own.enumerate() {
+        self.factor.solve(&mut delta[..n]); // (1)
+        for (i, parameter) in parameters.enumerate() {
             let mut unit = [0.0; MOST];
             unit[i] = 1.0;
-            self.drift.factor.solve(&mut unit[..n]);
-            if !self.fixed[parameter] && delta[i].abs() > SEEN * level * unit[i].max(0.0).sqrt() {
-                self.drift.shift[parameter] = delta[i]; // (2), (3)
+            self.factor.solve(&mut unit[..n]);
+            if delta[i].abs() > SEEN * level * unit[i].max(0.0).sqrt() {
+                self.shift[parameter] = delta[i]; // (2), (3)
             }
         }
+    }
+
+    /// What (3) adds to a variance.
+    pub fn variance(&self, parameter: usize) -> f64 {
+        self.shift.get(parameter).map_or(0.0, |shift| shift * shift)
     }
 }

@@ -30,13 +30,14 @@
 use super::change::RobotChange;
 use super::figures::BlockFigures;
 use super::friction_drift::FrictionDrift;
+use super::identify_options::IdentifyOptions;
 use super::information::{Information, Solver};
 use super::left_out_room::LeftOut;
 use super::levels::LevelRing;
 use super::model::{RobotModel, RobotParameter};
 use super::payload::Payload;
 use super::recent::{RowRing, SliceRing};
-use super::rows::{SampleFault, WeakRows, WindowOptions};
+use super::rows::{SampleFault, WeakRows};
 use super::state::RobotSample;
 use super::sums::JointSums;
 use super::watch_room::Watch;
@@ -53,79 +54,6 @@ const SLICE_S: f64 = 0.25;
 const SLICES: usize = 8;
 /// Rows that are kept \[s\]: those of the slices and of the one that is open.
 const KEPT_S: f64 = (SLICES + 4) as f64 * SLICE_S;
-
-/// How a robot is identified.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct IdentifyOptions {
-    /// Windows of the weak form.
-    pub windows: WindowOptions,
-    /// Length of a block \[s\].
-    pub block_s: f64,
-    /// Blocks after which the weights of what is past are kept.
-    pub settle_blocks: usize,
-    /// Random walk of the friction parameters after settling, as a part of their size per √s; 0 for
-    /// friction that stays.
-    pub friction_walk: f64,
-    /// Standard deviation by which [`widen_friction`](RobotIdentifier::widen_friction) widens the
-    /// friction parameters, as a part of their size.
-    pub friction_change: f64,
-    /// Standard deviation of the change of the friction parameters when the payload changes, as a
-    /// part of their size: gears have more friction under load. 0 if friction does not depend on
-    /// the load.
-    pub payload_friction: f64,
-    /// True if the flange may carry a payload that comes and goes: it is found and estimated apart
-    /// from the arm.
-    pub payload: bool,
-    /// Standard deviation of the zero of each encoder and of each direction of gravity \[rad\], ≥ 0.
-    /// Neither leaves a residual: the moments of what the links weigh turn with them. So they are
-    /// not estimated, and standard deviations allow for them.
-    pub zero_rad: f64,
-    /// Relative standard deviation of masses by the gains of the drives, ≥ 0: how well the gains
-    /// are known.
-    pub gain_std: f64,
-}
-
-impl Default for IdentifyOptions {
-    /// Blocks of 1 s; friction that walks by 5 % per √s after a minute, may change by half its size
-    /// in a pause and by 5 % with the payload; zeros known to 5 mrad.
-    fn default() -> Self {
-        Self {
-            windows: WindowOptions::default(),
-            block_s: 1.0,
-            settle_blocks: 60,
-            friction_walk: 0.05,
-            friction_change: 0.5,
-            payload_friction: 0.05,
-            payload: false,
-            zero_rad: 0.005,
-            gain_std: 0.0,
-        }
-    }
-}
-
-impl IdentifyOptions {
-    fn validate(&self) -> Result<(), String> {
-        self.windows.validate()?;
-        if !(self.block_s > 0.0 && self.block_s.is_finite()) {
-            return Err(format!(
-                "block length: expected a time above 0 [s], got {}",
-                self.block_s
-            ));
-        }
-        for (name, value) in [
-            ("friction walk", self.friction_walk),
-            ("friction change", self.friction_change),
-            ("payload friction", self.payload_friction),
-            ("zero_rad", self.zero_rad),
-            ("gain_std", self.gain_std),
-        ] {
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err(format!("{name}: expected a number of at least 0, got {value}"));
-            }
-        }
-        Ok(())
-    }
-}
 
 /// Identifies a robot on line; memory is taken at the start only.
 #[derive(Debug, Clone)]
@@ -312,8 +240,8 @@ impl RobotIdentifier {
         self.covariance(parameter, parameter).max(0.0).sqrt()
     }
 
-    /// The same without what is allowed for what the model leaves out and for drifts: those have the
-    /// mistake itself for a reason.
+    /// The same without what is allowed for what the model leaves out and for drifts: a mistake in
+    /// the signals widens those itself.
     pub(super) fn own_std(&self, parameter: usize) -> f64 {
         self.covariance[parameter * self.theta.len() + parameter]
             .max(0.0)
@@ -324,7 +252,8 @@ impl RobotIdentifier {
     pub fn covariance(&self, i: usize, j: usize) -> f64 {
         let n = self.theta.len();
         let left_out = self.left_out.as_ref();
-        let drift = if i == j { self.drift.variance(i) } else { 0.0 };
+        let drifts = i == j && !self.fixed[i];
+        let drift = if drifts { self.drift.variance(i) } else { 0.0 };
         self.covariance[i * n + j] + drift + left_out.map_or(0.0, |left_out| left_out.covariance(i, j, n))
     }
 

@@ -63,6 +63,23 @@ impl RobotIdentifier {
         }
     }
 
+    /// How far friction seems to have drifted from the mean that the estimate is.
+    pub(super) fn look_for_drift(&mut self) {
+        self.drift.reset();
+        if self.options.friction_walk == 0.0 {
+            return;
+        }
+        for joint in 0..self.torque_std.len() {
+            let own = self.model.friction_of(joint);
+            let end = self.model.columns(joint).len();
+            let (kept, blocks) = (self.recent.len(), self.recent_blocks);
+            let last = (1..=blocks.min(kept)).map(|age| &self.recent[(blocks - age) % kept][joint]);
+            let level = self.torque_std[joint] * self.inflation[joint];
+            let columns = end - own.len()..end;
+            self.drift.look_at(last, (columns, own), &self.effective, level);
+        }
+    }
+
     /// The blocks so far are those of another machine: f_j is kept, but they are not looked at any
     /// more.
     pub(super) fn forget_recent(&mut self) {

@@ -1,10 +1,10 @@
-//! What the model leaves out and would explain the misfit, and how far off the estimates are without
-//! it.
+//! What the model leaves out and would explain the misfit, and how far off the estimates are
+//! without it.
 //!
 //! Rows have a column for each term of [`friction`](super::friction) that a joint's model leaves
 //! out, for the zeros of the encoders, the base's tilt (both as slopes of the links' weight by the
-//! URDF) and a delay of the torques. Each is held at 0, so that Λ and b hold its score and information, and P = Λ_θθ⁻¹ is what the
-//! estimate has anyway. For one such term c, and for all of them together:
+//! URDF) and a delay of the torques. Each is held at 0, so that Λ and b hold its score and
+//! information, and P = Λ_θθ⁻¹ is what the estimate has anyway. For one such term c, and for all of them together:
 //!
 //! ```text
 //! U_c = b_c − Λ_cθ θ̂,    v_c = P Λ_θc,    I_cd = Λ_cd − Λ_cθ v_d                                (1)
@@ -26,8 +26,8 @@
 //!
 //! A zero or a tilt turns the moments of what the links weigh, and leaves next to no residual (on a
 //! six-axis arm, z < 1 with 10 mrad at joint 3, which puts hz3 2 % off): no test can find it, so
-//! (7) allows for it always. This is Schmidt's consider analysis (S. F. Schmidt, Advances in Control
-//! Systems 3, 1966).
+//! (7) allows for it always. This is Schmidt's consider analysis (S. F. Schmidt, Advances in
+//! Control Systems 3, 1966).
 //!
 //! With thirty terms and some hundred blocks noise alone names one in 1e5 runs at most; the rest of
 //! the margin is for friction that is none of (1) there. Sources: C. R. Rao, Proc. Cambridge Phil.

@@ -58,6 +58,7 @@ mod fit;
 mod friction;
 mod friction_drift;
 mod identify;
+mod identify_options;
 mod information;
 mod judge;
 mod learning;
@@ -105,7 +106,8 @@ pub use excitation::{Excitation, ExcitationOptions, JointRange, MAX_EXCITATION_H
 pub use figures::BlockFigures;
 pub use fit::{TorqueFit, correlation_time_s, filtered};
 pub use friction::{Engagement, FrictionTerm, JointFriction};
-pub use identify::{IdentifyOptions, RobotIdentifier};
+pub use identify::RobotIdentifier;
+pub use identify_options::IdentifyOptions;
 pub use judge::{judge_robot_fit, judge_robot_log};
 pub use left_out_room::LeftOutCause;
 pub use log::{Drives, LogColumns, LogError, read_log};

@@ -11,8 +11,8 @@
 //! Y_L π   = ∂(T − V)/∂q,         τ = d/dt (Y_p π) − Y_L π                                      (5)
 //! ```
 //!
-//! What holds a robot up changes with the zero of an encoder and with the direction of gravity. With
-//! m and h those of joint j and all that it carries:
+//! What holds a robot up changes with the zero of an encoder and with the direction of gravity.
+//! With m and h those of joint j and all that it carries:
 //!
 //! ```text
 //! u_j = m J_l,jj + J_a,jj × h,    ∂V/∂q_j = −g·u_j                                            (6)

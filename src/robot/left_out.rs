@@ -4,7 +4,8 @@
 //! Rows have a column for each term of [`friction`](super::friction) that a joint's model leaves
 //! out, for the zeros of the encoders, the base's tilt (both as slopes of the links' weight by the
 //! URDF) and a delay of the torques. Each is held at 0, so that Λ and b hold its score and
-//! information, and P = Λ_θθ⁻¹ is what the estimate has anyway. For one such term c, and for all of them together:
+//! information, and P = Λ_θθ⁻¹ is what the estimate has anyway. For one such term c, and for all of
+//! them together:
 //!
 //! ```text
 //! U_c = b_c − Λ_cθ θ̂,    v_c = P Λ_θc,    I_cd = Λ_cd − Λ_cθ v_d                                (1)

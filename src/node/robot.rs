@@ -4,11 +4,11 @@
 //! a window of the end is learnt with the next block. Tunables and another N are declined.
 
 use super::command::Change;
-use super::estimate_message::message;
 use super::identifier::IdentifierNode;
 use super::learner::{BlockEnd, Learner, Learnt};
-use super::robot_evidence::{self, LEAST_EXPLAINED};
-use crate::estimator::{EstimatorOptions, EstimatorState, Report, StateError, StateMachine};
+use super::robot_evidence;
+pub use super::robot_evidence::RobotEvidence;
+use crate::estimator::{EstimatorOptions, EstimatorState, Report, StateError};
 use crate::messages::{Estimate, MAX_DERIVED, Sample, Status, estimate_flags};
 use crate::model::MAX_PARAMS;
 use crate::robot::{BodyParameters, ChangeCause, Drives, PAYLOAD_VALUES, RobotIdentifier, RobotSample, Velocities};
@@ -22,25 +22,18 @@ pub struct RobotLearner {
     drives: Drives,
     robot: RobotIdentifier,
     velocities: Option<Velocities>,
-    judge: StateMachine,
-    report: Report,
-    changed_before: bool,
+    evidence: RobotEvidence,
 }
 
 impl RobotLearner {
     /// A learner that has seen nothing. `velocities` is for samples without velocities.
     pub fn new(drives: Drives, robot: RobotIdentifier, velocities: Option<Velocities>) -> Self {
-        let (parameters, joints) = (robot.theta().len(), robot.model().robot().len());
-        let mut learner = Self {
-            judge: StateMachine::new(robot.theta()).explaining(LEAST_EXPLAINED),
-            report: robot_evidence::empty(parameters, joints),
-            changed_before: false,
+        Self {
+            evidence: RobotEvidence::new(&robot),
             drives,
             robot,
             velocities,
-        };
-        learner.note();
-        learner
+        }
     }
 
     /// What was learnt, for its evidence beyond the message.
@@ -50,7 +43,7 @@ impl RobotLearner {
 
     /// What is known now goes into the report; no block has said it.
     fn note(&mut self) {
-        robot_evidence::fill(&mut self.report, &self.robot, false, false);
+        self.evidence.note(&self.robot);
     }
 }
 
@@ -84,10 +77,8 @@ impl Learner for RobotLearner {
 
     fn learn(&mut self, end: &BlockEnd) -> Learnt {
         let learnt = self.robot.close_block();
-        robot_evidence::fill(&mut self.report, &self.robot, learnt, self.changed_before);
         let change = self.robot.change().filter(|_| learnt);
-        self.changed_before = change.is_some();
-        let mut estimate = message(&self.report, self.judge.step(&self.report, end.lost));
+        let mut estimate = self.evidence.judge(&self.robot, learnt, end.lost);
         let explained = change.filter(|change| change.cause != ChangeCause::Unexplained);
         if explained.is_some() {
             estimate.flags |= estimate_flags::CHANGED;
@@ -119,7 +110,7 @@ impl Learner for RobotLearner {
     }
 
     fn report(&self) -> &Report {
-        &self.report
+        self.evidence.report()
     }
 
     /// Nothing yet: its information is kept per joint, and has no single condition.
@@ -167,8 +158,7 @@ impl Learner for RobotLearner {
             Some(state) => self.load(&state.estimator).map(|()| true),
             None => {
                 self.robot.reset();
-                self.judge.reset(self.robot.theta());
-                self.note();
+                self.evidence.reset(&self.robot);
                 Ok(false)
             }
         }
@@ -185,8 +175,7 @@ impl Learner for RobotLearner {
 
     fn load(&mut self, state: &EstimatorState) -> Result<(), StateError> {
         let loaded = self.robot.load_state(state);
-        self.judge.reset(self.robot.theta());
-        self.note();
+        self.evidence.reset(&self.robot);
         loaded
     }
 

@@ -1,8 +1,9 @@
 //! A robot's figures of a block as the report that every model gives, so that states and messages
 //! mean the same.
 
-use crate::estimator::{Change, ChangeKind, Held, Report};
-use crate::messages::{ERROR_TEXT, ErrorCode, FixedText, LastError};
+use super::estimate_message::message;
+use crate::estimator::{Change, ChangeKind, Held, Report, StateMachine};
+use crate::messages::{ERROR_TEXT, ErrorCode, Estimate, FixedText, LastError};
 use crate::robot::{ChangeCause, RobotChange, RobotIdentifier};
 use std::fmt::Write as _;
 
@@ -18,8 +19,53 @@ const USABLE: f64 = 0.05;
 /// informed on it.
 const EXCITED: f64 = 0.9;
 
+/// What a robot's estimates are worth after each block, on line as off line.
+pub struct RobotEvidence {
+    judge: StateMachine,
+    report: Report,
+    changed_before: bool,
+}
+
+impl RobotEvidence {
+    /// Of an identifier that has learnt nothing.
+    pub fn new(robot: &RobotIdentifier) -> Self {
+        let (parameters, joints) = (robot.theta().len(), robot.model().robot().len());
+        let mut evidence = Self {
+            judge: StateMachine::new(robot.theta()).explaining(LEAST_EXPLAINED),
+            report: empty(parameters, joints),
+            changed_before: false,
+        };
+        evidence.note(robot);
+        evidence
+    }
+
+    /// The figures of the last block.
+    pub fn report(&self) -> &Report {
+        &self.report
+    }
+
+    /// What is known now goes into the report; no block has said it.
+    pub(super) fn note(&mut self, robot: &RobotIdentifier) {
+        fill(&mut self.report, robot, false, false);
+    }
+
+    /// The identifier begins anew, or goes on from a state.
+    pub(super) fn reset(&mut self, robot: &RobotIdentifier) {
+        self.judge.reset(robot.theta());
+        self.note(robot);
+    }
+
+    /// After a block: its estimate with state and evidence. `learnt` is what closing it gave,
+    /// `lost` the share of its samples that are missing, 0 to 1.
+    pub fn judge(&mut self, robot: &RobotIdentifier, learnt: bool, lost: f64) -> Estimate {
+        fill(&mut self.report, robot, learnt, self.changed_before);
+        self.changed_before = learnt && robot.change().is_some();
+        message(&self.report, self.judge.step(&self.report, lost))
+    }
+}
+
 /// A report of nothing, with room for these parameters and joints.
-pub(super) fn empty(parameters: usize, joints: usize) -> Report {
+fn empty(parameters: usize, joints: usize) -> Report {
     let (theta, joint) = (vec![0.0; parameters], vec![0.0; joints]);
     Report {
         theta_std: theta.clone(),
@@ -37,7 +83,7 @@ pub(super) fn empty(parameters: usize, joints: usize) -> Report {
 }
 
 /// Fills the report after a block. `changed_before`: there was a change in the block before.
-pub(super) fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_before: bool) {
+fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_before: bool) {
     let n = robot.theta().len();
     report.theta.copy_from_slice(robot.theta());
     (0..n).for_each(|i| report.theta_std[i] = robot.theta_std(i));

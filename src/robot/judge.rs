@@ -41,6 +41,10 @@ const LARGEST_RESIDUAL: f64 = 70.0;
 const MOVING: f64 = 0.1;
 /// Friction that is a smaller part of the torque hardly counts.
 const LEAST_FRICTION: f64 = 0.01;
+/// Share of samples at the largest torque that clipping has; a resolution of a thousandth of the
+/// range has a tenth of that.
+const LEAST_CLIPPED: f64 = 0.01;
+const MOST_CLIPPED: f64 = 0.9;
 /// Samples that the sums are taken over.
 const ENOUGH: usize = 2000;
 
@@ -79,6 +83,7 @@ pub fn judge_robot_log(model: &RobotModel, log: &[RobotSample], max_gap_s: f64) 
             let signal = "torque";
             found.push(RobotSuspicion::Constant { joint, signal, value });
         }
+        found.extend(clipped(joint, log));
         let square: f64 = log.iter().map(|sample| sample.dq[joint].powi(2)).sum();
         let rms = (square / log.len() as f64).sqrt();
         let limit = own.limits.velocity.filter(|limit| *limit > 0.0);
@@ -93,6 +98,20 @@ pub fn judge_robot_log(model: &RobotModel, log: &[RobotSample], max_gap_s: f64) 
         }
     }
     found
+}
+
+/// A torque that stops at a limit: its largest magnitude, in many samples. One that never changes
+/// is another mistake.
+fn clipped(joint: usize, log: &[RobotSample]) -> Option<RobotSuspicion> {
+    let sizes = || log.iter().map(|sample| sample.tau[joint].abs());
+    let value = sizes().fold(0.0, f64::max);
+    let count = sizes().filter(|size| *size == value).count();
+    let share = count as f64 / log.len() as f64;
+    (value > 0.0 && (LEAST_CLIPPED..MOST_CLIPPED).contains(&share)).then_some(RobotSuspicion::Clipped {
+        joint,
+        value,
+        percent: 100.0 * share,
+    })
 }
 
 /// What is suspicious about an identification, judged by the filtered samples of its log.

@@ -61,6 +61,15 @@ pub enum RobotSuspicion {
         /// Its value.
         value: f64,
     },
+    /// A torque that stops at a limit.
+    Clipped {
+        /// The joint.
+        joint: usize,
+        /// Its largest magnitude \[N m or N\].
+        value: f64,
+        /// Share of the samples that have it \[%\].
+        percent: f64,
+    },
     /// Friction that drives the joint.
     Sign {
         /// The joint.
@@ -164,6 +173,12 @@ impl fmt::Display for RobotSuspicion {
                 f,
                 "{signal} of joint {} is {value} in every sample though the joint moves: is it the column that was meant?",
                 joint + 1
+            ),
+            Self::Clipped { joint, value, percent } => write!(
+                f,
+                "torque of joint {} is {value} or -{value} in {percent:.0} % of the samples, its largest: if the signal is \
+                 clipped there, estimates are wrong; if the drive is at its limit, use slower motion",
+                joint + 1,
             ),
             Self::Sign { joint, parameters } => {
                 let parameters: Vec<String> = parameters

@@ -4,6 +4,8 @@ use super::robot::robot_text;
 use super::robot_log::RobotLog;
 use super::ticker::Ticker;
 use super::{Exit, Failure, IdentifyArgs, TableFormat, logging, out_dir, robot_profile, robot_urdf};
+use crate::messages::{Estimate, State};
+use crate::node::robot::RobotEvidence;
 use crate::robot::{
     FilteredSample, RobotConfig, RobotIdentifier, TorqueFit, correlation_time_s, filtered, is_robot_override,
     judge_robot_fit,
@@ -75,6 +77,8 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
     let mut identifier = RobotIdentifier::new(config.model, config.options).map_err(Failure::Usage)?;
     let states = filtered(identifier.model(), &log);
     let mut before = TorqueFit::default();
+    let mut evidence = RobotEvidence::new(&identifier);
+    let mut last = Estimate::default();
     let mut estimates = estimates_header(&identifier);
     for (index, (sample, state)) in log.iter().zip(&states).enumerate() {
         ticker.at(index as f64 / log.len() as f64);
@@ -85,16 +89,18 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
             .push(sample)
             .map_err(|e| Failure::Usage(format!("{}: at {} s: {e}", args.input.display(), sample.t_s)))?;
         if closed {
-            estimates_line(&identifier, sample.t_s, &mut estimates);
+            last = evidence.judge(&identifier, true, 0.0);
+            estimates_line(&identifier, (sample.t_s, &last), &mut estimates);
         }
         if shutdown.requested() {
             break;
         }
     }
     if identifier.end_of_recording()
-        && let Some(last) = log.last()
+        && let Some(sample) = log.last()
     {
-        estimates_line(&identifier, last.t_s, &mut estimates);
+        last = evidence.judge(&identifier, true, 0.0);
+        estimates_line(&identifier, (sample.t_s, &last), &mut estimates);
     }
     if identifier.blocks() == 0 {
         return Err(Failure::Usage(format!(
@@ -113,7 +119,7 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
             .collect(),
         held_out: held_out.map(|log| fit(&filtered(identifier.model(), &log.samples))),
     };
-    let summary = summary(&identifier, &fits, log.len());
+    let summary = summary(&identifier, &last, &fits, log.len());
     let found = judge_robot_fit(&identifier, &states);
     drop(ticker);
     robot_profile::warn(&args.input, &found);
@@ -127,7 +133,14 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
     }
     match args.format {
         TableFormat::Json => logging::result(&pretty(&summary)?)?,
-        TableFormat::Text => logging::result(table(&identifier, &fits).trim_end())?,
+        TableFormat::Text => {
+            logging::result(table(&identifier, &fits).trim_end())?;
+            let (state, usable) = (state_of(&last), last.usable.len());
+            logging::result(&format!(
+                "\nstate {state}, use_ok {}, {usable} parameters usable in the last block",
+                last.use_ok
+            ))?;
+        }
     }
     if let Some(dir) = &args.out {
         logging::note(args.format, &format!("results in {}", dir.display()))?;
@@ -172,18 +185,28 @@ fn estimates_header(identifier: &RobotIdentifier) -> String {
     let mut text = "block,t_s".to_owned();
     names().for_each(|name| _ = write!(text, ",{name}"));
     names().for_each(|name| _ = write!(text, ",{name}_std"));
+    names().for_each(|name| _ = write!(text, ",{name}_usable"));
+    text.push_str(",state,use_ok,fit_probability");
     text.push('\n');
     text
 }
 
-fn estimates_line(identifier: &RobotIdentifier, t_s: f64, text: &mut String) {
+fn estimates_line(identifier: &RobotIdentifier, (t_s, estimate): (f64, &Estimate), text: &mut String) {
     let _ = write!(text, "{},{t_s}", identifier.blocks());
     identifier.theta().iter().for_each(|x| _ = write!(text, ",{x}"));
     (0..identifier.theta().len()).for_each(|i| _ = write!(text, ",{}", identifier.theta_std(i)));
+    let count = identifier.theta().len();
+    (0..count).for_each(|i| _ = write!(text, ",{}", u8::from(estimate.usable.contains(i))));
+    let state = state_of(estimate);
+    let _ = write!(text, ",{state},{},{}", estimate.use_ok, estimate.fit_probability);
     text.push('\n');
 }
 
-fn summary(identifier: &RobotIdentifier, fits: &Fits, samples: usize) -> Value {
+fn state_of(estimate: &Estimate) -> &'static str {
+    State::from_wire(estimate.state).unwrap_or_default().name()
+}
+
+fn summary(identifier: &RobotIdentifier, last: &Estimate, fits: &Fits, samples: usize) -> Value {
     let model = identifier.model();
     let parameters: Vec<Value> = model
         .parameters()
@@ -193,6 +216,7 @@ fn summary(identifier: &RobotIdentifier, fits: &Fits, samples: usize) -> Value {
             json!({
                 "name": p.name, "unit": p.unit, "meaning": p.meaning,
                 "estimate": identifier.theta()[i], "std": identifier.theta_std(i), "urdf": p.nominal,
+                "usable": last.usable.contains(i),
             })
         })
         .collect();
@@ -217,6 +241,7 @@ fn summary(identifier: &RobotIdentifier, fits: &Fits, samples: usize) -> Value {
     json!({
         "robot": model.robot().name, "held_joints": model.robot().held,
         "samples": samples, "blocks": identifier.blocks(),
+        "state": state_of(last), "use_ok": last.use_ok == 1,
         "parameters": parameters, "joints": joints,
     })
 }

@@ -74,11 +74,16 @@ fn fault_each_usual_mistake_is_named_with_its_joint() {
     let model = model(SIX_AXIS);
     let log = simulated(&model, 40, |_| {});
     type Change = fn(&mut RobotSample);
-    let cases: [(&str, Change, &str); 12] = [
+    let cases: [(&str, Change, &str); 13] = [
         (
             "sign of a torque",
             |s| s.tau[1] *= -1.0,
             "torque of joint 2 may have the opposite sign (",
+        ),
+        (
+            "a torque that is clipped",
+            |s| s.tau[1] = s.tau[1].clamp(-20.0, 20.0),
+            "torque of joint 2 is 20 or -20 in ",
         ),
         (
             "torques swapped",

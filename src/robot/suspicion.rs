@@ -200,12 +200,9 @@ impl fmt::Display for RobotSuspicion {
                 )?;
                 match left_out.what {
                     Unmodelled::Friction { term, .. } => write!(f, "add \"{}\" to friction.terms", term.name()),
-                    Unmodelled::Zero { .. } => write!(f, "it shows {:.1} mrad too much", 1e3 * left_out.amplitude),
-                    Unmodelled::Tilt => write!(
-                        f,
-                        "{:.1} mrad in one direction; state model.gravity_m_per_s2 as it acts on the base",
-                        1e3 * left_out.amplitude.abs()
-                    ),
+                    Unmodelled::Zero { .. } | Unmodelled::Tilt => {
+                        f.write_str("look at the zeros and at model.gravity_m_per_s2")
+                    }
                     Unmodelled::Delay => write!(
                         f,
                         "{:.1} ms; torques, positions and velocities must be of the same instants",

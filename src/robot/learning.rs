@@ -51,9 +51,7 @@ impl RobotIdentifier {
                 if sums.rows == 0 || friction == 0 {
                     continue;
                 }
-                let behind = |left_out: &LeftOut| left_out.of_joint(joint) + left_out.shared();
-                let left_out = self.left_out.as_ref().map_or(0, behind);
-                let end = sums.columns().len() - left_out;
+                let end = self.model.columns(joint).len();
                 if let Some((square, directions)) = friction_misfit(sums, end - friction..end, &self.effective) {
                     sum += square / (directions * self.torque_std[joint].powi(2)); // (3)
                     count += 1.0;

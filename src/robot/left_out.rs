@@ -91,14 +91,14 @@ impl RobotIdentifier {
         let (n, k) = (self.theta.len(), left_out.terms.len());
         for c in 0..k {
             let LeftOutTerm { what, index, .. } = left_out.terms[c];
+            if what.leaves_no_residual() {
+                continue; // (7)
+            }
             // what touches the rows of several joints is judged by the worst of them
             let excess = match what.only_joint() {
                 Some(joint) => excess[joint],
                 None => excess.iter().copied().filter(|x| x.is_finite()).fold(0.0, f64::max),
             };
-            if what.leaves_no_residual() {
-                continue; // (7)
-            }
             let (score, information) = (left_out.score[c], left_out.information[c * k + c]);
             if !(information > TOLD_APART * self.system.matrix[index * n + index]) {
                 continue;

@@ -1,5 +1,5 @@
-//! Room for the test of terms of friction that the model leaves out, taken at the start; (1) to (6)
-//! are those of [`left_out`](super::left_out).
+//! Room for the test of what the model leaves out, taken at the start; (1) to (7) are those of
+//! [`left_out`](super::left_out).
 
 use super::information::Information;
 use super::model::{LeftOutTerm, Unmodelled};
@@ -60,7 +60,6 @@ pub(super) struct LeftOut {
     considered: Vec<f64>,
     /// Standard deviation of zeros and tilts.
     zero_rad: f64,
-    is_considered: bool,
     /// U, I and ĉ_all.
     pub score: Vec<f64>,
     pub information: Vec<f64>,
@@ -78,7 +77,6 @@ impl LeftOut {
         Self {
             considered: vec![0.0; considered * n],
             zero_rad,
-            is_considered: false,
             terms,
             found: None,
             shifts: vec![0.0; k * n],
@@ -96,7 +94,7 @@ impl LeftOut {
     pub fn reset(&mut self) {
         self.found = None;
         self.forget_shifts();
-        self.is_considered = false;
+        self.considered.fill(0.0);
     }
 
     /// Parameters are held or free that were not: the errors (2) are those of another estimate.
@@ -126,12 +124,7 @@ impl LeftOut {
     /// What (6) and (7) add to an entry of P.
     pub fn covariance(&self, i: usize, j: usize, n: usize) -> f64 {
         let n = n.max(1);
-        let considered = if self.is_considered {
-            self.considered.len() / n
-        } else {
-            0
-        };
-        let considered = self.considered.chunks_exact(n).take(considered);
+        let considered = self.considered.chunks_exact(n);
         let believed = self.shifts.chunks_exact(n).take(self.believed);
         considered.chain(believed).map(|shift| shift[i] * shift[j]).sum() // (6), (7)
     }
@@ -145,7 +138,6 @@ impl LeftOut {
                 *kept = v * self.zero_rad; // (7)
             }
         }
-        self.is_considered = true;
     }
 
     /// (1) and (3); false if rounding has spoilt I.

@@ -122,7 +122,7 @@ mod tests {
     use tracing::Level;
 
     #[test]
-    fn a_filter_that_cannot_be_read_is_named_and_the_default_logged() {
+    fn fault_a_filter_that_cannot_be_read_is_named_and_the_default_logged() {
         let (targets, message) = filter(Some("thetabus=loud"), "warn");
         let message = message.expect("a message");
         assert!(
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn rust_log_chooses_by_target_and_an_empty_one_chooses_nothing() {
+    fn prop_rust_log_chooses_by_target_and_an_empty_one_chooses_nothing() {
         let (targets, message) = filter(Some("warn,thetabus=debug"), "info");
         assert_eq!(message, None);
         assert!(

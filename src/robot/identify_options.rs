@@ -14,7 +14,7 @@ pub struct IdentifyOptions {
     /// Random walk of the friction parameters after settling, as a part of their size per √s; 0 for
     /// friction that stays.
     pub friction_walk: f64,
-    /// Standard deviation by which [`widen_friction`](RobotIdentifier::widen_friction) widens the
+    /// Standard deviation by which [`widen_friction`](super::RobotIdentifier::widen_friction) widens the
     /// friction parameters, as a part of their size.
     pub friction_change: f64,
     /// Standard deviation of the change of the friction parameters when the payload changes, as a

@@ -14,8 +14,9 @@ pub struct IdentifyOptions {
     /// Random walk of the friction parameters after settling, as a part of their size per √s; 0 for
     /// friction that stays.
     pub friction_walk: f64,
-    /// Standard deviation by which [`widen_friction`](super::RobotIdentifier::widen_friction) widens the
-    /// friction parameters, as a part of their size.
+    /// Standard deviation by which
+    /// [`widen_friction`](super::RobotIdentifier::widen_friction) widens the friction parameters,
+    /// as a part of their size.
     pub friction_change: f64,
     /// Standard deviation of the change of the friction parameters when the payload changes, as a
     /// part of their size: gears have more friction under load. 0 if friction does not depend on

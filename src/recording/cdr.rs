@@ -87,11 +87,14 @@ impl<'a> CdrReader<'a> {
         }
     }
 
-    fn take<const N: usize>(&mut self) -> Result<[u8; N], NotThisMessage> {
-        let start = self.position.next_multiple_of(N);
-        let bytes = self.body.get(start..).and_then(|rest| rest.first_chunk::<N>());
-        self.position = start + N;
-        bytes.copied().ok_or(NotThisMessage)
+    /// The bytes of scalars of `N` bytes each. No scalars need no alignment.
+    fn scalars<const N: usize>(&mut self, count: usize) -> Result<&'a [[u8; N]], NotThisMessage> {
+        if count == 0 {
+            return Ok(&[]);
+        }
+        self.position = self.position.next_multiple_of(N);
+        let (scalars, _) = self.bytes(count * N)?.as_chunks();
+        Ok(scalars)
     }
 
     fn bytes(&mut self, len: usize) -> Result<&'a [u8], NotThisMessage> {
@@ -104,23 +107,26 @@ impl<'a> CdrReader<'a> {
 
 impl Visit for CdrReader<'_> {
     type Error = NotThisMessage;
+    #[inline]
     fn u8s(&mut self, field: &Field, values: &mut [u8]) -> Result<(), NotThisMessage> {
         if field.per == Per::Text {
-            let len = u32::from_le_bytes(self.take()?) as usize;
-            put_text(values, text_of(self.bytes(len)?));
+            let len = self.scalars(1)?.first().map_or(0, |len| u32::from_le_bytes(*len));
+            put_text(values, text_of(self.bytes(len as usize)?));
         } else {
             let count = self.counts.values(field, values.len());
             values[..count].copy_from_slice(self.bytes(count)?);
         }
         Ok(())
     }
+    #[inline]
     fn u32s(&mut self, field: &Field, values: &mut [u32]) -> Result<(), NotThisMessage> {
         let count = self.counts.values(field, values.len());
-        values[..count].iter_mut().try_for_each(|value| {
-            *value = u32::from_le_bytes(self.take()?);
-            Ok(())
-        })
+        for (value, bytes) in values.iter_mut().zip(self.scalars(count)?) {
+            *value = u32::from_le_bytes(*bytes);
+        }
+        Ok(())
     }
+    #[inline]
     fn u64s(&mut self, field: &Field, values: &mut [u64]) -> Result<(), NotThisMessage> {
         if let Some(bools) = self.counts.bools(field) {
             values.fill(0);
@@ -132,17 +138,18 @@ impl Visit for CdrReader<'_> {
             return Ok(());
         }
         let count = self.counts.values(field, values.len());
-        values[..count].iter_mut().try_for_each(|value| {
-            *value = u64::from_le_bytes(self.take()?);
-            Ok(())
-        })
+        for (value, bytes) in values.iter_mut().zip(self.scalars(count)?) {
+            *value = u64::from_le_bytes(*bytes);
+        }
+        Ok(())
     }
+    #[inline]
     fn f64s(&mut self, field: &Field, values: &mut [f64]) -> Result<(), NotThisMessage> {
         let count = self.counts.values(field, values.len());
-        values[..count].iter_mut().try_for_each(|value| {
-            *value = f64::from_le_bytes(self.take()?);
-            Ok(())
-        })
+        for (value, bytes) in values.iter_mut().zip(self.scalars(count)?) {
+            *value = f64::from_le_bytes(*bytes);
+        }
+        Ok(())
     }
 }
 

@@ -13,7 +13,7 @@ use super::loss::{Loss, ReadError};
 use super::names::{CLOCK_METADATA, END_METADATA, JOURNAL_METADATA, channel};
 use super::record_file::{Next, RecordFile, decompress};
 use super::series::{first_file, numbered};
-use super::unmeasured::cleared;
+use super::unmeasured::clear;
 use crate::messages::{Estimate, Journal, Message as _, Sample, Status};
 use mcap::records::{MessageHeader, op};
 use std::path::{Path, PathBuf};
@@ -163,7 +163,7 @@ impl RecordingReader {
                 let decoded = match header.channel_id {
                     channel::SAMPLE => {
                         let decoded = self.sample.visit(&mut reader);
-                        self.sample = cleared(&self.sample);
+                        clear(&mut self.sample);
                         decoded
                     }
                     channel::ESTIMATE => self.estimate.visit(&mut reader),

@@ -5,20 +5,22 @@ use crate::messages::{SIGNALS, Sample};
 
 /// The sample as a recording has it.
 pub(super) fn marked(sample: &Sample) -> Sample {
-    filled(sample, f64::NAN)
+    let mut marked = *sample;
+    fill(&mut marked, f64::NAN);
+    marked
 }
 
-/// The sample as it was on the bus, with 0 for what is not measured.
-pub(super) fn cleared(sample: &Sample) -> Sample {
-    filled(sample, 0.0)
+/// Makes it what it was on the bus, with 0 for what is not measured.
+pub(super) fn clear(sample: &mut Sample) {
+    fill(sample, 0.0);
 }
 
-fn filled(sample: &Sample, value: f64) -> Sample {
-    let mut filled = *sample;
-    for (signal, values) in SIGNALS.iter().zip(filled.arrays_mut()) {
-        if sample.signals & signal.flag == 0 {
+#[inline]
+fn fill(sample: &mut Sample, value: f64) {
+    let measured = sample.signals;
+    for (signal, values) in SIGNALS.iter().zip(sample.arrays_mut()) {
+        if measured & signal.flag == 0 {
             values.fill(value);
         }
     }
-    filled
 }

@@ -8,7 +8,7 @@
 use super::cdr::{CdrReader, CdrWriter};
 use super::info::RunInfo;
 use super::layout::Counts;
-use super::unmeasured::{cleared, marked};
+use super::unmeasured::{clear, marked};
 use crate::messages::{
     Description, Estimate, Journal, MAX_DERIVED, Message, Request, Response, SCHEMA_VERSION, Sample, Status,
 };
@@ -88,8 +88,9 @@ impl OnWire for Sample {
         marked(self)
     }
 
-    fn incoming(self) -> Self {
-        cleared(&self)
+    fn incoming(mut self) -> Self {
+        clear(&mut self);
+        self
     }
 }
 

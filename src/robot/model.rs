@@ -12,7 +12,7 @@
 use super::base_parameters::{BaseParameters, Standard};
 use super::dynamics::inverse_dynamics;
 use super::friction::{Engagement, FrictionTerm, JointFriction};
-use super::regressor::{EnergyRegressors, TILTS};
+use super::regressor::{EnergyRegressors, HeldSlopes, TILTS};
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
 use super::state::{FilteredSample, RobotSample};
 use super::tree::Robot;
@@ -330,13 +330,15 @@ impl RobotModel {
         let mut sample = RobotSample::default();
         sample.q[..q.len()].copy_from_slice(q);
         sample.dq[..dq.len()].copy_from_slice(dq);
-        self.rows_of(regressors, &sample, engagement, differentiated, direct);
+        let mut slopes = HeldSlopes::new(0.0);
+        self.rows_of(regressors, &mut slopes, &sample, engagement, differentiated, direct);
     }
 
     /// The same of a sample, with the columns beyond those of the model, if there are any.
     pub(super) fn rows_of(
         &self,
         regressors: &mut EnergyRegressors,
+        held: &mut HeldSlopes,
         sample: &RobotSample,
         engagement: &[Engagement],
         differentiated: &mut [f64],
@@ -345,9 +347,8 @@ impl RobotModel {
         let n = self.robot.len();
         let (q, dq) = (&sample.q[..n], &sample.dq[..n]);
         regressors.evaluate(&self.robot, q, dq);
-        let mut slopes = Default::default();
         if self.has_slopes {
-            regressors.weight_slopes(&self.robot, &mut slopes);
+            held.renew(sample.t_s, regressors, &self.robot);
         }
         let mut weight = [0.0; MAX_JOINTS];
         if self.has_load {
@@ -364,7 +365,7 @@ impl RobotModel {
                     Column::Rotor => (dq[i], 0.0),                                // (1)
                     Column::Friction(term) => (0.0, friction[term]),              // (1)
                     // what a position or a direction that is too large by 1 takes from the torque
-                    Column::Slope(of) => (0.0, -slopes[of][i]),
+                    Column::Slope(of) => (0.0, -held.slopes[of][i]),
                     // τ measured 1 s late is τ − τ̇
                     Column::Delay => (-sample.tau[i], 0.0),
                 };

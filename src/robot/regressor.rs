@@ -52,6 +52,41 @@ pub(super) const TILTS: usize = 2;
 /// ∂²V/∂q_i ∂q_j at \[i\]\[j\], and behind the joints those with the base's tilts (8).
 pub(super) type WeightSlopes = [[f64; MAX_JOINTS]; MAX_JOINTS + TILTS];
 
+/// [`WeightSlopes`] that are made anew after a time, not at each sample.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct HeldSlopes {
+    pub slopes: WeightSlopes,
+    hold_s: f64,
+    /// When they were made; NaN for never.
+    made_s: f64,
+}
+
+impl HeldSlopes {
+    /// To be kept for this time \[s\].
+    pub fn new(hold_s: f64) -> Self {
+        Self {
+            slopes: WeightSlopes::default(),
+            hold_s,
+            made_s: f64::NAN,
+        }
+    }
+
+    /// Those that a robot has at a time, where `regressors` have been evaluated.
+    #[inline]
+    pub fn renew(&mut self, t_s: f64, regressors: &EnergyRegressors, robot: &Robot) {
+        let is_fresh = t_s - self.made_s < self.hold_s;
+        if !is_fresh {
+            regressors.weight_slopes(robot, &mut self.slopes);
+            self.made_s = t_s;
+        }
+    }
+
+    /// They belong to another recording.
+    pub fn forget(&mut self) {
+        self.made_s = f64::NAN;
+    }
+}
+
 impl EnergyRegressors {
     /// Room for a robot of this many joints.
     pub fn new(joints: usize) -> Self {
@@ -95,7 +130,7 @@ impl EnergyRegressors {
     }
 
     /// (7) and (8) of the robot's own bodies at the state that was evaluated last \[N m/rad\].
-    pub(super) fn weight_slopes(&self, robot: &Robot, slopes: &mut WeightSlopes) {
+    fn weight_slopes(&self, robot: &Robot, slopes: &mut WeightSlopes) {
         let n = self.joints;
         let mut mass = [0.0; MAX_JOINTS];
         let mut moment = [Vector3::zeros(); MAX_JOINTS];

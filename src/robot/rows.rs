@@ -15,13 +15,16 @@
 
 use super::friction::Engagement;
 use super::model::RobotModel;
-use super::regressor::EnergyRegressors;
+use super::regressor::{EnergyRegressors, HeldSlopes};
 use super::state::RobotSample;
 use crate::model::MAX_JOINTS;
 use std::fmt;
 
 /// Most windows that overlap.
 const MAX_OVERLAP: usize = 32;
+/// Times within a window that the columns of zeros and tilts are made anew: they turn with the
+/// robot, a little in 4 ms.
+const SLOPES_PER_WINDOW: f64 = 64.0;
 
 /// Windows of the weak form.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -133,6 +136,7 @@ pub struct WeakRows {
     rest_speed: [f64; MAX_JOINTS],
     engagement: [Engagement; MAX_JOINTS],
     regressors: EnergyRegressors,
+    slopes: HeldSlopes,
     last: Option<RobotSample>,
     /// d and c of this sample, and of the one before.
     differentiated: [Vec<f64>; 2],
@@ -171,6 +175,7 @@ impl WeakRows {
             rest_speed,
             engagement: [Engagement::default(); MAX_JOINTS],
             regressors: EnergyRegressors::new(joints),
+            slopes: HeldSlopes::new(options.length_s / SLOPES_PER_WINDOW),
             last: None,
             differentiated: room(),
             direct: room(),
@@ -187,6 +192,7 @@ impl WeakRows {
     pub fn restart(&mut self) {
         self.last = None;
         self.active = 0;
+        self.slopes.forget();
         self.engagement = [Engagement::default(); MAX_JOINTS];
     }
 
@@ -219,6 +225,7 @@ impl WeakRows {
         self.direct.swap(0, 1);
         model.rows_of(
             &mut self.regressors,
+            &mut self.slopes,
             sample,
             &self.engagement[..n],
             &mut self.differentiated[1],

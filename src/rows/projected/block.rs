@@ -135,6 +135,7 @@ impl<P: Plant> SampleBlock for ProjectedBlock<P> {
         self.rows.project();
         if !self.rows.is_empty() {
             self.first_fit.weigh(&mut self.rows, theta);
+            self.rows.project_suspects();
         }
     }
 

@@ -17,9 +17,14 @@ use crate::rows::error_weights::{ErrorWeights, linear_in_velocity, nonlinear};
 use crate::rows::kernel::dot;
 use crate::rows::partials::{Kind, LANES, Partials};
 use crate::rows::rounding;
-use crate::rows::suspects::SuspectColumns;
 use crate::rows::theta_polynomial::MAX_ORDER;
 use crate::rows::whitening::Whitening;
+
+/// Stands for the standard deviation of a position that is exact, so that its c can be had back;
+/// its square adds nothing to R.
+const EXACT_STD: f64 = 1e-150;
+/// Evaluations of the slopes on either side of a window's centre.
+const SLOPES_PER_HALF: usize = 16;
 
 /// R of each equation in turn, and the sensitivities that it is made of.
 #[derive(Debug, Clone)]
@@ -77,36 +82,25 @@ impl RowCovariance {
         self.rounding[equation][row]
     }
 
-    /// c of a row, joint after joint; `None` if a position is exact.
-    pub fn unscaled<P: Plant>(&mut self, block: &MeasuredBlock<P>, equation: usize, row: usize) -> Option<&[f64]> {
+    /// c of a row, joint after joint.
+    pub fn unscaled<P: Plant>(&mut self, block: &MeasuredBlock<P>, equation: usize, row: usize) -> &[f64] {
         let first = first_position(block, &block.samples.windows.all()[row]);
-        let mut noisy = true;
-        for (joint, std) in block.noise.q_std.iter().enumerate() {
-            let own = joint * self.support..(joint + 1) * self.support;
-            let std = &std[first..first + self.support];
-            let scaled = self.sensitivity[equation][row][own.clone()].iter().zip(std);
-            for (slope, (c, std)) in self.unscaled[own].iter_mut().zip(scaled) {
-                *slope = c / std;
-                noisy &= *std > 0.0;
+        let joints = self.unscaled.chunks_exact_mut(self.support).zip(&block.noise.q_std);
+        for ((own, std), scaled) in joints.zip(self.sensitivity[equation][row].chunks_exact(self.support)) {
+            for ((slope, c), std) in own.iter_mut().zip(scaled).zip(&std[first..]) {
+                *slope = c / std.max(EXACT_STD);
             }
         }
-        noisy.then_some(&self.unscaled)
+        &self.unscaled
     }
 
-    /// Makes R of an equation at θ, and the columns of errors that turn the positions on the way.
-    pub fn make<P: Plant>(
-        &mut self,
-        block: &MeasuredBlock<P>,
-        e: usize,
-        theta: &[f64],
-        whitening: &mut Whitening,
-        suspects: &mut SuspectColumns,
-    ) {
+    /// Makes R of an equation at θ.
+    pub fn make<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, theta: &[f64], whitening: &mut Whitening) {
         self.differentiate(block, e, theta);
         whitening.begin(block.samples.windows.len());
         let input = InputNoise::new(block, e);
         for i in 0..block.samples.windows.len() {
-            self.weigh_positions(block, e, i, theta, suspects);
+            self.weigh_positions(block, e, i, theta);
             self.rounding[e][i] = input_rounding(block, e, i);
             for lag in 0..=self.bandwidth().min(i) {
                 // the geometric mean of both windows' rounding; 0 if the input is not rounded
@@ -117,10 +111,13 @@ impl RowCovariance {
         }
     }
 
-    /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at every sample that a window holds.
+    /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at every sample that a window holds:
+    /// differentiated at some, and on straight lines between these, since c are weights only.
     fn differentiate<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, theta: &[f64]) {
         let (form, signals) = (&block.form, &block.samples.signals);
         let (polynomial, sensitivity) = (form.separation.equations[e].as_ref(), &form.separation.sensitivities[e]);
+        let covered = block.samples.windows.covered();
+        let step = (form.kernels.half / SLOPES_PER_HALF).max(1);
         let all = sensitivity
             .kinds
             .chunks(LANES)
@@ -131,27 +128,23 @@ impl RowCovariance {
                 *linear = linear_in_velocity(polynomial, kind, theta);
             }
             let mut partials = Partials::new(&form.plant, e, theta, kinds);
-            for at in block.samples.windows.covered() {
+            let last = covered.clone().next_back();
+            let mut before = covered.start;
+            for at in covered.clone().step_by(step).chain(last) {
                 let slopes = partials.at(|joint| (signals.q[joint][at], signals.dq[joint][at]));
                 for (lane, (&kind, slopes)) in kinds.iter().zip(slopes).enumerate() {
                     let slopes = nonlinear(slopes, &linear[lane]);
                     for d in derivatives[lane].clone() {
-                        self.slopes[place(kind)][d][at] = slopes[d];
+                        draw_line(&mut self.slopes[place(kind)][d][before..=at], slopes[d]);
                     }
                 }
+                before = at;
             }
         }
     }
 
     /// c of row i, times the standard deviation of each position.
-    fn weigh_positions<P: Plant>(
-        &mut self,
-        block: &MeasuredBlock<P>,
-        e: usize,
-        i: usize,
-        theta: &[f64],
-        suspects: &mut SuspectColumns,
-    ) {
+    fn weigh_positions<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, i: usize, theta: &[f64]) {
         let form = &block.form;
         let weights = ErrorWeights {
             kernels: &form.kernels,
@@ -165,9 +158,9 @@ impl RowCovariance {
         let slopes = |kind: Kind, d: usize| &all[place(kind)][d][span.clone()];
         weights.write(theta, slopes, &mut self.scratch, c);
         let first = first_position(block, window);
-        suspects.turn(e, i, c, self.support, first);
         for (own, std) in c.chunks_exact_mut(self.support).zip(&block.noise.q_std) {
-            own.iter_mut().zip(&std[first..]).for_each(|(c, std)| *c *= std);
+            let own = own.iter_mut().zip(&std[first..]);
+            own.for_each(|(c, std)| *c *= std.max(EXACT_STD));
         }
     }
 
@@ -237,6 +230,17 @@ impl InputNoise {
             jump_error: if std > 0.0 { 1e-3 } else { 1e-5 },
         }
     }
+}
+
+/// A straight line from the first of some values, as it stands, to their last one.
+#[inline]
+fn draw_line(values: &mut [f64], last: f64) {
+    let (first, steps) = (values[0], values.len() - 1);
+    let rise = (last - first) / steps.max(1) as f64;
+    for (k, value) in values[..steps].iter_mut().enumerate() {
+        *value = first + rise * k as f64;
+    }
+    values[steps] = last;
 }
 
 /// Place of a signal among the slopes.

@@ -43,9 +43,9 @@ impl SmoothedSignals {
         if self.applied { &self.signals } else { measured }
     }
 
-    /// Goes back to the signals as they were measured; false if they were in use already.
-    pub fn forget(&mut self) -> bool {
-        std::mem::take(&mut self.applied)
+    /// Goes back to the signals as they were measured.
+    pub fn forget(&mut self) {
+        self.applied = false;
     }
 
     /// Begins with the signals as they were measured.

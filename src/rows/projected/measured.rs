@@ -61,11 +61,11 @@ impl<P: Plant> MeasuredBlock<P> {
         }
     }
 
-    /// s ∫ψ^(r) u for r = 0, 1, 2 of the window around a centre; `u` are inputs as measured or
-    /// freed of noise \[joint\]\[sample\].
-    pub fn moments(&self, equation: usize, centre: usize, u: &[Vec<f64>]) -> [f64; 3] {
+    /// s ∫ψ^(r) u of the window around a centre, r ≤ 2; `u` are inputs as measured or freed of
+    /// noise \[joint\]\[sample\].
+    pub fn moment(&self, equation: usize, r: usize, centre: usize, u: &[Vec<f64>]) -> f64 {
         let (input, scale) = self.form.input(equation);
-        [0, 1, 2].map(|r| scale * self.jumps.moment(&self.form.kernels, r, centre, input, &u[input]))
+        scale * self.jumps.moment(&self.form.kernels, r, centre, input, &u[input])
     }
 
     /// Keeps what the next block's windows reach back to.

@@ -10,7 +10,6 @@ use crate::estimator::Residuals;
 use crate::model::{MAX_PARAMS, Plant};
 use crate::rows::standstill::Standstill;
 use crate::rows::suspects::SuspectColumns;
-use crate::rows::trajectory::Trajectory;
 use crate::rows::whitening::Direction;
 
 /// Rows of a block at any θ, with the weights of one.
@@ -55,22 +54,12 @@ impl<P: Plant> Projection<P> {
         self.block.sense();
         self.find_rests();
         self.block.find_jumps();
-        self.project_suspects();
-        for e in 0..self.block.form.equations() {
-            self.rows.project(&self.block, e);
-        }
-    }
-
-    /// Makes the columns of considered errors, and the inputs' moments, of the signals as they are
-    /// measured.
-    fn project_suspects(&mut self) {
-        let (block, signals) = (&self.block, &self.block.samples.signals);
-        self.suspects.sense(block.samples.len, signals, &block.noise.q_std);
+        let (block, u) = (&self.block, &self.block.samples.signals.u);
         for e in 0..block.form.equations() {
             for (row, window) in block.samples.windows.all().iter().enumerate() {
-                let moments = project_errors(block, &mut self.suspects, e, row, window.centre, signals);
-                self.rows.set_input(e, row, moments);
+                self.rows.set_input(e, row, |r| block.moment(e, r, window.centre, u));
             }
+            self.rows.project(block, e);
         }
     }
 
@@ -93,17 +82,13 @@ impl<P: Plant> Projection<P> {
 
     /// Makes R at θ and whitens the rows by it, as they are measured.
     pub fn weigh(&mut self, theta: &[f64]) {
-        if self.smoothed.forget() {
-            self.project_suspects();
-        }
+        self.smoothed.forget();
         let rows = self.len();
         for e in 0..self.block.form.equations() {
             let whitening = &mut self.rows.whitening[e];
-            self.covariance
-                .make(&self.block, e, theta, whitening, &mut self.suspects);
+            self.covariance.make(&self.block, e, theta, whitening);
             self.standstill.exclude(e, rows, whitening);
             whitening.factor();
-            self.suspects.whiten(e, rows, whitening);
             self.rows.whiten(e, rows);
         }
         self.rows.forget();
@@ -131,25 +116,25 @@ impl<P: Plant> Projection<P> {
         self.smoothed.finish(block);
         let signals = self.smoothed.or(&block.samples.signals);
         self.rows.replace_regressors(&Source { block, signals }, theta);
-        self.smooth_suspects();
     }
 
-    /// Makes the columns of considered errors of smoothed signals. Residual and column would
-    /// otherwise share the noise: with motion so slow that the second derivative of the input is
-    /// less than its noise, the score of a resonance is −σ_u² Σ ψ′², always of one sign, and the
-    /// sine of a joint that hardly moves would explain all noise by an eccentricity of 1 rad.
-    fn smooth_suspects(&mut self) {
-        let (block, rows) = (&self.block, self.block.samples.windows.len());
+    /// Makes the columns of considered errors, of smoothed signals if there are. Residual and
+    /// column would otherwise share the noise: with motion so slow that the second derivative of
+    /// the input is less than its noise, the score of a resonance is −σ_u² Σ ψ′², always of one
+    /// sign, and the sine of a joint that hardly moves would explain all noise by an eccentricity
+    /// of 1 rad.
+    pub fn project_suspects(&mut self) {
+        let (block, rows, kernels) = (&self.block, self.block.samples.windows.len(), &self.block.form.kernels);
         let signals = self.smoothed.or(&block.samples.signals);
         self.suspects.sense(block.samples.len, signals, &block.noise.q_std);
         for e in 0..block.form.equations() {
+            let scale = block.form.input(e).1;
             for (row, window) in block.samples.windows.all().iter().enumerate() {
-                project_errors(block, &mut self.suspects, e, row, window.centre, signals);
-                // exact positions need no smoothing
-                if let Some(c) = self.covariance.unscaled(block, e, row) {
-                    let support = block.form.support();
-                    self.suspects.turn(e, row, c, support, first_position(block, window));
-                }
+                let moments = [0, 1, 2].map(|r| block.moment(e, r, window.centre, &signals.u));
+                self.suspects.project(e, row, window.centre, scale, kernels, moments);
+                let c = self.covariance.unscaled(block, e, row);
+                let (support, first) = (block.form.support(), first_position(block, window));
+                self.suspects.turn(e, row, c, support, first);
             }
             self.suspects.whiten(e, rows, &self.rows.whitening[e]);
         }
@@ -196,22 +181,6 @@ impl<P: Plant> Projection<P> {
         self.block.reset();
         self.suspects.reset();
     }
-}
-
-/// The columns of a row that depend on the input and on the sign of the velocity; gives s ∫ψ^(r) u,
-/// which they are made of.
-fn project_errors<P: Plant>(
-    block: &MeasuredBlock<P>,
-    suspects: &mut SuspectColumns,
-    e: usize,
-    row: usize,
-    centre: usize,
-    signals: &Trajectory,
-) -> [f64; 3] {
-    let moments = block.moments(e, centre, &signals.u);
-    let scale = block.form.input(e).1;
-    suspects.project(e, row, centre, scale, &block.form.kernels, moments);
-    moments
 }
 
 /// The rows without the errors that are considered: a first fit knows of none.

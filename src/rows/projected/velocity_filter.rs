@@ -1,11 +1,15 @@
 //! The velocity inside nonlinear terms: q̇_k = Σ_j s_j q_{k+j}, −n ≤ j ≤ n, from a zero-phase
 //! Savitzky-Golay filter of order 5.
 
-use crate::rows::kernel::dot;
+use crate::rows::kernel::{correlate, dot};
 use crate::rows::smoothing::savitzky_golay;
+use std::ops::Range;
 
 /// Order of the polynomial that is fitted to the neighbours of a sample.
 pub(super) const ORDER: usize = 5;
+
+/// Samples from which on a stretch is filtered faster as a whole.
+const STRETCH: usize = 8;
 
 /// The filter.
 #[derive(Debug, Clone)]
@@ -35,9 +39,21 @@ impl VelocityFilter {
         })
     }
 
-    /// Velocity at sample `at`, which has its neighbours.
+    /// Writes the velocities at samples that have their neighbours.
     #[inline]
-    pub fn at(&self, q: &[f64], at: usize) -> f64 {
-        dot(&self.weights, &q[at - self.half..=at + self.half])
+    pub fn write(&self, q: &[f64], samples: Range<usize>, dq: &mut [f64]) {
+        if samples.len() >= STRETCH {
+            return self.write_stretch(q, samples, dq);
+        }
+        for at in samples {
+            dq[at] = dot(&self.weights, &q[at - self.half..=at + self.half]);
+        }
+    }
+
+    #[inline(never)]
+    fn write_stretch(&self, q: &[f64], samples: Range<usize>, dq: &mut [f64]) {
+        let (q, dq) = (&q[samples.start - self.half..samples.end + self.half], &mut dq[samples]);
+        dq.fill(0.0);
+        correlate(&self.weights, q, dq);
     }
 }

@@ -90,9 +90,7 @@ impl<P: Plant> WeakForm<P> {
     pub fn differentiate(&self, signals: &mut Trajectory, samples: Range<usize>) {
         let Trajectory { q, dq, features, .. } = signals;
         for (q, dq) in q.iter().zip(dq.iter_mut()) {
-            for at in samples.clone() {
-                dq[at] = self.velocity.at(q, at);
-            }
+            self.velocity.write(q, samples.clone(), dq);
         }
         let motion = |joint: usize, at: usize| (q[joint][at], dq[joint][at]);
         let put = |feature: usize, at: usize, value: f64| features[feature][at] = value;

@@ -18,7 +18,7 @@ use super::rows::WindowOptions;
 use super::simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator};
 use super::state::RobotSample;
 use super::tree::{Robot, Selection};
-use super::velocity::with_velocities;
+use super::velocity::{sample_period_s, with_velocities};
 use crate::pipe::{MAX_SETTINGS_BYTES, MAX_TABLE_BYTES, read_text};
 use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
@@ -43,8 +43,10 @@ pub struct RobotConfig {
     pub names_columns: bool,
     /// From a log's inputs to torques.
     pub drives: Drives,
-    /// How it is identified from a log.
+    /// How it is identified, in windows for the sample period of section `[plant]`; a log has its
+    /// own, [`windows_of`](Self::windows_of).
     pub options: IdentifyOptions,
+    windows: StatedWindows,
     /// True if a payload is looked for while it runs.
     pub payload: bool,
     /// Time to either side over which velocities are formed from positions while it runs \[s\];
@@ -153,9 +155,12 @@ impl RobotConfig {
             coupling: file.drive.coupling,
         };
         drives.validate(n).map_err(|problem| at("drive", problem))?;
+        let period_s = sample_period_of(file.plant.as_ref());
+        let sample_period_s = period_s.map_err(|problem| at("plant.sample_period_s", problem))?;
+        let windows = StatedWindows::of(&file.identify);
         let options = IdentifyOptions {
             gain_std: file.drive.gain_std.unwrap_or(0.0),
-            ..options(&file.identify)
+            ..options(&file.identify, windows.at(sample_period_s))
         };
         // Says what is wrong with the options now, not when the log has been read.
         RobotIdentifier::new(model.clone(), options).map_err(|problem| at("identify", problem))?;
@@ -190,7 +195,6 @@ impl RobotConfig {
             .into_iter()
             .filter_map(|(name, section)| Some((name.to_owned(), toml::Value::Table(section?))))
             .collect();
-        let sample_period_s = sample_period_s(&ordinary).map_err(|problem| at("plant.sample_period_s", problem))?;
         let payload = file.identify.payload.unwrap_or(true);
         let names_columns = file.log.names_columns();
         let columns = columns(file.log, n).map_err(|problem| at("log", problem))?;
@@ -201,6 +205,7 @@ impl RobotConfig {
             names_columns,
             drives,
             options,
+            windows,
             payload,
             velocity_s,
             simulation,
@@ -230,7 +235,19 @@ impl RobotConfig {
 
     /// The samples of a log that holds no velocities, with those of their positions.
     pub fn with_velocities(&self, log: &[RobotSample]) -> Vec<RobotSample> {
-        with_velocities(log, self.log_velocity_s(), self.options.windows.max_gap_s)
+        let windows = self.windows_of(log);
+        with_velocities(log, self.log_velocity_s(), windows.max_gap_s)
+    }
+
+    /// The windows of samples that are so far apart \[s\]: those that the file states, otherwise as
+    /// [`WindowOptions::for_period`] has them.
+    pub fn windows_at(&self, period_s: f64) -> WindowOptions {
+        self.windows.at(period_s)
+    }
+
+    /// The windows of a log.
+    pub fn windows_of(&self, log: &[RobotSample]) -> WindowOptions {
+        self.windows_at(sample_period_s(log).unwrap_or(self.sample_period_s))
     }
 }
 
@@ -242,8 +259,8 @@ fn file_of(table: &toml::Table) -> Result<File, String> {
 }
 
 /// TOML writes a whole number of seconds without a point.
-fn sample_period_s(ordinary: &toml::Table) -> Result<f64, String> {
-    let Some(value) = ordinary.get("plant").and_then(|plant| plant.get("sample_period_s")) else {
+fn sample_period_of(plant: Option<&toml::Table>) -> Result<f64, String> {
+    let Some(value) = plant.and_then(|plant| plant.get("sample_period_s")) else {
         return Ok(SAMPLE_PERIOD_S);
     };
     let number = value.as_float().or(value.as_integer().map(|whole| whole as f64));
@@ -412,17 +429,38 @@ fn friction(section: FrictionSection) -> Result<JointFriction, String> {
     Ok(friction)
 }
 
-fn options(section: &IdentifySection) -> IdentifyOptions {
+/// What a file states of the windows \[s\].
+#[derive(Debug, Clone, Copy)]
+struct StatedWindows {
+    length_s: Option<f64>,
+    stride_s: Option<f64>,
+    max_gap_s: Option<f64>,
+}
+
+impl StatedWindows {
+    fn of(section: &IdentifySection) -> Self {
+        Self {
+            length_s: section.window_s,
+            stride_s: section.stride_s,
+            max_gap_s: section.max_gap_s,
+        }
+    }
+
+    /// The windows of samples that are so far apart \[s\].
+    fn at(&self, period_s: f64) -> WindowOptions {
+        let mut windows = self
+            .length_s
+            .map_or_else(|| WindowOptions::for_period(period_s), WindowOptions::of_length);
+        windows.stride_s = self.stride_s.unwrap_or(windows.stride_s);
+        windows.max_gap_s = self.max_gap_s.unwrap_or(windows.max_gap_s);
+        windows
+    }
+}
+
+fn options(section: &IdentifySection, windows: WindowOptions) -> IdentifyOptions {
     let default = IdentifyOptions::default();
-    let windows = default.windows;
-    let length_s = section.window_s.unwrap_or(windows.length_s);
     IdentifyOptions {
-        windows: WindowOptions {
-            length_s,
-            stride_s: section.stride_s.unwrap_or(length_s / 5.0),
-            max_gap_s: section.max_gap_s.unwrap_or(length_s / 5.0),
-            ..windows
-        },
+        windows,
         block_s: section.block_s.unwrap_or(default.block_s),
         settle_blocks: section.settle_blocks.unwrap_or(default.settle_blocks),
         friction_walk: section.friction_walk.unwrap_or(default.friction_walk),

@@ -327,9 +327,21 @@ impl RobotIdentifier {
     pub(super) fn solve_known(&mut self) {
         self.assemble();
         self.solver.solve(&self.system, &self.fixed, &mut self.theta);
-        self.solver.covariance(&self.system, &self.fixed, &mut self.covariance);
+        self.solve_covariance();
         self.refresh_effective();
         self.left_out.iter_mut().for_each(LeftOut::forget_shifts);
+    }
+
+    /// P of what is known. If rounding has spoilt it, parameters are as uncertain as before the
+    /// first block: their values must not pass for known.
+    fn solve_covariance(&mut self) {
+        if self.solver.covariance(&self.system, &self.fixed, &mut self.covariance) {
+            return;
+        }
+        let n = self.theta.len();
+        for i in (0..self.parameters.len()).filter(|i| !self.fixed[*i]) {
+            self.covariance[i * n + i] = self.parameters[i].scale.powi(2);
+        }
     }
 
     /// Takes a sample; true if a block of time was completed and the estimates are new.
@@ -469,7 +481,7 @@ impl RobotIdentifier {
                 self.weigh_all();
                 self.solve_all();
             }
-            self.solver.covariance(&self.system, &self.fixed, &mut self.covariance);
+            self.solve_covariance();
             if self.blocks >= self.options.settle_blocks {
                 self.condense();
             }

@@ -116,7 +116,7 @@ impl Solver {
     }
 
     /// P = Λ_ff⁻¹ spread over all n parameters, 0 for those that are held. False if rounding has
-    /// spoilt Λ.
+    /// spoilt Λ, and `covariance` stays as it is.
     pub fn covariance(&mut self, information: &Information, fixed: &[bool], covariance: &mut [f64]) -> bool {
         let n = information.n;
         let m = self.gather(information, fixed);
@@ -124,6 +124,10 @@ impl Solver {
             return false;
         }
         self.factor.inverse(&mut self.columns[..m * m], &mut self.work);
+        let is_sound = |variance: f64| variance > 0.0 && variance.is_finite();
+        if !(0..m).all(|r| is_sound(self.columns[r * m + r])) {
+            return false;
+        }
         covariance[..n * n].fill(0.0);
         for (r, &i) in self.free.iter().enumerate() {
             for (c, &j) in self.free.iter().enumerate() {

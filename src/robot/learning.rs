@@ -16,6 +16,10 @@ const KEPT_INFLATION: f64 = 8.0;
 const FOLLOWED_BLOCKS: f64 = 20.0;
 /// Smallest σ_j beside the joint's mean torque: a perfect simulation has no residual at all.
 const SMALLEST_STD: f64 = 1e-9;
+/// The same while a joint has hardly more rows than its share of the parameters, which fit any.
+const UNTRIED_STD: f64 = 0.02;
+/// Rows for each parameter from which on residuals tell of the noise.
+const ROWS_PER_PARAMETER: f64 = 2.0;
 /// Least size of a parameter for its excitation, as a part of its prior.
 const SMALLEST_SIZE: f64 = 1e-3;
 
@@ -34,10 +38,24 @@ impl RobotIdentifier {
             let rows = sums.rows as f64;
             let own = self.model.friction_of(joint).len().max(1) as f64;
             let variance = sums.residual_square(&self.effective) / (rows - own).max(1.0); // (2)
-            let floor = (sums.square / rows).sqrt() * SMALLEST_STD;
+            let share = self.parameters.len() as f64 / self.model.robot().len() as f64;
+            let untried = (ROWS_PER_PARAMETER - self.independent(sums) / share).clamp(0.0, 1.0);
+            let floor = (sums.square / rows).sqrt() * (SMALLEST_STD + UNTRIED_STD * untried);
             self.torque_std[joint] = variance.sqrt().max(floor).max(f64::MIN_POSITIVE.sqrt());
         }
         self.inflate();
+    }
+
+    /// Rows of a joint that do not overlap.
+    fn independent(&self, sums: &JointSums) -> f64 {
+        let windows = &self.options.windows;
+        sums.rows as f64 * (windows.stride_s / windows.length_s).min(1.0)
+    }
+
+    /// True if there are enough rows to tell a change from what is not known yet.
+    pub(super) fn has_rows_enough(&self) -> bool {
+        let rows: f64 = self.all.iter().map(|sums| self.independent(sums)).sum();
+        self.condensed || rows >= ROWS_PER_PARAMETER * self.parameters.len() as f64
     }
 
     /// (3) over the recent blocks.

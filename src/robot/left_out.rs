@@ -22,8 +22,9 @@
 //! remains once every term is there. f_j there is of blocks as clusters, so that a misfit that
 //! keeps its sign through a block raises no alarm. A term is named if z exceeds [`NAMED`] and a
 //! usable parameter is off by more than [`HARMFUL`] of its standard deviations and [`LEAST_ERROR`]
-//! of itself: then the model does not describe the machine. Standard deviations hold (6) before
-//! that, too, so that a term that does less harm, or is less sure, makes nothing surely wrong.
+//! of itself, or if nothing may be used and it explains more than [`TELLING`] of the misfit: then
+//! the model does not describe the machine. Standard deviations hold (6) before that, too, so that
+//! a term that does less harm, or is less sure, makes nothing surely wrong.
 //!
 //! A zero or a tilt turns the moments of what the links weigh, and leaves next to no residual (on a
 //! six-axis arm, z < 1 with 10 mrad at joint 3, which puts hz3 2 % off): no test can find it, so
@@ -51,6 +52,8 @@ const BELIEVED: f64 = 4.0;
 const USABLE: f64 = 0.05;
 /// … if that is larger than this part of it.
 const LEAST_ERROR: f64 = 0.0025;
+/// Share of the misfit from which on a term is named if nothing may be used anyway.
+const TELLING: f64 = 0.2;
 /// Standard deviations allow for terms whose information is not nearly all rounding.
 const TOLD_APART: f64 = 2.0 * ROUNDING;
 
@@ -88,6 +91,7 @@ impl RobotIdentifier {
             None => (NAMED.0, HARMFUL.0),
             Some(_) => (NAMED.1, HARMFUL.1),
         };
+        let is_useless = !self.knows_any();
         let (n, k) = (self.theta.len(), left_out.terms.len());
         for c in 0..k {
             let LeftOutTerm { what, index, .. } = left_out.terms[c];
@@ -110,20 +114,30 @@ impl RobotIdentifier {
             }
             let harm = self.harm(&left_out.shifts[c * n..(c + 1) * n], amplitude);
             let is_likelier = left_out.found.is_none_or(|found| deviations > found.deviations);
-            if deviations > named && harm > harmful && is_likelier {
+            if deviations > named && is_likelier {
                 left_out.theta.copy_from_slice(&self.theta);
                 left_out.step(c, amplitude);
                 self.effective_of(&left_out.theta, &mut left_out.effective);
-                left_out.found = Some(LeftOutCause {
-                    what,
-                    amplitude,
-                    deviations,
-                    harm,
-                    share: self.share(what.only_joint(), &left_out.effective),
-                });
+                let share = self.share(what.only_joint(), &left_out.effective);
+                if harm > harmful || is_useless && share > TELLING {
+                    left_out.found = Some(LeftOutCause {
+                        what,
+                        amplitude,
+                        deviations,
+                        harm,
+                        share,
+                    });
+                }
             }
             left_out.believe(c, amplitude);
         }
+    }
+
+    /// True if any parameter is known well enough to be used.
+    fn knows_any(&self) -> bool {
+        let n = self.theta.len();
+        let is_known = |i: usize| 3.0 * self.covariance[i * n + i].max(0.0).sqrt() < USABLE * self.theta[i].abs();
+        (0..self.parameters.len()).any(|i| !self.fixed[i] && is_known(i))
     }
 
     /// Standard deviations by which the parameter that may be used and suffers most is off.

@@ -53,6 +53,22 @@ impl Default for WindowOptions {
 }
 
 impl WindowOptions {
+    /// For samples that are so far apart \[s\]: 25 of them to a window, of 0.1 to 0.25 s. A longer
+    /// window blurs reversals, a shorter one averages less noise.
+    pub fn for_period(period_s: f64) -> Self {
+        Self::of_length((25.0 * period_s).clamp(0.1, 0.25))
+    }
+
+    /// Windows of this length \[s\]; stride and gap are a fifth of it.
+    pub fn of_length(length_s: f64) -> Self {
+        Self {
+            length_s,
+            stride_s: length_s / 5.0,
+            max_gap_s: length_s / 5.0,
+            ..Self::default()
+        }
+    }
+
     /// Checks the lengths.
     ///
     /// # Errors

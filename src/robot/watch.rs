@@ -70,7 +70,7 @@ impl RobotIdentifier {
     fn look(&mut self, now_s: f64) {
         let doubt = self.watch.as_ref().map_or(0, |watch| watch.doubt);
         let slices = self.pending.len().min(WINDOW + doubt);
-        if self.blocks == 0 || self.slices < LEARNT {
+        if self.blocks == 0 || self.slices < LEARNT || !self.has_rows_enough() {
             return;
         }
         let Some(mut watch) = self.watch.take() else { return };

@@ -11,7 +11,7 @@ use std::fmt::Write as _;
 /// # Errors
 /// A configuration, a log or a load that is wrong.
 pub fn run(args: &CalibrateArgs) -> Result<Exit, Failure> {
-    let config = RobotConfig::from_file(&args.config).map_err(Failure::Usage)?;
+    let mut config = RobotConfig::from_file(&args.config).map_err(Failure::Usage)?;
     if config.drives.coupling.is_some() {
         return Err(Failure::Usage(format!(
             "{}: drive.coupling: expected a drive for each joint, got coupled ones, whose gains one load does not tell apart",
@@ -29,6 +29,7 @@ pub fn run(args: &CalibrateArgs) -> Result<Exit, Failure> {
         Ok(log)
     });
     let (empty, loaded) = (empty?.samples, loaded?.samples);
+    config.options.windows = config.windows_of(&empty);
     let found = GainCalibration::of(&config.model, &config.options, &empty, &loaded, &load).map_err(Failure::Usage)?;
     let gains: Vec<f64> = config
         .drives

@@ -58,7 +58,7 @@ fn none_with_validation(args: &IdentifyArgs) -> Result<Option<RobotConfig>, Fail
 ///
 /// # Errors
 /// A log that is wrong, results that cannot be written.
-pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown) -> Result<Exit, Failure> {
+pub(super) fn run(args: &IdentifyArgs, mut config: RobotConfig, shutdown: &Shutdown) -> Result<Exit, Failure> {
     if let Some(dir) = &args.out {
         out_dir::check(dir)?;
     }
@@ -68,6 +68,7 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
     let held_out = held_out.transpose()?;
     // Between two tickers: a line of the one would run into the other's.
     drop(ticker);
+    config.options.windows = config.windows_of(&log.samples);
     robot_profile::tell(&args.input, &config, &log);
     if let (Some(path), Some(log)) = (&args.validate, &held_out) {
         robot_profile::tell(path, &config, log);

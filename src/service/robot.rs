@@ -58,10 +58,11 @@ pub(super) fn source(
     let config = RobotConfig::parse_with(&text, path, set).map_err(Failure::Usage)?;
     let in_file = |problem: String| Failure::Usage(format!("{}: {problem}", path.display()));
     let own_period_s = config.sample_period_s;
-    let ordinary = config.ordinary;
+    let period_s = period_s.unwrap_or(own_period_s);
     let settings = RobotSettings {
         options: IdentifyOptions {
             payload: config.payload,
+            windows: config.windows_at(period_s),
             ..config.options
         },
         model: config.model,
@@ -71,11 +72,10 @@ pub(super) fn source(
     };
     let (block_s, simulation) = (settings.options.block_s, settings.simulation.clone());
     let robot = RobotPlant::new(settings).map_err(in_file)?;
-    let mut table = ordinary;
+    let mut table = config.ordinary;
     // What lies below, such as the configuration of a recording, may name another robot.
     let name = crate::node::model::Model::definition(&robot).name.clone();
     section(&mut table, "model").insert("kind".to_owned(), Value::from(name));
-    let period_s = period_s.unwrap_or(own_period_s);
     let plant = section(&mut table, "plant");
     state(plant, "sample_period_s", own_period_s);
     state(plant, "duration_s", DURATION_S);

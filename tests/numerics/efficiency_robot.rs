@@ -173,7 +173,7 @@ fn regress_the_study_has_the_shipped_robot() {
         payload: config.payload,
         ..config.options
     };
-    assert_eq!(RobotCase::identification(), shipped);
+    assert_eq!(RobotCase::identification(case.model().robot()), shipped);
     assert_eq!(config.velocity_s, Some(0.02));
     let own = case.options(0);
     let without_what_differs = RobotSimOptions {

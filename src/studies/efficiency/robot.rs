@@ -17,7 +17,7 @@ use crate::model::MAX_JOINTS;
 use crate::robot::{
     Excitation, ExcitationOptions, Forecaster, IdentifyOptions, JointFriction, JointRange, MotionLimits, Motions,
     Robot, RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator, RowMisfit, Selection,
-    SimulatedDrive, with_velocities,
+    SimulatedDrive, WindowOptions, with_velocities,
 };
 use std::sync::Arc;
 
@@ -78,7 +78,7 @@ impl RobotMotion {
                     tries: TRIES,
                     ..ExcitationOptions::new(ranges)
                 };
-                let windows = IdentifyOptions::default().windows;
+                let windows = RobotCase::identification(model.robot()).windows;
                 let misfit = RowMisfit::white(&torque_std(model.robot()), sample_period_s(model.robot()), &windows);
                 let mut forecaster = Forecaster::new(model.clone(), windows, misfit)?;
                 let motion = Excitation::design(&mut forecaster, &options, &mut |_| true)?;
@@ -211,8 +211,9 @@ impl RobotCase {
     }
 
     /// How it is identified.
-    pub fn identification() -> IdentifyOptions {
+    pub fn identification(robot: &Robot) -> IdentifyOptions {
         IdentifyOptions {
+            windows: WindowOptions::for_period(sample_period_s(robot)),
             payload: true,
             // The zeros of the simulated encoders are those of the URDF.
             zero_rad: 0.0,
@@ -258,7 +259,7 @@ impl RobotCase {
             setpoints.push(sample.setpoint);
         }
         let [bound, exact_bound] = bound.std().ok_or("the run tells nothing")?;
-        let identification = Self::identification();
+        let identification = Self::identification(self.model.robot());
         let moving = with_velocities(&log, VELOCITY_S, identification.windows.max_gap_s);
         let mut identifier = RobotIdentifier::new(model.clone(), identification)?;
         for sample in &moving {

@@ -11,7 +11,7 @@ use thetabus::node::identifier::IdentifierOptions;
 use thetabus::node::robot::{RobotLearner, RobotNode};
 use thetabus::robot::{
     Drives, FrictionTerm, IdentifyOptions, JointFriction, Motions, RobotIdentifier, RobotModel, RobotSimOptions,
-    RobotSimulator, Velocities,
+    RobotSimulator, Velocities, WindowOptions,
 };
 
 /// Fourier series that begin anew every 20 s, and moves from posture to posture with rests.
@@ -19,15 +19,15 @@ const MOTIONS: [bool; 2] = [false, true];
 
 /// What a run has shown.
 #[derive(Debug, Default)]
-struct Run {
-    usable: usize,
-    dangerous: usize,
+pub(super) struct Run {
+    pub usable: usize,
+    pub dangerous: usize,
     misfits: usize,
     /// What the status said at the last misfit.
     words: String,
 }
 
-fn simulation(has_rests: bool, seed: u64) -> RobotSimOptions {
+pub(super) fn simulation(has_rests: bool, seed: u64) -> RobotSimOptions {
     let mut options = RobotSimOptions {
         seed,
         machine_seed: seed,
@@ -41,7 +41,7 @@ fn simulation(has_rests: bool, seed: u64) -> RobotSimOptions {
 }
 
 /// Identifies as the service does by default; `terms` are those of the model.
-fn run(terms: &[FrictionTerm], presliding: f64, simulation: RobotSimOptions, seconds: usize) -> Run {
+pub(super) fn run(terms: &[FrictionTerm], presliding: f64, simulation: RobotSimOptions, seconds: usize) -> Run {
     let robot = robot(SIX_AXIS);
     let friction = JointFriction {
         terms: terms.to_vec(),
@@ -50,6 +50,7 @@ fn run(terms: &[FrictionTerm], presliding: f64, simulation: RobotSimOptions, sec
     };
     let model = RobotModel::new(robot.clone(), true, vec![friction; 6]).unwrap();
     let options = IdentifyOptions {
+        windows: WindowOptions::for_period(1e-3),
         payload: true,
         ..IdentifyOptions::default()
     };

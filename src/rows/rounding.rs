@@ -17,16 +17,21 @@
 
 /// Cycles per sample below which windows see a beat.
 pub(super) const BEAT: f64 = 0.2;
-/// Most that the variance is raised by: beyond it the rounding hardly changes within a window, and
-/// an offset is no noise.
-pub(super) const LIMIT: f64 = 30.0;
+/// Samples of a window for each multiple of the variance that is the most it is raised by.
+const SAMPLES_PER_MULTIPLE: f64 = 4.0 / 3.0;
 /// Largest n: the fourth sawtooth raises the variance by a factor of two once in a while.
 const FRACTIONS: usize = 3;
 
+/// Most that the variance is raised by in windows of `half` samples to either side: at a slower beat
+/// the rounding hardly changes within a window, and an offset is no noise.
+pub(super) fn limit(half: usize) -> f64 {
+    2.0 * half as f64 / SAMPLES_PER_MULTIPLE
+}
+
 /// Factor of the variance of rounding at a velocity \[counts per sample\] and an acceleration
-/// \[counts per sample²\], from 1 to 30.
+/// \[counts per sample²\], from 1 to `limit`.
 #[inline]
-pub(super) fn inflation(velocity: f64, acceleration: f64) -> f64 {
+pub(super) fn inflation(velocity: f64, acceleration: f64, limit: f64) -> f64 {
     (1..=FRACTIONS)
         .map(|n| {
             let n = n as f64;
@@ -34,7 +39,7 @@ pub(super) fn inflation(velocity: f64, acceleration: f64) -> f64 {
             let beat = (cycles - nearest_integer(cycles))
                 .abs()
                 .max(0.5 * (n * acceleration.abs()).sqrt());
-            (BEAT / beat).min(LIMIT) / (n * n)
+            (BEAT / beat).min(limit) / (n * n)
         })
         .fold(1.0, f64::max)
 }
@@ -63,12 +68,12 @@ mod tests {
 
     #[test]
     fn prop_only_slow_beats_raise_the_variance() {
-        assert_eq!(inflation(0.0, 0.0), LIMIT);
-        assert_eq!(inflation(3.0, 0.0), LIMIT);
-        assert_eq!(inflation(0.5, 0.0), LIMIT / 4.0);
-        assert_eq!(inflation(-0.28, 0.0), 1.0);
+        assert_eq!(inflation(0.0, 0.0, 30.0), 30.0);
+        assert_eq!(inflation(3.0, 0.0, 30.0), 30.0);
+        assert_eq!(inflation(0.5, 0.0, 30.0), 7.5);
+        assert_eq!(inflation(-0.28, 0.0, 30.0), 1.0);
         // a joint that accelerates does not stay at any beat
-        assert_eq!(inflation(1.0, 1.0), 1.0);
+        assert_eq!(inflation(1.0, 1.0, 30.0), 1.0);
     }
 
     #[test]
@@ -103,11 +108,11 @@ mod tests {
         for v in [0.28, 0.72, 1.28] {
             // two to three digits of a fraction without a small denominator: white to within a
             // factor of two
-            assert!(power(v) < 2.0 * inflation(v, 0.0), "{v}: {}", power(v));
+            assert!(power(v) < 2.0 * inflation(v, 0.0, limit(20)), "{v}: {}", power(v));
         }
         for v in [0.03, 0.98, 2.04] {
             // the sawtooth itself, at the frequencies that this window passes best
-            let (seen, taken) = (power(v), inflation(v, 0.0));
+            let (seen, taken) = (power(v), inflation(v, 0.0, limit(20)));
             assert!(
                 seen > 2.0 && taken > 0.3 * seen && taken < 4.0 * seen,
                 "{v}: {seen} {taken}"

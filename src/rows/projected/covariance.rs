@@ -273,5 +273,5 @@ fn input_rounding<P: Plant>(block: &MeasuredBlock<P>, e: usize, row: usize) -> f
     let u = &block.samples.signals.u[input][centre - half..=centre + half];
     let steps: f64 = u.windows(2).map(|pair| (pair[1] - pair[0]).abs().min(count)).sum();
     let rate = steps / (u.len() as f64 * count);
-    count * count / 12.0 * (rounding::BEAT / rate).clamp(1.0, rounding::LIMIT)
+    count * count / 12.0 * (rounding::BEAT / rate).clamp(1.0, rounding::limit(block.form.kernels.half))
 }

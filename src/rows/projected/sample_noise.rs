@@ -99,6 +99,7 @@ impl SampleNoise {
         let (q, dq) = (&samples.signals.q[joint], &samples.signals.dq[joint]);
         let std = &mut self.q_std[joint];
         let per_sample = form.options.sample_period_s / resolution;
+        let limit = rounding::limit(form.kernels.half);
         // windows lie before a hole as well as behind it
         for stretch in samples.repair.stretches(samples.len) {
             let around = |at: usize, reach: usize, within: &Range<usize>| {
@@ -118,12 +119,12 @@ impl SampleNoise {
                         // of the difference of two filtered velocities, in counts
                         let noise = form.velocity.gain / (6f64.sqrt() * span);
                         let velocity = dq[at.clamp(filtered.start, filtered.end - 1)] * per_sample;
-                        (acceleration.abs() > SURE * noise).then(|| rounding::inflation(velocity, acceleration))
+                        (acceleration.abs() > SURE * noise).then(|| rounding::inflation(velocity, acceleration, limit))
                     });
                     // otherwise slow enough to be measured over a window's length
                     fast.flatten().unwrap_or_else(|| {
                         let (before, after, span) = around(at, form.kernels.half, &stretch);
-                        rounding::inflation((q[after] - q[before]) / resolution / span, 0.0)
+                        rounding::inflation((q[after] - q[before]) / resolution / span, 0.0, limit)
                     })
                 } else {
                     1.0

@@ -1,7 +1,7 @@
 //! `summary.json` and the result table: how a run ended, beside the truth if it is known.
 
 use crate::messages::{Estimate, State};
-use crate::node::monitor::{MonitorNode, relative_error, seconds};
+use crate::node::monitor::{MonitorNode, poorly_excited_words, relative_error, seconds};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -36,6 +36,27 @@ pub struct ParameterSummary {
     pub excited: Option<bool>,
     /// Whether it was held.
     pub fixed: Option<bool>,
+    /// Whether a controller may use it.
+    #[serde(default)]
+    pub usable: Option<bool>,
+}
+
+impl ParameterSummary {
+    /// What its numbers do not say, in words: `fixed`; `known from earlier blocks` of a value that
+    /// the last block did not inform on; `not excited` of one that the motion leaves open.
+    pub fn note(&self) -> &'static str {
+        let known = self
+            .estimate
+            .zip(self.std)
+            .is_some_and(|(value, std)| 3.0 * std < value.abs());
+        match (self.fixed, self.excited, self.usable) {
+            (Some(true), ..) => "fixed",
+            (_, Some(false), Some(true)) => "",
+            (_, Some(false), _) if known => "known from earlier blocks",
+            (_, Some(false), _) => "not excited",
+            _ => "",
+        }
+    }
 }
 
 /// One derived value at the end of a run; what is not known is null.
@@ -97,6 +118,9 @@ pub struct Summary {
     /// What the model lacks, in words, if the residuals speak for something.
     #[serde(default)]
     pub misfit: Option<String>,
+    /// Why there is no estimate, in words, if the identifier said so.
+    #[serde(default)]
+    pub no_estimate: Option<String>,
 }
 
 impl Summary {
@@ -147,6 +171,7 @@ impl Summary {
             wall_s: None,
             restarts: None,
             misfit: monitor.misfit().map(str::to_owned),
+            no_estimate: status.and_then(|s| s.no_estimate()).map(str::to_owned),
         }
     }
 }
@@ -178,6 +203,7 @@ fn parameters(monitor: &MonitorNode, last: Option<&Estimate>) -> Vec<ParameterSu
                     .and_then(finite),
                 excited: last.map(|e| e.excited.contains(i)),
                 fixed: last.map(|e| e.fixed.contains(i)),
+                usable: last.map(|e| e.is_usable(i)),
             }
         })
         .collect()
@@ -216,10 +242,9 @@ impl fmt::Display for Summary {
             "error"
         )?;
         for p in &self.parameters {
-            let note = match (p.fixed, p.excited) {
-                (Some(true), _) => "  (fixed)",
-                (_, Some(false)) => "  (not excited in the last block)",
-                _ => "",
+            let note = match p.note() {
+                "" => String::new(),
+                words => format!("  ({words})"),
             };
             writeln!(
                 f,
@@ -268,6 +293,10 @@ impl fmt::Display for Summary {
             if self.blocks == 1 { "block" } else { "blocks" },
             self.state
         )?;
+        if self.state == State::PoorlyExcited.name() {
+            let usable = self.parameters.iter().filter(|p| p.usable == Some(true)).count();
+            write!(f, " ({})", poorly_excited_words(usable, self.parameters.len()))?;
+        }
         match self.wall_s {
             Some(wall) => writeln!(f, "; wall time {wall:.1} s")?,
             None => writeln!(f)?,
@@ -276,6 +305,9 @@ impl fmt::Display for Summary {
         let restarted: Vec<String> = restarted.map(|(name, count)| format!("{name} {count}")).collect();
         if !restarted.is_empty() {
             writeln!(f, "started again: {}", restarted.join(", "))?;
+        }
+        if let Some(words) = &self.no_estimate {
+            writeln!(f, "no estimate: {words}")?;
         }
         if let Some(words) = &self.misfit {
             writeln!(f, "{words}")?;
@@ -360,6 +392,31 @@ mod tests {
             "1000 samples accepted",
         ] {
             assert!(table.contains(part), "{part:?} is not in\n{table}");
+        }
+    }
+
+    #[test]
+    fn prop_a_value_that_is_known_or_usable_is_not_called_not_excited() {
+        let parameter = |std: f64, excited: bool, usable: bool, fixed: bool| ParameterSummary {
+            name: "m".to_owned(),
+            unit: "kg".to_owned(),
+            estimate: Some(-2.0),
+            std: Some(std),
+            truth: None,
+            relative_error: None,
+            excited: Some(excited),
+            fixed: Some(fixed),
+            usable: Some(usable),
+        };
+        for (std, [excited, usable, fixed], note) in [
+            (0.01, [false, true, false], ""),
+            (0.5, [false, false, false], "known from earlier blocks"),
+            (0.7, [false, false, false], "not excited"),
+            (f64::NAN, [false, false, false], "not excited"),
+            (0.7, [true, false, false], ""),
+            (0.7, [false, false, true], "fixed"),
+        ] {
+            assert_eq!(parameter(std, excited, usable, fixed).note(), note, "{std}");
         }
     }
 

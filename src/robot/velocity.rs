@@ -86,17 +86,24 @@ impl Velocities {
 /// samples at least. Samples at the ends, and beside gaps longer than `max_gap_s` \[s\], have no
 /// neighbours on both sides and are left out.
 pub fn with_velocities(log: &[RobotSample], half_s: f64, max_gap_s: f64) -> Vec<RobotSample> {
-    if log.len() < 2 {
+    let Some(period_s) = median_period_s(log) else {
         return Vec::new();
-    }
-    // The median, so that a pause does not count.
-    let mut steps: Vec<f64> = log.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
-    let (_, period_s, _) = steps.select_nth_unstable_by((log.len() - 1) / 2, f64::total_cmp);
-    let period_s = *period_s;
+    };
     // Not more neighbours than there are samples: a wrong unit of time is reported elsewhere.
     let half = ((half_s / period_s).round() as usize).clamp(2, log.len());
     let mut velocities = Velocities::new(half, max_gap_s.max(1.5 * period_s));
     log.iter().filter_map(|sample| velocities.push(sample)).collect()
+}
+
+/// Median time from one sample to the next \[s\], so that a pause does not count; `None` of fewer
+/// than two.
+pub fn median_period_s(log: &[RobotSample]) -> Option<f64> {
+    if log.len() < 2 {
+        return None;
+    }
+    let mut steps: Vec<f64> = log.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
+    let (_, period_s, _) = steps.select_nth_unstable_by((log.len() - 1) / 2, f64::total_cmp);
+    Some(*period_s)
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use crate::messages::{Estimate, State};
 use crate::node::robot::RobotEvidence;
 use crate::robot::{
     FilteredSample, RobotConfig, RobotIdentifier, TorqueFit, correlation_time_s, filtered, is_robot_override,
-    judge_robot_fit,
+    judge_robot_fit, median_period_s,
 };
 use crate::runner::Shutdown;
 use serde_json::{Value, json};
@@ -103,11 +103,14 @@ pub(super) fn run(args: &IdentifyArgs, config: RobotConfig, shutdown: &Shutdown)
         estimates_line(&identifier, (sample.t_s, &last), &mut estimates);
     }
     if identifier.blocks() == 0 {
-        return Err(Failure::Usage(format!(
-            "{}: expected at least a second in which a joint moves, got {} samples that give no row",
-            args.input.display(),
-            log.len()
-        )));
+        let why = match median_period_s(&log).and_then(|period_s| identifier.windows().too_far_apart(period_s)) {
+            Some(too_far_apart) => too_far_apart.to_string(),
+            None => format!(
+                "expected at least a second in which a joint moves, got {} samples that give no row",
+                log.len()
+            ),
+        };
+        return Err(Failure::Usage(format!("{}: {why}", args.input.display())));
     }
     ticker.stage("judging the fit");
     let fit = |states: &[FilteredSample]| TorqueFit::of(identifier.model(), identifier.theta(), states);

@@ -230,57 +230,33 @@ fn derived(monitor: &MonitorNode, last: Option<&Estimate>) -> Vec<DerivedSummary
 /// The result table as `thetabus run` prints it.
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let number = |value: Option<f64>| value.map_or_else(|| "-".to_string(), significant);
-        let name = |text: &str| format!("{text:<18}");
+        let name = "parameter";
         writeln!(
             f,
-            "{} {:>14} {:>11} {:>14} {:>11}  unit",
-            name("parameter"),
-            "estimate",
-            "std",
-            "truth",
-            "error"
+            "{name:<18} {:>14} {:>11} {:>14} {:>11}  unit",
+            "estimate", "std", "truth", "error"
         )?;
         for p in &self.parameters {
-            let note = match p.note() {
-                "" => String::new(),
-                words => format!("  ({words})"),
-            };
-            writeln!(
-                f,
-                "{} {:>14} {:>11} {:>14} {:>11}  {}{note}",
-                name(&p.name),
-                number(p.estimate),
-                p.std.map_or_else(|| "-".to_string(), |std| format!("{std:.1e}")),
-                number(p.truth),
-                error(p.estimate, p.std, p.truth),
-                p.unit
-            )?;
-        }
-        for d in &self.derived {
-            writeln!(
-                f,
-                "{} {:>14} {:>11} {:>14} {:>11}  {}",
-                name(&d.name),
-                number(d.estimate),
-                d.std.map_or_else(|| "-".to_string(), |std| format!("{std:.1e}")),
-                number(d.truth),
-                error(d.estimate, d.std, d.truth),
-                d.unit
-            )?;
-        }
-        for change in &self.changes {
-            write!(
-                f,
-                "change at {:.3} s, announced by block {} at {:.3} s",
-                change.t_s, change.block, change.detected_t_s
-            )?;
-            match change.blocks_to_1_percent {
-                Some(0) => writeln!(f, ", all within 1 % of the truth in the same block")?,
-                Some(blocks) => writeln!(f, ", all within 1 % of the truth {blocks} block(s) later")?,
-                None => writeln!(f)?,
+            line(f, &p.name, [p.estimate, p.std, p.truth], &p.unit)?;
+            match p.note() {
+                "" => writeln!(f)?,
+                words => writeln!(f, "  ({words})")?,
             }
         }
+        for d in &self.derived {
+            line(f, &d.name, [d.estimate, d.std, d.truth], &d.unit)?;
+            writeln!(f)?;
+        }
+        for change in &self.changes {
+            writeln!(f, "{change}")?;
+        }
+        self.end(f)
+    }
+}
+
+impl Summary {
+    /// The lines below the table: counts, state, and what the identifier said.
+    fn end(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let SampleCounts {
             accepted,
             missing,
@@ -313,6 +289,35 @@ impl fmt::Display for Summary {
             writeln!(f, "{words}")?;
         }
         Ok(())
+    }
+}
+
+/// A quantity's name, estimate, standard deviation, truth, error and unit, without the line's end.
+fn line(f: &mut fmt::Formatter<'_>, name: &str, values: [Option<f64>; 3], unit: &str) -> fmt::Result {
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_string(), significant);
+    let [estimate, std, truth] = values;
+    write!(
+        f,
+        "{name:<18} {:>14} {:>11} {:>14} {:>11}  {unit}",
+        number(estimate),
+        std.map_or_else(|| "-".to_string(), |std| format!("{std:.1e}")),
+        number(truth),
+        error(estimate, std, truth),
+    )
+}
+
+impl fmt::Display for ChangeSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "change at {:.3} s, announced by block {} at {:.3} s",
+            self.t_s, self.block, self.detected_t_s
+        )?;
+        match self.blocks_to_1_percent {
+            Some(0) => f.write_str(", all within 1 % of the truth in the same block"),
+            Some(blocks) => write!(f, ", all within 1 % of the truth {blocks} block(s) later"),
+            None => Ok(()),
+        }
     }
 }
 

@@ -242,7 +242,8 @@
   }
 
   const arrows = { unknown: '', steady: '→', rising: '↑', falling: '↓' };
-  const note = row => row.fixed ? ['fixed', 'wait'] : row.usable ? ['usable', 'good'] : row.value === null ? ['', ''] : row.excited ? ['uncertain', 'warn'] : ['not excited', 'warn'];
+  const known = row => row.std !== null && 3 * row.std < Math.abs(row.value);
+  const note = row => row.fixed ? ['fixed', 'wait'] : row.usable ? ['usable', 'good'] : row.value === null ? ['', ''] : row.excited || known(row) ? ['uncertain', 'warn'] : ['not excited', 'warn'];
 
   function words() {
     const view = run.view;

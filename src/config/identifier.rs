@@ -143,13 +143,14 @@ fn projected(form: &FileForm, linear: bool, joints: usize, check: &mut Check<'_>
             field if field.starts_with("considered.") => format!("identifier.{field}"),
             field => format!("identifier.projected.{field}"),
         };
-        let got = match field.ends_with("_s") {
-            true if expected.contains("sample period") => {
+        let got = match field {
+            // ranges of these are in sample periods
+            "window_s" | "stride_s" => {
                 let periods = (got / form.plant.sample_period_s).round();
                 format!("{got} s, which are {periods}")
             }
-            true => format!("{got} s"),
-            false => got.to_string(),
+            field if field.ends_with("_s") => format!("{got} s"),
+            _ => got.to_string(),
         };
         check.wrong(&key, format!("expected {expected}, got {got}"));
         return None;

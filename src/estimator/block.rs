@@ -9,7 +9,7 @@ use super::change_search::ChangeSearch;
 use super::drift_watch::DriftWatch;
 use super::evidence::explained;
 use super::fit::Fit;
-use super::fit_statistic::{self, BlockFit, EquationFit, NoiseLevel};
+use super::fit_statistic::{BlockFit, EquationFit, NoiseLevel};
 use super::groups::Groups;
 use super::options::{ChangeDetection, EstimatorError, EstimatorOptions};
 use super::pass::Summable;
@@ -279,6 +279,42 @@ impl BlockEstimator {
     }
 
     fn learn(&mut self, rows: &dyn Summable) -> &Report {
+        self.begin(rows);
+        // all groups or none: half a block would be no estimate of the plant
+        if rows.is_empty() || !self.groups.look(rows, &self.theta) {
+            let held = if rows.is_empty() { Held::Empty } else { Held::NotFinite };
+            self.report.hold(held);
+            return &self.report;
+        }
+        self.begin_groups(rows);
+        let (mut lines, broken) = self
+            .drift
+            .follow(rows, &mut self.groups, &mut self.theta, &self.options);
+        if lines != 0 {
+            self.report.change = Some(Change::over_the_block(ChangeKind::Drift, rows));
+        }
+        self.fit(rows, lines);
+        if let Some(detection) = self.options.change_detection {
+            lines |= self.watch(rows, lines, detection);
+            if broken {
+                self.give_up_the_line();
+            }
+        }
+        // the sums of a single step belong to θ̄
+        let before = self.is_single() && self.report.change.is_none();
+        self.judge_fit(rows, lines, before);
+        self.conclude(rows, lines, before);
+        self.describe();
+        &self.report
+    }
+
+    /// True if each block moves the estimate by one step from θ̄.
+    fn is_single(&self) -> bool {
+        self.options.max_iterations == 1
+    }
+
+    /// The next block comes.
+    fn begin(&mut self, rows: &dyn Summable) {
         // a block without rows, or one that was held, leaves the start still to be found
         let unseen = !rows.is_empty() && self.groups.iter().all(|group| group.blocks == 0);
         if let (true, Some(start), 2..) = (unseen, rows.start(), self.options.max_iterations) {
@@ -288,30 +324,24 @@ impl BlockEstimator {
         self.used = 0..rows.len();
         self.since_change = self.since_change.saturating_add(1);
         self.before.copy_from_slice(&self.theta);
-        // all groups or none: half a block would be no estimate of the plant
-        if rows.is_empty() || !self.groups.look(rows, &self.theta) {
-            let held = if rows.is_empty() { Held::Empty } else { Held::NotFinite };
-            self.report.hold(held);
-            return &self.report;
-        }
-        let single = self.options.max_iterations == 1;
-        let suspects = rows.suspects();
-        let end_ns = rows.span(rows.len() - 1).1;
+    }
+
+    /// What each group knows before the block is its prior.
+    fn begin_groups(&mut self, rows: &dyn Summable) {
         let fixed = &self.options.fixed;
         let drift = |i: usize| if fixed[i] { 0.0 } else { self.options.drift_per_s };
-        let moments = self.score_test.prepare(suspects, |s| rows.suspect_std(s), drift);
+        let moments = self.score_test.prepare(rows.suspects(), |s| rows.suspect_std(s), drift);
         for group in self.groups.iter_mut() {
             group.since_alarm = group.since_alarm.saturating_add(1);
             group.considered.begin(rows);
             group.considered.moments.copy_from_slice(moments);
             group.begin(rows, &self.theta, &self.options);
         }
-        let (mut lines, broken) = self
-            .drift
-            .follow(rows, &mut self.groups, &mut self.theta, &self.options);
-        if lines != 0 {
-            self.report.change = Some(Change::over_the_block(ChangeKind::Drift, rows));
-        }
+    }
+
+    /// Fits the groups that follow no line, and compares what they find with what was known.
+    fn fit(&mut self, rows: &dyn Summable, lines: u64) {
+        let single = self.is_single();
         for (k, group) in self.groups.iter_mut().enumerate() {
             if lines >> k & 1 == 1 {
                 continue;
@@ -333,24 +363,25 @@ impl BlockEstimator {
                 group.probability = group.change_probability(at);
             }
         }
-        if let Some(detection) = self.options.change_detection {
-            lines |= self.watch(rows, lines, detection);
-            if broken {
-                // the line has bent, or the plant has changed: neither a line nor a constant
-                // describes this block
-                self.report.change = self.report.change.map(|change| Change {
-                    kind: ChangeKind::Between,
-                    ..change
-                });
-                self.since_change = 0;
-                self.groups.doubt(&self.theta);
-            }
-        }
-        // the sums of a single step belong to θ̄
-        let before = single && self.report.change.is_none();
-        self.judge_fit(rows, lines, before);
-        self.score_test.begin();
+    }
+
+    /// The line has bent, or the plant has changed: neither a line nor a constant describes this
+    /// block.
+    fn give_up_the_line(&mut self) {
+        self.report.change = self.report.change.map(|change| Change {
+            kind: ChangeKind::Between,
+            ..change
+        });
+        self.since_change = 0;
+        self.groups.doubt(&self.theta);
+    }
+
+    /// Information, noise and evidence of each group after the block; `before`: the sums were taken
+    /// at θ̄.
+    fn conclude(&mut self, rows: &dyn Summable, lines: u64, before: bool) {
+        let end_ns = rows.span(rows.len() - 1).1;
         let changed = self.report.change.is_some();
+        self.score_test.begin();
         for (k, group) in self.groups.iter_mut().enumerate() {
             let own = group.parameters.clone();
             let fits = group.equations.iter().all(|e| self.report.misfit >> e.index & 1 == 0);
@@ -371,7 +402,7 @@ impl BlockEstimator {
             }
             // the sums of a single step belong to θ̄, as (9) has them; the residual after the step
             // is evidence
-            let stepped = single && self.report.change.is_none() && group.try_at(rows, 0..rows.len(), &self.theta);
+            let stepped = before && group.try_at(rows, 0..rows.len(), &self.theta);
             group.conclude(&self.theta, stepped, end_ns, &self.options);
             if fits {
                 let linearised = if before { &self.before[own] } else { &self.theta[own] };
@@ -395,8 +426,6 @@ impl BlockEstimator {
         for group in self.groups.iter_mut() {
             group.considered.moments.copy_from_slice(self.score_test.moments());
         }
-        self.describe();
-        &self.report
     }
 
     /// Moves the free parameters of an estimator that has seen nothing.
@@ -424,17 +453,8 @@ impl BlockEstimator {
                 let fit = if line {
                     EquationFit::of_line(sums, level)
                 } else {
-                    fit_statistic::judge(
-                        rows,
-                        e.index,
-                        self.used.clone(),
-                        &self.theta,
-                        e.own.clone(),
-                        e.divisor,
-                        e.loss,
-                        level,
-                        &mut self.regressor[..e.own.len()],
-                    )
+                    let room = &mut self.regressor[..e.own.len()];
+                    EquationFit::of_rows(rows, &e.pass(self.used.clone()), &self.theta, level, room)
                 };
                 whole.take(e.index, &fit);
                 self.report.fit[e.index] = fit.ratio;

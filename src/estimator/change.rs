@@ -63,11 +63,25 @@ impl GroupState {
     /// Probability of a T as large as this block's, were the plant unchanged; 1 if there is
     /// nothing to compare with. `at` holds the sums at `theta`.
     pub fn change_probability(&mut self, theta: &[f64]) -> f64 {
-        let n = self.n;
         let freedom: f64 = self.equations.iter().map(|e| e.freedom).sum();
         if self.blocks == 0 || freedom < 1.0 {
             return 1.0;
         }
+        self.weigh_the_block(theta);
+        self.root_of_the_prior();
+        self.turn_to_directions();
+        let (t, rank) = self.squares();
+        let (t, directions) = (t.max(0.0), rank as f64);
+        if rank == 0 {
+            1.0
+        } else {
+            f_tail(t / directions, directions, freedom.min(MANY))
+        }
+    }
+
+    /// A into `total` and A d into `gradient`.
+    fn weigh_the_block(&mut self, theta: &[f64]) {
+        let n = self.n;
         let room = &mut self.room;
         room.total.fill(0.0);
         room.gradient.fill(0.0);
@@ -86,11 +100,16 @@ impl GroupState {
         for i in 0..n {
             room.offset[i] = theta[self.parameters.start + i] - self.centre[i];
         }
-        // A d
         for i in 0..n {
             room.gradient[i] += dot(&room.total[i * n..(i + 1) * n], &room.offset);
         }
-        // L: P = L Lᵀ from the eigenvectors of the correlation matrix; zero for fixed parameters
+    }
+
+    /// L into `a`: P = L Lᵀ from the eigenvectors of the correlation matrix; zero for fixed
+    /// parameters.
+    fn root_of_the_prior(&mut self) {
+        let n = self.n;
+        let room = &mut self.room;
         for i in 0..n {
             let v = self.errors.total[i * n + i] + (GUESS - 1.0) * self.errors.guess[i * n + i];
             room.scale[i] = if v > 0.0 && !self.fixed[i] { v.sqrt() } else { 0.0 };
@@ -107,7 +126,12 @@ impl GroupState {
                     room.scale[i] * self.eigen.vectors[i * n + k] * self.eigen.values[k].max(0.0).sqrt();
             }
         }
-        // B = LᵀAL and Lᵀ A d
+    }
+
+    /// The eigenpairs of B = LᵀAL into `eigen`, and Lᵀ A d into `offset`.
+    fn turn_to_directions(&mut self) {
+        let n = self.n;
+        let room = &mut self.room;
         for i in 0..n {
             for k in 0..n {
                 room.b[i * n + k] = (0..n).map(|j| room.total[i * n + j] * room.a[j * n + k]).sum();
@@ -122,14 +146,22 @@ impl GroupState {
             room.offset[k] = (0..n).map(|i| room.a[i * n + k] * room.gradient[i]).sum();
         }
         self.eigen.decompose(n, &room.transition);
-        let largest = self.eigen.values[..n].iter().fold(0.0, |a: f64, &b| a.max(b));
-        let (mut t, mut rank) = (0.0, 0);
+    }
+
+    /// T, and the number of directions that the block informs on. A considered error moves the
+    /// estimate with the motion, and that is no change: T is less what one explains.
+    fn squares(&mut self) -> (f64, usize) {
+        let n = self.n;
+        let room = &mut self.room;
         let (eigen, clusters, root) = (&self.eigen, &mut self.clusters, &room.a);
+        let largest = eigen.values[..n].iter().fold(0.0, |a: f64, &b| a.max(b));
+        let informs = |b: f64| b > 1e-6 && b > 1e-12 * largest;
+        let (mut t, mut rank) = (0.0, 0);
         clusters.begin();
         room.gradient.fill(0.0);
         for k in 0..n {
             let b = eigen.values[k];
-            if b > 1e-6 && b > 1e-12 * largest {
+            if informs(b) {
                 let c: f64 = (0..n).map(|i| eigen.vectors[i * n + k] * room.offset[i]).sum();
                 clusters.add(b, c, |i| {
                     (0..n).map(|j| root[i * n + j] * eigen.vectors[j * n + k]).sum()
@@ -140,7 +172,6 @@ impl GroupState {
                 rank += 1;
             }
         }
-        // a considered error moves the estimate with the motion, and that is no change
         let variance = self
             .at
             .iter()
@@ -155,7 +186,7 @@ impl GroupState {
                 let mut place = 0;
                 for k in 0..n {
                     let b = eigen.values[k];
-                    if b > 1e-6 && b > 1e-12 * largest {
+                    if informs(b) {
                         let along: f64 = (0..n)
                             .map(|j| {
                                 let own: f64 = (0..n).map(|i| root[i * n + j] * w[i]).sum();
@@ -167,12 +198,7 @@ impl GroupState {
                     }
                 }
             });
-        let (t, directions) = (t.max(0.0), rank as f64);
-        if rank == 0 {
-            1.0
-        } else {
-            f_tail(t / directions, directions, freedom.min(MANY))
-        }
+        (t, rank)
     }
 
     /// True if a gate dropped more rows than outliers can be.
@@ -393,7 +419,6 @@ fn own_variance(sums: &Sums, factor: &mut super::linalg::Cholesky, work: &mut [f
 /// `before` and `later` are the points of linearisation of either side. The earlier side is held by
 /// what was known before the block, unless it is `free` of it because an earlier cut separates
 /// them.
-#[allow(clippy::too_many_arguments)]
 pub fn locate(
     groups: &mut [GroupState],
     joined: u64,

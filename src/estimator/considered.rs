@@ -108,6 +108,37 @@ pub struct Considered {
     right: Vec<f64>,
 }
 
+/// How a block has moved the estimate of a group.
+#[derive(Clone, Copy)]
+pub struct Update<'a> {
+    /// K, n × n.
+    pub gain: &'a [f64],
+    /// A = I − K S, n × n.
+    pub transition: &'a [f64],
+    /// Σ S_e, n × n.
+    pub total: &'a [f64],
+    /// The group's equations, and their sums at the θ that was accumulated at.
+    pub equations: &'a [EquationState],
+    pub sums: &'a [Sums],
+    /// Distance of that θ from θ̄.
+    pub moved: &'a [f64],
+}
+
+/// How a line through a block has moved it.
+#[derive(Clone, Copy)]
+pub struct LineUpdate<'a> {
+    /// The group's equations.
+    pub equations: &'a [EquationState],
+    /// The line.
+    pub line: &'a LineFit,
+    /// C⁻¹ of its start, n × n.
+    pub start_information: &'a [f64],
+    /// Parameters of the group that are held.
+    pub fixed: &'a [bool],
+    /// The group's first parameter among all.
+    pub first: usize,
+}
+
 impl Considered {
     /// Room for a group with these of the `params` parameters of a plant of `equations` equations;
     /// with `drift`, for the drift of each.
@@ -250,20 +281,16 @@ impl Considered {
         }
     }
 
-    /// Goes on to the estimate after the block: scores, then T. `gain` is K, `transition` A,
-    /// `total` Σ S_e, `sums` those at the θ that was accumulated at, `moved` its distance from θ̄;
-    /// the block ends at `end_ns`.
-    #[allow(clippy::too_many_arguments)]
-    pub fn step(
-        &mut self,
-        end_ns: u64,
-        gain: &[f64],
-        transition: &[f64],
-        total: &[f64],
-        equations: &[EquationState],
-        sums: &[Sums],
-        moved: &[f64],
-    ) {
+    /// Goes on to the estimate after the block, which ends at `end_ns`: scores, then T.
+    pub fn step(&mut self, end_ns: u64, update: &Update<'_>) {
+        let Update {
+            gain,
+            transition,
+            total,
+            equations,
+            sums,
+            moved,
+        } = *update;
         let n = self.n;
         self.refer_to_end(end_ns);
         // Φᵀν = Σ φ f + S (θ − θ̄)
@@ -327,17 +354,16 @@ impl Considered {
     /// ```text
     /// T ← (I, ½ I) Cov(c, v) (Σ w (φ, sφ) d + (I, −½ I) C⁻¹ T)
     /// ```
-    #[allow(clippy::too_many_arguments)]
-    pub fn step_line(
-        &mut self,
-        rows: &dyn Summable,
-        equations: &[EquationState],
-        line: &LineFit,
-        start_information: &[f64],
-        fixed: &[bool],
-        theta: &mut [f64],
-        first: usize,
-    ) {
+    ///
+    /// `theta` is room for all parameters; those of the group are at the line's end afterwards.
+    pub fn step_line(&mut self, rows: &dyn Summable, update: &LineUpdate<'_>, theta: &mut [f64]) {
+        let LineUpdate {
+            equations,
+            line,
+            start_information,
+            fixed,
+            first,
+        } = *update;
         let (n, m) = (self.n, 2 * self.n);
         self.end_ns = rows.span(rows.len().saturating_sub(1)).1;
         let length = rows.len().max(2) as f64 - 1.0;

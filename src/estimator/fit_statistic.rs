@@ -19,9 +19,8 @@
 //! the slack is larger there, and residuals within [`SHARE`] of the equation's signal are never a
 //! misfit.
 
-use super::pass::{Loss, Summable, Sums};
+use super::pass::{Pass, Summable, Sums};
 use super::stats::f_tail;
-use std::ops::Range;
 
 /// A block whose p is below this does not fit: a right model does so once in five thousand blocks,
 /// if the noise is what it is said to be. That costs two blocks; a change that is overlooked costs
@@ -133,87 +132,124 @@ fn slack_and_freedom(level: NoiseLevel) -> (f64, f64) {
     }
 }
 
-/// Judges the rows `range` of an equation at θ, the last row first; rows are divided by `divisor`.
-#[allow(clippy::too_many_arguments)]
-pub fn judge(
-    rows: &dyn Summable,
-    equation: usize,
-    range: Range<usize>,
-    theta: &[f64],
-    own: Range<usize>,
-    divisor: f64,
-    loss: Loss,
-    level: NoiseLevel,
-    regressor: &mut [f64],
-) -> EquationFit {
-    let mut fit = EquationFit {
-        tail: 1.0,
-        ..EquationFit::default()
-    };
-    let known = level.freedom.is_infinite();
-    let (slack, freedom) = slack_and_freedom(level);
-    let settled = if range.len() >= 4 * EDGE { EDGE } else { 0 };
-    let (mut rows_in, mut sum, mut power, mut mean) = (0usize, 0.0, 0.0, 0.0);
-    // the signal of the whole block is known at its first row only
-    let mut parts = [(0usize, 0.0f64); 21];
-    let mut count = 0;
-    for index in range.filter(|&index| rows.is_used(equation, index)).rev() {
-        let f = rows.row(equation, index, theta, regressor) / divisor;
-        let (_, _, outlier) = loss.at(f);
-        if outlier {
-            continue;
+/// Σ f² over the last rows of a block, row by row from its end.
+struct LastRows {
+    rows: usize,
+    sum: f64,
+    /// Σ v² of the signal.
+    power: f64,
+    mean: f64,
+    /// Numbers of rows, powers of two and all of them, with Σ f² over so many.
+    parts: [(usize, f64); 21],
+    count: usize,
+}
+
+impl LastRows {
+    fn new() -> Self {
+        Self {
+            rows: 0,
+            sum: 0.0,
+            power: 0.0,
+            mean: 0.0,
+            parts: [(0, 0.0); 21],
+            count: 0,
         }
-        let predicted: f64 = regressor.iter().zip(&theta[own.clone()]).map(|(x, t)| x * t).sum();
-        let v = f + predicted / divisor;
-        sum += f * f;
-        power += v * v;
-        rows_in += 1;
-        if rows_in > settled {
+    }
+
+    /// Takes the row before those so far, its residual f and signal v; what the model explains goes
+    /// into `fit` if the row shows it.
+    fn take(&mut self, f: f64, v: f64, shows: bool, fit: &mut EquationFit) {
+        self.sum += f * f;
+        self.power += v * v;
+        self.rows += 1;
+        if shows {
             // Welford's update
             fit.rows += 1;
-            let off = v - mean;
-            mean += off / fit.rows as f64;
-            fit.signal += off * (v - mean);
+            let off = v - self.mean;
+            self.mean += off / fit.rows as f64;
+            fit.signal += off * (v - self.mean);
             fit.residual += f * f;
         }
-        if rows_in.is_power_of_two() && rows_in < LONGEST {
-            parts[count] = (rows_in, sum);
-            count += 1;
+        if self.rows.is_power_of_two() && self.rows < LONGEST {
+            self.keep();
         }
     }
-    if rows_in == 0 {
-        return fit;
+
+    fn keep(&mut self) {
+        self.parts[self.count] = (self.rows, self.sum);
+        self.count += 1;
     }
-    let signal = power / rows_in as f64;
-    if !rows_in.is_power_of_two() {
-        parts[count] = (rows_in, sum);
-        count += 1;
+
+    /// All rows are in.
+    fn end(&mut self) {
+        if !self.rows.is_power_of_two() {
+            self.keep();
+        }
     }
-    let variance = level.variance.max(f64::MIN_POSITIVE);
-    fit.ratio = sum / (rows_in as f64 * variance);
-    if freedom < 1.0 {
-        // the first block: nothing to compare with
-        fit.ratio = 1.0;
-        return fit;
+}
+
+impl EquationFit {
+    /// Judges the rows of an equation at θ, the last row first; `regressor` is room for one of its
+    /// rows.
+    pub fn of_rows(
+        rows: &dyn Summable,
+        pass: &Pass,
+        theta: &[f64],
+        level: NoiseLevel,
+        regressor: &mut [f64],
+    ) -> EquationFit {
+        let (equation, divisor) = (pass.equation, pass.divisor);
+        let mut fit = EquationFit {
+            tail: 1.0,
+            ..EquationFit::default()
+        };
+        let settled = if pass.range.len() >= 4 * EDGE { EDGE } else { 0 };
+        let mut last = LastRows::new();
+        for index in pass.range.clone().filter(|&index| rows.is_used(equation, index)).rev() {
+            let f = rows.row(equation, index, theta, regressor) / divisor;
+            let (_, _, outlier) = pass.loss.at(f);
+            if outlier {
+                continue;
+            }
+            let predicted: f64 = regressor.iter().zip(&theta[pass.own.clone()]).map(|(x, t)| x * t).sum();
+            last.take(f, f + predicted / divisor, last.rows >= settled, &mut fit);
+        }
+        if last.rows > 0 {
+            last.end();
+            // rows weight the middle of their windows and say little about the end of the block
+            let short = (0..).map_while(|k| rows.tail(equation, k, theta));
+            fit.compare(&last, level, short);
+        }
+        fit
     }
-    let variance = (1.0 + slack) * variance;
-    let allowed = if known {
-        variance
-    } else {
-        variance.max(SHARE * SHARE * signal)
-    };
-    for &(length, sum) in &parts[..count] {
-        let x = sum / (length as f64 * allowed);
-        fit.tail = fit.tail.min(f_tail(x, length as f64, freedom));
+
+    /// Compares the sums over the last rows, and the residuals of `short` windows at the block's
+    /// end, with the noise.
+    fn compare(&mut self, last: &LastRows, level: NoiseLevel, short: impl Iterator<Item = f64>) {
+        let known = level.freedom.is_infinite();
+        let (slack, freedom) = slack_and_freedom(level);
+        if freedom < 1.0 {
+            // the first block: nothing to compare with
+            self.ratio = 1.0;
+            return;
+        }
+        let signal = last.power / last.rows as f64;
+        let variance = level.variance.max(f64::MIN_POSITIVE);
+        self.ratio = last.sum / (last.rows as f64 * variance);
+        let variance = (1.0 + slack) * variance;
+        let allowed = if known {
+            variance
+        } else {
+            variance.max(SHARE * SHARE * signal)
+        };
+        for &(length, sum) in &last.parts[..last.count] {
+            let x = sum / (length as f64 * allowed);
+            self.tail = self.tail.min(f_tail(x, length as f64, freedom));
+        }
+        self.tests = last.count;
+        for residual in short.take(if known { last.parts.len() } else { 0 }) {
+            self.tail = self.tail.min(f_tail(residual * residual / (1.0 + slack), 1.0, freedom));
+            self.tests += 1;
+        }
     }
-    fit.tests = count;
-    // the rows weight the middle of their windows and say little about the last of the block
-    let short = (0..)
-        .map_while(|k| rows.tail(equation, k, theta))
-        .take(if known { parts.len() } else { 0 });
-    for residual in short {
-        fit.tail = fit.tail.min(f_tail(residual * residual / (1.0 + slack), 1.0, freedom));
-        fit.tests += 1;
-    }
-    fit
 }

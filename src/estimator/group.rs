@@ -13,7 +13,7 @@
 use super::clusters::Clusters;
 use super::conditioning::{LARGEST_CONDITION, invert, repair};
 use super::confirmation::Confirmation;
-use super::considered::Considered;
+use super::considered::{Considered, LineUpdate, Update};
 use super::constrained::ConstrainedStep;
 use super::drift::Drift;
 use super::equation::{EquationState, TINY, add_gram, add_grams, chi_square, evaluate, mean_variance};
@@ -287,15 +287,15 @@ impl GroupState {
         for i in 0..n {
             room.offset[i] = theta[self.parameters.start + i] - self.centre[i];
         }
-        self.considered.step(
-            end_ns,
-            &room.gain,
-            &room.transition,
-            &room.total,
-            &self.equations,
-            &self.at,
-            &room.offset,
-        );
+        let update = Update {
+            gain: &room.gain,
+            transition: &room.transition,
+            total: &room.total,
+            equations: &self.equations,
+            sums: &self.at,
+            moved: &room.offset,
+        };
+        self.considered.step(end_ns, &update);
         self.errors.carry(room);
         for ((e, sums), after) in self.equations.iter_mut().zip(&self.at).zip(&self.trial) {
             room.total.fill(0.0);
@@ -467,15 +467,14 @@ impl GroupState {
 
     /// The same if a line was fitted; `theta` is room for all parameters.
     pub fn suspect_line(&mut self, rows: &dyn Summable, theta: &mut [f64]) {
-        self.considered.step_line(
-            rows,
-            &self.equations,
-            &self.drift.line,
-            &self.prior,
-            &self.fixed,
-            theta,
-            self.parameters.start,
-        );
+        let update = LineUpdate {
+            equations: &self.equations,
+            line: &self.drift.line,
+            start_information: &self.prior,
+            fixed: &self.fixed,
+            first: self.parameters.start,
+        };
+        self.considered.step_line(rows, &update, theta);
     }
 
     /// True if no residual taught the noise level: it stands at the floor that the options tell.

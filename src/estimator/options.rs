@@ -244,6 +244,16 @@ impl EstimatorOptions {
         {
             return Err(EstimatorError::Structure { params, equations });
         }
+        self.validate_lists(params, equations)?;
+        self.validate_starts(params)?;
+        self.validate_relations(structure)?;
+        self.validate_forgetting()?;
+        self.validate_fit()?;
+        self.validate_rows()
+    }
+
+    /// The lists have a number for each parameter or equation, each within its range.
+    fn validate_lists(&self, params: usize, equations: usize) -> Result<(), EstimatorError> {
         let per_parameter = [
             ("theta_start", self.theta_start.len()),
             ("start_std", self.start_std.len()),
@@ -271,7 +281,11 @@ impl EstimatorOptions {
         })?;
         each("noise_floor", "a finite number, not negative", &self.noise_floor, |v| {
             v.is_finite() && v >= 0.0
-        })?;
+        })
+    }
+
+    /// The start lies between its bounds.
+    fn validate_starts(&self, params: usize) -> Result<(), EstimatorError> {
         for index in 0..params {
             let (start, lower, upper) = (self.theta_start[index], self.lower[index], self.upper[index]);
             if !(lower <= start && start <= upper) {
@@ -283,6 +297,11 @@ impl EstimatorOptions {
                 });
             }
         }
+        Ok(())
+    }
+
+    /// Each relation is of four parameters of one group.
+    fn validate_relations(&self, structure: &Structure) -> Result<(), EstimatorError> {
         let groups = structure.groups();
         for (index, relation) in self.relations.iter().enumerate() {
             let linked = groups
@@ -293,6 +312,11 @@ impl EstimatorOptions {
                 return Err(EstimatorError::Relation { index, got: *relation });
             }
         }
+        Ok(())
+    }
+
+    /// What is forgotten, and how much of it stays.
+    fn validate_forgetting(&self) -> Result<(), EstimatorError> {
         let lambda = self.forgetting_factor;
         one(
             "forgetting_factor",
@@ -310,7 +334,11 @@ impl EstimatorOptions {
             "a finite number above 0",
             floor,
             floor.is_finite() && floor > 0.0,
-        )?;
+        )
+    }
+
+    /// How a block is fitted.
+    fn validate_fit(&self) -> Result<(), EstimatorError> {
         one(
             "max_iterations",
             "1 to 1000",
@@ -324,7 +352,11 @@ impl EstimatorOptions {
             self.step_factor > 1.0,
         )?;
         let drift = self.drift_per_s;
-        one("drift_per_s", "a number in [0, 1]", drift, (0.0..=1.0).contains(&drift))?;
+        one("drift_per_s", "a number in [0, 1]", drift, (0.0..=1.0).contains(&drift))
+    }
+
+    /// What is expected of the rows: their noise, their outliers, and false alarms.
+    fn validate_rows(&self) -> Result<(), EstimatorError> {
         let relative = self.noise_floor_relative;
         one(
             "noise_floor_relative",

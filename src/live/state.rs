@@ -6,7 +6,7 @@ use super::signals::Signals;
 use super::view::{Health, Row, Times, Trend, View};
 use crate::messages::{ErrorCode, Estimate, ParameterSet, Sample, State, Status, Timing, estimate_flags, status_flags};
 use crate::model::MAX_JOINTS;
-use crate::node::monitor::{Truth, misfit_words, seconds};
+use crate::node::monitor::{Truth, misfit_words, poorly_excited_words, seconds};
 use crate::node::predicted_input::PredictedInput;
 use crate::report::{DERIVED_USABLE, Known, Rounded, headline, pretty_unit};
 use std::collections::VecDeque;
@@ -428,14 +428,20 @@ impl LiveState {
             return ("the machine sends no samples".into(), Health::Warn);
         }
         match state {
-            State::Collecting => ("collecting the first block of samples".into(), Health::Wait),
+            State::Collecting => match self.status.as_ref().and_then(|(status, _)| status.no_estimate()) {
+                Some(words) => (format!("no estimate yet: {words}"), Health::Warn),
+                None => ("collecting the first block of samples".into(), Health::Wait),
+            },
             State::Converging => (format!("the estimate still moves; {so_far}"), Health::Wait),
             State::Converged if usable < all => (format!("settled; {so_far}"), Health::Good),
             State::Converged => (format!("settled; all {all} parameters may be used"), Health::Good),
             State::Paused => ("paused by a command".into(), Health::Warn),
             State::PoorlyExcited => (
-                format!("the motion of this block says too little; {so_far}"),
-                Health::Warn,
+                poorly_excited_words(usable, all),
+                match usable {
+                    0 => Health::Warn,
+                    _ => Health::Good,
+                },
             ),
             State::Changing => (
                 "the machine has changed; its new values are being found".into(),

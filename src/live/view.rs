@@ -70,9 +70,11 @@ pub struct Row {
 }
 
 impl Row {
-    /// What to know about it in a word: `usable`, `fixed`, `not excited`, `uncertain`.
+    /// What to know about it in a word: `usable`; `fixed`; `not excited` if the motion leaves it
+    /// open; `uncertain` if it is known, but not well enough.
     pub fn note(&self) -> &'static str {
-        match (self.fixed, self.usable, self.excited) {
+        let known = 3.0 * self.std < self.value.abs();
+        match (self.fixed, self.usable, self.excited || known) {
             (true, ..) => "fixed",
             (_, true, _) => "usable",
             _ if !self.value.is_finite() => "",

@@ -1,5 +1,6 @@
 //! Topic `status`: what the identifier does, has seen, costs and was granted.
 
+use super::estimate::State;
 use super::table::message;
 use super::text::{put_text, text_of};
 #[cfg(feature = "bus")]
@@ -284,6 +285,15 @@ message! {
         information_ln: f64, One, "", "Sum of the logarithms of its diagonal over the free parameters: constant, but for noise, once as much is forgotten as is learnt";
         asymmetry: f64, One, "", "Largest difference across its diagonal, relative to the diagonal: 0, or the recursion loses its symmetry";
         error: LastError, One, "", "What went wrong last";
+    }
+}
+
+impl Status {
+    /// Why blocks of samples have given no estimate so far, in words, if the identifier says so.
+    pub fn no_estimate(&self) -> Option<&str> {
+        let ended_without = self.state == State::Ended as u32 && self.fit == 0.0;
+        let none_yet = self.state == State::Collecting as u32 || ended_without;
+        (none_yet && self.error.code == ErrorCode::NotEvaluable as u32).then(|| self.error.words())
     }
 }
 

@@ -26,6 +26,8 @@ pub mod robot;
 mod robot_evidence;
 #[cfg(feature = "robot")]
 pub mod robot_model;
+#[cfg(feature = "robot")]
+mod rowless;
 mod sample_gate;
 #[cfg(feature = "sim")]
 pub mod simulated_plant;

@@ -183,8 +183,13 @@ impl MonitorNode {
         for (e, fit) in estimate.fit.iter().take(estimate.equations as usize).enumerate() {
             let _ = write!(line, "{}{fit:.2}", if e == 0 { ' ' } else { '/' });
         }
-        if estimate.state == State::Misfit as u32 {
-            let _ = write!(line, " ({})", misfit_words(estimate, self.least_explained));
+        match State::from_wire(estimate.state) {
+            Some(State::Misfit) => _ = write!(line, " ({})", misfit_words(estimate, self.least_explained)),
+            Some(State::PoorlyExcited) => {
+                let usable = (0..self.parameters.len()).filter(|&i| estimate.is_usable(i)).count();
+                let _ = write!(line, " ({})", poorly_excited_words(usable, self.parameters.len()));
+            }
+            _ => {}
         }
         let lost = estimate.missing.saturating_add(estimate.rejected);
         if lost > 0 {
@@ -285,6 +290,12 @@ pub fn misfit_words(estimate: &Estimate, least_explained: Option<f64>) -> String
                 .to_owned()
         }
     }
+}
+
+/// What the state `poorly_excited` means for a model of `all` parameters, of which `usable` may be
+/// used.
+pub fn poorly_excited_words(usable: usize, all: usize) -> String {
+    format!("the motion leaves some parameters open; {usable} of {all} may be used all the same")
 }
 
 /// (estimate − truth) / truth; none beside a truth of 0.

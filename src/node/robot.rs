@@ -8,6 +8,7 @@ use super::identifier::IdentifierNode;
 use super::learner::{BlockEnd, Learner, Learnt};
 use super::robot_evidence;
 pub use super::robot_evidence::RobotEvidence;
+use super::rowless::Spacing;
 use crate::estimator::{EstimatorOptions, EstimatorState, Report, StateError};
 use crate::messages::{Estimate, MAX_DERIVED, Sample, Status, estimate_flags};
 use crate::model::MAX_PARAMS;
@@ -23,6 +24,7 @@ pub struct RobotLearner {
     robot: RobotIdentifier,
     velocities: Option<Velocities>,
     evidence: RobotEvidence,
+    spacing: Spacing,
 }
 
 impl RobotLearner {
@@ -30,6 +32,7 @@ impl RobotLearner {
     pub fn new(drives: Drives, robot: RobotIdentifier, velocities: Option<Velocities>) -> Self {
         Self {
             evidence: RobotEvidence::new(&robot),
+            spacing: Spacing::new(*robot.windows()),
             drives,
             robot,
             velocities,
@@ -55,6 +58,7 @@ impl Learner for RobotLearner {
             dq: sample.dq,
             tau: self.drives.torques(&sample.input),
         };
+        self.spacing.note(sample.t_s);
         match &mut self.velocities {
             None => self.robot.take(&sample).is_ok(),
             Some(velocities) => velocities
@@ -77,6 +81,9 @@ impl Learner for RobotLearner {
 
     fn learn(&mut self, end: &BlockEnd) -> Learnt {
         let learnt = self.robot.close_block();
+        let knows_nothing = !learnt && self.robot.blocks() == 0;
+        let no_rows = knows_nothing.then(|| self.spacing.reason(end.last_seq)).flatten();
+        self.spacing.next_block();
         let change = self.robot.change().filter(|_| learnt);
         let mut estimate = self.evidence.judge(&self.robot, learnt, end.lost);
         let explained = change.filter(|change| change.cause != ChangeCause::Unexplained);
@@ -88,7 +95,8 @@ impl Learner for RobotLearner {
             change_ns: explained.map(|change| (change.t_s.max(0.0) * 1e9) as u64),
             error: robot_evidence::left_out(&self.robot, end.last_seq)
                 .or_else(|| robot_evidence::impossible(&self.robot, end.last_seq))
-                .or_else(|| robot_evidence::words(&change?, end.last_seq)),
+                .or_else(|| robot_evidence::words(&change?, end.last_seq))
+                .or(no_rows),
         }
     }
 

@@ -185,6 +185,9 @@ impl Model for RobotPlant {
         let own = &self.settings;
         let robot = RobotIdentifier::new(own.model.clone(), own.options).map_err(problem)?;
         let period_s = settings.options.sample_period_ns as f64 * 1e-9;
+        if let Some(too_far_apart) = own.options.windows.too_far_apart(period_s) {
+            return Err(problem(too_far_apart.to_string()));
+        }
         let velocities = own.velocity_s.map(|half_s| {
             let half = if period_s > 0.0 {
                 (half_s / period_s).round()

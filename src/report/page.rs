@@ -180,11 +180,6 @@ fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
         );
     };
     for (index, p) in summary.parameters.iter().enumerate() {
-        let note = match (p.fixed, p.excited) {
-            (Some(true), _) => "held fixed",
-            (_, Some(false)) => "not excited in the last block",
-            _ => "",
-        };
         let values = [
             number(p.estimate),
             standard_deviation(p.std),
@@ -192,7 +187,7 @@ fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
             percent(p.relative_error),
         ];
         let meaning = meanings.get(index).map_or("", String::as_str);
-        row(&p.name, values, &p.unit, note, meaning);
+        row(&p.name, values, &p.unit, p.note(), meaning);
     }
     for (index, d) in summary.derived.iter().enumerate() {
         let error = d

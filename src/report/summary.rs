@@ -1,7 +1,7 @@
 //! `summary.json` and the result table: how a run ended, beside the truth if it is known.
 
 use crate::messages::{Estimate, State};
-use crate::node::monitor::{MonitorNode, relative_error, seconds};
+use crate::node::monitor::{MonitorNode, poorly_excited_words, relative_error, seconds};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -36,6 +36,27 @@ pub struct ParameterSummary {
     pub excited: Option<bool>,
     /// Whether it was held.
     pub fixed: Option<bool>,
+    /// Whether a controller may use it.
+    #[serde(default)]
+    pub usable: Option<bool>,
+}
+
+impl ParameterSummary {
+    /// What its numbers do not say, in words: `fixed`; `known from earlier blocks` of a value that
+    /// the last block did not inform on; `not excited` of one that the motion leaves open.
+    pub fn note(&self) -> &'static str {
+        let known = self
+            .estimate
+            .zip(self.std)
+            .is_some_and(|(value, std)| 3.0 * std < value.abs());
+        match (self.fixed, self.excited, self.usable) {
+            (Some(true), ..) => "fixed",
+            (_, Some(false), Some(true)) => "",
+            (_, Some(false), _) if known => "known from earlier blocks",
+            (_, Some(false), _) => "not excited",
+            _ => "",
+        }
+    }
 }
 
 /// One derived value at the end of a run; what is not known is null.
@@ -97,6 +118,9 @@ pub struct Summary {
     /// What the model lacks, in words, if the residuals speak for something.
     #[serde(default)]
     pub misfit: Option<String>,
+    /// Why there is no estimate, in words, if the identifier said so.
+    #[serde(default)]
+    pub no_estimate: Option<String>,
 }
 
 impl Summary {
@@ -147,6 +171,7 @@ impl Summary {
             wall_s: None,
             restarts: None,
             misfit: monitor.misfit().map(str::to_owned),
+            no_estimate: status.and_then(|s| s.no_estimate()).map(str::to_owned),
         }
     }
 }
@@ -178,6 +203,7 @@ fn parameters(monitor: &MonitorNode, last: Option<&Estimate>) -> Vec<ParameterSu
                     .and_then(finite),
                 excited: last.map(|e| e.excited.contains(i)),
                 fixed: last.map(|e| e.fixed.contains(i)),
+                usable: last.map(|e| e.is_usable(i)),
             }
         })
         .collect()
@@ -204,58 +230,33 @@ fn derived(monitor: &MonitorNode, last: Option<&Estimate>) -> Vec<DerivedSummary
 /// The result table as `thetabus run` prints it.
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let number = |value: Option<f64>| value.map_or_else(|| "-".to_string(), significant);
-        let name = |text: &str| format!("{text:<18}");
+        let name = "parameter";
         writeln!(
             f,
-            "{} {:>14} {:>11} {:>14} {:>11}  unit",
-            name("parameter"),
-            "estimate",
-            "std",
-            "truth",
-            "error"
+            "{name:<18} {:>14} {:>11} {:>14} {:>11}  unit",
+            "estimate", "std", "truth", "error"
         )?;
         for p in &self.parameters {
-            let note = match (p.fixed, p.excited) {
-                (Some(true), _) => "  (fixed)",
-                (_, Some(false)) => "  (not excited in the last block)",
-                _ => "",
-            };
-            writeln!(
-                f,
-                "{} {:>14} {:>11} {:>14} {:>11}  {}{note}",
-                name(&p.name),
-                number(p.estimate),
-                p.std.map_or_else(|| "-".to_string(), |std| format!("{std:.1e}")),
-                number(p.truth),
-                error(p.estimate, p.std, p.truth),
-                p.unit
-            )?;
-        }
-        for d in &self.derived {
-            writeln!(
-                f,
-                "{} {:>14} {:>11} {:>14} {:>11}  {}",
-                name(&d.name),
-                number(d.estimate),
-                d.std.map_or_else(|| "-".to_string(), |std| format!("{std:.1e}")),
-                number(d.truth),
-                error(d.estimate, d.std, d.truth),
-                d.unit
-            )?;
-        }
-        for change in &self.changes {
-            write!(
-                f,
-                "change at {:.3} s, announced by block {} at {:.3} s",
-                change.t_s, change.block, change.detected_t_s
-            )?;
-            match change.blocks_to_1_percent {
-                Some(0) => writeln!(f, ", all within 1 % of the truth in the same block")?,
-                Some(blocks) => writeln!(f, ", all within 1 % of the truth {blocks} block(s) later")?,
-                None => writeln!(f)?,
+            line(f, &p.name, [p.estimate, p.std, p.truth], &p.unit)?;
+            match p.note() {
+                "" => writeln!(f)?,
+                words => writeln!(f, "  ({words})")?,
             }
         }
+        for d in &self.derived {
+            line(f, &d.name, [d.estimate, d.std, d.truth], &d.unit)?;
+            writeln!(f)?;
+        }
+        for change in &self.changes {
+            writeln!(f, "{change}")?;
+        }
+        self.end(f)
+    }
+}
+
+impl Summary {
+    /// The lines below the table: counts, state, and what the identifier said.
+    fn end(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let SampleCounts {
             accepted,
             missing,
@@ -268,6 +269,10 @@ impl fmt::Display for Summary {
             if self.blocks == 1 { "block" } else { "blocks" },
             self.state
         )?;
+        if self.state == State::PoorlyExcited.name() {
+            let usable = self.parameters.iter().filter(|p| p.usable == Some(true)).count();
+            write!(f, " ({})", poorly_excited_words(usable, self.parameters.len()))?;
+        }
         match self.wall_s {
             Some(wall) => writeln!(f, "; wall time {wall:.1} s")?,
             None => writeln!(f)?,
@@ -277,10 +282,42 @@ impl fmt::Display for Summary {
         if !restarted.is_empty() {
             writeln!(f, "started again: {}", restarted.join(", "))?;
         }
+        if let Some(words) = &self.no_estimate {
+            writeln!(f, "no estimate: {words}")?;
+        }
         if let Some(words) = &self.misfit {
             writeln!(f, "{words}")?;
         }
         Ok(())
+    }
+}
+
+/// A quantity's name, estimate, standard deviation, truth, error and unit, without the line's end.
+fn line(f: &mut fmt::Formatter<'_>, name: &str, values: [Option<f64>; 3], unit: &str) -> fmt::Result {
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_string(), significant);
+    let [estimate, std, truth] = values;
+    write!(
+        f,
+        "{name:<18} {:>14} {:>11} {:>14} {:>11}  {unit}",
+        number(estimate),
+        std.map_or_else(|| "-".to_string(), |std| format!("{std:.1e}")),
+        number(truth),
+        error(estimate, std, truth),
+    )
+}
+
+impl fmt::Display for ChangeSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "change at {:.3} s, announced by block {} at {:.3} s",
+            self.t_s, self.block, self.detected_t_s
+        )?;
+        match self.blocks_to_1_percent {
+            Some(0) => f.write_str(", all within 1 % of the truth in the same block"),
+            Some(blocks) => write!(f, ", all within 1 % of the truth {blocks} block(s) later"),
+            None => Ok(()),
+        }
     }
 }
 
@@ -360,6 +397,31 @@ mod tests {
             "1000 samples accepted",
         ] {
             assert!(table.contains(part), "{part:?} is not in\n{table}");
+        }
+    }
+
+    #[test]
+    fn prop_a_value_that_is_known_or_usable_is_not_called_not_excited() {
+        let parameter = |std: f64, excited: bool, usable: bool, fixed: bool| ParameterSummary {
+            name: "m".to_owned(),
+            unit: "kg".to_owned(),
+            estimate: Some(-2.0),
+            std: Some(std),
+            truth: None,
+            relative_error: None,
+            excited: Some(excited),
+            fixed: Some(fixed),
+            usable: Some(usable),
+        };
+        for (std, [excited, usable, fixed], note) in [
+            (0.01, [false, true, false], ""),
+            (0.5, [false, false, false], "known from earlier blocks"),
+            (0.7, [false, false, false], "not excited"),
+            (f64::NAN, [false, false, false], "not excited"),
+            (0.7, [true, false, false], ""),
+            (0.7, [false, false, true], "fixed"),
+        ] {
+            assert_eq!(parameter(std, excited, usable, fixed).note(), note, "{std}");
         }
     }
 

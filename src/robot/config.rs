@@ -18,7 +18,7 @@ use super::rows::WindowOptions;
 use super::simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator};
 use super::state::RobotSample;
 use super::tree::{Robot, Selection};
-use super::velocity::{sample_period_s, with_velocities};
+use super::velocity::{median_period_s, with_velocities};
 use crate::pipe::{MAX_SETTINGS_BYTES, MAX_TABLE_BYTES, read_text};
 use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
@@ -247,7 +247,7 @@ impl RobotConfig {
 
     /// The windows of a log.
     pub fn windows_of(&self, log: &[RobotSample]) -> WindowOptions {
-        self.windows_at(sample_period_s(log).unwrap_or(self.sample_period_s))
+        self.windows_at(median_period_s(log).unwrap_or(self.sample_period_s))
     }
 }
 

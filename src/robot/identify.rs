@@ -37,7 +37,7 @@ use super::levels::LevelRing;
 use super::model::{RobotModel, RobotParameter};
 use super::payload::Payload;
 use super::recent::{RowRing, SliceRing};
-use super::rows::{SampleFault, WeakRows};
+use super::rows::{SampleFault, WeakRows, WindowOptions};
 use super::state::RobotSample;
 use super::sums::JointSums;
 use super::watch_room::Watch;
@@ -276,6 +276,11 @@ impl RobotIdentifier {
     /// The change found in the last block.
     pub fn change(&self) -> Option<RobotChange> {
         self.change
+    }
+
+    /// The windows of the rows.
+    pub fn windows(&self) -> &WindowOptions {
+        &self.options.windows
     }
 
     /// Length of the windows of the rows \[s\].

@@ -123,7 +123,7 @@ pub use physical::{
 pub use prediction::{Forecaster, ParameterForecast, RowMisfit};
 pub use reference::{MAX_HARMONICS, MotionLimits, Motions, Reference};
 pub use regressor::EnergyRegressors;
-pub use rows::{SampleFault, WeakRow, WeakRows, WindowOptions};
+pub use rows::{SampleFault, TooFarApart, WeakRow, WeakRows, WindowOptions};
 pub use simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator, SimulatedDrive};
 pub use spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};
 pub use standard::StandardParameters;
@@ -132,4 +132,4 @@ pub use suspicion::RobotSuspicion;
 pub use tree::{Robot, RobotJoint, RobotLink, Selection};
 pub use urdf::{Joint, JointKind, Limits, Link, Urdf};
 pub use urdf_writer::{JointValues, LinkValues, write_urdf};
-pub use velocity::{Velocities, with_velocities};
+pub use velocity::{Velocities, median_period_s, with_velocities};

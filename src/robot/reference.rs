@@ -142,7 +142,13 @@ impl Reference {
             reference.middle[i] = 0.5 * (lower + upper);
             reference.most[i] = [
                 (0.5 * limits.part * (upper - lower)).min(limits.reach),
-                limits.part * joint.limits.velocity.unwrap_or(UNLIMITED_SPEED),
+                // 0 means that nobody has stated one, as in a designed motion
+                limits.part
+                    * joint
+                        .limits
+                        .velocity
+                        .filter(|speed| *speed > 0.0)
+                        .unwrap_or(UNLIMITED_SPEED),
                 limits.acceleration,
             ];
         }

@@ -69,6 +69,12 @@ impl WindowOptions {
         }
     }
 
+    /// Why samples with this period \[s\] give no rows, if they give none. What rounding makes of
+    /// times does not decide.
+    pub fn too_far_apart(&self, period_s: f64) -> Option<TooFarApart> {
+        (period_s > (1.0 - 1e-6) * self.max_gap_s).then(|| TooFarApart::new(period_s, self.max_gap_s))
+    }
+
     /// Checks the lengths.
     ///
     /// # Errors
@@ -93,6 +99,33 @@ impl WindowOptions {
             return Err(format!("rest: expected a part from 0 to 1, got {}", self.max_rest));
         }
         Ok(())
+    }
+}
+
+/// Samples between which no window reaches, so that there are no rows; its words say what to do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TooFarApart {
+    period_s: f64,
+    max_gap_s: f64,
+}
+
+impl TooFarApart {
+    /// Samples every `period_s` under windows that bridge `max_gap_s` \[s\].
+    pub fn new(period_s: f64, max_gap_s: f64) -> Self {
+        Self { period_s, max_gap_s }
+    }
+}
+
+/// Two periods are bridged by windows of ten, the shortest that hold a few samples on either side.
+impl fmt::Display for TooFarApart {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { period_s, max_gap_s } = self;
+        let (window_s, gap_s) = (10.0 * period_s, 2.0 * period_s);
+        write!(
+            f,
+            "samples come every {period_s:.3} s, rows bridge {max_gap_s:.3} s: \
+             expected window_s {window_s:.3}, max_gap_s {gap_s:.3}, or a faster rate"
+        )
     }
 }
 

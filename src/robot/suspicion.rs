@@ -90,11 +90,7 @@ pub enum RobotSuspicion {
 
 impl fmt::Display for RobotSuspicion {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let units = |turns: bool| match turns {
-            true => ("degrees", "radians", "rad"),
-            false => ("millimetres", "metres", "m"),
-        };
-        match self {
+        match *self {
             Self::Time { step_s } => write!(
                 f,
                 "samples are {step_s} s apart: if time is in milliseconds or less, convert it to seconds, or is another column the time (log.time_column)?"
@@ -102,73 +98,21 @@ impl fmt::Display for RobotSuspicion {
             Self::Positions {
                 joint,
                 turns,
-                reach: [least, most],
+                reach,
                 limits,
-            } => {
-                let (wrong, right, unit) = units(*turns);
-                write!(
-                    f,
-                    "positions of joint {} reach from {least:.4} to {most:.4} {unit}",
-                    joint + 1
-                )?;
-                match limits {
-                    Some([lower, upper]) => write!(f, ", the URDF's limits are {lower:.4} and {upper:.4} {unit}")?,
-                    None => write!(f, ", {:.1} turns", (most - least) / TAU)?,
-                }
-                write!(
-                    f,
-                    ": if they are in {wrong}, convert them to {right}; else check log.position_columns"
-                )
-            }
+            } => positions(f, joint + 1, &Units::of(turns), reach, limits),
             Self::Speed {
                 joint,
                 turns,
                 rms,
                 limit,
-            } => {
-                let (wrong, right, unit) = units(*turns);
-                write!(
-                    f,
-                    "velocities of joint {} are {rms:.4} {unit}/s in root mean square",
-                    joint + 1
-                )?;
-                if let Some(limit) = limit {
-                    write!(f, ", the URDF's largest is {limit:.4} {unit}/s")?;
-                }
-                write!(
-                    f,
-                    ": if they are in {wrong} per second, convert them to {right} per second; else check log.velocity_columns"
-                )
-            }
+            } => speed(f, joint + 1, &Units::of(turns), rms, limit),
             Self::Wraps { joint } => write!(
                 f,
                 "positions of joint {} jump by a whole turn between samples: they must go on beyond a turn, unwrapped",
                 joint + 1
             ),
-            Self::Rate { joint, turns, factor } => {
-                let (wrong, right, _) = units(*turns);
-                let times = if *turns { 180.0 / PI } else { 1000.0 };
-                write!(
-                    f,
-                    "velocities of joint {} are {factor:.3} times the rate of change of its positions: ",
-                    joint + 1
-                )?;
-                if FACTOR.contains(&(factor / times)) {
-                    write!(
-                        f,
-                        "if they are in {wrong} per second, convert them to {right} per second"
-                    )
-                } else if FACTOR.contains(&(factor * times)) {
-                    write!(f, "if its positions are in {wrong}, convert them to {right}")
-                } else if FACTOR.contains(&-factor) {
-                    write!(f, "if they have the opposite sign, turn it round")
-                } else {
-                    write!(
-                        f,
-                        "check log.velocity_columns, log.position_columns, and the units of both and of time"
-                    )
-                }
-            }
+            Self::Rate { joint, turns, factor } => rate(f, joint + 1, &Units::of(turns), factor),
             Self::Constant { joint, signal, value } => write!(
                 f,
                 "{signal} of joint {} is {value} in every sample though the joint moves: is it the column that was meant?",
@@ -180,41 +124,135 @@ impl fmt::Display for RobotSuspicion {
                  clipped there, estimates are wrong; if the drive is at its limit, use slower motion",
                 joint + 1,
             ),
-            Self::Sign { joint, parameters } => {
-                let parameters: Vec<String> = parameters
-                    .iter()
-                    .map(|(name, estimate, std)| format!("{name} = {estimate:.3} +- {std:.3}"))
-                    .collect();
-                write!(
-                    f,
-                    "torque of joint {} may have the opposite sign ({}): friction would drive the joint",
-                    joint + 1,
-                    parameters.join(", ")
-                )
-            }
-            Self::LeftOut(left_out) => {
-                write!(
-                    f,
-                    "{left_out}, and a parameter is {:.1} standard deviations off: ",
-                    left_out.harm
-                )?;
-                match left_out.what {
-                    Unmodelled::Friction { term, .. } => write!(f, "add \"{}\" to friction.terms", term.name()),
-                    Unmodelled::Zero { .. } | Unmodelled::Tilt => {
-                        f.write_str("look at the zeros and at model.gravity_m_per_s2")
-                    }
-                    Unmodelled::Delay => write!(
-                        f,
-                        "{:.1} ms; torques, positions and velocities must be of the same instants",
-                        1e3 * left_out.amplitude
-                    ),
-                }
-            }
+            Self::Sign { joint, ref parameters } => sign(f, joint + 1, parameters),
+            Self::LeftOut(ref cause) => left_out(f, cause),
             Self::Residual { joint, percent } => write!(
                 f,
                 "the model explains little of joint {}'s torque (residual {percent:.0} %): columns swapped, another unit, or a sign?",
                 joint + 1
             ),
         }
+    }
+}
+
+/// The unit that positions must have, and the one that is often there instead.
+struct Units {
+    wrong: &'static str,
+    right: &'static str,
+    symbol: &'static str,
+    /// Of the wrong one in the right one.
+    factor: f64,
+}
+
+impl Units {
+    /// Of a joint that turns, or slides.
+    fn of(turns: bool) -> Self {
+        match turns {
+            true => Self {
+                wrong: "degrees",
+                right: "radians",
+                symbol: "rad",
+                factor: 180.0 / PI,
+            },
+            false => Self {
+                wrong: "millimetres",
+                right: "metres",
+                symbol: "m",
+                factor: 1000.0,
+            },
+        }
+    }
+}
+
+fn positions(
+    f: &mut fmt::Formatter<'_>,
+    joint: usize,
+    units: &Units,
+    [least, most]: [f64; 2],
+    limits: Option<[f64; 2]>,
+) -> fmt::Result {
+    let Units {
+        wrong, right, symbol, ..
+    } = units;
+    write!(
+        f,
+        "positions of joint {joint} reach from {least:.4} to {most:.4} {symbol}"
+    )?;
+    match limits {
+        Some([lower, upper]) => write!(f, ", the URDF's limits are {lower:.4} and {upper:.4} {symbol}")?,
+        None => write!(f, ", {:.1} turns", (most - least) / TAU)?,
+    }
+    write!(
+        f,
+        ": if they are in {wrong}, convert them to {right}; else check log.position_columns"
+    )
+}
+
+fn speed(f: &mut fmt::Formatter<'_>, joint: usize, units: &Units, rms: f64, limit: Option<f64>) -> fmt::Result {
+    let Units {
+        wrong, right, symbol, ..
+    } = units;
+    write!(
+        f,
+        "velocities of joint {joint} are {rms:.4} {symbol}/s in root mean square"
+    )?;
+    if let Some(limit) = limit {
+        write!(f, ", the URDF's largest is {limit:.4} {symbol}/s")?;
+    }
+    write!(
+        f,
+        ": if they are in {wrong} per second, convert them to {right} per second; else check log.velocity_columns"
+    )
+}
+
+fn rate(f: &mut fmt::Formatter<'_>, joint: usize, units: &Units, factor: f64) -> fmt::Result {
+    let Units { wrong, right, .. } = units;
+    write!(
+        f,
+        "velocities of joint {joint} are {factor:.3} times the rate of change of its positions: "
+    )?;
+    if FACTOR.contains(&(factor / units.factor)) {
+        write!(
+            f,
+            "if they are in {wrong} per second, convert them to {right} per second"
+        )
+    } else if FACTOR.contains(&(factor * units.factor)) {
+        write!(f, "if its positions are in {wrong}, convert them to {right}")
+    } else if FACTOR.contains(&-factor) {
+        write!(f, "if they have the opposite sign, turn it round")
+    } else {
+        write!(
+            f,
+            "check log.velocity_columns, log.position_columns, and the units of both and of time"
+        )
+    }
+}
+
+fn sign(f: &mut fmt::Formatter<'_>, joint: usize, parameters: &[(String, f64, f64)]) -> fmt::Result {
+    let parameters: Vec<String> = parameters
+        .iter()
+        .map(|(name, estimate, std)| format!("{name} = {estimate:.3} +- {std:.3}"))
+        .collect();
+    write!(
+        f,
+        "torque of joint {joint} may have the opposite sign ({}): friction would drive the joint",
+        parameters.join(", ")
+    )
+}
+
+fn left_out(f: &mut fmt::Formatter<'_>, cause: &LeftOutCause) -> fmt::Result {
+    write!(
+        f,
+        "{cause}, and a parameter is {:.1} standard deviations off: ",
+        cause.harm
+    )?;
+    match cause.what {
+        Unmodelled::Friction { term, .. } => write!(f, "add \"{}\" to friction.terms", term.name()),
+        Unmodelled::Zero { .. } | Unmodelled::Tilt => f.write_str("look at the zeros and at model.gravity_m_per_s2"),
+        Unmodelled::Delay => write!(
+            f,
+            "{:.1} ms; torques, positions and velocities must be of the same instants",
+            1e3 * cause.amplitude
+        ),
     }
 }

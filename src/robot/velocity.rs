@@ -82,25 +82,28 @@ impl Velocities {
     }
 }
 
-/// Time from a sample of a log to the next \[s\], the median, so that a pause does not count; `None`
-/// of fewer than two.
-pub fn sample_period_s(log: &[RobotSample]) -> Option<f64> {
-    let mut steps: Vec<f64> = log.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
-    let middle = steps.len() / 2;
-    (!steps.is_empty()).then(|| *steps.select_nth_unstable_by(middle, f64::total_cmp).1)
-}
-
 /// The samples of a log with velocities by their positions, over `half_s` \[s\] to either side, two
 /// samples at least. Samples at the ends, and beside gaps longer than `max_gap_s` \[s\], have no
 /// neighbours on both sides and are left out.
 pub fn with_velocities(log: &[RobotSample], half_s: f64, max_gap_s: f64) -> Vec<RobotSample> {
-    let Some(period_s) = sample_period_s(log) else {
+    let Some(period_s) = median_period_s(log) else {
         return Vec::new();
     };
     // Not more neighbours than there are samples: a wrong unit of time is reported elsewhere.
     let half = ((half_s / period_s).round() as usize).clamp(2, log.len());
     let mut velocities = Velocities::new(half, max_gap_s.max(1.5 * period_s));
     log.iter().filter_map(|sample| velocities.push(sample)).collect()
+}
+
+/// Median time from one sample to the next \[s\], so that a pause does not count; `None` of fewer
+/// than two.
+pub fn median_period_s(log: &[RobotSample]) -> Option<f64> {
+    if log.len() < 2 {
+        return None;
+    }
+    let mut steps: Vec<f64> = log.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
+    let (_, period_s, _) = steps.select_nth_unstable_by((log.len() - 1) / 2, f64::total_cmp);
+    Some(*period_s)
 }
 
 #[cfg(test)]

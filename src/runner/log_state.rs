@@ -12,6 +12,8 @@ pub(super) struct LogState {
     rejected: u64,
     window_s: Option<f64>,
     is_replay: bool,
+    /// The stream of which it was said why it gives no estimate.
+    without_estimate: u64,
 }
 
 impl LogState {
@@ -58,6 +60,17 @@ impl LogState {
                     "replay ended: the estimates continue from the state before it"
                 }
             );
+        }
+    }
+
+    /// Why blocks of samples give no estimate, once per stream.
+    pub(super) fn no_estimate(&mut self, status: &Status) {
+        if let Some(words) = status
+            .no_estimate()
+            .filter(|_| self.without_estimate != status.stream_id)
+        {
+            self.without_estimate = status.stream_id;
+            tracing::warn!("no estimate yet: {words}");
         }
     }
 

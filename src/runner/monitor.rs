@@ -1,7 +1,7 @@
 //! The monitor's loop.
 
 use super::{RunError, Shutdown, Stay, TICK};
-use crate::bus::{SampleSubscriber, Subscriber};
+use crate::bus::{BusError, SampleSubscriber, Subscriber};
 use crate::messages::{Description, Estimate, Journal, Sample, Status};
 use crate::node::monitor::MonitorNode;
 use std::io;
@@ -120,15 +120,9 @@ pub fn run_monitor(
                 refreshed = Instant::now();
                 samples.refresh()?;
             }
-            loop {
-                let taken = samples.drain_timed(BATCH, |sample, sent_ns| {
-                    keep_first(&mut failure, || sink.sample(sample, sent_ns));
-                })?;
-                busy = taken == BATCH;
-                if !(ending && busy) {
-                    break;
-                }
-            }
+            busy = drain(samples, ending, |sample, sent_ns| {
+                keep_first(&mut failure, || sink.sample(sample, sent_ns));
+            })?;
         }
         keep_first(&mut failure, || sink.round());
         if let Some(e) = failure {
@@ -139,6 +133,16 @@ pub fn run_monitor(
         }
         if ending {
             return Ok(());
+        }
+    }
+}
+
+/// Takes a batch of samples, and all that are there at the end; true if more may be there.
+fn drain(samples: &mut SampleSubscriber, ending: bool, mut take: impl FnMut(&Sample, u64)) -> Result<bool, BusError> {
+    loop {
+        let busy = samples.drain_timed(BATCH, &mut take)? == BATCH;
+        if !(ending && busy) {
+            return Ok(busy);
         }
     }
 }

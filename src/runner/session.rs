@@ -131,6 +131,7 @@ impl Session {
         if self.clock.heartbeat_due() {
             loop_status.send(node, ports)?;
             self.log.losses(&node.status());
+            self.log.no_estimate(&node.status());
             self.log.window(node);
             self.log.replay(&node.status());
         }
@@ -153,6 +154,7 @@ impl Session {
         ports.desk.settle(&mut **node);
         self.loop_status.send(&**node, ports)?;
         self.log.losses(&node.status());
+        self.log.no_estimate(&node.status());
         self.log.left_out(ports.samples.left_out());
         self.readers = ports.estimates.subscribers();
         Ok(())

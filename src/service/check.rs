@@ -18,6 +18,10 @@ pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<
     };
     let mut told = BTreeSet::new();
     for config in common.load_robots_quietly(&[])? {
+        // Some settings are right or wrong together with the sample period alone.
+        config
+            .identifier()
+            .map_err(|e| Failure::Usage(format!("{}: {e}", file.display())))?;
         for warning in config.warnings() {
             let warning = format!("warning: {warning}");
             // Robots that share a file share what is wrong with it.

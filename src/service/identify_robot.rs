@@ -7,8 +7,8 @@ use super::{Exit, Failure, IdentifyArgs, TableFormat, logging, out_dir, robot_pr
 use crate::messages::{Estimate, State};
 use crate::node::robot::RobotEvidence;
 use crate::robot::{
-    FilteredSample, RobotConfig, RobotIdentifier, TorqueFit, correlation_time_s, filtered, is_robot_override,
-    judge_robot_fit,
+    FilteredSample, RobotConfig, RobotIdentifier, RobotSample, TorqueFit, correlation_time_s, filtered,
+    is_robot_override, judge_robot_fit, median_period_s,
 };
 use crate::runner::Shutdown;
 use serde_json::{Value, json};
@@ -77,38 +77,14 @@ pub(super) fn run(args: &IdentifyArgs, mut config: RobotConfig, shutdown: &Shutd
     let ticker = Ticker::start(&format!("identifying from {}", args.input.display()));
     let mut identifier = RobotIdentifier::new(config.model, config.options).map_err(Failure::Usage)?;
     let states = filtered(identifier.model(), &log);
-    let mut before = TorqueFit::default();
-    let mut evidence = RobotEvidence::new(&identifier);
-    let mut last = Estimate::default();
-    let mut estimates = estimates_header(&identifier);
-    for (index, (sample, state)) in log.iter().zip(&states).enumerate() {
-        ticker.at(index as f64 / log.len() as f64);
-        if identifier.blocks() >= WARM_UP_BLOCKS {
-            before.add(identifier.model(), identifier.theta(), state);
-        }
-        let closed = identifier
-            .push(sample)
-            .map_err(|e| Failure::Usage(format!("{}: at {} s: {e}", args.input.display(), sample.t_s)))?;
-        if closed {
-            last = evidence.judge(&identifier, true, 0.0);
-            estimates_line(&identifier, (sample.t_s, &last), &mut estimates);
-        }
-        if shutdown.requested() {
-            break;
-        }
-    }
-    if identifier.end_of_recording()
-        && let Some(sample) = log.last()
-    {
-        last = evidence.judge(&identifier, true, 0.0);
-        estimates_line(&identifier, (sample.t_s, &last), &mut estimates);
-    }
+    let Pass {
+        before,
+        last,
+        estimates,
+    } = Pass::through(&mut identifier, (&log, &states), &args.input, &ticker, shutdown)?;
     if identifier.blocks() == 0 {
-        return Err(Failure::Usage(format!(
-            "{}: expected at least a second in which a joint moves, got {} samples that give no row",
-            args.input.display(),
-            log.len()
-        )));
+        let why = without_rows(&identifier, &log);
+        return Err(Failure::Usage(format!("{}: {why}", args.input.display())));
     }
     ticker.stage("judging the fit");
     let fit = |states: &[FilteredSample]| TorqueFit::of(identifier.model(), identifier.theta(), states);
@@ -147,6 +123,71 @@ pub(super) fn run(args: &IdentifyArgs, mut config: RobotConfig, shutdown: &Shutd
         logging::note(args.format, &format!("results in {}", dir.display()))?;
     }
     Ok(Exit::Done)
+}
+
+/// What one pass through a log gives.
+struct Pass {
+    /// How well each second was predicted before it was learnt.
+    before: TorqueFit,
+    last: Estimate,
+    /// Text of `estimates.csv`.
+    estimates: String,
+}
+
+impl Pass {
+    /// Learns a log, sample by sample beside their filtered states, until asked to stop.
+    fn through(
+        identifier: &mut RobotIdentifier,
+        (log, states): (&[RobotSample], &[FilteredSample]),
+        input: &Path,
+        ticker: &Ticker,
+        shutdown: &Shutdown,
+    ) -> Result<Self, Failure> {
+        let mut evidence = RobotEvidence::new(identifier);
+        let mut pass = Self {
+            before: TorqueFit::default(),
+            last: Estimate::default(),
+            estimates: estimates_header(identifier),
+        };
+        for (index, (sample, state)) in log.iter().zip(states).enumerate() {
+            ticker.at(index as f64 / log.len() as f64);
+            if identifier.blocks() >= WARM_UP_BLOCKS {
+                pass.before.add(identifier.model(), identifier.theta(), state);
+            }
+            let closed = identifier
+                .push(sample)
+                .map_err(|e| Failure::Usage(format!("{}: at {} s: {e}", input.display(), sample.t_s)))?;
+            if closed {
+                pass.note(identifier, &mut evidence, sample.t_s);
+            }
+            if shutdown.requested() {
+                break;
+            }
+        }
+        if identifier.end_of_recording()
+            && let Some(sample) = log.last()
+        {
+            pass.note(identifier, &mut evidence, sample.t_s);
+        }
+        Ok(pass)
+    }
+
+    /// After a block that ended at `t_s`.
+    fn note(&mut self, identifier: &RobotIdentifier, evidence: &mut RobotEvidence, t_s: f64) {
+        self.last = evidence.judge(identifier, true, 0.0);
+        estimates_line(identifier, (t_s, &self.last), &mut self.estimates);
+    }
+}
+
+/// Why a log gave no row.
+fn without_rows(identifier: &RobotIdentifier, log: &[RobotSample]) -> String {
+    match median_period_s(log).and_then(|period_s| identifier.windows().too_far_apart(period_s)) {
+        Some(too_far_apart) => too_far_apart.to_string(),
+        None => format!(
+            "expected at least a second in which a joint moves, got {} samples that give no row",
+            log.len()
+        ),
+    }
 }
 
 /// How well torques are predicted: learnt from the same log, before each block was learnt, and of

@@ -7,6 +7,7 @@ use super::record::{Records, recorder};
 use super::wiring::monitor_node;
 use super::{Exit, Failure, MonitorArgs, child, foreign, logging, out_dir, readiness};
 use crate::bus::{Bus, SampleSubscriber, Subscriber};
+use crate::config::Config;
 use crate::files;
 use crate::messages::Description;
 use crate::node::monitor::MonitorNode;
@@ -35,110 +36,152 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     child::follow_launcher(&args.common)?;
     let out = quoted(args.out.as_ref().map(|dir| dir.display().to_string()));
     let config = args.common.load(Vec::new(), &[("monitor.out_dir", out)])?;
-    let domain = domain(&config)?;
-    let robot = &config.bus.robot;
-    // A launcher has made and checked the directory, and put the configuration into it.
-    let dir = config.monitor.out_dir.as_deref();
-    if let Some(dir) = dir.filter(|_| !args.common.is_launched()) {
-        out_dir::check(dir)?;
-        out_dir::create(dir)?;
-    }
-    // Beside a launched plant the truth is known; what publishes otherwise may be a real machine.
-    let truth = args.common.is_launched().then_some(&config.plant.sim);
-    let mut node = monitor_node(&config, truth);
-    let resume = args.common.launched.resume;
-    if let Some(path) = args.record.as_deref().filter(|_| resume) {
-        remember(&mut node, path);
-    }
-    let csv = dir
-        .map(|dir| {
-            estimates_csv(
-                &dir.join(ESTIMATES_CSV),
-                &node,
-                config.model.structure().equations.len(),
-                resume,
-            )
-        })
-        .transpose()
-        .map_err(|e| unwritable(ESTIMATES_CSV, &e))?;
+    let mut monitor = Monitor::begin(args, &config)?;
+    let outcome = monitor.follow(shutdown)?;
+    let recorded = monitor.records.finish();
 
-    let recorder = args
-        .record
-        .as_ref()
-        .map(|path| recorder(path, &config, &node, args.common.is_launched(), resume))
-        .transpose()?;
-
-    let live = Live::start(&config, &node, args)?;
-    let bus = Bus::join(&domain, robot, "monitor")?;
-    let mut ports = MonitorPorts {
-        // First, because an identifier that waits for a subscriber of its estimates publishes to
-        // the journal before.
-        journal: Subscriber::new(&bus)?,
-        estimates: Subscriber::new(&bus)?,
-        status: Subscriber::new(&bus)?,
-        description: Subscriber::new(&bus)?,
-        samples: None,
-    };
-    if args.common.launched.receipts {
-        ports.estimates.give_receipts(&bus)?;
-    }
-    // Last: in lockstep the plant starts when this one listens, and the identifier may have found
-    // another reader to wait for.
-    if recorder.is_some() || args.web.takes_samples() {
-        ports.samples = Some(SampleSubscriber::new(&bus)?);
-    }
-    let mut records = Records::new(csv, recorder, Some(bus.clone()), live);
-    tracing::info!(robot, domain = domain.name(), "monitor");
-    apply_realtime(&config.realtime.monitor);
-    if !args.common.is_launched() {
-        readiness::ready();
-    }
-    let mut model = config.model.name().to_owned();
-    let outcome = loop {
-        let outcome = run_monitor(&mut node, &mut ports, args.common.stay(), shutdown, &mut records);
-        let Err(RunError::ForeignModel(description)) = outcome else {
-            break outcome;
-        };
-        // A recording holds this monitor's configuration, with which it is identified again: it
-        // must be the right one.
-        if node.blocks() > 0 || records.is_recording() {
-            break Err(RunError::ForeignModel(description));
-        }
-        let description = match description {
-            Some(description) => description,
-            None => match await_description(&mut ports)? {
-                Some(description) => {
-                    // A new subscriber receives the first estimate again.
-                    ports.estimates = Subscriber::new(&bus)?;
-                    description
-                }
-                None => break Err(RunError::ForeignModel(None)),
-            },
-        };
-        foreign::warn_of_description(&description, &config);
-        node = monitor_of(&description);
-        records.rename(&description);
-        model = description.model().to_owned();
-        if let Some(dir) = dir {
-            records.csv = Some(renamed_csv(&dir.join(ESTIMATES_CSV), &node, description.equations)?);
-        }
-    };
-    let recorded = records.finish();
-
-    let summary = Summary::new(&node, robot, &model);
-    if let Some(dir) = dir {
+    let summary = Summary::new(&monitor.node, &config.bus.robot, &monitor.model);
+    if let Some(dir) = monitor.dir {
         write_summary(dir, &summary)?;
     }
     match outcome {
-        Err(RunError::ForeignModel(_)) => return Err(foreign::estimates(&bus, &config)),
+        Err(RunError::ForeignModel(_)) => return Err(foreign::estimates(&monitor.bus, &config)),
         outcome => outcome?,
     }
     if !args.common.is_launched() {
         logging::table(&summary, args.format)?;
-        if let Some(dir) = dir {
+        if let Some(dir) = monitor.dir {
             logging::note(args.format, &format!("results in {}", dir.display()))?;
         }
     }
+    warn_of_losses(&monitor.ports, &monitor.node);
+    let recording_lost = match recorded {
+        Some(Ok(written)) => written.samples_missing > 0,
+        Some(Err(())) => true,
+        None => false,
+    };
+    // Where nothing may be lost a lost estimate makes a difference to the run's exit code; a hole
+    // in a recording does anywhere.
+    let estimate_lost = args.common.launched.receipts && monitor.node.lost_estimates() > 0;
+    Ok(if recording_lost || estimate_lost {
+        Exit::DataLoss
+    } else if shutdown.requested() && !monitor.node.is_complete() {
+        Exit::Interrupted
+    } else {
+        Exit::Done
+    })
+}
+
+/// A monitor at work: what it listens to, what it knows, and what it keeps.
+struct Monitor<'a> {
+    args: &'a MonitorArgs,
+    config: &'a Config,
+    /// Where its files go.
+    dir: Option<&'a Path>,
+    ports: MonitorPorts,
+    node: MonitorNode,
+    /// Name of the model that the node's labels belong to.
+    model: String,
+    records: Records,
+    /// Last, so that it is left when nothing listens any more.
+    bus: Bus,
+}
+
+impl<'a> Monitor<'a> {
+    /// Opens the files, then the bus.
+    fn begin(args: &'a MonitorArgs, config: &'a Config) -> Result<Self, Failure> {
+        let domain = domain(config)?;
+        let robot = &config.bus.robot;
+        // A launcher has made and checked the directory, and put the configuration into it.
+        let dir = config.monitor.out_dir.as_deref();
+        if let Some(dir) = dir.filter(|_| !args.common.is_launched()) {
+            out_dir::check(dir)?;
+            out_dir::create(dir)?;
+        }
+        // Beside a launched plant the truth is known; whatever else publishes may be a machine.
+        let truth = args.common.is_launched().then_some(&config.plant.sim);
+        let mut node = monitor_node(config, truth);
+        let resume = args.common.launched.resume;
+        if let Some(path) = args.record.as_deref().filter(|_| resume) {
+            remember(&mut node, path);
+        }
+        let equations = config.model.structure().equations.len();
+        let csv = dir.map(|dir| estimates_csv(&dir.join(ESTIMATES_CSV), &node, equations, resume));
+        let csv = csv.transpose().map_err(|e| unwritable(ESTIMATES_CSV, &e))?;
+        let recorder = args
+            .record
+            .as_ref()
+            .map(|path| recorder(path, config, &node, args.common.is_launched(), resume))
+            .transpose()?;
+        let live = Live::start(config, &node, args)?;
+        let bus = Bus::join(&domain, robot, "monitor")?;
+        let takes_samples = recorder.is_some() || args.web.takes_samples();
+        let ports = connect(&bus, args.common.launched.receipts, takes_samples)?;
+        let records = Records::new(csv, recorder, Some(bus.clone()), live);
+        tracing::info!(robot, domain = domain.name(), "monitor");
+        apply_realtime(&config.realtime.monitor);
+        if !args.common.is_launched() {
+            readiness::ready();
+        }
+        Ok(Self {
+            args,
+            config,
+            dir,
+            bus,
+            ports,
+            node,
+            model: config.model.name().to_owned(),
+            records,
+        })
+    }
+
+    /// Takes in what comes until asked to stop, or to the end of the stream. As long as nothing is
+    /// written under its labels, it takes those of another model that the identifier describes.
+    fn follow(&mut self, shutdown: &Shutdown) -> Result<Result<(), RunError>, Failure> {
+        loop {
+            let Self {
+                node, ports, records, ..
+            } = self;
+            let outcome = run_monitor(node, ports, self.args.common.stay(), shutdown, records);
+            let Err(RunError::ForeignModel(description)) = outcome else {
+                return Ok(outcome);
+            };
+            // A recording holds this monitor's configuration, with which it is identified again: it
+            // must be the right one.
+            if self.node.blocks() > 0 || self.records.is_recording() {
+                return Ok(Err(RunError::ForeignModel(description)));
+            }
+            let description = match description {
+                Some(description) => description,
+                None => match await_description(&mut self.ports)? {
+                    Some(description) => {
+                        // A new subscriber receives the first estimate again.
+                        self.ports.estimates = Subscriber::new(&self.bus)?;
+                        description
+                    }
+                    None => return Ok(Err(RunError::ForeignModel(None))),
+                },
+            };
+            self.take_labels(&description)?;
+        }
+    }
+
+    /// Goes on under the labels of another model.
+    fn take_labels(&mut self, description: &Description) -> Result<(), Failure> {
+        foreign::warn_of_description(description, self.config);
+        self.node = monitor_of(description);
+        self.records.rename(description);
+        self.model = description.model().to_owned();
+        if let Some(dir) = self.dir {
+            let csv = renamed_csv(&dir.join(ESTIMATES_CSV), &self.node, description.equations)?;
+            self.records.csv = Some(csv);
+        }
+        Ok(())
+    }
+}
+
+/// Says how much never came, or was left out.
+fn warn_of_losses(ports: &MonitorPorts, node: &MonitorNode) {
     let left_out = ports.estimates.left_out().saturating_add(ports.status.left_out());
     if left_out > 0 {
         tracing::warn!(
@@ -153,20 +196,28 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
             "some blocks have no estimate here: lost on the way, or never made because their samples were"
         );
     }
-    let recording_lost = match recorded {
-        Some(Ok(written)) => written.samples_missing > 0,
-        Some(Err(())) => true,
-        None => false,
+}
+
+/// What a monitor listens to. With `receipts` the identifier waits for it.
+fn connect(bus: &Bus, receipts: bool, takes_samples: bool) -> Result<MonitorPorts, Failure> {
+    let mut ports = MonitorPorts {
+        // First, because an identifier that waits for a subscriber of its estimates publishes to
+        // the journal before.
+        journal: Subscriber::new(bus)?,
+        estimates: Subscriber::new(bus)?,
+        status: Subscriber::new(bus)?,
+        description: Subscriber::new(bus)?,
+        samples: None,
     };
-    // Where nothing may be lost a lost estimate makes a difference to the run's exit code; a hole
-    // in a recording does anywhere.
-    Ok(if recording_lost || (args.common.launched.receipts && lost > 0) {
-        Exit::DataLoss
-    } else if shutdown.requested() && !node.is_complete() {
-        Exit::Interrupted
-    } else {
-        Exit::Done
-    })
+    if receipts {
+        ports.estimates.give_receipts(bus)?;
+    }
+    // Last: in lockstep the plant starts when this one listens, and the identifier may have found
+    // another reader to wait for.
+    if takes_samples {
+        ports.samples = Some(SampleSubscriber::new(bus)?);
+    }
+    Ok(ports)
 }
 
 /// What the identifier says of its model, if it does so within a second.

@@ -44,6 +44,29 @@ fn e2e_config_check_accepts_what_run_has_written() {
 }
 
 #[test]
+fn fault_a_robot_that_gives_no_rows_is_told_why() {
+    const ROBOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/robots/six_axis.toml");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+    command.args(["config", "check", ROBOT, "--set", "plant.sample_period_s=0.1"]);
+    let mut check = Process::start(command);
+    check.expect_code(2);
+    check.expect_stderr(&["samples come every 0.100 s, rows bridge 0.050 s: expected window_s 1.000"]);
+
+    let site = Site::new();
+    let out = site.out();
+    let out = out.to_str().expect("UTF-8");
+    let quick = ["--set", "simulate.motion=\"rest\"", "--speed", "max", "--duration", "3"];
+    let args = [&["run", ROBOT, "--out", out][..], &quick].concat();
+    let mut run = site.start(Program::Thetabus, &args);
+    run.expect_code(0);
+    let table = run.stdout();
+    assert!(
+        table.contains("no estimate: no joint has moved for long enough"),
+        "{table}"
+    );
+}
+
+#[test]
 fn fault_a_warm_run_without_checkpoints_is_refused_before_anything_starts() {
     let site = Site::new();
     let mut run = site.start_run(&["--warm"]);

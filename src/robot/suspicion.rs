@@ -1,5 +1,6 @@
 //! What may be wrong with a robot's log, in words that say what to do.
 
+use super::inquiry_room::RobotDoubt;
 use super::left_out_room::LeftOutCause;
 use super::model::Unmodelled;
 use std::f64::consts::{PI, TAU};
@@ -79,6 +80,8 @@ pub enum RobotSuspicion {
     },
     /// A term of friction that the model leaves out.
     LeftOut(LeftOutCause),
+    /// A drive or an encoder that has changed within the log.
+    Changed(RobotDoubt),
     /// A torque that the model does not explain.
     Residual {
         /// The joint.
@@ -192,6 +195,7 @@ impl fmt::Display for RobotSuspicion {
                     parameters.join(", ")
                 )
             }
+            Self::Changed(doubt) => write!(f, "{doubt}"),
             Self::LeftOut(left_out) => {
                 write!(
                     f,

@@ -1,6 +1,7 @@
 //! Robots from a URDF, each stage against something independent of it.
 
 mod calibration;
+mod drives;
 mod dynamics;
 mod excitation;
 mod judge;

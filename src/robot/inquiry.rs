@@ -21,6 +21,10 @@
 //! After (6) what was known before is known again. Columns are those of `gain_columns.rs`, and the
 //! slopes of the weight in a position.
 //!
+//! What (4) names is looked at for ten seconds: friction of a joint that has not reversed yet is as
+//! good as a gain. Another change begins another inquiry, if this one was clear before but for the
+//! time; else neither will be.
+//!
 //! A gain or a zero that changes too little for friction or a payload to be suspected opens an
 //! inquiry by itself. A slip that is a jump is found at once by `jump.rs`, and opens one, too.
 
@@ -71,6 +75,7 @@ impl RobotIdentifier {
         inquiry.sums.iter_mut().for_each(JointSums::clear);
         inquiry.last.iter_mut().for_each(JointSums::clear);
         inquiry.slices = 0;
+        inquiry.leans.fill(false);
         inquiry.doubt = Some(RobotDoubt::Unclear);
         self.effective_of(&watch.inquiry.theta, &mut watch.inquiry.effective);
     }
@@ -127,6 +132,10 @@ impl RobotIdentifier {
         let is_late = watch.inquiry.slices >= LEAST;
         if is_late && o.max(b) < NOTHING {
             return None; // (5)
+        }
+        watch.inquiry.leans.rotate_left(1);
+        if let Some(lean) = watch.inquiry.leans.last_mut() {
+            *lean = o > b + CLEAR;
         }
         let is_heavy = ordinary == Suspect::Payload && o > b + SHARE * o;
         if o > b + CLEAR && (is_late || is_heavy) && self.is_explained(watch, ordinary) {

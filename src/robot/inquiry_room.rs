@@ -5,6 +5,11 @@ use super::information::Information;
 use super::sums::JointSums;
 use std::fmt;
 
+/// Slices after which a drive or an encoder that was named stays so.
+const FINAL: usize = 40;
+/// Slices that it takes at most to see another change.
+const LEANS: usize = 4;
+
 /// Why nothing that is known of a robot may be used.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RobotDoubt {
@@ -75,6 +80,9 @@ pub(super) struct Inquiry {
     pub last: Vec<JointSums>,
     /// Slices since.
     pub slices: usize,
+    /// After the last slices, whether friction or a payload was clear but for the time; oldest
+    /// first.
+    pub leans: [bool; LEANS],
 }
 
 impl Inquiry {
@@ -92,6 +100,7 @@ impl Inquiry {
             sums: empty.to_vec(),
             last: empty.to_vec(),
             slices: 0,
+            leans: [false; LEANS],
         }
     }
 
@@ -100,9 +109,15 @@ impl Inquiry {
         self.doubt.is_some()
     }
 
-    /// True while its outcome is open.
+    /// True while its outcome may still change.
     pub fn is_pending(&self) -> bool {
-        self.doubt == Some(RobotDoubt::Unclear)
+        self.doubt == Some(RobotDoubt::Unclear) || self.is_open() && self.slices < FINAL
+    }
+
+    /// True if another change may begin an inquiry: this one was about friction or a payload
+    /// before the other came.
+    pub fn gives_way(&self) -> bool {
+        !self.is_open() || self.is_pending() && self.leans[0]
     }
 
     /// Takes rows.

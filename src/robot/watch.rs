@@ -294,7 +294,7 @@ impl RobotIdentifier {
                 learn(&watch.window[joint], weight, load, &mut self.committed);
             }
         }
-        let inquires = is_explained && !watch.inquiry.is_open();
+        let inquires = is_explained && watch.inquiry.gives_way();
         if inquires {
             self.system.copy_from(&self.committed);
             self.begin_inquiry(&mut watch);

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! m = Δq_k − ½ (q̇_k + q̇_{k−1}) Δt                                                              (1)
-//! s = Δq_k − Δq_{k−1}        less whole turns, that an encoder may wrap by                     (2)
+//! s = Δq_k − Δq_{k−1}        less whole turns, that an encoder may wrap by, and jumps           (2)
 //! jump by s:   |m| > max(LEAST, LOUD · mean |m|),   |s| > LEAST,   m/s > SHARE                 (3)
 //! slipped:     |Σ s| > LEAST over the jumps of a joint                                         (4)
 //! ```
@@ -68,12 +68,13 @@ impl Jumps {
             let jump = moved - self.step[j];
             let jump = jump - (jump / TAU).round() * TAU; // (2)
             let is_loud = missed.abs() > LEAST.max(LOUD * self.usual[j]);
+            self.step[j] = moved;
             if even && joint.turns && is_loud && jump.abs() > LEAST && missed / jump > SHARE {
                 self.slipped[j] += jump; // (3)
+                self.step[j] -= jump;
                 jumped = true;
             }
             self.usual[j] += (missed.abs().min(LEAST) - self.usual[j]) / MEAN_OF;
-            self.step[j] = moved;
         }
         self.step_s = step_s;
         jumped

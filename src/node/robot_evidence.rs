@@ -110,7 +110,7 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
     report.fit_probability = figures.fit_probability;
     report.excitation.copy_from_slice(&figures.excitation);
     let unfit = unexplained || figures.fit_probability < crate::estimator::MISFIT;
-    report.misfit = u64::from(unfit || left_out || refuted(robot).is_some());
+    report.misfit = u64::from(unfit || left_out || refuted(robot).is_some() || robot.doubt().is_some());
     for j in 0..joints {
         // Friction's misfit is correlated: whole blocks are off by more than rows are.
         report.noise_std[j] = robot.torque_std(j) * robot.inflation(j);
@@ -172,6 +172,14 @@ pub(super) fn left_out(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     let mut words = FixedText::<ERROR_TEXT>::default();
     // longer words than fit are cut, which is what an error means here
     let _cut = write!(words, "{}", robot.left_out_cause()?);
+    Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
+}
+
+/// A drive or an encoder that has changed, or might have, in words.
+pub(super) fn doubt(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
+    let mut words = FixedText::<ERROR_TEXT>::default();
+    // longer words than fit are cut, which is what an error means here
+    let _cut = write!(words, "{}", robot.doubt()?);
     Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
 }
 

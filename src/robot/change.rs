@@ -47,6 +47,18 @@ pub struct RobotChange {
     pub found_s: f64,
 }
 
+/// What may have changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Suspect {
+    Payload,
+    /// Friction of a joint, or of all of them.
+    Friction(Option<usize>),
+    /// Gain of the drive of a joint, or of all of them alike.
+    Gain(Option<usize>),
+    /// Zero of the encoder of a joint.
+    Slip(usize),
+}
+
 /// What may have changed at once.
 #[derive(Clone, Copy)]
 pub(super) enum Extra<'a> {
@@ -54,6 +66,19 @@ pub(super) enum Extra<'a> {
     Payload(&'a Payload),
     /// Parameters with the standard deviations of their change.
     Parameters(&'a [usize], &'a [f64]),
+    /// A column of rows that is none of the parameters', with the standard deviation of its factor.
+    Column(&'a Column, f64),
+}
+
+/// A column c of rows, by its products with those of the parameters.
+#[derive(Debug, Clone)]
+pub(super) struct Column {
+    /// Xᵀ W c over all parameters.
+    pub cross: Vec<f64>,
+    /// cᵀ W c.
+    pub square: f64,
+    /// cᵀ W r, with r the residuals.
+    pub score: f64,
 }
 
 /// Room for (1).
@@ -125,7 +150,7 @@ impl Evidence {
         let (n, f, k) = (data.n, self.free.len(), extra.len());
         for i in 0..n {
             for e in 0..k {
-                self.columns[i * k + e] = extra.product(&data.matrix[i * n..(i + 1) * n], e); // A E
+                self.columns[i * k + e] = extra.cross(data, i, e); // A E
             }
         }
         for e in 0..k {
@@ -145,7 +170,7 @@ impl Evidence {
             }
             self.s[e * k + e] += extra.std(e).powi(-2);
             spread += 2.0 * extra.std(e).ln();
-            self.moved[e] = extra.product(&data.vector, e) - dot(w, &self.y[..f]); // (2')
+            self.moved[e] = extra.score(data, e) - dot(w, &self.y[..f]); // (2')
         }
         if !self.small.factor(k, &self.s[..k * k]) {
             return None;
@@ -165,7 +190,7 @@ impl Evidence {
         let m = f + k;
         for i in 0..n {
             for e in 0..k {
-                self.columns[i * k + e] = extra.product(&data.matrix[i * n..(i + 1) * n], e); // A E
+                self.columns[i * k + e] = extra.cross(data, i, e); // A E
             }
         }
         for (r, &i) in self.free.iter().enumerate() {
@@ -185,7 +210,7 @@ impl Evidence {
             }
             self.a[(f + e) * m + f + e] += extra.std(e).powi(-2);
             spread += 2.0 * extra.std(e).ln();
-            self.h[f + e] = extra.product(&data.vector, e);
+            self.h[f + e] = extra.score(data, e);
         }
         if !self.factor.factor(m, &self.a[..m * m]) {
             return None;
@@ -208,6 +233,7 @@ impl Extra<'_> {
             Self::Nothing => 0,
             Self::Payload(_) => BODY_PARAMETERS,
             Self::Parameters(indices, _) => indices.len(),
+            Self::Column(..) => 1,
         }
     }
 
@@ -216,13 +242,30 @@ impl Extra<'_> {
             Self::Nothing => 1.0,
             Self::Payload(payload) => payload.prior[e],
             Self::Parameters(_, std) => std[e],
+            Self::Column(_, std) => *std,
+        }
+    }
+
+    /// Entry (i, e) of A E.
+    fn cross(&self, data: &Information, i: usize, e: usize) -> f64 {
+        match self {
+            Self::Column(column, _) => column.cross[i],
+            _ => self.product(&data.matrix[i * data.n..(i + 1) * data.n], e),
+        }
+    }
+
+    /// Entry e of Eᵀ g.
+    fn score(&self, data: &Information, e: usize) -> f64 {
+        match self {
+            Self::Column(column, _) => column.score,
+            _ => self.product(&data.vector, e),
         }
     }
 
     /// A row over the parameters times column e of E.
     fn product(&self, row: &[f64], e: usize) -> f64 {
         match self {
-            Self::Nothing => 0.0,
+            Self::Nothing | Self::Column(..) => 0.0,
             Self::Payload(payload) => (0..payload.first).map(|a| row[a] * payload.row(a)[e]).sum(),
             Self::Parameters(indices, _) => row[indices[e]],
         }
@@ -234,13 +277,14 @@ impl Extra<'_> {
             Self::Nothing => 0.0,
             Self::Payload(payload) => (0..payload.first).map(|a| payload.row(a)[d] * columns[a * k + e]).sum(),
             Self::Parameters(indices, _) => columns[indices[d] * k + e],
+            Self::Column(column, _) => column.square,
         }
     }
 
-    /// step + E x, as a step of the arm's parameters.
+    /// step + E x, as a step of the arm's parameters; a column beside theirs is none.
     pub fn add(&self, extra: &[f64], step: &mut [f64]) {
         match self {
-            Self::Nothing => {}
+            Self::Nothing | Self::Column(..) => {}
             Self::Payload(payload) => {
                 for (a, step) in step.iter_mut().enumerate().take(payload.first) {
                     *step += payload.row(a).iter().zip(extra).map(|(m, x)| m * x).sum::<f64>();

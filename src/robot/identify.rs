@@ -32,6 +32,7 @@ use super::figures::BlockFigures;
 use super::friction_drift::FrictionDrift;
 use super::identify_options::IdentifyOptions;
 use super::information::{Information, Solver};
+use super::jump::Jumps;
 use super::left_out_room::LeftOut;
 use super::levels::LevelRing;
 use super::model::{RobotModel, RobotParameter};
@@ -65,6 +66,7 @@ pub struct RobotIdentifier {
     pub(super) drift: FrictionDrift,
     pub(super) options: IdentifyOptions,
     pub(super) rows: WeakRows,
+    pub(super) jumps: Jumps,
     pub(super) parameters: Vec<RobotParameter>,
     pub(super) payload: Option<Payload>,
     /// True while the flange carries something.
@@ -141,6 +143,7 @@ impl RobotIdentifier {
         };
         let mut identifier = Self {
             rows: WeakRows::new(&wide, options.windows)?,
+            jumps: Jumps::default(),
             is_loaded: false,
             slice_end: None,
             slice_begin: 0.0,
@@ -192,6 +195,7 @@ impl RobotIdentifier {
     /// Forgets everything that was learnt and held.
     pub fn reset(&mut self) {
         self.rows.restart();
+        self.jumps.reset();
         self.clear_recording();
         for sums in [&mut self.block, &mut self.total].into_iter().flatten() {
             sums.clear();
@@ -206,6 +210,9 @@ impl RobotIdentifier {
         self.fixed.fill(true);
         self.covariance.fill(0.0);
         self.change = None;
+        if let Some(watch) = &mut self.watch {
+            (watch.doubt, watch.strange, watch.inquiry.doubt) = (0, 0, None);
+        }
         self.left_out.iter_mut().for_each(LeftOut::reset);
         self.drift.reset();
         self.figures.clear();
@@ -382,6 +389,9 @@ impl RobotIdentifier {
             slice[row.joint].add_row(row.regressor, row.torque);
             ring.add(&row);
         })?;
+        if self.jumps.take(self.model.robot(), sample) {
+            self.inquire_after_jump();
+        }
         if self.payload.is_some() {
             let end = *self.slice_end.get_or_insert(sample.t_s + SLICE_S);
             if sample.t_s >= end {
@@ -396,6 +406,7 @@ impl RobotIdentifier {
     /// recording.
     pub fn end_of_recording(&mut self) -> bool {
         self.rows.restart();
+        self.jumps.restart();
         self.block_end = None;
         let closed = self.close_block();
         self.slice_end = None;
@@ -405,6 +416,7 @@ impl RobotIdentifier {
     /// Windows begin anew with the next sample, and what came since the last block is dropped.
     pub fn discard_block(&mut self) {
         self.rows.restart();
+        self.jumps.restart();
         self.slice.iter_mut().for_each(JointSums::clear);
         self.block.iter_mut().for_each(JointSums::clear);
         self.pending.drop_newest(self.block_slices);
@@ -421,6 +433,7 @@ impl RobotIdentifier {
     /// Windows begin anew with the next sample, because time has been lost.
     pub fn restart_windows(&mut self) {
         self.rows.restart();
+        self.jumps.restart();
         self.commit_pending(self.pending.len());
         self.ring.clear();
         (self.slice_end, self.block_slices) = (None, 0);

@@ -136,6 +136,7 @@ pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) 
         }
     }
     found.extend(identifier.left_out_cause().map(RobotSuspicion::LeftOut));
+    found.extend(identifier.doubt().map(RobotSuspicion::Changed));
     for joint in 0..model.robot().len() {
         if let Some(percent) = motion.residual(joint)
             && percent > LARGEST_RESIDUAL

@@ -90,6 +90,15 @@ impl LeftOut {
         }
     }
 
+    /// The column of the zero of a joint's encoder, of a joint that turns.
+    pub fn zero(&self, joint: usize) -> Option<&[usize; 1]> {
+        let own = |term: &&LeftOutTerm| term.what == Unmodelled::Zero { joint };
+        self.terms
+            .iter()
+            .find(own)
+            .map(|term| std::array::from_ref(&term.index))
+    }
+
     /// Forgets everything.
     pub fn reset(&mut self) {
         self.found = None;

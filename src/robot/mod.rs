@@ -33,6 +33,7 @@
 //! | `identify`, `learning`, `figures` | blocks → estimates with standard deviations, and how well they fit |
 //! | `left_out` | which term of friction the model leaves out, by the residuals |
 //! | `payload`, `change`, `watch`, `physical` | what the flange carries: found, located, weighed, physically possible |
+//! | `inquiry`, `gain_columns`, `jump` | whether a drive's gain or an encoder's zero has changed |
 //! | `standard`, `urdf_writer` | bodies that can exist, from base parameters; written into the URDF |
 //! | `calibration` | gains of the drives from a known load |
 //! | `velocity` | velocities from positions |
@@ -57,10 +58,14 @@ mod figures;
 mod fit;
 mod friction;
 mod friction_drift;
+mod gain_columns;
 mod identify;
 mod identify_options;
 mod information;
+mod inquiry;
+mod inquiry_room;
 mod judge;
+mod jump;
 mod learning;
 mod left_out;
 mod left_out_room;
@@ -108,6 +113,7 @@ pub use fit::{TorqueFit, correlation_time_s, filtered};
 pub use friction::{Engagement, FrictionTerm, JointFriction};
 pub use identify::RobotIdentifier;
 pub use identify_options::IdentifyOptions;
+pub use inquiry_room::RobotDoubt;
 pub use judge::{judge_robot_fit, judge_robot_log};
 pub use left_out_room::LeftOutCause;
 pub use log::{Drives, LogColumns, LogError, read_log};

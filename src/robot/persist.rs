@@ -1,7 +1,9 @@
 //! What a robot's identification must keep to be continued by another process.
 //!
 //! The rows that are kept apart are taken as known then, and sums are condensed: what goes on from
-//! a state weighs what is past as it was weighed.
+//! a state weighs what is past as it was weighed. While it is not clear whether a drive or an
+//! encoder has changed, or if one has, the state is that of before the change: who goes on from it
+//! finds the change again.
 
 use super::identify::RobotIdentifier;
 use super::watch::LEARNT;
@@ -15,11 +17,15 @@ impl RobotIdentifier {
         into.reals.clear();
         into.counts.clear();
         self.assemble();
+        let is_before = self.swap_with_before();
         let mut save = Save(into);
         save.reals(&mut self.theta);
         save.reals(&mut self.system.matrix);
         save.reals(&mut self.system.vector);
         self.visit_rest(&mut save);
+        if is_before {
+            self.swap_with_before();
+        }
     }
 
     /// Goes on from a state.

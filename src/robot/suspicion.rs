@@ -1,5 +1,6 @@
 //! What may be wrong with a robot's log, in words that say what to do.
 
+use super::inquiry_room::RobotDoubt;
 use super::left_out_room::LeftOutCause;
 use super::model::Unmodelled;
 use std::f64::consts::{PI, TAU};
@@ -79,6 +80,8 @@ pub enum RobotSuspicion {
     },
     /// A term of friction that the model leaves out.
     LeftOut(LeftOutCause),
+    /// A drive or an encoder that has changed within the log.
+    Changed(RobotDoubt),
     /// A torque that the model does not explain.
     Residual {
         /// The joint.
@@ -126,6 +129,7 @@ impl fmt::Display for RobotSuspicion {
             ),
             Self::Sign { joint, ref parameters } => sign(f, joint + 1, parameters),
             Self::LeftOut(ref cause) => left_out(f, cause),
+            Self::Changed(doubt) => write!(f, "{doubt}"),
             Self::Residual { joint, percent } => write!(
                 f,
                 "the model explains little of joint {}'s torque (residual {percent:.0} %): columns swapped, another unit, or a sign?",

@@ -1,7 +1,8 @@
 //! The watch over changes: after each slice the last ones are held against what was known before,
 //! see [`change`](super::change).
 
-use super::change::{ChangeCause, Extra, RobotChange};
+use super::change::{ChangeCause, Extra, RobotChange, Suspect};
+use super::gain_columns::GainColumns;
 use super::identify::RobotIdentifier;
 use super::learning::learn;
 use super::recent::RowRing;
@@ -32,14 +33,9 @@ const CARRIES: f64 = 3.0;
 const REACH: f64 = 1.5;
 /// Residuals behind a change beyond so many σ_j f_j are not explained.
 const UNEXPLAINED: f64 = 6.0;
-
-/// What may have changed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Suspect {
-    Payload,
-    /// Friction of a joint, or of all of them.
-    Friction(Option<usize>),
-}
+/// Standard deviation of a gain's relative change, and of an encoder's slip \[rad\].
+const GAIN_STD: f64 = 0.1;
+const SLIP_STD: [f64; 1] = [0.05];
 
 impl RobotIdentifier {
     /// Ends the slice that is open: adds it to the block, keeps it apart, and looks whether the
@@ -62,7 +58,9 @@ impl RobotIdentifier {
             for (kept, sums) in kept.sums.iter_mut().zip(&self.slice) {
                 kept.copy_from(sums);
             }
+            self.add_to_inquiry();
             self.look(now_s);
+            self.inquire();
         }
         self.slice.iter_mut().for_each(JointSums::clear);
     }
@@ -75,7 +73,7 @@ impl RobotIdentifier {
         }
         let Some(mut watch) = self.watch.take() else { return };
         let suspect = match self.prepare(&mut watch, slices) {
-            true => self.judge(&mut watch),
+            true => self.judge(&mut watch, slices),
             false => None,
         };
         let found = suspect.filter(|(suspect, slices)| self.explain(&mut watch, *suspect, *slices).is_some());
@@ -101,10 +99,15 @@ impl RobotIdentifier {
             }
         }
         self.weigh_window(watch);
+        self.set_friction_std(watch);
+        watch.evidence.begin(&self.system, &watch.data, &self.fixed)
+    }
+
+    /// How much friction may change at once.
+    pub(super) fn set_friction_std(&self, watch: &mut Watch) {
         for (std, &i) in watch.friction_std.iter_mut().zip(&self.frictions) {
             *std = self.options.friction_change * watch.theta[i].abs().max(FRICTION_SIZE * self.parameters()[i].scale);
         }
-        watch.evidence.begin(&self.system, &watch.data, &self.fixed)
     }
 
     /// What acts as these parameters do, as parameters of the arm.
@@ -118,18 +121,23 @@ impl RobotIdentifier {
     /// Turns the sums of the window into information about the error of what was known before.
     fn weigh_window(&mut self, watch: &mut Watch) {
         watch.data.clear();
+        watch.gains.clear();
         for joint in 0..watch.window.len() {
             if watch.window[joint].rows > 0 {
                 watch.window[joint].shift(&watch.effective);
                 let weight = self.weight(joint);
                 let load = self.payload.as_mut().filter(|_| self.is_loaded);
                 learn(&watch.window[joint], weight, load, &mut watch.data);
+                let load = self.payload.as_ref().filter(|_| self.is_loaded);
+                watch
+                    .gains
+                    .take(joint, &watch.window[joint], &watch.effective, weight, load);
             }
         }
     }
 
     /// What may have changed, as columns; `std` are those of the friction.
-    fn extra<'a>(&'a self, suspect: Suspect, std: &'a [f64]) -> Extra<'a> {
+    pub(super) fn extra<'a>(&'a self, suspect: Suspect, std: &'a [f64], gains: &'a GainColumns) -> Extra<'a> {
         match (suspect, &self.payload) {
             (Suspect::Payload, Some(payload)) => Extra::Payload(payload),
             (Suspect::Payload, None) => Extra::Nothing,
@@ -139,12 +147,17 @@ impl RobotIdentifier {
                 let own = first..first + self.model.friction_of(joint).len();
                 Extra::Parameters(&self.frictions[own.clone()], &std[own])
             }
+            (Suspect::Gain(joint), _) => Extra::Column(gains.of(joint), GAIN_STD),
+            (Suspect::Slip(joint), _) => {
+                let zero = self.left_out.as_ref().and_then(|left_out| left_out.zero(joint));
+                zero.map_or(Extra::Nothing, |index| Extra::Parameters(index, &SLIP_STD))
+            }
         }
     }
 
     /// ln of the Bayes factor of a suspect on the window that was [prepared](Self::prepare) last.
-    fn gain(&self, watch: &mut Watch, suspect: Suspect) -> Option<f64> {
-        let extra = self.extra(suspect, &watch.friction_std);
+    pub(super) fn gain(&self, watch: &mut Watch, suspect: Suspect) -> Option<f64> {
+        let extra = self.extra(suspect, &watch.friction_std, &watch.gains);
         watch.evidence.gain(&watch.data, extra)
     }
 
@@ -168,10 +181,11 @@ impl RobotIdentifier {
     }
 
     /// What the last slices speak for, once that is clear, and how many of them.
-    fn judge(&mut self, watch: &mut Watch) -> Option<(Suspect, usize)> {
+    fn judge(&mut self, watch: &mut Watch, slices: usize) -> Option<(Suspect, usize)> {
         let payload = self.gain(watch, Suspect::Payload)?;
         if payload.max(self.gain(watch, Suspect::Friction(None))?) < ALARM {
             watch.doubt = 0;
+            self.suspect_drives(watch, slices);
             return None;
         }
         watch.doubt += 1;
@@ -214,7 +228,7 @@ impl RobotIdentifier {
 
     /// What the machine is in the window, if this suspect has changed.
     fn fit(&self, watch: &mut Watch, suspect: Suspect) -> Option<()> {
-        let extra = self.extra(suspect, &watch.friction_std);
+        let extra = self.extra(suspect, &watch.friction_std, &watch.gains);
         watch.evidence.weigh(&self.system, &watch.data, &self.fixed, extra)?;
         // The step from what was known, as one of the arm's parameters.
         self.effective_of(&watch.evidence.delta, &mut watch.changed);
@@ -267,7 +281,7 @@ impl RobotIdentifier {
         let cause = match suspect {
             _ if !is_explained => ChangeCause::Unexplained,
             Suspect::Payload => ChangeCause::Payload,
-            Suspect::Friction(_) => ChangeCause::Friction,
+            _ => ChangeCause::Friction,
         };
         self.condense();
         self.pending.clear();
@@ -280,10 +294,18 @@ impl RobotIdentifier {
                 learn(&watch.window[joint], weight, load, &mut self.committed);
             }
         }
+        let inquires = is_explained && watch.inquiry.gives_way();
+        if inquires {
+            self.system.copy_from(&self.committed);
+            self.begin_inquiry(&mut watch);
+        }
         if is_explained {
             let kept = self.pending.push(t_s);
             let mut sums = std::mem::take(&mut kept.sums);
             self.sum_up(&mut sums, behind);
+            if inquires {
+                watch.inquiry.take(&sums);
+            }
             self.pending.replace_newest(sums);
         }
         match cause {

@@ -1,7 +1,9 @@
 //! Room for the watch over changes, taken at the start.
 
 use super::change::{Evidence, RobotChange};
+use super::gain_columns::GainColumns;
 use super::information::Information;
+use super::inquiry_room::Inquiry;
 use super::sums::JointSums;
 
 /// What the watch works with.
@@ -19,8 +21,14 @@ pub(super) struct Watch {
     pub changed: Vec<f64>,
     /// Indices of the friction's parameters and the standard deviations of their change.
     pub friction_std: Vec<f64>,
+    /// Columns of the drives' gains.
+    pub gains: GainColumns,
     /// Slices since the machine first looked changed without it being clear how.
     pub doubt: usize,
+    /// Slices in a row that a drive or an encoder explains.
+    pub strange: usize,
+    /// The change whose cause is not clear yet.
+    pub inquiry: Inquiry,
     /// The change found since the block began.
     pub found: Option<RobotChange>,
 }
@@ -35,7 +43,10 @@ impl Watch {
             effective: vec![0.0; arm],
             changed: vec![0.0; arm],
             friction_std: vec![0.0; frictions],
+            gains: GainColumns::new(empty.len(), parameters),
             doubt: 0,
+            strange: 0,
+            inquiry: Inquiry::new(parameters, arm, empty),
             found: None,
         }
     }

@@ -22,8 +22,8 @@ const SAMPLES_PER_MULTIPLE: f64 = 4.0 / 3.0;
 /// Largest n: the fourth sawtooth raises the variance by a factor of two once in a while.
 const FRACTIONS: usize = 3;
 
-/// Most that the variance is raised by in windows of `half` samples to either side: at a slower beat
-/// the rounding hardly changes within a window, and an offset is no noise.
+/// Most that the variance is raised by in windows of `half` samples to either side: at a slower
+/// beat the rounding hardly changes within a window, and an offset is no noise.
 pub(super) fn limit(half: usize) -> f64 {
     2.0 * half as f64 / SAMPLES_PER_MULTIPLE
 }

@@ -1,0 +1,290 @@
+//! What a change was, by all that has come since: a drive or an encoder, or friction or payload?
+//!
+//! In the first second another gain of a drive, or an encoder that slips, resembles friction or a
+//! payload: each can imitate the other's torques along half a second of a motion. So a change is
+//! *taken over* as `watch.rs` finds it, and an inquiry goes on. It keeps what was known before the
+//! change, and sums up every row since. After each slice it holds (2') of
+//! [`change`](super::change) for each suspect, over all these rows, against each other:
+//!
+//! ```text
+//! o = max gain_E over payload, friction of one joint, of all joints                            (1)
+//! b = max gain_E over the gain of a drive, of all drives alike, the zero of an encoder         (2)
+//! o > b + CLEAR, and residuals of it ≤ EXPLAINED f_j σ_j:   what was taken over stays          (3)
+//! b > o + CLEAR:                                            a drive or an encoder it is        (4)
+//! o, b < NOTHING:                                           nothing has changed                (5)
+//! o, b < NOTHING and gain_b < REFUTED in the last rows:     it was, and is no longer           (6)
+//! ```
+//!
+//! It waits for [`LEAST`] slices, but for a payload that explains much more than (2). Until (3),
+//! (5) or (6) holds, and after (4) until (6) or a reset, nothing may be used: another gain scales
+//! what is learnt from then on, and a mass that comes later is weighed with the arm as it was.
+//! After (6) what was known before is known again. Columns are those of `gain_columns.rs`, and the
+//! slopes of the weight in a position.
+//!
+//! What (4) names is looked at for ten seconds: friction of a joint that has not reversed yet is as
+//! good as a gain. Another change begins another inquiry, if this one was clear before but for the
+//! time; else neither will be.
+//!
+//! A gain or a zero that changes too little for friction or a payload to be suspected opens an
+//! inquiry by itself. A slip that is a jump is found at once by `jump.rs`, and opens one, too.
+
+use super::change::{Extra, Suspect};
+use super::identify::RobotIdentifier;
+use super::inquiry_room::RobotDoubt;
+use super::learning::learn;
+use super::sums::JointSums;
+use super::watch_room::Watch;
+
+/// ln of the Bayes factor by which one kind of cause must be likelier than the other.
+const CLEAR: f64 = 10.0;
+/// Below it, nothing has changed.
+const NOTHING: f64 = 3.0;
+/// The same as a part of what a payload gains, before there are [`LEAST`] slices.
+const SHARE: f64 = 0.1;
+/// ln of the Bayes factor of what the rows refute: had it changed, they would have shown a seventh
+/// of what it may change by.
+const REFUTED: f64 = -2.0;
+/// Slices that it takes, and that the last rows of (6) are.
+const LEAST: usize = 8;
+/// Residuals beyond so many f_j σ_j are not explained.
+const EXPLAINED: f64 = 3.0;
+/// ln of the Bayes factor from which on a gain or a zero is suspected.
+const ALARM: f64 = 18.0;
+
+impl RobotIdentifier {
+    /// Why nothing that is known may be used, if that is so: a drive or an encoder has changed, or
+    /// might have.
+    pub fn doubt(&self) -> Option<RobotDoubt> {
+        let inquired = || self.watch.as_ref()?.inquiry.doubt;
+        self.jumps.found().or_else(inquired)
+    }
+
+    /// Begins with what `system` holds as known before the change, and no rows.
+    pub(super) fn begin_inquiry(&mut self, watch: &mut Watch) {
+        let inquiry = &mut watch.inquiry;
+        inquiry.known.copy_from(&self.system);
+        inquiry.theta.copy_from_slice(&self.theta);
+        inquiry.fixed.copy_from_slice(&self.fixed);
+        if !self.solver.solve(&inquiry.known, &inquiry.fixed, &mut inquiry.theta) {
+            return;
+        }
+        inquiry.was_loaded = self.is_loaded;
+        for (joint, level) in inquiry.level.iter_mut().enumerate() {
+            *level = self.torque_std[joint] * self.inflation[joint];
+        }
+        inquiry.sums.iter_mut().for_each(JointSums::clear);
+        inquiry.last.iter_mut().for_each(JointSums::clear);
+        inquiry.slices = 0;
+        inquiry.leans.fill(false);
+        inquiry.doubt = Some(RobotDoubt::Unclear);
+        self.effective_of(&watch.inquiry.theta, &mut watch.inquiry.effective);
+    }
+
+    /// Begins if a gain or a zero explains the window that was prepared last; `slices` are those in
+    /// it.
+    pub(super) fn suspect_drives(&mut self, watch: &mut Watch, slices: usize) {
+        let is_strange = self.broken(watch).is_some_and(|(_, gain)| gain > ALARM);
+        watch.strange = if is_strange { watch.strange + 1 } else { 0 };
+        // a joint that sets off shakes for a moment
+        if watch.strange < 2 || watch.inquiry.is_open() {
+            return;
+        }
+        self.begin_inquiry(watch);
+        for age in self.pending.len() - slices..self.pending.len() {
+            watch.inquiry.take(&self.pending.get(age).sums);
+        }
+    }
+
+    /// Adds the slice that has ended to the inquiry, if there is one.
+    pub(super) fn add_to_inquiry(&mut self) {
+        if let Some(watch) = self.watch.as_mut().filter(|watch| watch.inquiry.is_open()) {
+            watch.inquiry.take(&self.slice);
+        }
+    }
+
+    /// (1) to (6).
+    pub(super) fn inquire(&mut self) {
+        let Some(mut watch) = self.watch.take() else { return };
+        let doubt = watch.inquiry.doubt;
+        if watch.inquiry.is_pending() {
+            watch.inquiry.doubt = self.outcome(&mut watch);
+        }
+        if doubt.is_some() && watch.inquiry.slices.is_multiple_of(LEAST) {
+            if watch.inquiry.is_open() && self.is_over(&mut watch) {
+                watch.inquiry.doubt = None; // (6)
+                self.restore(&watch);
+            }
+            watch.inquiry.last.iter_mut().for_each(JointSums::clear);
+        }
+        self.watch = Some(watch);
+    }
+
+    /// (1) to (5) over everything since.
+    fn outcome(&mut self, watch: &mut Watch) -> Option<RobotDoubt> {
+        let unclear = Some(RobotDoubt::Unclear);
+        if !self.prepare_inquiry(watch, false) {
+            return unclear;
+        }
+        let (Some((ordinary, o)), Some((broken, b))) = (self.ordinary(watch), self.broken(watch)) else {
+            return unclear;
+        };
+        watch.inquiry.suspect = broken;
+        let is_late = watch.inquiry.slices >= LEAST;
+        if is_late && o.max(b) < NOTHING {
+            return None; // (5)
+        }
+        watch.inquiry.leans.rotate_left(1);
+        if let Some(lean) = watch.inquiry.leans.last_mut() {
+            *lean = o > b + CLEAR;
+        }
+        let is_heavy = ordinary == Suspect::Payload && o > b + SHARE * o;
+        if o > b + CLEAR && (is_late || is_heavy) && self.is_explained(watch, ordinary) {
+            return None; // (3)
+        }
+        if !(is_late && b > o + CLEAR) {
+            return unclear;
+        }
+        self.weigh_suspect(watch, broken)?; // (4)
+        let by = watch.evidence.extra[0];
+        match broken {
+            Suspect::Slip(joint) => Some(RobotDoubt::Slip { joint, by }),
+            Suspect::Gain(joint) => Some(RobotDoubt::Gain { joint, by }),
+            _ => unclear,
+        }
+    }
+
+    /// (6).
+    fn is_over(&mut self, watch: &mut Watch) -> bool {
+        let suspect = watch.inquiry.suspect;
+        if !self.prepare_inquiry(watch, true) {
+            return false;
+        }
+        let least = [self.ordinary(watch), self.broken(watch)].map(|best| best.is_some_and(|(_, gain)| gain < NOTHING));
+        least == [true; 2] && self.gain(watch, suspect).is_some_and(|gain| gain < REFUTED)
+    }
+
+    /// What was known before the change is what is known, if the flange carries the same.
+    fn restore(&mut self, watch: &Watch) {
+        let inquiry = &watch.inquiry;
+        if inquiry.was_loaded != self.is_loaded || inquiry.fixed != self.fixed {
+            return;
+        }
+        self.condensed = true;
+        self.committed.copy_from(&inquiry.known);
+        self.pending.clear();
+        self.block_slices = 0;
+        self.forget_recent();
+        self.solve_known();
+    }
+
+    /// Holds everything since, or the last rows, against what was known before; false if that
+    /// cannot be solved.
+    fn prepare_inquiry(&mut self, watch: &mut Watch, last: bool) -> bool {
+        let inquiry = &watch.inquiry;
+        watch.theta.copy_from_slice(&inquiry.theta);
+        watch.effective.copy_from_slice(&inquiry.effective);
+        watch.data.clear();
+        watch.gains.clear();
+        for (joint, window) in watch.window.iter_mut().enumerate() {
+            let sums = if last { &inquiry.last } else { &inquiry.sums };
+            window.copy_from(&sums[joint]);
+            if window.rows == 0 {
+                continue;
+            }
+            window.shift(&inquiry.effective);
+            let weight = inquiry.level[joint].powi(-2);
+            let load = self.payload.as_mut().filter(|_| inquiry.was_loaded);
+            learn(window, weight, load, &mut watch.data);
+            let load = self.payload.as_ref().filter(|_| inquiry.was_loaded);
+            watch.gains.take(joint, window, &inquiry.effective, weight, load);
+        }
+        self.set_friction_std(watch);
+        watch
+            .evidence
+            .begin(&watch.inquiry.known, &watch.data, &watch.inquiry.fixed)
+    }
+
+    /// Exchanges the present state for that of before the change; false if there was none. What
+    /// `system` holds is that of before.
+    pub(super) fn swap_with_before(&mut self) -> bool {
+        let Some(watch) = self.watch.as_mut().filter(|watch| watch.inquiry.is_open()) else {
+            return false;
+        };
+        let inquiry = &mut watch.inquiry;
+        self.system.copy_from(&inquiry.known);
+        std::mem::swap(&mut self.theta, &mut inquiry.theta);
+        std::mem::swap(&mut self.fixed, &mut inquiry.fixed);
+        std::mem::swap(&mut self.is_loaded, &mut inquiry.was_loaded);
+        true
+    }
+
+    /// Begins if an encoder has jumped.
+    pub(super) fn inquire_after_jump(&mut self) {
+        let Some(mut watch) = self.watch.take() else { return };
+        if !watch.inquiry.is_open() && self.blocks > 0 {
+            self.assemble();
+            self.begin_inquiry(&mut watch);
+        }
+        self.watch = Some(watch);
+    }
+
+    /// The likeliest of these on what was prepared last.
+    fn likeliest(&self, watch: &mut Watch, suspects: impl Iterator<Item = Suspect>) -> Option<(Suspect, f64)> {
+        let mut best: Option<(Suspect, f64)> = None;
+        for suspect in suspects {
+            if let Some(gain) = self.gain(watch, suspect)
+                && best.is_none_or(|(_, most)| gain > most)
+            {
+                best = Some((suspect, gain));
+            }
+        }
+        best
+    }
+
+    /// (1).
+    fn ordinary(&self, watch: &mut Watch) -> Option<(Suspect, f64)> {
+        let one = (0..self.torque_std.len()).map(|joint| Suspect::Friction(Some(joint)));
+        self.likeliest(
+            watch,
+            [Suspect::Payload, Suspect::Friction(None)].into_iter().chain(one),
+        )
+    }
+
+    /// (2).
+    fn broken(&self, watch: &mut Watch) -> Option<(Suspect, f64)> {
+        let joints = 0..self.torque_std.len();
+        let turns = joints.clone().filter(|&joint| self.model.robot().joints[joint].turns);
+        let one = joints.map(|joint| Suspect::Gain(Some(joint)));
+        let all = [Suspect::Gain(None)].into_iter().chain(one);
+        self.likeliest(watch, all.chain(turns.map(Suspect::Slip)))
+    }
+
+    /// δ and x of a suspect on what was prepared last, in `watch.evidence`.
+    fn weigh_suspect(&self, watch: &mut Watch, suspect: Suspect) -> Option<f64> {
+        let extra = self.extra(suspect, &watch.friction_std, &watch.gains);
+        let inquiry = &watch.inquiry;
+        watch.evidence.weigh(&inquiry.known, &watch.data, &inquiry.fixed, extra)
+    }
+
+    /// True if this suspect leaves no more than usual.
+    fn is_explained(&self, watch: &mut Watch, suspect: Suspect) -> bool {
+        if self.weigh_suspect(watch, suspect).is_none() {
+            return false;
+        }
+        let Watch { evidence, changed, .. } = watch;
+        match self.payload.as_ref().filter(|_| watch.inquiry.was_loaded) {
+            Some(payload) => payload.effective(&evidence.delta, changed),
+            None => {
+                let arm = changed.len();
+                changed.copy_from_slice(&evidence.delta[..arm]);
+            }
+        }
+        let extra: Extra<'_> = self.extra(suspect, &watch.friction_std, &watch.gains);
+        extra.add(&evidence.extra, changed);
+        // the sums have the estimate of before for their origin
+        watch.window.iter().zip(&watch.inquiry.level).all(|(sums, level)| {
+            let allowed = (EXPLAINED * level).powi(2) * sums.rows as f64;
+            sums.residual_square(changed) <= allowed
+        })
+    }
+}

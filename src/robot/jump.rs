@@ -1,0 +1,166 @@
+//! An encoder that slips: a position that jumps without a velocity.
+//!
+//! ```text
+//! m = Δq_k − ½ (q̇_k + q̇_{k−1}) Δt                                                              (1)
+//! s = Δq_k − Δq_{k−1}        less whole turns, that an encoder may wrap by, and jumps           (2)
+//! jump by s:   |m| > max(LEAST, LOUD · mean |m|),   |s| > LEAST,   m/s > SHARE                 (3)
+//! slipped:     |Σ s| > LEAST over the jumps of a joint                                         (4)
+//! ```
+//!
+//! No machine moves like that: after an impact the velocity that is measured, or formed from the
+//! positions, goes with the positions, and m stays small. Velocities that are formed over several
+//! samples see the jump too; (3) holds in the sample in which it happens, and not beside it. A
+//! sample that is off by itself jumps there and back, and leaves (4) as it was. Steps of time of
+//! different lengths are not compared, for a stamp that is off would look like a jump.
+
+use super::inquiry_room::RobotDoubt;
+use super::state::RobotSample;
+use super::tree::Robot;
+use crate::model::MAX_JOINTS;
+use std::f64::consts::TAU;
+
+/// What positions may differ by from their velocities anyway \[rad\]: standard deviations allow for
+/// zeros that are off by as much.
+const LEAST: f64 = 3e-3;
+/// The same beside what they usually do.
+const LOUD: f64 = 20.0;
+/// Part of a jump that velocities do not see: all of it if they are measured, 5/12 if they are
+/// formed over five samples; beside it they see at most 1/4 that is not there.
+const SHARE: f64 = 1.0 / 3.0;
+/// Steps of time may differ by this factor.
+const EVEN: f64 = 1.5;
+/// Samples that the mean of |m| is taken over.
+const MEAN_OF: f64 = 1000.0;
+
+/// The jumps so far.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Jumps {
+    last: Option<RobotSample>,
+    /// Δq and Δt of the last sample.
+    step: [f64; MAX_JOINTS],
+    step_s: f64,
+    usual: [f64; MAX_JOINTS],
+    slipped: [f64; MAX_JOINTS],
+}
+
+impl Jumps {
+    /// Forgets everything.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// The next sample does not follow the last one.
+    pub fn restart(&mut self) {
+        (self.last, self.step_s) = (None, 0.0);
+    }
+
+    /// Takes a sample; true if a joint jumped in it.
+    pub fn take(&mut self, robot: &Robot, sample: &RobotSample) -> bool {
+        let mut jumped = false;
+        let Some(last) = self.last.replace(*sample) else {
+            return false;
+        };
+        let step_s = sample.t_s - last.t_s;
+        let even = step_s < EVEN * self.step_s && self.step_s < EVEN * step_s;
+        for (j, joint) in robot.joints.iter().enumerate().take(MAX_JOINTS) {
+            let moved = sample.q[j] - last.q[j];
+            let missed = moved - 0.5 * (sample.dq[j] + last.dq[j]) * step_s; // (1)
+            let jump = moved - self.step[j];
+            let jump = jump - (jump / TAU).round() * TAU; // (2)
+            let is_loud = missed.abs() > LEAST.max(LOUD * self.usual[j]);
+            self.step[j] = moved;
+            if even && joint.turns && is_loud && jump.abs() > LEAST && missed / jump > SHARE {
+                self.slipped[j] += jump; // (3)
+                self.step[j] -= jump;
+                jumped = true;
+            }
+            self.usual[j] += (missed.abs().min(LEAST) - self.usual[j]) / MEAN_OF;
+        }
+        self.step_s = step_s;
+        jumped
+    }
+
+    /// (4), of the joint that has slipped most.
+    pub fn found(&self) -> Option<RobotDoubt> {
+        let mut most = (0, 0.0_f64);
+        for (joint, by) in self.slipped.iter().copied().enumerate() {
+            if by.abs() > most.1.abs() {
+                most = (joint, by);
+            }
+        }
+        let (joint, by) = most;
+        (by.abs() > LEAST).then_some(RobotDoubt::Slip { joint, by }) // (4)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tree::Selection;
+    use super::super::velocity::Velocities;
+    use super::*;
+
+    /// What is found on a smooth motion of joint 2 with this added at sample k, in rad.
+    fn found(period_s: f64, measured: bool, added: impl Fn(i32) -> f64) -> Option<(usize, f64)> {
+        let urdf = include_str!("../../config/robots/six_axis.urdf");
+        let robot = Robot::from_urdf(urdf, &Selection::default()).unwrap();
+        let half = (0.02 / period_s).round() as usize;
+        let (mut jumps, mut velocities) = (Jumps::default(), Velocities::new(half, 1.0));
+        for k in 0..3000 {
+            let t_s = f64::from(k) * period_s;
+            let mut sample = RobotSample {
+                t_s,
+                ..RobotSample::default()
+            };
+            let count = TAU / 65_536.0;
+            sample.q[1] = (((3.0 * t_s).sin() + added(k)) / count).round() * count;
+            sample.dq[1] = 3.0 * (3.0 * t_s).cos();
+            if measured {
+                jumps.take(&robot, &sample);
+            } else if let Some(sample) = velocities.push(&sample) {
+                jumps.take(&robot, &sample);
+            }
+        }
+        jumps.found().map(|doubt| match doubt {
+            RobotDoubt::Slip { joint, by } => (joint, by),
+            _ => unreachable!("an encoder"),
+        })
+    }
+
+    /// The step before says what the motion moves by, to within an acceleration of 9 rad/s² times
+    /// the square of the period, and the encoder to within two counts.
+    #[test]
+    fn fault_a_slip_is_found_with_its_size_at_1_khz_and_at_100_hz() {
+        for period_s in [1e-3, 1e-2] {
+            for measured in [true, false] {
+                for by in [0.02, -0.2] {
+                    let (joint, found) = found(period_s, measured, |k| if k < 1500 { 0.0 } else { by }).unwrap();
+                    let allowed = 9.0 * period_s * period_s + 2.0 * TAU / 65_536.0;
+                    assert!(
+                        joint == 1 && (found - by).abs() < allowed,
+                        "{period_s} {measured}: {found}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn prop_what_is_no_slip_is_not_taken_for_one() {
+        for period_s in [1e-3, 1e-2] {
+            for measured in [true, false] {
+                assert_eq!(found(period_s, measured, |_| 0.0), None);
+                // a sample that is off by itself, a position that wraps, a slip that is undone
+                assert_eq!(
+                    found(period_s, measured, |k| f64::from(u8::from(k == 1500)) * 0.1),
+                    None
+                );
+                assert_eq!(found(period_s, measured, |k| if k < 1500 { 0.0 } else { -TAU }), None);
+                let undone = |k| if (1500..1800).contains(&k) { 0.1 } else { 0.0 };
+                assert_eq!(found(period_s, measured, undone), None);
+            }
+            // an impact: the velocity changes by 1 rad/s at once
+            let impact = |k: i32| f64::from((k - 1500).max(0)) * period_s;
+            assert_eq!(found(period_s, false, impact), None);
+        }
+    }
+}

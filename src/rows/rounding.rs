@@ -17,15 +17,18 @@
 
 /// Cycles per sample below which windows see a beat.
 pub(super) const BEAT: f64 = 0.2;
-/// Samples of a window for each multiple of the variance that is the most it is raised by.
-const SAMPLES_PER_MULTIPLE: f64 = 4.0 / 3.0;
+/// Most that the variance is raised by in windows of up to [`SHORT`] samples to either side: at a
+/// slower beat the rounding hardly changes within a window, and an offset is no noise.
+const LIMIT: f64 = 30.0;
+const SHORT: f64 = 50.0;
 /// Largest n: the fourth sawtooth raises the variance by a factor of two once in a while.
 const FRACTIONS: usize = 3;
 
-/// Most that the variance is raised by in windows of `half` samples to either side: at a slower
-/// beat the rounding hardly changes within a window, and an offset is no noise.
+/// Most that the variance is raised by in windows of `half` samples to either side. The step from
+/// one count to the next is the larger beside white noise the longer a window is; at 1 kHz a
+/// higher limit would hide a payload that is picked up at rest.
 pub(super) fn limit(half: usize) -> f64 {
-    2.0 * half as f64 / SAMPLES_PER_MULTIPLE
+    LIMIT * (half as f64 / SHORT).max(1.0)
 }
 
 /// Factor of the variance of rounding at a velocity \[counts per sample\] and an acceleration
@@ -76,11 +79,9 @@ mod tests {
         assert_eq!(inflation(1.0, 1.0, 30.0), 1.0);
     }
 
-    #[test]
-    fn val_the_power_that_a_window_passes_is_that_of_the_rounding_itself() {
-        // a window of 40 samples, first derivative, on the rounding error of ramps; the mean over
-        // starting points is its variance
-        let half = 20i32;
+    /// Power of the rounding error of a ramp, as the first derivative in a window of `half` samples
+    /// to either side sees it, beside that of white noise; the mean over starting points.
+    fn power(half: i32, v: f64) -> f64 {
         let kernel: Vec<f64> = (-half..=half)
             .map(|k| {
                 let s = f64::from(k) / f64::from(half);
@@ -88,35 +89,38 @@ mod tests {
             })
             .collect();
         let white: f64 = kernel.iter().map(|w| w * w).sum::<f64>() / 12.0;
-        let power = |v: f64| {
-            let starts = 400;
-            (0..starts)
-                .map(|start| {
-                    let sum: f64 = kernel
-                        .iter()
-                        .enumerate()
-                        .map(|(k, w)| {
-                            let x = f64::from(start) / f64::from(starts) + v * k as f64;
-                            w * (x.round() - x)
-                        })
-                        .sum();
-                    sum * sum / f64::from(starts)
-                })
-                .sum::<f64>()
-                / white
+        let starts = 400;
+        let seen = |start: i32| -> f64 {
+            let x = |k: usize| f64::from(start) / f64::from(starts) + v * k as f64;
+            let errors = kernel.iter().enumerate().map(|(k, w)| w * (x(k).round() - x(k)));
+            errors.sum()
         };
+        (0..starts)
+            .map(|start| seen(start).powi(2) / f64::from(starts))
+            .sum::<f64>()
+            / white
+    }
+
+    #[test]
+    fn val_the_power_that_a_window_passes_is_that_of_the_rounding_itself() {
         for v in [0.28, 0.72, 1.28] {
             // two to three digits of a fraction without a small denominator: white to within a
             // factor of two
-            assert!(power(v) < 2.0 * inflation(v, 0.0, limit(20)), "{v}: {}", power(v));
+            let seen = power(20, v);
+            assert!(seen < 2.0 * inflation(v, 0.0, limit(20)), "{v}: {seen}");
         }
         for v in [0.03, 0.98, 2.04] {
             // the sawtooth itself, at the frequencies that this window passes best
-            let (seen, taken) = (power(v), inflation(v, 0.0, limit(20)));
+            let (seen, taken) = (power(20, v), inflation(v, 0.0, limit(20)));
             assert!(
                 seen > 2.0 && taken > 0.3 * seen && taken < 4.0 * seen,
                 "{v}: {seen} {taken}"
             );
+        }
+        for v in [0.004, 0.003] {
+            // some steps from one count to the next in a long window
+            let (seen, taken) = (power(100, v), inflation(v, 0.0, limit(100)));
+            assert!(taken > seen && taken < 2.0 * seen, "{v}: {seen} {taken}");
         }
     }
 }

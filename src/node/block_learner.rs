@@ -67,7 +67,8 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
             _ if report.held == Some(Held::NotFinite) => Some(LastError::new(ErrorCode::NotEvaluable, end.last_seq)),
             Some(suspicion) => {
                 let suspect = self.rows.suspect(suspicion.suspect);
-                suspect.map(|suspect| misfit::error(&suspect, &suspicion, end.last_seq))
+                let possible = suspect.filter(|suspect| suspect.is_possible(suspicion.amplitude));
+                possible.map(|suspect| misfit::error(&suspect, &suspicion, end.last_seq))
             }
             None => None,
         };

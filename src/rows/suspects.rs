@@ -132,6 +132,21 @@ pub struct Suspect<'a> {
     pub unit: &'a str,
 }
 
+impl Suspect<'_> {
+    /// True if a machine can have the error with this amplitude of the estimator. A base that is
+    /// tilted by 1e10 rad would explain whatever no other column does.
+    pub fn is_possible(&self, amplitude: f64) -> bool {
+        let most = match self.kind {
+            SuspectKind::InputDelay => 0.1,   // s
+            SuspectKind::Eccentricity => 0.1, // rad
+            SuspectKind::Zero => 0.5,         // rad
+            SuspectKind::Gain | SuspectKind::Coulomb => 1.0,
+            SuspectKind::Resonance | SuspectKind::Drift => f64::INFINITY,
+        };
+        amplitude.abs() <= most
+    }
+}
+
 impl fmt::Display for Suspect<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let words = match self.kind {
@@ -479,6 +494,19 @@ fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn prop_a_base_that_is_turned_round_and_round_is_no_cause() {
+        let tilted = Suspect {
+            kind: SuspectKind::Zero,
+            parameter: None,
+            joint: Some(0),
+            scale: 1.0,
+            unit: "rad",
+        };
+        assert!(tilted.is_possible(-0.02));
+        assert!(!tilted.is_possible(1.1e10) && !tilted.is_possible(f64::NAN));
+    }
 
     #[test]
     fn val_an_angle_that_turns_has_the_sine_of_the_library() {

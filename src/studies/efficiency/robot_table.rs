@@ -299,14 +299,13 @@ pub fn robot_sections(cases: &[RobotRuns]) -> Vec<Section> {
          and reversals; **instrumental variables** are the same with the rows of the reference motion as instruments."
             .to_owned(),
         "**Why figures are above 1.** Reversals. The identifier's own windows, with the known noise as weights, lose as much: \
-         it is the rows, not how they are weighed on line. Only a change that is none costs more: with seed 9 of the \
-         designed motion, one at 2.5 s makes 2.6 of 1.6. Differentiated positions keep away from \
-         reversals and lose less. With three seeds of the designed motion, in the place of 1.3: windows of 0.1 s instead of \
-         0.25 s, which is for logs at 100 Hz, 1.1; with velocities over 10 instead of 20 ms to either side, too, 1.0. The \
-         Stribeck term, which is 0, is off by 4.3 times its bound because smoothed velocities blur reversals: 2.7 with both \
-         changes, 1.5 with encoders of 24 bits, velocities over 4 ms and the drives' own presliding, which alone brings \
-         instrumental variables to 1.1 and equal weights to 1.4: the configuration takes it for twice as long, and its \
-         term for that holds for the area of a reversal, not for its shape."
+         it is the rows, not how they are weighed on line. Differentiated positions keep away from reversals and lose less. \
+         With windows of 0.25 s, as for logs at 100 Hz, in the place of 0.1 s, the designed motion and the moves had 1.3; \
+         with velocities over 10 instead of 20 ms to either side three seeds of the designed motion have 1.0. The Stribeck \
+         term, which is 0, is off by most because smoothed velocities blur reversals: 1.5 times its bound with \
+         encoders of 24 bits, velocities over 4 ms and the drives' own presliding, which alone brings instrumental variables \
+         to 1.1: the configuration takes it for twice as long, and its term for that holds for the area of a reversal, \
+         not for its shape."
             .to_owned(),
     ];
     vec![

@@ -211,7 +211,9 @@ impl StateMachine {
         // before θ̂ predicts anything, a model that explains little is one that is still being
         // learnt
         let explains = report.explained.iter().all(|&share| share >= self.least_explained);
-        self.misfit = report.misfit != 0 || self.converged && !(explains && report.pressed == 0);
+        // a machine at rest neither bears its model out nor refutes it
+        let refuted = self.converged && report.informed && !(explains && report.pressed == 0);
+        self.misfit = report.misfit != 0 || refuted;
         self.informed = report.informed && report.usable != 0;
         if report.misfit != 0 {
             (self.converged, self.predicted) = (false, 0);

@@ -3,14 +3,15 @@
 //! ```text
 //! m = Δq_k − ½ (q̇_k + q̇_{k−1}) Δt                                                              (1)
 //! s = Δq_k − Δq_{k−1}        less whole turns, that an encoder may wrap by, and jumps           (2)
-//! jump by s:   |m| > max(LEAST, LOUD · mean |m|),   |s| > LEAST,   m/s > SHARE                 (3)
-//! slipped:     |Σ s| > LEAST over the jumps of a joint                                         (4)
+//! l = max(LEAST, COUNTS · least |Δq| but 0)                                                    (3)
+//! jump by s:   |m| > max(l, LOUD · mean |m|),   |s| > l,   m/s > SHARE                         (4)
+//! slipped:     |Σ s| > LEAST over the jumps of a joint                                         (5)
 //! ```
 //!
 //! No machine moves like that: after an impact the velocity that is measured, or formed from the
 //! positions, goes with the positions, and m stays small. Velocities that are formed over several
-//! samples see the jump too; (3) holds in the sample in which it happens, and not beside it. A
-//! sample that is off by itself jumps there and back, and leaves (4) as it was. Steps of time of
+//! samples see the jump too; (4) holds in the sample in which it happens, and not beside it. A
+//! sample that is off by itself jumps there and back, and leaves (5) as it was. Steps of time of
 //! different lengths are not compared, for a stamp that is off would look like a jump.
 
 use super::inquiry_room::RobotDoubt;
@@ -22,6 +23,8 @@ use std::f64::consts::TAU;
 /// What positions may differ by from their velocities anyway \[rad\]: standard deviations allow for
 /// zeros that are off by as much.
 const LEAST: f64 = 3e-3;
+/// The same in counts of the encoder: its own steps are no jumps.
+const COUNTS: f64 = 3.0;
 /// The same beside what they usually do.
 const LOUD: f64 = 20.0;
 /// Part of a jump that velocities do not see: all of it if they are measured, 5/12 if they are
@@ -40,6 +43,8 @@ pub(super) struct Jumps {
     step: [f64; MAX_JOINTS],
     step_s: f64,
     usual: [f64; MAX_JOINTS],
+    /// Smallest |Δq| so far, a count at least; 0 before the joint has moved.
+    count: [f64; MAX_JOINTS],
     slipped: [f64; MAX_JOINTS],
 }
 
@@ -67,10 +72,14 @@ impl Jumps {
             let missed = moved - 0.5 * (sample.dq[j] + last.dq[j]) * step_s; // (1)
             let jump = moved - self.step[j];
             let jump = jump - (jump / TAU).round() * TAU; // (2)
-            let is_loud = missed.abs() > LEAST.max(LOUD * self.usual[j]);
+            if moved != 0.0 && !(self.count[j] > 0.0 && self.count[j] < moved.abs()) {
+                self.count[j] = moved.abs();
+            }
+            let least = LEAST.max(COUNTS * self.count[j]); // (3)
+            let is_loud = missed.abs() > least.max(LOUD * self.usual[j]);
             self.step[j] = moved;
-            if even && joint.turns && is_loud && jump.abs() > LEAST && missed / jump > SHARE {
-                self.slipped[j] += jump; // (3)
+            if even && joint.turns && is_loud && jump.abs() > least && missed / jump > SHARE {
+                self.slipped[j] += jump; // (4)
                 self.step[j] -= jump;
                 jumped = true;
             }
@@ -80,7 +89,7 @@ impl Jumps {
         jumped
     }
 
-    /// (4), of the joint that has slipped most.
+    /// (5), of the joint that has slipped most.
     pub fn found(&self) -> Option<RobotDoubt> {
         let mut most = (0, 0.0_f64);
         for (joint, by) in self.slipped.iter().copied().enumerate() {
@@ -89,7 +98,7 @@ impl Jumps {
             }
         }
         let (joint, by) = most;
-        (by.abs() > LEAST).then_some(RobotDoubt::Slip { joint, by }) // (4)
+        (by.abs() > LEAST).then_some(RobotDoubt::Slip { joint, by }) // (5)
     }
 }
 
@@ -101,6 +110,11 @@ mod tests {
 
     /// What is found on a smooth motion of joint 2 with this added at sample k, in rad.
     fn found(period_s: f64, measured: bool, added: impl Fn(i32) -> f64) -> Option<(usize, f64)> {
+        found_by(16, period_s, measured, added)
+    }
+
+    /// The same through an encoder of so many bits.
+    fn found_by(bits: i32, period_s: f64, measured: bool, added: impl Fn(i32) -> f64) -> Option<(usize, f64)> {
         let urdf = include_str!("../../config/robots/six_axis.urdf");
         let robot = Robot::from_urdf(urdf, &Selection::default()).unwrap();
         let half = (0.02 / period_s).round() as usize;
@@ -111,7 +125,7 @@ mod tests {
                 t_s,
                 ..RobotSample::default()
             };
-            let count = TAU / 65_536.0;
+            let count = TAU / 2f64.powi(bits);
             sample.q[1] = (((3.0 * t_s).sin() + added(k)) / count).round() * count;
             sample.dq[1] = 3.0 * (3.0 * t_s).cos();
             if measured {
@@ -148,7 +162,9 @@ mod tests {
     fn prop_what_is_no_slip_is_not_taken_for_one() {
         for period_s in [1e-3, 1e-2] {
             for measured in [true, false] {
-                assert_eq!(found(period_s, measured, |_| 0.0), None);
+                for bits in [8, 10, 12, 16] {
+                    assert_eq!(found_by(bits, period_s, measured, |_| 0.0), None, "{bits} bits");
+                }
                 // a sample that is off by itself, a position that wraps, a slip that is undone
                 assert_eq!(
                     found(period_s, measured, |k| f64::from(u8::from(k == 1500)) * 0.1),

@@ -351,6 +351,7 @@ impl RobotIdentifier {
             return;
         }
         let n = self.theta.len();
+        self.covariance.fill(0.0);
         for i in (0..self.parameters.len()).filter(|i| !self.fixed[*i]) {
             self.covariance[i * n + i] = self.parameters[i].scale.powi(2);
         }

@@ -28,12 +28,13 @@
 //! A gain or a zero that changes too little for friction or a payload to be suspected opens an
 //! inquiry by itself. A slip that is a jump is found at once by `jump.rs`, and opens one, too.
 
-use super::change::{Extra, Suspect};
+use super::change::Suspect;
 use super::identify::RobotIdentifier;
 use super::inquiry_room::RobotDoubt;
-use super::learning::learn;
 use super::sums::JointSums;
+use super::watch::ALARM;
 use super::watch_room::Watch;
+use crate::model::MAX_JOINTS;
 
 /// ln of the Bayes factor by which one kind of cause must be likelier than the other.
 const CLEAR: f64 = 10.0;
@@ -48,8 +49,6 @@ const REFUTED: f64 = -2.0;
 const LEAST: usize = 8;
 /// Residuals beyond so many f_j σ_j are not explained.
 const EXPLAINED: f64 = 3.0;
-/// ln of the Bayes factor from which on a gain or a zero is suspected.
-const ALARM: f64 = 18.0;
 
 impl RobotIdentifier {
     /// Why nothing that is known may be used, if that is so: a drive or an encoder has changed, or
@@ -183,21 +182,16 @@ impl RobotIdentifier {
         let inquiry = &watch.inquiry;
         watch.theta.copy_from_slice(&inquiry.theta);
         watch.effective.copy_from_slice(&inquiry.effective);
-        watch.data.clear();
-        watch.gains.clear();
-        for (joint, window) in watch.window.iter_mut().enumerate() {
-            let sums = if last { &inquiry.last } else { &inquiry.sums };
-            window.copy_from(&sums[joint]);
-            if window.rows == 0 {
-                continue;
-            }
-            window.shift(&inquiry.effective);
-            let weight = inquiry.level[joint].powi(-2);
-            let load = self.payload.as_mut().filter(|_| inquiry.was_loaded);
-            learn(window, weight, load, &mut watch.data);
-            let load = self.payload.as_ref().filter(|_| inquiry.was_loaded);
-            watch.gains.take(joint, window, &inquiry.effective, weight, load);
+        let sums = if last { &inquiry.last } else { &inquiry.sums };
+        for (window, sums) in watch.window.iter_mut().zip(sums) {
+            window.copy_from(sums);
         }
+        let mut weight = [0.0; MAX_JOINTS];
+        for (weight, level) in weight.iter_mut().zip(&inquiry.level) {
+            *weight = level.powi(-2);
+        }
+        let was_loaded = inquiry.was_loaded;
+        self.weigh_rows(watch, &weight, was_loaded);
         self.set_friction_std(watch);
         watch
             .evidence
@@ -272,14 +266,8 @@ impl RobotIdentifier {
             return false;
         }
         let Watch { evidence, changed, .. } = watch;
-        match self.payload.as_ref().filter(|_| watch.inquiry.was_loaded) {
-            Some(payload) => payload.effective(&evidence.delta, changed),
-            None => {
-                let arm = changed.len();
-                changed.copy_from_slice(&evidence.delta[..arm]);
-            }
-        }
-        let extra: Extra<'_> = self.extra(suspect, &watch.friction_std, &watch.gains);
+        self.effective_if(watch.inquiry.was_loaded, &evidence.delta, changed);
+        let extra = self.extra(suspect, &watch.friction_std, &watch.gains);
         extra.add(&evidence.extra, changed);
         // the sums have the estimate of before for their origin
         watch.window.iter().zip(&watch.inquiry.level).all(|(sums, level)| {

@@ -53,7 +53,7 @@ impl RobotIdentifier {
     }
 
     /// True if there are enough rows to tell a change from what is not known yet.
-    pub(super) fn has_rows_enough(&self) -> bool {
+    pub(super) fn has_enough_rows(&self) -> bool {
         let rows: f64 = self.all.iter().map(|sums| self.independent(sums)).sum();
         self.condensed || rows >= ROWS_PER_PARAMETER * self.parameters.len() as f64
     }

@@ -18,7 +18,8 @@ pub struct LeftOutCause {
     pub amplitude: f64,
     /// z: standard deviations that it is from 0.
     pub deviations: f64,
-    /// Standard deviations by which the usable parameter that suffers most is off.
+    /// Standard deviations by which the usable parameter that suffers most is off; 0 if nothing may
+    /// be used.
     pub harm: f64,
     /// Share of the squared residuals that it would explain, 0 to 1: of its joint's, or of all.
     pub share: f64,

@@ -57,8 +57,7 @@ pub(super) type WeightSlopes = [[f64; MAX_JOINTS]; MAX_JOINTS + TILTS];
 pub(super) struct HeldSlopes {
     pub slopes: WeightSlopes,
     hold_s: f64,
-    /// When they were made; NaN for never.
-    made_s: f64,
+    made_s: Option<f64>,
 }
 
 impl HeldSlopes {
@@ -67,23 +66,22 @@ impl HeldSlopes {
         Self {
             slopes: WeightSlopes::default(),
             hold_s,
-            made_s: f64::NAN,
+            made_s: None,
         }
     }
 
-    /// Those that a robot has at a time, where `regressors` have been evaluated.
+    /// Makes them anew at a time for which `regressors` have been evaluated, unless they are fresh.
     #[inline]
     pub fn renew(&mut self, t_s: f64, regressors: &EnergyRegressors, robot: &Robot) {
-        let is_fresh = t_s - self.made_s < self.hold_s;
-        if !is_fresh {
+        if self.made_s.is_none_or(|made_s| t_s - made_s >= self.hold_s) {
             regressors.weight_slopes(robot, &mut self.slopes);
-            self.made_s = t_s;
+            self.made_s = Some(t_s);
         }
     }
 
     /// They belong to another recording.
     pub fn forget(&mut self) {
-        self.made_s = f64::NAN;
+        self.made_s = None;
     }
 }
 

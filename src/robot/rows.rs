@@ -23,7 +23,7 @@ use std::fmt;
 /// Most windows that overlap.
 const MAX_OVERLAP: usize = 32;
 /// Times within a window that the columns of zeros and tilts are made anew: they turn with the
-/// robot, a little in 4 ms.
+/// robot, and a robot turns little in 2 ms.
 const SLOPES_PER_WINDOW: f64 = 64.0;
 
 /// Windows of the weak form.

@@ -245,11 +245,14 @@ fn sign(f: &mut fmt::Formatter<'_>, joint: usize, parameters: &[(String, f64, f6
 }
 
 fn left_out(f: &mut fmt::Formatter<'_>, cause: &LeftOutCause) -> fmt::Result {
-    write!(
-        f,
-        "{cause}, and a parameter is {:.1} standard deviations off: ",
-        cause.harm
-    )?;
+    match cause.harm > 0.0 {
+        true => write!(
+            f,
+            "{cause}, and a parameter is {:.1} standard deviations off: ",
+            cause.harm
+        )?,
+        false => write!(f, "{cause}, and no parameter may be used: ")?,
+    }
     match cause.what {
         Unmodelled::Friction { term, .. } => write!(f, "add \"{}\" to friction.terms", term.name()),
         Unmodelled::Zero { .. } | Unmodelled::Tilt => f.write_str("look at the zeros and at model.gravity_m_per_s2"),

@@ -8,6 +8,7 @@ use super::learning::learn;
 use super::recent::RowRing;
 use super::sums::JointSums;
 use super::watch_room::Watch;
+use crate::model::MAX_JOINTS;
 
 /// Slices that are held against what was known before them.
 const WINDOW: usize = 4;
@@ -15,7 +16,7 @@ const WINDOW: usize = 4;
 /// payload that comes earlier is learnt partly as the arm.
 pub(super) const LEARNT: usize = 8;
 /// ln of the Bayes factor from which on the machine has changed: a factor of 10⁸ …
-const ALARM: f64 = 18.0;
+pub(super) const ALARM: f64 = 18.0;
 /// … by which a payload must be likelier than friction of one joint, and by how much less than
 /// friction of all joints it may be.
 const CLEAR: f64 = 5.0;
@@ -68,7 +69,7 @@ impl RobotIdentifier {
     fn look(&mut self, now_s: f64) {
         let doubt = self.watch.as_ref().map_or(0, |watch| watch.doubt);
         let slices = self.pending.len().min(WINDOW + doubt);
-        if self.blocks == 0 || self.slices < LEARNT || !self.has_rows_enough() {
+        if self.blocks == 0 || self.slices < LEARNT || !self.has_enough_rows() {
             return;
         }
         let Some(mut watch) = self.watch.take() else { return };
@@ -112,7 +113,12 @@ impl RobotIdentifier {
 
     /// What acts as these parameters do, as parameters of the arm.
     pub(super) fn effective_of(&self, theta: &[f64], out: &mut [f64]) {
-        match self.payload.as_ref().filter(|_| self.is_loaded) {
+        self.effective_if(self.is_loaded, theta, out);
+    }
+
+    /// The same if the flange carries something, or nothing.
+    pub(super) fn effective_if(&self, is_loaded: bool, theta: &[f64], out: &mut [f64]) {
+        match self.payload.as_ref().filter(|_| is_loaded) {
             Some(payload) => payload.effective(theta, out),
             None => out.copy_from_slice(&theta[..out.len()]),
         }
@@ -120,19 +126,31 @@ impl RobotIdentifier {
 
     /// Turns the sums of the window into information about the error of what was known before.
     fn weigh_window(&mut self, watch: &mut Watch) {
-        watch.data.clear();
-        watch.gains.clear();
-        for joint in 0..watch.window.len() {
-            if watch.window[joint].rows > 0 {
-                watch.window[joint].shift(&watch.effective);
-                let weight = self.weight(joint);
-                let load = self.payload.as_mut().filter(|_| self.is_loaded);
-                learn(&watch.window[joint], weight, load, &mut watch.data);
-                let load = self.payload.as_ref().filter(|_| self.is_loaded);
-                watch
-                    .gains
-                    .take(joint, &watch.window[joint], &watch.effective, weight, load);
-            }
+        let mut weight = [0.0; MAX_JOINTS];
+        for (joint, weight) in weight.iter_mut().enumerate().take(watch.window.len()) {
+            *weight = self.weight(joint);
+        }
+        self.weigh_rows(watch, &weight, self.is_loaded);
+    }
+
+    /// The same with these weights of the joints' rows, of a flange that carries something or
+    /// nothing.
+    pub(super) fn weigh_rows(&mut self, watch: &mut Watch, weight: &[f64; MAX_JOINTS], is_loaded: bool) {
+        let Watch {
+            window,
+            data,
+            gains,
+            effective,
+            ..
+        } = watch;
+        data.clear();
+        gains.clear();
+        for (joint, sums) in window.iter_mut().enumerate().filter(|(_, sums)| sums.rows > 0) {
+            sums.shift(effective);
+            let load = self.payload.as_mut().filter(|_| is_loaded);
+            learn(sums, weight[joint], load, data);
+            let load = self.payload.as_ref().filter(|_| is_loaded);
+            gains.take(joint, sums, effective, weight[joint], load);
         }
     }
 

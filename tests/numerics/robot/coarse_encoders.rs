@@ -58,7 +58,7 @@ fn prop_rows_that_any_parameters_fit_tell_nothing_of_the_noise() {
             }
             let figures = identifier.figures();
             for joint in (0..6).filter(|&joint| figures.rows[joint] > 0) {
-                // a joint's torque changes little in a second; its level is at least near 2 % of it
+                // near 2 % of the torque so far, of which that of a block may be some times more
                 let (std, size) = (identifier.torque_std(joint), figures.signal_rms[joint]);
                 assert!(std > 1e-3 * size, "joint {}: {std} beside {size}", joint + 1);
             }

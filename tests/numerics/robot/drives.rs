@@ -81,21 +81,15 @@ impl Machine {
             payload,
             ..IdentifyOptions::default()
         };
-        let window = |length_s: f64| WindowOptions {
-            length_s,
-            stride_s: length_s / 5.0,
-            max_gap_s: length_s / 5.0,
-            ..WindowOptions::default()
-        };
         match self {
-            Self::SixAxis => {}
+            Self::SixAxis => options.windows = WindowOptions::for_period(1e-3),
             Self::Adaptive => {
                 (friction.terms, friction.presliding) = (few, 1e-4);
-                (options.windows, options.block_s, options.settle_blocks) = (window(0.06), 0.5, 120);
+                (options.windows, options.block_s, options.settle_blocks) = (WindowOptions::of_length(0.06), 0.5, 120);
             }
             Self::ThreeJoints => {
                 (friction.terms, friction.presliding) = (few, 1e-4);
-                options.windows = window(0.1);
+                options.windows = WindowOptions::of_length(0.1);
             }
         }
         let joints = robot.len();
@@ -281,15 +275,16 @@ fn parallel<T: Send + Sync, R: Send>(jobs: Vec<T>, work: impl Fn(&T) -> R + Sync
     done.into_iter().map(|(_, result)| result).collect()
 }
 
-fn later(machine: Machine, seed: u64) -> Recording {
-    simulate(Case {
+/// 3 kg picked up in motion, after what breaks.
+fn case(machine: Machine, seed: u64) -> Case {
+    Case {
         machine,
         seed,
         rest_s: None,
         mass_kg: 3.0,
         loaded_s: LOADED_S,
         finds_payload: true,
-    })
+    }
 }
 
 /// Without the inquiry of `inquiry.rs` and the jumps of `jump.rs`, 8 of 8, 29 of 30, 6 of 7 and 19
@@ -297,7 +292,7 @@ fn later(machine: Machine, seed: u64) -> Recording {
 /// A block in which something breaks may have ended before it is seen.
 #[test]
 fn fault_a_gain_or_a_zero_that_changes_is_named_and_nothing_is_used() {
-    let recordings = [later(Machine::ThreeJoints, 1), later(Machine::Adaptive, 1)];
+    let recordings = [Machine::ThreeJoints, Machine::Adaptive].map(|machine| simulate(case(machine, 1)));
     let cases = [
         (0, Fault::Gain(0.95), "all drives report 95 % of their torques"),
         (1, Fault::Gain(0.95), "all drives report 95 % of their torques"),
@@ -326,7 +321,7 @@ fn fault_a_gain_or_a_zero_that_changes_is_named_and_nothing_is_used() {
 #[test]
 fn prop_friction_and_payloads_are_not_taken_for_drives_or_encoders() {
     for machine in [Machine::SixAxis, Machine::Adaptive, Machine::ThreeJoints] {
-        let recording = later(machine, 1);
+        let recording = simulate(case(machine, 1));
         for fault in [Fault::Nothing, Fault::Shift(1, 0.5)] {
             let run = recording.run(fault, BROKEN_S);
             println!("{machine:?} {fault:?}: {run:?}");
@@ -340,7 +335,7 @@ fn prop_friction_and_payloads_are_not_taken_for_drives_or_encoders() {
 /// A gain that is wrong for four seconds only: what was known before is known again.
 #[test]
 fn prop_a_gain_that_returns_is_forgiven() {
-    let run = later(Machine::Adaptive, 2).run(Fault::Passing(0.95), BROKEN_S);
+    let run = simulate(case(Machine::Adaptive, 2)).run(Fault::Passing(0.95), BROKEN_S);
     println!("{run:?}");
     assert!(run.dangerous == 0 && run.weighed > 10, "{run:?}");
 }
@@ -370,14 +365,7 @@ fn report_dangerous_blocks_of_broken_drives() {
     let mut settings = Vec::new();
     for machine in [Machine::SixAxis, Machine::Adaptive, Machine::ThreeJoints] {
         for seed in 1..=seeds {
-            let case = Case {
-                machine,
-                seed,
-                rest_s: None,
-                mass_kg: 3.0,
-                loaded_s: LOADED_S,
-                finds_payload: true,
-            };
+            let case = case(machine, seed);
             settings.push(("later", case));
             settings.push(("before", Case { loaded_s: 14.2, ..case }));
             settings.push((

@@ -31,6 +31,8 @@ pub struct BlockEstimator {
     /// θ̂ before the block, and of the last fit while the time of a change is sought.
     before: Vec<f64>,
     later: Vec<f64>,
+    /// The stream that θ̂ was learnt from, 0 for none.
+    stream_id: u64,
     /// Blocks since the last change that was no drift.
     since_change: u32,
     drift: DriftWatch,
@@ -61,6 +63,7 @@ impl BlockEstimator {
             structure,
             options,
             groups,
+            stream_id: 0,
             since_change: u32::MAX,
             drift: DriftWatch::default(),
             used: 0..0,
@@ -113,10 +116,21 @@ impl BlockEstimator {
             group.forget(&self.theta, &self.options);
         }
         (self.since_change, self.drift) = (u32::MAX, DriftWatch::default());
+        self.stream_id = 0;
         self.report.forget();
         self.score_test.reset();
         self.explain_nothing();
         self.describe();
+    }
+
+    /// Rows from now on are of this stream, not 0. If θ̂ was learnt from another one, the machine
+    /// may have changed between them: nothing is usable until rows of this stream confirm it.
+    pub fn enter_stream(&mut self, stream_id: u64) {
+        let before = std::mem::replace(&mut self.stream_id, stream_id);
+        if before != 0 && before != stream_id {
+            self.groups.doubt(&self.theta);
+            self.describe();
+        }
     }
 
     // an equation without parameters has nothing to explain
@@ -129,6 +143,7 @@ impl BlockEstimator {
     /// What goes from block to block; see `persist.rs`.
     fn visit(&mut self, v: &mut impl Visit) {
         v.reals(&mut self.theta);
+        v.count(&mut self.stream_id);
         v.small(&mut self.since_change);
         self.drift.visit(v);
         v.count(&mut self.report.blocks);

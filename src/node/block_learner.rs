@@ -44,6 +44,10 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
         self.rows.push(sample.t_ns, &sample.joint_sample())
     }
 
+    fn enter_stream(&mut self, stream_id: u64) {
+        self.estimator.enter_stream(stream_id);
+    }
+
     fn drop_block(&mut self) {
         self.rows.clear();
     }

@@ -230,11 +230,13 @@ impl<L: Learner> IdentifierNode<L> {
         Ok(())
     }
 
-    /// A new stream: counters start over. θ̂ and its information stay, for the machine is the same;
-    /// only its publisher was started again. What a replay has taught goes with the replay.
+    /// A new stream: counters start over. θ̂ and its information stay, because the machine is likely
+    /// to be the same, but nothing is usable until the new stream confirms it. What a replay has
+    /// taught goes with the replay.
     fn start_stream(&mut self, sample: &Sample) {
         self.enter_stream(stream_tag(sample.stream_id));
         self.change_teacher(sample);
+        self.learner.enter_stream(sample.stream_id);
         self.learner.restart_rows();
         self.gate.reset();
         self.grid = BlockGrid::new(self.grid.len);
@@ -454,6 +456,9 @@ impl<L: Learner> IdentifierNode<L> {
                 self.t_change_ns = 0;
                 let begun = self.learner.begin_anew(change);
                 self.tracker.set_warm(begun == Ok(true));
+                if !self.tracker.is_between_streams() {
+                    self.learner.enter_stream(self.tracker.status.stream_id);
+                }
                 if begun.is_err() {
                     self.tracker.status.error =
                         LastError::new(ErrorCode::CheckpointUnused, self.tracker.status.last_seq);

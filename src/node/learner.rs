@@ -39,6 +39,9 @@ pub struct Learnt {
 pub trait Learner: Send + 'static {
     /// Makes rows of a sample that may be used. False if it cannot be evaluated.
     fn take(&mut self, sample: &Sample) -> bool;
+    /// A stream begins, or goes on after [`begin_anew`](Self::begin_anew). What was learnt from
+    /// another one may no longer be true of the machine.
+    fn enter_stream(&mut self, _stream_id: u64) {}
     /// Drops the rows of the open block.
     fn drop_block(&mut self);
     /// Time has been lost: the rows of the open block go, and no window reaches back.

@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 /// words change only with the matter.
 pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
     let mut words = FixedText::<ERROR_TEXT>::default();
-    let amplitude = suspicion.amplitude * suspect.scale;
+    let amplitude = suspicion.amplitude;
     let share = 10.0 * (10.0 * suspicion.share).round();
     let share = share.max(10.0);
     // longer words than fit are cut, which is what an error means here
@@ -32,7 +32,7 @@ pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
             "{suspect} would explain {share:.0} % of the misfit ({:.0e} per second)",
             amplitude
         ),
-        SuspectKind::Coulomb | SuspectKind::Eccentricity | SuspectKind::Zero => write!(
+        SuspectKind::Coulomb | SuspectKind::Offset | SuspectKind::Eccentricity | SuspectKind::Zero => write!(
             words,
             "{suspect} would explain {share:.0} % of the misfit ({:.1e} {})",
             amplitude.abs(),
@@ -59,6 +59,7 @@ mod tests {
             SuspectKind::InputDelay,
             SuspectKind::Gain,
             SuspectKind::Coulomb,
+            SuspectKind::Offset,
             SuspectKind::Eccentricity,
             SuspectKind::Resonance,
             SuspectKind::Zero,
@@ -68,8 +69,8 @@ mod tests {
                 kind,
                 parameter: (kind == SuspectKind::Drift).then_some("inertia_8"),
                 joint: (kind != SuspectKind::InputDelay).then_some(7),
-                scale: 1.0,
                 unit: "N m",
+                largest: 1.0,
             };
             let error = error(&suspect, &suspicion, 9);
             assert!(

@@ -18,7 +18,7 @@
 use super::SampleBlock;
 use super::advice::{FEWEST_WINDOW_SAMPLES, Spectrum};
 use super::projected::{ProjectedBlock, ProjectedError, ProjectedOptions};
-use super::suspects::Suspect;
+use super::suspect::Suspect;
 use crate::estimator::Residuals;
 use crate::model::{JointSample, MAX_JOINTS, Plant};
 

@@ -25,7 +25,8 @@ mod smoothing;
 mod spikes;
 mod standstill;
 mod start;
-mod suspects;
+mod suspect;
+mod suspect_columns;
 mod theta_polynomial;
 mod trajectory;
 mod whitening;
@@ -38,7 +39,7 @@ pub use pointwise::{InputSource, PointwiseBlock, structure};
 pub use projected::{ProjectedBlock, ProjectedError, ProjectedOptions, SensorNoise};
 pub use smoothed::{SmoothedBlock, SmoothedOptions, Smoothing};
 pub use smoothing::{one_sided, savitzky_golay};
-pub use suspects::{Considered, Suspect, SuspectKind};
+pub use suspect::{Considered, Suspect, SuspectKind};
 
 use crate::estimator::Residuals;
 use crate::model::JointSample;

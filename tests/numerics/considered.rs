@@ -19,6 +19,8 @@ struct Wrong {
     coulomb_v: [f64; 2],
     eccentricity_rad: [f64; 2],
     gain: [f64; 2],
+    /// What the record of a voltage is off by [V].
+    offset_v: [f64; 2],
     /// Share by which the windings' resistance rises within a minute.
     heating: f64,
 }
@@ -132,7 +134,7 @@ fn identify(sim: &SimOptions, considered: Considered, wrong: Wrong) -> Vec<Answe
             let current = exact.input[joint] - right[4 + 3 * joint] * (after.q[joint] - q) / 1e-3;
             // friction is overcome by voltage, and so is what the drive gives less than told
             let input = exact.input[joint] + warmer * current + wrong.coulomb_v[joint] * (dq / 0.005).tanh();
-            sample.input[joint] = input * (1.0 - wrong.gain[joint]) + 0.05 * normal(&mut rng);
+            sample.input[joint] = input * (1.0 - wrong.gain[joint]) + wrong.offset_v[joint] + 0.05 * normal(&mut rng);
             sample.q[joint] = ((q + wrong.eccentricity_rad[joint] * q.sin()) / count).round() * count;
         }
         assert!(block.push(k * 1_000_000, &sample));
@@ -151,7 +153,7 @@ fn identify(sim: &SimOptions, considered: Considered, wrong: Wrong) -> Vec<Answe
                 changed: report.change.is_some(),
                 named: report.suspicion.map(|s| {
                     let suspect = block.suspect(s.suspect).unwrap();
-                    let words = format!("{suspect} {:.2e} {}", s.amplitude * suspect.scale, suspect.unit);
+                    let words = format!("{suspect} {:.2e} {}", s.amplitude, suspect.unit);
                     (words, suspect.kind, suspect.joint, s)
                 }),
             });
@@ -208,6 +210,14 @@ fn wrongs() -> Vec<(&'static str, Wrong, Option<(SuspectKind, Option<usize>)>)> 
                 ..none
             },
             cause(SuspectKind::Coulomb, Some(1)),
+        ),
+        (
+            "offset 50 mV joint 2",
+            Wrong {
+                offset_v: [0.0, 0.05],
+                ..none
+            },
+            cause(SuspectKind::Offset, Some(1)),
         ),
         (
             "eccentricity 200 as joint 1",
@@ -431,8 +441,11 @@ fn prop_the_defaults_leave_a_right_model_useful_and_name_nothing() {
         let without = identify(&sim, Considered::NONE, Wrong::default());
         let ratio = (0..9).map(|i| answers[24].std[i] / without[24].std[i]).sum::<f64>() / 9.0;
         // only the sharpest edges tell a delay from the inductances: to know neither costs a factor
-        // of two, and a rate of change as much again
-        assert!(ratio < 4.0, "sigma is {ratio:.2} times as wide");
+        // of two, a rate of change and an offset as much again each
+        assert!(ratio < 10.0, "sigma is {ratio:.2} times as wide");
+        // What holds the weight is widened most: the posture changes it by a third, and only that
+        // tells it from the offset of a voltage.
+        assert!((0..9).all(|i| answers[24].std[i] < 0.01 * answers[24].theta[i]));
         assert!(useful(&answers) >= 0.85, "{:.2}", useful(&answers));
         assert_eq!(dangerous(&answers), Vec::<usize>::new());
         assert!(answers.iter().all(|a| a.named.is_none()));
@@ -486,6 +499,33 @@ fn ident_the_term_that_the_model_lacks_is_named_and_allowed_for() {
                 );
             }
         }
+    }
+}
+
+#[test]
+fn ident_the_offset_of_a_voltage_is_found_in_volts_while_the_motion_grows() {
+    // 0.05 V are 4 % of what holds link 2 level: without a column for it every block that may be
+    // used is 4 % off by 40 standard deviations
+    let wrong = Wrong {
+        offset_v: [0.0, 0.05],
+        ..Wrong::default()
+    };
+    for seed in [1, 2] {
+        // the input's size, which the prior is a share of, grows from block to block
+        let mut sim = arm(minimum_jerk(), seed, 30, wrong);
+        for setpoint in &mut sim.setpoint {
+            if let Setpoint::Moves(moves) = setpoint {
+                (moves.min_move_s, moves.max_move_s) = (0.4, 3.0);
+            }
+        }
+        let answers = identify(&sim, Considered::default(), wrong);
+        // the first moves may be too slow to show what size of input is usual
+        let later: Vec<usize> = dangerous(&answers).into_iter().filter(|&b| b > 2).collect();
+        assert_eq!(later, Vec::<usize>::new(), "seed {seed}");
+        let (words, kind, joint, suspicion) = answers[29].named.as_ref().expect("something is named");
+        assert_eq!((*kind, *joint), (SuspectKind::Offset, Some(1)), "seed {seed}: {words}");
+        // −0.05 V act that the record does not have; to first order in what it does to the estimate
+        assert!((suspicion.amplitude / -0.05 - 1.0).abs() < 0.2, "seed {seed}: {words}");
     }
 }
 

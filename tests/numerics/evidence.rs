@@ -12,6 +12,7 @@ use thetabus::estimator::{BlockEstimator, EstimatorOptions, Residuals, Structure
 use thetabus::messages::{Estimate, Sample, State, signals};
 use thetabus::model::{JointSample, MAX_JOINTS, Manipulator, Plant, ServoAxis};
 use thetabus::node::block_learner::BlockLearner;
+use thetabus::node::command::NodeState;
 use thetabus::node::identifier::{Identifier, IdentifierNode, IdentifierOptions};
 use thetabus::rows::{InputSource, PointwiseBlock, ProjectedBlock, RowForm, SampleBlock, structure};
 use thetabus::sim::{Interpolation, MachineSimulator, MassSchedule, Setpoint};
@@ -384,6 +385,53 @@ fn ident_after_a_payload_is_picked_up_at_rest_only_what_the_data_have_shown_sinc
         // few blocks
         let (last, _) = outcome.blocks.last().expect("blocks");
         assert!(last.is_usable(3) && last.is_usable(1) && last.is_usable(6));
+    }
+}
+
+#[test]
+fn fault_what_changed_between_two_streams_is_not_usable_until_the_second_shows_it() {
+    // An arm that rests tells nothing of joint 1, whose axis is vertical: nothing in the second
+    // stream shows that its winding has become warmer.
+    for (seed, warmer, moves) in [(1, 0.02, false), (2, 0.05, false), (3, 0.2, false), (4, 0.05, true)] {
+        for restarted in [false, true] {
+            let first = arm(seed, 20.0, MassSchedule::constant(150.0), "sines");
+            let mut second = arm(seed + 50, 12.0, MassSchedule::constant(150.0), "steps");
+            let sim = &mut second.plant.sim;
+            sim.arm.winding_resistance_ohm[0] *= 1.0 + warmer;
+            if !moves {
+                (sim.setpoint, sim.initial_q_rad) = ([0.0, 0.3].map(Setpoint::constant), [0.0, 0.3]);
+            }
+            let mut outcome = Outcome {
+                name: format!("winding warmer by {warmer}, moves {moves}, identifier restarted {restarted}"),
+                ..Outcome::default()
+            };
+            let mut node = identifier(&first);
+            let mut learn = |node: &mut Box<dyn Identifier>, stream_id: u64, config: &Config| {
+                let sim = &config.plant.sim;
+                let samples = MachineSimulator::new(sim).unwrap().take(sim.sample_count() as usize);
+                for (seq, sample) in (0u64..).zip(samples) {
+                    let sample = Sample::new(stream_id, seq, seq * 1_000_000, 2, sim.signals(), &sample);
+                    node.on_sample(&sample, &mut |e: &Estimate| {
+                        let truth = sim.true_parameters(e.t_last_ns as f64 * 1e-9);
+                        outcome.blocks.push((*e, truth));
+                    });
+                }
+            };
+            learn(&mut node, 1, &first);
+            if restarted {
+                let mut state = NodeState::default();
+                node.save(&mut state);
+                node = identifier(&first);
+                node.load(&state).unwrap();
+            }
+            learn(&mut node, 2, &second);
+            outcome.blocks.drain(..20);
+            nothing_dangerous(outcome.tell());
+            let (last, _) = outcome.blocks.last().expect("blocks");
+            assert_eq!(last.is_usable(3), moves, "{}", outcome.name);
+            // what holds the weight shows at rest, too
+            assert!(last.is_usable(6), "{}", outcome.name);
+        }
     }
 }
 

@@ -7,7 +7,7 @@ use super::projection::Projection;
 use super::sensor_noise::SensorNoise;
 use crate::estimator::Residuals;
 use crate::model::{JointSample, Plant};
-use crate::rows::suspects::Suspect;
+use crate::rows::suspect::Suspect;
 use crate::rows::theta_polynomial::MAX_ORDER;
 use crate::rows::{SampleBlock, structure};
 

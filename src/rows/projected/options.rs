@@ -2,7 +2,7 @@
 
 use super::sensor_noise::SensorNoise;
 use crate::rows::kernel::InputTiming;
-use crate::rows::suspects::Considered;
+use crate::rows::suspect::Considered;
 
 /// How samples become projected rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -113,6 +113,7 @@ impl ProjectedOptions {
             ("considered.input_delay_s", considered.input_delay_s),
             ("considered.gain", considered.gain),
             ("considered.coulomb", considered.coulomb),
+            ("considered.offset", considered.offset),
             ("considered.resonance_hz", considered.resonance_hz),
             ("considered.drift_per_s", considered.drift_per_s),
             ("considered.zero_rad", considered.zero_rad),

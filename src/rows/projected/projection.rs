@@ -9,7 +9,7 @@ use super::whitened_rows::WhitenedRows;
 use crate::estimator::Residuals;
 use crate::model::{MAX_PARAMS, Plant};
 use crate::rows::standstill::Standstill;
-use crate::rows::suspects::SuspectColumns;
+use crate::rows::suspect_columns::SuspectColumns;
 use crate::rows::whitening::Direction;
 
 /// Rows of a block at any θ, with the weights of one.

@@ -51,6 +51,13 @@ pub enum Disturbance {
     Eccentricity(u32),
     /// The base is 1° off the vertical.
     Tilt,
+    /// The recorded voltage of a motor is off by so many mV.
+    InputOffset {
+        /// Joint, 1 or 2.
+        joint: usize,
+        /// Size.
+        millivolts: u32,
+    },
     /// Both windings' resistances grow by 10 % in 60 s.
     Heating,
 }
@@ -88,7 +95,7 @@ impl Disturbance {
         Self::InputBits(12),
     ];
     /// Those of the model.
-    pub const MODEL: [Self; 11] = [
+    pub const MODEL: [Self; 14] = [
         Self::friction(1, 2),
         Self::friction(1, 10),
         Self::friction(2, 2),
@@ -99,6 +106,9 @@ impl Disturbance {
         Self::Eccentricity(20),
         Self::Eccentricity(200),
         Self::Tilt,
+        Self::input_offset(2, 50),
+        Self::input_offset(2, 500),
+        Self::input_offset(1, 500),
         Self::Heating,
     ];
     /// Errors of the model that the configuration can do something about, and does.
@@ -123,6 +133,10 @@ impl Disturbance {
         Self::FrictionModelled { joint, percent }
     }
 
+    const fn input_offset(joint: usize, millivolts: u32) -> Self {
+        Self::InputOffset { joint, millivolts }
+    }
+
     /// Name in tables and filters.
     pub fn name(self) -> String {
         match self {
@@ -143,6 +157,7 @@ impl Disturbance {
             Self::Resonance => "resonance_40Hz".to_owned(),
             Self::Eccentricity(arcsec) => format!("eccentricity_{arcsec}arcsec"),
             Self::Tilt => "tilt_1deg".to_owned(),
+            Self::InputOffset { joint, millivolts } => format!("input_offset_{joint}_{millivolts}mV"),
             Self::Heating => "heating_10%".to_owned(),
         }
     }
@@ -155,6 +170,7 @@ impl Disturbance {
             Self::Resonance => Some((&["resonance", "flexible"], None)),
             Self::Eccentricity(_) => Some((&["eccentric", "off its centre"], None)),
             Self::Tilt => Some((&["tilt", "gravity"], None)),
+            Self::InputOffset { joint, .. } => Some((&["offset"], Some(joint))),
             Self::Heating => Some((&["heat", "resistance", "drift"], None)),
             _ => None,
         }

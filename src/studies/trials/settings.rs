@@ -175,6 +175,10 @@ fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
             sensors("eccentricity_phase_rad", TAU * spread(spec.seed, 51)),
         ],
         Disturbance::Tilt => vec![format!("plant.unmodelled.base_tilt_rad={:?}", TAU / 360.0)],
+        Disturbance::InputOffset { joint, millivolts } => vec![format!(
+            "plant.faults=[{{kind=\"wrong\",signal=\"input\",joint={joint},from_s=0.0,offset={:?}}}]",
+            f64::from(millivolts) * 1e-3
+        )],
         Disturbance::Heating => vec![
             "plant.unmodelled.heating_share=0.1".to_owned(),
             "plant.unmodelled.heating_s=60.0".to_owned(),

@@ -8,13 +8,14 @@
 //! |---|---|---|
 //! | the recorded input acts later than specified | −s ∫ψ′ u, the first power of the delay (`kernel.rs`) | s |
 //! | the drive gives more than specified | −s ∫ψ u | share |
-//! | Coulomb friction that the model lacks | s ∫ψ sat(q̇/v₀) u_r | share of the input's size u_r |
+//! | Coulomb friction that the model lacks | s ∫ψ sat(q̇/v₀) | unit of the input |
+//! | an offset of the recorded input, or a constant force, that the model lacks | −s | unit of the input |
 //! | an encoder off its centre, q + a sin q or a cos q is read | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
 //! | a resonance between motor and load | s ∫ψ″ u | s² |
 //! | an encoder's zero, or gravity's direction: q + a is read | Σ_k ∂f_i/∂q_k | rad |
 //!
-//! u_r is the largest root mean square of a block's input so far, so that one default fits drives
-//! of any voltage. sat is sign with a straight piece of three standard deviations of the velocity's
+//! The standard deviations of friction and offset are shares of u_r, the largest root mean square of
+//! a block's input so far, so that one default fits drives of any voltage. sat is sign with a straight piece of three standard deviations of the velocity's
 //! noise: at rest friction may have either sign, and noise has both. A flexible joint gives u (1 +
 //! s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid model is off by
 //! (1/ω_r² − 1/ω_a²) s² u: the second derivative of the input, whatever the equation is.
@@ -24,153 +25,15 @@
 //! (`estimator/considered.rs`, `estimator/score_test.rs`). Neither estimates them.
 
 use super::kernel::{Kernels, dot};
+use super::suspect::{Considered, Suspect, SuspectKind};
 use super::trajectory::Trajectory;
 use super::whitening::{Direction, Whitening};
 use crate::estimator::ERRORS_PER_EQUATION;
 use crate::model::{MAX_JOINTS, Plant};
 use std::f64::consts::TAU;
-use std::fmt;
-
-/// Standard deviations of errors that are not estimated but widen the estimate's by what they could
-/// do.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Considered {
-    /// Further delay of the recorded input \[s\], ≥ 0.
-    pub input_delay_s: f64,
-    /// Gain of each drive, relative, ≥ 0.
-    pub gain: f64,
-    /// Coulomb friction at each joint whose model has none, as a share of the largest root mean
-    /// square of its input so far, ≥ 0.
-    pub coulomb: f64,
-    /// Natural frequency of the flexibility between each motor and its load \[Hz\], one standard
-    /// deviation of 1/(2π f)²; 0 for rigid joints.
-    pub resonance_hz: f64,
-    /// Rate at which each parameter may change \[1/s\], relative to the parameter, ≥ 0; it has no
-    /// column, the estimator makes one.
-    pub drift_per_s: f64,
-    /// Zero of each encoder \[rad\], ≥ 0: an error of the angle against gravity and the links,
-    /// which a tilted base causes, too.
-    pub zero_rad: f64,
-    /// Eccentricity of each encoder \[rad\], ≥ 0: the amplitude of an error of one period per turn.
-    /// `None` if joints move along lines.
-    pub eccentricity_rad: Option<f64>,
-}
-
-impl Considered {
-    /// Nothing is considered; errors are tested for all the same.
-    pub const NONE: Self = Self {
-        input_delay_s: 0.0,
-        gain: 0.0,
-        coulomb: 0.0,
-        resonance_hz: 0.0,
-        drift_per_s: 0.0,
-        zero_rad: 0.0,
-        eccentricity_rad: Some(0.0),
-    };
-
-    /// The same for joints that move along lines, whose sensors have no turn.
-    #[must_use]
-    pub fn without_turns(self) -> Self {
-        Self {
-            zero_rad: 0.0,
-            eccentricity_rad: None,
-            ..self
-        }
-    }
-}
-
-impl Default for Considered {
-    /// What a good installation leaves. Delay: 40 µs, a fraction of a sample at 1 kHz. Gain: 0,
-    /// since parameters are in units of the drive as it reports itself. Coulomb friction: 1 % of
-    /// the input. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity:
-    /// 0.05 mrad, 10″. Motion that shows an error brings σ back to what it is without; motion that
-    /// does not show it leaves σ at what the error may do.
-    fn default() -> Self {
-        Self {
-            input_delay_s: 4e-5,
-            gain: 0.0,
-            coulomb: 1e-2,
-            resonance_hz: 70.0,
-            drift_per_s: 1e-4,
-            zero_rad: 1e-3,
-            eccentricity_rad: Some(5e-5),
-        }
-    }
-}
-
-/// Kinds of errors.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum SuspectKind {
-    /// The recorded input acts later, or earlier, than specified.
-    InputDelay,
-    /// A drive gives more, or less, than specified.
-    Gain,
-    /// Coulomb friction that the model lacks.
-    Coulomb,
-    /// An encoder off its centre.
-    Eccentricity,
-    /// A resonance that the model lacks.
-    Resonance,
-    /// The zero of an encoder, or the direction of gravity.
-    Zero,
-    /// A parameter that moves.
-    Drift,
-}
-
-/// An error that the rows have a column for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Suspect<'a> {
-    /// What it is.
-    pub kind: SuspectKind,
-    /// The parameter that moves, if one does.
-    pub parameter: Option<&'a str>,
-    /// Joint, counted from 0; `None` for the whole machine.
-    pub joint: Option<usize>,
-    /// The estimator's amplitude times this is in `unit`.
-    pub scale: f64,
-    /// Unit of the amplitude.
-    pub unit: &'a str,
-}
-
-impl Suspect<'_> {
-    /// True if a machine can have the error with this amplitude of the estimator. A base that is
-    /// tilted by 1e10 rad would explain whatever no other column does.
-    pub fn is_possible(&self, amplitude: f64) -> bool {
-        let most = match self.kind {
-            SuspectKind::InputDelay => 0.1,   // s
-            SuspectKind::Eccentricity => 0.1, // rad
-            SuspectKind::Zero => 0.5,         // rad
-            SuspectKind::Gain | SuspectKind::Coulomb => 1.0,
-            SuspectKind::Resonance | SuspectKind::Drift => f64::INFINITY,
-        };
-        amplitude.abs() <= most
-    }
-}
-
-impl fmt::Display for Suspect<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let words = match self.kind {
-            SuspectKind::InputDelay => "an input delay",
-            SuspectKind::Gain => "another drive gain",
-            SuspectKind::Coulomb => "Coulomb friction",
-            SuspectKind::Eccentricity => "an encoder off its centre",
-            SuspectKind::Resonance => "a resonance",
-            SuspectKind::Zero => "a tilted base or encoder zero",
-            SuspectKind::Drift => "a drift",
-        };
-        f.write_str(words)?;
-        if let Some(parameter) = self.parameter {
-            write!(f, " of {parameter}")?;
-        }
-        match self.joint {
-            Some(joint) => write!(f, " at joint {}", joint + 1),
-            None => Ok(()),
-        }
-    }
-}
 
 /// Errors of each equation: gain, Coulomb friction, eccentricity in sine and cosine, resonance,
-/// zero.
+/// zero, offset.
 const PER_EQUATION: usize = ERRORS_PER_EQUATION;
 /// Velocity noise, in standard deviations, within which a joint may stand still.
 const STANDING: f64 = 3.0;
@@ -209,6 +72,7 @@ impl SuspectColumns {
         let inputs: Vec<usize> = equations.iter().map(|e| e.input).collect();
         let count = 1 + PER_EQUATION * equations.len();
         let rubs: Vec<bool> = (0..equations.len()).map(|e| !has_jump(plant, e, inputs[e])).collect();
+        let constant: Vec<bool> = (0..equations.len()).map(|e| has_constant(plant, e)).collect();
         let turns = considered.eccentricity_rad.is_some();
         let touches = |e: usize, suspect: usize| {
             if suspect == 0 {
@@ -219,6 +83,7 @@ impl SuspectColumns {
                 0 => of == e && considered.gain > 0.0,
                 1 => of == e && rubs[e],
                 // one encoder per joint, whatever its number of equations
+                6 => of == e && !constant[e],
                 2 | 3 | 5 => turns && moves(e, inputs[of]) && !inputs[..of].contains(&inputs[of]),
                 _ => of == e,
             }
@@ -266,10 +131,12 @@ impl SuspectColumns {
 
     /// Standard deviation of an error's amplitude, 0 if it is tested only.
     pub fn std(&self, suspect: usize) -> f64 {
+        let size = self.joint(suspect).map_or(0.0, |joint| self.sizes[joint]);
         match self.kind(suspect) {
             SuspectKind::InputDelay => self.considered.input_delay_s,
             SuspectKind::Gain => self.considered.gain,
-            SuspectKind::Coulomb => self.considered.coulomb,
+            SuspectKind::Coulomb => self.considered.coulomb * size,
+            SuspectKind::Offset => self.considered.offset * size,
             SuspectKind::Eccentricity => self.considered.eccentricity_rad.unwrap_or(0.0),
             SuspectKind::Resonance => match self.considered.resonance_hz {
                 rigid if !(rigid > 0.0) => 0.0,
@@ -280,6 +147,11 @@ impl SuspectColumns {
         }
     }
 
+    /// The joint of an error; `None` for the whole machine.
+    fn joint(&self, suspect: usize) -> Option<usize> {
+        suspect.checked_sub(1).map(|s| self.inputs[s / PER_EQUATION])
+    }
+
     fn kind(&self, suspect: usize) -> SuspectKind {
         match suspect.checked_sub(1).map(|s| s % PER_EQUATION) {
             None => SuspectKind::InputDelay,
@@ -287,7 +159,8 @@ impl SuspectColumns {
             Some(1) => SuspectKind::Coulomb,
             Some(2 | 3) => SuspectKind::Eccentricity,
             Some(4) => SuspectKind::Resonance,
-            Some(_) => SuspectKind::Zero,
+            Some(5) => SuspectKind::Zero,
+            Some(_) => SuspectKind::Offset,
         }
     }
 
@@ -298,25 +171,27 @@ impl SuspectColumns {
                 kind: SuspectKind::Drift,
                 parameter: Some(name),
                 joint: None,
-                scale: 1.0,
                 unit: "1/s",
+                largest: f64::INFINITY,
             });
         }
         let kind = self.kind(suspect);
-        let joint = suspect.checked_sub(1).map(|s| self.inputs[s / PER_EQUATION]);
-        let (scale, unit) = match (kind, joint) {
-            (SuspectKind::Coulomb, Some(joint)) => (self.sizes[joint], input_unit),
-            (SuspectKind::InputDelay, _) => (1.0, "s"),
-            (SuspectKind::Eccentricity | SuspectKind::Zero, _) => (1.0, "rad"),
-            (SuspectKind::Resonance, _) => (1.0, "s^2"),
-            _ => (1.0, "1"),
+        let joint = self.joint(suspect);
+        let (unit, largest) = match kind {
+            SuspectKind::InputDelay => ("s", 0.1),
+            SuspectKind::Gain => ("1", 1.0),
+            SuspectKind::Coulomb | SuspectKind::Offset => (input_unit, joint.map_or(0.0, |joint| self.sizes[joint])),
+            SuspectKind::Eccentricity => ("rad", 0.1),
+            SuspectKind::Resonance => ("s^2", f64::INFINITY),
+            SuspectKind::Zero => ("rad", 0.5),
+            SuspectKind::Drift => ("1/s", f64::INFINITY),
         };
         Some(Suspect {
             kind,
             parameter: None,
             joint,
-            scale,
             unit,
+            largest,
         })
     }
 
@@ -364,8 +239,9 @@ impl SuspectColumns {
         put(own, -moments[0]);
         put(own + 4, moments[2]);
         let joint = self.inputs[e];
+        put(own + 6, -scale); // ∫ψ = 1
         if let Some(signs) = self.signs[joint].get(centre - kernels.half..=centre + kernels.half) {
-            put(own + 1, scale * self.sizes[joint] * dot(&kernels.position[0], signs));
+            put(own + 1, scale * dot(&kernels.position[0], signs));
         }
     }
 
@@ -467,14 +343,16 @@ impl Turned {
     }
 }
 
+/// Parameters none of which is 0.
+fn some_theta(plant: &impl Plant) -> Vec<f64> {
+    let start = plant.parameters().iter().map(|p| p.start);
+    start.map(|start| if start != 0.0 { start } else { 1.0 }).collect()
+}
+
 /// True if an equation jumps as a joint begins to move: the model has Coulomb friction, or
 /// something like it.
 fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> bool {
-    let theta: Vec<f64> = plant
-        .parameters()
-        .iter()
-        .map(|p| if p.start != 0.0 { p.start } else { 1.0 })
-        .collect();
+    let theta = some_theta(plant);
     let order = plant.equations()[equation].order;
     let step = |speed: f64| {
         let side = |speed: f64| {
@@ -491,22 +369,42 @@ fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> bool {
     step(1e-9) > 1e-3 * step(1e-3)
 }
 
+/// True if a parameter of an equation is a constant term by itself: ∂g₀/∂θ_k is the same however
+/// the machine moves, and ∂g_r/∂θ_k = 0 for r > 0.
+fn has_constant(plant: &impl Plant, equation: usize) -> bool {
+    let start = some_theta(plant);
+    let order = plant.equations()[equation].order;
+    let joints = plant.joints();
+    let terms = |state: f64, theta: &[f64]| {
+        let (mut q, mut dq) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
+        for joint in 0..joints {
+            q[joint] = (state * (1.0 + joint as f64)).sin();
+            dq[joint] = (1.7 * state * (1.0 + joint as f64)).cos();
+        }
+        let mut g = [0.0; 8];
+        plant.terms::<f64>(equation, &q[..joints], &dq[..joints], theta, &mut g[..=order]);
+        g
+    };
+    plant.equations()[equation].parameters.clone().any(|k| {
+        let mut moved = start.clone();
+        moved[k] += 1e-3 * start[k].abs();
+        let slope = |state: f64| {
+            let (from, to) = (terms(state, &start), terms(state, &moved));
+            std::array::from_fn::<f64, 8, _>(|r| (to[r] - from[r]) / (moved[k] - start[k]))
+        };
+        let first = slope(0.3);
+        let size = first[0].abs();
+        let is_constant = |state: f64| {
+            let other = slope(state);
+            (other[0] - first[0]).abs() < 1e-6 * size && other[1..].iter().all(|g| g.abs() < 1e-6 * size)
+        };
+        size > 0.0 && [0.3, 1.1, 2.9].into_iter().all(is_constant)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn prop_a_base_that_is_turned_round_and_round_is_no_cause() {
-        let tilted = Suspect {
-            kind: SuspectKind::Zero,
-            parameter: None,
-            joint: Some(0),
-            scale: 1.0,
-            unit: "rad",
-        };
-        assert!(tilted.is_possible(-0.02));
-        assert!(!tilted.is_possible(1.1e10) && !tilted.is_possible(f64::NAN));
-    }
 
     #[test]
     fn val_an_angle_that_turns_has_the_sine_of_the_library() {

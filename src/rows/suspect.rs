@@ -1,0 +1,161 @@
+//! What may be wrong with a machine beyond its model: kinds of errors, how large each is expected to
+//! be, and the words for them. `suspect_columns.rs` has what they do to the rows.
+
+use std::fmt;
+
+/// Standard deviations of errors that are not estimated but widen the estimate's by what they could
+/// do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Considered {
+    /// Further delay of the recorded input \[s\], ≥ 0.
+    pub input_delay_s: f64,
+    /// Gain of each drive, relative, ≥ 0.
+    pub gain: f64,
+    /// Coulomb friction at each joint whose model has none, as a share of the largest root mean
+    /// square of its input so far, ≥ 0.
+    pub coulomb: f64,
+    /// Offset of each recorded input whose equation has no constant term, as a share of the same
+    /// size, ≥ 0.
+    pub offset: f64,
+    /// Natural frequency of the flexibility between each motor and its load \[Hz\], one standard
+    /// deviation of 1/(2π f)²; 0 for rigid joints.
+    pub resonance_hz: f64,
+    /// Rate at which each parameter may change \[1/s\], relative to the parameter, ≥ 0; it has no
+    /// column, the estimator makes one.
+    pub drift_per_s: f64,
+    /// Zero of each encoder \[rad\], ≥ 0: an error of the angle against gravity and the links,
+    /// which a tilted base causes, too.
+    pub zero_rad: f64,
+    /// Eccentricity of each encoder \[rad\], ≥ 0: the amplitude of an error of one period per turn.
+    /// `None` if joints move along lines.
+    pub eccentricity_rad: Option<f64>,
+}
+
+impl Considered {
+    /// Nothing is considered; errors are tested for all the same.
+    pub const NONE: Self = Self {
+        input_delay_s: 0.0,
+        gain: 0.0,
+        coulomb: 0.0,
+        offset: 0.0,
+        resonance_hz: 0.0,
+        drift_per_s: 0.0,
+        zero_rad: 0.0,
+        eccentricity_rad: Some(0.0),
+    };
+
+    /// The same for joints that move along lines, whose sensors have no turn.
+    #[must_use]
+    pub fn without_turns(self) -> Self {
+        Self {
+            zero_rad: 0.0,
+            eccentricity_rad: None,
+            ..self
+        }
+    }
+}
+
+impl Default for Considered {
+    /// What a good installation leaves. Delay: 40 µs, a fraction of a sample at 1 kHz. Gain: 0,
+    /// since parameters are in units of the drive as it reports itself. Coulomb friction: 1 % of
+    /// the input, offset: 0.1 % of it. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity:
+    /// 0.05 mrad, 10″. Motion that shows an error brings σ back to what it is without; motion that
+    /// does not show it leaves σ at what the error may do.
+    fn default() -> Self {
+        Self {
+            input_delay_s: 4e-5,
+            gain: 0.0,
+            coulomb: 1e-2,
+            offset: 1e-3,
+            resonance_hz: 70.0,
+            drift_per_s: 1e-4,
+            zero_rad: 1e-3,
+            eccentricity_rad: Some(5e-5),
+        }
+    }
+}
+
+/// Kinds of errors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum SuspectKind {
+    /// The recorded input acts later, or earlier, than specified.
+    InputDelay,
+    /// A drive gives more, or less, than specified.
+    Gain,
+    /// Coulomb friction that the model lacks.
+    Coulomb,
+    /// The recorded input is off by a constant, or a constant force acts that the model lacks.
+    Offset,
+    /// An encoder off its centre.
+    Eccentricity,
+    /// A resonance that the model lacks.
+    Resonance,
+    /// The zero of an encoder, or the direction of gravity.
+    Zero,
+    /// A parameter that moves.
+    Drift,
+}
+
+/// An error that the rows have a column for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Suspect<'a> {
+    /// What it is.
+    pub kind: SuspectKind,
+    /// The parameter that moves, if one does.
+    pub parameter: Option<&'a str>,
+    /// Joint, counted from 0; `None` for the whole machine.
+    pub joint: Option<usize>,
+    /// Unit of the amplitude.
+    pub unit: &'a str,
+    /// Largest amplitude that a machine can have.
+    pub largest: f64,
+}
+
+impl Suspect<'_> {
+    /// True if a machine can have the error with this amplitude of the estimator. A base that is
+    /// tilted by 1e10 rad would explain whatever no other column does.
+    pub fn is_possible(&self, amplitude: f64) -> bool {
+        amplitude.abs() <= self.largest
+    }
+}
+
+impl fmt::Display for Suspect<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let words = match self.kind {
+            SuspectKind::InputDelay => "an input delay",
+            SuspectKind::Gain => "another drive gain",
+            SuspectKind::Coulomb => "Coulomb friction",
+            SuspectKind::Offset => "an offset of the input or a tilted base",
+            SuspectKind::Eccentricity => "an encoder off its centre",
+            SuspectKind::Resonance => "a resonance",
+            SuspectKind::Zero => "a tilted base or encoder zero",
+            SuspectKind::Drift => "a drift",
+        };
+        f.write_str(words)?;
+        if let Some(parameter) = self.parameter {
+            write!(f, " of {parameter}")?;
+        }
+        match self.joint {
+            Some(joint) => write!(f, " at joint {}", joint + 1),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_a_base_that_is_turned_round_and_round_is_no_cause() {
+        let tilted = Suspect {
+            kind: SuspectKind::Zero,
+            parameter: None,
+            joint: Some(0),
+            unit: "rad",
+            largest: 0.5,
+        };
+        assert!(tilted.is_possible(-0.02));
+        assert!(!tilted.is_possible(1.1e10) && !tilted.is_possible(f64::NAN));
+    }
+}

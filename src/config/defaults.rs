@@ -87,6 +87,8 @@ impl Default for FileForm {
                 mass: axis.mass.points.iter().map(|point| point.1).collect(),
                 viscous_friction: axis.viscous_friction,
                 coulomb_friction: axis.coulomb_friction,
+                stribeck_friction: axis.stribeck_friction,
+                stribeck_speed: axis.stribeck_speed,
                 offset: axis.offset,
                 gain: axis.gain,
                 proportional_gain: axis.proportional_gain,

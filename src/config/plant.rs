@@ -40,6 +40,8 @@ pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Ch
             },
             viscous_friction: axis.viscous_friction,
             coulomb_friction: axis.coulomb_friction,
+            stribeck_friction: axis.stribeck_friction,
+            stribeck_speed: axis.stribeck_speed,
             offset: axis.offset,
             proportional_gain: axis.proportional_gain,
             derivative_gain: axis.derivative_gain,

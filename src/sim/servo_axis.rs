@@ -1,15 +1,16 @@
 //! A simulated servo axis under a PD controller.
 //!
 //! ```text
-//! M dv/dt = k u − F_v v − F_c sign v − b       moving, v ≠ 0
-//! v = 0 while |k u − b| ≤ F_c                  stuck: friction holds whatever is not more than F_c
+//! M dv/dt = k u − F_v v − F(v) sign v − b      moving, v ≠ 0;  F(v) = F_c + F_s exp(−(v/v_s)²)
+//! v = 0 while |k u − b| ≤ F(0)                 stuck: friction holds whatever is not more than F(0)
 //! u = K_p (setpoint − q) − K_d v, limited to ± u_max
 //! ```
 //!
 //! q, v position and velocity \[m, m/s or rad, rad/s\]; M, F_v, F_c, b, k as in
-//! [`ServoAxis`](crate::model::ServoAxis). Coulomb friction is a jump: a Runge-Kutta step that
+//! [`ServoAxis`](crate::model::ServoAxis); F_s, the Stribeck effect, is no part of that model.
+//! Coulomb friction is a jump: a Runge-Kutta step that
 //! would carry v through zero is cut at the zero, where the axis sticks or sets off the other way.
-//! While it sticks, friction may be anything up to F_c, so such samples do not obey the model's F_c
+//! While it sticks, friction may be anything up to F(0), so such samples do not obey the model's F_c
 //! sign v, as on a real machine.
 
 use super::controller::{Commanded, ControllerKind, PositionFeedback};
@@ -34,15 +35,23 @@ impl ServoAxisOptions {
         match motion {
             Motion::Stuck => 0.0,
             Motion::Moving(sign) => {
-                (self.gain * u - self.viscous_friction * v - self.coulomb_friction * sign - self.offset) / mass
+                (self.gain * u - self.viscous_friction * v - self.dry_friction(v) * sign - self.offset) / mass
             }
+        }
+    }
+
+    /// F(v).
+    fn dry_friction(&self, v: f64) -> f64 {
+        match self.stribeck_friction {
+            0.0 => self.coulomb_friction,
+            more => self.coulomb_friction + more * (-(v / self.stribeck_speed).powi(2)).exp(),
         }
     }
 
     /// What the axis does from rest under an input.
     fn set_off(&self, u: f64) -> Motion {
         let force = self.gain * u - self.offset;
-        if force.abs() <= self.coulomb_friction {
+        if force.abs() <= self.dry_friction(0.0) {
             Motion::Stuck
         } else {
             Motion::Moving(force.signum())

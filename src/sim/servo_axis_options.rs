@@ -15,6 +15,10 @@ pub struct ServoAxisOptions {
     pub viscous_friction: f64,
     /// F_c, ≥ 0.
     pub coulomb_friction: f64,
+    /// F_s, which the model of the axis does not have, ≥ 0.
+    pub stribeck_friction: f64,
+    /// v_s \[m/s or rad/s\], > 0.
+    pub stribeck_speed: f64,
     /// b.
     pub offset: f64,
     /// K_p \[input per m or rad\], ≥ 0.
@@ -39,6 +43,8 @@ impl ServoAxisOptions {
             mass: MassSchedule::constant(95.1089),
             viscous_friction: 203.5034,
             coulomb_friction: 20.3935,
+            stribeck_friction: 0.0,
+            stribeck_speed: 0.01,
             offset: -3.1648,
             proportional_gain: 38_996.0,
             derivative_gain: 243.45,
@@ -73,6 +79,8 @@ impl ServoAxisOptions {
         })?;
         not_negative("servo_axis.viscous_friction", self.viscous_friction)?;
         not_negative("servo_axis.coulomb_friction", self.coulomb_friction)?;
+        not_negative("servo_axis.stribeck_friction", self.stribeck_friction)?;
+        positive("servo_axis.stribeck_speed", self.stribeck_speed)?;
         finite("servo_axis.offset", self.offset)?;
         not_negative("servo_axis.proportional_gain", self.proportional_gain)?;
         not_negative("servo_axis.derivative_gain", self.derivative_gain)?;

@@ -93,6 +93,10 @@ table! {
             "Friction that grows with speed";
         coulomb_friction: f64, Kind::Real(NOT_NEGATIVE), "N or N m",
             "Friction that does not; the axis sticks while it is not overcome";
+        stribeck_friction: f64, Kind::Real(NOT_NEGATIVE), "N or N m",
+            "Further friction that falls with the speed v as exp(−(v/stribeck_speed)²), which the identified model does not have";
+        stribeck_speed: f64, Kind::Real(POSITIVE), "m/s or rad/s",
+            "Speed at which 37 % of it are left";
         offset: f64, Kind::Real(FINITE), "N or N m",
             "Constant force or torque against positive motion";
         gain: f64, Kind::Real(FINITE), "N or N m per unit of input",

@@ -228,6 +228,7 @@ impl Default for FileForm {
                 input_delay_s: rows.considered.input_delay_s,
                 gain: rows.considered.gain,
                 coulomb: rows.considered.coulomb,
+                stribeck: rows.considered.stribeck,
                 offset: rows.considered.offset,
                 resonance_hz: rows.considered.resonance_hz,
                 drift_per_s: rows.considered.drift_per_s,

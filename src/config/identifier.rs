@@ -46,6 +46,7 @@ fn considered(form: &FileForm, linear: bool) -> Considered {
         input_delay_s: section.input_delay_s,
         gain: section.gain,
         coulomb: section.coulomb,
+        stribeck: section.stribeck,
         offset: section.offset,
         resonance_hz: section.resonance_hz,
         drift_per_s: section.drift_per_s,

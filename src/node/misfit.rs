@@ -32,7 +32,11 @@ pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
             "{suspect} would explain {share:.0} % of the misfit ({:.0e} per second)",
             amplitude
         ),
-        SuspectKind::Coulomb | SuspectKind::Offset | SuspectKind::Eccentricity | SuspectKind::Zero => write!(
+        SuspectKind::Coulomb
+        | SuspectKind::Stribeck
+        | SuspectKind::Offset
+        | SuspectKind::Eccentricity
+        | SuspectKind::Zero => write!(
             words,
             "{suspect} would explain {share:.0} % of the misfit ({:.1e} {})",
             amplitude.abs(),
@@ -59,6 +63,7 @@ mod tests {
             SuspectKind::InputDelay,
             SuspectKind::Gain,
             SuspectKind::Coulomb,
+            SuspectKind::Stribeck,
             SuspectKind::Offset,
             SuspectKind::Eccentricity,
             SuspectKind::Resonance,

@@ -14,6 +14,9 @@ pub struct Considered {
     /// Coulomb friction at each joint whose model has none, as a share of the largest root mean
     /// square of its input so far, ≥ 0.
     pub coulomb: f64,
+    /// Friction that falls with speed at each joint whose model has Coulomb friction, as a share of
+    /// the same size, ≥ 0.
+    pub stribeck: f64,
     /// Offset of each recorded input whose equation has no constant term, as a share of the same
     /// size, ≥ 0.
     pub offset: f64,
@@ -37,6 +40,7 @@ impl Considered {
         input_delay_s: 0.0,
         gain: 0.0,
         coulomb: 0.0,
+        stribeck: 0.0,
         offset: 0.0,
         resonance_hz: 0.0,
         drift_per_s: 0.0,
@@ -58,7 +62,7 @@ impl Considered {
 impl Default for Considered {
     /// What a good installation leaves. Delay: 40 µs, a fraction of a sample at 1 kHz. Gain: 0,
     /// since parameters are in units of the drive as it reports itself. Coulomb friction: 1 % of
-    /// the input, offset: 0.1 % of it. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity:
+    /// the input, friction that falls with speed: 5 %, offset: 0.1 %. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity:
     /// 0.05 mrad, 10″. Motion that shows an error brings σ back to what it is without; motion that
     /// does not show it leaves σ at what the error may do.
     fn default() -> Self {
@@ -66,6 +70,7 @@ impl Default for Considered {
             input_delay_s: 4e-5,
             gain: 0.0,
             coulomb: 1e-2,
+            stribeck: 5e-2,
             offset: 1e-3,
             resonance_hz: 70.0,
             drift_per_s: 1e-4,
@@ -84,6 +89,8 @@ pub enum SuspectKind {
     Gain,
     /// Coulomb friction that the model lacks.
     Coulomb,
+    /// Friction that falls with speed, beside the model's Coulomb friction.
+    Stribeck,
     /// The recorded input is off by a constant, or a constant force acts that the model lacks.
     Offset,
     /// An encoder off its centre.
@@ -125,6 +132,7 @@ impl fmt::Display for Suspect<'_> {
             SuspectKind::InputDelay => "an input delay",
             SuspectKind::Gain => "another drive gain",
             SuspectKind::Coulomb => "Coulomb friction",
+            SuspectKind::Stribeck => "friction that falls with speed (Stribeck)",
             SuspectKind::Offset => "an offset of the input or a tilted base",
             SuspectKind::Eccentricity => "an encoder off its centre",
             SuspectKind::Resonance => "a resonance",

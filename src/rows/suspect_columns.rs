@@ -9,12 +9,16 @@
 //! | the recorded input acts later than specified | −s ∫ψ′ u, the first power of the delay (`kernel.rs`) | s |
 //! | the drive gives more than specified | −s ∫ψ u | share |
 //! | Coulomb friction that the model lacks | s ∫ψ sat(q̇/v₀) | unit of the input |
+//! | friction that falls with speed, if the model has Coulomb friction | s ∫ψ sat(q̇/v₀) exp(−(q̇/v_s)²) | unit of the input |
 //! | an offset of the recorded input, or a constant force, that the model lacks | −s | unit of the input |
 //! | an encoder off its centre, q + a sin q or a cos q is read | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
 //! | a resonance between motor and load | s ∫ψ″ u | s² |
 //! | an encoder's zero, or gravity's direction: q + a is read | Σ_k ∂f_i/∂q_k | rad |
 //!
-//! The standard deviations of friction and offset are shares of u_r, the largest root mean square of
+//! There are two columns of friction that falls with speed, for a v_s of 0.2 and of 0.8 times the
+//! root mean square of the velocity in the first block that moves: together they are near enough to
+//! any other in between. The standard deviations of friction and
+//! offset are shares of u_r, the largest root mean square of
 //! a block's input so far, so that one default fits drives of any voltage. sat is sign with a straight piece of three standard deviations of the velocity's
 //! noise: at rest friction may have either sign, and noise has both. A flexible joint gives u (1 +
 //! s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid model is off by
@@ -33,10 +37,14 @@ use crate::model::{MAX_JOINTS, Plant};
 use std::f64::consts::TAU;
 
 /// Errors of each equation: gain, Coulomb friction, eccentricity in sine and cosine, resonance,
-/// zero, offset.
+/// zero, offset, friction that falls more slowly.
 const PER_EQUATION: usize = ERRORS_PER_EQUATION;
 /// Velocity noise, in standard deviations, within which a joint may stand still.
 const STANDING: f64 = 3.0;
+/// Ratio of the velocity's root mean square to that of its noise from which on a joint moves.
+const MOVING: f64 = 20.0;
+/// v_s of the two columns, as shares of the velocity's root mean square.
+const STRIBECK_SPEEDS: [f64; 2] = [0.2, 0.8];
 
 /// The columns of a block.
 #[derive(Debug, Clone)]
@@ -51,8 +59,14 @@ pub(super) struct SuspectColumns {
     white: Vec<Vec<Vec<f64>>>,
     /// Largest root mean square of each joint's input so far.
     sizes: [f64; MAX_JOINTS],
-    /// sat(q̇/v₀), sin q and cos q per joint and sample; empty if no column needs them.
-    signs: Vec<Vec<f64>>,
+    /// Which equations have Coulomb friction, or something like it.
+    jumps: Vec<bool>,
+    /// Root mean square of the velocity that belongs to each equation, in the first block in which
+    /// the joint moved; 0 until then.
+    speeds: Vec<f64>,
+    /// What the columns of friction are made of, per equation and sample; empty if there is none.
+    frictions: Vec<[Vec<f64>; 2]>,
+    /// sin q and cos q per joint and sample; empty if no column needs them.
     turns: Vec<[Vec<f64>; 2]>,
     /// Root of the sum of squares of the velocity filter's weights.
     velocity_gain: f64,
@@ -71,7 +85,7 @@ impl SuspectColumns {
         let equations = plant.equations();
         let inputs: Vec<usize> = equations.iter().map(|e| e.input).collect();
         let count = 1 + PER_EQUATION * equations.len();
-        let rubs: Vec<bool> = (0..equations.len()).map(|e| !has_jump(plant, e, inputs[e])).collect();
+        let jumps: Vec<bool> = (0..equations.len()).map(|e| has_jump(plant, e, inputs[e])).collect();
         let constant: Vec<bool> = (0..equations.len()).map(|e| has_constant(plant, e)).collect();
         let turns = considered.eccentricity_rad.is_some();
         let touches = |e: usize, suspect: usize| {
@@ -81,9 +95,9 @@ impl SuspectColumns {
             let of = (suspect - 1) / PER_EQUATION;
             match (suspect - 1) % PER_EQUATION {
                 0 => of == e && considered.gain > 0.0,
-                1 => of == e && rubs[e],
-                // one encoder per joint, whatever its number of equations
                 6 => of == e && !constant[e],
+                7 => of == e && jumps[e],
+                // one encoder per joint, whatever its number of equations
                 2 | 3 | 5 => turns && moves(e, inputs[of]) && !inputs[..of].contains(&inputs[of]),
                 _ => of == e,
             }
@@ -102,12 +116,12 @@ impl SuspectColumns {
             white: columns.clone(),
             columns,
             sizes: [0.0; MAX_JOINTS],
-            signs: (0..joints)
-                .map(|j| match (0..inputs.len()).any(|e| inputs[e] == j && rubs[e]) {
-                    true => vec![0.0; capacity],
-                    false => Vec::new(),
-                })
+            speeds: vec![0.0; jumps.len()],
+            frictions: jumps
+                .iter()
+                .map(|&jumps| [vec![0.0; capacity], vec![0.0; if jumps { capacity } else { 0 }]])
                 .collect(),
+            jumps,
             turns: (0..joints)
                 .map(|j| match turns && inputs.contains(&j) {
                     true => [vec![0.0; capacity], vec![0.0; capacity]],
@@ -122,6 +136,7 @@ impl SuspectColumns {
     /// Forgets the stream.
     pub fn reset(&mut self) {
         self.sizes = [0.0; MAX_JOINTS];
+        self.speeds.fill(0.0);
     }
 
     /// Number of errors, with those that no column shows.
@@ -136,6 +151,7 @@ impl SuspectColumns {
             SuspectKind::InputDelay => self.considered.input_delay_s,
             SuspectKind::Gain => self.considered.gain,
             SuspectKind::Coulomb => self.considered.coulomb * size,
+            SuspectKind::Stribeck => self.considered.stribeck * size,
             SuspectKind::Offset => self.considered.offset * size,
             SuspectKind::Eccentricity => self.considered.eccentricity_rad.unwrap_or(0.0),
             SuspectKind::Resonance => match self.considered.resonance_hz {
@@ -156,11 +172,13 @@ impl SuspectColumns {
         match suspect.checked_sub(1).map(|s| s % PER_EQUATION) {
             None => SuspectKind::InputDelay,
             Some(0) => SuspectKind::Gain,
+            Some(1) if self.jumps[(suspect - 1) / PER_EQUATION] => SuspectKind::Stribeck,
             Some(1) => SuspectKind::Coulomb,
             Some(2 | 3) => SuspectKind::Eccentricity,
             Some(4) => SuspectKind::Resonance,
             Some(5) => SuspectKind::Zero,
-            Some(_) => SuspectKind::Offset,
+            Some(6) => SuspectKind::Offset,
+            Some(_) => SuspectKind::Stribeck,
         }
     }
 
@@ -180,7 +198,9 @@ impl SuspectColumns {
         let (unit, largest) = match kind {
             SuspectKind::InputDelay => ("s", 0.1),
             SuspectKind::Gain => ("1", 1.0),
-            SuspectKind::Coulomb | SuspectKind::Offset => (input_unit, joint.map_or(0.0, |joint| self.sizes[joint])),
+            SuspectKind::Coulomb | SuspectKind::Stribeck | SuspectKind::Offset => {
+                (input_unit, joint.map_or(0.0, |joint| self.sizes[joint]))
+            }
             SuspectKind::Eccentricity => ("rad", 0.1),
             SuspectKind::Resonance => ("s^2", f64::INFINITY),
             SuspectKind::Zero => ("rad", 0.5),
@@ -206,21 +226,32 @@ impl SuspectColumns {
     /// Prepares the first `len` samples of a block; `q_std` are the standard deviations of the
     /// positions.
     pub fn sense(&mut self, len: usize, signals: &Trajectory, q_std: &[Vec<f64>]) {
-        for joint in 0..self.signs.len() {
-            let u = &signals.u[joint][..len];
-            let size = (dot(u, u) / len.max(1) as f64).sqrt();
+        for joint in 0..self.turns.len() {
+            let size = root_mean_square(&signals.u[joint][..len]);
             self.sizes[joint] = self.sizes[joint].max(size);
-            if !self.signs[joint].is_empty() {
-                let velocity = signals.dq[joint].iter().zip(&q_std[joint]);
-                for (sign, (dq, q_std)) in self.signs[joint][..len].iter_mut().zip(velocity) {
-                    let standing = STANDING * self.velocity_gain * q_std;
-                    *sign = (dq / standing.max(f64::MIN_POSITIVE)).clamp(-1.0, 1.0);
-                }
-            }
             let [sines, cosines] = &mut self.turns[joint];
             let mut turned = Turned::default();
             for ((sine, cosine), q) in sines.iter_mut().zip(cosines).zip(&signals.q[joint][..len]) {
                 (*sine, *cosine) = turned.to(*q);
+            }
+        }
+        for (e, &joint) in self.inputs.iter().enumerate() {
+            let (dq, q_std) = (&signals.dq[joint][..len], &q_std[joint][..len]);
+            let speed = &mut self.speeds[e];
+            let noise = self.velocity_gain * root_mean_square(q_std);
+            if *speed == 0.0 && root_mean_square(dq) > MOVING * noise {
+                *speed = root_mean_square(dq);
+            }
+            for (friction, share) in self.frictions[e].iter_mut().zip(STRIBECK_SPEEDS) {
+                for (friction, (dq, q_std)) in friction.iter_mut().zip(dq.iter().zip(q_std)) {
+                    let standing = STANDING * self.velocity_gain * q_std;
+                    let sign = (dq / standing.max(f64::MIN_POSITIVE)).clamp(-1.0, 1.0);
+                    *friction = match self.jumps[e] {
+                        false => sign,
+                        true if *speed == 0.0 => 0.0,
+                        true => sign * (-(dq / (share * *speed)).powi(2)).exp(),
+                    };
+                }
             }
         }
     }
@@ -238,10 +269,11 @@ impl SuspectColumns {
         put(0, -moments[1]);
         put(own, -moments[0]);
         put(own + 4, moments[2]);
-        let joint = self.inputs[e];
         put(own + 6, -scale); // ∫ψ = 1
-        if let Some(signs) = self.signs[joint].get(centre - kernels.half..=centre + kernels.half) {
-            put(own + 1, scale * dot(&kernels.position[0], signs));
+        for (place, friction) in [1, 7].into_iter().zip(&self.frictions[e]) {
+            if let Some(friction) = friction.get(centre - kernels.half..=centre + kernels.half) {
+                put(own + place, scale * dot(&kernels.position[0], friction));
+            }
         }
     }
 
@@ -347,6 +379,10 @@ impl Turned {
 fn some_theta(plant: &impl Plant) -> Vec<f64> {
     let start = plant.parameters().iter().map(|p| p.start);
     start.map(|start| if start != 0.0 { start } else { 1.0 }).collect()
+}
+
+fn root_mean_square(values: &[f64]) -> f64 {
+    (dot(values, values) / values.len().max(1) as f64).sqrt()
 }
 
 /// True if an equation jumps as a joint begins to move: the model has Coulomb friction, or

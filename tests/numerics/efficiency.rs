@@ -7,7 +7,7 @@ use thetabus::sim::{Machine, MachineSimulator, SensorOptions, ServoAxisOptions, 
 use thetabus::studies::efficiency::{KNOWABLE, Method, Outcome, arm_run, axis_run};
 use thetabus::studies::for_each_index;
 use thetabus::studies::states::{ArmStates, AxisStates, Jacobian, StateSpace};
-use thetabus::studies::trials::{AxisMotion, AxisSpec, Motion, TrialSpec};
+use thetabus::studies::trials::{AxisMotion, AxisSpec, Disturbance, Motion, TrialSpec};
 
 fn load(basis: &str, settings: &[String]) -> Config {
     let sources: Vec<Source> = Config::embedded(basis).into_iter().collect();
@@ -16,7 +16,13 @@ fn load(basis: &str, settings: &[String]) -> Config {
 
 /// The servo axis under a sampled controller, whose input is held, and the values to start from.
 fn axis_sim(motion: AxisMotion, seed: u64, blocks: u64) -> (SimOptions, ServoAxisOptions, Vec<f64>) {
-    let mut settings = AxisSpec { motion, blocks, seed }.settings();
+    let mut settings = AxisSpec {
+        motion,
+        disturbance: Disturbance::None,
+        blocks,
+        seed,
+    }
+    .settings();
     settings.push("plant.controller.kind=\"sampled\"".to_owned());
     settings.push("identifier.projected.timing=\"held\"".to_owned());
     let config = load("servo_axis", &settings);

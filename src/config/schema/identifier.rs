@@ -86,6 +86,8 @@ table! {
             "Relative error of each drive's gain; 0 if parameters are meant in units of the drive as it reports itself";
         coulomb: f64, Kind::Real(NOT_NEGATIVE), "",
             "Coulomb friction at each joint whose model has none, as a share of the largest root mean square of its input so far";
+        stribeck: f64, Kind::Real(NOT_NEGATIVE), "",
+            "Friction that falls with speed at each joint whose model has Coulomb friction, as a share of the same size";
         offset: f64, Kind::Real(NOT_NEGATIVE), "",
             "Offset of each recorded input, or constant force, whose model has none, as a share of the same size";
         resonance_hz: f64, Kind::Real(NOT_NEGATIVE), "Hz",

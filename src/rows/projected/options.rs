@@ -113,6 +113,7 @@ impl ProjectedOptions {
             ("considered.input_delay_s", considered.input_delay_s),
             ("considered.gain", considered.gain),
             ("considered.coulomb", considered.coulomb),
+            ("considered.stribeck", considered.stribeck),
             ("considered.offset", considered.offset),
             ("considered.resonance_hz", considered.resonance_hz),
             ("considered.drift_per_s", considered.drift_per_s),

@@ -12,7 +12,7 @@ use crate::studies::efficiency::{
     efficiency_document, robot_sections,
 };
 use crate::studies::for_each_index;
-use crate::studies::trials::{AxisMotion, AxisSpec, Motion, Spec, TrialSpec};
+use crate::studies::trials::{AxisMotion, AxisSpec, Disturbance, Motion, Spec, TrialSpec};
 
 const MOTIONS: [Motion; 4] = [
     Motion::Steps,
@@ -48,6 +48,7 @@ fn cases() -> impl Iterator<Item = Case> {
         name: motion.name().to_owned(),
         spec: Spec::Axis(AxisSpec {
             motion,
+            disturbance: Disturbance::None,
             blocks: BLOCKS,
             seed: 0,
         }),

@@ -1,5 +1,6 @@
 //! Trials of the servo axis, which sticks whenever it rests.
 
+use super::disturbance::Disturbance;
 use super::spread::spread;
 
 /// What the axis follows, within 5 cm either side.
@@ -35,6 +36,8 @@ impl AxisMotion {
 pub struct AxisSpec {
     /// What it follows.
     pub motion: AxisMotion,
+    /// What is wrong with the model.
+    pub disturbance: Disturbance,
     /// Number of blocks.
     pub blocks: u64,
     /// Seed of everything random.
@@ -44,7 +47,11 @@ pub struct AxisSpec {
 impl AxisSpec {
     /// Words that name the case.
     pub fn words(&self) -> Vec<String> {
-        vec![self.motion.name().to_owned(), "axis".to_owned()]
+        let mut words = vec![self.motion.name().to_owned(), "axis".to_owned()];
+        if self.disturbance != Disturbance::None {
+            words.push(self.disturbance.name());
+        }
+        words
     }
 
     /// What the configuration `servo_axis` has to be overridden with.
@@ -53,6 +60,13 @@ impl AxisSpec {
             format!("plant.seed={}", self.seed),
             format!("plant.duration_s={:?}", self.blocks as f64 * 1.9),
         ];
+        if let Disturbance::Stribeck(mm_per_s) = self.disturbance {
+            settings.extend([
+                "plant.servo_axis.stribeck_friction=4.0".to_owned(),
+                format!("plant.servo_axis.stribeck_speed={:?}", f64::from(mm_per_s) * 1e-3),
+                "plant.substeps=10".to_owned(),
+            ]);
+        }
         let moves = |profile: &str| {
             vec![
                 "plant.setpoint.kind=\"moves\"".to_owned(),

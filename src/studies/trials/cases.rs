@@ -11,6 +11,9 @@ const SAMPLES: &str = "Samples lost, irregular, wrong";
 const MODEL: &str = "Model wrong";
 const MENDED: &str = "Model mended";
 const AXIS: &str = "Servo axis with friction";
+const AXIS_WRONG: &str = "Servo axis, model wrong";
+/// v_s of friction that falls with speed \[mm/s\]; the axis moves with 0.1 m/s in the mean.
+const STRIBECK_SPEEDS: [u32; 3] = [5, 20, 50];
 
 /// A trial of either machine.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,7 +79,7 @@ impl Spec {
     pub fn disturbance(&self) -> Disturbance {
         match self {
             Self::Arm(spec) => spec.disturbance,
-            Self::Axis(_) => Disturbance::None,
+            Self::Axis(spec) => spec.disturbance,
         }
     }
 }
@@ -89,15 +92,25 @@ impl Case {
         }
     }
 
-    fn axis(motion: AxisMotion) -> Self {
+    fn axis(group: &'static str, motion: AxisMotion, disturbance: Disturbance) -> Self {
         Self {
-            group: AXIS,
+            group,
             spec: Spec::Axis(AxisSpec {
                 motion,
+                disturbance,
                 blocks: 30,
                 seed: 0,
             }),
         }
+    }
+
+    /// Those of the axis.
+    fn axes() -> impl Iterator<Item = Self> {
+        let right = AxisMotion::ALL.map(|motion| Self::axis(AXIS, motion, Disturbance::None));
+        let wrong = STRIBECK_SPEEDS.into_iter().flat_map(|speed| {
+            AxisMotion::ALL.map(|motion| Self::axis(AXIS_WRONG, motion, Disturbance::Stribeck(speed)))
+        });
+        right.into_iter().chain(wrong)
     }
 
     /// The name: words with slashes between them.
@@ -165,7 +178,7 @@ pub fn quick_cases() -> Vec<Case> {
         disturbed(SAMPLES, Motion::Steps, Disturbance::InputBits(12)),
     ]);
     cases.extend(Disturbance::MODEL.map(|disturbance| disturbed(MODEL, Motion::MinimumJerk, disturbance)));
-    cases.extend(AxisMotion::ALL.map(Case::axis));
+    cases.extend(Case::axes());
     cases
 }
 
@@ -218,6 +231,6 @@ pub fn full_cases() -> Vec<Case> {
     for disturbance in Disturbance::MODEL_MENDED {
         disturbed(MENDED, disturbance, &both, &Arm::ALL);
     }
-    cases.extend(AxisMotion::ALL.map(Case::axis));
+    cases.extend(Case::axes());
     cases
 }

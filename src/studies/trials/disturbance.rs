@@ -60,6 +60,9 @@ pub enum Disturbance {
     },
     /// Both windings' resistances grow by 10 % in 60 s.
     Heating,
+    /// The axis has further friction, a fifth of its Coulomb friction, that falls with the speed v as
+    /// exp(−(v/v_s)²), with v_s in mm/s.
+    Stribeck(u32),
 }
 
 impl Disturbance {
@@ -159,6 +162,7 @@ impl Disturbance {
             Self::Tilt => "tilt_1deg".to_owned(),
             Self::InputOffset { joint, millivolts } => format!("input_offset_{joint}_{millivolts}mV"),
             Self::Heating => "heating_10%".to_owned(),
+            Self::Stribeck(mm_per_s) => format!("stribeck_{mm_per_s}mm/s"),
         }
     }
 
@@ -172,6 +176,7 @@ impl Disturbance {
             Self::Tilt => Some((&["tilt", "gravity"], None)),
             Self::InputOffset { joint, .. } => Some((&["offset"], Some(joint))),
             Self::Heating => Some((&["heat", "resistance", "drift"], None)),
+            Self::Stribeck(_) => Some((&["friction"], None)),
             _ => None,
         }
     }

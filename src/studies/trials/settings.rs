@@ -183,5 +183,7 @@ fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
             "plant.unmodelled.heating_share=0.1".to_owned(),
             "plant.unmodelled.heating_s=60.0".to_owned(),
         ],
+        // of the axis alone
+        Disturbance::Stribeck(_) => Vec::new(),
     }
 }

@@ -71,7 +71,7 @@ impl BlockEstimator {
             score_test: ScoreTest::new(equations, drifts),
             report,
         };
-        estimator.explain_nothing();
+        estimator.report.explain_nothing(&estimator.structure);
         estimator.describe();
         Ok(estimator)
     }
@@ -119,7 +119,7 @@ impl BlockEstimator {
         self.stream_id = 0;
         self.report.forget();
         self.score_test.reset();
-        self.explain_nothing();
+        self.report.explain_nothing(&self.structure);
         self.describe();
     }
 
@@ -130,13 +130,6 @@ impl BlockEstimator {
         if before != 0 && before != stream_id {
             self.groups.doubt(&self.theta);
             self.describe();
-        }
-    }
-
-    // an equation without parameters has nothing to explain
-    fn explain_nothing(&mut self) {
-        for (explained, own) in self.report.explained.iter_mut().zip(&self.structure.equations) {
-            *explained = if own.is_empty() { 1.0 } else { 0.0 };
         }
     }
 

@@ -167,6 +167,13 @@ impl Report {
         }
     }
 
+    /// An equation without parameters has nothing to explain; the others have explained nothing.
+    pub(super) fn explain_nothing(&mut self, structure: &Structure) {
+        for (explained, own) in self.explained.iter_mut().zip(&structure.equations) {
+            *explained = if own.is_empty() { 1.0 } else { 0.0 };
+        }
+    }
+
     /// Back to knowing nothing.
     pub(super) fn forget(&mut self) {
         (self.blocks, self.change, self.change_probability) = (0, None, 1.0);

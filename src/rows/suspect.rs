@@ -1,5 +1,5 @@
-//! What may be wrong with a machine beyond its model: kinds of errors, how large each is expected to
-//! be, and the words for them. `suspect_columns.rs` has what they do to the rows.
+//! What may be wrong with a machine beyond its model: kinds of errors, how large each is expected
+//! to be, and the words for them. `suspect_columns.rs` has what they do to the rows.
 
 use std::fmt;
 
@@ -62,9 +62,10 @@ impl Considered {
 impl Default for Considered {
     /// What a good installation leaves. Delay: 40 µs, a fraction of a sample at 1 kHz. Gain: 0,
     /// since parameters are in units of the drive as it reports itself. Coulomb friction: 1 % of
-    /// the input, friction that falls with speed: 5 %, offset: 0.1 %. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity:
-    /// 0.05 mrad, 10″. Motion that shows an error brings σ back to what it is without; motion that
-    /// does not show it leaves σ at what the error may do.
+    /// the input, friction that falls with speed: 5 %, offset: 0.1 %. Resonance: 70 Hz. Drift:
+    /// 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. Motion that shows an
+    /// error brings σ back to what it is without; motion that does not show it leaves σ at what the
+    /// error may do.
     fn default() -> Self {
         Self {
             input_delay_s: 4e-5,

@@ -9,20 +9,21 @@
 //! | the recorded input acts later than specified | −s ∫ψ′ u, the first power of the delay (`kernel.rs`) | s |
 //! | the drive gives more than specified | −s ∫ψ u | share |
 //! | Coulomb friction that the model lacks | s ∫ψ sat(q̇/v₀) | unit of the input |
-//! | friction that falls with speed, if the model has Coulomb friction | s ∫ψ sat(q̇/v₀) exp(−(q̇/v_s)²) | unit of the input |
-//! | an offset of the recorded input, or a constant force, that the model lacks | −s | unit of the input |
+//! | friction that falls with speed | s ∫ψ sat(q̇/v₀) exp(−(q̇/v_s)²) | unit of the input |
+//! | an offset of the input, or a constant force | −s | unit of the input |
 //! | an encoder off its centre, q + a sin q or a cos q is read | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
 //! | a resonance between motor and load | s ∫ψ″ u | s² |
 //! | an encoder's zero, or gravity's direction: q + a is read | Σ_k ∂f_i/∂q_k | rad |
 //!
-//! There are two columns of friction that falls with speed, for a v_s of 0.2 and of 0.8 times the
-//! root mean square of the velocity in the first block that moves: together they are near enough to
-//! any other in between. The standard deviations of friction and
-//! offset are shares of u_r, the largest root mean square of
-//! a block's input so far, so that one default fits drives of any voltage. sat is sign with a straight piece of three standard deviations of the velocity's
-//! noise: at rest friction may have either sign, and noise has both. A flexible joint gives u (1 +
-//! s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid model is off by
-//! (1/ω_r² − 1/ω_a²) s² u: the second derivative of the input, whatever the equation is.
+//! Friction that falls with speed (R. Stribeck 1902) counts beside Coulomb friction that the model
+//! has. There are two columns of it, with v_s of 0.2 and of 0.8 times the root mean square of the
+//! velocity in the first block that moves: together they are near enough to any v_s between. The
+//! standard deviations of friction and offset are shares of u_r, the largest root mean square of a
+//! block's input so far, so that one default fits drives of any voltage. sat is sign with a
+//! straight piece of three standard deviations of the velocity's noise: at rest friction may have
+//! either sign, and noise has both. A flexible joint gives u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the
+//! rigid terms), so to first order in 1/ω² its rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the
+//! second derivative of the input, whatever the equation is.
 //!
 //! The estimator widens its published covariance by what the data leave open of the errors that
 //! have a prior standard deviation ([`Considered`]), and tests for all of them

@@ -8,10 +8,9 @@
 //!
 //! q, v position and velocity \[m, m/s or rad, rad/s\]; M, F_v, F_c, b, k as in
 //! [`ServoAxis`](crate::model::ServoAxis); F_s, the Stribeck effect, is no part of that model.
-//! Coulomb friction is a jump: a Runge-Kutta step that
-//! would carry v through zero is cut at the zero, where the axis sticks or sets off the other way.
-//! While it sticks, friction may be anything up to F(0), so such samples do not obey the model's F_c
-//! sign v, as on a real machine.
+//! Coulomb friction is a jump: a Runge-Kutta step that would carry v through zero is cut at the
+//! zero, where the axis sticks or sets off the other way. While it sticks, friction may be anything
+//! up to F(0), so such samples do not obey the model's F_c sign v, as on a real machine.
 
 use super::controller::{Commanded, ControllerKind, PositionFeedback};
 use super::error::SimError;

@@ -60,8 +60,8 @@ pub enum Disturbance {
     },
     /// Both windings' resistances grow by 10 % in 60 s.
     Heating,
-    /// The axis has further friction, a fifth of its Coulomb friction, that falls with the speed v as
-    /// exp(−(v/v_s)²), with v_s in mm/s.
+    /// The axis has further friction, a fifth of its Coulomb friction, that falls with the speed v
+    /// as exp(−(v/v_s)²), with v_s in mm/s.
     Stribeck(u32),
 }
 

@@ -62,7 +62,7 @@ impl Considered {
 impl Default for Considered {
     /// What a good installation leaves. Delay: 40 µs, a fraction of a sample at 1 kHz. Gain: 0,
     /// since parameters are in units of the drive as it reports itself. Coulomb friction: 1 % of
-    /// the input, friction that falls with speed: 5 %, offset: 0.1 %. Resonance: 70 Hz. Drift:
+    /// the input, friction that falls with speed: 2 %, offset: 0.1 %. Resonance: 70 Hz. Drift:
     /// 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. Motion that shows an
     /// error brings σ back to what it is without; motion that does not show it leaves σ at what the
     /// error may do.
@@ -71,7 +71,7 @@ impl Default for Considered {
             input_delay_s: 4e-5,
             gain: 0.0,
             coulomb: 1e-2,
-            stribeck: 5e-2,
+            stribeck: 2e-2,
             offset: 1e-3,
             resonance_hz: 70.0,
             drift_per_s: 1e-4,

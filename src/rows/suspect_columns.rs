@@ -37,9 +37,19 @@ use crate::estimator::ERRORS_PER_EQUATION;
 use crate::model::{MAX_JOINTS, Plant};
 use std::f64::consts::TAU;
 
-/// Errors of each equation: gain, Coulomb friction, eccentricity in sine and cosine, resonance,
-/// zero, offset, friction that falls more slowly.
+/// Errors of each equation, and the place of each.
 const PER_EQUATION: usize = ERRORS_PER_EQUATION;
+const GAIN: usize = 0;
+/// Coulomb friction; friction that falls fast with speed if the model has Coulomb friction.
+const FRICTION: usize = 1;
+/// Eccentricity, by its sine and its cosine.
+const SINE: usize = 2;
+const COSINE: usize = 3;
+const RESONANCE: usize = 4;
+const ZERO: usize = 5;
+const OFFSET: usize = 6;
+/// Friction that falls slowly with speed.
+const SLOW_FRICTION: usize = 7;
 /// Velocity noise, in standard deviations, within which a joint may stand still.
 const STANDING: f64 = 3.0;
 /// Ratio of the velocity's root mean square to that of its noise from which on a joint moves.
@@ -95,11 +105,11 @@ impl SuspectColumns {
             }
             let of = (suspect - 1) / PER_EQUATION;
             match (suspect - 1) % PER_EQUATION {
-                0 => of == e && considered.gain > 0.0,
-                6 => of == e && !constant[e],
-                7 => of == e && jumps[e],
+                GAIN => of == e && considered.gain > 0.0,
+                OFFSET => of == e && !constant[e],
+                SLOW_FRICTION => of == e && jumps[e],
                 // one encoder per joint, whatever its number of equations
-                2 | 3 | 5 => turns && moves(e, inputs[of]) && !inputs[..of].contains(&inputs[of]),
+                SINE | COSINE | ZERO => turns && moves(e, inputs[of]) && !inputs[..of].contains(&inputs[of]),
                 _ => of == e,
             }
         };
@@ -172,13 +182,13 @@ impl SuspectColumns {
     fn kind(&self, suspect: usize) -> SuspectKind {
         match suspect.checked_sub(1).map(|s| s % PER_EQUATION) {
             None => SuspectKind::InputDelay,
-            Some(0) => SuspectKind::Gain,
-            Some(1) if self.jumps[(suspect - 1) / PER_EQUATION] => SuspectKind::Stribeck,
-            Some(1) => SuspectKind::Coulomb,
-            Some(2 | 3) => SuspectKind::Eccentricity,
-            Some(4) => SuspectKind::Resonance,
-            Some(5) => SuspectKind::Zero,
-            Some(6) => SuspectKind::Offset,
+            Some(GAIN) => SuspectKind::Gain,
+            Some(FRICTION) if self.jumps[(suspect - 1) / PER_EQUATION] => SuspectKind::Stribeck,
+            Some(FRICTION) => SuspectKind::Coulomb,
+            Some(SINE | COSINE) => SuspectKind::Eccentricity,
+            Some(RESONANCE) => SuspectKind::Resonance,
+            Some(ZERO) => SuspectKind::Zero,
+            Some(OFFSET) => SuspectKind::Offset,
             Some(_) => SuspectKind::Stribeck,
         }
     }
@@ -268,10 +278,10 @@ impl SuspectColumns {
             }
         };
         put(0, -moments[1]);
-        put(own, -moments[0]);
-        put(own + 4, moments[2]);
-        put(own + 6, -scale); // ∫ψ = 1
-        for (place, friction) in [1, 7].into_iter().zip(&self.frictions[e]) {
+        put(own + GAIN, -moments[0]);
+        put(own + RESONANCE, moments[2]);
+        put(own + OFFSET, -scale); // ∫ψ = 1
+        for (place, friction) in [FRICTION, SLOW_FRICTION].into_iter().zip(&self.frictions[e]) {
             if let Some(friction) = friction.get(centre - kernels.half..=centre + kernels.half) {
                 put(own + place, scale * dot(&kernels.position[0], friction));
             }
@@ -292,7 +302,7 @@ impl SuspectColumns {
             };
             let sums = along(own, sines, cosines);
             let columns = &mut self.columns[e][1 + PER_EQUATION * of..];
-            for (at, sum) in [2, 3, 5].into_iter().zip(sums) {
+            for (at, sum) in [SINE, COSINE, ZERO].into_iter().zip(sums) {
                 if let Some(entry) = columns[at].get_mut(row) {
                     *entry = -sum;
                 }

@@ -230,6 +230,8 @@ impl Default for FileForm {
                 coulomb: rows.considered.coulomb,
                 stribeck: rows.considered.stribeck,
                 offset: rows.considered.offset,
+                dead_band: rows.considered.dead_band,
+                spring: rows.considered.spring,
                 resonance_hz: rows.considered.resonance_hz,
                 drift_per_s: rows.considered.drift_per_s,
                 zero_rad: rows.considered.zero_rad,

@@ -48,6 +48,8 @@ fn considered(form: &FileForm, linear: bool) -> Considered {
         coulomb: section.coulomb,
         stribeck: section.stribeck,
         offset: section.offset,
+        dead_band: section.dead_band,
+        spring: section.spring,
         resonance_hz: section.resonance_hz,
         drift_per_s: section.drift_per_s,
         zero_rad: section.zero_rad,

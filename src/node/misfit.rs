@@ -19,8 +19,10 @@ pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
             "{suspect} would explain {share:.0} % of the misfit ({:.0} us)",
             1e6 * amplitude
         ),
-        // two masses of unknown ratio: the amplitude is no frequency
-        SuspectKind::Resonance => write!(words, "{suspect} would explain {share:.0} % of the misfit"),
+        // two masses of unknown ratio: the amplitude is no frequency; a spring's has a long unit
+        SuspectKind::Resonance | SuspectKind::Spring => {
+            write!(words, "{suspect} would explain {share:.0} % of the misfit")
+        }
         SuspectKind::Gain => write!(
             words,
             "{suspect} would explain {share:.0} % of the misfit ({:.1} %)",
@@ -35,6 +37,7 @@ pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
         SuspectKind::Coulomb
         | SuspectKind::Stribeck
         | SuspectKind::Offset
+        | SuspectKind::DeadBand
         | SuspectKind::Eccentricity
         | SuspectKind::Zero => write!(
             words,
@@ -65,6 +68,8 @@ mod tests {
             SuspectKind::Coulomb,
             SuspectKind::Stribeck,
             SuspectKind::Offset,
+            SuspectKind::DeadBand,
+            SuspectKind::Spring,
             SuspectKind::Eccentricity,
             SuspectKind::Resonance,
             SuspectKind::Zero,

@@ -20,6 +20,12 @@ pub struct Considered {
     /// Offset of each recorded input whose equation has no constant term, as a share of the same
     /// size, ≥ 0.
     pub offset: f64,
+    /// Dead band of each drive whose joint's model has Coulomb friction, as a share of the same
+    /// size, ≥ 0.
+    pub dead_band: f64,
+    /// Spring, such as a cable, at each joint whose model has Coulomb friction and no spring: its
+    /// input at the root mean square of the travel, as a share of the same size, ≥ 0.
+    pub spring: f64,
     /// Natural frequency of the flexibility between each motor and its load \[Hz\], one standard
     /// deviation of 1/(2π f)²; 0 for rigid joints.
     pub resonance_hz: f64,
@@ -42,6 +48,8 @@ impl Considered {
         coulomb: 0.0,
         stribeck: 0.0,
         offset: 0.0,
+        dead_band: 0.0,
+        spring: 0.0,
         resonance_hz: 0.0,
         drift_per_s: 0.0,
         zero_rad: 0.0,
@@ -73,6 +81,8 @@ impl Default for Considered {
             coulomb: 1e-2,
             stribeck: 2e-2,
             offset: 1e-3,
+            dead_band: 3e-3,
+            spring: 1e-2,
             resonance_hz: 70.0,
             drift_per_s: 1e-4,
             zero_rad: 1e-3,
@@ -96,6 +106,10 @@ pub enum SuspectKind {
     Offset,
     /// An encoder off its centre.
     Eccentricity,
+    /// A drive that gives nothing for small inputs, and less by as much for others.
+    DeadBand,
+    /// A spring that the model lacks.
+    Spring,
     /// A resonance that the model lacks.
     Resonance,
     /// The zero of an encoder, or the direction of gravity.
@@ -136,6 +150,8 @@ impl fmt::Display for Suspect<'_> {
             SuspectKind::Stribeck => "friction that falls with speed (Stribeck)",
             SuspectKind::Offset => "an offset of the input or a tilted base",
             SuspectKind::Eccentricity => "an encoder off its centre",
+            SuspectKind::DeadBand => "a dead band of the drive",
+            SuspectKind::Spring => "a spring or a cable",
             SuspectKind::Resonance => "a resonance",
             SuspectKind::Zero => "a tilted base or encoder zero",
             SuspectKind::Drift => "a drift",

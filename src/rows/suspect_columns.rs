@@ -11,19 +11,23 @@
 //! | Coulomb friction that the model lacks | s ∫ψ sat(q̇/v₀) | unit of the input |
 //! | friction that falls with speed | s ∫ψ sat(q̇/v₀) exp(−(q̇/v_s)²) | unit of the input |
 //! | an offset of the input, or a constant force | −s | unit of the input |
+//! | a dead band of the drive, which gives u − a sign u | s ∫ψ sat(u/u₀) | unit of the input |
+//! | a spring, such as a cable | s ∫ψ q | unit of the input per rad or m |
 //! | an encoder off its centre, q + a sin q or a cos q is read | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
 //! | a resonance between motor and load | s ∫ψ″ u | s² |
 //! | an encoder's zero, or gravity's direction: q + a is read | Σ_k ∂f_i/∂q_k | rad |
 //!
-//! Friction that falls with speed (R. Stribeck 1902) counts beside Coulomb friction that the model
-//! has. There are two columns of it, with v_s of 0.2 and of 0.8 times the root mean square of the
-//! velocity in the first block that moves: together they are near enough to any v_s between. The
-//! standard deviations of friction and offset are shares of u_r, the largest root mean square of a
-//! block's input so far, so that one default fits drives of any voltage. sat is sign with a
-//! straight piece of three standard deviations of the velocity's noise: at rest friction may have
-//! either sign, and noise has both. A flexible joint gives u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the
-//! rigid terms), so to first order in 1/ω² its rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the
-//! second derivative of the input, whatever the equation is.
+//! Friction that falls with speed (R. Stribeck 1902), a dead band and a spring count beside Coulomb
+//! friction that the model has; without it they would be hard to tell from Coulomb friction. There
+//! are two columns of friction that falls with speed, with v_s of 0.2 and of 0.8 times the root
+//! mean square of the velocity in the first block that moves: together they are near enough to any
+//! v_s between. The standard deviations of friction, dead band, offset and spring are shares of
+//! u_r, the largest root mean square of a block's input so far, so that one default fits drives of
+//! any voltage. sat is sign with a straight piece: of three standard deviations of the velocity's
+//! noise, because at rest friction may have either sign, and noise has both, or of a fiftieth of
+//! u_r. A flexible joint gives u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order
+//! in 1/ω² its rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of the input,
+//! whatever the equation is.
 //!
 //! The estimator widens its published covariance by what the data leave open of the errors that
 //! have a prior standard deviation ([`Considered`]), and tests for all of them
@@ -50,6 +54,10 @@ const ZERO: usize = 5;
 const OFFSET: usize = 6;
 /// Friction that falls slowly with speed.
 const SLOW_FRICTION: usize = 7;
+const DEAD_BAND: usize = 8;
+const SPRING: usize = 9;
+/// u₀, as a share of the input's size.
+const DEAD: f64 = 0.02;
 /// Velocity noise, in standard deviations, within which a joint may stand still.
 const STANDING: f64 = 3.0;
 /// Ratio of the velocity's root mean square to that of its noise from which on a joint moves.
@@ -68,8 +76,9 @@ pub(super) struct SuspectColumns {
     /// [equation][suspect][row], and whitened; empty if the suspect does not touch the equation.
     columns: Vec<Vec<Vec<f64>>>,
     white: Vec<Vec<Vec<f64>>>,
-    /// Largest root mean square of each joint's input so far.
+    /// Largest root mean square of each joint's input so far, and of its position about the mean.
     sizes: [f64; MAX_JOINTS],
+    travels: [f64; MAX_JOINTS],
     /// Which equations have Coulomb friction, or something like it.
     jumps: Vec<bool>,
     /// Root mean square of the velocity that belongs to each equation, in the first block in which
@@ -77,6 +86,8 @@ pub(super) struct SuspectColumns {
     speeds: Vec<f64>,
     /// What the columns of friction are made of, per equation and sample; empty if there is none.
     frictions: Vec<[Vec<f64>; 2]>,
+    /// sat(u/u₀) and q per equation and sample.
+    drives: Vec<[Vec<f64>; 2]>,
     /// sin q and cos q per joint and sample; empty if no column needs them.
     turns: Vec<[Vec<f64>; 2]>,
     /// Root of the sum of squares of the velocity filter's weights.
@@ -97,7 +108,10 @@ impl SuspectColumns {
         let inputs: Vec<usize> = equations.iter().map(|e| e.input).collect();
         let count = 1 + PER_EQUATION * equations.len();
         let jumps: Vec<bool> = (0..equations.len()).map(|e| has_jump(plant, e, inputs[e])).collect();
-        let constant: Vec<bool> = (0..equations.len()).map(|e| has_constant(plant, e)).collect();
+        let constant: Vec<bool> = (0..equations.len()).map(|e| has_term(plant, e, |_| 1.0)).collect();
+        let springs: Vec<bool> = (0..equations.len())
+            .map(|e| has_term(plant, e, |q| q[inputs[e]]))
+            .collect();
         let turns = considered.eccentricity_rad.is_some();
         let touches = |e: usize, suspect: usize| {
             if suspect == 0 {
@@ -107,7 +121,8 @@ impl SuspectColumns {
             match (suspect - 1) % PER_EQUATION {
                 GAIN => of == e && considered.gain > 0.0,
                 OFFSET => of == e && !constant[e],
-                SLOW_FRICTION => of == e && jumps[e],
+                SPRING => of == e && jumps[e] && !springs[e],
+                SLOW_FRICTION | DEAD_BAND => of == e && jumps[e],
                 // one encoder per joint, whatever its number of equations
                 SINE | COSINE | ZERO => turns && moves(e, inputs[of]) && !inputs[..of].contains(&inputs[of]),
                 _ => of == e,
@@ -127,7 +142,9 @@ impl SuspectColumns {
             white: columns.clone(),
             columns,
             sizes: [0.0; MAX_JOINTS],
+            travels: [0.0; MAX_JOINTS],
             speeds: vec![0.0; jumps.len()],
+            drives: vec![[vec![0.0; capacity], vec![0.0; capacity]]; jumps.len()],
             frictions: jumps
                 .iter()
                 .map(|&jumps| [vec![0.0; capacity], vec![0.0; if jumps { capacity } else { 0 }]])
@@ -146,7 +163,7 @@ impl SuspectColumns {
 
     /// Forgets the stream.
     pub fn reset(&mut self) {
-        self.sizes = [0.0; MAX_JOINTS];
+        (self.sizes, self.travels) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
         self.speeds.fill(0.0);
     }
 
@@ -164,6 +181,11 @@ impl SuspectColumns {
             SuspectKind::Coulomb => self.considered.coulomb * size,
             SuspectKind::Stribeck => self.considered.stribeck * size,
             SuspectKind::Offset => self.considered.offset * size,
+            SuspectKind::DeadBand => self.considered.dead_band * size,
+            SuspectKind::Spring => match self.joint(suspect).map_or(0.0, |joint| self.travels[joint]) {
+                0.0 => 0.0,
+                travel => self.considered.spring * size / travel,
+            },
             SuspectKind::Eccentricity => self.considered.eccentricity_rad.unwrap_or(0.0),
             SuspectKind::Resonance => match self.considered.resonance_hz {
                 rigid if !(rigid > 0.0) => 0.0,
@@ -189,6 +211,8 @@ impl SuspectColumns {
             Some(RESONANCE) => SuspectKind::Resonance,
             Some(ZERO) => SuspectKind::Zero,
             Some(OFFSET) => SuspectKind::Offset,
+            Some(DEAD_BAND) => SuspectKind::DeadBand,
+            Some(SPRING) => SuspectKind::Spring,
             Some(_) => SuspectKind::Stribeck,
         }
     }
@@ -209,9 +233,10 @@ impl SuspectColumns {
         let (unit, largest) = match kind {
             SuspectKind::InputDelay => ("s", 0.1),
             SuspectKind::Gain => ("1", 1.0),
-            SuspectKind::Coulomb | SuspectKind::Stribeck | SuspectKind::Offset => {
+            SuspectKind::Coulomb | SuspectKind::Stribeck | SuspectKind::Offset | SuspectKind::DeadBand => {
                 (input_unit, joint.map_or(0.0, |joint| self.sizes[joint]))
             }
+            SuspectKind::Spring => ("", f64::INFINITY),
             SuspectKind::Eccentricity => ("rad", 0.1),
             SuspectKind::Resonance => ("s^2", f64::INFINITY),
             SuspectKind::Zero => ("rad", 0.5),
@@ -240,6 +265,7 @@ impl SuspectColumns {
         for joint in 0..self.turns.len() {
             let size = root_mean_square(&signals.u[joint][..len]);
             self.sizes[joint] = self.sizes[joint].max(size);
+            self.travels[joint] = self.travels[joint].max(deviation(&signals.q[joint][..len]));
             let [sines, cosines] = &mut self.turns[joint];
             let mut turned = Turned::default();
             for ((sine, cosine), q) in sines.iter_mut().zip(cosines).zip(&signals.q[joint][..len]) {
@@ -247,6 +273,12 @@ impl SuspectColumns {
             }
         }
         for (e, &joint) in self.inputs.iter().enumerate() {
+            let [dead_band, spring] = &mut self.drives[e];
+            let dead = (DEAD * self.sizes[joint]).max(f64::MIN_POSITIVE);
+            for (dead_band, u) in dead_band.iter_mut().zip(&signals.u[joint][..len]) {
+                *dead_band = (u / dead).clamp(-1.0, 1.0);
+            }
+            spring[..len].copy_from_slice(&signals.q[joint][..len]);
             let (dq, q_std) = (&signals.dq[joint][..len], &q_std[joint][..len]);
             let speed = &mut self.speeds[e];
             let noise = self.velocity_gain * root_mean_square(q_std);
@@ -281,9 +313,17 @@ impl SuspectColumns {
         put(own + GAIN, -moments[0]);
         put(own + RESONANCE, moments[2]);
         put(own + OFFSET, -scale); // ∫ψ = 1
-        for (place, friction) in [FRICTION, SLOW_FRICTION].into_iter().zip(&self.frictions[e]) {
-            if let Some(friction) = friction.get(centre - kernels.half..=centre + kernels.half) {
-                put(own + place, scale * dot(&kernels.position[0], friction));
+        let [friction, slow_friction] = &self.frictions[e];
+        let [dead_band, spring] = &self.drives[e];
+        let shapes = [
+            (FRICTION, friction),
+            (SLOW_FRICTION, slow_friction),
+            (DEAD_BAND, dead_band),
+            (SPRING, spring),
+        ];
+        for (place, shape) in shapes {
+            if let Some(shape) = shape.get(centre - kernels.half..=centre + kernels.half) {
+                put(own + place, scale * dot(&kernels.position[0], shape));
             }
         }
     }
@@ -392,6 +432,13 @@ fn some_theta(plant: &impl Plant) -> Vec<f64> {
     start.map(|start| if start != 0.0 { start } else { 1.0 }).collect()
 }
 
+/// Root mean square about the mean.
+fn deviation(values: &[f64]) -> f64 {
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    let sum: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    (sum / values.len().max(1) as f64).sqrt()
+}
+
 fn root_mean_square(values: &[f64]) -> f64 {
     (dot(values, values) / values.len().max(1) as f64).sqrt()
 }
@@ -416,36 +463,40 @@ fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> bool {
     step(1e-9) > 1e-3 * step(1e-3)
 }
 
-/// True if a parameter of an equation is a constant term by itself: ∂g₀/∂θ_k is the same however
-/// the machine moves, and ∂g_r/∂θ_k = 0 for r > 0.
-fn has_constant(plant: &impl Plant, equation: usize) -> bool {
+/// True if a parameter of an equation is the factor of this function of the positions: ∂g₀/∂θ_k is
+/// in proportion to it however the machine moves, and ∂g_r/∂θ_k = 0 for r > 0.
+fn has_term(plant: &impl Plant, equation: usize, shape: impl Fn(&[f64]) -> f64) -> bool {
     let start = some_theta(plant);
     let order = plant.equations()[equation].order;
     let joints = plant.joints();
+    let positions = |state: f64| std::array::from_fn::<f64, MAX_JOINTS, _>(|j| (state * (1.0 + j as f64)).sin());
     let terms = |state: f64, theta: &[f64]| {
-        let (mut q, mut dq) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
-        for joint in 0..joints {
-            q[joint] = (state * (1.0 + joint as f64)).sin();
-            dq[joint] = (1.7 * state * (1.0 + joint as f64)).cos();
-        }
+        let dq: [f64; MAX_JOINTS] = std::array::from_fn(|j| (1.7 * state * (1.0 + j as f64)).cos());
         let mut g = [0.0; 8];
-        plant.terms::<f64>(equation, &q[..joints], &dq[..joints], theta, &mut g[..=order]);
+        plant.terms::<f64>(
+            equation,
+            &positions(state)[..joints],
+            &dq[..joints],
+            theta,
+            &mut g[..=order],
+        );
         g
     };
     plant.equations()[equation].parameters.clone().any(|k| {
         let mut moved = start.clone();
         moved[k] += 1e-3 * start[k].abs();
-        let slope = |state: f64| {
+        // ∂g/∂θ_k over the function
+        let factor = |state: f64| {
             let (from, to) = (terms(state, &start), terms(state, &moved));
-            std::array::from_fn::<f64, 8, _>(|r| (to[r] - from[r]) / (moved[k] - start[k]))
+            let divisor = (moved[k] - start[k]) * shape(&positions(state));
+            std::array::from_fn::<f64, 8, _>(|r| (to[r] - from[r]) / divisor)
         };
-        let first = slope(0.3);
-        let size = first[0].abs();
-        let is_constant = |state: f64| {
-            let other = slope(state);
-            (other[0] - first[0]).abs() < 1e-6 * size && other[1..].iter().all(|g| g.abs() < 1e-6 * size)
+        let [first, ..] = factor(0.3);
+        let is_same = |state: f64| {
+            let [same, rest @ ..] = factor(state);
+            (same - first).abs() < 1e-6 * first.abs() && rest.iter().all(|g| g.abs() < 1e-6 * first.abs())
         };
-        size > 0.0 && [0.3, 1.1, 2.9].into_iter().all(is_constant)
+        first != 0.0 && [0.3, 1.1, 2.9].into_iter().all(is_same)
     })
 }
 

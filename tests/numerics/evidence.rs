@@ -5,7 +5,7 @@
 //! standard deviations, and more than 0.5 %, off.
 
 use crate::estimator_study::Gauss;
-use crate::support::TestRng;
+use crate::support::{EMPS_GAIN, TestRng};
 use std::path::Path;
 use thetabus::config::{Config, Source};
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, Residuals, Structure};
@@ -78,7 +78,7 @@ fn identifier(config: &Config) -> Box<dyn Identifier> {
 
 fn axis() -> ServoAxis {
     use thetabus::model::{DriveInput, Motion};
-    ServoAxis::new(Motion::Linear, DriveInput::Voltage, super::support::EMPS_GAIN).unwrap()
+    ServoAxis::new(Motion::Linear, DriveInput::Voltage, EMPS_GAIN).unwrap()
 }
 
 /// What a run showed.
@@ -432,6 +432,42 @@ fn fault_what_changed_between_two_streams_is_not_usable_until_the_second_shows_i
             assert_eq!(last.is_usable(3), moves, "{}", outcome.name);
             // what holds the weight shows at rest, too
             assert!(last.is_usable(6), "{}", outcome.name);
+        }
+    }
+}
+
+/// What a drive's dead band, or a cable, does to the voltage that an axis needs.
+#[test]
+fn fault_a_dead_band_or_a_spring_that_the_model_of_an_axis_lacks_makes_nothing_surely_wrong() {
+    // 0.05 V are 0.5 % of the drive's range; 20 N/m pull with 1 N at the end of the travel. Without
+    // columns for them most blocks of back-and-forth motion were wrong, by up to 160 sigma.
+    let dead_band = |volts: f64| move |s: &mut JointSample| s.input[0] += volts * s.input[0].signum();
+    let spring = |per_m: f64| move |s: &mut JointSample| s.input[0] += per_m / EMPS_GAIN * s.q[0];
+    let wrongs: [(&str, Box<dyn Fn(&mut JointSample)>); 4] = [
+        ("dead band 0.02 V", Box::new(dead_band(0.02))),
+        ("dead band 0.05 V", Box::new(dead_band(0.05))),
+        ("spring 20 N/m", Box::new(spring(20.0))),
+        ("spring 100 N/m", Box::new(spring(100.0))),
+    ];
+    for (name, wrong) in wrongs {
+        for sines in [true, false] {
+            let mut config = servo(3, 20.0);
+            if !sines {
+                let moves = Setpoint::Moves(thetabus::sim::Moves {
+                    profile: thetabus::sim::MoveProfile::Trapezoidal,
+                    min_rad: -0.05,
+                    max_rad: 0.05,
+                    min_move_s: 0.3,
+                    max_move_s: 1.0,
+                    min_rest_s: 0.0,
+                    max_rest_s: 0.5,
+                });
+                config.plant.sim.setpoint[0] = moves;
+            }
+            let name = format!("{name}, sines {sines}");
+            let outcome = simulate(&name, &config, |_, sample| wrong(sample));
+            nothing_dangerous(&outcome);
+            assert!(outcome.use_ok() > 0, "silence is no honesty");
         }
     }
 }

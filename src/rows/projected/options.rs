@@ -115,6 +115,8 @@ impl ProjectedOptions {
             ("considered.coulomb", considered.coulomb),
             ("considered.stribeck", considered.stribeck),
             ("considered.offset", considered.offset),
+            ("considered.dead_band", considered.dead_band),
+            ("considered.spring", considered.spring),
             ("considered.resonance_hz", considered.resonance_hz),
             ("considered.drift_per_s", considered.drift_per_s),
             ("considered.zero_rad", considered.zero_rad),

@@ -86,7 +86,7 @@ pub(super) struct SuspectColumns {
     speeds: Vec<f64>,
     /// What the columns of friction are made of, per equation and sample; empty if there is none.
     frictions: Vec<[Vec<f64>; 2]>,
-    /// sat(u/u₀) and q per equation and sample.
+    /// sat(u/u₀) and q per equation and sample; empty if no column needs them.
     drives: Vec<[Vec<f64>; 2]>,
     /// sin q and cos q per joint and sample; empty if no column needs them.
     turns: Vec<[Vec<f64>; 2]>,
@@ -136,6 +136,7 @@ impl SuspectColumns {
             })
             .collect();
         let joints = plant.joints();
+        let room = |needed: bool| vec![0.0; if needed { capacity } else { 0 }];
         Self {
             considered,
             parameters: plant.parameters().iter().map(|p| p.name.to_string()).collect(),
@@ -144,16 +145,13 @@ impl SuspectColumns {
             sizes: [0.0; MAX_JOINTS],
             travels: [0.0; MAX_JOINTS],
             speeds: vec![0.0; jumps.len()],
-            drives: vec![[vec![0.0; capacity], vec![0.0; capacity]]; jumps.len()],
-            frictions: jumps
-                .iter()
-                .map(|&jumps| [vec![0.0; capacity], vec![0.0; if jumps { capacity } else { 0 }]])
-                .collect(),
+            drives: jumps.iter().map(|&jumps| [room(jumps), room(jumps)]).collect(),
+            frictions: jumps.iter().map(|&jumps| [room(true), room(jumps)]).collect(),
             jumps,
             turns: (0..joints)
-                .map(|j| match turns && inputs.contains(&j) {
-                    true => [vec![0.0; capacity], vec![0.0; capacity]],
-                    false => [Vec::new(), Vec::new()],
+                .map(|j| {
+                    let turns = turns && inputs.contains(&j);
+                    [room(turns), room(turns)]
                 })
                 .collect(),
             velocity_gain: dot(velocity_weights, velocity_weights).sqrt(),
@@ -265,7 +263,7 @@ impl SuspectColumns {
         for joint in 0..self.turns.len() {
             let size = root_mean_square(&signals.u[joint][..len]);
             self.sizes[joint] = self.sizes[joint].max(size);
-            self.travels[joint] = self.travels[joint].max(deviation(&signals.q[joint][..len]));
+            self.travels[joint] = self.travels[joint].max(standard_deviation(&signals.q[joint][..len]));
             let [sines, cosines] = &mut self.turns[joint];
             let mut turned = Turned::default();
             for ((sine, cosine), q) in sines.iter_mut().zip(cosines).zip(&signals.q[joint][..len]) {
@@ -278,7 +276,9 @@ impl SuspectColumns {
             for (dead_band, u) in dead_band.iter_mut().zip(&signals.u[joint][..len]) {
                 *dead_band = (u / dead).clamp(-1.0, 1.0);
             }
-            spring[..len].copy_from_slice(&signals.q[joint][..len]);
+            for (spring, q) in spring.iter_mut().zip(&signals.q[joint][..len]) {
+                *spring = *q;
+            }
             let (dq, q_std) = (&signals.dq[joint][..len], &q_std[joint][..len]);
             let speed = &mut self.speeds[e];
             let noise = self.velocity_gain * root_mean_square(q_std);
@@ -432,8 +432,7 @@ fn some_theta(plant: &impl Plant) -> Vec<f64> {
     start.map(|start| if start != 0.0 { start } else { 1.0 }).collect()
 }
 
-/// Root mean square about the mean.
-fn deviation(values: &[f64]) -> f64 {
+fn standard_deviation(values: &[f64]) -> f64 {
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
     let sum: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
     (sum / values.len().max(1) as f64).sqrt()
@@ -503,6 +502,20 @@ fn has_term(plant: &impl Plant, equation: usize, shape: impl Fn(&[f64]) -> f64) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::{DriveInput, Manipulator, Motion, ServoAxis};
+
+    /// Columns would otherwise count what the model has as an error of it.
+    #[test]
+    fn val_a_model_that_has_a_term_is_told_from_one_that_lacks_it() {
+        let arm = Manipulator::default();
+        let axis = ServoAxis::new(Motion::Linear, DriveInput::Voltage, 35.0).unwrap();
+        for equation in 0..2 {
+            assert!(!has_term(&arm, equation, |_| 1.0) && !has_jump(&arm, equation, equation));
+        }
+        // the axis has an offset and Coulomb friction, and no spring
+        assert!(has_term(&axis, 0, |_| 1.0) && has_jump(&axis, 0, 0));
+        assert!(!has_term(&axis, 0, |q| q[0]));
+    }
 
     #[test]
     fn val_an_angle_that_turns_has_the_sine_of_the_library() {

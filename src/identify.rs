@@ -28,12 +28,14 @@
 //! bounds by physics, changes detected. The service makes its identifier in the same way, from its
 //! configuration: both end at [`Model::identifier`](crate::node::model::Model::identifier).
 
-use crate::estimator::{ChangeDetection, EstimatorOptions};
+pub use crate::estimator::ParameterPrior;
+
+use crate::estimator::{ChangeDetection, EquationNoise, EstimatorOptions};
 use crate::messages::{Estimate, ParameterNames, Sample, nanoseconds, signals};
 use crate::model::{JointSample, Plant};
 use crate::node::identifier::{Identifier as Node, IdentifierOptions};
 use crate::node::model::{ModelError, NodeSettings, PlantModel, SharedModel};
-use crate::rows::{Considered, InputSource, ProjectedOptions, RowForm, SensorNoise, auto_window_first};
+use crate::rows::{Considered, InputSource, ProjectedOptions, RowForm, SensorNoise, auto_window_first, priors};
 
 /// Why there is no identifier.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -68,67 +70,6 @@ pub enum BuildError {
     /// Settings that do not go together, or with this plant.
     #[error(transparent)]
     Model(#[from] ModelError),
-}
-
-/// What is known of one parameter before any data.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
-pub struct ParameterPrior {
-    /// Value to start from, in the parameter's unit.
-    pub start: f64,
-    /// Standard deviation of the start, ≥ 0.
-    pub std: f64,
-    /// Lower bound; `-inf` for none.
-    pub lower: f64,
-    /// Upper bound; `inf` for none.
-    pub upper: f64,
-    /// The start holds: it is not estimated.
-    pub fixed: bool,
-    /// Standard deviation of its random walk per block as a share of the parameter, ≥ 0; 0 for a
-    /// constant.
-    pub random_walk: f64,
-}
-
-impl ParameterPrior {
-    /// A start as uncertain as it is large, without bounds.
-    pub fn new(start: f64) -> Self {
-        Self {
-            start,
-            std: start.abs(),
-            lower: f64::NEG_INFINITY,
-            upper: f64::INFINITY,
-            fixed: false,
-            random_walk: 0.0,
-        }
-    }
-
-    /// With this standard deviation.
-    #[must_use]
-    pub fn std(mut self, std: f64) -> Self {
-        self.std = std;
-        self
-    }
-
-    /// Within these bounds.
-    #[must_use]
-    pub fn within(mut self, lower: f64, upper: f64) -> Self {
-        (self.lower, self.upper) = (lower, upper);
-        self
-    }
-
-    /// Held at its start.
-    #[must_use]
-    pub fn fixed(mut self) -> Self {
-        self.fixed = true;
-        self
-    }
-
-    /// Walking at random by this share of the parameter per block, a standard deviation.
-    #[must_use]
-    pub fn walking(mut self, share_per_block: f64) -> Self {
-        self.random_walk = share_per_block;
-        self
-    }
 }
 
 /// What the rows are made of.
@@ -302,26 +243,20 @@ impl IdentifierBuilder {
                 )
             }
         };
-        let of_each = |value: fn(&ParameterPrior) -> f64| self.priors.iter().map(value).collect::<Vec<f64>>();
+        let noise = match rows {
+            RowForm::Projected(_) => EquationNoise::WHITENED,
+            RowForm::Pointwise => EquationNoise::LEARNT,
+        };
         let equations = definition.equations.len();
         let estimator = EstimatorOptions {
-            start_std: of_each(|p| p.std),
-            lower: of_each(|p| p.lower),
-            upper: of_each(|p| p.upper),
-            random_walk: of_each(|p| p.random_walk),
-            fixed: self.priors.iter().map(|p| p.fixed).collect(),
+            equations: vec![noise; equations],
             forgetting_factor: self.forgetting_factor,
             change_detection: self.change_detection,
             drift_per_s: match &rows {
                 RowForm::Projected(options) => options.considered.drift_per_s,
                 RowForm::Pointwise => 0.0,
             },
-            // rows over windows are whitened: less than their noise is luck, much more a misfit
-            noise_floor: match rows {
-                RowForm::Projected(_) => vec![1.0; equations],
-                RowForm::Pointwise => vec![0.0; equations],
-            },
-            ..EstimatorOptions::recommended(of_each(|p| p.start), equations)
+            ..EstimatorOptions::recommended(self.priors, equations)
         };
         let settings = NodeSettings {
             rows,
@@ -380,12 +315,9 @@ const STREAM: u64 = 1;
 impl Identifier {
     /// Begins with a plant: starts and bounds of its parameters as it defines them.
     pub fn builder(plant: impl Plant + Clone + Send + Sync + 'static) -> IdentifierBuilder {
-        let model = SharedModel::new(PlantModel::new(plant));
-        let priors = model.parameters().iter();
-        let priors = priors.map(|p| ParameterPrior::new(p.start).within(p.lower, p.upper));
         IdentifierBuilder {
-            priors: priors.collect(),
-            model,
+            priors: priors(&plant).collect(),
+            model: SharedModel::new(PlantModel::new(plant)),
             unknown: None,
             sample_period_s: 1e-3,
             block_len: BLOCK_LEN,

@@ -4,7 +4,7 @@
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use thetabus::estimator::{BlockEstimator, EstimatorOptions};
+use thetabus::estimator::{BlockEstimator, EquationNoise, EstimatorOptions, ParameterPrior};
 use thetabus::messages::{Sample, signals};
 use thetabus::model::{DriveInput, JointSample, Manipulator, Motion, Plant, ServoAxis};
 use thetabus::node::monitor::Label;
@@ -127,14 +127,8 @@ fn pointwise(samples: &[JointSample]) -> PointwiseBlock<Manipulator> {
 
 fn arm_options() -> EstimatorOptions {
     let truth = SimOptions::cedro2022().true_theta(0.0);
-    let start = truth
-        .iter()
-        .zip([2.5, 0.4].into_iter().cycle())
-        .map(|(t, factor)| t * factor);
-    EstimatorOptions {
-        lower: vec![0.0; 9],
-        ..EstimatorOptions::recommended(start.collect(), 2)
-    }
+    let starts = truth.iter().zip([2.5, 0.4].into_iter().cycle());
+    EstimatorOptions::recommended(starts.map(|(t, factor)| ParameterPrior::positive(t * factor)), 2)
 }
 
 fn estimator(options: EstimatorOptions) -> BlockEstimator {
@@ -158,7 +152,7 @@ fn in_run<P: Plant + Clone + 'static>(
     samples: &[JointSample],
 ) -> (ProjectedBlock<P>, BlockEstimator) {
     let mut block = ProjectedBlock::new(plant.clone(), rows, BLOCK)
-        .and_then(|block| block.starting_at(&options.theta_start))
+        .and_then(|block| block.starting_at(&options.theta_start()))
         .expect("valid options");
     let mut settled = BlockEstimator::new(structure(plant), options.clone()).expect("valid options");
     for (k, sample) in samples.iter().enumerate() {
@@ -243,7 +237,7 @@ fn rows() -> Vec<Stage> {
     let exact = exact_samples(BLOCK, MassSchedule::constant(150.0));
     let seen = seen_samples((BEFORE + 1) * BLOCK);
     let options = EstimatorOptions {
-        noise_floor: vec![1.0; 2],
+        equations: vec![EquationNoise::WHITENED; 2],
         ..arm_options()
     };
     let projected = LastBlock::of(&Manipulator::default(), arm_rows(), &options, &seen);
@@ -344,7 +338,7 @@ fn axis() -> Vec<Stage> {
         .expect("valid options")
         .take((BEFORE + 1) * BLOCK)
         .collect();
-    let start = plant.parameters().iter().map(|p| p.start).collect();
+    let start = plant.parameters().iter().map(|p| p.start);
     let options = EstimatorOptions::recommended(start, 1);
     let rows = ProjectedOptions {
         timing: InputTiming::Continuous,
@@ -488,7 +482,7 @@ fn recording() -> Vec<Stage> {
     }
     recorder.finish().expect("room on the disk");
     let options = EstimatorOptions {
-        noise_floor: vec![1.0; 2],
+        equations: vec![EquationNoise::WHITENED; 2],
         ..arm_options()
     };
     let (empty, settled) = in_run(&Manipulator::default(), arm_rows(), &options, &seen[..SETTLED]);

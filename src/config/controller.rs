@@ -48,7 +48,7 @@ pub(super) fn controller(
     fits.then(|| ControllerConfig {
         feed_forward: section.feed_forward,
         theta: match section.theta.is_empty() {
-            true => estimator.options.theta_start.clone(),
+            true => estimator.options.theta_start(),
             false => section.theta.clone(),
         },
         options: AdaptiveOptions {

@@ -3,8 +3,11 @@
 use super::check::Check;
 use super::schema::{BoundsKind, Estimator, FileForm, OutliersKind, RelationsKind, RowsKind};
 use super::sections::EstimatorConfig;
-use crate::estimator::{ChangeDetection, EstimatorError, EstimatorOptions, Outliers, forgetting_factor};
+use crate::estimator::{
+    ChangeDetection, EquationNoise, EstimatorError, EstimatorOptions, Outliers, ParameterPrior, forgetting_factor,
+};
 use crate::messages::nanoseconds;
+use crate::model::Parameter;
 use crate::node::model::SharedModel;
 
 pub(super) fn estimator(form: &FileForm, model: &SharedModel, check: &mut Check<'_>) -> Option<EstimatorConfig> {
@@ -13,44 +16,30 @@ pub(super) fn estimator(form: &FileForm, model: &SharedModel, check: &mut Check<
     let parameters = model.parameters();
     let structure = model.structure();
     let (params, equations) = (parameters.len(), structure.equations.len());
-    let mut listed = |name: &str, list: &[f64], len: usize, what: &str, otherwise: &dyn Fn(usize) -> f64| -> Vec<f64> {
-        if !list.is_empty() && list.len() != len {
-            let message = format!(
-                "expected {len} numbers, one per {what} of the model, or none, got {}",
-                list.len()
-            );
-            check.wrong(&format!("estimator.{name}"), message);
-        }
-        if list.is_empty() {
-            (0..len).map(otherwise).collect()
-        } else {
-            list.to_vec()
-        }
-    };
-    let theta_start = listed("theta_start", &section.theta_start, params, "parameter", &|i| {
-        parameters[i].start
-    });
-    let magnitude = |i: usize| theta_start.get(i).map_or(0.0, |v: &f64| v.abs());
-    let start_std = listed("start_std", &section.start_std, params, "parameter", &magnitude);
-    let random_walk = listed("random_walk", &section.random_walk, params, "parameter", &|_| 0.0);
-    let noise_std = listed("noise_std", &section.noise_std, equations, "equation", &|_| 1.0);
     // a plant of any size may have a floor in a file that knows nothing of it
     let floors = match section.noise_floor.as_slice() {
         [one] => vec![*one; equations],
         floors => floors.to_vec(),
     };
-    let noise_floor = listed("noise_floor", &floors, equations, "equation", &|_| 0.0);
-    let (lower, upper) = match section.bounds {
-        BoundsKind::Model => (
-            parameters.iter().map(|p| p.lower).collect(),
-            parameters.iter().map(|p| p.upper).collect(),
-        ),
-        BoundsKind::Listed => (
-            listed("lower", &section.lower, params, "parameter", &|_| f64::NEG_INFINITY),
-            listed("upper", &section.upper, params, "parameter", &|_| f64::INFINITY),
-        ),
-        BoundsKind::None => (vec![f64::NEG_INFINITY; params], vec![f64::INFINITY; params]),
-    };
+    let (per_parameter, per_equation) = ((params, "parameter"), (equations, "equation"));
+    let mut lists = vec![
+        ("theta_start", &section.theta_start, per_parameter),
+        ("start_std", &section.start_std, per_parameter),
+        ("random_walk", &section.random_walk, per_parameter),
+        ("noise_std", &section.noise_std, per_equation),
+        ("noise_floor", &floors, per_equation),
+    ];
+    if section.bounds == BoundsKind::Listed {
+        lists.push(("lower", &section.lower, per_parameter));
+        lists.push(("upper", &section.upper, per_parameter));
+    }
+    for (name, list, (len, what)) in lists {
+        let got = list.len();
+        if got != 0 && got != len {
+            let message = format!("expected {len} numbers, one per {what} of the model, or none, got {got}");
+            check.wrong(&format!("estimator.{name}"), message);
+        }
+    }
     let names: Vec<&str> = parameters.iter().map(|parameter| &*parameter.name).collect();
     for name in section.fixed.iter().filter(|name| !names.contains(&name.as_str())) {
         check.wrong(
@@ -58,10 +47,6 @@ pub(super) fn estimator(form: &FileForm, model: &SharedModel, check: &mut Check<
             format!("expected names out of {}, got \"{name}\"", names.join(", ")),
         );
     }
-    let fixed = names
-        .iter()
-        .map(|name| section.fixed.iter().any(|fixed| fixed == name))
-        .collect();
     let forgetting_factor = match (section.forgetting_factor, section.time_constant_s) {
         (Some(factor), _) => factor,
         (None, Some(time_constant_s)) => {
@@ -84,26 +69,44 @@ pub(super) fn estimator(form: &FileForm, model: &SharedModel, check: &mut Check<
     if check.problems.len() > before {
         return None;
     }
+    let listed = |list: &[f64], i: usize, otherwise: f64| list.get(i).copied().unwrap_or(otherwise);
+    let prior = |(i, p): (usize, &Parameter)| {
+        let start = listed(&section.theta_start, i, p.start);
+        let (lower, upper) = match section.bounds {
+            BoundsKind::Model => (p.lower, p.upper),
+            BoundsKind::Listed => (
+                listed(&section.lower, i, f64::NEG_INFINITY),
+                listed(&section.upper, i, f64::INFINITY),
+            ),
+            BoundsKind::None => (f64::NEG_INFINITY, f64::INFINITY),
+        };
+        let prior = ParameterPrior::new(start)
+            .std(listed(&section.start_std, i, start.abs()))
+            .within(lower, upper)
+            .walking(listed(&section.random_walk, i, 0.0));
+        match section.fixed.iter().any(|name| *name == p.name) {
+            true => prior.fixed(),
+            false => prior,
+        }
+    };
+    let noise = |e: usize| EquationNoise {
+        std: listed(&section.noise_std, e, 1.0),
+        floor: listed(&floors, e, 0.0),
+    };
     let options = EstimatorOptions {
-        theta_start,
-        start_std,
-        lower,
-        upper,
+        parameters: parameters.iter().enumerate().map(prior).collect(),
+        equations: (0..equations).map(noise).collect(),
         relations: match section.relations {
             RelationsKind::Model => model.definition().relations.clone(),
             RelationsKind::None => Vec::new(),
         },
-        fixed,
         forgetting: section.forgetting,
         bound: section.bound,
         forgetting_factor,
         information_floor: section.information_floor,
         max_iterations: section.max_iterations as usize,
         step_factor: section.step_factor,
-        noise_std,
-        noise_floor,
         noise_floor_relative: section.noise_floor_relative,
-        random_walk,
         // as all considered errors, for projected rows
         drift_per_s: match form.identifier.rows {
             RowsKind::Projected => form.considered.drift_per_s,

@@ -31,12 +31,12 @@ impl Config {
     /// Names, units, meanings, bounds and start values, as topic `description` carries them.
     pub fn description(&self) -> Description {
         let model = self.model.definition();
-        let options = &self.estimator.options;
+        let priors = &self.estimator.options.parameters;
         let joints = (1..=model.joints)
             .map(|joint| JointInfo::new(&format!("joint_{joint}"), &model.position_unit, &model.input_unit));
-        let parameters = model.parameters.iter().enumerate().map(|(i, p)| {
-            let bounds = (options.lower[i], options.upper[i]);
-            ParameterInfo::new(&p.name, &p.unit, &p.meaning, options.theta_start[i], bounds)
+        let parameters = model.parameters.iter().zip(priors).map(|(p, prior)| {
+            let bounds = (prior.lower, prior.upper);
+            ParameterInfo::new(&p.name, &p.unit, &p.meaning, prior.start, bounds)
         });
         let derived = model.derived.iter();
         let derived = derived.map(|d| DerivedInfo::new(&d.name, &d.unit, &d.meaning));

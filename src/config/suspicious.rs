@@ -87,7 +87,7 @@ impl Check<'_> {
             );
         }
         let limited = options.step_factor.is_finite() && options.max_iterations > 1;
-        if limited && options.lower.iter().all(|lower| *lower < 0.0) {
+        if limited && options.parameters.iter().all(|prior| prior.lower < 0.0) {
             let message =
                 "limits nothing, because it acts on parameters whose lower bound is not negative: see estimator.bounds";
             self.warn("estimator.step_factor", message);

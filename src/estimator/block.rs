@@ -14,6 +14,7 @@ use super::groups::Groups;
 use super::options::{ChangeDetection, EstimatorError, EstimatorOptions};
 use super::pass::Summable;
 use super::persist::{EstimatorState, Load, Save, StateError, Visit};
+use super::prior::starts;
 use super::relation::Published;
 use super::report::{Change, ChangeKind, Held, Report};
 use super::score_test::ScoreTest;
@@ -56,10 +57,10 @@ impl BlockEstimator {
         let (params, equations) = (structure.params, structure.equations.len());
         let drifts = if options.drift_per_s > 0.0 { params } else { 0 };
         let mut estimator = Self {
-            published: Published::new(&options.theta_start, &groups),
-            theta: options.theta_start.clone(),
-            before: options.theta_start.clone(),
-            later: options.theta_start.clone(),
+            published: Published::new(&options.theta_start(), &groups),
+            theta: options.theta_start(),
+            before: options.theta_start(),
+            later: options.theta_start(),
             structure,
             options,
             groups,
@@ -99,14 +100,14 @@ impl BlockEstimator {
 
     /// Back to the start values and to knowing nothing. Allocates nothing.
     pub fn reset(&mut self) {
-        self.theta.copy_from_slice(&self.options.theta_start);
+        starts(&self.options.parameters, &mut self.theta);
         self.forget();
     }
 
     /// Forgets everything and starts at θ, clamped to the bounds; options stay. Allocates nothing.
     pub fn restart(&mut self, theta: &[f64]) {
-        for (i, (own, value)) in self.theta.iter_mut().zip(theta).enumerate() {
-            *own = value.clamp(self.options.lower[i], self.options.upper[i]);
+        for ((own, value), prior) in self.theta.iter_mut().zip(theta).zip(&self.options.parameters) {
+            *own = prior.clamp(*value);
         }
         self.forget();
     }
@@ -140,7 +141,7 @@ impl BlockEstimator {
         v.small(&mut self.since_change);
         self.drift.visit(v);
         v.count(&mut self.report.blocks);
-        self.options.fixed.iter_mut().for_each(|fixed| v.flag(fixed));
+        self.options.parameters.iter_mut().for_each(|p| v.flag(&mut p.fixed));
         for group in self.groups.iter_mut() {
             group.visit(v);
         }
@@ -180,7 +181,7 @@ impl BlockEstimator {
         let loaded = self.try_load(judge, state);
         if loaded.is_err() {
             self.reset();
-            judge.reset(&self.options.theta_start);
+            judge.reset(&self.theta);
         }
         loaded
     }
@@ -189,15 +190,13 @@ impl BlockEstimator {
         if let Some(index) = state.reals.iter().position(|v| !v.is_finite()) {
             return Err(StateError::NotFinite { index });
         }
-        // Without a list of its own, because a running identifier loads, too. There are at most 128
-        // parameters.
-        let fixed = (0..self.options.fixed.len()).fold(0u128, |bits, i| bits | u128::from(self.options.fixed[i]) << i);
+        let fixed = self.options.fixed();
         let mut load = Load::new(state);
         self.visit(&mut load);
         judge.visit(&mut load);
         let outcome = load.finish(state).and_then(|()| {
-            let within = |i: &usize| (self.options.lower[*i]..=self.options.upper[*i]).contains(&self.theta[*i]);
-            match (0..self.theta.len()).find(|i| !within(i)) {
+            let mut pairs = self.options.parameters.iter().zip(&self.theta);
+            match pairs.position(|(prior, theta)| !prior.allows(*theta)) {
                 Some(index) => Err(StateError::OutOfBounds { index }),
                 None if self.groups.iter_mut().all(|group| group.is_sound()) => Ok(()),
                 None => Err(StateError::NotPositive),
@@ -205,7 +204,7 @@ impl BlockEstimator {
         });
         match outcome {
             Ok(()) => self.describe(),
-            Err(_) => (0..self.options.fixed.len()).for_each(|i| self.options.fixed[i] = fixed >> i & 1 != 0),
+            Err(_) => self.options.set_fixed(fixed),
         }
         outcome
     }
@@ -239,9 +238,10 @@ impl BlockEstimator {
         if index >= self.structure.params || value.is_some_and(|v| !v.is_finite()) {
             return false;
         }
-        self.options.fixed[index] = value.is_some();
+        let prior = &mut self.options.parameters[index];
+        prior.fixed = value.is_some();
         if let Some(value) = value {
-            self.theta[index] = value.clamp(self.options.lower[index], self.options.upper[index]);
+            self.theta[index] = prior.clamp(value);
         }
         let floor = self.options.information_floor;
         self.groups.fix(index, value.is_some(), &self.theta, floor);
@@ -336,8 +336,8 @@ impl BlockEstimator {
 
     /// What each group knows before the block is its prior.
     fn begin_groups(&mut self, rows: &dyn Summable) {
-        let fixed = &self.options.fixed;
-        let drift = |i: usize| if fixed[i] { 0.0 } else { self.options.drift_per_s };
+        let (priors, drift) = (&self.options.parameters, self.options.drift_per_s);
+        let drift = |i: usize| if priors[i].fixed { 0.0 } else { drift };
         let moments = self.score_test.prepare(rows.suspects(), |s| rows.suspect_std(s), drift);
         for group in self.groups.iter_mut() {
             group.since_alarm = group.since_alarm.saturating_add(1);
@@ -438,9 +438,9 @@ impl BlockEstimator {
 
     /// Moves the free parameters of an estimator that has seen nothing.
     fn begin_at(&mut self, start: &[f64]) {
-        for (i, (theta, value)) in self.theta.iter_mut().zip(start).enumerate() {
-            if !self.options.fixed[i] {
-                *theta = value.clamp(self.options.lower[i], self.options.upper[i]);
+        for ((theta, value), prior) in self.theta.iter_mut().zip(start).zip(&self.options.parameters) {
+            if !prior.fixed {
+                *theta = prior.clamp(*value);
             }
         }
         self.groups.begin(&self.theta);

@@ -83,6 +83,7 @@ impl GroupState {
     pub fn new(group: &Group, structure: &Structure, options: &EstimatorOptions) -> Self {
         let parameters = group.parameters.clone();
         let n = parameters.len();
+        let priors = &options.parameters[parameters.clone()];
         let equations: Vec<EquationState> = group
             .equations
             .iter()
@@ -110,10 +111,10 @@ impl GroupState {
             blocks: 0,
             since_alarm: u32::MAX,
             since_misfit: u32::MAX,
-            fixed: options.fixed[parameters.clone()].to_vec(),
-            lower: options.lower[parameters.clone()].to_vec(),
-            upper: options.upper[parameters.clone()].to_vec(),
-            start_std: options.start_std[parameters.clone()].to_vec(),
+            fixed: priors.iter().map(|p| p.fixed).collect(),
+            lower: priors.iter().map(|p| p.lower).collect(),
+            upper: priors.iter().map(|p| p.upper).collect(),
+            start_std: priors.iter().map(|p| p.std).collect(),
             excitation: Excitation::new(n),
             confirmation: Confirmation::new(n),
             condition: 1.0,
@@ -133,8 +134,8 @@ impl GroupState {
         for i in 0..n {
             state.forget_parameter(i, options.information_floor);
         }
-        let start = &options.theta_start[state.parameters.clone()];
-        state.confirmation.begin(start);
+        let start: Vec<f64> = priors.iter().map(|p| p.start).collect();
+        state.confirmation.begin(&start);
         state
     }
 
@@ -157,7 +158,7 @@ impl GroupState {
     /// Back to knowing nothing, in place; `theta` holds all parameters of the plant.
     pub fn forget(&mut self, theta: &[f64], options: &EstimatorOptions) {
         for i in 0..self.n {
-            self.fixed[i] = options.fixed[self.parameters.start + i];
+            self.fixed[i] = options.parameters[self.parameters.start + i].fixed;
             self.forget_parameter(i, options.information_floor);
         }
         self.equations.iter_mut().for_each(EquationState::forget);
@@ -352,15 +353,15 @@ impl GroupState {
     /// The parameters' random walk since the last block: Γ ← Γ + Q/σ², P ← P + Q.
     fn walk(&mut self, options: &EstimatorOptions) {
         let n = self.n;
-        let walks = &options.random_walk[self.parameters.clone()];
-        if walks.iter().all(|&w| w == 0.0) {
+        let priors = &options.parameters[self.parameters.clone()];
+        if priors.iter().all(|p| p.random_walk == 0.0) {
             return;
         }
         let variance = self.variance().max(f64::MIN_POSITIVE);
         self.invert_free();
         let room = &mut self.room;
         for i in (0..n).filter(|&i| !self.fixed[i]) {
-            let q = (walks[i] * self.centre[i]).powi(2);
+            let q = (priors[i].random_walk * self.centre[i]).powi(2);
             self.errors.change[i * n + i] += q;
             room.gain[i * n + i] += q / variance;
         }

@@ -42,6 +42,7 @@ mod options;
 mod pass;
 pub(crate) mod persist;
 mod presets;
+mod prior;
 mod relation;
 mod report;
 mod robust;
@@ -62,6 +63,8 @@ pub use persist::{EstimatorState, StateError};
 pub use presets::{
     CEDRO2022_BLOCK_LEN, CEDRO2022_START, cedro2022_best_estimator, cedro2022_best_start, cedro2022_estimator,
 };
+pub(crate) use prior::starts;
+pub use prior::{EquationNoise, ParameterPrior};
 pub use report::{Change, ChangeKind, Held, Report};
 pub use score_test::Suspicion;
 pub use state::{Phase, StateMachine, Verdict};

@@ -3,6 +3,7 @@
 //! The names of the variants are those of the configuration files.
 
 use super::Structure;
+use super::prior::{EquationNoise, ParameterPrior};
 use std::str::FromStr;
 
 /// How the information of earlier blocks is forgotten.
@@ -134,25 +135,15 @@ impl Default for ChangeDetection {
 }
 
 /// Everything that can be chosen about a [`BlockEstimator`](super::BlockEstimator).
-///
-/// The lists have one entry per parameter, `noise_*` one per equation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EstimatorOptions {
-    /// Start value θ̂₀.
-    pub theta_start: Vec<f64>,
-    /// Standard deviation of the start value, in the parameter's unit; not negative. It is the
-    /// deviation reported until data come, not the weight of the start value, which is
-    /// `information_floor`.
-    pub start_std: Vec<f64>,
-    /// Lower bound, `-inf` for none.
-    pub lower: Vec<f64>,
-    /// Upper bound, `+inf` for none.
-    pub upper: Vec<f64>,
+    /// What is known of each parameter.
+    pub parameters: Vec<ParameterPrior>,
+    /// What is known of the noise of each equation.
+    pub equations: Vec<EquationNoise>,
     /// What the published estimate satisfies whatever the data say: \[i, j, k, l\] for θ_i/θ_j =
     /// θ_k/θ_l. All four belong to one group of equations and differ.
     pub relations: Vec<[usize; 4]>,
-    /// Parameters that keep their start value.
-    pub fixed: Vec<bool>,
     /// The forgetting rule.
     pub forgetting: Forgetting,
     /// The bound G of the bounded rules.
@@ -167,18 +158,9 @@ pub struct EstimatorOptions {
     /// Largest factor by which an iteration changes a parameter whose lower bound is not negative;
     /// above 1, `inf` for none.
     pub step_factor: f64,
-    /// Standard deviation by which the rows of each equation are divided, so that equations that
-    /// share parameters weigh what they are worth; positive. 1 leaves the rows as they are.
-    pub noise_std: Vec<f64>,
-    /// Smallest standard deviation of the divided rows that is believed; not negative. Noise-free
-    /// data would otherwise alarm on rounding.
-    pub noise_floor: Vec<f64>,
-    /// The same as a share of the rows' size, the root mean square of √Σ(φ_i θ_i)²; the larger of
-    /// both floors counts.
+    /// The floor of [`EquationNoise`] as a share of the rows' size, the root mean square of
+    /// √Σ(φ_i θ_i)²; the larger of both floors counts.
     pub noise_floor_relative: f64,
-    /// Standard deviation of a parameter's random walk per block, relative to the parameter; for
-    /// drifting plants.
-    pub random_walk: Vec<f64>,
     /// Standard deviation of each parameter's rate of change, relative to the parameter \[1/s\], 0
     /// to 1, for rows whose spans are in ns. The published covariance then allows for how far the
     /// estimate may lag behind a machine that warms up; 0 if no parameter changes.
@@ -191,26 +173,19 @@ pub struct EstimatorOptions {
 
 impl EstimatorOptions {
     /// The paper's recursion (8), (9) from the given start: exponential forgetting, one iteration,
-    /// no bounds, nothing beyond.
-    pub fn paper(theta_start: Vec<f64>, equations: usize) -> Self {
-        let params = theta_start.len();
+    /// no bounds but those of `parameters`, which may be mere numbers, nothing beyond.
+    pub fn paper(parameters: impl IntoIterator<Item: Into<ParameterPrior>>, equations: usize) -> Self {
         Self {
-            start_std: theta_start.iter().map(|theta| theta.abs()).collect(),
-            theta_start,
-            lower: vec![f64::NEG_INFINITY; params],
-            upper: vec![f64::INFINITY; params],
+            parameters: parameters.into_iter().map(Into::into).collect(),
+            equations: vec![EquationNoise::LEARNT; equations],
             relations: Vec::new(),
-            fixed: vec![false; params],
             forgetting: Forgetting::Exponential,
             bound: Bound::Polynomial,
             forgetting_factor: 0.95,
             information_floor: 1e-3,
             max_iterations: 1,
             step_factor: f64::INFINITY,
-            noise_std: vec![1.0; equations],
-            noise_floor: vec![0.0; equations],
             noise_floor_relative: 1e-9,
-            random_walk: vec![0.0; params],
             drift_per_s: 0.0,
             outliers: Outliers::Keep,
             change_detection: None,
@@ -219,15 +194,33 @@ impl EstimatorOptions {
 
     /// Re-linearised and self-aware: ten damped iterations limited to a factor of 3, directional
     /// forgetting, change detection.
-    pub fn recommended(theta_start: Vec<f64>, equations: usize) -> Self {
+    pub fn recommended(parameters: impl IntoIterator<Item: Into<ParameterPrior>>, equations: usize) -> Self {
         Self {
             forgetting: Forgetting::Directional,
             information_floor: 1e-6,
             max_iterations: 10,
             step_factor: 3.0,
             change_detection: Some(ChangeDetection::default()),
-            ..Self::paper(theta_start, equations)
+            ..Self::paper(parameters, equations)
         }
+    }
+
+    /// Bit i for a parameter i that is fixed. There are at most 128.
+    pub(super) fn fixed(&self) -> u128 {
+        let priors = self.parameters.iter().enumerate();
+        priors.fold(0, |bits, (i, prior)| bits | u128::from(prior.fixed) << i)
+    }
+
+    /// Fixes what [`fixed`](Self::fixed) has told, and sets the others free.
+    pub(super) fn set_fixed(&mut self, bits: u128) {
+        for (i, prior) in self.parameters.iter_mut().enumerate() {
+            prior.fixed = bits >> i & 1 != 0;
+        }
+    }
+
+    /// The start values θ̂₀.
+    pub fn theta_start(&self) -> Vec<f64> {
+        self.parameters.iter().map(|prior| prior.start).collect()
     }
 
     /// Checks every value and that the lists fit the structure.
@@ -245,7 +238,7 @@ impl EstimatorOptions {
             return Err(EstimatorError::Structure { params, equations });
         }
         self.validate_lists(params, equations)?;
-        self.validate_starts(params)?;
+        self.validate_starts()?;
         self.validate_relations(structure)?;
         self.validate_forgetting()?;
         self.validate_fit()?;
@@ -254,41 +247,30 @@ impl EstimatorOptions {
 
     /// The lists have a number for each parameter or equation, each within its range.
     fn validate_lists(&self, params: usize, equations: usize) -> Result<(), EstimatorError> {
-        let per_parameter = [
-            ("theta_start", self.theta_start.len()),
-            ("start_std", self.start_std.len()),
-            ("lower", self.lower.len()),
-            ("upper", self.upper.len()),
-            ("fixed", self.fixed.len()),
-            ("random_walk", self.random_walk.len()),
-        ];
-        for (option, got) in per_parameter {
-            length(option, params, got)?;
-        }
-        length("noise_std", equations, self.noise_std.len())?;
-        length("noise_floor", equations, self.noise_floor.len())?;
-        each("theta_start", "a finite number", &self.theta_start, f64::is_finite)?;
-        each("start_std", "a finite number, not negative", &self.start_std, |v| {
-            v.is_finite() && v >= 0.0
-        })?;
-        each("lower", "a number below +inf", &self.lower, |v| v < f64::INFINITY)?;
-        each("upper", "a number above -inf", &self.upper, |v| v > f64::NEG_INFINITY)?;
-        each("random_walk", "a finite number, not negative", &self.random_walk, |v| {
-            v.is_finite() && v >= 0.0
-        })?;
-        each("noise_std", "a finite number above 0", &self.noise_std, |v| {
-            v.is_finite() && v > 0.0
-        })?;
-        each("noise_floor", "a finite number, not negative", &self.noise_floor, |v| {
-            v.is_finite() && v >= 0.0
-        })
+        length("theta_start", params, self.parameters.len())?;
+        length("noise_std", equations, self.equations.len())?;
+        let deviation = ("a finite number, not negative", |v: f64| v.is_finite() && v >= 0.0);
+        let priors = || self.parameters.iter();
+        let finite = ("a finite number", f64::is_finite);
+        each("theta_start", priors().map(|p| p.start), finite)?;
+        each("start_std", priors().map(|p| p.std), deviation)?;
+        let lower = ("a number below +inf", |v| v < f64::INFINITY);
+        each("lower", priors().map(|p| p.lower), lower)?;
+        let upper = ("a number above -inf", |v| v > f64::NEG_INFINITY);
+        each("upper", priors().map(|p| p.upper), upper)?;
+        each("random_walk", priors().map(|p| p.random_walk), deviation)?;
+        let positive = ("a finite number above 0", |v: f64| v.is_finite() && v > 0.0);
+        each("noise_std", self.equations.iter().map(|e| e.std), positive)?;
+        each("noise_floor", self.equations.iter().map(|e| e.floor), deviation)
     }
 
     /// The start lies between its bounds.
-    fn validate_starts(&self, params: usize) -> Result<(), EstimatorError> {
-        for index in 0..params {
-            let (start, lower, upper) = (self.theta_start[index], self.lower[index], self.upper[index]);
-            if !(lower <= start && start <= upper) {
+    fn validate_starts(&self) -> Result<(), EstimatorError> {
+        for (index, prior) in self.parameters.iter().enumerate() {
+            let ParameterPrior {
+                start, lower, upper, ..
+            } = *prior;
+            if !prior.allows(start) {
                 return Err(EstimatorError::StartOutsideBounds {
                     index,
                     start,
@@ -422,16 +404,15 @@ fn length(option: &'static str, expected: usize, got: usize) -> Result<(), Estim
 
 fn each(
     option: &'static str,
-    expected: &'static str,
-    values: &[f64],
-    good: impl Fn(f64) -> bool,
+    values: impl Iterator<Item = f64>,
+    (expected, good): (&'static str, impl Fn(f64) -> bool),
 ) -> Result<(), EstimatorError> {
-    match values.iter().position(|&v| !good(v)) {
-        Some(index) => Err(EstimatorError::Entry {
+    match values.enumerate().find(|&(_, got)| !good(got)) {
+        Some((index, got)) => Err(EstimatorError::Entry {
             option,
             index,
             expected,
-            got: values[index],
+            got,
         }),
         None => Ok(()),
     }

@@ -2,6 +2,7 @@
 //! `config/cedro2022_best.toml` have them.
 
 use super::options::{EstimatorOptions, Forgetting};
+use super::prior::ParameterPrior;
 
 /// Parameters of the two-joint arm, (25).
 const PARAMS: usize = 9;
@@ -28,7 +29,7 @@ pub fn cedro2022_estimator() -> EstimatorOptions {
         forgetting: Forgetting::Bounded,
         forgetting_factor: 0.9,
         information_floor: 1e-3,
-        ..EstimatorOptions::paper(CEDRO2022_START.to_vec(), 2)
+        ..EstimatorOptions::paper(CEDRO2022_START, 2)
     }
 }
 
@@ -44,8 +45,5 @@ pub const fn cedro2022_best_start() -> [f64; PARAMS] {
 /// Our estimator on the paper's signals, as `config/cedro2022_best.toml` has it: every parameter is
 /// known to be positive, the rest is [`EstimatorOptions::recommended`].
 pub fn cedro2022_best_estimator() -> EstimatorOptions {
-    EstimatorOptions {
-        lower: vec![0.0; PARAMS],
-        ..EstimatorOptions::recommended(cedro2022_best_start().to_vec(), 2)
-    }
+    EstimatorOptions::recommended(cedro2022_best_start().map(ParameterPrior::positive), 2)
 }

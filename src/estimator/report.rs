@@ -137,8 +137,8 @@ impl Report {
     pub(super) fn new(structure: &Structure, options: &EstimatorOptions) -> Self {
         let (params, equations) = (structure.params, structure.equations.len());
         Self {
-            theta: options.theta_start.clone(),
-            theta_std: options.start_std.clone(),
+            theta: options.theta_start(),
+            theta_std: options.parameters.iter().map(|p| p.std).collect(),
             innovation_rms: vec![0.0; equations],
             residual_rms: vec![0.0; equations],
             noise_std: vec![0.0; equations],
@@ -224,12 +224,12 @@ impl Report {
             // rows that did not fit are in the estimate: the next block has to show that they did
             // no harm
             let fits = group.is_none_or(|g| g.since_misfit > 1);
-            let free = self.pressed >> i & 1 == 0 && !options.fixed[i];
+            let free = self.pressed >> i & 1 == 0 && !options.parameters[i].fixed;
             // a parameter of no equation stays what it was
             let std = if known {
                 variance.max(0.0).sqrt()
             } else {
-                options.start_std[i]
+                options.parameters[i].std
             };
             self.theta_std[i] = std;
             let small = 3.0 * std < USABLE * published.theta[i].abs();
@@ -241,10 +241,8 @@ impl Report {
 
     /// Takes what the groups know of the block in: excitation, condition and residuals.
     pub(super) fn take_groups(&mut self, groups: &[GroupState], options: &EstimatorOptions) {
-        (self.excited, self.fixed, self.rank, self.condition, self.outliers) = (0, 0, 0, 1.0, 0);
-        for (i, fixed) in options.fixed.iter().enumerate() {
-            self.fixed |= u128::from(*fixed) << i;
-        }
+        (self.excited, self.rank, self.condition, self.outliers) = (0, 0, 1.0, 0);
+        self.fixed = options.fixed();
         for group in groups {
             let start = group.parameters.start;
             for i in 0..group.n {

@@ -104,7 +104,9 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
     }
 
     fn held_at(&self, index: usize) -> Option<f64> {
-        self.estimator.options().fixed[index].then(|| self.estimator.report().theta[index])
+        self.estimator.options().parameters[index]
+            .fixed
+            .then(|| self.estimator.report().theta[index])
     }
 
     fn fix(&mut self, index: usize, value: Option<f64>) {
@@ -114,7 +116,7 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
 
     fn free(&mut self, index: usize) {
         // What is known of a parameter that is free already must not be forgotten.
-        if self.estimator.options().fixed[index] {
+        if self.estimator.options().parameters[index].fixed {
             self.estimator.fix(index, None);
         }
     }

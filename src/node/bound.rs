@@ -246,7 +246,7 @@ mod tests {
         (
             status.flags,
             options.forgetting_factor,
-            options.fixed.clone(),
+            options.parameters.iter().map(|p| p.fixed).collect(),
             length,
             estimate.config_hash,
             flags,

@@ -245,7 +245,7 @@ where
                     false => AutoWindowBlock::fixed(self.plant.clone(), *options, block_len),
                 };
                 let rows = rows
-                    .and_then(|rows| rows.starting_at(&settings.estimator.theta_start))
+                    .and_then(|rows| rows.starting_at(&settings.estimator.theta_start()))
                     .map_err(|e| ModelError::setting("identifier.projected", e))?;
                 self.node(settings, signals::Q | signals::INPUT, rows)
             }

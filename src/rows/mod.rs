@@ -35,7 +35,7 @@ pub use advice::{FEWEST_WINDOW_SAMPLES, WindowAdvice, window_advice, window_advi
 pub use auto_window::{AutoWindowBlock, auto_window_first, auto_window_lengths};
 pub use form::RowForm;
 pub use kernel::InputTiming;
-pub use pointwise::{InputSource, PointwiseBlock, structure};
+pub use pointwise::{InputSource, PointwiseBlock, priors, structure};
 pub use projected::{ProjectedBlock, ProjectedError, ProjectedOptions, SensorNoise};
 pub use smoothed::{SmoothedBlock, SmoothedOptions, Smoothing};
 pub use smoothing::{one_sided, savitzky_golay};

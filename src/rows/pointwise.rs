@@ -5,7 +5,7 @@
 
 use super::SampleBlock;
 use super::standstill::SlowSamples;
-use crate::estimator::{Residuals, Structure};
+use crate::estimator::{ParameterPrior, Residuals, Structure};
 use crate::model::{JointSample, MAX_JOINTS, PdController, Plant, PointwiseModel};
 
 /// Which parameters each equation of a plant depends on, for the estimator.
@@ -18,6 +18,12 @@ pub fn structure(plant: &impl Plant) -> Structure {
             .map(|equation| equation.parameters.clone())
             .collect(),
     }
+}
+
+/// What a plant says of its parameters: starts and bounds, for the estimator.
+pub fn priors(plant: &impl Plant) -> impl Iterator<Item = ParameterPrior> {
+    let parameters = plant.parameters().iter();
+    parameters.map(|p| ParameterPrior::new(p.start).within(p.lower, p.upper))
 }
 
 /// Where the rows take the drive's input u from; `identifier.input`.

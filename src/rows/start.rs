@@ -16,7 +16,7 @@
 //! for Hammerstein-Wiener nonlinear systems, Automatica 34 (1998).
 
 use super::theta_polynomial::{Monomial, Polynomial};
-use crate::estimator::{BlockEstimator, EstimatorOptions, Residuals, Structure};
+use crate::estimator::{BlockEstimator, EstimatorOptions, ParameterPrior, Residuals, Structure, starts};
 use std::ops::Range;
 
 /// Rows of all equations with a coefficient per monomial.
@@ -52,14 +52,12 @@ pub(super) struct StartFinder {
     theta: Vec<f64>,
     /// Relative standard deviation of each parameter; infinite if it is not known.
     relative: Vec<f64>,
-    lower: Vec<f64>,
-    upper: Vec<f64>,
 }
 
 impl StartFinder {
-    /// A finder for equations that are polynomials with products in them; `None` for others, which
-    /// have one minimum or no monomials.
-    pub fn new(equations: &[Option<Polynomial>], lower: &[f64], upper: &[f64]) -> Option<Self> {
+    /// A finder for equations that are polynomials of `params` parameters with products in them;
+    /// `None` for others, which have one minimum or no monomials.
+    pub fn new(equations: &[Option<Polynomial>], params: usize) -> Option<Self> {
         let mut monomials = Vec::new();
         let mut ranges = Vec::new();
         for polynomial in equations {
@@ -81,22 +79,25 @@ impl StartFinder {
             estimator: BlockEstimator::new(structure, options).ok()?,
             monomials,
             ranges,
-            theta: vec![0.0; lower.len()],
-            relative: vec![f64::INFINITY; lower.len()],
-            lower: lower.to_vec(),
-            upper: upper.to_vec(),
+            theta: vec![0.0; params],
+            relative: vec![f64::INFINITY; params],
         })
     }
 
-    /// Fits the coefficients to the rows and reads θ off them; what they do not tell stays as in
-    /// `start`. `row` writes the factors of the monomials other than 1 and returns the residual
-    /// without them.
-    pub fn find(&mut self, rows: usize, row: impl Fn(usize, usize, &mut [f64]) -> f64, start: &[f64]) -> &[f64] {
+    /// Fits the coefficients to the rows and reads θ off them, within its bounds; what they do not
+    /// tell stays at its start. `row` writes the factors of the monomials other than 1 and returns
+    /// the residual without them.
+    pub fn find(
+        &mut self,
+        rows: usize,
+        row: impl Fn(usize, usize, &mut [f64]) -> f64,
+        priors: &[ParameterPrior],
+    ) -> &[f64] {
         let zero = [0.0; crate::estimator::MAX_PARAMS];
         self.estimator.restart(&zero[..self.monomials.len()]);
         let ranges = &self.ranges;
         let report = self.estimator.update(&Linear { rows, row, ranges });
-        self.theta.copy_from_slice(start);
+        starts(priors, &mut self.theta);
         self.relative.fill(f64::INFINITY);
         // the best-known parameter first: each that is found opens the products that it is in
         for _ in 0..self.theta.len() {
@@ -105,7 +106,7 @@ impl StartFinder {
                 let (beta, std) = (report.theta[k], report.theta_std[k]);
                 let own = std / beta.abs();
                 let mut offer = |i: usize, value: f64, relative: f64| {
-                    let fits = value.is_finite() && (self.lower[i]..=self.upper[i]).contains(&value);
+                    let fits = value.is_finite() && priors[i].allows(value);
                     let better = best.is_none_or(|(least, ..)| relative < least);
                     if fits && relative < 1.0 && better && self.relative[i].is_infinite() {
                         best = Some((relative, i, value));

@@ -5,7 +5,7 @@ use super::Failure;
 use super::wiring::{fresh_estimator, identifier_node, identity};
 use crate::checkpoint::{self, Identity};
 use crate::config::{Config, ConfigError, Kind, keys};
-use crate::estimator::StateMachine;
+use crate::estimator::{ParameterPrior, StateMachine};
 use crate::messages::{Command, Item, MAX_ITEMS, Parts, Request, Response, item_kind, response_code};
 use crate::node::command::{Change, NodeState};
 use crate::robot::{BodyParameters, is_physical};
@@ -150,7 +150,7 @@ impl Commands {
             Command::Fix => {
                 let index = self.parameter(name)?;
                 let options = &self.config.estimator.options;
-                let (lower, upper) = (options.lower[index], options.upper[index]);
+                let ParameterPrior { lower, upper, .. } = options.parameters[index];
                 let what = match request.value() {
                     None => format!("{name} is held at its estimate"),
                     Some(value) if value.is_finite() && (lower..=upper).contains(&value) => {
@@ -305,9 +305,10 @@ impl Commands {
         let plant = self.config.model.definition();
         let options = &self.config.estimator.options;
         let none = (f64::NEG_INFINITY, f64::INFINITY);
-        let parameters = self.config.model.parameters().iter().enumerate().map(|(i, p)| {
-            let bounds = (options.lower[i], options.upper[i]);
-            Item::new(item_kind::PARAMETER, &p.name, &p.unit, options.theta_start[i], bounds)
+        let parameters = self.config.model.parameters().iter().zip(&options.parameters);
+        let parameters = parameters.map(|(p, prior)| {
+            let bounds = (prior.lower, prior.upper);
+            Item::new(item_kind::PARAMETER, &p.name, &p.unit, prior.start, bounds)
         });
         let tunables = keys()
             .filter(|key| key.section == "estimator" && !self.config.model.restarts_itself())

@@ -118,19 +118,10 @@ fn tell(input: &Path, config: &Config, log: &LogReader<BufReader<File>>, line: &
         position_unit: config.file_form().log.position_unit.word(),
         input_sign: input_sign(config),
     };
-    let options = &config.estimator.options;
-    let theta = line.theta();
-    let bounds = config
-        .model
-        .parameters()
-        .iter()
-        .enumerate()
-        .filter_map(|(i, parameter)| {
-            let bounds = [*options.lower.get(i)?, *options.upper.get(i)?];
-            let free = !options.fixed.get(i)?;
-            let estimate = *theta.get(i)?;
-            free.then_some((&*parameter.name, *options.theta_start.get(i)?, bounds, estimate))
-        });
+    let parameters = config.model.parameters().iter();
+    let known = parameters.zip(&config.estimator.options.parameters).zip(line.theta());
+    let bounds = known.filter(|((_, prior), _)| !prior.fixed);
+    let bounds = bounds.map(|((p, prior), &estimate)| (&*p.name, prior.start, [prior.lower, prior.upper], estimate));
     let found = judge_profile(log.profile(), &configured, &log.input_correlations());
     for suspicion in found
         .into_iter()

@@ -30,15 +30,9 @@ pub(super) fn live_state(config: &Config) -> LiveState {
         position_unit: plant.position_unit.clone(),
         input_unit: plant.input_unit.clone(),
     };
-    let bounds = config
-        .estimator
-        .options
-        .lower
-        .iter()
-        .zip(&config.estimator.options.upper);
-    let parameters = plant.parameters.iter().zip(bounds);
+    let parameters = plant.parameters.iter().zip(&config.estimator.options.parameters);
     let parameters =
-        parameters.map(|(p, (&lower, &upper))| Quantity::new(&p.name, &p.unit, &p.meaning).within(lower, upper));
+        parameters.map(|(p, prior)| Quantity::new(&p.name, &p.unit, &p.meaning).within(prior.lower, prior.upper));
     let derived = plant
         .derived
         .iter()

@@ -107,9 +107,8 @@ pub(super) fn notes(info: &RunInfo, config: Option<&Config>) -> Notes {
             .collect()
     });
     let bounds = config.map_or_else(Vec::new, |config| {
-        let options = &config.estimator.options;
-        let bounds = options.lower.iter().zip(&options.upper);
-        bounds.map(|(&lower, &upper)| (lower, upper)).collect()
+        let priors = config.estimator.options.parameters.iter();
+        priors.map(|prior| (prior.lower, prior.upper)).collect()
     });
     Notes {
         meanings,

@@ -77,7 +77,7 @@ pub fn run_blocks(
     options: &EstimatorOptions,
 ) -> Result<RunRecord, CompareError> {
     let mut estimator = BlockEstimator::new(structure(&Manipulator::default()), options.clone())?;
-    let mut states = StateMachine::new(&options.theta_start);
+    let mut states = StateMachine::new(&options.theta_start());
     let mut clock = Clock(Vec::new());
     let blocks = scenario
         .blocks(block_len)
@@ -107,7 +107,7 @@ pub fn run_blocks(
 /// Start value, λ or ε are out of their range.
 pub fn run_wrls(scenario: &Scenario, block_len: usize, options: &EstimatorOptions) -> Result<RunRecord, CompareError> {
     let factor = options.forgetting_factor.powf(1.0 / block_len as f64);
-    let start = &options.theta_start;
+    let start = options.theta_start();
     let starts = [
         [start[0], start[1], start[2], start[3], start[4]],
         [start[5], start[6], start[7], start[5] * start[8], start[6] * start[8]],

@@ -6,8 +6,8 @@
 use super::CompareError;
 use super::document::{Section, Table, two_digits};
 use crate::estimator::{BlockEstimator, EstimatorOptions, Report};
-use crate::model::{DriveInput, JointSample, Motion, Plant, ServoAxis};
-use crate::rows::{InputTiming, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, structure};
+use crate::model::{DriveInput, JointSample, Motion, ServoAxis};
+use crate::rows::{InputTiming, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, priors, structure};
 
 /// Force on the carriage per volt of the drive \[N/V\].
 pub const GAIN: f64 = 35.150_651_88;
@@ -42,8 +42,7 @@ pub fn pass(
     const BLOCK_LEN: usize = 1900;
     let axis = ServoAxis::new(Motion::Linear, DriveInput::Voltage, GAIN)
         .expect("only a gain of 0 is refused, and this is not 0");
-    let mut options = EstimatorOptions::recommended(axis.parameters().iter().map(|p| p.start).collect(), 1);
-    options.lower = axis.parameters().iter().map(|p| p.lower).collect();
+    let mut options = EstimatorOptions::recommended(priors(&axis), 1);
     options.forgetting_factor = forgetting_factor;
     options.change_detection = None;
     let mut block = ProjectedBlock::new(axis.clone(), rows, BLOCK_LEN)?;

@@ -5,7 +5,7 @@ use super::document::count;
 use super::encoder_setup::{EncoderSetup, Signals};
 use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
 use super::paper::ALL;
-use crate::estimator::{BlockEstimator, Change, EstimatorOptions};
+use crate::estimator::{BlockEstimator, Change, EstimatorOptions, ParameterPrior};
 use crate::model::{AutoDiff, Delayed, Manipulator, Plant};
 use crate::rows::{ProjectedBlock, SampleBlock, SmoothedBlock, SmoothedOptions, structure};
 use crate::sim::{ArmSimulator, SimOptions};
@@ -76,7 +76,7 @@ pub fn identify<B: SampleBlock>(
 pub fn run_projected(setup: &EncoderSetup, signals: Option<Signals>, seed: u64) -> Result<Vec<Answer>, CompareError> {
     let plant = Manipulator::default();
     let sim = signals.map_or_else(|| setup.sim.clone(), |signals| signals.apply(&setup.sim, seed));
-    let rows = ProjectedBlock::new(plant, setup.rows, setup.block_len)?.starting_at(&setup.options.theta_start)?;
+    let rows = ProjectedBlock::new(plant, setup.rows, setup.block_len)?.starting_at(&setup.options.theta_start())?;
     identify(&sim, rows, &plant, &setup.options, setup.block_len)
 }
 
@@ -192,18 +192,10 @@ pub fn skew_run(
         Skew::Estimated => {
             let plant = Delayed::new(Manipulator::default(), 0.0, 5e-3);
             let mut options = setup.options.clone();
-            for (list, value) in [
-                (&mut options.theta_start, 0.0),
-                (&mut options.start_std, 1e-3),
-                (&mut options.lower, -5e-3),
-                (&mut options.upper, 5e-3),
-                (&mut options.random_walk, 0.0),
-            ] {
-                list.push(value);
-            }
-            options.fixed.push(false);
+            let delay = ParameterPrior::new(0.0).std(1e-3).within(-5e-3, 5e-3);
+            options.parameters.push(delay);
             let rows =
-                ProjectedBlock::new(plant.clone(), setup.rows, setup.block_len)?.starting_at(&options.theta_start)?;
+                ProjectedBlock::new(plant.clone(), setup.rows, setup.block_len)?.starting_at(&options.theta_start())?;
             identify(
                 &signals.apply(&setup.sim, seed),
                 rows,
@@ -227,11 +219,9 @@ pub fn run_smoothed(
 ) -> Result<Vec<Answer>, CompareError> {
     let plant = Manipulator::default();
     let rows = SmoothedBlock::new(AutoDiff(plant), plant.joints(), smoothed, setup.block_len)?;
-    let options = EstimatorOptions {
-        noise_floor: vec![0.0; 2],
-        change_detection: None,
-        ..setup.options.clone()
-    };
+    let mut options = setup.options.clone();
+    options.equations.iter_mut().for_each(|noise| noise.floor = 0.0);
+    options.change_detection = None;
     identify(
         &signals.apply(&setup.sim, seed),
         rows,

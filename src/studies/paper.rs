@@ -194,7 +194,7 @@ pub fn variants_section(scenario: &Scenario, base: &EstimatorOptions) -> Result<
 fn choices_section(scenario: &Scenario, base: &EstimatorOptions) -> Result<Section, CompareError> {
     let block_len = CEDRO2022_BLOCK_LEN;
     let mut half_length = base.clone();
-    half_length.theta_start[8] = 0.5;
+    half_length.parameters[8].start = 0.5;
     let iterated = EstimatorOptions {
         max_iterations: 10,
         step_factor: 3.0,
@@ -213,7 +213,7 @@ fn choices_section(scenario: &Scenario, base: &EstimatorOptions) -> Result<Secti
         (
             "θ9 starts at 0.5 m, each block linearised up to 10 times",
             EstimatorOptions {
-                theta_start: half_length.theta_start,
+                parameters: half_length.parameters,
                 ..iterated.clone()
             },
         ),

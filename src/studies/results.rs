@@ -9,7 +9,7 @@ use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
 use super::paper::{ALL, CHANGING};
 use super::speed::speed_section;
 use super::{CompareError, Scenario, emps, for_each_index, simulated, stress};
-use crate::estimator::{EstimatorOptions, Forgetting, cedro2022_estimator};
+use crate::estimator::{CEDRO2022_START, EstimatorOptions, Forgetting, ParameterPrior, cedro2022_estimator};
 use crate::sim::{SensorOptions, SimOptions};
 use std::time::Duration;
 
@@ -115,8 +115,11 @@ pub fn baselines_section(
 ) -> Result<Section, CompareError> {
     let paper = |forgetting| EstimatorOptions {
         forgetting,
-        theta_start: ours.theta_start.clone(),
-        start_std: ours.start_std.clone(),
+        parameters: ours
+            .parameters
+            .iter()
+            .map(|prior| ParameterPrior::new(prior.start).std(prior.std))
+            .collect(),
         ..cedro2022_estimator()
     };
     let from_length = |forgetting| EstimatorOptions {
@@ -149,6 +152,7 @@ pub fn baselines_section(
         ));
     }
 
+    let start = ours.theta_start();
     let runs = for_each_index(seeds as usize, |seed| -> Result<Vec<Judgement>, CompareError> {
         let sensors = SensorOptions {
             input_noise_v: noise_v,
@@ -165,16 +169,11 @@ pub fn baselines_section(
             .ok_or(CompareError::NoJump)?;
         let mut judged = Vec::new();
         for (_, contender) in &contenders {
-            let record = contender.run(&scenario, block_len, &ours.theta_start)?;
+            let record = contender.run(&scenario, block_len, &start)?;
             judged.push(judge(&scenario, block_len, jump, &record));
         }
         let last = scenario.len() / block_len - 1;
-        let batch = run_batch(
-            &scenario,
-            block_len,
-            &cedro2022_estimator().theta_start,
-            &[jump - 1, last],
-        )?;
+        let batch = run_batch(&scenario, block_len, &CEDRO2022_START, &[jump - 1, last])?;
         let error = |i: usize, block: usize| {
             worst_relative_error(
                 &batch.blocks[i].theta,

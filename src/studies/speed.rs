@@ -80,6 +80,7 @@ pub fn speed_section(
     let mut times = Times::new(block_len, sim);
     let samples: Vec<_> = ArmSimulator::new(sim)?.take(20 * block_len).collect();
     let mut block = PointwiseBlock::new(Manipulator::default(), InputSource::Measured, block_len);
+    let start = ours.theta_start();
     let (mut taking, mut rows) = (Vec::new(), Vec::new());
     for chunk in samples.chunks_exact(block_len) {
         taking.push(fastest(|| {
@@ -92,7 +93,7 @@ pub fn speed_section(
             for index in 0..block.len() {
                 for equation in 0..2 {
                     let mut regressor = [0.0; 5];
-                    black_box(block.row(equation, index, &ours.theta_start, &mut regressor));
+                    black_box(block.row(equation, index, &start, &mut regressor));
                     black_box(regressor);
                 }
             }
@@ -174,7 +175,7 @@ pub fn projected_speed_section(setup: &EncoderSetup, seeds: u64) -> Result<Secti
                 kinds.clear();
                 let plant = Manipulator::default();
                 let rows = ProjectedBlock::new(plant, setup.rows, block_len)?;
-                let mut rows = rows.starting_at(&setup.options.theta_start)?;
+                let mut rows = rows.starting_at(&setup.options.theta_start())?;
                 let mut estimator = BlockEstimator::new(structure(&plant), setup.options.clone())?;
                 for ((chunk, fastest), first) in samples
                     .chunks_exact(block_len)

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use std::path::Path;
 use thetabus::config::{Catalog, Config, Delivery, Kind, Source, Speed, keys};
-use thetabus::estimator::cedro2022_estimator;
+use thetabus::estimator::{EquationNoise, ParameterPrior, cedro2022_estimator};
 use thetabus::model::{Equation, Parameter, Plant, PlantDefinition, Scalar};
 use thetabus::rows::RowForm;
 use thetabus::sim::SimOptions;
@@ -90,7 +90,7 @@ fn prop_a_written_configuration_loads_to_itself() {
     assert_eq!(again.estimator, config.estimator);
     assert_eq!(again.config_hash(), config.config_hash());
     assert_eq!(config.plant.speed, Speed::Factor(2.5));
-    assert!(config.estimator.options.fixed[8]);
+    assert!(config.estimator.options.parameters[8].fixed);
     // λ = exp(−N Δ/τ)
     assert_eq!(config.estimator.options.forgetting_factor, (-1.9f64 / 33.5).exp());
 }
@@ -753,8 +753,10 @@ fn prop_a_users_own_plant_is_a_model_beside_those_of_the_library() {
     let config = load(&pendulum, &[]).unwrap();
     let options = &config.estimator.options;
     assert_eq!(config.model.definition(), &PlantDefinition::of(&pendulum));
-    assert_eq!(options.theta_start, [1.5, -0.5]);
-    assert_eq!(options.lower, [0.0, f64::NEG_INFINITY]);
+    assert_eq!(
+        options.parameters,
+        [ParameterPrior::positive(1.5), ParameterPrior::new(-0.5)]
+    );
     assert!(config.warnings().is_empty(), "{:?}", config.warnings());
     // its own equations are what is simulated, and the configuration that is written out says so
     assert_eq!(config.plant.sim.model(), "pendulum");
@@ -768,13 +770,13 @@ fn prop_a_users_own_plant_is_a_model_beside_those_of_the_library() {
     assert_eq!((&again.model, &again.plant), (&config.model, &config.plant));
     assert_eq!(again.config_hash(), config.config_hash());
 
-    let options = load(
+    let config = load(
         &pendulum,
         &["estimator.theta_start=[2.0,0.1]", "estimator.fixed=[\"bias\"]"],
     )
     .unwrap();
-    assert_eq!(options.estimator.options.theta_start, [2.0, 0.1]);
-    assert_eq!(options.estimator.options.fixed, [false, true]);
+    let of_each = config.estimator.options.parameters.iter();
+    assert!(of_each.map(|p| (p.start, p.fixed)).eq([(2.0, false), (0.1, true)]));
     // models of the library stay within reach
     let servo = load(&pendulum, &["model.kind=servo_axis", "plant.machine=servo_axis"]).unwrap();
     assert_eq!(servo.model.name(), "servo_axis");
@@ -848,7 +850,8 @@ fn regress_noise_is_learnt_if_nobody_states_any_and_the_decision_is_written_out(
     }
     // a single floor is that of every equation
     let floor = load("", &[projected, "estimator.noise_floor=[0.5]"]).unwrap();
-    assert_eq!(floor.estimator.options.noise_floor, [0.5, 0.5]);
+    let half = EquationNoise { std: 1.0, floor: 0.5 };
+    assert_eq!(floor.estimator.options.equations, [half, half]);
     // what is stated beside own_plant.toml counts
     let own = |sets: &[&str]| {
         let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();

@@ -40,7 +40,7 @@ fn identify<P: Plant + Clone>(config: &Config, plant: P, samples: impl Iterator<
         true => AutoWindowBlock::chosen(&plant, rows, len),
         false => AutoWindowBlock::fixed(plant.clone(), rows, len),
     };
-    let mut block = block.unwrap().starting_at(&options.theta_start).unwrap();
+    let mut block = block.unwrap().starting_at(&options.theta_start()).unwrap();
     let mut estimator = BlockEstimator::new(structure(&plant), options).unwrap();
     let mut changes = 0;
     for (k, (t_ns, sample)) in samples.enumerate() {

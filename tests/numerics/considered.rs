@@ -2,7 +2,9 @@
 //! whether they are found.
 
 use super::support::TestRng;
-use thetabus::estimator::{BlockEstimator, EstimatorOptions, Forgetting, Residuals, Structure, Suspicion};
+use thetabus::estimator::{
+    BlockEstimator, EquationNoise, EstimatorOptions, Forgetting, ParameterPrior, Residuals, Structure, Suspicion,
+};
 use thetabus::model::{JointSample, Manipulator, Plant};
 use thetabus::rows::{
     Considered, InputTiming, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, SuspectKind, structure,
@@ -102,10 +104,9 @@ fn identify(sim: &SimOptions, considered: Considered, wrong: Wrong) -> Vec<Answe
     let factors = [2.5, 0.4, 0.4, 2.5, 0.4, 2.5, 0.4, 2.5, 0.4];
     let right = sim.true_theta(0.0);
     let start: Vec<f64> = right.iter().zip(factors).map(|(t, f)| t * f).collect();
-    let mut options = EstimatorOptions::recommended(start.clone(), 2);
-    options.lower = vec![0.0; 9];
+    let mut options = EstimatorOptions::recommended(start.iter().copied().map(ParameterPrior::positive), 2);
     options.forgetting_factor = 0.98;
-    options.noise_floor.fill(1.0);
+    options.equations.fill(EquationNoise::WHITENED);
     options.drift_per_s = considered.drift_per_s;
     options.relations = plant.relations().to_vec();
     if let Some(detection) = &mut options.change_detection {
@@ -319,7 +320,7 @@ fn val_sigma_grows_by_what_the_data_leave_open_of_an_error() {
         let mut options = EstimatorOptions::recommended(vec![1.0, 1.0], 1);
         options.forgetting = Forgetting::Exponential;
         options.forgetting_factor = 0.8;
-        options.noise_floor = vec![1.0];
+        options.equations = vec![EquationNoise::WHITENED];
         options.change_detection = None;
         let mut estimator = BlockEstimator::new(structure, options).unwrap();
         (1..=5).for_each(|block| {
@@ -391,7 +392,7 @@ fn val_a_considered_drift_widens_sigma_by_the_lag_that_it_causes() {
         let mut options = EstimatorOptions::recommended(vec![1.0, -0.5], 1);
         options.forgetting = Forgetting::Exponential;
         options.forgetting_factor = 0.8;
-        options.noise_floor = vec![1.0];
+        options.equations = vec![EquationNoise::WHITENED];
         options.change_detection = None;
         options.drift_per_s = drift_per_s;
         let mut estimator = BlockEstimator::new(structure, options).unwrap();

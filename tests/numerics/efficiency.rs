@@ -29,7 +29,7 @@ fn axis_sim(motion: AxisMotion, seed: u64, blocks: u64) -> (SimOptions, ServoAxi
     let Machine::ServoAxis(axis) = config.plant.sim.machine.clone() else {
         panic!("servo_axis.toml simulates a servo axis");
     };
-    (config.plant.sim, axis, config.estimator.options.theta_start)
+    (config.plant.sim, axis, config.estimator.options.theta_start())
 }
 
 /// Central differences of everything that a Jacobian holds.
@@ -220,7 +220,7 @@ fn val_prediction_errors_reach_the_bound_of_the_arm() {
         settings.push("plant.mass_2.t_s=[0.0]".to_owned());
         settings.push("plant.mass_2.mass_kg=[150.0]".to_owned());
         let config = load("encoder_only", &settings);
-        arm_run(&config.plant.sim, &config.estimator.options.theta_start, |_| None).unwrap()
+        arm_run(&config.plant.sim, &config.estimator.options.theta_start(), |_| None).unwrap()
     });
     let lost = lost_by_prediction_errors(&outcomes);
     assert!((0.6..1.5).contains(&lost), "{lost}");

@@ -5,7 +5,7 @@ use crate::support::{TestRng, golden_samples};
 use proptest::prelude::*;
 use std::ops::Range;
 use thetabus::estimator::{
-    BlockEstimator, Bound, EstimatorError, EstimatorOptions, Forgetting, Held, Residuals, Structure,
+    BlockEstimator, Bound, EstimatorError, EstimatorOptions, Forgetting, Held, ParameterPrior, Residuals, Structure,
     batch_least_squares,
 };
 use thetabus::model::{AutoDiff, JointSample, Manipulator, RawManipulator};
@@ -209,7 +209,7 @@ fn ident_a_model_that_is_not_identifiable_reports_its_rank_and_stays_finite() {
         for max_iterations in [1, 10] {
             let mut options = EstimatorOptions::recommended(start.clone(), 2);
             (options.forgetting, options.max_iterations, options.step_factor) = (forgetting, max_iterations, 3.0);
-            options.lower = vec![0.0; 12];
+            options.parameters.iter_mut().for_each(|prior| prior.lower = 0.0);
             options.change_detection = None;
             let mut estimator = BlockEstimator::new(structure.clone(), options).unwrap();
             for _ in 0..20 {
@@ -304,8 +304,7 @@ fn fault_blocks_of_one_sample_and_of_identical_samples_keep_the_arm_finite_and_f
     for forgetting in Forgetting::ALL {
         let options = || EstimatorOptions {
             forgetting,
-            lower: vec![0.0; 9],
-            ..EstimatorOptions::recommended(GOLDEN_START.to_vec(), 2)
+            ..EstimatorOptions::recommended(GOLDEN_START.map(ParameterPrior::positive), 2)
         };
         // N = 1: two rows for nine parameters, 300 times
         let mut estimator = BlockEstimator::new(structure(&Manipulator::default()), options()).unwrap();
@@ -345,8 +344,7 @@ fn fault_blocks_of_one_sample_and_of_identical_samples_keep_the_arm_finite_and_f
 
 #[test]
 fn ident_the_structure_of_the_products_shows_as_what_it_is() {
-    let mut options = EstimatorOptions::recommended(GOLDEN_START.to_vec(), 2);
-    options.lower = vec![0.0; 9];
+    let options = EstimatorOptions::recommended(GOLDEN_START.map(ParameterPrior::positive), 2);
     let mut estimator = BlockEstimator::new(structure(&Manipulator::default()), options).unwrap();
     let mut rng = TestRng(9);
     for block in golden_samples()[..2400].chunks_exact(400) {
@@ -405,10 +403,10 @@ fn fault_options_out_of_range_are_refused_with_name_and_number() {
         "at least 0.5",
     );
     check(&|o| o.information_floor = -1.0, "information_floor");
-    check(&|o| o.theta_start = vec![1.0], "theta_start: expected 2 values, got 1");
-    check(&|o| o.theta_start[1] = f64::INFINITY, "theta_start, entry 1");
+    check(&|o| o.parameters.truncate(1), "theta_start: expected 2 values, got 1");
+    check(&|o| o.parameters[1].start = f64::INFINITY, "theta_start, entry 1");
     check(
-        &|o| o.upper[0] = 0.5,
+        &|o| o.parameters[0].upper = 0.5,
         "theta_start, entry 0: expected -inf to 0.5, got 1",
     );
     check(&|o| o.max_iterations = 0, "max_iterations");
@@ -436,7 +434,7 @@ fn ident_a_fixed_parameter_and_an_active_bound_leave_the_others_optimal() {
     let block = random_linear(&mut TestRng(3), &truth, 400, 0.0);
     let mut options = EstimatorOptions::recommended(vec![1.0; 3], 1);
     (options.information_floor, options.change_detection) = (1e-9, None);
-    (options.fixed[0], options.lower[1], options.lower[2]) = (true, 0.0, f64::NEG_INFINITY);
+    (options.parameters[0].fixed, options.parameters[1].lower) = (true, 0.0);
     options.max_iterations = 40;
     let mut estimator = BlockEstimator::new(one_equation(3), options).unwrap();
     for _ in 0..5 {

@@ -1,6 +1,6 @@
 //! The estimator on simulated runs of the arm: simulate, identify, compare with the truth.
 
-use thetabus::estimator::{BlockEstimator, EstimatorOptions, Forgetting, Outliers, Report};
+use thetabus::estimator::{BlockEstimator, EstimatorOptions, Forgetting, Outliers, ParameterPrior, Report};
 use thetabus::model::Manipulator;
 use thetabus::rows::{InputSource, PointwiseBlock, SampleBlock, structure};
 use thetabus::sim::{ArmSimulator, Interpolation, MassSchedule, Setpoint, SimOptions, Tone};
@@ -18,9 +18,7 @@ pub fn start() -> Vec<f64> {
 }
 
 pub fn options() -> EstimatorOptions {
-    let mut options = EstimatorOptions::recommended(start(), 2);
-    options.lower = vec![0.0; 9];
-    options
+    EstimatorOptions::recommended(start().into_iter().map(ParameterPrior::positive), 2)
 }
 
 /// The three kinds of reference; the seed decides levels, times and phases.

@@ -8,7 +8,7 @@ use crate::estimator_study::Gauss;
 use crate::support::{EMPS_GAIN, TestRng};
 use std::path::Path;
 use thetabus::config::{Config, Source};
-use thetabus::estimator::{BlockEstimator, EstimatorOptions, Residuals, Structure};
+use thetabus::estimator::{BlockEstimator, EquationNoise, EstimatorOptions, ParameterPrior, Residuals, Structure};
 use thetabus::messages::{Estimate, Sample, State, signals};
 use thetabus::model::{JointSample, MAX_JOINTS, Manipulator, Plant, ServoAxis};
 use thetabus::node::block_learner::BlockLearner;
@@ -48,7 +48,7 @@ fn node<B: SampleBlock + Send + 'static>(
 
 /// The identifier of a configuration, as the service makes it.
 fn identifier(config: &Config) -> Box<dyn Identifier> {
-    let start = &config.estimator.options.theta_start;
+    let start = &config.estimator.options.theta_start();
     let len = config.estimator.block_len;
     match (config.model.name(), &config.identifier.rows) {
         ("manipulator", RowForm::Pointwise) => {
@@ -515,8 +515,9 @@ fn fault_parameters_that_are_fixed_wrong_are_not_usable() {
         let truth = config.plant.sim.true_parameters(0.0);
         for every in [1, 2] {
             let options = &mut config.estimator.options;
-            options.theta_start = truth.iter().map(|t| t * factor).collect();
-            options.fixed = (0..truth.len()).map(|i| i % every == 0).collect();
+            for (i, (prior, truth)) in options.parameters.iter_mut().zip(&truth).enumerate() {
+                (prior.start, prior.fixed) = (truth * factor, i % every == 0);
+            }
             options.relations.clear();
             let outcome = simulate(
                 &format!("{name}, every {every}. fixed at {factor} times"),
@@ -615,9 +616,9 @@ fn two_joint_estimator(told: bool) -> BlockEstimator {
         params: 4,
         equations: vec![0..2, 2..4],
     };
-    let mut options = EstimatorOptions::recommended(vec![0.7, 1.5, 0.7, 1.5], 2);
-    options.lower = vec![0.0; 4];
-    options.noise_floor = vec![f64::from(u8::from(told)); 2];
+    let mut options = EstimatorOptions::recommended([0.7, 1.5, 0.7, 1.5].map(ParameterPrior::positive), 2);
+    let [whitened, learnt] = [EquationNoise::WHITENED, EquationNoise::LEARNT];
+    options.equations.fill(if told { whitened } else { learnt });
     BlockEstimator::new(structure, options).unwrap()
 }
 

@@ -1,9 +1,9 @@
 //! What reaches the rows: lost samples, spikes, time stamps off the grid, coarse inputs.
 
 use crate::support::TestRng;
-use thetabus::estimator::{BlockEstimator, EstimatorOptions, StateMachine};
+use thetabus::estimator::{BlockEstimator, EquationNoise, EstimatorOptions, StateMachine};
 use thetabus::model::{JointSample, Manipulator, Plant};
-use thetabus::rows::{InputTiming, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, structure};
+use thetabus::rows::{InputTiming, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, priors, structure};
 use thetabus::sim::{ArmSimulator, ControllerKind, SensorOptions, Setpoint, SimOptions};
 
 const N: usize = 1900;
@@ -41,11 +41,9 @@ fn rows(kind: ControllerKind) -> ProjectedOptions {
 }
 
 fn options(plant: &Manipulator) -> EstimatorOptions {
-    let start = plant.parameters().iter().map(|p| p.start).collect();
-    let mut options = EstimatorOptions::recommended(start, plant.equations().len());
-    options.lower = plant.parameters().iter().map(|p| p.lower).collect();
+    let mut options = EstimatorOptions::recommended(priors(plant), plant.equations().len());
     options.forgetting_factor = 0.98;
-    options.noise_floor.fill(1.0);
+    options.equations.fill(EquationNoise::WHITENED);
     if let Some(detection) = &mut options.change_detection {
         (detection.margin, detection.false_alarm_rate) = (40_000_000, 2e-5);
     }

@@ -1,6 +1,6 @@
 //! Projected rows: what they give from positions and inputs alone.
 
-use thetabus::estimator::{BlockEstimator, EstimatorOptions, Residuals};
+use thetabus::estimator::{BlockEstimator, EquationNoise, EstimatorOptions, Residuals};
 use thetabus::model::{
     AutoDiff, Delayed, DriveInput, Equation, JointSample, Manipulator, Motion, Parameter, Plant, Scalar, ServoAxis,
 };
@@ -78,10 +78,11 @@ fn timing(sim: &SimOptions) -> InputTiming {
 
 pub fn estimator_options(plant: &impl Plant, theta_start: Vec<f64>) -> EstimatorOptions {
     let mut options = EstimatorOptions::recommended(theta_start, plant.equations().len());
-    options.lower = plant.parameters().iter().map(|p| p.lower).collect();
-    options.upper = plant.parameters().iter().map(|p| p.upper).collect();
+    for (prior, p) in options.parameters.iter_mut().zip(plant.parameters()) {
+        (prior.lower, prior.upper) = (p.lower, p.upper);
+    }
     options.forgetting_factor = 0.98;
-    options.noise_floor.fill(1.0);
+    options.equations.fill(EquationNoise::WHITENED);
     if let Some(detection) = &mut options.change_detection {
         detection.margin = 40_000_000;
         // as in encoder_only.toml: R is right to some per cent only, so the tail of the test is
@@ -223,7 +224,7 @@ fn ident_a_delay_ignored_configured_and_identified() {
     let mut theta = start();
     theta.push(0.0);
     let mut options = estimator_options(&delayed, theta);
-    options.start_std[9] = 1e-3;
+    options.parameters[9].std = 1e-3;
     let identified = identify(delayed, &sim, rows, options);
     // theta_6: half a sample costs tens of per cent, told or found out it is as good as without
     let error = |run: &Run| errors(run, 9)[5];

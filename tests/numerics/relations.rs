@@ -137,11 +137,11 @@ fn fault_a_relation_that_cannot_be_told_or_that_the_data_deny_is_not_imposed() {
     let mut bounded = options(vec![RELATION]);
     let between = 0.5 * (with + without);
     if with > without {
-        bounded.upper[2] = between;
+        bounded.parameters[2].upper = between;
     } else {
-        bounded.lower[2] = between;
+        bounded.parameters[2].lower = between;
     }
-    bounded.theta_start[2] = without;
+    bounded.parameters[2].start = without;
     let mut bounded = estimator(bounded);
     let published = bounded.update(&noisy).theta.clone();
     assert_eq!(published, bounded.theta());
@@ -155,7 +155,6 @@ fn fault_relations_of_parameters_that_nothing_links_are_refused() {
     };
     let one = std::slice::from_ref(&(0..5));
     assert!(refused(one, [0, 0, 1, 2]) && refused(one, [0, 1, 2, 5]));
-    // two equations: noise_std and noise_floor are per equation
     let two = BlockEstimator::new(structure(&[0..3, 3..5]), {
         let mut options = EstimatorOptions::paper(vec![0.1; 5], 2);
         options.relations = vec![RELATION];

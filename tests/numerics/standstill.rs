@@ -5,7 +5,8 @@ use std::ops::Range;
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, Forgetting, Phase, Report, StateMachine};
 use thetabus::model::{AutoDiff, DriveInput, Equation, JointSample, Motion, Parameter, Plant, Scalar, ServoAxis};
 use thetabus::rows::{
-    InputSource, InputTiming, PointwiseBlock, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, structure,
+    InputSource, InputTiming, PointwiseBlock, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, priors,
+    structure,
 };
 use thetabus::sim::{Interpolation, Machine, ServoAxisOptions, ServoAxisSimulator, Setpoint, SimOptions};
 
@@ -14,9 +15,7 @@ const NAMES: [&str; 4] = ["mass", "viscous", "Coulomb", "offset"];
 
 /// The estimator of config/servo_axis.toml.
 fn options(plant: &impl Plant) -> EstimatorOptions {
-    let start = plant.parameters().iter().map(|p| p.start).collect();
-    let mut options = EstimatorOptions::recommended(start, plant.equations().len());
-    options.lower = plant.parameters().iter().map(|p| p.lower).collect();
+    let mut options = EstimatorOptions::recommended(priors(plant), plant.equations().len());
     options.forgetting = Forgetting::Exponential;
     options.forgetting_factor = 1.0;
     options.information_floor = 1e-6;

@@ -1,8 +1,8 @@
 //! The comparison tables: equal to the ones in docs/, and saying what the documents claim.
 
 use thetabus::estimator::{
-    CEDRO2022_BLOCK_LEN, EstimatorOptions, Forgetting, Outliers, cedro2022_best_estimator, cedro2022_best_start,
-    cedro2022_estimator,
+    CEDRO2022_BLOCK_LEN, CEDRO2022_START, EstimatorOptions, Forgetting, Outliers, cedro2022_best_estimator,
+    cedro2022_best_start, cedro2022_estimator,
 };
 use thetabus::sim::{Interpolation, MassSchedule, SensorOptions, SimOptions};
 use thetabus::studies::STUDY_NOISE_V;
@@ -59,7 +59,7 @@ fn ident_the_papers_recursion_follows_the_jump_in_dozens_of_blocks_and_disturbs_
     // Started with half the length, it does not settle; linearised to convergence, the start is
     // harmless.
     let mut options = cedro2022_estimator();
-    options.theta_start[8] = 0.5;
+    options.parameters[8].start = 0.5;
     assert_eq!(run(&options).changing_to[0], None);
     options.max_iterations = 10;
     options.step_factor = 3.0;
@@ -264,13 +264,7 @@ fn ident_the_baselines_are_honest_competitors() {
     // left.
     let wrls = run_wrls(&scenario, CEDRO2022_BLOCK_LEN, &cedro2022_best_estimator()).unwrap();
     assert!(error(&wrls.blocks[before].theta) < 1e-6, "{:?}", wrls.blocks[before]);
-    let batch = run_batch(
-        &scenario,
-        CEDRO2022_BLOCK_LEN,
-        &cedro2022_estimator().theta_start,
-        &[before],
-    )
-    .unwrap();
+    let batch = run_batch(&scenario, CEDRO2022_BLOCK_LEN, &CEDRO2022_START, &[before]).unwrap();
     assert!(error(&batch.blocks[0].theta) < 1e-6, "{:?}", batch.blocks[0]);
     // The filter's one Runge-Kutta step a sample and straight voltages leave some per cent of θ₁
     // and θ₃, which are small.

@@ -125,7 +125,7 @@ fn scored(change: impl Fn(&mut Estimate, &[f64; 9])) -> TrialResult {
         panic!("encoder_only has projected rows");
     };
     let options = &config.estimator.options;
-    let rows = ProjectedBlock::new(plant, rows, 1900).and_then(|rows| rows.starting_at(&options.theta_start));
+    let rows = ProjectedBlock::new(plant, rows, 1900).and_then(|rows| rows.starting_at(&options.theta_start()));
     let estimator = BlockEstimator::new(structure(&plant), options.clone()).unwrap();
     let derived = ManipulatorDerived::new(config.known.unwrap()).unwrap();
     let node_options = IdentifierOptions {

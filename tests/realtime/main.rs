@@ -16,7 +16,7 @@ use thetabus::node::command::{Change, NodeState, Order};
 use thetabus::node::identifier::{IdentifierNode, IdentifierOptions};
 use thetabus::rows::{
     AutoWindowBlock, InputSource, PointwiseBlock, ProjectedBlock, ProjectedOptions, SampleBlock, SmoothedBlock,
-    SmoothedOptions, structure,
+    SmoothedOptions, priors, structure,
 };
 use thetabus::sim::{ArmParameters, ArmSimulator, SimOptions};
 
@@ -155,10 +155,8 @@ fn rt_the_same_samples_give_the_same_bits() {
 
 /// A node with rows from positions and inputs.
 fn from_positions<B: SampleBlock + Send + 'static>(plant: &impl Plant, rows: B) -> IdentifierNode<BlockLearner<B>> {
-    let start = plant.parameters().iter().map(|p| p.start).collect();
-    let mut options = EstimatorOptions::recommended(start, plant.equations().len());
+    let mut options = EstimatorOptions::recommended(priors(plant), plant.equations().len());
     options.relations = plant.relations().to_vec();
-    options.lower = plant.parameters().iter().map(|p| p.lower).collect();
     let node = IdentifierOptions::new(BLOCK_LEN, plant.joints(), signals::Q | signals::INPUT);
     let estimator = BlockEstimator::new(structure(plant), options).unwrap();
     IdentifierNode::new(node, BlockLearner::new(rows, estimator, None), 1)

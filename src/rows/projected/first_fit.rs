@@ -20,8 +20,11 @@
 //! its positions are smoothed with that.
 
 use super::projection::Projection;
-use crate::estimator::{BlockEstimator, EstimatorError, EstimatorOptions, EstimatorState, Structure};
+use crate::estimator::{
+    BlockEstimator, EstimatorError, EstimatorOptions, EstimatorState, ParameterPrior, Structure, starts,
+};
 use crate::model::Plant;
+use crate::rows::pointwise::priors;
 use crate::rows::start::StartFinder;
 use crate::rows::theta_polynomial::Polynomial;
 
@@ -59,11 +62,7 @@ impl FirstFit {
     /// # Errors
     /// Start values, bounds and structure do not fit together.
     pub fn new(plant: &impl Plant, structure: Structure) -> Result<Self, EstimatorError> {
-        let parameters = plant.parameters();
-        let starts = parameters.iter().map(|p| p.start).collect();
-        let mut options = EstimatorOptions::recommended(starts, plant.equations().len());
-        options.lower = parameters.iter().map(|p| p.lower).collect();
-        options.upper = parameters.iter().map(|p| p.upper).collect();
+        let mut options = EstimatorOptions::recommended(priors(plant), plant.equations().len());
         options.change_detection = None;
         let mut estimator = BlockEstimator::new(structure, options)?;
         let mut together = EstimatorState::default();
@@ -81,8 +80,7 @@ impl FirstFit {
     /// The same with a second start that the rows of these equations give.
     #[must_use]
     pub fn with_finder(mut self, equations: &[Option<Polynomial>]) -> Self {
-        let options = self.estimator.options();
-        self.finder = StartFinder::new(equations, &options.lower, &options.upper);
+        self.finder = StartFinder::new(equations, self.settled.len());
         self
     }
 
@@ -91,11 +89,12 @@ impl FirstFit {
     /// # Errors
     /// Not one finite value within its bounds for each parameter.
     pub fn starting_at(mut self, structure: Structure, theta: &[f64]) -> Result<Self, EstimatorError> {
-        let options = EstimatorOptions {
-            theta_start: theta.to_vec(),
-            start_std: theta.iter().map(|t| t.abs()).collect(),
-            ..self.estimator.options().clone()
-        };
+        let mut options = self.estimator.options().clone();
+        // too few or too many are refused with the options
+        options.parameters.resize(theta.len(), ParameterPrior::new(0.0));
+        for (prior, &start) in options.parameters.iter_mut().zip(theta) {
+            (prior.start, prior.std) = (start, start.abs());
+        }
         self.estimator = BlockEstimator::new(structure, options)?;
         self.settled.copy_from_slice(theta);
         Ok(self)
@@ -165,8 +164,8 @@ impl FirstFit {
     /// True if the fit tells something of every parameter.
     fn tells_of_all(&self) -> bool {
         let (report, options) = (self.estimator.report(), self.estimator.options());
-        let mut pairs = report.theta_std.iter().zip(&options.start_std);
-        pairs.all(|(std, start)| *std < NOTHING * start)
+        let mut pairs = report.theta_std.iter().zip(&options.parameters);
+        pairs.all(|(std, prior)| *std < NOTHING * prior.std)
     }
 
     /// True if the fit knows a parameter well enough for weights.
@@ -182,7 +181,7 @@ impl FirstFit {
             self.settled[i] = if self.knows(i) {
                 self.estimator.theta()[i]
             } else {
-                otherwise.unwrap_or(&self.estimator.options().theta_start)[i]
+                otherwise.map_or(self.estimator.options().parameters[i].start, |theta| theta[i])
             };
         }
     }
@@ -202,7 +201,7 @@ impl FirstFit {
         let configured = rows.mean_square(estimator.theta());
         let row = |e: usize, row: usize, factors: &mut [f64]| rows.linear_row(e, row, factors);
         let count = rows.block.samples.windows.len();
-        let theta = finder.find(count, row, &estimator.options().theta_start);
+        let theta = finder.find(count, row, &estimator.options().parameters);
         self.settled.copy_from_slice(estimator.theta());
         estimator.restart(theta);
         estimator.update(rows);
@@ -210,7 +209,7 @@ impl FirstFit {
             estimator.restart(&self.settled);
             estimator.update(rows);
         }
-        self.settled.copy_from_slice(&estimator.options().theta_start);
+        starts(&estimator.options().parameters, &mut self.settled);
     }
 
     /// Smooths with the residuals at the fit, unless it leaves more in them than noise.

@@ -95,7 +95,7 @@ fn identify(config: &Config, samples: &[Sample]) -> Result<Option<Published>, Fa
 fn run_case(spec: &Spec, more: &[String]) -> Result<Outcome, Failure> {
     let config = configuration(spec, more)?;
     let sim = &config.plant.sim;
-    let start = &config.estimator.options.theta_start;
+    let start = &config.estimator.options.theta_start();
     let mut failure = None;
     let ours = |samples: &[Sample]| {
         identify(&config, samples).unwrap_or_else(|error| {

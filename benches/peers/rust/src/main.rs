@@ -12,7 +12,7 @@ mod robot;
 use report::{report, write};
 use std::path::Path;
 use thetabus::config::{Config, Source};
-use thetabus::estimator::{BlockEstimator, EstimatorOptions};
+use thetabus::estimator::{BlockEstimator, EquationNoise, EstimatorOptions};
 use thetabus::messages::Sample;
 use thetabus::model::{JointSample, Manipulator, PointwiseModel};
 use thetabus::node::simulated_plant::sample_stream;
@@ -41,7 +41,7 @@ fn configuration() -> Result<Config, Failure> {
 fn pointwise(config: &Config, exact: &[JointSample], truth: &[f64]) -> Result<(), Failure> {
     let model = Manipulator::default();
     let options = EstimatorOptions {
-        noise_floor: vec![0.0; 2],
+        equations: vec![EquationNoise::LEARNT; 2],
         ..config.estimator.options.clone()
     };
     let fresh = BlockEstimator::new(structure(&model), options)?;

@@ -16,7 +16,6 @@ mod catalog;
 mod check;
 mod choice;
 mod controller;
-mod defaults;
 mod error;
 mod estimator;
 mod identifier;

@@ -1,5 +1,5 @@
-//! Every key there is, described once: its name, type, range, unit and meaning, in the file of its
-//! section.
+//! Every key there is, described once: its name, type, default, range, unit and meaning, in the
+//! file of its section.
 //!
 //! From these tables follow the structures that a file is read into, the checks and their messages,
 //! and `config/default.toml`.
@@ -22,7 +22,7 @@ pub use identifier::{Automatic, ConsideredErrors, Identifier, InputKind, Project
 pub use model::{Known, Model, ServoAxisModel};
 pub(super) use needs::Need;
 pub use plant::{Arm, Controller, Fastest, MachineKind, Mass2, ModelPlant, Plant, Sensors, ServoAxisPlant, Unmodelled};
-pub use programs::{Checkpoint, Control, FeedForward, Log, Monitor, PositionUnit, Realtime, Supervision, TimeUnit};
+pub use programs::{Checkpoint, Control, FeedForward, Log, Monitor, Realtime, Supervision};
 pub use setpoint::{Chirp, Csv, Moves, Random, RandomSines, Setpoint, SetpointKind, Sines, Square, Steps};
 pub use table::RealOr;
 
@@ -61,8 +61,9 @@ pub(super) struct Section {
 
 macro_rules! sections {
     ($( $field:ident : $struct:ident = $section:literal, $about:literal; )*) => {
-        /// The configuration in the form of its file: every section with its keys.
-        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+        /// The configuration in the form of its file: every section with its keys. The defaults are
+        /// the paper's experiment, from the presets of the core types.
+        #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
         #[serde(deny_unknown_fields)]
         pub struct FileForm {
             $(

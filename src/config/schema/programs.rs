@@ -3,6 +3,7 @@
 use super::super::choice::choices;
 use super::super::kind::{Interval, Kind, Len};
 use super::table::{FINITE, LONGEST_S, NOT_NEGATIVE, POSITIVE, choice, model_joints, parameters, table};
+use crate::control::AdaptiveOptions;
 
 choices! {
     /// The unit of a time column.
@@ -80,13 +81,13 @@ impl PositionUnit {
 table! {
     /// Section `[supervision]`.
     Supervision {
-        restarts: u64, Kind::Whole(0, 1_000_000), "",
+        restarts: u64 = 0, Kind::Whole(0, 1_000_000), "",
             "Times that each process is started again before the run gives up; 0: the run fails with the first one. A run with restarts ends with exit code 3, because something was lost with each";
-        backoff_s: f64, Kind::Real(Interval::closed(0.0, 3600.0)), "s",
+        backoff_s: f64 = 0.1, Kind::Real(Interval::closed(0.0, 3600.0)), "s",
             "Pause before the first restart; twice as long before each further one";
-        backoff_limit_s: f64, Kind::Real(Interval::closed(0.0, 3600.0)), "s",
+        backoff_limit_s: f64 = 5.0, Kind::Real(Interval::closed(0.0, 3600.0)), "s",
             "Longest pause";
-        healthy_s: f64, Kind::Real(Interval::above(0.0, LONGEST_S)), "s",
+        healthy_s: f64 = 60.0, Kind::Real(Interval::above(0.0, LONGEST_S)), "s",
             "After running this long, a process has its restart count and its pause reset";
     }
 }
@@ -94,11 +95,11 @@ table! {
 table! {
     /// Section `[realtime.*]`.
     Realtime {
-        scheduler_priority: u64, Kind::Whole(0, 99), "",
+        scheduler_priority: u64 = 0, Kind::Whole(0, 99), "",
             "Priority of the real-time policy SCHED_FIFO, 1 to 99; 0: the system's default policy. If the system refuses, the program warns and continues";
-        cpu_affinity: Vec<u64>, Kind::Wholes(Len::From(0, 64), 0, 1023), "",
+        cpu_affinity: Vec<u64> = Vec::new(), Kind::Wholes(Len::From(0, 64), 0, 1023), "",
             "Numbers of the CPUs to run on; none: all that the system gives";
-        lock_memory: bool, Kind::Flag, "",
+        lock_memory: bool = false, Kind::Flag, "",
             "Keep all memory from being swapped out";
     }
 }
@@ -106,19 +107,19 @@ table! {
 table! {
     /// Section `[log]`.
     Log {
-        time: Option<String>, Kind::Label, "",
+        time: Option<String> = None, Kind::Label, "",
             "Column of the time; without it rows follow each other at plant.sample_period_s";
-        time_unit: TimeUnit, choice::<TimeUnit>(), "",
+        time_unit: TimeUnit = TimeUnit::Seconds, choice::<TimeUnit>(), "",
             "Unit of the time column";
-        q: Vec<String>, Kind::Words, "",
+        q: Vec<String> = Vec::new(), Kind::Words, "",
             "Columns of the positions, one per joint";
-        position_unit: PositionUnit, choice::<PositionUnit>(), "",
+        position_unit: PositionUnit = PositionUnit::Radians, choice::<PositionUnit>(), "",
             "Unit of the position columns: of length where the model moves along a line, else of angle";
-        input: Vec<String>, Kind::Words, "",
+        input: Vec<String> = Vec::new(), Kind::Words, "",
             "Columns of the inputs, one per joint";
-        input_unit: f64, Kind::Real(FINITE), "",
+        input_unit: f64 = 1.0, Kind::Real(FINITE), "",
             "One unit of the input columns in the model's unit, 0.001 for millivolts; negative where a positive input drives the machine backwards, not 0";
-        setpoint: Vec<String>, Kind::Words, "",
+        setpoint: Vec<String> = Vec::new(), Kind::Words, "",
             "Columns of the setpoints, one per joint in the unit of the positions, or none";
     }
 }
@@ -126,35 +127,35 @@ table! {
 table! {
     /// Section `[monitor]`.
     Monitor {
-        out_dir: Option<String>, Kind::Path, "",
+        out_dir: Option<String> = None, Kind::Path, "",
             "Directory for estimates.csv and summary.json, which must not hold files yet; not set: `run` takes thetabus-out/TIME, `monitor` writes none";
-        record_file_mib: u64, Kind::Whole(0, 1_048_576), "MiB",
+        record_file_mib: u64 = 1024, Kind::Whole(0, 1_048_576), "MiB",
             "A recording goes on in a new file when one has this size; 0 for no limit";
-        record_files: u64, Kind::Whole(0, 1_000_000), "",
+        record_files: u64 = 16, Kind::Whole(0, 1_000_000), "",
             "Files of a recording that are kept, the oldest making room for a new one; 0 for all";
-        record_joint_states: bool, Kind::Flag, "",
+        record_joint_states: bool = true, Kind::Flag, "",
             "Samples are recorded as sensor_msgs/msg/JointState, too, on the topic /ROBOT/joint_states, which tools of ROS 2 know";
     }
 }
 
 table! {
     /// Section `[controller]`.
-    Control {
-        feed_forward: FeedForward, choice::<FeedForward>(), "",
+    Control where follow = AdaptiveOptions::default(); {
+        feed_forward: FeedForward = FeedForward::None, choice::<FeedForward>(), "",
             "adaptive: from estimates that may be used. fixed: from controller.theta throughout. none: no controller; `run` starts one otherwise";
-        theta: Vec<f64>, parameters(FINITE), "the parameters' own",
+        theta: Vec<f64> = Vec::new(), parameters(FINITE), "the parameters' own",
             "Parameters that the controller begins with; none: estimator.theta_start";
-        max_std: f64, Kind::Real(Interval::closed(1e-6, 10.0)), "",
+        max_std: f64 = follow.max_std, Kind::Real(Interval::closed(1e-6, 10.0)), "",
             "Largest standard deviation of a parameter that is taken, as a share of it";
-        blend_s: f64, Kind::Real(Interval::closed(1e-3, 1e3)), "s",
+        blend_s: f64 = follow.blend_s, Kind::Real(Interval::closed(1e-3, 1e3)), "s",
             "Time in which a parameter may move by its own size: a new estimate never steps the input";
-        silence_s: f64, Kind::Real(Interval::closed(0.1, 1e6)), "s",
+        silence_s: f64 = follow.silence_s, Kind::Real(Interval::closed(0.1, 1e6)), "s",
             "An identifier that has not been heard for so long is silent; the last estimates hold";
-        deadline_s: f64, Kind::Real(Interval::closed(1e-3, 10.0)), "s",
+        deadline_s: f64 = 0.005, Kind::Real(Interval::closed(1e-3, 10.0)), "s",
             "Stream time for which a command holds; without a newer one the machine goes on with its own loop alone";
-        input_limit: Vec<f64>, model_joints(POSITIVE.or_infinite()), "unit of the input",
+        input_limit: Vec<f64> = Vec::new(), model_joints(POSITIVE.or_infinite()), "unit of the input",
             "Most feed-forward of each joint, either sign; none: no limit";
-        derivative_gain: Vec<f64>, model_joints(NOT_NEGATIVE), "input per rad/s or m/s",
+        derivative_gain: Vec<f64> = Vec::new(), model_joints(NOT_NEGATIVE), "input per rad/s or m/s",
             "Gain Kd of each joint's own loop, which brakes the wanted velocity, too; none: that of plant.controller for an arm, else 0";
     }
 }
@@ -162,9 +163,9 @@ table! {
 table! {
     /// Section `[checkpoint]`.
     Checkpoint {
-        dir: Option<String>, Kind::Path, "",
+        dir: Option<String> = None, Kind::Path, "",
             "Directory of the checkpoints, which must exist; not set: none are written, and --warm is refused";
-        period_s: f64, Kind::Real(Interval::closed(0.1, 1e6)), "s",
+        period_s: f64 = 10.0, Kind::Real(Interval::closed(0.1, 1e6)), "s",
             "Time from one checkpoint to the next; another is written at the end, and on `thetabus ctl save`";
     }
 }

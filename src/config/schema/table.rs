@@ -31,9 +31,24 @@ pub enum RealOr<C> {
 }
 
 /// A structure with a field for each key, and `keys`, which has what is known of them. A key is
-/// described here and nowhere else: name, type, what it takes, unit, meaning. A key whose type is
-/// an `Option` may be left out.
+/// described here and nowhere else: name, type, default, what it takes, unit, meaning. A key whose
+/// type is an `Option` may be left out. `where` names the preset that defaults are taken from;
+/// without defaults a table has no `Default`.
 macro_rules! table {
+    ($(#[$about:meta])* $struct:ident $(where $preset:pat = $from:expr;)? {
+        $( $name:ident : $type:ty = $default:expr, $kind:expr, $unit:literal, $meaning:literal; )*
+    }) => {
+        $crate::config::schema::table::table! {
+            $(#[$about])* $struct { $( $name: $type, $kind, $unit, $meaning; )* }
+        }
+
+        impl Default for $struct {
+            fn default() -> Self {
+                $( let $preset = $from; )?
+                Self { $( $name: $default, )* }
+            }
+        }
+    };
     ($(#[$about:meta])* $struct:ident { $( $name:ident : $type:ty, $kind:expr, $unit:literal, $meaning:literal; )* }) => {
         $(#[$about])*
         #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -10,6 +10,7 @@ use super::drift_watch::DriftWatch;
 use super::evidence::explained;
 use super::fit::Fit;
 use super::fit_statistic::{BlockFit, EquationFit, NoiseLevel};
+use super::group::GroupState;
 use super::groups::Groups;
 use super::options::{ChangeDetection, EstimatorError, EstimatorOptions};
 use super::pass::Summable;
@@ -209,9 +210,8 @@ impl BlockEstimator {
         outcome
     }
 
-    /// Takes over what may be chosen anew while it runs: λ, ε, iterations, step limit, limits of
-    /// outliers, rate of false alarms and margin. Everything else of `options` is left aside.
-    /// Allocates nothing.
+    /// Takes over what may be chosen anew while it runs, and nothing else: λ, ε, iterations, step
+    /// limit, limits of outliers, rate of false alarms and margin. Allocates nothing.
     pub fn retune(&mut self, options: &EstimatorOptions) {
         let own = &mut self.options;
         own.forgetting_factor = options.forgetting_factor;
@@ -339,10 +339,10 @@ impl BlockEstimator {
         let (priors, drift) = (&self.options.parameters, self.options.drift_per_s);
         let drift = |i: usize| if priors[i].fixed { 0.0 } else { drift };
         let moments = self.score_test.prepare(rows.suspects(), |s| rows.suspect_std(s), drift);
+        self.groups.allow_for(moments);
         for group in self.groups.iter_mut() {
             group.since_alarm = group.since_alarm.saturating_add(1);
             group.considered.begin(rows);
-            group.considered.moments.copy_from_slice(moments);
             group.begin(rows, &self.theta, &self.options);
         }
     }
@@ -408,16 +408,13 @@ impl BlockEstimator {
             if changed {
                 group.suspect(rows, self.used.clone(), &self.theta);
             }
-            // the sums of a single step belong to θ̄, as (9) has them; the residual after the step
-            // is evidence
+            // a single step has its sums at θ̄ (9); the residual after it is evidence
             let stepped = before && group.try_at(rows, 0..rows.len(), &self.theta);
             group.conclude(&self.theta, stepped, end_ns, &self.options);
             if fits {
-                let linearised = if before { &self.before[own] } else { &self.theta[own] };
-                let lambda = self.options.forgetting_factor;
-                group
-                    .confirmation
-                    .take(&group.equations, &group.at, Some(linearised), lambda);
+                let at = if before { &self.before[own] } else { &self.theta[own] };
+                let (equations, lambda) = (&group.equations, self.options.forgetting_factor);
+                group.confirmation.take(equations, &group.at, Some(at), lambda);
             }
             if stepped {
                 std::mem::swap(&mut group.at, &mut group.trial);
@@ -429,11 +426,12 @@ impl BlockEstimator {
             let (scores, information) = (&group.considered.scores, &group.considered.information);
             self.score_test.take((scores, information), unit, misfit, freedom, told);
         }
+        self.later.copy_from_slice(&self.theta);
+        let used = (self.used.clone(), lines, &self.report.fit[..]);
+        self.groups.inquire(rows, used, &mut self.later, &self.options);
         self.score_test.end();
         self.report.suspicion = self.score_test.likeliest();
-        for group in self.groups.iter_mut() {
-            group.considered.moments.copy_from_slice(self.score_test.moments());
-        }
+        self.groups.allow_for(self.score_test.moments());
     }
 
     /// Moves the free parameters of an estimator that has seen nothing.
@@ -506,6 +504,7 @@ impl BlockEstimator {
         let change = self.search(rows).explain(joined, detection.margin);
         if change.kind != ChangeKind::Drift {
             self.since_change = 0;
+            self.groups.iter_mut().for_each(GroupState::inquire);
         }
         self.groups.doubt(&self.theta);
         self.report.change = Some(change);

@@ -115,7 +115,7 @@ impl Confirmation {
     }
 
     /// True while nothing more can be learnt here.
-    fn is_settled(&self) -> bool {
+    pub fn is_settled(&self) -> bool {
         self.informed && self.confirmed.iter().all(|&confirmed| confirmed)
     }
 

@@ -95,6 +95,8 @@ pub struct Considered {
     pub scores: Vec<f64>,
     /// I of the last block, room × room.
     pub information: Vec<f64>,
+    /// Errors that the parameters imitate: they count in the sums after a change, and nowhere else.
+    imitated: Vec<bool>,
     // scratch
     columns: Vec<f64>,
     active: Vec<usize>,
@@ -162,6 +164,7 @@ impl Considered {
             score: vec![0.0; room],
             scores: vec![0.0; room],
             information: vec![0.0; room * room],
+            imitated: vec![false; room],
             columns: vec![0.0; room],
             active: vec![0; room],
             regressor: vec![0.0; n],
@@ -206,6 +209,9 @@ impl Considered {
         } else {
             self.scores.len()
         };
+        for (s, imitated) in self.imitated[..self.known].iter_mut().enumerate() {
+            *imitated = rows.is_imitated(s);
+        }
         self.clear_scores();
     }
 
@@ -232,7 +238,15 @@ impl Considered {
     }
 
     /// Sums over the rows of `range` at θ, weighted as the fit weights them.
-    pub fn accumulate(&mut self, rows: &dyn Summable, range: Range<usize>, theta: &[f64], equations: &[EquationState]) {
+    /// `changed`: of errors that the parameters imitate, too.
+    pub fn accumulate(
+        &mut self,
+        rows: &dyn Summable,
+        range: Range<usize>,
+        theta: &[f64],
+        equations: &[EquationState],
+        changed: bool,
+    ) {
         let (n, count, room) = (self.n, self.count, self.scores.len());
         self.cross[..count * n].fill(0.0);
         self.gram.fill(0.0);
@@ -250,7 +264,8 @@ impl Considered {
                 let weight = e.loss.at(f).1 * inverse;
                 rows.suspect_row(e.index, index, &mut self.columns[..self.known]);
                 let mut active = 0;
-                for s in (0..self.known).filter(|&s| self.columns[s] != 0.0) {
+                let counts = |s: &usize| self.columns[*s] != 0.0 && (changed || !self.imitated[*s]);
+                for s in (0..self.known).filter(counts) {
                     self.active[active] = s;
                     active += 1;
                 }
@@ -329,7 +344,7 @@ impl Considered {
         }
         for s in 0..self.count {
             // what the parameters leave of a column is rounding
-            if self.information[s * room + s] <= RESOLVED * self.gram[s * room + s] {
+            if self.imitated[s] || self.information[s * room + s] <= RESOLVED * self.gram[s * room + s] {
                 self.scores[s] = 0.0;
                 for r in 0..self.count {
                     self.information[s * room + r] = 0.0;
@@ -407,6 +422,11 @@ impl Considered {
         for i in 0..n {
             theta[first + i] = line.middle[i] + 0.5 * line.slope[i];
         }
+    }
+
+    /// Σ w φ d_s at s n, Σ w d_s d_t at s room + t for t ≤ s, and Σ w d_s f of the block.
+    pub fn sums(&self) -> (&[f64], &[f64], &[f64]) {
+        (&self.cross, &self.gram, &self.score)
     }
 
     /// True if drifts are among the errors.

@@ -13,12 +13,13 @@
 use super::clusters::Clusters;
 use super::conditioning::{LARGEST_CONDITION, invert, repair};
 use super::confirmation::Confirmation;
-use super::considered::{Considered, LineUpdate, Update};
+use super::considered::{Considered, LineUpdate, Update, room_for};
 use super::constrained::ConstrainedStep;
 use super::drift::Drift;
 use super::equation::{EquationState, TINY, add_gram, add_grams, chi_square, evaluate, mean_variance};
 use super::error_covariance::{ErrorCovariance, clear_entries};
 use super::forgetting::{Excitation, Rule};
+use super::inquiry::Inquiry;
 use super::linalg::{Cholesky, Eigen, gather, mul, scatter};
 use super::options::{EstimatorOptions, Forgetting, Outliers};
 use super::pass::{Loss, Summable, Sums};
@@ -48,6 +49,8 @@ pub struct GroupState {
     pub probability: f64,
     pub clusters: Clusters,
     pub considered: Considered,
+    /// What the last change was.
+    pub inquiry: Inquiry,
     pub drift: Drift,
     /// Blocks that this group was updated with, and how many since its last alarm.
     pub blocks: u64,
@@ -107,6 +110,7 @@ impl GroupState {
                 structure.equations.len(),
                 options.drift_per_s > 0.0,
             ),
+            inquiry: Inquiry::new(n, room_for(structure.equations.len())),
             drift: Drift::new(n, structure.params, equations.len()),
             blocks: 0,
             since_alarm: u32::MAX,
@@ -147,6 +151,7 @@ impl GroupState {
         self.confirmation.visit(v);
         self.clusters.visit(v);
         self.considered.visit(v);
+        self.inquiry.visit(v);
         v.flag(&mut self.drift.active);
         v.count(&mut self.blocks);
         v.small(&mut self.since_alarm);
@@ -164,6 +169,7 @@ impl GroupState {
         self.equations.iter_mut().for_each(EquationState::forget);
         self.drift.forget();
         self.considered.forget();
+        self.inquiry.close();
         (self.blocks, self.since_alarm, self.since_misfit) = (0, u32::MAX, u32::MAX);
         self.condition = 1.0;
         self.excitation.clear();
@@ -463,7 +469,8 @@ impl GroupState {
             self.room.scale[i] = if self.fixed[i] { 0.0 } else { self.size(theta, i) };
         }
         self.considered.set_sizes(&self.room.scale);
-        self.considered.accumulate(rows, range, theta, &self.equations);
+        let changed = self.inquiry.is_open();
+        self.considered.accumulate(rows, range, theta, &self.equations, changed);
     }
 
     /// The same if a line was fitted; `theta` is room for all parameters.

@@ -60,6 +60,13 @@ impl Groups {
         }
     }
 
+    /// σ allows for errors with these second moments.
+    pub fn allow_for(&mut self, moments: &[f64]) {
+        for group in self.iter_mut() {
+            group.considered.moments.copy_from_slice(moments);
+        }
+    }
+
     /// Fixes a parameter, or sets it free; either way nothing is known of it but θ and the floor of
     /// the information.
     pub fn fix(&mut self, index: usize, fixed: bool, theta: &[f64], floor: f64) {
@@ -68,6 +75,7 @@ impl Groups {
             group.fixed[i] = fixed;
             group.forget_parameter(i, floor);
             group.confirmation.begin(&theta[group.parameters.clone()]);
+            group.inquiry.close();
         }
     }
 

@@ -35,6 +35,8 @@ mod fit_statistic;
 mod forgetting;
 mod group;
 mod groups;
+mod inquiry;
+mod inquiry_step;
 pub(crate) mod linalg;
 mod line;
 mod offline;
@@ -182,6 +184,16 @@ pub trait Residuals {
     /// the covariance.
     fn suspect_std(&self, _suspect: usize) -> f64 {
         0.0
+    }
+    /// True for an error that may come up while the machine runs: a change of the plant is held
+    /// against it (`inquiry.rs`).
+    fn is_sudden(&self, _suspect: usize) -> bool {
+        false
+    }
+    /// True for an error that the parameters imitate, so that its column tells nothing but after a
+    /// change.
+    fn is_imitated(&self, _suspect: usize) -> bool {
+        false
     }
     /// Writes d_s = ∂f/∂a_s of a row over the errors, whitened as [`row`](Self::row) is.
     fn suspect_row(&self, _equation: usize, _index: usize, _columns: &mut [f64]) {}

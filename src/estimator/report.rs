@@ -82,8 +82,9 @@ pub struct Report {
     pub excited: u128,
     /// Bit i: parameter i is known from data. Three standard deviations of it are below 5 %, by
     /// what the data since the last change say; its group of equations showed no change in this
-    /// block or the one before, and both fit in each of its equations; no parameter of its group is
-    /// held by a bound against the data. A fixed parameter is nobody's finding and never usable.
+    /// block or the one before, and both fit in each of its equations; its last change is clear; no
+    /// parameter of its group is held by a bound against the data. A fixed parameter is nobody's
+    /// finding and never usable.
     pub usable: u128,
     /// χ² of the whitened residuals over their number, per equation, see `fit_statistic.rs`: 1 on
     /// average if the block fits. Relative to the configured noise, otherwise to the level that
@@ -128,6 +129,11 @@ pub struct Report {
     pub change: Option<Change>,
     /// The likeliest term that the model lacks, if the residuals speak for one.
     pub suspicion: Option<Suspicion>,
+    /// True if the last change may be one of a drive or a sensor and not of the plant, see
+    /// `inquiry.rs`: nothing of the groups that it was seen in is usable.
+    pub unclear: bool,
+    /// The error of a drive or a sensor that explains the last change.
+    pub fault: Option<Suspicion>,
     /// Why there is no new estimate.
     pub held: Option<Held>,
 }
@@ -163,6 +169,8 @@ impl Report {
             change_probability: 1.0,
             change: None,
             suspicion: None,
+            unclear: false,
+            fault: None,
             held: None,
         }
     }
@@ -224,6 +232,7 @@ impl Report {
             // rows that did not fit are in the estimate: the next block has to show that they did
             // no harm
             let fits = group.is_none_or(|g| g.since_misfit > 1);
+            let clear = group.is_none_or(|g| !g.inquiry.withholds());
             let free = self.pressed >> i & 1 == 0 && !options.parameters[i].fixed;
             // a parameter of no equation stays what it was
             let std = if known {
@@ -233,8 +242,10 @@ impl Report {
             };
             self.theta_std[i] = std;
             let small = 3.0 * std < USABLE * published.theta[i].abs();
-            usable |= u128::from(small && quiet && fits && free) << i;
+            usable |= u128::from(small && quiet && fits && clear && free) << i;
         }
+        self.unclear = groups.iter().any(|g| g.inquiry.withholds());
+        self.fault = groups.iter().find_map(|g| g.inquiry.cause());
         self.theta.copy_from_slice(&published.theta);
         self.usable = usable;
     }

@@ -5,10 +5,10 @@
 //! | `Collecting` | at the start | with the first block that gives an estimate |
 //! | `Converging` | otherwise | |
 //! | `Converged` | after two blocks in a row that the estimate before them predicted and that moved it little | a block that it does not predict |
-//! | `Changing` | a change of the plant in this block | a later block that was predicted |
+//! | `Changing` | a change of the plant in this block | a later block that was predicted, as soon as it is clear what has changed |
 //! | `PoorlyExcited` | two blocks in a row that leave some direction of the free parameters open | a block that leaves none |
 //! | `Degraded` | more than 5 % of the samples lost or of the rows outliers | two blocks in a row with at most 1 % |
-//! | `Misfit` | a block that does not fit, or a model that leaves too much unexplained | a block that fits |
+//! | `Misfit` | a block that does not fit, a model that leaves too much unexplained, or a drive or sensor that has changed | a block that fits |
 //! | `Invalid` | a block that cannot be evaluated at θ̂ | the next that can |
 //!
 //! *Predicted* means that the innovation is within 1.5 standard deviations of the noise, or 2 % of
@@ -205,7 +205,7 @@ impl StateMachine {
         let changed = report.change.is_some_and(|change| change.kind != ChangeKind::Drift);
         if changed {
             (self.changing, self.converged, self.predicted) = (true, false, 0);
-        } else if self.predicted > 0 {
+        } else if self.predicted > 0 && !report.unclear {
             self.changing = false;
         }
         // before θ̂ predicts anything, a model that explains little is one that is still being
@@ -213,7 +213,7 @@ impl StateMachine {
         let explains = report.explained.iter().all(|&share| share >= self.least_explained);
         // a machine at rest neither bears its model out nor refutes it
         let refuted = self.converged && report.informed && !(explains && report.pressed == 0);
-        self.misfit = report.misfit != 0 || refuted;
+        self.misfit = report.misfit != 0 || refuted || report.fault.is_some();
         self.informed = report.informed && report.usable != 0;
         if report.misfit != 0 {
             (self.converged, self.predicted) = (false, 0);

@@ -6,11 +6,11 @@ use super::estimate_message::{fill_derived, message};
 use super::learner::{BlockEnd, Learner, Learnt};
 use super::misfit;
 use crate::estimator::{
-    BlockEstimator, ChangeKind, EstimatorOptions, EstimatorState, Held, Report, StateError, StateMachine,
+    BlockEstimator, ChangeKind, EstimatorOptions, EstimatorState, Held, Report, StateError, StateMachine, Suspicion,
 };
 use crate::messages::{ErrorCode, Estimate, LastError, Sample, Status, estimate_flags};
 use crate::model::{DerivedValues, MAX_PARAMS};
-use crate::rows::SampleBlock;
+use crate::rows::{SampleBlock, Suspect};
 use std::any::Any;
 
 /// Rows, estimator, judge of its states, derived values.
@@ -67,14 +67,16 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
         if change.is_some() {
             estimate.flags |= estimate_flags::CHANGED;
         }
-        let error = match report.suspicion {
-            _ if report.held == Some(Held::NotFinite) => Some(LastError::new(ErrorCode::NotEvaluable, end.last_seq)),
-            Some(suspicion) => {
-                let suspect = self.rows.suspect(suspicion.suspect);
-                let possible = suspect.filter(|suspect| suspect.is_possible(suspicion.amplitude));
-                possible.map(|suspect| misfit::error(&suspect, &suspicion, end.last_seq))
-            }
-            None => None,
+        let words = |suspicion: Suspicion, say: fn(&Suspect<'_>, &Suspicion, u64) -> LastError| {
+            let suspect = self.rows.suspect(suspicion.suspect)?;
+            let possible = suspect.is_possible(suspicion.amplitude);
+            possible.then(|| say(&suspect, &suspicion, end.last_seq))
+        };
+        let error = if report.held == Some(Held::NotFinite) {
+            Some(LastError::new(ErrorCode::NotEvaluable, end.last_seq))
+        } else {
+            let fault = report.fault.and_then(|fault| words(fault, misfit::fault));
+            fault.or_else(|| words(report.suspicion?, misfit::error))
         };
         self.rows.clear();
         Learnt {

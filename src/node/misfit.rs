@@ -3,49 +3,38 @@
 use crate::estimator::Suspicion;
 use crate::messages::{ERROR_TEXT, ErrorCode, FixedText, LastError};
 use crate::rows::{Suspect, SuspectKind};
-use std::fmt::Write as _;
+use std::fmt::{self, Write as _};
 
 /// "Coulomb friction at joint 1 would explain 80 % of the misfit (0.33 V)". Rounded, so that the
 /// words change only with the matter.
 pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
-    let mut words = FixedText::<ERROR_TEXT>::default();
-    let amplitude = suspicion.amplitude;
     let share = 10.0 * (10.0 * suspicion.share).round();
-    let share = share.max(10.0);
+    let what = format_args!("{:.0} % of the misfit", share.max(10.0));
+    explanation(suspect, suspicion.amplitude, what, seq)
+}
+
+/// "another drive gain at joint 1 would explain the change (-5.0 %)".
+pub fn fault(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
+    explanation(suspect, suspicion.amplitude, format_args!("the change"), seq)
+}
+
+fn explanation(suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq: u64) -> LastError {
+    let mut words = FixedText::<ERROR_TEXT>::default();
     // longer words than fit are cut, which is what an error means here
-    let _cut = match suspect.kind {
-        SuspectKind::InputDelay => write!(
-            words,
-            "{suspect} would explain {share:.0} % of the misfit ({:.0} us)",
-            1e6 * amplitude
-        ),
+    let _cut = write!(words, "{suspect} would explain {what}").and_then(|()| match suspect.kind {
+        SuspectKind::InputDelay => write!(words, " ({:.0} us)", 1e6 * amplitude),
         // two masses of unknown ratio: the amplitude is no frequency; a spring's has a long unit
-        SuspectKind::Resonance | SuspectKind::Spring => {
-            write!(words, "{suspect} would explain {share:.0} % of the misfit")
-        }
-        SuspectKind::Gain => write!(
-            words,
-            "{suspect} would explain {share:.0} % of the misfit ({:.1} %)",
-            100.0 * amplitude
-        ),
+        SuspectKind::Resonance | SuspectKind::Spring => Ok(()),
+        SuspectKind::Gain => write!(words, " ({:+.1} %)", 100.0 * amplitude),
         // one digit, so that the words change only with the matter
-        SuspectKind::Drift => write!(
-            words,
-            "{suspect} would explain {share:.0} % of the misfit ({:.0e} per second)",
-            amplitude
-        ),
+        SuspectKind::Drift => write!(words, " ({amplitude:.0e} per second)"),
         SuspectKind::Coulomb
         | SuspectKind::Stribeck
         | SuspectKind::Offset
         | SuspectKind::DeadBand
         | SuspectKind::Eccentricity
-        | SuspectKind::Zero => write!(
-            words,
-            "{suspect} would explain {share:.0} % of the misfit ({:.1e} {})",
-            amplitude.abs(),
-            suspect.unit
-        ),
-    };
+        | SuspectKind::Zero => write!(words, " ({:.1e} {})", amplitude.abs(), suspect.unit),
+    });
     LastError::with_text(ErrorCode::Misfit, seq, words.as_str())
 }
 
@@ -89,6 +78,8 @@ mod tests {
                 error.words()
             );
             assert!(error.words().len() < 100 && error.code == ErrorCode::Misfit as u32);
+            let fault = fault(&suspect, &suspicion, 9);
+            assert!(fault.words().contains("would explain the change"), "{}", fault.words());
         }
     }
 }

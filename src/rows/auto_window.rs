@@ -244,6 +244,14 @@ impl<P: Plant + Clone> Residuals for AutoWindowBlock<P> {
         self.own().suspect_std(suspect)
     }
 
+    fn is_sudden(&self, suspect: usize) -> bool {
+        self.own().is_sudden(suspect)
+    }
+
+    fn is_imitated(&self, suspect: usize) -> bool {
+        self.own().is_imitated(suspect)
+    }
+
     fn suspect_row(&self, equation: usize, index: usize, columns: &mut [f64]) {
         self.own().suspect_row(equation, index, columns);
     }

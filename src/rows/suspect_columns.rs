@@ -119,7 +119,6 @@ impl SuspectColumns {
             }
             let of = (suspect - 1) / PER_EQUATION;
             match (suspect - 1) % PER_EQUATION {
-                GAIN => of == e && considered.gain > 0.0,
                 OFFSET => of == e && !constant[e],
                 SPRING => of == e && jumps[e] && !springs[e],
                 SLOW_FRICTION | DEAD_BAND => of == e && jumps[e],
@@ -213,6 +212,21 @@ impl SuspectColumns {
             Some(SPRING) => SuspectKind::Spring,
             Some(_) => SuspectKind::Stribeck,
         }
+    }
+
+    /// True if the error may come up while a machine runs: a supply that sags, a belt that slips, a
+    /// bus that has become slower.
+    pub fn is_sudden(&self, suspect: usize) -> bool {
+        matches!(
+            self.kind(suspect),
+            SuspectKind::InputDelay | SuspectKind::Gain | SuspectKind::Offset | SuspectKind::Zero
+        )
+    }
+
+    /// True for a gain that has no prior: parameters are in units of the drive as it reports
+    /// itself.
+    pub fn is_imitated(&self, suspect: usize) -> bool {
+        self.kind(suspect) == SuspectKind::Gain && self.considered.gain == 0.0
     }
 
     /// What an error is; beyond the last one, the drifts of the parameters.

@@ -186,6 +186,59 @@ fn val_a_payload_picked_up_at_rest_leaves_nothing_confidently_wrong() {
     assert_eq!((result.changes, result.detected), (1, 1));
 }
 
+/// A run of the encoder arm: its score, and how many of the last ten estimates may be used.
+fn run(spec: &TrialSpec) -> (TrialResult, usize) {
+    let config = Config::load(&sources(), &spec.settings()).unwrap();
+    let mut node = config.identifier().unwrap();
+    let names: Vec<String> = Manipulator::default()
+        .parameters()
+        .iter()
+        .map(|p| p.name.to_string())
+        .collect();
+    let trial = Trial {
+        sim: &config.plant.sim,
+        block_len: 1900,
+        names: &names,
+        known: config.known,
+    };
+    let mut usable = Vec::new();
+    let result = trial.run(|sample, estimates| {
+        node.on_sample(sample, &mut |estimate| {
+            usable.push(estimate.use_ok != 0);
+            estimates.push(*estimate);
+        });
+    });
+    let last = usable.iter().rev().take(10).filter(|&&use_ok| use_ok);
+    (result.unwrap(), last.count())
+}
+
+/// Each parameter of an equation follows the gain of its drive, without a residual: the estimate is
+/// wrong by as much, at hundreds of standard deviations. A payload moves some of them only.
+#[test]
+fn prop_a_drive_or_sensor_that_changes_is_not_taken_for_the_plant() {
+    for disturbance in Disturbance::SENSOR {
+        let spec = TrialSpec {
+            disturbance,
+            blocks: 40,
+            ..TrialSpec::new(Motion::Steps, 1)
+        };
+        let (result, used) = run(&spec);
+        let name = disturbance.name();
+        assert!(result.dangerous <= 1, "{name}: {} {:?}", result.dangerous, result.worst);
+        // a slip of 3 mrad may be too small to show
+        assert!(used == 0 || name.starts_with("zero"), "{name}: {used}");
+    }
+    for percent in [-50, 13] {
+        let spec = TrialSpec {
+            disturbance: Disturbance::Jump(percent),
+            blocks: 40,
+            ..TrialSpec::new(Motion::MinimumJerk, 1)
+        };
+        let (result, used) = run(&spec);
+        assert_eq!((result.dangerous, result.detected, used), (0, 1, 10), "{percent} %");
+    }
+}
+
 /// Publishes the truth with σ of 0.1 % and everything usable.
 fn perfect(estimate: &mut Estimate, truth: &[f64; 9]) {
     estimate.theta[..9].copy_from_slice(truth);

@@ -113,6 +113,14 @@ impl<P: Plant> Residuals for ProjectedBlock<P> {
         self.rows.suspects.std(suspect)
     }
 
+    fn is_sudden(&self, suspect: usize) -> bool {
+        self.rows.suspects.is_sudden(suspect)
+    }
+
+    fn is_imitated(&self, suspect: usize) -> bool {
+        self.rows.suspects.is_imitated(suspect)
+    }
+
     fn suspect_row(&self, equation: usize, index: usize, columns: &mut [f64]) {
         self.rows.suspects.row(equation, index, columns);
     }

@@ -9,6 +9,7 @@ const GRID: &str = "Motions, sensors, machines";
 const PAYLOAD: &str = "Payload changes";
 const SAMPLES: &str = "Samples lost, irregular, wrong";
 const MODEL: &str = "Model wrong";
+const SENSOR: &str = "Drive or sensor changes";
 const MENDED: &str = "Model mended";
 const AXIS: &str = "Servo axis with friction";
 const AXIS_WRONG: &str = "Servo axis, model wrong";
@@ -178,6 +179,9 @@ pub fn quick_cases() -> Vec<Case> {
         disturbed(SAMPLES, Motion::Steps, Disturbance::InputBits(12)),
     ]);
     cases.extend(Disturbance::MODEL.map(|disturbance| disturbed(MODEL, Motion::MinimumJerk, disturbance)));
+    for motion in [Motion::Steps, Motion::MinimumJerk] {
+        cases.extend(Disturbance::SENSOR.map(|disturbance| disturbed(SENSOR, motion, disturbance)));
+    }
     cases.extend(Case::axes());
     cases
 }
@@ -227,6 +231,9 @@ pub fn full_cases() -> Vec<Case> {
     }
     for disturbance in Disturbance::MODEL {
         disturbed(MODEL, disturbance, &both, &Arm::ALL);
+    }
+    for disturbance in Disturbance::SENSOR {
+        disturbed(SENSOR, disturbance, &both, &Arm::ALL);
     }
     for disturbance in Disturbance::MODEL_MENDED {
         disturbed(MENDED, disturbance, &both, &Arm::ALL);

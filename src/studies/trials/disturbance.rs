@@ -60,6 +60,27 @@ pub enum Disturbance {
     },
     /// Both windings' resistances grow by 10 % in 60 s.
     Heating,
+    /// The measured voltage of a motor is so many per cent off from the middle of the run on.
+    GainLater {
+        /// Joint, 1 or 2.
+        joint: usize,
+        /// Size.
+        percent: i32,
+    },
+    /// It is off by so many mV from then on.
+    OffsetLater {
+        /// Joint, 1 or 2.
+        joint: usize,
+        /// Size.
+        millivolts: u32,
+    },
+    /// The position of a joint is so many mrad off from then on.
+    ZeroLater {
+        /// Joint, 1 or 2.
+        joint: usize,
+        /// Size.
+        milliradians: u32,
+    },
     /// The axis has further friction, a fifth of its Coulomb friction, that falls with the speed v
     /// as exp(−(v/v_s)²), with v_s in mm/s.
     Stribeck(u32),
@@ -114,6 +135,25 @@ impl Disturbance {
         Self::input_offset(1, 500),
         Self::Heating,
     ];
+    /// Those of a drive or a sensor in the middle of a run.
+    pub const SENSOR: [Self; 7] = [
+        Self::GainLater { joint: 1, percent: 2 },
+        Self::GainLater { joint: 2, percent: 2 },
+        Self::GainLater { joint: 1, percent: -5 },
+        Self::GainLater { joint: 2, percent: -5 },
+        Self::OffsetLater {
+            joint: 2,
+            millivolts: 100,
+        },
+        Self::ZeroLater {
+            joint: 2,
+            milliradians: 3,
+        },
+        Self::ZeroLater {
+            joint: 2,
+            milliradians: 20,
+        },
+    ];
     /// Errors of the model that the configuration can do something about, and does.
     pub const MODEL_MENDED: [Self; 6] = [
         Self::DelayEstimated(50),
@@ -162,6 +202,9 @@ impl Disturbance {
             Self::Tilt => "tilt_1deg".to_owned(),
             Self::InputOffset { joint, millivolts } => format!("input_offset_{joint}_{millivolts}mV"),
             Self::Heating => "heating_10%".to_owned(),
+            Self::GainLater { joint, percent } => format!("gain_{joint}_later{percent:+}%"),
+            Self::OffsetLater { joint, millivolts } => format!("input_offset_{joint}_later_{millivolts}mV"),
+            Self::ZeroLater { joint, milliradians } => format!("zero_{joint}_later_{milliradians}mrad"),
             Self::Stribeck(mm_per_s) => format!("stribeck_{mm_per_s}mm/s"),
         }
     }
@@ -176,9 +219,19 @@ impl Disturbance {
             Self::Tilt => Some((&["tilt", "gravity"], None)),
             Self::InputOffset { joint, .. } => Some((&["offset"], Some(joint))),
             Self::Heating => Some((&["heat", "resistance", "drift"], None)),
+            Self::GainLater { joint, .. } => Some((&["gain"], Some(joint))),
+            Self::OffsetLater { joint, .. } => Some((&["offset"], Some(joint))),
+            Self::ZeroLater { joint, .. } => Some((&["zero"], Some(joint))),
             Self::Stribeck(_) => Some((&["friction"], None)),
             _ => None,
         }
+    }
+
+    /// True if the model, a drive or a sensor is wrong.
+    fn is_of_the_machine(self) -> bool {
+        [&Self::MODEL[..], &Self::MODEL_MENDED, &Self::SENSOR]
+            .iter()
+            .any(|group| group.contains(&self))
     }
 
     /// Mass of link 2 after the change \[kg\].
@@ -186,7 +239,7 @@ impl Disturbance {
         match self {
             Self::Jump(percent) | Self::JumpAtEnd(percent) => first_kg * (1.0 + f64::from(percent) / 100.0),
             // One thing wrong at a time.
-            _ if Self::MODEL.contains(&self) || Self::MODEL_MENDED.contains(&self) => first_kg,
+            _ if self.is_of_the_machine() => first_kg,
             _ => then_kg,
         }
     }

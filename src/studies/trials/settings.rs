@@ -119,6 +119,14 @@ fn sines(seed: u64) -> Vec<String> {
     ]
 }
 
+impl TrialSpec {
+    /// What a signal of a joint is wrong by from the middle of the run on.
+    fn fault_later(&self, signal: &str, joint: usize, by: &str) -> String {
+        let from_s = self.change_s();
+        format!("plant.faults=[{{kind=\"wrong\",signal=\"{signal}\",joint={joint},from_s={from_s:?},{by}}}]")
+    }
+}
+
 /// Settings of the simulation, and of the identifier if it is told.
 fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
     let sensors = |key: &str, value: f64| format!("plant.sensors.{key}={value:?}");
@@ -183,6 +191,18 @@ fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
             "plant.unmodelled.heating_share=0.1".to_owned(),
             "plant.unmodelled.heating_s=60.0".to_owned(),
         ],
+        Disturbance::GainLater { joint, percent } => {
+            let gain = 1.0 + f64::from(percent) / 100.0;
+            vec![spec.fault_later("input", joint, &format!("gain={gain:?}"))]
+        }
+        Disturbance::OffsetLater { joint, millivolts } => {
+            let offset = f64::from(millivolts) * 1e-3;
+            vec![spec.fault_later("input", joint, &format!("offset={offset:?}"))]
+        }
+        Disturbance::ZeroLater { joint, milliradians } => {
+            let offset = f64::from(milliradians) * 1e-3;
+            vec![spec.fault_later("q", joint, &format!("offset={offset:?}"))]
+        }
         // of the axis alone
         Disturbance::Stribeck(_) => Vec::new(),
     }

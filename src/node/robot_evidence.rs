@@ -4,13 +4,9 @@
 use super::estimate_message::message;
 use crate::estimator::{Change, ChangeKind, Held, Report, StateMachine};
 use crate::messages::{ERROR_TEXT, ErrorCode, Estimate, FixedText, LastError};
-use crate::robot::{ChangeCause, RobotChange, RobotIdentifier};
+use crate::robot::{ChangeCause, LEAST_EXPLAINED, RobotChange, RobotIdentifier};
 use std::fmt::Write as _;
 
-/// Share of each joint's torque that a model of a robot is expected to explain. Rigid-body models
-/// with friction reach 0.96 to 0.999 on geared arms; 0.9 tells them from a log with exchanged
-/// columns or a wrong sign.
-pub(super) const LEAST_EXPLAINED: f64 = 0.9;
 /// Part of the prior's variance below which a parameter is known from data.
 const INFORMED: f64 = 1.0 / 9.0;
 /// Three standard deviations below this part of a parameter make it usable.
@@ -110,7 +106,8 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
     report.fit_probability = figures.fit_probability;
     report.excitation.copy_from_slice(&figures.excitation);
     let unfit = unexplained || figures.fit_probability < crate::estimator::MISFIT;
-    report.misfit = u64::from(unfit || left_out || refuted(robot).is_some() || robot.doubt().is_some());
+    let refuted = refuted(robot).is_some() || robot.unexplained().is_some();
+    report.misfit = u64::from(unfit || left_out || refuted || robot.doubt().is_some());
     for j in 0..joints {
         // Friction's misfit is correlated: whole blocks are off by more than rows are.
         report.noise_std[j] = robot.torque_std(j) * robot.inflation(j);
@@ -163,6 +160,20 @@ pub(super) fn impossible(robot: &RobotIdentifier, seq: u64) -> Option<LastError>
     let _cut = write!(
         words,
         "{name} is negative: a torque or position has the wrong sign, or a change was no payload"
+    );
+    Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
+}
+
+/// A joint whose torque the model hardly explains, in words.
+pub(super) fn unexplained(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
+    let (joint, share) = robot.unexplained()?;
+    let mut words = FixedText::<ERROR_TEXT>::default();
+    // longer words than fit are cut, which is what an error means here
+    let _cut = write!(
+        words,
+        "{:.0} % of joint {}'s torque is explained: a sign, unit or column of it, or an axis or frame up to it, is wrong",
+        100.0 * share.max(0.0),
+        joint + 1
     );
     Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
 }

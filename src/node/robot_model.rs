@@ -4,11 +4,11 @@
 use super::identifier::{Identifier, IdentifierOptions};
 use super::model::{Model, ModelError, NodeSettings};
 use super::robot::{RobotLearner, RobotNode};
-use super::robot_evidence::LEAST_EXPLAINED;
 use crate::messages::signals;
 use crate::model::{
     DerivedQuantity, DerivedValues, Equation, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter, PlantDefinition,
 };
+use crate::robot::LEAST_EXPLAINED;
 #[cfg(feature = "sim")]
 use crate::robot::Reference;
 use crate::robot::{

@@ -3,30 +3,21 @@
 //! ```text
 //! innovation² = Σ r(θ̂ before)²/rows,   residual² = Σ r(θ̂)²/rows                              (1)
 //! fit = residual²/σ_j²                                                                        (2)
-//! S ← S e^(−T_b/T) + S_block   for S = Σ 1, Σ τ, Σ τ² and Σ r(θ̂)²                             (3)
-//! explained = 1 − Σ r(θ̂)²/(Σ τ² − (Σ τ)²/Σ 1)                                                 (4)
 //! ```
-//!
-//! The torque of a short block hardly changes, so (4) is about several of them: T is 10 s. The time
-//! does not run while a joint rests.
 //!
 //! Rows overlap, so that only stride/length of them count as independent in the probability of (2).
 //! σ_j is learnt from the same machine and holds friction's misfit, so three times its square is
 //! allowed, as for every noise level that is learnt.
 
+use super::explained::RecentTorque;
 use super::information::{Information, Solver};
 use super::rows::WindowOptions;
 use super::sums::JointSums;
-use crate::estimator::persist::Visit;
 use crate::estimator::stats::f_tail;
 use crate::model::MAX_JOINTS;
 
 /// Slack of a variance that was learnt.
 const SLACK: f64 = 3.0;
-/// Power of the signal over that of the residuals' level from which on rows show what is explained.
-const STANDS_OUT: f64 = 30.0;
-/// T \[s\].
-const MEMORY_S: f64 = 10.0;
 
 /// Figures of the last block; arrays are per joint.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,10 +33,10 @@ pub struct BlockFigures {
     pub signal_rms: [f64; MAX_JOINTS],
     /// σ_j that the block is compared with \[N m or N\]; 0 in the first block.
     pub level: [f64; MAX_JOINTS],
-    /// (4), of the last block at which the torque had changed enough to tell; 0 before, and 1 for a
-    /// joint that has rested so far, which has nothing to explain.
+    /// (3) of `explained.rs` after the last block in which the joint moved; 1 before there is
+    /// enough to tell.
     pub explained: [f64; MAX_JOINTS],
-    /// (3) of each joint.
+    /// (1) of `explained.rs`.
     pub(super) recent: [RecentTorque; MAX_JOINTS],
     /// (2); 1 on average.
     pub fit: [f64; MAX_JOINTS],
@@ -56,44 +47,6 @@ pub struct BlockFigures {
     pub excitation: Vec<f64>,
     covariance: Vec<f64>,
     independent: f64,
-}
-
-/// Sums over the last seconds of a joint's rows, (3).
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct RecentTorque {
-    rows: f64,
-    torque: f64,
-    torque_square: f64,
-    residual_square: f64,
-}
-
-impl RecentTorque {
-    /// Takes a block's rows in, with the sum of their squared residuals.
-    fn add(&mut self, sums: &JointSums, residual_square: f64, kept: f64) {
-        self.rows = self.rows * kept + sums.rows as f64;
-        self.torque = self.torque * kept + sums.sum;
-        self.torque_square = self.torque_square * kept + sums.square;
-        self.residual_square = self.residual_square * kept + residual_square;
-    }
-
-    /// (4); `None` while the torque does not stand out of the level of its residuals.
-    fn explained(&self, level: f64) -> Option<f64> {
-        let spread = self.torque_square - self.torque * self.torque / self.rows;
-        (self.rows > 0.0 && spread > STANDS_OUT * self.rows * level.powi(2))
-            .then(|| 1.0 - self.residual_square / spread)
-    }
-
-    /// What outlives the process.
-    pub(super) fn visit(&mut self, v: &mut impl Visit) {
-        for sum in [
-            &mut self.rows,
-            &mut self.torque,
-            &mut self.torque_square,
-            &mut self.residual_square,
-        ] {
-            v.real(sum);
-        }
-    }
 }
 
 impl BlockFigures {
@@ -151,21 +104,6 @@ impl BlockFigures {
                 self.fit[j] = square / (rows * self.level[j].powi(2)); // (2)
                 let tail = f_tail(self.fit[j] / (1.0 + SLACK), (rows * self.independent).max(1.0), 1e5);
                 self.fit_probability = self.fit_probability.min((joints * tail).min(1.0));
-            }
-        }
-    }
-
-    /// Explained share (3), (4); only for a block without a change. `std` is σ_j after the block,
-    /// `block_s` its length \[s\].
-    pub(super) fn explain(&mut self, block: &[JointSums], theta: &[f64], std: &[f64], block_s: f64) {
-        let kept = (-block_s / MEMORY_S).exp();
-        for (j, sums) in block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-            if self.recent[j] == RecentTorque::default() {
-                self.explained[j] = 0.0;
-            }
-            self.recent[j].add(sums, sums.residual_square(theta), kept); // (3)
-            if let Some(share) = self.recent[j].explained(std[j]) {
-                self.explained[j] = share; // (4)
             }
         }
     }

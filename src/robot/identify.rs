@@ -28,6 +28,7 @@
 //! time blocks as clusters.
 
 use super::change::RobotChange;
+use super::explained::RecentRows;
 use super::figures::BlockFigures;
 use super::friction_drift::FrictionDrift;
 use super::identify_options::IdentifyOptions;
@@ -113,6 +114,7 @@ pub struct RobotIdentifier {
     /// The change found in the block that is open, or in the last one.
     pub(super) change: Option<RobotChange>,
     pub(super) figures: BlockFigures,
+    pub(super) recent_rows: RecentRows,
     pub(super) gain: Information,
     pub(super) size: Vec<f64>,
 }
@@ -178,6 +180,7 @@ impl RobotIdentifier {
             levels: LevelRing::new((SLICES as f64 * SLICE_S / options.block_s).ceil() as usize + 1),
             change: None,
             figures: BlockFigures::new(parameters.len(), n),
+            recent_rows: RecentRows::new(&options.windows, options.block_s, &columns),
             drift: FrictionDrift::new(arm),
             left_out: (!terms.is_empty()).then(|| LeftOut::new(terms, options.zero_rad, n)),
             wide,
@@ -215,6 +218,7 @@ impl RobotIdentifier {
         }
         self.left_out.iter_mut().for_each(LeftOut::reset);
         self.drift.reset();
+        self.recent_rows.lacking.fill(false);
         self.figures.clear();
         let n = self.theta.len();
         self.theta.fill(0.0);
@@ -383,12 +387,14 @@ impl RobotIdentifier {
     /// The sample cannot be used and was left out.
     pub fn take(&mut self, sample: &RobotSample) -> Result<(), SampleFault> {
         let (slice, ring, begin) = (&mut self.slice, &mut self.ring, &mut self.slice_begin);
+        let recent_rows = &mut self.recent_rows;
         self.rows.push(&self.wide, sample, &mut |row| {
             if slice.iter().all(|sums| sums.rows == 0) {
                 *begin = row.t_s;
             }
             slice[row.joint].add_row(row.regressor, row.torque);
             ring.add(&row);
+            recent_rows.add(&row);
         })?;
         if self.jumps.take(self.model.robot(), sample) {
             self.inquire_after_jump();
@@ -410,6 +416,7 @@ impl RobotIdentifier {
         self.jumps.restart();
         self.block_end = None;
         let closed = self.close_block();
+        self.recent_rows.clear();
         self.slice_end = None;
         closed
     }
@@ -417,6 +424,7 @@ impl RobotIdentifier {
     /// Windows begin anew with the next sample, and what came since the last block is dropped.
     pub fn discard_block(&mut self) {
         self.rows.restart();
+        self.recent_rows.clear();
         self.jumps.restart();
         self.slice.iter_mut().for_each(JointSums::clear);
         self.block.iter_mut().for_each(JointSums::clear);
@@ -425,6 +433,7 @@ impl RobotIdentifier {
     }
 
     fn clear_recording(&mut self) {
+        self.recent_rows.clear();
         self.slice.iter_mut().for_each(JointSums::clear);
         self.pending.clear();
         self.ring.clear();
@@ -434,6 +443,7 @@ impl RobotIdentifier {
     /// Windows begin anew with the next sample, because time has been lost.
     pub fn restart_windows(&mut self) {
         self.rows.restart();
+        self.recent_rows.clear();
         self.jumps.restart();
         self.commit_pending(self.pending.len());
         self.ring.clear();
@@ -510,11 +520,14 @@ impl RobotIdentifier {
         }
         self.figures.of_residual(&self.block, &self.effective);
         if !changed {
-            let block_s = self.options.block_s;
-            self.figures
-                .explain(&self.block, &self.effective, &self.torque_std, block_s);
+            let (recent, explained) = (&mut self.figures.recent, &mut self.figures.explained);
+            let block = (&self.block[..], &self.effective[..]);
+            self.recent_rows.explain(block, &self.torque_std, recent, explained);
             self.look_for_left_out();
             self.look_for_drift();
+        }
+        if changed {
+            self.recent_rows.clear();
         }
         self.note_excitation();
         self.block_slices = 0;

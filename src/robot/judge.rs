@@ -8,6 +8,7 @@
 //! Nothing here changes a number or refuses a log: suspicions are reported, and the user, who knows
 //! the robot, decides. Hardly any robot exceeds the limits below.
 
+use super::fit::correlation_time_s;
 use super::friction::FrictionTerm;
 use super::identify::RobotIdentifier;
 use super::model::RobotModel;
@@ -37,6 +38,8 @@ const PIECES: usize = 10;
 const SURE: f64 = 5.0;
 /// Residual that hardly anything explains \[%\]; the last joint of a real robot has 40 to 56 %.
 const LARGEST_RESIDUAL: f64 = 70.0;
+/// A misfit that has forgotten itself within this part of a window is noise, or nearly so.
+const WHITE: f64 = 0.2;
 /// A joint that moves in fewer samples than this share is not judged by its residual.
 const MOVING: f64 = 0.1;
 /// Friction that is a smaller part of the torque hardly counts.
@@ -114,6 +117,18 @@ fn clipped(joint: usize, log: &[RobotSample]) -> Option<RobotSuspicion> {
     })
 }
 
+impl RobotIdentifier {
+    /// The joint of whose torque the model explains least over the last blocks, with the share of
+    /// its power, if that was less than [`LEAST_EXPLAINED`](super::LEAST_EXPLAINED) and has hardly
+    /// risen since.
+    pub fn unexplained(&self) -> Option<(usize, f64)> {
+        let lacking = |joint: &usize| self.recent_rows.lacking[*joint];
+        let shares = (0..self.model.robot().len()).filter(lacking);
+        let shares = shares.map(|joint| (joint, self.figures.explained[joint]));
+        shares.min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+}
+
 /// What is suspicious about an identification, judged by the filtered samples of its log.
 pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) -> Vec<RobotSuspicion> {
     let model = identifier.model();
@@ -138,10 +153,18 @@ pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) 
     found.extend(identifier.left_out_cause().map(RobotSuspicion::LeftOut));
     found.extend(identifier.doubt().map(RobotSuspicion::Changed));
     for joint in 0..model.robot().len() {
-        if let Some(percent) = motion.residual(joint)
-            && percent > LARGEST_RESIDUAL
-        {
-            found.push(RobotSuspicion::Residual { joint, percent });
+        let percent = motion.residual(joint).unwrap_or(0.0);
+        let share = identifier.figures().explained[joint];
+        if identifier.recent_rows.lacking[joint] {
+            let explained = 100.0 * share.max(0.0);
+            found.push(RobotSuspicion::Unexplained { joint, explained });
+        } else if percent > LARGEST_RESIDUAL {
+            let forgotten_s = correlation_time_s(model, identifier.theta(), states, joint);
+            let is_noise = forgotten_s.is_some_and(|time_s| time_s < WHITE * identifier.window_s());
+            found.push(match is_noise {
+                true => RobotSuspicion::Noise { joint, percent },
+                false => RobotSuspicion::Residual { joint, percent },
+            });
         }
     }
     found

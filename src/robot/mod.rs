@@ -31,6 +31,7 @@
 //! | `friction`, `model` | friction per joint; all of it as one linear model |
 //! | `rows`, `sums`, `information` | samples → weak-form rows → normal equations |
 //! | `identify`, `learning`, `figures` | blocks → estimates with standard deviations, and how well they fit |
+//! | `explained` | how much of each joint's torque the model explains |
 //! | `left_out` | which term of friction the model leaves out, by the residuals |
 //! | `payload`, `change`, `watch`, `physical` | what the flange carries: found, located, weighed, physically possible |
 //! | `inquiry`, `gain_columns`, `jump` | whether a drive's gain or an encoder's zero has changed |
@@ -54,6 +55,7 @@ mod config_file;
 mod dynamics;
 mod error;
 mod excitation;
+mod explained;
 mod figures;
 mod fit;
 mod friction;
@@ -108,6 +110,7 @@ pub use config::RobotConfig;
 pub use dynamics::{forward_dynamics, inverse_dynamics};
 pub use error::UrdfError;
 pub use excitation::{Excitation, ExcitationOptions, JointRange, MAX_EXCITATION_HARMONICS};
+pub use explained::LEAST_EXPLAINED;
 pub use figures::BlockFigures;
 pub use fit::{TorqueFit, correlation_time_s, filtered};
 pub use friction::{Engagement, FrictionTerm, JointFriction};

@@ -82,7 +82,21 @@ pub enum RobotSuspicion {
     LeftOut(LeftOutCause),
     /// A drive or an encoder that has changed within the log.
     Changed(RobotDoubt),
-    /// A torque that the model does not explain.
+    /// A torque that the model does not explain: what it lacks lasts as long as movements do.
+    Unexplained {
+        /// The joint.
+        joint: usize,
+        /// Share of the power of its torque that is explained \[%\].
+        explained: f64,
+    },
+    /// A torque that is mostly noise.
+    Noise {
+        /// The joint.
+        joint: usize,
+        /// Relative residual \[%\].
+        percent: f64,
+    },
+    /// A torque that the model hardly predicts, though most of the misfit does not last.
     Residual {
         /// The joint.
         joint: usize,
@@ -130,6 +144,18 @@ impl fmt::Display for RobotSuspicion {
             Self::Sign { joint, ref parameters } => sign(f, joint + 1, parameters),
             Self::LeftOut(ref cause) => left_out(f, cause),
             Self::Changed(doubt) => write!(f, "{doubt}"),
+            Self::Unexplained { joint, explained } => write!(
+                f,
+                "the model explains little of joint {}'s torque ({explained:.0} % of its power, without noise), so that nothing may be used: \
+                 look at the sign, unit and columns of its torque and position, and at the axes and frames of the URDF up to it",
+                joint + 1
+            ),
+            Self::Noise { joint, percent } => write!(
+                f,
+                "torque of joint {} is mostly noise (residual {percent:.0} %, from sample to sample): average it at the source if you can; \
+                 standard deviations hold it",
+                joint + 1
+            ),
             Self::Residual { joint, percent } => write!(
                 f,
                 "the model explains little of joint {}'s torque (residual {percent:.0} %): columns swapped, another unit, or a sign?",

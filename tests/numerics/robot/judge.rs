@@ -7,14 +7,14 @@ use thetabus::robot::{
     filtered, judge_robot_fit, judge_robot_log,
 };
 
-fn model(urdf: &str) -> RobotModel {
+pub(super) fn model(urdf: &str) -> RobotModel {
     let robot = robot(urdf);
     let joints = robot.len();
     RobotModel::new(robot, true, vec![JointFriction::default(); joints]).expect("sound")
 }
 
 /// Seconds of a simulated robot at 100 Hz, with encoders and noise.
-fn simulated(model: &RobotModel, seconds: usize, change: impl Fn(&mut RobotSimOptions)) -> Vec<RobotSample> {
+pub(super) fn simulated(model: &RobotModel, seconds: usize, change: impl Fn(&mut RobotSimOptions)) -> Vec<RobotSample> {
     let mut options = RobotSimOptions {
         sample_period_s: 0.01,
         control_steps: 10,
@@ -46,7 +46,7 @@ fn said(model: &RobotModel, log: &[RobotSample]) -> Vec<String> {
     found.iter().map(ToString::to_string).collect()
 }
 
-fn changed(log: &[RobotSample], change: impl Fn(&mut RobotSample)) -> Vec<RobotSample> {
+pub(super) fn changed(log: &[RobotSample], change: impl Fn(&mut RobotSample)) -> Vec<RobotSample> {
     let mut log = log.to_vec();
     log.iter_mut().for_each(change);
     log

@@ -15,6 +15,7 @@ mod reversal;
 mod simulated;
 mod simulator;
 mod standard;
+mod unexplained;
 mod ur10e;
 mod urdf;
 

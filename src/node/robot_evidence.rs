@@ -106,7 +106,7 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
     report.fit_probability = figures.fit_probability;
     report.excitation.copy_from_slice(&figures.excitation);
     let unfit = unexplained || figures.fit_probability < crate::estimator::MISFIT;
-    let refuted = refuted(robot).is_some() || robot.unexplained().is_some();
+    let refuted = refuted(robot).is_some() || robot.unexplained().is_some() || robot.contradiction().is_some();
     report.misfit = u64::from(unfit || left_out || refuted || robot.doubt().is_some());
     for j in 0..joints {
         // Friction's misfit is correlated: whole blocks are off by more than rows are.
@@ -175,6 +175,14 @@ pub(super) fn unexplained(robot: &RobotIdentifier, seq: u64) -> Option<LastError
         100.0 * share.max(0.0),
         joint + 1
     );
+    Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
+}
+
+/// A gravity or a zero that is not the URDF's, in words.
+pub(super) fn contradiction(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
+    let mut words = FixedText::<ERROR_TEXT>::default();
+    // longer words than fit are cut, which is what an error means here
+    let _cut = write!(words, "{}", robot.contradiction()?);
     Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
 }
 

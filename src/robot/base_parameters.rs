@@ -80,6 +80,14 @@ impl Standard {
         }
     }
 
+    /// Joint and index among the ten of a body; `None` for a rotor.
+    pub fn in_body(self) -> Option<(usize, usize)> {
+        match self {
+            Self::Body { joint, parameter } => Some((joint, parameter)),
+            Self::Rotor { .. } => None,
+        }
+    }
+
     /// The joint that carries it.
     pub fn joint(self) -> usize {
         match self {

@@ -42,6 +42,7 @@ use super::recent::{RowRing, SliceRing};
 use super::rows::{SampleFault, WeakRows, WindowOptions};
 use super::state::RobotSample;
 use super::sums::JointSums;
+use super::urdf_prior::UrdfPrior;
 use super::watch_room::Watch;
 
 /// Blocks that (3) is taken over.
@@ -115,6 +116,7 @@ pub struct RobotIdentifier {
     pub(super) change: Option<RobotChange>,
     pub(super) figures: BlockFigures,
     pub(super) recent_rows: RecentRows,
+    pub(super) urdf_prior: Option<UrdfPrior>,
     pub(super) gain: Information,
     pub(super) size: Vec<f64>,
 }
@@ -184,6 +186,7 @@ impl RobotIdentifier {
             drift: FrictionDrift::new(arm),
             left_out: (!terms.is_empty()).then(|| LeftOut::new(terms, options.zero_rad, n)),
             wide,
+            urdf_prior: Some(UrdfPrior::new(&model)),
             gain: Information::new(n),
             size: vec![0.0; n],
             parameters,
@@ -219,6 +222,7 @@ impl RobotIdentifier {
         self.left_out.iter_mut().for_each(LeftOut::reset);
         self.drift.reset();
         self.recent_rows.lacking.fill(false);
+        self.urdf_prior.iter_mut().for_each(|prior| prior.found = None);
         self.figures.clear();
         let n = self.theta.len();
         self.theta.fill(0.0);
@@ -524,6 +528,7 @@ impl RobotIdentifier {
             let block = (&self.block[..], &self.effective[..]);
             self.recent_rows.explain(block, &self.torque_std, recent, explained);
             self.look_for_left_out();
+            self.look_at_urdf();
             self.look_for_drift();
         }
         if changed {

@@ -152,6 +152,11 @@ pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) 
     }
     found.extend(identifier.left_out_cause().map(RobotSuspicion::LeftOut));
     found.extend(identifier.doubt().map(RobotSuspicion::Changed));
+    // moments of a model that does not explain the torques name no cause
+    let contradiction = identifier
+        .contradiction()
+        .filter(|_| identifier.unexplained().is_none());
+    found.extend(contradiction.map(RobotSuspicion::Contradiction));
     for joint in 0..model.robot().len() {
         let percent = motion.residual(joint).unwrap_or(0.0);
         let share = identifier.figures().explained[joint];

@@ -33,6 +33,7 @@
 //! | `identify`, `learning`, `figures` | blocks → estimates with standard deviations, and how well they fit |
 //! | `explained` | how much of each joint's torque the model explains |
 //! | `left_out` | which term of friction the model leaves out, by the residuals |
+//! | `urdf_prior`, `urdf_moments` | a gravity or a zero that is not the URDF's, by the moments |
 //! | `payload`, `change`, `watch`, `physical` | what the flange carries: found, located, weighed, physically possible |
 //! | `inquiry`, `gain_columns`, `jump` | whether a drive's gain or an encoder's zero has changed |
 //! | `standard`, `urdf_writer` | bodies that can exist, from base parameters; written into the URDF |
@@ -94,6 +95,8 @@ mod sums;
 mod suspicion;
 mod tree;
 mod urdf;
+mod urdf_moments;
+mod urdf_prior;
 mod urdf_writer;
 mod velocity;
 mod watch;
@@ -140,5 +143,6 @@ pub use state::{FilteredSample, RobotSample, Setpoint};
 pub use suspicion::RobotSuspicion;
 pub use tree::{Robot, RobotJoint, RobotLink, Selection};
 pub use urdf::{Joint, JointKind, Limits, Link, Urdf};
+pub use urdf_prior::UrdfContradiction;
 pub use urdf_writer::{JointValues, LinkValues, write_urdf};
 pub use velocity::{Velocities, median_period_s, with_velocities};

@@ -3,6 +3,7 @@
 use super::inquiry_room::RobotDoubt;
 use super::left_out_room::LeftOutCause;
 use super::model::Unmodelled;
+use super::urdf_prior::UrdfContradiction;
 use std::f64::consts::{PI, TAU};
 use std::fmt;
 
@@ -82,6 +83,8 @@ pub enum RobotSuspicion {
     LeftOut(LeftOutCause),
     /// A drive or an encoder that has changed within the log.
     Changed(RobotDoubt),
+    /// A gravity or a zero that is not the URDF's.
+    Contradiction(UrdfContradiction),
     /// A torque that the model does not explain: what it lacks lasts as long as movements do.
     Unexplained {
         /// The joint.
@@ -144,6 +147,7 @@ impl fmt::Display for RobotSuspicion {
             Self::Sign { joint, ref parameters } => sign(f, joint + 1, parameters),
             Self::LeftOut(ref cause) => left_out(f, cause),
             Self::Changed(doubt) => write!(f, "{doubt}"),
+            Self::Contradiction(what) => write!(f, "{what}; nothing may be used"),
             Self::Unexplained { joint, explained } => write!(
                 f,
                 "the model explains little of joint {}'s torque ({explained:.0} % of its power, without noise), so that nothing may be used: \

@@ -2,6 +2,7 @@
 
 mod calibration;
 mod coarse_encoders;
+mod contradiction;
 mod drives;
 mod dynamics;
 mod excitation;

@@ -1,0 +1,40 @@
+//! Whether what was identified contradicts the URDF altogether; the test is that of
+//! [`urdf_prior`](super::urdf_prior).
+
+use super::identify::RobotIdentifier;
+use super::urdf_prior::UrdfContradiction;
+
+/// Standard deviation of an honest URDF's inertias, as a part of them.
+const INERTIAS: f64 = 0.5;
+
+impl RobotIdentifier {
+    /// A gravity or a zero that is not the URDF's, if the moments tell: none of them may be used.
+    pub fn contradiction(&self) -> Option<UrdfContradiction> {
+        self.urdf_prior.as_ref().and_then(|prior| prior.found)
+    }
+
+    /// Looks at it after a block.
+    pub(super) fn look_at_urdf(&mut self) {
+        let Some(mut prior) = self.urdf_prior.take() else {
+            return;
+        };
+        let k = prior.indices.len();
+        for (a, &i) in prior.indices.iter().enumerate() {
+            prior.estimate[a] = self.theta[i];
+            for (b, &j) in prior.indices.iter().enumerate() {
+                prior.covariance[a * k + b] = self.covariance(i, j);
+            }
+        }
+        let (mut along, mut square) = (0.0, f64::MIN_POSITIVE);
+        for &i in &prior.inertias {
+            let nominal = self.parameters[i].nominal;
+            let variance = self.covariance(i, i) + (INERTIAS * nominal).powi(2);
+            if variance > 0.0 {
+                along += self.theta[i] * nominal / variance;
+                square += nominal * nominal / variance;
+            }
+        }
+        prior.look(along / square);
+        self.urdf_prior = Some(prior);
+    }
+}

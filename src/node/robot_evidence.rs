@@ -106,7 +106,10 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
     report.fit_probability = figures.fit_probability;
     report.excitation.copy_from_slice(&figures.excitation);
     let unfit = unexplained || figures.fit_probability < crate::estimator::MISFIT;
-    let refuted = refuted(robot).is_some() || robot.unexplained().is_some() || robot.contradiction().is_some();
+    let refuted = robot.clipped().is_some()
+        || refuted(robot).is_some()
+        || robot.unexplained().is_some()
+        || robot.contradiction().is_some();
     report.misfit = u64::from(unfit || left_out || refuted || robot.doubt().is_some());
     for j in 0..joints {
         // Friction's misfit is correlated: whole blocks are off by more than rows are.
@@ -183,6 +186,19 @@ pub(super) fn contradiction(robot: &RobotIdentifier, seq: u64) -> Option<LastErr
     let mut words = FixedText::<ERROR_TEXT>::default();
     // longer words than fit are cut, which is what an error means here
     let _cut = write!(words, "{}", robot.contradiction()?);
+    Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
+}
+
+/// A torque that stops at a limit, in words.
+pub(super) fn clipped(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
+    let (joint, limit) = robot.clipped()?;
+    let mut words = FixedText::<ERROR_TEXT>::default();
+    // longer words than fit are cut, which is what an error means here
+    let _cut = write!(
+        words,
+        "torque of joint {} stops at {limit:.4}: its signal is clipped, or its drive at its limit; use slower motion",
+        joint + 1
+    );
     Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
 }
 

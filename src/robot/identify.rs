@@ -200,7 +200,7 @@ impl RobotIdentifier {
 
     /// Forgets everything that was learnt and held.
     pub fn reset(&mut self) {
-        self.rows.restart();
+        self.rows.reset();
         self.jumps.reset();
         self.clear_recording();
         for sums in [&mut self.block, &mut self.total].into_iter().flatten() {

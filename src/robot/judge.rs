@@ -8,6 +8,7 @@
 //! Nothing here changes a number or refuses a log: suspicions are reported, and the user, who knows
 //! the robot, decides. Hardly any robot exceeds the limits below.
 
+use super::clipped::Largest;
 use super::fit::correlation_time_s;
 use super::friction::FrictionTerm;
 use super::identify::RobotIdentifier;
@@ -44,10 +45,6 @@ const WHITE: f64 = 0.2;
 const MOVING: f64 = 0.1;
 /// Friction that is a smaller part of the torque hardly counts.
 const LEAST_FRICTION: f64 = 0.01;
-/// Share of samples at the largest torque that clipping has; a resolution of a thousandth of the
-/// range has a tenth of that.
-const LEAST_CLIPPED: f64 = 0.01;
-const MOST_CLIPPED: f64 = 0.9;
 /// Samples that the sums are taken over.
 const ENOUGH: usize = 2000;
 
@@ -86,7 +83,7 @@ pub fn judge_robot_log(model: &RobotModel, log: &[RobotSample], max_gap_s: f64) 
             let signal = "torque";
             found.push(RobotSuspicion::Constant { joint, signal, value });
         }
-        found.extend(clipped(joint, log));
+        found.extend(clipped(joint, model.friction()[joint].rest_speed, log));
         let square: f64 = log.iter().map(|sample| sample.dq[joint].powi(2)).sum();
         let rms = (square / log.len() as f64).sqrt();
         let limit = own.limits.velocity.filter(|limit| *limit > 0.0);
@@ -103,21 +100,22 @@ pub fn judge_robot_log(model: &RobotModel, log: &[RobotSample], max_gap_s: f64) 
     found
 }
 
-/// A torque that stops at a limit: its largest magnitude, in many samples. One that never changes
-/// is another mistake.
-fn clipped(joint: usize, log: &[RobotSample]) -> Option<RobotSuspicion> {
-    let sizes = || log.iter().map(|sample| sample.tau[joint].abs());
-    let value = sizes().fold(0.0, f64::max);
-    let count = sizes().filter(|size| *size == value).count();
-    let share = count as f64 / log.len() as f64;
-    (value > 0.0 && (LEAST_CLIPPED..MOST_CLIPPED).contains(&share)).then_some(RobotSuspicion::Clipped {
-        joint,
-        value,
-        percent: 100.0 * share,
-    })
+/// A torque that stops at a limit while its joint moves; one that never changes is another mistake.
+fn clipped(joint: usize, rest_speed: f64, log: &[RobotSample]) -> Option<RobotSuspicion> {
+    let mut largest = Largest::default();
+    let moving = log.iter().filter(|sample| sample.dq[joint].abs() > rest_speed);
+    moving.for_each(|sample| largest.take(sample.tau[joint]));
+    let (value, share) = largest.clipped()?;
+    let percent = 100.0 * share;
+    Some(RobotSuspicion::Clipped { joint, value, percent })
 }
 
 impl RobotIdentifier {
+    /// The first joint whose torque stops at a limit while it moves, with the limit \[N m or N\].
+    pub fn clipped(&self) -> Option<(usize, f64)> {
+        (0..self.model.robot().len()).find_map(|joint| Some((joint, self.rows.clipped(joint)?.0)))
+    }
+
     /// The joint of whose torque the model explains least over the last blocks, with the share of
     /// its power, if that was less than [`LEAST_EXPLAINED`](super::LEAST_EXPLAINED) and has hardly
     /// risen since.

@@ -31,6 +31,7 @@
 //! | `friction`, `model` | friction per joint; all of it as one linear model |
 //! | `rows`, `sums`, `information` | samples → weak-form rows → normal equations |
 //! | `identify`, `learning`, `figures` | blocks → estimates with standard deviations, and how well they fit |
+//! | `clipped` | torques that stop at a limit |
 //! | `explained` | how much of each joint's torque the model explains |
 //! | `left_out` | which term of friction the model leaves out, by the residuals |
 //! | `urdf_prior`, `urdf_moments` | a gravity or a zero that is not the URDF's, by the moments |
@@ -49,6 +50,7 @@ mod butterworth;
 mod calibration;
 mod carried;
 mod change;
+mod clipped;
 #[cfg(feature = "config")]
 mod config;
 #[cfg(feature = "config")]

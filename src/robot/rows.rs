@@ -13,6 +13,7 @@
 //! Both sides are divided by ∫ψ dt, so that a row is a mean torque. No acceleration is formed.
 //! Source of the weak form: A. Preisig, D. Rippin, Computers & Chemical Engineering 17 (1993).
 
+use super::clipped::Largest;
 use super::friction::Engagement;
 use super::model::RobotModel;
 use super::regressor::{EnergyRegressors, HeldSlopes};
@@ -184,6 +185,7 @@ pub struct WeakRows {
     needs_motion: [bool; MAX_JOINTS],
     rest_speed: [f64; MAX_JOINTS],
     engagement: [Engagement; MAX_JOINTS],
+    largest: [Largest; MAX_JOINTS],
     regressors: EnergyRegressors,
     slopes: HeldSlopes,
     last: Option<RobotSample>,
@@ -223,6 +225,7 @@ impl WeakRows {
             needs_motion,
             rest_speed,
             engagement: [Engagement::default(); MAX_JOINTS],
+            largest: [Largest::default(); MAX_JOINTS],
             regressors: EnergyRegressors::new(joints),
             slopes: HeldSlopes::new(options.length_s / SLOPES_PER_WINDOW),
             last: None,
@@ -243,6 +246,18 @@ impl WeakRows {
         self.active = 0;
         self.slopes.forget();
         self.engagement = [Engagement::default(); MAX_JOINTS];
+    }
+
+    /// Forgets the largest torques, too.
+    pub(super) fn reset(&mut self) {
+        self.restart();
+        self.largest = Default::default();
+    }
+
+    /// The limit that a joint's torque stops at while it moves, with the share of the samples that
+    /// have it, 0 to 1; `None` for a torque that is not clipped.
+    pub fn clipped(&self, joint: usize) -> Option<(f64, f64)> {
+        self.largest[joint].clipped()
     }
 
     /// Takes a sample; gives each row that it completes to `take`. After a gap longer than allowed
@@ -269,6 +284,9 @@ impl WeakRows {
         for (i, friction) in model.friction().iter().enumerate() {
             let step = self.last.map_or(0.0, |last| sample.dq[i] * (sample.t_s - last.t_s));
             self.engagement[i] = friction.engagement(step, self.engagement[i]);
+            if sample.dq[i].abs() > self.rest_speed[i] {
+                self.largest[i].take(sample.tau[i]);
+            }
         }
         self.differentiated.swap(0, 1);
         self.direct.swap(0, 1);

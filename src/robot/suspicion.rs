@@ -140,8 +140,8 @@ impl fmt::Display for RobotSuspicion {
             ),
             Self::Clipped { joint, value, percent } => write!(
                 f,
-                "torque of joint {} is {value} or -{value} in {percent:.0} % of the samples, its largest: if the signal is \
-                 clipped there, estimates are wrong; if the drive is at its limit, use slower motion",
+                "torque of joint {} is {value} or -{value} in {percent:.0} % of the samples in motion, its largest, so \
+                 that nothing may be used: if the signal is clipped there, estimates are wrong; if the drive is at its limit, use slower motion",
                 joint + 1,
             ),
             Self::Sign { joint, ref parameters } => sign(f, joint + 1, parameters),

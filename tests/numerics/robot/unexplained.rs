@@ -4,7 +4,9 @@ use super::judge::{changed, model, simulated};
 use super::{SIX_AXIS, robot};
 use thetabus::messages::State;
 use thetabus::node::robot::RobotEvidence;
-use thetabus::robot::{IdentifyOptions, Motions, RobotIdentifier, RobotModel, RobotSample, filtered, judge_robot_fit};
+use thetabus::robot::{
+    IdentifyOptions, Motions, RobotIdentifier, RobotModel, RobotSample, filtered, judge_robot_fit, judge_robot_log,
+};
 
 /// Blocks that may be used and those of the state `misfit`, both in the last third of a log, and
 /// what is said of the log.
@@ -66,6 +68,31 @@ fn fault_nothing_is_used_while_a_joint_is_not_explained() {
         let turned = RobotModel::new(turned, true, model(SIX_AXIS).friction().to_vec()).expect("sound");
         let (usable, misfits, said) = last_third(&turned, &log);
         assert!(usable == 0 && misfits > 15, "axis {seed}: {usable} {misfits} {said:#?}");
+    }
+}
+
+/// The first samples of a motion may not reach the limit.
+#[test]
+fn fault_a_clipped_torque_is_not_used_and_one_in_counts_is_not_clipped() {
+    for seed in 1..=2 {
+        let log = moves(seed, 0.005);
+        let largest = log.iter().map(|s| s.tau[1].abs()).fold(0.0, f64::max);
+        let limit = 0.7 * largest;
+        let (usable, misfits, _) = last_third(
+            &model(SIX_AXIS),
+            &changed(&log, |s| s.tau[1] = s.tau[1].clamp(-limit, limit)),
+        );
+        assert!(usable == 0 && misfits >= 19, "{seed}: {usable} {misfits}");
+        for count in [0.005, 0.02] {
+            let counts = changed(&log, |s| {
+                for (tau, joint) in s.tau.iter_mut().zip(&robot(SIX_AXIS).joints) {
+                    let count = count * joint.limits.effort.expect("stated");
+                    *tau = (*tau / count).round() * count;
+                }
+            });
+            let stops = judge_robot_log(&model(SIX_AXIS), &counts, 0.05);
+            assert!(stops.is_empty(), "{seed}, {count}: {stops:?}");
+        }
     }
 }
 

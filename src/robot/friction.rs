@@ -1,7 +1,7 @@
-//! Friction of a joint, linear in its parameters.
+//! Friction of a joint and what else acts on it alone, linear in its parameters.
 //!
 //! ```text
-//! f = f_v q̇ + f_c z + f_0 + c |g| z + f_s z e^−(q̇/v_s)² + f_r w                              (1)
+//! f = f_v q̇ + f_c z + f_0 + c |g| z + f_s z e^−(q̇/v_s)² + f_r w + k q                        (1)
 //! dz/dt = (q̇ − |q̇| z)/δ:     z' = s + (z − s) e^−|Δq|/δ,   s = sign Δq                      (2)
 //! w = ∂z/∂ln δ:               w' = (w + (z − s) |Δq|/δ) e^−|Δq|/δ                             (3)
 //! ```
@@ -19,10 +19,13 @@
 //! windows that are long compared with a reversal this is exact, because they see the area under z
 //! alone.
 //!
+//! k is a spring, such as a hose pack or a balancer; where it is at rest goes into f_0. Few
+//! machines have one, so it is not among the terms by default, and tested for.
+//!
 //! Below the rest speed v_r a joint may creep under any torque up to the friction's, which (1) does
-//! not say, see [`rows`](super::rows).
-//! |g| is the weight that the joint bears, by the URDF's bodies: a known function of q. The measured torque would not do: at a joint whose
-//! torque is mostly friction, |τ| z is τ itself and explains everything.
+//! not say, see [`rows`](super::rows). |g| is the weight that the joint bears, by the URDF's
+//! bodies: a known function of q. The measured torque would not do: at a joint whose torque is
+//! mostly friction, |τ| z is τ itself and explains everything.
 //!
 //! Sources: H. Olsson et al., European J. of Control 4 (1998) on Stribeck's and Dahl's models; A.
 //! Wahrburg et al., IEEE RA-L 3 (2018) on load.
@@ -42,17 +45,20 @@ pub enum FrictionTerm {
     Stribeck,
     /// f_r w.
     Reversal,
+    /// k q.
+    Spring,
 }
 
 impl FrictionTerm {
     /// Every term with its name in configurations and parameter names.
-    pub const NAMES: [(&'static str, Self); 6] = [
+    pub const NAMES: [(&'static str, Self); 7] = [
         ("viscous", Self::Viscous),
         ("coulomb", Self::Coulomb),
         ("offset", Self::Offset),
         ("load", Self::Load),
         ("stribeck", Self::Stribeck),
         ("reversal", Self::Reversal),
+        ("spring", Self::Spring),
     ];
 
     /// Its name.
@@ -70,6 +76,8 @@ impl FrictionTerm {
             (Self::Viscous, true) => "N m s/rad",
             (Self::Viscous, false) => "N s/m",
             (Self::Load, _) => "1",
+            (Self::Spring, true) => "N m/rad",
+            (Self::Spring, false) => "N/m",
             (_, true) => "N m",
             (_, false) => "N",
         }
@@ -84,6 +92,7 @@ impl FrictionTerm {
             Self::Load => "Coulomb friction per weight that the joint bears",
             Self::Stribeck => "additional friction at low speed",
             Self::Reversal => "Coulomb friction times the relative excess of the travel of a reversal over presliding",
+            Self::Spring => "stiffness of a spring, a hose pack or a balancer",
         }
     }
 
@@ -96,6 +105,7 @@ impl FrictionTerm {
             Self::Load => "load-dependent friction",
             Self::Stribeck => "Stribeck friction",
             Self::Reversal => "another travel of reversals (reversal)",
+            Self::Spring => "a spring or a hose pack (spring)",
         }
     }
 }
@@ -134,11 +144,14 @@ pub struct JointFriction {
 }
 
 impl Default for JointFriction {
-    /// All terms; δ = 0.2 mrad, rest below 0.01 rad/s, v_s = 0.1 rad/s. On a UR10e, 0.1 to 0.4 mrad
-    /// and 0.05 to 0.2 rad/s do nearly as well.
+    /// All terms but the spring; δ = 0.2 mrad, rest below 0.01 rad/s, v_s = 0.1 rad/s. On a UR10e,
+    /// 0.1 to 0.4 mrad and 0.05 to 0.2 rad/s do nearly as well.
     fn default() -> Self {
         Self {
-            terms: FrictionTerm::NAMES.map(|(_, term)| term).to_vec(),
+            terms: {
+                let terms = FrictionTerm::NAMES.into_iter().map(|(_, term)| term);
+                terms.filter(|term| *term != FrictionTerm::Spring).collect()
+            },
             presliding: 2e-4,
             rest_speed: 0.01,
             stribeck_speed: 0.1,
@@ -193,9 +206,9 @@ impl JointFriction {
         self.terms.iter().any(jumps)
     }
 
-    /// (1): the regressor over the terms at velocity `dq` with an engagement and weight `weight`
-    /// \[N m or N\].
-    pub fn row(&self, dq: f64, engagement: Engagement, weight: f64, row: &mut [f64]) {
+    /// (1): the regressor over the terms at position `q` and velocity `dq` with an engagement and
+    /// weight `weight` \[N m or N\].
+    pub fn row(&self, q: f64, dq: f64, engagement: Engagement, weight: f64, row: &mut [f64]) {
         let z = engagement.z;
         for (entry, term) in row.iter_mut().zip(&self.terms) {
             *entry = match term {
@@ -205,14 +218,15 @@ impl JointFriction {
                 FrictionTerm::Load => weight.abs() * z,
                 FrictionTerm::Stribeck => z * (-(dq / self.stribeck_speed).powi(2)).exp(),
                 FrictionTerm::Reversal => engagement.slope,
+                FrictionTerm::Spring => q,
             }; // (1)
         }
     }
 
     /// (1) with the values `theta` of the terms.
-    pub fn torque(&self, dq: f64, engagement: Engagement, weight: f64, theta: &[f64]) -> f64 {
+    pub fn torque(&self, q: f64, dq: f64, engagement: Engagement, weight: f64, theta: &[f64]) -> f64 {
         let mut row = [0.0; FrictionTerm::NAMES.len()];
-        self.row(dq, engagement, weight, &mut row);
+        self.row(q, dq, engagement, weight, &mut row);
         row.iter().zip(theta).map(|(entry, value)| entry * value).sum() // (1)
     }
 }

@@ -23,8 +23,9 @@
 //! keeps its sign through a block raises no alarm. A term is named if z exceeds [`NAMED`] and a
 //! usable parameter is off by more than [`HARMFUL`] of its standard deviations and [`LEAST_ERROR`]
 //! of itself, or if nothing may be used and it explains more than [`TELLING`] of the misfit: then
-//! the model does not describe the machine. Standard deviations hold (6) before that, too, so that
-//! a term that does less harm, or is less sure, makes nothing surely wrong.
+//! the model does not describe the machine. A spring has to explain as much in any case.
+//! Standard deviations hold (6) before that, too, so that a term that does less harm, or is less
+//! sure, makes nothing surely wrong.
 //!
 //! A zero or a tilt turns the moments of what the links weigh, and leaves next to no residual (on a
 //! six-axis arm, z < 1 with 10 mrad at joint 3, which puts hz3 2 % off): no test can find it, so
@@ -52,7 +53,8 @@ const BELIEVED: f64 = 4.0;
 const USABLE: f64 = 0.05;
 /// … if that is larger than this part of it.
 const LEAST_ERROR: f64 = 0.0025;
-/// Share of the misfit from which on a term is named if nothing may be used anyway.
+/// Share of the misfit from which on a term is named if nothing may be used anyway, and a spring in
+/// any case.
 const TELLING: f64 = 0.2;
 /// Standard deviations allow for terms whose information is not nearly all rounding.
 const TOLD_APART: f64 = 2.0 * ROUNDING;
@@ -119,7 +121,9 @@ impl RobotIdentifier {
                 left_out.step(c, amplitude);
                 self.effective_of(&left_out.theta, &mut left_out.effective);
                 let share = self.share(what.only_joint(), &left_out.effective);
-                if harm > harmful || is_useless && share > TELLING {
+                // many things vary with the position, a spring is but one of them
+                let is_told = !what.is_spring() || share > TELLING;
+                if harm > harmful && is_told || is_useless && share > TELLING {
                     left_out.found = Some(LeftOutCause {
                         what,
                         amplitude,

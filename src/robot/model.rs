@@ -72,7 +72,7 @@ impl Meaningful {
             FrictionTerm::Viscous => Self::NotNegative,
             FrictionTerm::Coulomb => Self::Positive,
             FrictionTerm::Reversal => Self::None,
-            FrictionTerm::Offset | FrictionTerm::Load | FrictionTerm::Stribeck => Self::All,
+            FrictionTerm::Offset | FrictionTerm::Load | FrictionTerm::Stribeck | FrictionTerm::Spring => Self::All,
         }
     }
 }
@@ -119,6 +119,17 @@ pub enum Unmodelled {
 }
 
 impl Unmodelled {
+    /// True for a spring.
+    pub fn is_spring(self) -> bool {
+        matches!(
+            self,
+            Self::Friction {
+                term: FrictionTerm::Spring,
+                ..
+            }
+        )
+    }
+
     /// Estimated parameters can imitate it, so that no test finds it.
     pub(super) fn leaves_no_residual(self) -> bool {
         matches!(self, Self::Zero { .. } | Self::Tilt)
@@ -358,7 +369,7 @@ impl RobotModel {
         for i in 0..self.robot.len() {
             let (momentum, lagrangian) = (regressors.momentum(i), regressors.lagrangian(i));
             let mut friction = [0.0; FrictionTerm::NAMES.len()];
-            self.built[i].row(dq[i], engagement[i], weight[i], &mut friction);
+            self.built[i].row(q[i], dq[i], engagement[i], weight[i], &mut friction);
             for column in &self.columns[i] {
                 (differentiated[at], direct[at]) = match *column {
                     Column::Body(entry) => (momentum[entry], -lagrangian[entry]), // (1)
@@ -407,7 +418,7 @@ impl RobotModel {
         let mut weight = [0.0; MAX_JOINTS];
         self.weight(&q[..n], &mut weight[..n]);
         for i in 0..n {
-            let friction = self.friction[i].torque(dq[i], engagement[i], weight[i], &theta[self.friction_of(i)]);
+            let friction = self.friction[i].torque(q[i], dq[i], engagement[i], weight[i], &theta[self.friction_of(i)]);
             tau[i] += rotors[i] * ddq[i] + friction; // (1)
         }
     }

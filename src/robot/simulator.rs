@@ -49,6 +49,8 @@ pub struct SimulatedDrive {
     pub offset: f64,
     /// f_s, which has fallen to 1/e at 0.1 rad/s or m/s \[N m or N\], ≥ 0.
     pub stribeck: f64,
+    /// k of a spring that is at rest at 0 \[N m/rad or N/m\].
+    pub spring: f64,
     /// Inertia of the rotor at the joint \[kg m² or kg\], ≥ 0.
     pub rotor_inertia: f64,
 }
@@ -65,6 +67,7 @@ impl SimulatedDrive {
                 coulomb: 0.04 * effort,
                 offset: 0.0,
                 stribeck: 0.0,
+                spring: 0.0,
                 rotor_inertia: 0.002 * effort,
             }
         };
@@ -186,6 +189,7 @@ impl RobotSimOptions {
             within("Coulomb friction", drive.coulomb, 0.0, 1e6)?;
             within("offset", drive.offset, -1e6, 1e6)?;
             within("Stribeck friction", drive.stribeck, 0.0, 1e6)?;
+            within("spring", drive.spring, -1e6, 1e6)?;
             within("rotor_inertia", drive.rotor_inertia, 0.0, 1e6)?;
         }
         for (i, payload) in self.payloads.iter().enumerate() {
@@ -330,6 +334,7 @@ impl RobotSimulator {
                 FrictionTerm::Offset => drive.offset,
                 FrictionTerm::Load => 0.0,
                 FrictionTerm::Stribeck => drive.stribeck,
+                FrictionTerm::Spring => drive.spring,
                 FrictionTerm::Reversal => drive.coulomb * (self.options.presliding / friction.presliding - 1.0),
             }));
         }
@@ -401,6 +406,7 @@ impl RobotSimulator {
         for i in 0..n {
             let drive = &self.options.drives[i];
             net[i] = self.tau[i] - drive.viscous * dq[i] - drive.coulomb * self.engagement[i].z - drive.offset; // (1)
+            net[i] -= drive.spring * q[i]; // (1)
             if drive.stribeck > 0.0 {
                 let slow = (-(dq[i] / self.friction.stribeck_speed).powi(2)).exp();
                 net[i] -= drive.stribeck * self.engagement[i].z * slow; // (1)

@@ -247,7 +247,8 @@ impl Found {
                 match term {
                     FrictionTerm::Viscous => values.damping = Some(self.theta[i]),
                     FrictionTerm::Coulomb => values.friction = Some(self.theta[i]),
-                    FrictionTerm::Offset | FrictionTerm::Load | FrictionTerm::Stribeck | FrictionTerm::Reversal => {}
+                    // a URDF has no element for the others
+                    _ => {}
                 }
             }
             if fitted.rotors[j] > 0.0 {

@@ -36,6 +36,7 @@ fn truth(model: &RobotModel, coulomb: f64, sample_period_s: f64, position_std: f
             coulomb,
             offset: 0.0,
             stribeck: 0.0,
+            spring: 0.0,
             rotor_inertia: 0.0,
         }],
         presliding: 1e-4,

@@ -6,7 +6,7 @@ use crate::robot::{FrictionTerm, RobotModel, Standard};
 use crate::studies::document::{Section, Table, percent, two_digits};
 
 /// What a parameter is, for the tables.
-const GROUPS: [&str; 8] = [
+const GROUPS: [&str; 9] = [
     "bodies",
     "rotor inertia",
     "viscous",
@@ -15,9 +15,10 @@ const GROUPS: [&str; 8] = [
     "reversal",
     "load, which is 0",
     "stribeck, which is 0",
+    "spring, which is 0",
 ];
 /// Groups whose parameters are 0: no bound is a share of these.
-const ZERO: std::ops::Range<usize> = 6..8;
+const ZERO: std::ops::Range<usize> = 6..9;
 
 /// The robot's runs in one motion.
 #[derive(Debug, Clone)]
@@ -46,6 +47,7 @@ fn groups(model: &RobotModel) -> Vec<usize> {
             FrictionTerm::Reversal => 5,
             FrictionTerm::Load => 6,
             FrictionTerm::Stribeck => 7,
+            FrictionTerm::Spring => 8,
         }));
     }
     groups

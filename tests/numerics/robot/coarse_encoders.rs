@@ -4,8 +4,8 @@
 use super::left_out::{run, simulation};
 use super::{SIX_AXIS, robot};
 use thetabus::robot::{
-    FrictionTerm, IdentifyOptions, JointFriction, RobotIdentifier, RobotModel, RobotSample, RobotSimOptions,
-    RobotSimulator, WindowOptions, with_velocities,
+    IdentifyOptions, JointFriction, RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator,
+    WindowOptions, with_velocities,
 };
 
 fn coarse(has_rests: bool, seed: u64) -> RobotSimOptions {
@@ -18,7 +18,7 @@ fn coarse(has_rests: bool, seed: u64) -> RobotSimOptions {
 /// A false change in the third second made 20 blocks of the first of these runs dangerous.
 #[test]
 fn fault_coarse_encoders_make_nothing_surely_wrong() {
-    let terms = FrictionTerm::NAMES.map(|(_, term)| term);
+    let terms = JointFriction::default().terms;
     for (has_rests, seed) in [(true, 11), (true, 16), (false, 11), (false, 13)] {
         let run = run(&terms, 2e-4, coarse(has_rests, seed), 60);
         println!("rests {has_rests}, seed {seed}: {run:?}");

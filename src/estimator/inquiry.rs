@@ -10,17 +10,17 @@
 //! ```
 //!
 //! A drive that gives 5 % less from some time on moves every parameter of its equation by 5 %, and
-//! leaves no residual: the estimate follows, exactly and wrongly. What it cannot do is what a plant
-//! does, to change some parameters and leave others, the back EMF of a motor for one. So after a
-//! change each hypothesis (d) of an error that may come up while a machine runs is held against (b)
-//! and (c). If (c) does not explain the rows and some (d) does as well as (b), nothing of the group
-//! may be used: until the rows refute every (d), which most motion does within a block or two, or
-//! for as long as they do not. A change back is seen the same way, because θ₀ stays that of before
-//! the first of them. If the rows of one group refute every (d), the plant has changed, and no
-//! group asks further. An error is named as soon as the rows inform on more than half of the
-//! parameters' directions: a machine that rests shows one, and there any cause explains any other.
-//! Once it is named, or has explained the change for some blocks of motion, a further change leaves
-//! nothing to compare with, and only (c) clears it up.
+//! leaves no residual: the estimate follows, exactly and wrongly. A plant that changes moves some
+//! parameters and leaves others, such as the back EMF of a motor. So after a change each
+//! hypothesis (d) of an error that may come up while a machine runs is held against (b) and (c).
+//! If (c) does not explain the rows and some (d) does as well as (b), nothing of the group may be
+//! used: until the rows refute every (d), which most motion does within a block or two, or for as
+//! long as they do not. A change back is seen the same way, because θ₀ stays that of before the
+//! first of them. If the rows of one group refute every (d), the plant has changed, and no group
+//! asks further. An error is named as soon as the rows inform on more than half of the parameters'
+//! directions: a machine that rests shows one, which every cause explains. Once it is named, or
+//! has explained the change for some blocks of motion, a further change leaves nothing to compare
+//! with, and only (c) clears it up.
 //!
 //! P₀ is the covariance that was published before the change, so what was not known then tells
 //! nothing now. Rows are linearised at θ₀, where (d) holds, however far the estimate has gone
@@ -56,8 +56,9 @@ pub struct Inquiry {
     withheld: bool,
     /// An error explained the change for some time, and the plant has changed since.
     lost: bool,
-    /// Blocks for which an error has explained the change.
+    /// Blocks for which an error has explained the change, and whether one is named.
     blocks: u32,
+    named: bool,
     /// θ₀ and P₀.
     reference: Vec<f64>,
     known: Vec<f64>,
@@ -103,6 +104,7 @@ impl Inquiry {
             withheld: false,
             lost: false,
             blocks: 0,
+            named: false,
             reference: vector.clone(),
             known: matrix.clone(),
             information: matrix.clone(),
@@ -129,24 +131,18 @@ impl Inquiry {
         v.flag(&mut self.withheld);
         v.flag(&mut self.lost);
         v.small(&mut self.blocks);
-        for values in [
-            &mut self.reference,
-            &mut self.known,
-            &mut self.information,
-            &mut self.vector,
-            &mut self.cross,
-            &mut self.gram,
-            &mut self.score,
-        ] {
-            v.reals(values);
-        }
+        v.flag(&mut self.named);
+        v.reals(&mut self.reference);
+        v.reals(&mut self.known);
+        self.sums_mut().into_iter().for_each(|sums| v.reals(sums));
         v.real(&mut self.cost);
         v.real(&mut self.rows);
     }
 
     /// Ends it, whatever came out.
     pub fn close(&mut self) {
-        (self.open, self.withheld, self.lost, self.blocks, self.cause) = (false, false, false, 0, None);
+        (self.open, self.withheld, self.lost) = (false, false, false);
+        (self.blocks, self.named, self.cause) = (0, false, None);
     }
 
     /// The plant has changed: two causes at once are unlikely.
@@ -184,18 +180,10 @@ impl Inquiry {
             self.known.copy_from_slice(covariance);
         }
         self.open = true;
-        self.lost |= self.cause.is_some() || self.blocks >= LONG;
+        self.lost |= self.named || self.blocks >= LONG;
         self.blocks = 0;
         (self.cost, self.rows) = (0.0, 0.0);
-        for sums in [
-            &mut self.information,
-            &mut self.vector,
-            &mut self.cross,
-            &mut self.gram,
-            &mut self.score,
-        ] {
-            sums.fill(0.0);
-        }
+        self.sums_mut().into_iter().for_each(|sums| sums.fill(0.0));
     }
 
     /// Adds a block, after the rows so far were forgotten by `forgetting_factor`.
@@ -226,16 +214,20 @@ impl Inquiry {
         }
     }
 
-    fn forget(&mut self, forgetting_factor: f64) {
-        for sums in [
+    /// The sums over the rows since.
+    fn sums_mut(&mut self) -> [&mut Vec<f64>; 5] {
+        [
             &mut self.information,
             &mut self.vector,
             &mut self.cross,
             &mut self.gram,
             &mut self.score,
-        ] {
-            sums.iter_mut().for_each(|sum| *sum *= forgetting_factor);
-        }
+        ]
+    }
+
+    fn forget(&mut self, forgetting_factor: f64) {
+        let sums = self.sums_mut().into_iter().flatten();
+        sums.for_each(|sum| *sum *= forgetting_factor);
         self.cost *= forgetting_factor;
         self.rows *= forgetting_factor;
     }
@@ -250,11 +242,12 @@ impl Inquiry {
         match found {
             Found::Nothing if settled || self.lost && self.tells(1.0, fixed) => self.close(),
             _ if self.lost => (),
-            Found::Nothing => (self.withheld, self.cause) = (false, None),
+            Found::Nothing => (self.withheld, self.named, self.cause) = (false, false, None),
             Found::Other => self.clear(),
             Found::Error(error) => {
                 self.withheld = true;
-                self.cause = self.tells(error.amplitude, fixed).then_some(error);
+                self.named = self.tells(error.amplitude, fixed);
+                self.cause = self.named.then_some(error);
                 self.blocks = match self.tells(KNOWN, fixed) {
                     true => self.blocks.saturating_add(1),
                     false => 0,
@@ -293,10 +286,8 @@ impl Inquiry {
     fn compare(&mut self, size: &[f64], fixed: &[bool]) -> Option<Found> {
         let n = self.n;
         // (b), and what it leaves beyond the noise
+        self.matrix.copy_from_slice(&self.information);
         for i in 0..n {
-            for j in 0..n {
-                self.matrix[i * n + j] = self.information[i * n + j];
-            }
             self.matrix[i * n + i] += if size[i] > 0.0 { size[i].powi(-2) } else { 0.0 };
         }
         let count = gather(n, &self.matrix, fixed, &mut self.packed);

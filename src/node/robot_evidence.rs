@@ -5,7 +5,7 @@ use super::estimate_message::message;
 use crate::estimator::{Change, ChangeKind, Held, Report, StateMachine};
 use crate::messages::{ERROR_TEXT, ErrorCode, Estimate, FixedText, LastError};
 use crate::robot::{ChangeCause, LEAST_EXPLAINED, RobotChange, RobotIdentifier};
-use std::fmt::Write as _;
+use std::fmt::{self, Write as _};
 
 /// Part of the prior's variance below which a parameter is known from data.
 const INFORMED: f64 = 1.0 / 9.0;
@@ -155,67 +155,61 @@ fn refuted(robot: &RobotIdentifier) -> Option<usize> {
     (0..robot.theta().len()).find(surely)
 }
 
+/// A misfit in words.
+fn misfit(what: fmt::Arguments<'_>, seq: u64) -> LastError {
+    let mut words = FixedText::<ERROR_TEXT>::default();
+    // longer words than fit are cut, which is what an error means here
+    let _cut = words.write_fmt(what);
+    LastError::with_text(ErrorCode::Misfit, seq, words.as_str())
+}
+
 /// A value that no machine has, in words.
 pub(super) fn impossible(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     let name = &robot.parameters()[refuted(robot)?].name;
-    let mut words = FixedText::<ERROR_TEXT>::default();
-    // longer words than fit are cut, which is what an error means here
-    let _cut = write!(
-        words,
-        "{name} is negative: a torque or position has the wrong sign, or a change was no payload"
-    );
-    Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
+    Some(misfit(
+        format_args!("{name} is negative: a torque or position has the wrong sign, or a change was no payload"),
+        seq,
+    ))
 }
 
 /// A joint whose torque the model hardly explains, in words.
 pub(super) fn unexplained(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     let (joint, share) = robot.unexplained()?;
-    let mut words = FixedText::<ERROR_TEXT>::default();
-    // longer words than fit are cut, which is what an error means here
-    let _cut = write!(
-        words,
-        "{:.0} % of joint {}'s torque is explained: a sign, unit or column of it, or an axis or frame up to it, is wrong",
-        100.0 * share.max(0.0),
-        joint + 1
-    );
-    Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
+    Some(misfit(
+        format_args!(
+            "{:.0} % of joint {}'s torque is explained: a sign, unit or column of it, or an axis or frame up to it, is wrong",
+            100.0 * share.max(0.0),
+            joint + 1
+        ),
+        seq,
+    ))
 }
 
 /// A gravity or a zero that is not the URDF's, in words.
 pub(super) fn contradiction(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
-    let mut words = FixedText::<ERROR_TEXT>::default();
-    // longer words than fit are cut, which is what an error means here
-    let _cut = write!(words, "{}", robot.contradiction()?);
-    Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
+    Some(misfit(format_args!("{}", robot.contradiction()?), seq))
 }
 
 /// A torque that stops at a limit, in words.
 pub(super) fn clipped(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     let (joint, limit) = robot.clipped()?;
-    let mut words = FixedText::<ERROR_TEXT>::default();
-    // longer words than fit are cut, which is what an error means here
-    let _cut = write!(
-        words,
-        "torque of joint {} stops at {limit:.4}: its signal is clipped, or its drive at its limit; use slower motion",
-        joint + 1
-    );
-    Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
+    Some(misfit(
+        format_args!(
+            "torque of joint {} stops at {limit:.4}: its signal is clipped, or its drive at its limit; use slower motion",
+            joint + 1
+        ),
+        seq,
+    ))
 }
 
 /// What the model leaves out, in words.
 pub(super) fn left_out(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
-    let mut words = FixedText::<ERROR_TEXT>::default();
-    // longer words than fit are cut, which is what an error means here
-    let _cut = write!(words, "{}", robot.left_out_cause()?);
-    Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
+    Some(misfit(format_args!("{}", robot.left_out_cause()?), seq))
 }
 
 /// A drive or an encoder that has changed, or might have, in words.
 pub(super) fn doubt(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
-    let mut words = FixedText::<ERROR_TEXT>::default();
-    // longer words than fit are cut, which is what an error means here
-    let _cut = write!(words, "{}", robot.doubt()?);
-    Some(LastError::with_text(ErrorCode::Misfit, seq, words.as_str()))
+    Some(misfit(format_args!("{}", robot.doubt()?), seq))
 }
 
 /// A change that is no payload, in words.

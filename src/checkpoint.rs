@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"THETABUS";
 /// Version of the file; a change of the state's layout is a new one.
-pub const CHECKPOINT_VERSION: u32 = 4;
+pub const CHECKPOINT_VERSION: u32 = 5;
 /// Magic, version, CRC, length.
 const HEAD: usize = 24;
 /// No state comes near this \[bytes\]: it is 128 matrices of
@@ -331,7 +331,8 @@ mod tests {
         let mut older = bytes;
         older[8] = 0;
         let error = decode(&older, &identity()).expect_err("version").to_string();
-        assert!(error.contains("version 0, expected 4"), "{error}");
+        let expected = format!("version 0, expected {CHECKPOINT_VERSION}");
+        assert!(error.contains(&expected), "{error}");
     }
 
     #[test]

@@ -14,11 +14,11 @@ use super::model::RobotModel;
 use super::motion_table::MotionTable;
 use super::overrides::{is_robot_override, lay};
 use super::reference::{MotionLimits, Motions};
-use super::rows::WindowOptions;
 use super::simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator};
 use super::state::RobotSample;
 use super::tree::{Robot, Selection};
 use super::velocity::{median_period_s, with_velocities};
+use super::windows::WindowOptions;
 use crate::pipe::{MAX_SETTINGS_BYTES, MAX_TABLE_BYTES, read_text};
 use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
@@ -157,13 +157,6 @@ impl RobotConfig {
         drives.validate(n).map_err(|problem| at("drive", problem))?;
         let period_s = sample_period_of(file.plant.as_ref());
         let sample_period_s = period_s.map_err(|problem| at("plant.sample_period_s", problem))?;
-        let windows = StatedWindows::of(&file.identify);
-        let options = IdentifyOptions {
-            gain_std: file.drive.gain_std.unwrap_or(0.0),
-            ..options(&file.identify, windows.at(sample_period_s))
-        };
-        // Says what is wrong with the options now, not when the log has been read.
-        RobotIdentifier::new(model.clone(), options).map_err(|problem| at("identify", problem))?;
         let velocity_s = match file.identify.velocity {
             Some(Velocity::Measured) => None,
             _ => Some(file.identify.velocity_s.unwrap_or(VELOCITY_S)),
@@ -174,6 +167,15 @@ impl RobotConfig {
                 format!("velocity_s: expected a time above 0 and up to 1 s, got {half}"),
             ));
         }
+        let windows = StatedWindows::of(&file.identify);
+        let options = IdentifyOptions {
+            gain_std: file.drive.gain_std.unwrap_or(0.0),
+            lengthens: windows.are_free(),
+            formed_over_s: velocity_s,
+            ..options(&file.identify, windows.at(sample_period_s))
+        };
+        // Says what is wrong with the options now, not when the log has been read.
+        RobotIdentifier::new(model.clone(), options).map_err(|problem| at("identify", problem))?;
         let mut simulation =
             simulation(&file.simulate, &model, velocity_s.is_none()).map_err(|problem| at("simulate", problem))?;
         if let Some(name) = &file.simulate.motion_csv {
@@ -444,6 +446,11 @@ impl StatedWindows {
             stride_s: section.stride_s,
             max_gap_s: section.max_gap_s,
         }
+    }
+
+    /// True if their length is left to the service.
+    fn are_free(&self) -> bool {
+        self.length_s.is_none() && self.stride_s.is_none()
     }
 
     /// The windows of samples that are so far apart \[s\].

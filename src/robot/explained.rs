@@ -17,8 +17,9 @@
 //! of the motion that showed it, so it takes a larger share to believe a joint again.
 
 use super::recent::RowRing;
-use super::rows::{WeakRow, WindowOptions};
+use super::rows::WeakRow;
 use super::sums::JointSums;
+use super::windows::WindowOptions;
 use crate::estimator::persist::Visit;
 use crate::model::MAX_JOINTS;
 
@@ -122,6 +123,12 @@ impl RecentRows {
             seen_s: f64::NEG_INFINITY,
             lacking: [false; MAX_JOINTS],
         }
+    }
+
+    /// Goes on with windows of another length and as many strides; rows so far are dropped.
+    pub fn set_windows(&mut self, windows: &WindowOptions) {
+        self.lag_s = self.lag as f64 * windows.stride_s;
+        self.clear();
     }
 
     /// Takes a row.

@@ -11,8 +11,8 @@
 
 use super::explained::RecentTorque;
 use super::information::{Information, Solver};
-use super::rows::WindowOptions;
 use super::sums::JointSums;
+use super::windows::WindowOptions;
 use crate::estimator::stats::f_tail;
 use crate::model::MAX_JOINTS;
 

@@ -39,7 +39,7 @@ use super::levels::LevelRing;
 use super::model::{RobotModel, RobotParameter};
 use super::payload::Payload;
 use super::recent::{RowRing, SliceRing};
-use super::rows::{SampleFault, WeakRows, WindowOptions};
+use super::rows::{SampleFault, WeakRows};
 use super::state::RobotSample;
 use super::sums::JointSums;
 use super::urdf_prior::UrdfPrior;
@@ -51,6 +51,9 @@ const RECENT: usize = 32;
 const ASSUMED_INFLATION: (f64, f64) = (9.0, 2.0);
 /// Times that (1) and (2) are repeated per block while settling.
 const ITERATIONS: usize = 4;
+/// Blocks after which the estimate tells the mass matrix well enough for the bias by errors of the
+/// positions.
+const TRIED: usize = 3;
 /// Length of a slice \[s\]: how often the machine is looked at.
 const SLICE_S: f64 = 0.25;
 /// Slices that are kept apart.
@@ -119,6 +122,8 @@ pub struct RobotIdentifier {
     pub(super) urdf_prior: Option<UrdfPrior>,
     pub(super) gain: Information,
     pub(super) size: Vec<f64>,
+    /// How far errors of the positions have moved the estimates.
+    pub(super) bias: Vec<f64>,
 }
 
 impl RobotIdentifier {
@@ -146,7 +151,11 @@ impl RobotIdentifier {
             false => 0,
         };
         let mut identifier = Self {
-            rows: WeakRows::new(&wide, options.windows)?,
+            rows: match options.formed_over_s {
+                Some(half_s) => WeakRows::new(&wide, options.windows)?.with_formed_velocities(half_s),
+                None => WeakRows::new(&wide, options.windows)?,
+            },
+            bias: vec![0.0; n],
             jumps: Jumps::default(),
             is_loaded: false,
             slice_end: None,
@@ -235,94 +244,6 @@ impl RobotIdentifier {
         self.refresh_effective();
     }
 
-    /// The model of the arm.
-    pub fn model(&self) -> &RobotModel {
-        &self.model
-    }
-
-    /// The parameters θ: the arm's, then those of the payload if there may be one.
-    pub fn parameters(&self) -> &[RobotParameter] {
-        &self.parameters
-    }
-
-    /// Estimates θ̂ in the order of [`parameters`](Self::parameters).
-    pub fn theta(&self) -> &[f64] {
-        &self.theta[..self.parameters.len()]
-    }
-
-    /// Standard deviation of one estimate; the prior's before the first block, 0 if it is held.
-    pub fn theta_std(&self, parameter: usize) -> f64 {
-        self.covariance(parameter, parameter).max(0.0).sqrt()
-    }
-
-    /// The same without what is allowed for what the model leaves out and for drifts: a mistake in
-    /// the signals widens those itself.
-    pub(super) fn own_std(&self, parameter: usize) -> f64 {
-        self.covariance[parameter * self.theta.len() + parameter]
-            .max(0.0)
-            .sqrt()
-    }
-
-    /// Covariance of two estimates.
-    pub fn covariance(&self, i: usize, j: usize) -> f64 {
-        let n = self.theta.len();
-        let left_out = self.left_out.as_ref();
-        let drifts = i == j && !self.fixed[i];
-        let drift = if drifts { self.drift.variance(i) } else { 0.0 };
-        self.covariance[i * n + j] + drift + left_out.map_or(0.0, |left_out| left_out.covariance(i, j, n))
-    }
-
-    /// σ_j: standard deviation of a joint's rows from what is predicted \[N m or N\].
-    pub fn torque_std(&self, joint: usize) -> f64 {
-        self.torque_std[joint]
-    }
-
-    /// f_j: how much larger a joint's misfit is over a block than uncorrelated rows of σ_j would
-    /// make it.
-    pub fn inflation(&self, joint: usize) -> f64 {
-        self.inflation[joint]
-    }
-
-    /// Blocks so far.
-    pub fn blocks(&self) -> usize {
-        self.blocks
-    }
-
-    /// The change found in the last block.
-    pub fn change(&self) -> Option<RobotChange> {
-        self.change
-    }
-
-    /// The windows of the rows.
-    pub fn windows(&self) -> &WindowOptions {
-        &self.options.windows
-    }
-
-    /// Length of the windows of the rows \[s\].
-    pub fn window_s(&self) -> f64 {
-        self.options.windows.length_s
-    }
-
-    /// True if a payload is looked for.
-    pub fn estimates_payload(&self) -> bool {
-        self.payload.is_some()
-    }
-
-    /// True while the flange carries something, as far as is known.
-    pub fn is_loaded(&self) -> bool {
-        self.is_loaded
-    }
-
-    /// How well the last block was predicted and is fitted.
-    pub fn figures(&self) -> &BlockFigures {
-        &self.figures
-    }
-
-    /// True if a parameter is held.
-    pub fn is_fixed(&self, parameter: usize) -> bool {
-        self.fixed[parameter]
-    }
-
     /// Holds a parameter at a value, or at its estimate. What rows say of it goes on being
     /// gathered.
     pub fn fix(&mut self, parameter: usize, value: Option<f64>) {
@@ -355,7 +276,9 @@ impl RobotIdentifier {
     /// P of what is known. If rounding has spoilt it, parameters are as uncertain as before the
     /// first block: their values must not pass for known.
     fn solve_covariance(&mut self) {
+        self.bias.fill(0.0);
         if self.solver.covariance(&self.system, &self.fixed, &mut self.covariance) {
+            Solver::bias(&self.system, &self.covariance, &mut self.bias);
             return;
         }
         let n = self.theta.len();
@@ -392,6 +315,7 @@ impl RobotIdentifier {
     pub fn take(&mut self, sample: &RobotSample) -> Result<(), SampleFault> {
         let (slice, ring, begin) = (&mut self.slice, &mut self.ring, &mut self.slice_begin);
         let recent_rows = &mut self.recent_rows;
+        let (wide, effective, blocks) = (&self.wide, &self.effective, &self.blocks);
         self.rows.push(&self.wide, sample, &mut |row| {
             if slice.iter().all(|sums| sums.rows == 0) {
                 *begin = row.t_s;
@@ -399,6 +323,9 @@ impl RobotIdentifier {
             slice[row.joint].add_row(row.regressor, row.torque);
             ring.add(&row);
             recent_rows.add(&row);
+            if let Some(errors) = row.errors.filter(|_| *blocks >= TRIED) {
+                slice[row.joint].add_bias(&mut |bias| errors.bias(wide, row.joint, effective, bias));
+            }
         })?;
         if self.jumps.take(self.model.robot(), sample) {
             self.inquire_after_jump();
@@ -535,6 +462,7 @@ impl RobotIdentifier {
             self.recent_rows.clear();
         }
         self.note_excitation();
+        self.review_windows();
         self.block_slices = 0;
         self.block.iter_mut().for_each(JointSums::clear);
         true

@@ -1,12 +1,17 @@
 //! How a robot is identified: windows, blocks, and what is allowed for.
 
-use super::rows::WindowOptions;
+use super::windows::WindowOptions;
 
 /// How a robot is identified.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdentifyOptions {
     /// Windows of the weak form.
     pub windows: WindowOptions,
+    /// True if windows become longer when errors of the positions ask for it.
+    pub lengthens: bool,
+    /// Time to either side over which velocities were formed from positions \[s\]; `None` if they
+    /// were measured.
+    pub formed_over_s: Option<f64>,
     /// Length of a block \[s\].
     pub block_s: f64,
     /// Blocks after which the weights of what is past are kept.
@@ -40,6 +45,8 @@ impl Default for IdentifyOptions {
     fn default() -> Self {
         Self {
             windows: WindowOptions::default(),
+            lengthens: false,
+            formed_over_s: None,
             block_s: 1.0,
             settle_blocks: 60,
             friction_walk: 0.05,

@@ -21,6 +21,8 @@ pub(super) struct Information {
     pub matrix: Vec<f64>,
     /// b.
     pub vector: Vec<f64>,
+    /// What errors of the positions have taken from b.
+    pub bias: Vec<f64>,
 }
 
 impl Information {
@@ -30,6 +32,7 @@ impl Information {
             n,
             matrix: vec![0.0; n * n],
             vector: vec![0.0; n],
+            bias: vec![0.0; n],
         }
     }
 
@@ -37,12 +40,14 @@ impl Information {
     pub fn clear(&mut self) {
         self.matrix.fill(0.0);
         self.vector.fill(0.0);
+        self.bias.fill(0.0);
     }
 
     /// Becomes a copy.
     pub fn copy_from(&mut self, other: &Self) {
         self.matrix.copy_from_slice(&other.matrix);
         self.vector.copy_from_slice(&other.vector);
+        self.bias.copy_from_slice(&other.bias);
     }
 
     /// A prior of its own for one parameter that nothing else is known of.
@@ -54,6 +59,7 @@ impl Information {
         }
         self.matrix[i * n + i] = std.powi(-2);
         self.vector[i] = mean * std.powi(-2);
+        self.bias[i] = 0.0;
     }
 }
 
@@ -115,6 +121,14 @@ impl Solver {
         true
     }
 
+    /// (5) of `encoder_noise.rs`, with P = `covariance`.
+    pub fn bias(information: &Information, covariance: &[f64], bias: &mut [f64]) {
+        let n = information.n;
+        for (i, bias) in bias.iter_mut().enumerate() {
+            *bias = dot(&covariance[i * n..(i + 1) * n], &information.bias);
+        }
+    }
+
     /// P = Λ_ff⁻¹ spread over all n parameters, 0 for those that are held. False if rounding has
     /// spoilt Λ, and `covariance` stays as it is.
     pub fn covariance(&mut self, information: &Information, fixed: &[bool], covariance: &mut [f64]) -> bool {
@@ -153,6 +167,7 @@ impl Solver {
                 information.matrix[j * n + i] = 0.0;
             }
             information.vector[i] = 0.0;
+            information.bias[i] = 0.0;
         }
     }
 
@@ -170,6 +185,7 @@ impl Solver {
                 information.matrix[j * n + i] = 0.0;
             }
             information.vector[i] = 0.0;
+            information.bias[i] = 0.0;
         }
     }
 
@@ -199,12 +215,16 @@ impl Solver {
             column.copy_from_slice(&self.rows[i * m..(i + 1) * m]);
             self.factor.solve(column);
         }
-        for (entry, &k) in self.b.iter_mut().zip(&self.free) {
-            *entry = information.vector[q[k]];
+        for vector in [&mut information.vector, &mut information.bias] {
+            for (entry, &k) in self.b.iter_mut().zip(&self.free) {
+                *entry = vector[q[k]];
+            }
+            for i in 0..n {
+                vector[i] -= dot(&self.columns[i * m..(i + 1) * m], &self.b[..m]); // (3), (4)
+            }
         }
         for i in 0..n {
             let column = &self.columns[i * m..(i + 1) * m];
-            information.vector[i] -= dot(column, &self.b[..m]); // (3), (4)
             for j in 0..=i {
                 let less = information.matrix[i * n + j] - dot(column, &self.rows[j * m..(j + 1) * m]); // (3), (4)
                 information.matrix[i * n + j] = less;

@@ -342,8 +342,7 @@ impl RobotIdentifier {
 
 /// Adds weight · (A, b) of a joint's rows, of a robot with a payload or without.
 pub(super) fn learn(sums: &JointSums, weight: f64, load: Option<&mut Payload>, into: &mut Information) {
-    let n = into.n;
-    sums.scatter(weight, n, &mut into.matrix, &mut into.vector); // (1)
+    sums.scatter(weight, into); // (1)
     if let Some(payload) = load {
         payload.scatter(sums, weight, into);
     }

@@ -30,7 +30,8 @@
 //! | `base_parameters` | which combinations of parameters torques depend on |
 //! | `friction`, `model` | friction per joint; all of it as one linear model |
 //! | `rows`, `sums`, `information` | samples → weak-form rows → normal equations |
-//! | `identify`, `learning`, `figures` | blocks → estimates with standard deviations, and how well they fit |
+//! | `windows`, `encoder_noise`, `window_review` | how long windows are; what errors of the positions do, and when windows become longer |
+//! | `identify`, `learning`, `known`, `figures` | blocks → estimates with standard deviations, and how well they fit |
 //! | `clipped` | torques that stop at a limit |
 //! | `explained` | how much of each joint's torque the model explains |
 //! | `left_out` | which term of friction the model leaves out, by the residuals |
@@ -56,6 +57,7 @@ mod config;
 #[cfg(feature = "config")]
 mod config_file;
 mod dynamics;
+mod encoder_noise;
 mod error;
 mod excitation;
 mod explained;
@@ -71,6 +73,7 @@ mod inquiry;
 mod inquiry_room;
 mod judge;
 mod jump;
+mod known;
 mod learning;
 mod left_out;
 mod left_out_room;
@@ -103,6 +106,8 @@ mod urdf_writer;
 mod velocity;
 mod watch;
 mod watch_room;
+mod window_review;
+mod windows;
 mod xml;
 
 pub use base_parameters::{BaseParameter, BaseParameters, Standard};
@@ -113,6 +118,7 @@ pub use change::{ChangeCause, RobotChange};
 #[cfg(feature = "config")]
 pub use config::RobotConfig;
 pub use dynamics::{forward_dynamics, inverse_dynamics};
+pub use encoder_noise::RowErrors;
 pub use error::UrdfError;
 pub use excitation::{Excitation, ExcitationOptions, JointRange, MAX_EXCITATION_HARMONICS};
 pub use explained::LEAST_EXPLAINED;
@@ -137,7 +143,7 @@ pub use physical::{
 pub use prediction::{Forecaster, ParameterForecast, RowMisfit};
 pub use reference::{MAX_HARMONICS, MotionLimits, Motions, Reference};
 pub use regressor::EnergyRegressors;
-pub use rows::{SampleFault, TooFarApart, WeakRow, WeakRows, WindowOptions};
+pub use rows::{SampleFault, WeakRow, WeakRows};
 pub use simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator, SimulatedDrive};
 pub use spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};
 pub use standard::StandardParameters;
@@ -148,3 +154,4 @@ pub use urdf::{Joint, JointKind, Limits, Link, Urdf};
 pub use urdf_prior::UrdfContradiction;
 pub use urdf_writer::{JointValues, LinkValues, write_urdf};
 pub use velocity::{Velocities, median_period_s, with_velocities};
+pub use windows::{TooFarApart, WindowOptions};

@@ -385,6 +385,46 @@ impl RobotModel {
         }
     }
 
+    /// Entry (j, k) of the mass matrix with parameters `theta`, at the state that was evaluated
+    /// last.
+    pub(super) fn inertia(&self, regressors: &EnergyRegressors, (j, k): (usize, usize), theta: &[f64]) -> f64 {
+        let mut sum = 0.0;
+        self.inertia_row(regressors, (j, k), |at, x| sum += x * theta[self.indices[j][at]]);
+        sum
+    }
+
+    /// Adds `factor` times the row whose product with θ is entry (j, k) of the mass matrix, over
+    /// the columns of j.
+    pub(super) fn add_inertia_row(
+        &self,
+        regressors: &EnergyRegressors,
+        (j, k): (usize, usize),
+        factor: f64,
+        row: &mut [f64],
+    ) {
+        self.inertia_row(regressors, (j, k), |at, x| row[at] += factor * x);
+    }
+
+    /// The entries of that row that are not 0.
+    fn inertia_row(&self, regressors: &EnergyRegressors, (j, k): (usize, usize), mut take: impl FnMut(usize, f64)) {
+        let mut of_body = (usize::MAX, None);
+        for (at, column) in self.columns[j].iter().enumerate() {
+            match *column {
+                Column::Body(entry) => {
+                    let body = entry / BODY_PARAMETERS;
+                    if of_body.0 != body {
+                        of_body = (body, regressors.inertia(body, j, k));
+                    }
+                    if let Some(row) = of_body.1 {
+                        take(at, row[entry % BODY_PARAMETERS]);
+                    }
+                }
+                Column::Rotor if j == k => take(at, 1.0),
+                Column::Rotor | Column::Friction(_) | Column::Slope(_) | Column::Delay => {}
+            }
+        }
+    }
+
     /// g: torque that holds the URDF's bodies at rest, for load-dependent friction; 0 if there is
     /// none.
     fn weight(&self, q: &[f64], weight: &mut [f64]) {

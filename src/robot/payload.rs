@@ -149,6 +149,7 @@ impl Payload {
                 into.matrix[(self.first + p) * n + a] += entry;
                 let factor = weight * self.map[a][p];
                 into.vector[self.first + p] += factor * sums.moment[i]; // (2)
+                into.bias[self.first + p] += factor * sums.bias[i];
                 for q in 0..BODY_PARAMETERS {
                     into.matrix[(self.first + p) * n + self.first + q] += factor * self.product[i][q]; // (2)
                 }

@@ -22,6 +22,7 @@ impl RobotIdentifier {
         save.reals(&mut self.theta);
         save.reals(&mut self.system.matrix);
         save.reals(&mut self.system.vector);
+        save.reals(&mut self.system.bias);
         self.visit_rest(&mut save);
         if is_before {
             self.swap_with_before();
@@ -49,6 +50,7 @@ impl RobotIdentifier {
         load.reals(&mut self.theta);
         load.reals(&mut self.committed.matrix);
         load.reals(&mut self.committed.vector);
+        load.reals(&mut self.committed.bias);
         self.visit_rest(&mut load);
         load.finish(state)?;
         self.go_on()

@@ -15,9 +15,10 @@ use super::identify::RobotIdentifier;
 use super::information::{Information, Solver};
 use super::model::RobotModel;
 use super::motion_table::MotionTable;
-use super::rows::{WeakRows, WindowOptions};
+use super::rows::WeakRows;
 use super::state::RobotSample;
 use super::sums::JointSums;
+use super::windows::WindowOptions;
 use crate::estimator::linalg::Cholesky;
 
 /// Samples per window at which a motion is looked at: the window is smooth, more of them change the

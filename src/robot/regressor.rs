@@ -113,6 +113,17 @@ impl EnergyRegressors {
         &self.lagrangian[joint * width..(joint + 1) * width]
     }
 
+    /// What the ten parameters of a body add to entry (i, j) of the mass matrix, ∂p_i/∂q̇_j by (2),
+    /// at the positions that were evaluated last; `None` if i or j does not move the body.
+    pub(super) fn inertia(&self, body: usize, i: usize, j: usize) -> Option<[f64; BODY_PARAMETERS]> {
+        let moves = |joint: usize| self.path[body] >> joint & 1 == 1;
+        (moves(i) && moves(j)).then(|| {
+            let mut row = [0.0; BODY_PARAMETERS];
+            self.unit[body][i].momentum_row(&self.unit[body][j], &mut row); // (2)
+            row
+        })
+    }
+
     /// ∂V/∂q of these bodies at the state that was evaluated last: the torques that hold them at
     /// rest, by (4).
     pub fn weight(&self, bodies: &[BodyParameters], weight: &mut [f64]) {

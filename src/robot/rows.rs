@@ -14,121 +14,18 @@
 //! Source of the weak form: A. Preisig, D. Rippin, Computers & Chemical Engineering 17 (1993).
 
 use super::clipped::Largest;
+use super::encoder_noise::{EncoderNoise, RowErrors};
 use super::friction::Engagement;
 use super::model::RobotModel;
 use super::regressor::{EnergyRegressors, HeldSlopes};
 use super::state::RobotSample;
+use super::windows::{WindowOptions, psi};
 use crate::model::MAX_JOINTS;
 use std::fmt;
 
-/// Most windows that overlap.
-const MAX_OVERLAP: usize = 32;
 /// Times within a window that the columns of zeros and tilts are made anew: they turn with the
 /// robot, and a robot turns little in 2 ms.
 const SLOPES_PER_WINDOW: f64 = 64.0;
-
-/// Windows of the weak form.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WindowOptions {
-    /// T: length of a window \[s\].
-    pub length_s: f64,
-    /// Time from one window to the next \[s\].
-    pub stride_s: f64,
-    /// Longest time between two samples that a window may span \[s\].
-    pub max_gap_s: f64,
-    /// A joint's row is left out if it rests for more than this part of the window's weight, 0
-    /// to 1.
-    pub max_rest: f64,
-}
-
-impl Default for WindowOptions {
-    /// 0.25 s every 0.05 s: right for logs around 100 Hz.
-    fn default() -> Self {
-        Self {
-            length_s: 0.25,
-            stride_s: 0.05,
-            max_gap_s: 0.05,
-            max_rest: 0.3,
-        }
-    }
-}
-
-impl WindowOptions {
-    /// For samples that are so far apart \[s\]: 25 of them to a window, of 0.1 to 0.25 s. A longer
-    /// window blurs reversals, a shorter one averages less noise.
-    pub fn for_period(period_s: f64) -> Self {
-        Self::of_length((25.0 * period_s).clamp(0.1, 0.25))
-    }
-
-    /// Windows of this length \[s\]; stride and gap are a fifth of it.
-    pub fn of_length(length_s: f64) -> Self {
-        Self {
-            length_s,
-            stride_s: length_s / 5.0,
-            max_gap_s: length_s / 5.0,
-            ..Self::default()
-        }
-    }
-
-    /// Why samples with this period \[s\] give no rows, if they give none. What rounding makes of
-    /// times does not decide.
-    pub fn too_far_apart(&self, period_s: f64) -> Option<TooFarApart> {
-        (period_s > (1.0 - 1e-6) * self.max_gap_s).then(|| TooFarApart::new(period_s, self.max_gap_s))
-    }
-
-    /// Checks the lengths.
-    ///
-    /// # Errors
-    /// The first rule that is broken, in words.
-    pub fn validate(&self) -> Result<(), String> {
-        let positive = |name: &str, x: f64| match x > 0.0 && x.is_finite() {
-            true => Ok(()),
-            false => Err(format!("{name}: expected a time above 0 [s], got {x}")),
-        };
-        positive("window length", self.length_s)?;
-        positive("window stride", self.stride_s)?;
-        positive("longest gap", self.max_gap_s)?;
-        if self.length_s / self.stride_s > (MAX_OVERLAP - 1) as f64 {
-            return Err(format!(
-                "window stride: expected at least {:.4} s, a {}th of the window, got {} s",
-                self.length_s / (MAX_OVERLAP - 1) as f64,
-                MAX_OVERLAP - 1,
-                self.stride_s
-            ));
-        }
-        if !(0.0..=1.0).contains(&self.max_rest) {
-            return Err(format!("rest: expected a part from 0 to 1, got {}", self.max_rest));
-        }
-        Ok(())
-    }
-}
-
-/// Samples between which no window reaches, so that there are no rows; its words say what to do.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TooFarApart {
-    period_s: f64,
-    max_gap_s: f64,
-}
-
-impl TooFarApart {
-    /// Samples every `period_s` under windows that bridge `max_gap_s` \[s\].
-    pub fn new(period_s: f64, max_gap_s: f64) -> Self {
-        Self { period_s, max_gap_s }
-    }
-}
-
-/// Two periods are bridged by windows of ten, the shortest that hold a few samples on either side.
-impl fmt::Display for TooFarApart {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { period_s, max_gap_s } = self;
-        let (window_s, gap_s) = (10.0 * period_s, 2.0 * period_s);
-        write!(
-            f,
-            "samples come every {period_s:.3} s, rows bridge {max_gap_s:.3} s: \
-             expected window_s {window_s:.3}, max_gap_s {gap_s:.3}, or a faster rate"
-        )
-    }
-}
 
 /// Why a sample was not taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -151,7 +48,7 @@ impl fmt::Display for SampleFault {
 impl std::error::Error for SampleFault {}
 
 /// One row (1) of a joint.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy)]
 pub struct WeakRow<'a> {
     /// The joint.
     pub joint: usize,
@@ -161,6 +58,26 @@ pub struct WeakRow<'a> {
     pub regressor: &'a [f64],
     /// Mean torque \[N m or N\].
     pub torque: f64,
+    /// What errors of the positions make of it; `None` if velocities are measured.
+    pub errors: Option<RowErrors<'a>>,
+}
+
+/// Accelerations of windows, and what of them is errors of the positions.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Motion {
+    /// Sum of their squares \[(rad/s²)² or (m/s²)²\].
+    pub square: [f64; MAX_JOINTS],
+    /// Sum of the variances of their errors.
+    pub noise: [f64; MAX_JOINTS],
+}
+
+impl Motion {
+    /// Keeps this part of the sums.
+    pub fn fade(&mut self, kept: f64) {
+        for sum in self.square.iter_mut().chain(&mut self.noise) {
+            *sum *= kept;
+        }
+    }
 }
 
 /// Sums of one window.
@@ -173,6 +90,7 @@ struct Window {
     last_gap: f64,
     torque: [f64; MAX_JOINTS],
     rest: [f64; MAX_JOINTS],
+    acceleration: [f64; MAX_JOINTS],
 }
 
 /// Samples on their way to being rows: a fixed number of windows that overlap, filled sample by
@@ -186,6 +104,8 @@ pub struct WeakRows {
     rest_speed: [f64; MAX_JOINTS],
     engagement: [Engagement; MAX_JOINTS],
     largest: [Largest; MAX_JOINTS],
+    noise: Option<EncoderNoise>,
+    motion: Motion,
     regressors: EnergyRegressors,
     slopes: HeldSlopes,
     last: Option<RobotSample>,
@@ -226,6 +146,8 @@ impl WeakRows {
             rest_speed,
             engagement: [Engagement::default(); MAX_JOINTS],
             largest: [Largest::default(); MAX_JOINTS],
+            noise: None,
+            motion: Motion::default(),
             regressors: EnergyRegressors::new(joints),
             slopes: HeldSlopes::new(options.length_s / SLOPES_PER_WINDOW),
             last: None,
@@ -240,6 +162,31 @@ impl WeakRows {
         })
     }
 
+    /// The same of velocities that were formed from positions over this time to either side \[s\].
+    #[must_use]
+    pub fn with_formed_velocities(self, half_s: f64) -> Self {
+        Self {
+            noise: Some(EncoderNoise::new(half_s)),
+            ..self
+        }
+    }
+
+    /// Goes on with other windows, of as many strides; those that are open are dropped.
+    pub(super) fn set_windows(&mut self, options: WindowOptions) {
+        self.options = options;
+        self.slopes = HeldSlopes::new(options.length_s / SLOPES_PER_WINDOW);
+        self.active = 0;
+        self.motion = Motion::default();
+        if let Some(last) = &self.last {
+            self.next_center = last.t_s + 0.5 * options.length_s;
+        }
+    }
+
+    /// How joints were accelerated in the windows so far.
+    pub(super) fn motion(&mut self) -> &mut Motion {
+        &mut self.motion
+    }
+
     /// Forgets the samples so far: the next one begins a new recording.
     pub fn restart(&mut self) {
         self.last = None;
@@ -252,6 +199,7 @@ impl WeakRows {
     pub(super) fn reset(&mut self) {
         self.restart();
         self.largest = Default::default();
+        self.motion = Motion::default();
     }
 
     /// The limit that a joint's torque stops at while it moves, with the share of the samples that
@@ -303,6 +251,9 @@ impl WeakRows {
             self.next_center = sample.t_s + 0.5 * self.options.length_s;
         } else if let Some(last) = self.last {
             self.open_until(sample.t_s);
+            if let Some(noise) = &mut self.noise {
+                noise.take(&last, sample, n, self.options.length_s);
+            }
             let [before, now] = &self.differentiated;
             for ((step, before), now) in self.step.iter_mut().zip(before).zip(now) {
                 *step = now - before;
@@ -336,7 +287,7 @@ impl WeakRows {
     fn add(&mut self, slot: usize, last: &RobotSample, sample: &RobotSample, gap: f64) {
         let window = &mut self.windows[slot];
         let s = 2.0 * (sample.t_s - window.center) / self.options.length_s;
-        let psi = if s.abs() < 1.0 { (1.0 - s * s).powi(4) } else { 0.0 };
+        let psi = psi(s);
         let before = std::mem::replace(&mut window.last_psi, psi);
         let gap_before = std::mem::replace(&mut window.last_gap, gap);
         let mean = 0.5 * (before + psi); // (2)
@@ -344,6 +295,7 @@ impl WeakRows {
         window.weight += left + right;
         for i in 0..self.joints {
             window.torque[i] += left * last.tau[i] + right * sample.tau[i]; // (3)
+            window.acceleration[i] += mean * (sample.dq[i] - last.dq[i]); // (2)
             let resting = |x: &RobotSample| x.dq[i].abs() < self.rest_speed[i];
             window.rest[i] += if resting(last) { left } else { 0.0 } + if resting(sample) { right } else { 0.0 };
         }
@@ -367,6 +319,18 @@ impl WeakRows {
         }
         let sums = &mut self.sums[slot * self.entries..(slot + 1) * self.entries];
         sums.iter_mut().for_each(|x| *x /= window.weight);
+        let variances = match &mut self.noise {
+            Some(noise) => noise.variances(self.joints, self.options.length_s),
+            None => [0.0; MAX_JOINTS],
+        };
+        for (k, variance) in variances.iter().enumerate().take(self.joints) {
+            self.motion.square[k] += (window.acceleration[k] / window.weight).powi(2);
+            self.motion.noise[k] += variance;
+        }
+        let errors = self.noise.is_some().then_some(RowErrors {
+            regressors: &self.regressors,
+            variances: &variances,
+        });
         let mut at = 0;
         for joint in 0..self.joints {
             let len = model.columns(joint).len();
@@ -377,6 +341,7 @@ impl WeakRows {
                     t_s: window.center,
                     regressor: &sums[at..at + len],
                     torque: window.torque[joint] / window.weight,
+                    errors,
                 });
             }
             at += len;

@@ -7,6 +7,8 @@
 //! Σ (τ − x·θ)² = c − 2 b·θ + θᵀ A θ                                                            (1)
 //! ```
 
+use super::information::Information;
+
 /// A, b, c and the number of rows of one joint, over its own columns.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct JointSums {
@@ -15,8 +17,12 @@ pub(super) struct JointSums {
     pub gram: Vec<f64>,
     /// b.
     pub moment: Vec<f64>,
+    /// What errors of the positions take from b: (4) of `encoder_noise.rs`.
+    pub bias: Vec<f64>,
     /// c.
     pub square: f64,
+    /// What they add to c.
+    pub noise: f64,
     /// Σ τ.
     pub sum: f64,
     /// Number of rows.
@@ -31,7 +37,9 @@ impl JointSums {
             columns: columns.to_vec(),
             gram: vec![0.0; m * m],
             moment: vec![0.0; m],
+            bias: vec![0.0; m],
             square: 0.0,
+            noise: 0.0,
             sum: 0.0,
             rows: 0,
         }
@@ -46,7 +54,9 @@ impl JointSums {
     pub fn clear(&mut self) {
         self.gram.fill(0.0);
         self.moment.fill(0.0);
+        self.bias.fill(0.0);
         self.square = 0.0;
+        self.noise = 0.0;
         self.sum = 0.0;
         self.rows = 0;
     }
@@ -55,7 +65,9 @@ impl JointSums {
     pub fn copy_from(&mut self, other: &Self) {
         self.gram.copy_from_slice(&other.gram);
         self.moment.copy_from_slice(&other.moment);
+        self.bias.copy_from_slice(&other.bias);
         self.square = other.square;
+        self.noise = other.noise;
         self.sum = other.sum;
         self.rows = other.rows;
     }
@@ -75,6 +87,12 @@ impl JointSums {
         self.rows += 1;
     }
 
+    /// Adds the bias of the row that was added last: `add` adds it to what it is given and returns
+    /// the variance of the row's torque that goes with it.
+    pub fn add_bias(&mut self, add: &mut dyn FnMut(&mut [f64]) -> f64) {
+        self.noise += add(&mut self.bias);
+    }
+
     /// Completes A from its lower triangle.
     pub fn mirror(&mut self) {
         let m = self.moment.len();
@@ -89,7 +107,9 @@ impl JointSums {
     pub fn add(&mut self, other: &Self) {
         self.gram.iter_mut().zip(&other.gram).for_each(|(a, b)| *a += b);
         self.moment.iter_mut().zip(&other.moment).for_each(|(a, b)| *a += b);
+        self.bias.iter_mut().zip(&other.bias).for_each(|(a, b)| *a += b);
         self.square += other.square;
+        self.noise += other.noise;
         self.sum += other.sum;
         self.rows += other.rows;
     }
@@ -124,14 +144,16 @@ impl JointSums {
         }
     }
 
-    /// Adds weight · A and weight · b to an n × n information matrix and vector.
-    pub fn scatter(&self, weight: f64, n: usize, information: &mut [f64], vector: &mut [f64]) {
+    /// Adds weight · A, weight · b and the weighted bias to an n × n information and its vectors.
+    pub fn scatter(&self, weight: f64, into: &mut Information) {
+        let n = into.n;
         let m = self.moment.len();
         for (i, &a) in self.columns.iter().enumerate() {
             for (entry, &b) in self.gram[i * m..(i + 1) * m].iter().zip(&self.columns) {
-                information[a * n + b] += weight * entry;
+                into.matrix[a * n + b] += weight * entry;
             }
-            vector[a] += weight * self.moment[i];
+            into.vector[a] += weight * self.moment[i];
+            into.bias[a] += weight * self.bias[i];
         }
     }
 }

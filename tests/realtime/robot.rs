@@ -65,6 +65,7 @@ fn rt_a_robots_node_estimates_a_payload_without_allocation() {
     };
     let simulation = RobotSimOptions {
         payloads: vec![payload],
+        encoder_bits: 13,
         ..RobotSimOptions::new(&robot)
     };
     let samples: Vec<_> = RobotSimulator::new(&robot, simulation).unwrap().take(12_000).collect();
@@ -76,6 +77,9 @@ fn rt_a_robots_node_estimates_a_payload_without_allocation() {
             max_gap_s: 0.02,
             ..WindowOptions::default()
         },
+        // in the middle of the run windows become longer
+        lengthens: true,
+        formed_over_s: Some(0.02),
         payload: true,
         ..IdentifyOptions::default()
     };

@@ -214,6 +214,8 @@ impl RobotCase {
     pub fn identification(robot: &Robot) -> IdentifyOptions {
         IdentifyOptions {
             windows: WindowOptions::for_period(sample_period_s(robot)),
+            lengthens: true,
+            formed_over_s: Some(VELOCITY_S),
             payload: true,
             // The zeros of the simulated encoders are those of the URDF.
             zero_rad: 0.0,

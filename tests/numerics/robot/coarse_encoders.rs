@@ -66,3 +66,44 @@ fn prop_rows_that_any_parameters_fit_tell_nothing_of_the_noise() {
         assert_eq!(identifier.blocks(), 2);
     }
 }
+
+/// The error of a window's acceleration falls with the fifth power of its length, and goes with the
+/// square of a count: encoders of 17 bits have a 256th of that of 13 bits.
+#[test]
+fn prop_windows_become_longer_for_coarse_encoders_alone() {
+    let robot = robot(SIX_AXIS);
+    for (bits, seed) in [(17, 21), (13, 21), (13, 22)] {
+        let simulation = RobotSimOptions {
+            encoder_bits: bits,
+            ..simulation(true, seed)
+        };
+        let simulator = RobotSimulator::new(&robot, simulation).unwrap();
+        let model = RobotModel::new(robot.clone(), true, vec![JointFriction::default(); 6]).unwrap();
+        let log: Vec<RobotSample> = simulator
+            .take(20_000)
+            .enumerate()
+            .map(|(k, joints)| RobotSample {
+                t_s: 1e-3 * k as f64,
+                q: joints.q,
+                tau: joints.input,
+                ..RobotSample::default()
+            })
+            .collect();
+        let options = IdentifyOptions {
+            windows: WindowOptions::for_period(1e-3),
+            lengthens: true,
+            formed_over_s: Some(0.02),
+            payload: true,
+            ..IdentifyOptions::default()
+        };
+        let mut identifier = RobotIdentifier::new(model, options).unwrap();
+        for sample in with_velocities(&log, 0.02, 0.02) {
+            identifier.push(&sample).unwrap();
+        }
+        println!("{bits} bits, seed {seed}: {} s", identifier.window_s());
+        match bits {
+            17 => assert_eq!(identifier.window_s(), 0.1),
+            _ => assert!(identifier.window_s() > 0.13, "{}", identifier.window_s()),
+        }
+    }
+}

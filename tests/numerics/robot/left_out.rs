@@ -51,6 +51,8 @@ pub(super) fn run(terms: &[FrictionTerm], presliding: f64, simulation: RobotSimO
     let model = RobotModel::new(robot.clone(), true, vec![friction; 6]).unwrap();
     let options = IdentifyOptions {
         windows: WindowOptions::for_period(1e-3),
+        lengthens: true,
+        formed_over_s: Some(0.02),
         payload: true,
         ..IdentifyOptions::default()
     };

@@ -1,0 +1,54 @@
+//! Windows that become longer when errors of the positions ask for it.
+//!
+//! Least squares with errors in the regressors is off by about the share of the acceleration that
+//! is error. That share falls with the fifth power of the length T of a window:
+//!
+//! ```text
+//! share_k = Σ var(a_k)/Σ (a² − var(a_k)) over the windows,    T ← T (share/SHARE)^(1/5)            (1)
+//! ```
+//!
+//! Short windows are kept while errors of the positions hardly show in any joint's torque: they
+//! blur reversals least.
+
+use super::identify::RobotIdentifier;
+use super::windows::WindowOptions;
+
+/// Share of an acceleration that may be error; encoders of 17 bits have half of it.
+const SHARE: f64 = 0.002;
+/// Part of the variance of a joint's rows from which on errors of the positions show.
+const SHOWS: f64 = 0.01;
+/// Longest window \[s\].
+const LONGEST_S: f64 = 0.3;
+/// Least step in length: windows that are open are dropped at each.
+const STEP: f64 = 1.1;
+/// What the sums (1) keep from one block to the next.
+const KEPT: f64 = 0.9;
+
+impl RobotIdentifier {
+    /// (1) after a block.
+    pub(super) fn review_windows(&mut self) {
+        if !self.options.lengthens {
+            return;
+        }
+        let shows = self.block.iter().zip(&self.torque_std).any(|(sums, std)| {
+            let rows = sums.rows.max(1) as f64;
+            sums.noise > SHOWS * rows * std * std
+        });
+        let length_s = self.options.windows.length_s;
+        let joints = self.block.len();
+        let motion = self.rows.motion();
+        let share = |k: usize| motion.noise[k] / (motion.square[k] - motion.noise[k]).max(SHARE * motion.square[k]);
+        let largest = (0..joints).map(share).filter(|x| x.is_finite()).fold(0.0, f64::max);
+        let wanted = (length_s * (largest / SHARE).powf(0.2)).min(LONGEST_S); // (1)
+        if shows && wanted > STEP * length_s {
+            let windows = WindowOptions {
+                max_gap_s: self.options.windows.max_gap_s,
+                ..WindowOptions::of_length(wanted)
+            };
+            self.options.windows = windows;
+            self.rows.set_windows(windows);
+            self.recent_rows.set_windows(&windows);
+        }
+        self.rows.motion().fade(KEPT);
+    }
+}

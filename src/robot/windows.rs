@@ -1,0 +1,114 @@
+//! The windows of the weak form: their shape, and how long they are.
+
+use std::fmt;
+
+/// Most windows that overlap.
+const MAX_OVERLAP: usize = 32;
+
+/// ψ(s) = (1 − s²)⁴, 0 outside of (−1, 1).
+pub(super) fn psi(s: f64) -> f64 {
+    if s.abs() < 1.0 { (1.0 - s * s).powi(4) } else { 0.0 }
+}
+
+/// Windows of the weak form.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WindowOptions {
+    /// T: length of a window \[s\].
+    pub length_s: f64,
+    /// Time from one window to the next \[s\].
+    pub stride_s: f64,
+    /// Longest time between two samples that a window may span \[s\].
+    pub max_gap_s: f64,
+    /// A joint's row is left out if it rests for more than this part of the window's weight, 0
+    /// to 1.
+    pub max_rest: f64,
+}
+
+impl Default for WindowOptions {
+    /// 0.25 s every 0.05 s: right for logs around 100 Hz.
+    fn default() -> Self {
+        Self {
+            length_s: 0.25,
+            stride_s: 0.05,
+            max_gap_s: 0.05,
+            max_rest: 0.3,
+        }
+    }
+}
+
+impl WindowOptions {
+    /// For samples that are so far apart \[s\]: 25 of them to a window, of 0.1 to 0.25 s. A longer
+    /// window blurs reversals, a shorter one averages less noise.
+    pub fn for_period(period_s: f64) -> Self {
+        Self::of_length((25.0 * period_s).clamp(0.1, 0.25))
+    }
+
+    /// Windows of this length \[s\]; stride and gap are a fifth of it.
+    pub fn of_length(length_s: f64) -> Self {
+        Self {
+            length_s,
+            stride_s: length_s / 5.0,
+            max_gap_s: length_s / 5.0,
+            ..Self::default()
+        }
+    }
+
+    /// Why samples with this period \[s\] give no rows, if they give none. What rounding makes of
+    /// times does not decide.
+    pub fn too_far_apart(&self, period_s: f64) -> Option<TooFarApart> {
+        (period_s > (1.0 - 1e-6) * self.max_gap_s).then(|| TooFarApart::new(period_s, self.max_gap_s))
+    }
+
+    /// Checks the lengths.
+    ///
+    /// # Errors
+    /// The first rule that is broken, in words.
+    pub fn validate(&self) -> Result<(), String> {
+        let positive = |name: &str, x: f64| match x > 0.0 && x.is_finite() {
+            true => Ok(()),
+            false => Err(format!("{name}: expected a time above 0 [s], got {x}")),
+        };
+        positive("window length", self.length_s)?;
+        positive("window stride", self.stride_s)?;
+        positive("longest gap", self.max_gap_s)?;
+        if self.length_s / self.stride_s > (MAX_OVERLAP - 1) as f64 {
+            return Err(format!(
+                "window stride: expected at least {:.4} s, a {}th of the window, got {} s",
+                self.length_s / (MAX_OVERLAP - 1) as f64,
+                MAX_OVERLAP - 1,
+                self.stride_s
+            ));
+        }
+        if !(0.0..=1.0).contains(&self.max_rest) {
+            return Err(format!("rest: expected a part from 0 to 1, got {}", self.max_rest));
+        }
+        Ok(())
+    }
+}
+
+/// Samples between which no window reaches, so that there are no rows; its words say what to do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TooFarApart {
+    period_s: f64,
+    max_gap_s: f64,
+}
+
+impl TooFarApart {
+    /// Samples every `period_s` under windows that bridge `max_gap_s` \[s\].
+    pub fn new(period_s: f64, max_gap_s: f64) -> Self {
+        Self { period_s, max_gap_s }
+    }
+}
+
+/// Two periods are bridged by windows of ten, the shortest that hold a few samples on either side.
+impl fmt::Display for TooFarApart {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { period_s, max_gap_s } = self;
+        let (window_s, gap_s) = (10.0 * period_s, 2.0 * period_s);
+        write!(
+            f,
+            "samples come every {period_s:.3} s, rows bridge {max_gap_s:.3} s: \
+             expected window_s {window_s:.3}, max_gap_s {gap_s:.3}, or a faster rate"
+        )
+    }
+}

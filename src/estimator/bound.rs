@@ -18,7 +18,7 @@ pub trait CovarianceBound {
     /// G(x) for x in [0, 1].
     fn value(&self, x: f64) -> f64;
     /// Γ⁻¹ from Π⁻¹ (n × n, row-major, symmetric positive definite) in place, with ε the floor;
-    /// `work` has n² + n entries.
+    /// `work` has n² entries.
     ///
     /// False if Π⁻¹ is not positive definite enough for G, and nothing has been changed then.
     fn information(&self, n: usize, floor: f64, matrix: &mut [f64], factor: &mut Factor, work: &mut [f64]) -> bool;
@@ -55,7 +55,7 @@ impl CovarianceBound for Polynomial {
         if c == 0.0 {
             return true;
         }
-        let (inverse, column) = work.split_at_mut(n * n);
+        let inverse = &mut work[..n * n];
         inverse.copy_from_slice(&matrix[..n * n]);
         for i in 0..n {
             inverse[i * n + i] -= c;
@@ -63,7 +63,7 @@ impl CovarianceBound for Polynomial {
         if !factor.0.factor(n, inverse) {
             return false;
         }
-        factor.0.inverse(inverse, column);
+        factor.0.inverse(inverse);
         for (m, inv) in matrix.iter_mut().zip(inverse.iter()) {
             *m = lambda * (*m + c * c * inv); // (11) on the eigenvalues of Γ⁻¹
         }
@@ -147,7 +147,7 @@ mod tests {
         let floor = 0.01;
         let pi_inverse = [0.9, 0.2, -0.1, 0.2, 0.3, 0.05, -0.1, 0.05, 0.2];
         let mut closed = pi_inverse;
-        let mut work = vec![0.0; n * n + n];
+        let mut work = vec![0.0; n * n];
         assert!(g.information(n, floor, &mut closed, &mut Factor::new(n), &mut work));
         let mut eigen = Eigen::new(n);
         eigen.decompose(n, &pi_inverse);

@@ -505,7 +505,7 @@ impl Considered {
             return 0.0;
         }
         // (C⁻¹ + AᵀA)⁻¹ with C the correlations, A the images
-        self.factor.inverse(&mut self.matrix[..rows * rows], &mut self.columns);
+        self.factor.inverse(&mut self.matrix[..rows * rows]);
         for (row, s) in (0..count).filter(active).enumerate() {
             let own = &self.seen[s * n..s * n + rank];
             self.right[row] = size(s) * dot(own, values);

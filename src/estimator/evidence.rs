@@ -90,7 +90,7 @@ impl GroupState {
         if !self.cholesky.factor(count, &room.a[..count * count]) {
             return false;
         }
-        self.cholesky.inverse(&mut room.b[..count * count], &mut room.offset);
+        self.cholesky.inverse(&mut room.b[..count * count]);
         let free = |i: &usize| !self.fixed[*i];
         (0..n).filter(free).enumerate().any(|(k, i)| {
             let row = &room.b[k * count..(k + 1) * count];

@@ -146,7 +146,7 @@ impl Rule {
             lambda: options.forgetting_factor,
             floor: options.information_floor,
             factor: Factor::new(n),
-            work: vec![0.0; n * n + n],
+            work: vec![0.0; n * n],
             basis: vec![0.0; n * n],
         }
     }
@@ -183,7 +183,7 @@ impl Rule {
     // (I − Q) Lᵀ: a sum of two positive semidefinite matrices instead of a difference.
     fn forget_directions(&mut self, n: usize, excitation: &Excitation, prior: &mut [f64]) {
         let lambda = self.lambda;
-        let (lower, _) = self.work.split_at_mut(n * n);
+        let lower = &mut self.work[..n * n];
         if !plain_cholesky(n, prior, lower) {
             // cannot be: the information is kept positive definite; forgetting all of it is the
             // safe side
@@ -234,11 +234,11 @@ impl Rule {
             Bound::Polynomial => {
                 let g = Polynomial { forgetting_factor };
                 // (10) with (11)
-                g.information(n, self.floor, matrix, &mut self.factor, &mut self.work[..n * n + n])
+                g.information(n, self.floor, matrix, &mut self.factor, &mut self.work[..n * n])
             }
             Bound::Rational => {
                 let g = Rational { forgetting_factor };
-                g.information(n, self.floor, matrix, &mut self.factor, &mut self.work[..n * n + n])
+                g.information(n, self.floor, matrix, &mut self.factor, &mut self.work[..n * n])
             }
         }
     }

@@ -351,7 +351,7 @@ impl GroupState {
         room.gain.fill(0.0);
         // `repair` made the information positive definite, and so is every principal part of it
         if count > 0 && self.cholesky.factor(count, &room.a[..count * count]) {
-            self.cholesky.inverse(&mut room.b[..count * count], &mut room.offset);
+            self.cholesky.inverse(&mut room.b[..count * count]);
             scatter(n, &room.b, &self.fixed, &mut room.gain);
         }
     }

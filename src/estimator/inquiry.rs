@@ -307,8 +307,7 @@ impl Inquiry {
         if !self.factor.factor(count, &self.packed[..count * count]) {
             return None;
         }
-        self.factor
-            .inverse(&mut self.inverse[..count * count], &mut self.image[..count]);
+        self.factor.inverse(&mut self.inverse[..count * count]);
         gather(n, &self.information, fixed, &mut self.packed);
         for (a, v) in self.packed[..count * count].iter_mut().zip(&self.inverse) {
             *a += excess * v;

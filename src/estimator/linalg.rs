@@ -242,16 +242,29 @@ impl Cholesky {
         }
     }
 
-    /// out ← A⁻¹, symmetric by construction; `work` has n entries.
-    pub fn inverse(&self, out: &mut [f64], work: &mut [f64]) {
+    /// out ← A⁻¹ = D L⁻ᵀ L⁻¹ D, symmetric by construction. A third of what a solution for each
+    /// column of the unit matrix takes.
+    pub fn inverse(&self, out: &mut [f64]) {
         let n = self.n;
+        // L⁻¹, its columns as the rows of the upper triangle: L (L⁻¹)_j = e_j
         for j in 0..n {
-            work[..n].fill(0.0);
-            work[j] = 1.0;
-            self.solve(&mut work[..n]);
             for i in j..n {
-                out[i * n + j] = work[i];
-                out[j * n + i] = work[i];
+                let unit = if i == j { 1.0 } else { 0.0 };
+                let done = dot(&self.lower[i * n + j..i * n + i], &out[j * n + j..j * n + i]);
+                out[j * n + i] = (unit - done) / self.lower[i * n + i];
+            }
+        }
+        // products of its columns into the lower triangle; the diagonal's own comes last, since
+        // no later row needs what stood there
+        for i in 0..n {
+            for j in 0..=i {
+                let v = dot(&out[i * n + i..(i + 1) * n], &out[j * n + i..(j + 1) * n]);
+                out[i * n + j] = v * self.scale[i] * self.scale[j];
+            }
+        }
+        for i in 0..n {
+            for j in 0..i {
+                out[j * n + i] = out[i * n + j];
             }
         }
     }
@@ -321,6 +334,8 @@ impl Eigen {
                         w[p * n + k] = c * x - s * y;
                         w[q * n + k] = s * x + c * y;
                     }
+                    // 0 but for rounding, which would keep the sweeps from ending
+                    (w[p * n + q], w[q * n + p]) = (0.0, 0.0);
                     for k in 0..n {
                         let (x, y) = (v[k * n + p], v[k * n + q]);
                         v[k * n + p] = c * x - s * y;

@@ -120,7 +120,7 @@ impl LineFit {
                 return None;
             }
             if iteration == Self::ITERATIONS {
-                self.factor.inverse(&mut self.covariance, &mut self.delta);
+                self.factor.inverse(&mut self.covariance);
                 return Some(cost);
             }
             self.delta.copy_from_slice(&self.vector);

@@ -105,7 +105,6 @@ pub struct ScoreTest {
     factor: Cholesky,
     matrix: Vec<f64>,
     mean: Vec<f64>,
-    work: Vec<f64>,
 }
 
 impl ScoreTest {
@@ -127,7 +126,6 @@ impl ScoreTest {
             factor: Cholesky::new(room),
             matrix: vec![0.0; room * room],
             mean: vec![0.0; room],
-            work: vec![0.0; room],
         }
     }
 
@@ -283,7 +281,7 @@ impl ScoreTest {
                 break;
             }
             self.factor.solve(&mut self.mean[..count]);
-            self.factor.inverse(&mut self.matrix[..count * count], &mut self.work);
+            self.factor.inverse(&mut self.matrix[..count * count]);
             let mut explained = 0.0;
             for (row, s) in (0..room).filter(considered).enumerate() {
                 explained += self.mean[row] * self.std[s] * self.terms[s].score;

@@ -71,7 +71,6 @@ pub(super) struct Solver {
     b: Vec<f64>,
     columns: Vec<f64>,
     rows: Vec<f64>,
-    work: Vec<f64>,
     free: Vec<usize>,
 }
 
@@ -83,7 +82,6 @@ impl Solver {
             b: vec![0.0; n],
             columns: vec![0.0; n * n],
             rows: vec![0.0; n * n],
-            work: vec![0.0; n],
             free: Vec::with_capacity(n),
         }
     }
@@ -137,7 +135,7 @@ impl Solver {
         if m == 0 || !self.factor.factor(m, &self.a[..m * m]) {
             return false;
         }
-        self.factor.inverse(&mut self.columns[..m * m], &mut self.work);
+        self.factor.inverse(&mut self.columns[..m * m]);
         let is_sound = |variance: f64| variance > 0.0 && variance.is_finite();
         if !(0..m).all(|r| is_sound(self.columns[r * m + r])) {
             return false;

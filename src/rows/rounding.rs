@@ -21,8 +21,9 @@ pub(super) const BEAT: f64 = 0.2;
 /// slower beat the rounding hardly changes within a window, and an offset is no noise.
 const LIMIT: f64 = 30.0;
 const SHORT: f64 = 50.0;
-/// Largest n: the fourth sawtooth raises the variance by a factor of two once in a while.
-const FRACTIONS: usize = 3;
+/// √n up to the largest n: the fourth sawtooth raises the variance by a factor of two once in a
+/// while.
+const ROOTS: [f64; 3] = [1.0, std::f64::consts::SQRT_2, 1.732_050_807_568_877_2];
 
 /// Most that the variance is raised by in windows of `half` samples to either side. The step from
 /// one count to the next is the larger beside white noise the longer a window is; at 1 kHz a
@@ -35,16 +36,14 @@ pub(super) fn limit(half: usize) -> f64 {
 /// \[counts per sample²\], from 1 to `limit`.
 #[inline]
 pub(super) fn inflation(velocity: f64, acceleration: f64, limit: f64) -> f64 {
-    (1..=FRACTIONS)
-        .map(|n| {
-            let n = n as f64;
-            let cycles = n * velocity;
-            let beat = (cycles - nearest_integer(cycles))
-                .abs()
-                .max(0.5 * (n * acceleration.abs()).sqrt());
-            (BEAT / beat).min(limit) / (n * n)
-        })
-        .fold(1.0, f64::max)
+    // the largest of (BEAT/beat)/n², within 1 and `limit`/n²: one division and one root for all n
+    let (shortest, slowest) = (0.5 * acceleration.abs().sqrt(), BEAT / limit);
+    let beats = ROOTS.iter().zip(1..).map(|(root, n)| {
+        let cycles = f64::from(n) * velocity;
+        let beat = (cycles - nearest_integer(cycles)).abs();
+        f64::from(n * n) * beat.max(root * shortest).max(slowest)
+    });
+    BEAT / beats.fold(BEAT, f64::min)
 }
 
 /// The nearest integer, ties to even, without a call of the maths library: beyond 2^52 a number has

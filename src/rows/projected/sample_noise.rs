@@ -19,6 +19,9 @@ use std::ops::Range;
 
 /// Share of the input's size that counts as noise of signals that are exact.
 pub(super) const EXACT: f64 = 1e-7;
+/// Stands for the standard deviation of a position that is exact, so that others may be divided by
+/// it; its square adds nothing to R.
+const EXACT_STD: f64 = 1e-150;
 /// Standard deviations beyond which an acceleration is more than noise.
 const SURE: f64 = 3.0;
 
@@ -92,45 +95,23 @@ impl SampleNoise {
     /// Standard deviation of every position of a joint.
     fn weigh_positions<P: Plant>(&mut self, joint: usize, form: &WeakForm<P>, samples: &Samples) {
         let resolution = self.sensors.position_resolution[joint];
-        let (white, rounding) = (
-            self.sensors.position_noise[joint].powi(2),
-            resolution * resolution / 12.0,
-        );
-        let (q, dq) = (&samples.signals.q[joint], &samples.signals.dq[joint]);
+        let white = self.sensors.position_noise[joint].powi(2);
         let std = &mut self.q_std[joint];
-        let per_sample = form.options.sample_period_s / resolution;
-        let limit = rounding::limit(form.kernels.half);
-        // windows lie before a hole as well as behind it
-        for stretch in samples.repair.stretches(samples.len) {
-            let around = |at: usize, reach: usize, within: &Range<usize>| {
-                let clamp = |k: usize| k.clamp(within.start, within.end - 1);
-                let (before, after) = (clamp(at.saturating_sub(reach)), clamp(at + reach));
-                (before, after, (after - before).max(1) as f64)
+        if resolution > 0.0 {
+            let counts = Counts {
+                resolution,
+                white,
+                period_s: form.options.sample_period_s,
+                velocity_half: form.velocity.half,
+                velocity_gain: form.velocity.gain,
+                window_half: form.kernels.half,
             };
-            // where the velocity filter has all its samples
-            let half = form.velocity.half;
-            let filtered = stretch.start + half..stretch.end.saturating_sub(half);
-            for at in stretch.clone() {
-                // a joint that is not quantised has no counts
-                let inflation = if resolution > 0.0 {
-                    let fast = (!filtered.is_empty()).then(|| {
-                        let (before, after, span) = around(at, half, &filtered);
-                        let acceleration = (dq[after] - dq[before]) * per_sample / span;
-                        // of the difference of two filtered velocities, in counts
-                        let noise = form.velocity.gain / (6f64.sqrt() * span);
-                        let velocity = dq[at.clamp(filtered.start, filtered.end - 1)] * per_sample;
-                        (acceleration.abs() > SURE * noise).then(|| rounding::inflation(velocity, acceleration, limit))
-                    });
-                    // otherwise slow enough to be measured over a window's length
-                    fast.flatten().unwrap_or_else(|| {
-                        let (before, after, span) = around(at, form.kernels.half, &stretch);
-                        rounding::inflation((q[after] - q[before]) / resolution / span, 0.0, limit)
-                    })
-                } else {
-                    1.0
-                };
-                std[at] = (white + rounding * inflation).sqrt();
+            // windows lie before a hole as well as behind it
+            for stretch in samples.repair.stretches(samples.len) {
+                counts.weigh(&samples.signals.q[joint], &samples.signals.dq[joint], stretch, std);
             }
+        } else {
+            std[..samples.len].fill(white.sqrt());
         }
         if samples.repair.touched() {
             for (at, deviation) in std[..samples.len].iter_mut().enumerate() {
@@ -138,6 +119,7 @@ impl SampleNoise {
                 *deviation = samples.repair.variance(Kind::Position, joint, at, own).sqrt();
             }
         }
+        std[..samples.len].iter_mut().for_each(|std| *std = std.max(EXACT_STD));
     }
 
     /// Standard deviation of a joint's input.
@@ -154,5 +136,85 @@ impl SampleNoise {
     /// Begins a new stream.
     pub fn reset(&mut self) {
         self.learnt.iter_mut().flatten().for_each(SignalNoise::reset);
+    }
+}
+
+/// A joint whose positions are rounded to counts.
+struct Counts {
+    resolution: f64,
+    /// Variance of the noise beside the rounding.
+    white: f64,
+    period_s: f64,
+    /// Samples on either side of the velocity filter, and its deviation for white noise of 1.
+    velocity_half: usize,
+    velocity_gain: f64,
+    /// Samples on either side of a window's centre.
+    window_half: usize,
+}
+
+impl Counts {
+    /// Standard deviations of the positions of a stretch without holes.
+    fn weigh(&self, q: &[f64], dq: &[f64], stretch: Range<usize>, std: &mut [f64]) {
+        // away from the ends everything has its neighbours, and the loop no branches
+        let margin = self.window_half.max(2 * self.velocity_half);
+        let (first, end) = (stretch.start + margin, stretch.end.saturating_sub(margin));
+        if first >= end {
+            for at in stretch.clone() {
+                std[at] = self.deviation_near_end(q, dq, &stretch, at);
+            }
+            return;
+        }
+        let (velocity_span, span) = ((2 * self.velocity_half) as f64, (2 * self.window_half) as f64);
+        let dq_before = &dq[first - self.velocity_half..];
+        let dq_behind = &dq[first + self.velocity_half..];
+        let q_before = &q[first - self.window_half..];
+        let q_behind = &q[first + self.window_half..];
+        let velocities = dq[first..end].iter().zip(dq_before).zip(dq_behind);
+        let positions = q_before.iter().zip(q_behind);
+        for (std, (((dq, dq_before), dq_behind), (q_before, q_behind))) in
+            std[first..end].iter_mut().zip(velocities.zip(positions))
+        {
+            let fast = (*dq, dq_behind - dq_before, velocity_span);
+            *std = self.deviation(fast, (q_behind - q_before, span));
+        }
+        for at in (stretch.start..first).chain(end..stretch.end) {
+            std[at] = self.deviation_near_end(q, dq, &stretch, at);
+        }
+    }
+
+    /// That of a sample near an end of a stretch, with the neighbours that there are.
+    fn deviation_near_end(&self, q: &[f64], dq: &[f64], stretch: &Range<usize>, at: usize) -> f64 {
+        let around = |reach: usize, within: &Range<usize>| {
+            let clamp = |k: usize| k.clamp(within.start, within.end - 1);
+            let (before, behind) = (clamp(at.saturating_sub(reach)), clamp(at + reach));
+            (before, behind, (behind - before).max(1) as f64)
+        };
+        let (before, behind, span) = around(self.window_half, stretch);
+        let slow = (q[behind] - q[before], span);
+        // where the velocity filter has all its samples
+        let filtered = stretch.start + self.velocity_half..stretch.end.saturating_sub(self.velocity_half);
+        if filtered.is_empty() {
+            return self.deviation((0.0, 0.0, 1.0), slow);
+        }
+        let (before, behind, span) = around(self.velocity_half, &filtered);
+        let velocity = dq[at.clamp(filtered.start, filtered.end - 1)];
+        self.deviation((velocity, dq[behind] - dq[before], span), slow)
+    }
+
+    /// √(σ² + LSB²/12 · v) of a sample with a velocity and its change over so many samples, if
+    /// that is more than noise. Otherwise it is slow enough to be measured by the change of the
+    /// position over so many samples.
+    #[inline(always)]
+    fn deviation(&self, (dq, change, span): (f64, f64, f64), (moved, samples): (f64, f64)) -> f64 {
+        let per_sample = self.period_s / self.resolution;
+        let acceleration = change * (per_sample / span);
+        // of the difference of two filtered velocities, in counts
+        let noise = self.velocity_gain / (6f64.sqrt() * span);
+        let (velocity, acceleration) = match acceleration.abs() > SURE * noise {
+            true => (dq * per_sample, acceleration),
+            false => (moved * (1.0 / (self.resolution * samples)), 0.0),
+        };
+        let inflation = rounding::inflation(velocity, acceleration, rounding::limit(self.window_half));
+        (self.white + self.resolution * self.resolution / 12.0 * inflation).sqrt()
     }
 }

@@ -29,6 +29,7 @@ mod suspect;
 mod suspect_columns;
 mod theta_polynomial;
 mod trajectory;
+mod turned;
 mod whitening;
 
 pub use advice::{FEWEST_WINDOW_SAMPLES, WindowAdvice, window_advice, window_advice_at};

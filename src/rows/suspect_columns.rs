@@ -102,6 +102,7 @@ impl SuspectColumns {
         considered: Considered,
         velocity_weights: &[f64],
         moves: impl Fn(usize, usize) -> bool,
+        depends_on_place: impl Fn(usize, usize) -> bool,
         rows: usize,
         capacity: usize,
     ) -> Self {
@@ -114,6 +115,8 @@ impl SuspectColumns {
             .map(|e| has_term(plant, e, |q| q[inputs[e]]))
             .collect();
         let turns = considered.eccentricity_rad.is_some();
+        // one encoder per joint, whatever its number of equations
+        let first_of = |of: usize| !inputs[..of].contains(&inputs[of]);
         let touches = |e: usize, suspect: usize| {
             if suspect == 0 {
                 return plant.input_delay().is_none();
@@ -123,8 +126,9 @@ impl SuspectColumns {
                 OFFSET => of == e && !constant[e],
                 SPRING => of == e && jumps[e] && !springs[e],
                 SLOW_FRICTION | DEAD_BAND => of == e && jumps[e],
-                // one encoder per joint, whatever its number of equations
-                SINE | COSINE | ZERO => turns && moves(e, inputs[of]) && !inputs[..of].contains(&inputs[of]),
+                SINE | COSINE => turns && moves(e, inputs[of]) && first_of(of),
+                // without it the column is rounding, which would count as evidence
+                ZERO => turns && depends_on_place(e, inputs[of]) && first_of(of),
                 _ => of == e,
             }
         };
@@ -475,6 +479,21 @@ fn has_term(plant: &impl Plant, equation: usize, shape: impl Fn(&[f64]) -> f64) 
 mod tests {
     use super::*;
     use crate::model::{DriveInput, Manipulator, Motion, ServoAxis};
+
+    #[test]
+    fn prop_a_zero_that_nothing_depends_on_has_no_column() {
+        let considered = Considered {
+            eccentricity_rad: Some(0.0),
+            ..Considered::default()
+        };
+        // the arm's first joint turns about the vertical: gravity does not tell where it is
+        let place = |_: usize, joint: usize| joint == 1;
+        let suspects = SuspectColumns::new(&Manipulator::default(), considered, &[1.0], |_, _| true, place, 3, 3);
+        for equation in 0..2 {
+            let column = |of: usize| &suspects.columns[equation][1 + PER_EQUATION * of + ZERO];
+            assert!(column(0).is_empty() && !column(1).is_empty());
+        }
+    }
 
     /// Columns would otherwise count what the model has as an error of it.
     #[test]

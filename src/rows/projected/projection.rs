@@ -36,6 +36,7 @@ impl<P: Plant> Projection<P> {
                 form.options.considered,
                 &form.velocity.weights,
                 |equation, joint| form.moves(equation, joint),
+                |equation, joint| form.depends_on_place(equation, joint),
                 rows,
                 capacity,
             ),

@@ -86,6 +86,12 @@ impl<P: Plant> WeakForm<P> {
         nonlinear.kinds.iter().any(|kind| kind.joint == joint) || linear.map(|term| term.joint).any(|own| own == joint)
     }
 
+    /// True if it matters to an equation where a joint is, and not only how it moves.
+    pub fn depends_on_place(&self, equation: usize, joint: usize) -> bool {
+        let kinds = &self.separation.sensitivities[equation].kinds;
+        kinds.iter().any(|kind| kind.joint == joint && !kind.velocity)
+    }
+
     /// Velocities and features of samples whose neighbours are known.
     pub fn differentiate(&self, signals: &mut Trajectory, samples: Range<usize>) {
         let Trajectory { q, dq, features, .. } = signals;

@@ -7,7 +7,7 @@
 //! with K_d the kernels of the window (`kernel.rs`) and s the velocity filter. Terms that are
 //! linear in the velocity have been integrated by parts and depend on the position alone.
 
-use super::kernel::{Kernels, correlate};
+use super::kernel::{Kernels, correlate_odd};
 use super::partials::Kind;
 use super::passes::Terms;
 use super::separation::Sensitivity;
@@ -16,7 +16,7 @@ use super::theta_polynomial::{MAX_ORDER, Polynomial};
 /// What the weights of one equation are made of.
 pub(super) struct ErrorWeights<'a> {
     pub kernels: &'a Kernels,
-    /// Weights of the velocity filter in the reverse order: those of the transposed filter.
+    /// First half of the weights of the transposed velocity filter.
     pub transposed: &'a [f64],
     pub polynomial: Option<&'a Polynomial>,
     pub sensitivity: &'a Sensitivity,
@@ -46,7 +46,7 @@ pub(super) fn nonlinear(mut slopes: Terms, linear: &Terms) -> Terms {
 impl ErrorWeights<'_> {
     /// Positions per joint that a row depends on.
     pub fn support(&self) -> usize {
-        2 * (self.kernels.half + self.transposed.len() / 2) + 1
+        2 * (self.kernels.half + self.transposed.len()) + 1
     }
 
     /// Room that [`write`](Self::write) needs: a window between two filters.
@@ -54,47 +54,52 @@ impl ErrorWeights<'_> {
         2 * kernels.half + 1 + 4 * velocity_half
     }
 
-    /// Writes c, joint after joint. `slopes(kind, d)` are [the nonlinear ones](nonlinear) at the
-    /// samples of the window, `scratch` has [room](Self::room).
+    /// Writes the part of c that is the same in each row, joint after joint: that of the terms that
+    /// are linear in the velocity.
+    pub fn write_linear(&self, theta: &[f64], c: &mut [f64]) {
+        let (support, velocity_half) = (self.support(), self.transposed.len());
+        c.fill(0.0);
+        let Some(polynomial) = self.polynomial else { return };
+        for term in &polynomial.velocity {
+            let factor = polynomial.monomials[term.monomial].value(theta) * term.coefficient;
+            let own = &mut c[term.joint * support + velocity_half..];
+            for (c, weight) in own.iter_mut().zip(&self.kernels.position[term.derivative + 1]) {
+                *c += factor * weight;
+            }
+        }
+    }
+
+    /// Writes c, joint after joint; `linear` is [the part](Self::write_linear) that is the same in
+    /// each row. `slopes(kind, d)` are [the nonlinear ones](nonlinear) at the samples of the
+    /// window, `scratch` has [room](Self::room), zeros on either side of the window.
     pub fn write<'s>(
         &self,
-        theta: &[f64],
+        linear: &[f64],
         slopes: impl Fn(Kind, usize) -> &'s [f64],
         scratch: &mut [f64],
         c: &mut [f64],
     ) {
         let (kernels, support) = (self.kernels, self.support());
-        let velocity_half = self.transposed.len() / 2;
-        let window = 2 * velocity_half..2 * velocity_half + 2 * kernels.half + 1;
-        c.fill(0.0);
-        scratch.fill(0.0);
-        if let Some(polynomial) = self.polynomial {
-            for term in &polynomial.velocity {
-                let factor = polynomial.monomials[term.monomial].value(theta) * term.coefficient;
-                let own = &mut c[term.joint * support + velocity_half..];
-                for (c, weight) in own.iter_mut().zip(&kernels.position[term.derivative + 1]) {
-                    *c += factor * weight;
-                }
-            }
-        }
+        let velocity_half = self.transposed.len();
+        c.copy_from_slice(linear);
         for (&kind, derivatives) in self.sensitivity.kinds.iter().zip(&self.sensitivity.derivatives) {
-            // Σ_d K_d ∂g_d/∂x
-            let within = &mut scratch[window.clone()];
-            within.fill(0.0);
-            for d in derivatives.clone() {
-                let slopes = slopes(kind, d).iter().zip(&kernels.position[d]);
-                for (sum, (slope, weight)) in within.iter_mut().zip(slopes) {
-                    *sum += weight * slope;
-                }
-            }
             let own = &mut c[kind.joint * support..(kind.joint + 1) * support];
+            // Σ_d K_d ∂g_d/∂x
+            let add = |sums: &mut [f64]| {
+                for d in derivatives.clone() {
+                    let slopes = slopes(kind, d).iter().zip(&kernels.position[d]);
+                    for (sum, (slope, weight)) in sums.iter_mut().zip(slopes) {
+                        *sum += weight * slope;
+                    }
+                }
+            };
             if kind.velocity {
-                correlate(self.transposed, scratch, own);
+                let within = &mut scratch[2 * velocity_half..2 * velocity_half + 2 * kernels.half + 1];
+                within.fill(0.0);
+                add(within);
+                correlate_odd(self.transposed, scratch, own);
             } else {
-                own[velocity_half..]
-                    .iter_mut()
-                    .zip(within)
-                    .for_each(|(c, sum)| *c += *sum);
+                add(&mut own[velocity_half..]);
             }
         }
     }

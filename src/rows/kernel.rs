@@ -220,35 +220,65 @@ pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
     let n = x.len().min(y.len());
     let (x, y) = (&x[..n], &y[..n]);
     let mut sums = [0.0; 8];
-    let (xs, ys) = (x.chunks_exact(8), y.chunks_exact(8));
-    let rest: f64 = xs.remainder().iter().zip(ys.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in xs.zip(ys) {
-        for lane in 0..8 {
-            sums[lane] += a[lane] * b[lane];
-        }
+    let ((xs, x), (ys, y)) = (x.as_chunks::<8>(), y.as_chunks::<8>());
+    for (a, b) in xs.iter().zip(ys) {
+        add(&mut sums, 0, a, b);
     }
-    ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7])) + rest
+    // up to seven are left: four, two and one, so that these are vector operations, too
+    let (x, y) = add_first::<4>(&mut sums, 0, x, y);
+    let (x, y) = add_first::<2>(&mut sums, 4, x, y);
+    add_first::<1>(&mut sums, 6, x, y);
+    ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]))
 }
 
-/// y_n += Σ_i w_i x_{n+i}, summed in the order of i; x is as long as that needs, w at least 1.
+/// Adds N products to the sums from `lane` on.
+#[inline(always)]
+fn add<const N: usize>(sums: &mut [f64; 8], lane: usize, x: &[f64; N], y: &[f64; N]) {
+    for at in 0..N {
+        sums[lane + at] += x[at] * y[at];
+    }
+}
+
+/// Adds the first N products, if there are so many, and returns the rest.
+#[inline(always)]
+fn add_first<'a, const N: usize>(
+    sums: &mut [f64; 8],
+    lane: usize,
+    x: &'a [f64],
+    y: &'a [f64],
+) -> (&'a [f64], &'a [f64]) {
+    match (x.split_first_chunk::<N>(), y.split_first_chunk::<N>()) {
+        (Some((a, x)), Some((b, y))) => {
+            add(sums, lane, a, b);
+            (x, y)
+        }
+        _ => (x, y),
+    }
+}
+
+/// y_n += Σ_i w_i x_{n+i} for weights that are odd about their middle: `w` is their first half, the
+/// middle one is 0, the others are −w in the reverse order. Summed in the order of i; x is as long
+/// as that needs.
 #[inline]
-pub(super) fn correlate(w: &[f64], x: &[f64], y: &mut [f64]) {
+pub(super) fn correlate_odd(w: &[f64], x: &[f64], y: &mut [f64]) {
     const LANES: usize = 8;
-    let mut ys = y.chunks_exact_mut(LANES);
-    let mut first = 0;
-    for y in ys.by_ref() {
-        let mut sums = [0.0; LANES];
-        sums.copy_from_slice(y);
-        for (w, x) in w.iter().zip(x[first..].windows(LANES)) {
+    let width = 2 * w.len();
+    let (ys, rest) = y.as_chunks_mut::<LANES>();
+    let tail = LANES * ys.len();
+    for (y, x) in ys.iter_mut().zip(x.windows(width + LANES).step_by(LANES)) {
+        let mut sums = *y;
+        for (w, (left, right)) in w.iter().zip(x.windows(LANES).zip(x.windows(LANES).rev())) {
             for lane in 0..LANES {
-                sums[lane] += w * x[lane];
+                sums[lane] += w * (left[lane] - right[lane]);
             }
         }
-        y.copy_from_slice(&sums);
-        first += LANES;
+        *y = sums;
     }
-    for (y, x) in ys.into_remainder().iter_mut().zip(x[first..].windows(w.len())) {
-        *y = w.iter().zip(x).fold(*y, |sum, (w, x)| sum + w * x);
+    for (y, x) in rest.iter_mut().zip(x[tail..].windows(width + 1)) {
+        *y = w
+            .iter()
+            .zip(x.iter().zip(x.iter().rev()))
+            .fold(*y, |sum, (w, (left, right))| sum + w * (left - right));
     }
 }
 
@@ -258,13 +288,14 @@ mod tests {
 
     #[test]
     fn val_a_correlation_is_the_sum_that_it_stands_for() {
-        let w = [0.3, -1.2, 0.7];
+        let w = [0.3, -1.2];
         for len in [1usize, 7, 8, 9, 21] {
-            let x: Vec<f64> = (0..len + 2).map(|k| (k as f64).sin()).collect();
+            let x: Vec<f64> = (0..len + 4).map(|k| (k as f64).sin()).collect();
             let mut y: Vec<f64> = (0..len).map(|k| k as f64).collect();
-            correlate(&w, &x, &mut y);
+            correlate_odd(&w, &x, &mut y);
             for (n, y) in y.iter().enumerate() {
-                assert_eq!(*y, ((n as f64 + w[0] * x[n]) + w[1] * x[n + 1]) + w[2] * x[n + 2]);
+                let (outer, inner) = (x[n] - x[n + 4], x[n + 1] - x[n + 3]);
+                assert_eq!(*y, (n as f64 + w[0] * outer) + w[1] * inner);
             }
         }
     }

@@ -36,7 +36,7 @@
 use super::kernel::{Kernels, dot};
 use super::suspect::{Considered, Suspect, SuspectKind};
 use super::trajectory::Trajectory;
-use super::turned::Turned;
+use super::turned::{Turned, along};
 use super::whitening::{Direction, Whitening};
 use crate::estimator::ERRORS_PER_EQUATION;
 use crate::model::{MAX_JOINTS, Plant};
@@ -89,8 +89,9 @@ pub(super) struct SuspectColumns {
     frictions: Vec<[Vec<f64>; 2]>,
     /// sat(u/u₀) and q per equation and sample; empty if no column needs them.
     drives: Vec<[Vec<f64>; 2]>,
-    /// sin q and cos q per joint and sample; empty if no column needs them.
-    turns: Vec<[Vec<f64>; 2]>,
+    /// sin q/σ, cos q/σ and 1/σ per joint and sample, σ the standard deviation of the position;
+    /// empty if no column needs them.
+    turns: Vec<[Vec<f64>; 3]>,
     /// Root of the sum of squares of the velocity filter's weights.
     velocity_gain: f64,
 }
@@ -155,7 +156,7 @@ impl SuspectColumns {
             turns: (0..joints)
                 .map(|j| {
                     let turns = turns && inputs.contains(&j);
-                    [room(turns), room(turns)]
+                    [room(turns), room(turns), room(turns)]
                 })
                 .collect(),
             velocity_gain: dot(velocity_weights, velocity_weights).sqrt(),
@@ -283,10 +284,13 @@ impl SuspectColumns {
             let size = root_mean_square(&signals.u[joint][..len]);
             self.sizes[joint] = self.sizes[joint].max(size);
             self.travels[joint] = self.travels[joint].max(standard_deviation(&signals.q[joint][..len]));
-            let [sines, cosines] = &mut self.turns[joint];
+            let [sines, cosines, units] = &mut self.turns[joint];
             let mut turned = Turned::default();
-            for ((sine, cosine), q) in sines.iter_mut().zip(cosines).zip(&signals.q[joint][..len]) {
-                (*sine, *cosine) = turned.to(*q);
+            let positions = signals.q[joint][..len].iter().zip(&q_std[joint]);
+            for (((sine, cosine), unit), (q, std)) in sines.iter_mut().zip(cosines).zip(units).zip(positions) {
+                *unit = 1.0 / std;
+                let (sin, cos) = turned.to(*q);
+                (*sine, *cosine) = (sin * *unit, cos * *unit);
             }
         }
         for (e, &joint) in self.inputs.iter().enumerate() {
@@ -304,15 +308,19 @@ impl SuspectColumns {
             if *speed == 0.0 && root_mean_square(dq) > MOVING * noise {
                 *speed = root_mean_square(dq);
             }
+            let standing = STANDING * self.velocity_gain;
             for (friction, share) in self.frictions[e].iter_mut().zip(STRIBECK_SPEEDS) {
                 for (friction, (dq, q_std)) in friction.iter_mut().zip(dq.iter().zip(q_std)) {
-                    let standing = STANDING * self.velocity_gain * q_std;
-                    let sign = (dq / standing.max(f64::MIN_POSITIVE)).clamp(-1.0, 1.0);
-                    *friction = match self.jumps[e] {
-                        false => sign,
-                        true if *speed == 0.0 => 0.0,
-                        true => sign * (-(dq / (share * *speed)).powi(2)).exp(),
-                    };
+                    *friction = (dq / (standing * q_std)).clamp(-1.0, 1.0);
+                }
+                match self.jumps[e] {
+                    false => {}
+                    true if *speed == 0.0 => friction.fill(0.0),
+                    true => {
+                        for (friction, dq) in friction.iter_mut().zip(dq) {
+                            *friction *= (-(dq / (share * *speed)).powi(2)).exp();
+                        }
+                    }
                 }
             }
         }
@@ -347,19 +355,18 @@ impl SuspectColumns {
         }
     }
 
-    /// What eccentricities and zeros do to a row: `c` holds −∂f/∂q of `support` positions per joint
-    /// from buffer position `first` on.
-    pub fn turn(&mut self, e: usize, row: usize, c: &[f64], support: usize, first: usize) {
-        for of in 0..self.inputs.len() {
-            let joint = self.inputs[of];
-            let own = &c[joint * support..(joint + 1) * support];
+    /// What eccentricities and zeros do to a row: `c(joint)` holds −∂f/∂q times the standard
+    /// deviations of some positions, and the buffer position of the first.
+    pub fn turn<'a>(&mut self, e: usize, row: usize, c: impl Fn(usize) -> (&'a [f64], usize)) {
+        for (of, &joint) in self.inputs.iter().enumerate() {
+            let (c, first) = c(joint);
             let turns = self.turns[joint]
                 .each_ref()
-                .map(|turn| turn.get(first..first + support));
-            let [Some(sines), Some(cosines)] = turns else {
+                .map(|turn| turn.get(first..first + c.len()));
+            let [Some(sines), Some(cosines), Some(units)] = turns else {
                 continue;
             };
-            let sums = along(own, sines, cosines);
+            let sums = along(c, [sines, cosines, units]);
             let columns = &mut self.columns[e][1 + PER_EQUATION * of..];
             for (at, sum) in [SINE, COSINE, ZERO].into_iter().zip(sums) {
                 if let Some(entry) = columns[at].get_mut(row) {
@@ -378,28 +385,6 @@ impl SuspectColumns {
             }
         }
     }
-}
-
-/// Σ c sin q, Σ c cos q and Σ c in one pass.
-fn along(c: &[f64], sines: &[f64], cosines: &[f64]) -> [f64; 3] {
-    const LANES: usize = 4;
-    let mut sums = [[0.0; LANES]; 3];
-    let mut add = |lane: usize, c: f64, sine: f64, cosine: f64| {
-        sums[0][lane] += c * sine;
-        sums[1][lane] += c * cosine;
-        sums[2][lane] += c;
-    };
-    let chunks = c
-        .chunks_exact(LANES)
-        .zip(sines.chunks_exact(LANES))
-        .zip(cosines.chunks_exact(LANES));
-    for ((c, sines), cosines) in chunks {
-        (0..LANES).for_each(|lane| add(lane, c[lane], sines[lane], cosines[lane]));
-    }
-    for k in c.len() - c.len() % LANES..c.len() {
-        add(0, c[k], sines[k], cosines[k]);
-    }
-    sums.map(|lanes| lanes.iter().sum())
 }
 
 /// Parameters none of which is 0.

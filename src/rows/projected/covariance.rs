@@ -19,10 +19,8 @@ use crate::rows::partials::{Kind, LANES, Partials};
 use crate::rows::rounding;
 use crate::rows::theta_polynomial::MAX_ORDER;
 use crate::rows::whitening::Whitening;
+use std::ops::Range;
 
-/// Stands for the standard deviation of a position that is exact, so that its c can be had back;
-/// its square adds nothing to R.
-const EXACT_STD: f64 = 1e-150;
 /// Evaluations of the slopes on either side of a window's centre.
 const SLOPES_PER_HALF: usize = 16;
 
@@ -38,10 +36,12 @@ pub(super) struct RowCovariance {
     rounding: Vec<Vec<f64>>,
     /// Σ_k w_i(k) w_j(k) for windows a number of strides apart.
     input_overlap: Vec<f64>,
-    /// Positions of each joint that a row depends on.
+    /// Positions of each joint that a row has room for.
     support: usize,
-    /// Scratch: c of one row, and what it is made of.
-    unscaled: Vec<f64>,
+    /// Those of them that it depends on \[equation\]\[joint\].
+    spans: Vec<Vec<Range<usize>>>,
+    /// Scratch: c of the terms that are the same in each row, and what the others are made of.
+    linear: Vec<f64>,
     scratch: Vec<f64>,
 }
 
@@ -61,7 +61,10 @@ impl RowCovariance {
                 .map(|lag| weights.get(lag * stride..).map_or(0.0, |shifted| dot(weights, shifted)))
                 .collect(),
             support,
-            unscaled: vec![0.0; support * joints],
+            spans: (0..form.equations())
+                .map(|e| (0..joints).map(|joint| form.span(e, joint)).collect())
+                .collect(),
+            linear: vec![0.0; support * joints],
             scratch: vec![0.0; ErrorWeights::room(&form.kernels, form.velocity.half)],
         }
     }
@@ -71,10 +74,21 @@ impl RowCovariance {
         self.input_overlap.len() - 1
     }
 
-    /// c of a row with respect to a joint's positions, times their standard deviations.
+    /// c of a row with respect to a joint's positions, times their standard deviations, and the
+    /// buffer position of the first of them.
     #[inline]
-    pub fn sensitivity(&self, equation: usize, row: usize, joint: usize) -> &[f64] {
-        &self.sensitivity[equation][row][joint * self.support..(joint + 1) * self.support]
+    pub fn sensitivity<P: Plant>(
+        &self,
+        block: &MeasuredBlock<P>,
+        equation: usize,
+        row: usize,
+        joint: usize,
+    ) -> (&[f64], usize) {
+        let window = &block.samples.windows.all()[row];
+        let first = window.centre - block.form.kernels.half - block.form.velocity.half;
+        let span = &self.spans[equation][joint];
+        let c = &self.sensitivity[equation][row][joint * self.support..];
+        (&c[span.clone()], first + span.start)
     }
 
     /// Variance of the rounding of an equation's input within a window.
@@ -82,30 +96,20 @@ impl RowCovariance {
         self.rounding[equation][row]
     }
 
-    /// c of a row, joint after joint.
-    pub fn unscaled<P: Plant>(&mut self, block: &MeasuredBlock<P>, equation: usize, row: usize) -> &[f64] {
-        let first = first_position(block, &block.samples.windows.all()[row]);
-        let joints = self.unscaled.chunks_exact_mut(self.support).zip(&block.noise.q_std);
-        for ((own, std), scaled) in joints.zip(self.sensitivity[equation][row].chunks_exact(self.support)) {
-            for ((slope, c), std) in own.iter_mut().zip(scaled).zip(&std[first..]) {
-                *slope = c / std.max(EXACT_STD);
-            }
-        }
-        &self.unscaled
-    }
-
     /// Makes R of an equation at θ.
     pub fn make<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, theta: &[f64], whitening: &mut Whitening) {
         self.differentiate(block, e, theta);
+        error_weights(block, e).write_linear(theta, &mut self.linear);
         whitening.begin(block.samples.windows.len());
         let input = InputNoise::new(block, e);
         for i in 0..block.samples.windows.len() {
-            self.weigh_positions(block, e, i, theta);
+            self.weigh_positions(block, e, i);
             self.rounding[e][i] = input_rounding(block, e, i);
+            let odd = input.odd_within(block, &block.samples.windows.all()[i]);
             for lag in 0..=self.bandwidth().min(i) {
                 // the geometric mean of both windows' rounding; 0 if the input is not rounded
                 let rounding = (self.rounding[e][i] * self.rounding[e][i - lag]).sqrt();
-                let covariance = self.covariance(block, e, (i, i - lag), &input, rounding);
+                let covariance = self.covariance(block, e, (i, i - lag), &input, &odd, rounding);
                 whitening.add(i, lag, covariance);
             }
         }
@@ -144,66 +148,75 @@ impl RowCovariance {
     }
 
     /// c of row i, times the standard deviation of each position.
-    fn weigh_positions<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, i: usize, theta: &[f64]) {
+    fn weigh_positions<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, i: usize) {
         let form = &block.form;
-        let weights = ErrorWeights {
-            kernels: &form.kernels,
-            transposed: &form.velocity.transposed,
-            polynomial: form.separation.equations[e].as_ref(),
-            sensitivity: &form.separation.sensitivities[e],
-        };
         let window = &block.samples.windows.all()[i];
         let (c, all) = (&mut self.sensitivity[e][i], &self.slopes);
         let span = window.centre - form.kernels.half..=window.centre + form.kernels.half;
         let slopes = |kind: Kind, d: usize| &all[place(kind)][d][span.clone()];
-        weights.write(theta, slopes, &mut self.scratch, c);
-        let first = first_position(block, window);
-        for (own, std) in c.chunks_exact_mut(self.support).zip(&block.noise.q_std) {
-            let own = own.iter_mut().zip(&std[first..]);
-            own.for_each(|(c, std)| *c *= std.max(EXACT_STD));
+        error_weights(block, e).write(&self.linear, slopes, &mut self.scratch, c);
+        let first = window.centre - form.kernels.half - form.velocity.half;
+        let joints = c.chunks_exact_mut(self.support).zip(&self.spans[e]);
+        for ((own, span), std) in joints.zip(&block.noise.q_std) {
+            let own = own[span.clone()].iter_mut().zip(&std[first + span.start..]);
+            own.for_each(|(c, std)| *c *= std);
         }
     }
 
-    /// R of two rows, the later one first; `rounding` is that of their inputs.
+    /// R of two rows, the later one first, which has these `odd` inputs; `rounding` is that of
+    /// their inputs.
     fn covariance<P: Plant>(
         &self,
         block: &MeasuredBlock<P>,
         e: usize,
         (i, j): (usize, usize),
         input: &InputNoise,
+        odd: &OddInputs<'_>,
         rounding: f64,
     ) -> f64 {
-        let (kernels, gain) = (&block.form.kernels, input.scale * input.scale);
+        let kernels = &block.form.kernels;
         let (window, earlier) = (&block.samples.windows.all()[i], &block.samples.windows.all()[j]);
         let distance = (window.number - earlier.number) as usize;
         let strides = distance / block.samples.windows.stride;
         let mut sum =
             self.input_overlap.get(strides).unwrap_or(&0.0) * input.scale * input.scale * (input.variance + rounding);
-        if distance < self.support {
-            for joint in 0..block.samples.signals.joints() {
-                let (c_i, c_j) = (self.sensitivity(e, i, joint), self.sensitivity(e, j, joint));
-                sum += dot(&c_i[..self.support - distance], &c_j[distance..]);
+        let both = self.sensitivity[e][i]
+            .chunks_exact(self.support)
+            .zip(self.sensitivity[e][j].chunks_exact(self.support));
+        for ((c_i, c_j), span) in both.zip(&self.spans[e]) {
+            if distance < span.len() {
+                sum += dot(
+                    &c_i[span.start..span.end - distance],
+                    &c_j[span.start + distance..span.end],
+                );
             }
         }
         if strides > self.bandwidth() {
             return sum;
         }
+        let gain = input.scale * input.scale;
         let (from, earlier_from) = (window.centre - kernels.input_half, earlier.centre - kernels.input_half);
-        let len = 2 * kernels.input_half + 1;
-        for &(at, size) in block.jumps.within(input.number, from, len) {
+        for &(at, size) in odd.jumps {
             if let Some(weight) = kernels.jump[0].get(at - earlier_from) {
                 let error = input.jump_error * size;
                 let variance = 5.0 * input.std * input.std + error * error;
                 sum += gain * kernels.jump[0][at - from] * weight * variance;
             }
         }
-        for &(at, variance) in within(&block.noise.surplus[input.number], from, len) {
+        for &(at, variance) in odd.surplus {
             if let Some(weight) = kernels.input[0].get(at - earlier_from) {
                 sum += gain * kernels.input[0][at - from] * weight * variance;
             }
         }
         sum
     }
+}
+
+/// Inputs of a window that are not like the others: jumps with their sizes, and those whose
+/// variance has a surplus.
+struct OddInputs<'a> {
+    jumps: &'a [(usize, f64)],
+    surplus: &'a [(usize, f64)],
 }
 
 /// What is known of an equation's input in a block.
@@ -230,6 +243,15 @@ impl InputNoise {
             jump_error: if std > 0.0 { 1e-3 } else { 1e-5 },
         }
     }
+
+    fn odd_within<'a, P: Plant>(&self, block: &'a MeasuredBlock<P>, window: &Window) -> OddInputs<'a> {
+        let half = block.form.kernels.input_half;
+        let (from, len) = (window.centre - half, 2 * half + 1);
+        OddInputs {
+            jumps: block.jumps.within(self.number, from, len),
+            surplus: within(&block.noise.surplus[self.number], from, len),
+        }
+    }
 }
 
 /// A straight line from the first of some values, as it stands, to their last one.
@@ -248,9 +270,15 @@ fn place(kind: Kind) -> usize {
     2 * kind.joint + usize::from(kind.velocity)
 }
 
-/// Buffer position of the first sample that a row depends on.
-pub(super) fn first_position<P: Plant>(block: &MeasuredBlock<P>, window: &Window) -> usize {
-    window.centre - block.form.kernels.half - block.form.velocity.half
+/// What the c of an equation are made of.
+fn error_weights<P: Plant>(block: &MeasuredBlock<P>, e: usize) -> ErrorWeights<'_> {
+    let form = &block.form;
+    ErrorWeights {
+        kernels: &form.kernels,
+        transposed: &form.velocity.transposed,
+        polynomial: form.separation.equations[e].as_ref(),
+        sensitivity: &form.separation.sensitivities[e],
+    }
 }
 
 /// Variance of an equation's input; exact signals are exact to rounding and quadrature only.

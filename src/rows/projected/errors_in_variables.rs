@@ -7,7 +7,7 @@
 //! C holds the c_i = −∂f_i/∂q, R is the covariance of the rows (`covariance.rs`), θ̄ is θ̂ before
 //! the block. What is made of it: the head of `projected/mod.rs`.
 
-use super::covariance::{RowCovariance, first_position};
+use super::covariance::RowCovariance;
 use super::measured::MeasuredBlock;
 use super::samples::Samples;
 use crate::model::Plant;
@@ -48,17 +48,17 @@ impl SmoothedSignals {
         self.applied = false;
     }
 
-    /// Begins with the signals as they were measured.
+    /// Begins with inputs as they were measured, and with errors of 0 in place of the positions.
     pub fn begin(&mut self, samples: &Samples) {
         let (own, measured) = (&mut self.signals, &samples.signals);
-        let own = own.q.iter_mut().chain(&mut own.u);
-        for (own, measured) in own.zip(measured.q.iter().chain(&measured.u)) {
+        own.q.iter_mut().for_each(|errors| errors[..samples.len].fill(0.0));
+        for (own, measured) in own.u.iter_mut().zip(&measured.u) {
             own[..samples.len].copy_from_slice(&measured[..samples.len]);
         }
     }
 
-    /// q̂ += σ_q² Σ_i c_i (R⁻¹ f)_i for the rows of one equation, whose residuals are whitened
-    /// forwards; its input likewise.
+    /// Errors −n̂/σ_q += σ_q Σ_i c_i (R⁻¹ f)_i by the rows of one equation, whose residuals are
+    /// whitened forwards; û itself.
     pub fn subtract<P: Plant>(
         &mut self,
         block: &MeasuredBlock<P>,
@@ -71,13 +71,11 @@ impl SmoothedSignals {
         let weighted = &mut self.weighted[..windows.len()];
         weighted.copy_from_slice(&residuals[..windows.len()]);
         whitening.apply_transposed(weighted);
-        for (i, window) in windows.iter().enumerate() {
-            let first = first_position(block, window);
-            for (joint, q) in self.signals.q.iter_mut().enumerate() {
-                let c = covariance.sensitivity(e, i, joint);
-                let std = &block.noise.q_std[joint][first..];
-                for ((q, c), std) in q[first..].iter_mut().zip(c).zip(std) {
-                    *q += std * c * weighted[i];
+        for (i, &weighted) in weighted.iter().enumerate() {
+            for (joint, errors) in self.signals.q.iter_mut().enumerate() {
+                let (c, first) = covariance.sensitivity(block, e, i, joint);
+                for (error, c) in errors[first..].iter_mut().zip(c) {
+                    *error += c * weighted;
                 }
             }
         }
@@ -92,17 +90,17 @@ impl SmoothedSignals {
         }
     }
 
-    /// Limits the errors that were found, and makes velocities and features of what is left.
+    /// Limits the errors that were found, takes them out of the positions, and makes velocities and
+    /// features of what is left.
     pub fn finish<P: Plant>(&mut self, block: &MeasuredBlock<P>) {
-        let (covered, reach) = (block.samples.windows.covered(), block.form.velocity.half);
+        let (covered, len) = (block.samples.windows.covered(), block.samples.len);
         if covered.is_empty() {
             return;
         }
         for (joint, q) in self.signals.q.iter_mut().enumerate() {
-            for at in covered.start - reach..covered.end + reach {
-                let measured = block.samples.signals.q[joint][at];
-                let most = LARGEST_ERROR * block.noise.q_std[joint][at];
-                q[at] = q[at].clamp(measured - most, measured + most);
+            let measured = block.samples.signals.q[joint].iter().zip(&block.noise.q_std[joint]);
+            for (q, (measured, std)) in q[..len].iter_mut().zip(measured) {
+                *q = measured + std * q.clamp(-LARGEST_ERROR, LARGEST_ERROR);
             }
         }
         block.form.differentiate(&mut self.signals, covered);

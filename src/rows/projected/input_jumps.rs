@@ -96,15 +96,15 @@ impl InputJumps {
         within(&self.found[joint], from, len)
     }
 
-    /// ∫ψ^(r) u of the window around a centre, `u` being all of a joint's input.
-    pub fn moment(&self, kernels: &Kernels, r: usize, centre: usize, joint: usize, u: &[f64]) -> f64 {
+    /// ∫ψ^(r) u of the window around a centre for r < N ≤ 3, `u` being all of a joint's input.
+    pub fn moments<const N: usize>(&self, kernels: &Kernels, centre: usize, joint: usize, u: &[f64]) -> [f64; N] {
         let from = centre - kernels.input_half;
         let u = &u[from..=centre + kernels.input_half];
-        let mut sum = dot(&kernels.input[r], u);
-        for &(at, size) in self.within(joint, from, u.len()) {
-            sum += kernels.jump[r][at - from] * size;
-        }
-        sum
+        let jumps = self.within(joint, from, u.len());
+        std::array::from_fn(|r| {
+            let weights = jumps.iter().map(|&(at, size)| kernels.jump[r][at - from] * size);
+            weights.fold(dot(&kernels.input[r], u), |sum, jump| sum + jump)
+        })
     }
 }
 

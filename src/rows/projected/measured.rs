@@ -61,11 +61,12 @@ impl<P: Plant> MeasuredBlock<P> {
         }
     }
 
-    /// s ∫ψ^(r) u of the window around a centre, r ≤ 2; `u` are inputs as measured or freed of
-    /// noise \[joint\]\[sample\].
-    pub fn moment(&self, equation: usize, r: usize, centre: usize, u: &[Vec<f64>]) -> f64 {
+    /// s ∫ψ^(r) u of the window around a centre for r < N ≤ 3; `u` are inputs as measured or freed
+    /// of noise \[joint\]\[sample\].
+    pub fn moments<const N: usize>(&self, equation: usize, centre: usize, u: &[Vec<f64>]) -> [f64; N] {
         let (input, scale) = self.form.input(equation);
-        scale * self.jumps.moment(&self.form.kernels, r, centre, input, &u[input])
+        let moments = self.jumps.moments(&self.form.kernels, centre, input, &u[input]);
+        moments.map(|moment| scale * moment)
     }
 
     /// Keeps what the next block's windows reach back to.

@@ -1,6 +1,6 @@
 //! From a block of samples to its rows, step by step: measured, projected, whitened, smoothed.
 
-use super::covariance::{RowCovariance, first_position};
+use super::covariance::RowCovariance;
 use super::errors_in_variables::SmoothedSignals;
 use super::evaluation::Source;
 use super::measured::MeasuredBlock;
@@ -58,7 +58,10 @@ impl<P: Plant> Projection<P> {
         let (block, u) = (&self.block, &self.block.samples.signals.u);
         for e in 0..block.form.equations() {
             for (row, window) in block.samples.windows.all().iter().enumerate() {
-                self.rows.set_input(e, row, |r| block.moment(e, r, window.centre, u));
+                match block.form.delay {
+                    None => self.rows.set_input(e, row, block.moments::<1>(e, window.centre, u)),
+                    Some(_) => self.rows.set_input(e, row, block.moments::<3>(e, window.centre, u)),
+                }
             }
             self.rows.project(block, e);
         }
@@ -131,11 +134,10 @@ impl<P: Plant> Projection<P> {
         for e in 0..block.form.equations() {
             let scale = block.form.input(e).1;
             for (row, window) in block.samples.windows.all().iter().enumerate() {
-                let moments = [0, 1, 2].map(|r| block.moment(e, r, window.centre, &signals.u));
+                let moments = block.moments(e, window.centre, &signals.u);
                 self.suspects.project(e, row, window.centre, scale, kernels, moments);
-                let c = self.covariance.unscaled(block, e, row);
-                let (support, first) = (block.form.support(), first_position(block, window));
-                self.suspects.turn(e, row, c, support, first);
+                let c = |joint: usize| self.covariance.sensitivity(block, e, row, joint);
+                self.suspects.turn(e, row, c);
             }
             self.suspects.whiten(e, rows, &self.rows.whitening[e]);
         }

@@ -19,7 +19,7 @@ use super::weak_form::{WeakForm, highest_order};
 use crate::model::Plant;
 use crate::rows::end_kernel::EndKernels;
 use crate::rows::error_weights::{linear_in_velocity, nonlinear};
-use crate::rows::kernel::{correlate, dot};
+use crate::rows::kernel::{correlate_odd, dot};
 use crate::rows::partials::{LANES, Partials};
 use crate::rows::separation::Separation;
 use crate::rows::smoothing::beyond;
@@ -147,13 +147,16 @@ impl Tail {
         let (first, form) = (stop - self.longest, &end.form);
         let (q, dq) = (&end.samples.signals.q, &self.dq);
         for kinds in form.separation.sensitivities[e].kinds.chunks(LANES) {
+            let mut linear = [[0.0; MAX_ORDER + 1]; LANES];
+            for (linear, &kind) in linear.iter_mut().zip(kinds) {
+                *linear = linear_in_velocity(form.separation.equations[e].as_ref(), kind, theta);
+            }
             let mut partials = Partials::new(&form.plant, e, theta, kinds);
             for i in 0..self.longest {
                 let slopes = partials.at(|joint| (q[joint][first + i], dq[joint][i]));
-                for (&kind, slopes) in kinds.iter().zip(slopes) {
-                    let linear = linear_in_velocity(form.separation.equations[e].as_ref(), kind, theta);
+                for ((kind, slopes), linear) in kinds.iter().zip(slopes).zip(&linear) {
                     let place = (2 * kind.joint + usize::from(kind.velocity)) * self.longest + i;
-                    self.slopes[place] = nonlinear(slopes, &linear);
+                    self.slopes[place] = nonlinear(slopes, linear);
                 }
             }
         }
@@ -241,7 +244,7 @@ impl Tail {
             for i in skipped..longest - half {
                 self.filtered[2 * half + i] = at(i);
             }
-            correlate(&end.form.velocity.transposed, &self.filtered, own);
+            correlate_odd(&end.form.velocity.transposed, &self.filtered, own);
             for i in skipped.max(longest - half)..longest {
                 let (at, weights) = (at(i), &self.last_velocities[i + half - longest]);
                 for (c, weight) in own[support - 2 * half - 1..].iter_mut().zip(weights) {

@@ -1,7 +1,7 @@
 //! The velocity inside nonlinear terms: q̇_k = Σ_j s_j q_{k+j}, −n ≤ j ≤ n, from a zero-phase
 //! Savitzky-Golay filter of order 5.
 
-use crate::rows::kernel::{correlate, dot};
+use crate::rows::kernel::{correlate_odd, dot};
 use crate::rows::smoothing::savitzky_golay;
 use std::ops::Range;
 
@@ -16,9 +16,9 @@ const STRETCH: usize = 8;
 pub(super) struct VelocityFilter {
     /// n: samples on either side.
     pub half: usize,
-    /// s \[1/s\], 2 n + 1 of them.
+    /// s \[1/s\], 2 n + 1 of them, with s_{−j} = −s_j.
     pub weights: Vec<f64>,
-    /// The same in the reverse order: the transposed filter.
+    /// The first n of the transposed filter, which has them in the reverse order.
     pub transposed: Vec<f64>,
     /// Standard deviation of the velocity per sample, for white noise of 1 on the positions.
     pub gain: f64,
@@ -29,8 +29,12 @@ impl VelocityFilter {
     pub fn new(half: usize, period_s: f64) -> Option<Self> {
         let mut weights = savitzky_golay(half, ORDER, 1)?;
         let gain = dot(&weights, &weights).sqrt();
-        weights.iter_mut().for_each(|w| *w /= period_s);
-        let transposed = weights.iter().rev().copied().collect();
+        // odd to the last bit
+        for j in 0..=half {
+            let odd = 0.5 * (weights[j] - weights[2 * half - j]) / period_s;
+            (weights[j], weights[2 * half - j]) = (odd, -odd);
+        }
+        let transposed = weights.iter().rev().take(half).copied().collect();
         Some(Self {
             half,
             weights,
@@ -54,6 +58,6 @@ impl VelocityFilter {
     fn write_stretch(&self, q: &[f64], samples: Range<usize>, dq: &mut [f64]) {
         let (q, dq) = (&q[samples.start - self.half..samples.end + self.half], &mut dq[samples]);
         dq.fill(0.0);
-        correlate(&self.weights, q, dq);
+        correlate_odd(&self.weights[..self.half], q, dq);
     }
 }

@@ -67,6 +67,18 @@ impl<P: Plant> WeakForm<P> {
         2 * (self.kernels.half + self.velocity.half) + 1
     }
 
+    /// Positions of a joint, out of those of the [support](Self::support), that a row depends on:
+    /// all of them by way of the velocity filter, those within the window otherwise.
+    pub fn span(&self, equation: usize, joint: usize) -> Range<usize> {
+        let mut kinds = self.separation.sensitivities[equation].kinds.iter();
+        let filtered = kinds.any(|kind| kind.joint == joint && kind.velocity);
+        match (filtered, self.moves(equation, joint)) {
+            (true, _) => 0..self.support(),
+            (false, true) => self.velocity.half..self.support() - self.velocity.half,
+            (false, false) => 0..0,
+        }
+    }
+
     /// Number of the input of an equation, and its factor s.
     pub fn input(&self, equation: usize) -> (usize, f64) {
         let form = &self.plant.equations()[equation];

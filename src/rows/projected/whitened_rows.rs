@@ -60,10 +60,10 @@ impl WhitenedRows {
         }
     }
 
-    /// Sets the input's part of a row as projected; `moment(r)` is s ∫ψ^(r) u.
-    pub fn set_input(&mut self, e: usize, row: usize, moment: impl Fn(usize) -> f64) {
-        for (r, column) in self.raw[e].input.iter_mut().enumerate() {
-            column[row] = moment(r);
+    /// Sets the input's part of a row as projected: s ∫ψ^(r) u for each r.
+    pub fn set_input<const N: usize>(&mut self, e: usize, row: usize, moments: [f64; N]) {
+        for (column, moment) in self.raw[e].input.iter_mut().zip(moments) {
+            column[row] = moment;
         }
     }
 

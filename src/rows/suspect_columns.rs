@@ -377,13 +377,13 @@ impl SuspectColumns {
     }
 
     /// Whitens the columns of an equation.
-    pub fn whiten(&mut self, e: usize, rows: usize, whitening: &Whitening) {
-        for (white, raw) in self.white[e].iter_mut().zip(&self.columns[e]) {
-            if !raw.is_empty() {
-                white[..rows].copy_from_slice(&raw[..rows]);
-                whitening.apply(Direction::Backward, &mut white[..rows]);
-            }
-        }
+    pub fn whiten(&mut self, e: usize, rows: usize, whitening: &mut Whitening) {
+        let columns = self.white[e].iter_mut().zip(&self.columns[e]);
+        let columns = columns.filter(|(_, raw)| !raw.is_empty()).map(|(white, raw)| {
+            white[..rows].copy_from_slice(&raw[..rows]);
+            &mut white[..rows]
+        });
+        whitening.apply_all(Direction::Backward, columns);
     }
 }
 

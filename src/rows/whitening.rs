@@ -8,6 +8,9 @@
 //! factor of the reversed order); rᵀR⁻¹r is the same. Sums over the start of a block need the
 //! former; the latter serves sums over its end, and so every fit.
 
+/// Columns that are whitened side by side.
+const LANES: usize = 4;
+
 /// Symmetric banded matrix, and its two factors.
 #[derive(Debug, Clone)]
 pub(super) struct Whitening {
@@ -20,6 +23,8 @@ pub(super) struct Whitening {
     /// Whether each row is left out, and whether any is.
     excluded: Vec<bool>,
     any_excluded: bool,
+    /// Scratch: columns side by side.
+    beside: Vec<[f64; LANES]>,
 }
 
 /// Which way the whitening runs.
@@ -46,6 +51,7 @@ impl Whitening {
             backward: vec![0.0; room],
             excluded: vec![false; capacity],
             any_excluded: false,
+            beside: vec![[0.0; LANES]; capacity],
         }
     }
 
@@ -107,33 +113,52 @@ impl Whitening {
 
     /// Whitens a column of `rows` values in place.
     pub fn apply(&self, direction: Direction, column: &mut [f64]) {
-        let (n, width) = (self.rows, self.bandwidth + 1);
         if self.any_excluded {
             for (value, _) in column.iter_mut().zip(&self.excluded).filter(|(_, out)| **out) {
                 *value = 0.0;
             }
         }
+        let (column, _) = column.as_chunks_mut::<1>();
         match direction {
-            Direction::Forward => {
-                for i in 0..n {
-                    let l = &self.forward[i * width..(i + 1) * width];
-                    let mut v = column[i];
-                    for lag in 1..width.min(i + 1) {
-                        v -= l[lag] * column[i - lag];
-                    }
-                    column[i] = v / l[0];
+            Direction::Forward => substitute(&self.forward, self.bandwidth, column),
+            Direction::Backward => {
+                column.reverse();
+                substitute(&self.backward, self.bandwidth, column);
+                column.reverse();
+            }
+        }
+    }
+
+    /// Whitens columns of `rows` values in place, some at a time: each value of one waits for the
+    /// one before it, so that several together take hardly longer.
+    pub fn apply_all<'a>(&mut self, direction: Direction, mut columns: impl Iterator<Item = &'a mut [f64]>) {
+        let rows = &mut self.beside[..self.rows];
+        loop {
+            let mut group: [&mut [f64]; LANES] = std::array::from_fn(|_| columns.next().unwrap_or_default());
+            if group[0].is_empty() {
+                return;
+            }
+            rows.fill([0.0; LANES]);
+            for (lane, column) in group.iter().enumerate() {
+                let put = |(row, value): (&mut [f64; LANES], &f64)| row[lane] = *value;
+                rows.iter_mut().zip(column.iter()).for_each(put);
+            }
+            for (row, _) in rows.iter_mut().zip(&self.excluded).filter(|(_, out)| **out) {
+                *row = [0.0; LANES];
+            }
+            match direction {
+                Direction::Forward => substitute(&self.forward, self.bandwidth, rows),
+                Direction::Backward => {
+                    rows.reverse();
+                    substitute(&self.backward, self.bandwidth, rows);
+                    rows.reverse();
                 }
             }
-            Direction::Backward => {
-                for i in 0..n {
-                    let l = &self.backward[i * width..(i + 1) * width];
-                    let at = n - 1 - i;
-                    let mut v = column[at];
-                    for lag in 1..width.min(i + 1) {
-                        v -= l[lag] * column[at + lag];
-                    }
-                    column[at] = v / l[0];
-                }
+            for (lane, column) in group.iter_mut().enumerate() {
+                column
+                    .iter_mut()
+                    .zip(rows.iter())
+                    .for_each(|(value, row)| *value = row[lane]);
             }
         }
     }
@@ -152,25 +177,42 @@ impl Whitening {
     }
 }
 
+/// x ← L⁻¹ x for N columns side by side.
+#[inline]
+fn substitute<const N: usize>(factor: &[f64], bandwidth: usize, x: &mut [[f64; N]]) {
+    for (i, l) in (0..x.len()).zip(factor.chunks_exact(bandwidth + 1)) {
+        let (done, rest) = x.split_at_mut(i);
+        let mut v = rest[0];
+        for (l, x) in l[1..].iter().zip(done.iter().rev()) {
+            for lane in 0..N {
+                v[lane] -= l * x[lane];
+            }
+        }
+        rest[0] = v.map(|v| v / l[0]);
+    }
+}
+
 /// Banded Cholesky factor; false if a pivot is not positive beyond rounding.
 fn cholesky(n: usize, bandwidth: usize, matrix: impl Fn(usize, usize) -> f64, factor: &mut [f64]) -> bool {
     let width = bandwidth + 1;
     for i in 0..n {
-        for lag in (0..=bandwidth.min(i)).rev() {
+        let (done, rest) = factor.split_at_mut(i * width);
+        let row = &mut rest[..width];
+        for lag in (1..=bandwidth.min(i)).rev() {
             let j = i - lag;
-            let mut v = matrix(i, lag);
-            // Σ_k L_ik L_jk over k < j that both reach
-            for k in i.saturating_sub(bandwidth).max(j.saturating_sub(bandwidth))..j {
-                v -= factor[i * width + i - k] * factor[j * width + j - k];
-            }
-            if lag > 0 {
-                factor[i * width + lag] = v / factor[j * width];
-            } else if v > 1e-13 * matrix(i, 0) {
-                factor[i * width] = v.sqrt();
-            } else {
-                return false;
-            }
+            let other = &done[j * width..i * width];
+            // Σ_k L_ik L_jk over the k < j that both reach
+            let both = (bandwidth - lag).min(j);
+            let products = row[lag + 1..=lag + both].iter().zip(&other[1..=both]);
+            let v = products.rev().fold(matrix(i, lag), |v, (a, b)| v - a * b);
+            row[lag] = v / other[0];
         }
+        let own = matrix(i, 0);
+        let v = row[1..=bandwidth.min(i)].iter().rev().fold(own, |v, l| v - l * l);
+        if !(v > 1e-13 * own) {
+            return false;
+        }
+        row[0] = v.sqrt();
     }
     true
 }
@@ -207,6 +249,14 @@ mod tests {
             let sum: f64 = y.iter().map(|v| v * v).sum();
             // a dozen rows of a well-conditioned matrix
             assert!((sum / wanted - 1.0).abs() < 1e-13, "{direction:?}");
+            // more columns than there are lanes, side by side
+            let mut columns: Vec<Vec<f64>> = (0..6).map(|k| x.iter().map(|v| v * f64::from(k)).collect()).collect();
+            whitening.apply_all(direction, columns.iter_mut().map(Vec::as_mut_slice));
+            for (k, column) in columns.iter().enumerate() {
+                let mut alone: Vec<f64> = x.iter().map(|v| v * k as f64).collect();
+                whitening.apply(direction, &mut alone);
+                assert_eq!(*column, alone, "{direction:?} {k}");
+            }
         }
         // a change of the last value changes only the last forward row, and no backward row but all
         // before it

@@ -139,7 +139,7 @@ impl<P: Plant> Projection<P> {
                 let c = |joint: usize| self.covariance.sensitivity(block, e, row, joint);
                 self.suspects.turn(e, row, c);
             }
-            self.suspects.whiten(e, rows, &self.rows.whitening[e]);
+            self.suspects.whiten(e, rows, &mut self.rows.whitening[e]);
         }
     }
 

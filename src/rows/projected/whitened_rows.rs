@@ -11,7 +11,7 @@
 
 use super::evaluation::{Evaluation, Source};
 use super::measured::MeasuredBlock;
-use crate::model::{MAX_PARAMS, Plant};
+use crate::model::Plant;
 use crate::rows::separation::Separation;
 use crate::rows::theta_polynomial::{Monomial, Polynomial};
 use crate::rows::whitening::{Direction, Whitening};
@@ -79,10 +79,11 @@ impl WhitenedRows {
         for (direction, white) in Direction::BOTH.into_iter().zip(&mut self.white) {
             let white = &mut white[e];
             let columns = white.input.iter_mut().chain(&mut white.factors);
-            for (white, raw) in columns.zip(raw.input.iter().chain(&raw.factors)) {
+            let columns = columns.zip(raw.input.iter().chain(&raw.factors)).map(|(white, raw)| {
                 white[..rows].copy_from_slice(&raw[..rows]);
-                self.whitening[e].apply(direction, &mut white[..rows]);
-            }
+                &mut white[..rows]
+            });
+            self.whitening[e].apply_all(direction, columns);
         }
     }
 
@@ -93,14 +94,13 @@ impl WhitenedRows {
 
     /// Keeps the residuals at θ as measured, to be told of by [`measured`](Self::measured).
     pub fn keep_residuals<P: Plant>(&mut self, source: &Source<'_, P>, theta: &[f64]) {
-        let mut regressor = [0.0; MAX_PARAMS];
+        let rows = source.block.samples.windows.len();
         for e in 0..self.raw.len() {
-            let regressor = &mut regressor[..source.block.form.own(e)];
             for direction in Direction::BOTH {
-                for row in 0..source.block.samples.windows.len() {
-                    let f = self.row(source, direction, e, row, theta, regressor);
-                    self.measured[direction as usize][e][row] = f;
-                }
+                let mut residuals = std::mem::take(&mut self.measured[direction as usize][e]);
+                residuals[..rows].copy_from_slice(&self.white[direction as usize][e].input[0][..rows]);
+                self.add_model(source, direction, e, theta, -1.0, &mut residuals[..rows]);
+                self.measured[direction as usize][e] = residuals;
             }
         }
     }
@@ -120,21 +120,60 @@ impl WhitenedRows {
             let [forward, backward] = &mut self.white;
             let (forward, backward) = (&mut forward[e].factors, &mut backward[e].factors);
             source.block.form.project(e, windows, source.signals, forward);
-            for (forward, backward) in forward.iter_mut().zip(backward) {
+            for (forward, backward) in forward.iter().zip(backward.iter_mut()) {
                 backward[..rows].copy_from_slice(&forward[..rows]);
-                self.whitening[e].apply(Direction::Forward, &mut forward[..rows]);
-                self.whitening[e].apply(Direction::Backward, &mut backward[..rows]);
+            }
+            let whitening = &mut self.whitening[e];
+            whitening.apply_all(Direction::Forward, forward.iter_mut().map(|column| &mut column[..rows]));
+            whitening.apply_all(
+                Direction::Backward,
+                backward.iter_mut().map(|column| &mut column[..rows]),
+            );
+        }
+        for e in 0..self.raw.len() {
+            for direction in Direction::BOTH {
+                // Y = f as measured + what the model explains at θ
+                let mut input = std::mem::take(&mut self.white[direction as usize][e].input[0]);
+                input[..rows].copy_from_slice(&self.measured[direction as usize][e][..rows]);
+                self.add_model(source, direction, e, theta, 1.0, &mut input[..rows]);
+                self.white[direction as usize][e].input[0] = input;
             }
         }
-        let mut regressor = [0.0; MAX_PARAMS];
-        for e in 0..self.raw.len() {
-            let regressor = &mut regressor[..source.block.form.own(e)];
-            for direction in Direction::BOTH {
-                for row in 0..rows {
-                    let f = self.row(source, direction, e, row, theta, regressor);
-                    let shift = self.measured[direction as usize][e][row] - f;
-                    self.white[direction as usize][e].input[0][row] += shift;
+    }
+
+    /// Adds what the model explains of the rows of an equation at θ, times `sign`: Σ μ z less what
+    /// a further delay adds to Y₀.
+    fn add_model<P: Plant>(
+        &self,
+        source: &Source<'_, P>,
+        direction: Direction,
+        e: usize,
+        theta: &[f64],
+        sign: f64,
+        sums: &mut [f64],
+    ) {
+        let columns = &self.white[direction as usize][e];
+        let form = &source.block.form;
+        let mut add = |factor: f64, column: &[f64]| {
+            for (sum, value) in sums.iter_mut().zip(column) {
+                *sum += sign * factor * value;
+            }
+        };
+        if let (Some(delay), [_, y1, y2]) = (form.delay, columns.input.as_slice()) {
+            let more = theta[delay] - form.options.input_delay_s;
+            add(-more, y1);
+            add(-0.5 * more * more, y2);
+        }
+        match &form.separation.equations[e] {
+            Some(Polynomial { monomials, .. }) => {
+                for (monomial, factors) in monomials.iter().zip(&columns.factors) {
+                    add(monomial.value(theta), factors);
                 }
+            }
+            None => {
+                let mut evaluation = self.evaluation.borrow_mut();
+                let columns = evaluation.columns(source, &self.whitening, direction, e, theta);
+                add(1.0, &columns[0]);
             }
         }
     }

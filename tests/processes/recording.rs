@@ -272,29 +272,46 @@ fn fault_what_is_no_recording_is_a_wrong_use() {
 
 /// The report as a browser sees it, without any network; `None` where there is no browser and none
 /// is required.
-fn dom(page: &Path) -> Option<String> {
-    let arguments = [
-        "--headless=new",
-        "--no-sandbox",
-        "--disable-gpu",
-        // Whatever the page would load from elsewhere fails.
-        "--host-resolver-rules=MAP * ~NOTFOUND",
-        "--dump-dom",
-    ];
-    let found = ["chromium", "chromium-browser", "google-chrome"]
-        .into_iter()
-        .find_map(|browser| {
-            let url = format!("file://{}", page.display());
-            Command::new(browser).args(arguments).arg(url).output().ok()
-        });
-    if found.is_none() {
-        assert!(
-            std::env::var("THETABUS_REQUIRE_PEERS").as_deref() != Ok("1"),
-            "there is no chromium to open the report"
-        );
-        eprintln!("skipped: there is no chromium to open the report");
+///
+/// Each start has a profile of its own, because two browsers with one profile share a process and
+/// the later one then prints nothing. A browser that ends without a page is started again: beside
+/// the other tests its own processes may be too late for each other.
+fn dom(site: &Site, page: &Path) -> Option<String> {
+    let mut last = String::new();
+    for attempt in 0..3 {
+        let profile = site.dir.path().join(format!("browser{attempt}"));
+        let arguments = [
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            // Whatever the page would load from elsewhere fails.
+            "--host-resolver-rules=MAP * ~NOTFOUND",
+            "--dump-dom",
+        ];
+        let found = ["chromium", "chromium-browser", "google-chrome"]
+            .into_iter()
+            .find_map(|browser| {
+                Command::new(browser)
+                    .args(arguments)
+                    .arg(format!("--user-data-dir={}", profile.display()))
+                    .arg(format!("file://{}", page.display()))
+                    .output()
+                    .ok()
+            });
+        let Some(output) = found else {
+            assert!(
+                std::env::var("THETABUS_REQUIRE_PEERS").as_deref() != Ok("1"),
+                "there is no chromium to open the report"
+            );
+            eprintln!("skipped: there is no chromium to open the report");
+            return None;
+        };
+        if output.status.success() && !output.stdout.is_empty() {
+            return Some(String::from_utf8_lossy(&output.stdout).into_owned());
+        }
+        last = format!("{}: {}", output.status, String::from_utf8_lossy(&output.stderr));
     }
-    found.map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
+    panic!("the browser shows no page, three times: {last:.3000}");
 }
 
 #[test]
@@ -338,7 +355,7 @@ fn e2e_the_report_of_a_run_opens_in_a_browser_with_every_figure_inside() {
         assert!(bytes.starts_with(magic) && bytes.len() > 2_000, "{}", figure.display());
     }
 
-    if let Some(dom) = dom(&page) {
+    if let Some(dom) = dom(&site, &page) {
         assert_eq!(dom.matches("<svg ").count(), expected, "{}", dom.len());
         assert!(dom.contains("Identification of the parameter θ₉"));
         assert!(dom.contains("samples accepted"));

@@ -51,9 +51,8 @@ const RECENT: usize = 32;
 const ASSUMED_INFLATION: (f64, f64) = (9.0, 2.0);
 /// Times that (1) and (2) are repeated per block while settling.
 const ITERATIONS: usize = 4;
-/// Blocks after which the estimate tells the mass matrix well enough for the bias by errors of the
-/// positions.
-const TRIED: usize = 3;
+/// Blocks after which the estimate tells the mass matrix better than the URDF.
+pub(super) const TRIED: usize = 3;
 /// Length of a slice \[s\]: how often the machine is looked at.
 const SLICE_S: f64 = 0.25;
 /// Slices that are kept apart.
@@ -124,6 +123,8 @@ pub struct RobotIdentifier {
     pub(super) size: Vec<f64>,
     /// How far errors of the positions have moved the estimates.
     pub(super) bias: Vec<f64>,
+    /// θ that tells the mass matrix for that: the URDF's at first.
+    pub(super) of_mass: Vec<f64>,
 }
 
 impl RobotIdentifier {
@@ -156,6 +157,7 @@ impl RobotIdentifier {
                 None => WeakRows::new(&wide, options.windows)?,
             },
             bias: vec![0.0; n],
+            of_mass: vec![0.0; acting],
             jumps: Jumps::default(),
             is_loaded: false,
             slice_end: None,
@@ -242,6 +244,7 @@ impl RobotIdentifier {
             self.covariance[i * n + i] = if is_held { 0.0 } else { parameter.scale.powi(2) };
         }
         self.refresh_effective();
+        self.of_mass.copy_from_slice(&self.effective);
     }
 
     /// Holds a parameter at a value, or at its estimate. What rows say of it goes on being
@@ -315,7 +318,7 @@ impl RobotIdentifier {
     pub fn take(&mut self, sample: &RobotSample) -> Result<(), SampleFault> {
         let (slice, ring, begin) = (&mut self.slice, &mut self.ring, &mut self.slice_begin);
         let recent_rows = &mut self.recent_rows;
-        let (wide, effective, blocks) = (&self.wide, &self.effective, &self.blocks);
+        let (wide, of_mass) = (&self.wide, &self.of_mass);
         self.rows.push(&self.wide, sample, &mut |row| {
             if slice.iter().all(|sums| sums.rows == 0) {
                 *begin = row.t_s;
@@ -323,8 +326,8 @@ impl RobotIdentifier {
             slice[row.joint].add_row(row.regressor, row.torque);
             ring.add(&row);
             recent_rows.add(&row);
-            if let Some(errors) = row.errors.filter(|_| *blocks >= TRIED) {
-                slice[row.joint].add_bias(&mut |bias| errors.bias(wide, row.joint, effective, bias));
+            if let Some(errors) = row.errors {
+                slice[row.joint].add_bias(&mut |bias| errors.bias(wide, row.joint, of_mass, bias));
             }
         })?;
         if self.jumps.take(self.model.robot(), sample) {
@@ -363,7 +366,7 @@ impl RobotIdentifier {
         self.block_slices = 0;
     }
 
-    fn clear_recording(&mut self) {
+    pub(super) fn clear_recording(&mut self) {
         self.recent_rows.clear();
         self.slice.iter_mut().for_each(JointSums::clear);
         self.pending.clear();
@@ -462,6 +465,9 @@ impl RobotIdentifier {
             self.recent_rows.clear();
         }
         self.note_excitation();
+        if self.blocks >= TRIED {
+            self.of_mass.copy_from_slice(&self.effective);
+        }
         self.review_windows();
         self.block_slices = 0;
         self.block.iter_mut().for_each(JointSums::clear);

@@ -15,6 +15,9 @@
 //! z_c² = U_c²/(I_cc x),    x = s_j²/(f_j σ_j)²                                                  (5)
 //! P ← P + Σ (v_c ĉ)(v_c ĉ)ᵀ    over the terms with z > BELIEVED                                 (6)
 //! P ← P + Σ (v_c σ_c)(v_c σ_c)ᵀ    over zeros and tilts                                         (7)
+//! z_c² ≤ U_c²/(I_cc x),    x = Σ u²/Σ dᵀΛ_block d over the last blocks,
+//!     u = dᵀ(b − A θ_all) of a block,  d = e_c − v_c                                             (8)
+//! |U_c| less 1.5 |B_c − v_cᵀ B|,    B the bias by errors of the positions                        (9)
 //! ```
 //!
 //! (1) is the efficient score: what the estimated parameters can imitate of c is taken out. The
@@ -24,6 +27,10 @@
 //! usable parameter is off by more than [`HARMFUL`] of its standard deviations and [`LEAST_ERROR`]
 //! of itself, or if nothing may be used and it explains more than [`TELLING`] of the misfit: then
 //! the model does not describe the machine. A spring has to explain as much in any case.
+//! (8) is the same sandwich along the term itself: with encoders of 13 bits reversals are seen early
+//! or late, and what this says of a delay scatters from block to block. (9) is what
+//! [`encoder_noise`](super::encoder_noise) foretells of U_c.
+//!
 //! Standard deviations hold (6) before that, too, so that a term that does less harm, or is less
 //! sure, makes nothing surely wrong.
 //!
@@ -56,6 +63,8 @@ const LEAST_ERROR: f64 = 0.0025;
 /// Share of the misfit from which on a term is named if nothing may be used anyway, and a spring in
 /// any case.
 const TELLING: f64 = 0.2;
+/// Part of what errors of the positions may have done to a score that is not held against a term.
+const ALLOWED: f64 = 1.5;
 /// Standard deviations allow for terms whose information is not nearly all rounding.
 const TOLD_APART: f64 = 2.0 * ROUNDING;
 
@@ -106,6 +115,7 @@ impl RobotIdentifier {
                 None => excess.iter().copied().filter(|x| x.is_finite()).fold(0.0, f64::max),
             };
             let (score, information) = (left_out.score[c], left_out.information[c * k + c]);
+            let score = score.signum() * (score.abs() - ALLOWED * left_out.doubtful[c]).max(0.0); // (9)
             if !(information > TOLD_APART * self.system.matrix[index * n + index]) {
                 continue;
             }
@@ -115,12 +125,16 @@ impl RobotIdentifier {
                 continue;
             }
             let harm = self.harm(&left_out.shifts[c * n..(c + 1) * n], amplitude);
+            let deviations = match deviations > named {
+                true => deviations.min((score * amplitude / self.scatter(c, left_out)).sqrt()), // (8)
+                false => deviations,
+            };
             let is_likelier = left_out.found.is_none_or(|found| deviations > found.deviations);
             if deviations > named && is_likelier {
                 left_out.theta.copy_from_slice(&self.theta);
                 left_out.step(c, amplitude);
-                self.effective_of(&left_out.theta, &mut left_out.effective);
-                let share = self.share(what.only_joint(), &left_out.effective);
+                self.effective_of(&left_out.theta, &mut left_out.alone);
+                let share = self.share(what.only_joint(), &left_out.alone);
                 // many things vary with the position, a spring is but one of them
                 let is_told = !what.is_spring() || share > TELLING;
                 if harm > harmful && is_told || is_useless && share > TELLING {
@@ -135,6 +149,29 @@ impl RobotIdentifier {
             }
             left_out.believe(c, amplitude);
         }
+    }
+
+    /// x of (8).
+    fn scatter(&self, c: usize, left_out: &LeftOut) -> f64 {
+        let n = self.theta.len();
+        let (own, shift) = (left_out.terms[c].index, &left_out.shifts[c * n..(c + 1) * n]);
+        let direction = |k: usize| if k == own { 1.0 } else { -shift[k] };
+        let (mut squares, mut information) = (0.0, 0.0);
+        for block in self.recent.iter().take(self.recent_blocks) {
+            let mut score = 0.0;
+            for (joint, sums) in block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+                let weight = self.weight(joint);
+                let columns = sums.columns();
+                let rows = sums.gram.chunks_exact(columns.len());
+                for (i, (&a, row)) in columns.iter().zip(rows).enumerate() {
+                    score += weight * direction(a) * sums.gradient(i, &left_out.effective); // (8)
+                    let product: f64 = row.iter().zip(columns).map(|(x, &b)| x * direction(b)).sum();
+                    information += weight * direction(a) * product; // (8)
+                }
+            }
+            squares += score * score;
+        }
+        squares / information
     }
 
     /// True if any parameter is known well enough to be used.

@@ -1,4 +1,4 @@
-//! Room for the test of what the model leaves out, taken at the start; (1) to (7) are those of
+//! Room for the test of what the model leaves out, taken at the start; (1) to (9) are those of
 //! [`left_out`](super::left_out).
 
 use super::information::Information;
@@ -63,11 +63,15 @@ pub(super) struct LeftOut {
     zero_rad: f64,
     /// U, I and ĉ_all.
     pub score: Vec<f64>,
+    /// What of U may be errors of the positions.
+    pub doubtful: Vec<f64>,
     pub information: Vec<f64>,
     all: Vec<f64>,
     factor: Cholesky,
     pub theta: Vec<f64>,
+    /// The effective parameters with all terms, and with one alone.
     pub effective: Vec<f64>,
+    pub alone: Vec<f64>,
 }
 
 impl LeftOut {
@@ -83,11 +87,13 @@ impl LeftOut {
             shifts: vec![0.0; k * n],
             believed: 0,
             score: vec![0.0; k],
+            doubtful: vec![0.0; k],
             information: vec![0.0; k * k],
             all: vec![0.0; k],
             factor: Cholesky::new(k),
             theta: vec![0.0; n],
             effective: vec![0.0; n],
+            alone: vec![0.0; n],
         }
     }
 
@@ -159,6 +165,8 @@ impl LeftOut {
             for (i, v) in self.shifts[c * n..(c + 1) * n].iter_mut().enumerate() {
                 *v = dot(&covariance[i * n..(i + 1) * n], row); // (1)
             }
+            let v = &self.shifts[c * n..(c + 1) * n];
+            self.doubtful[c] = (known.bias[term.index] - dot(v, &known.bias)).abs(); // (9)
         }
         self.consider(n);
         for (c, term) in self.terms.iter().enumerate() {

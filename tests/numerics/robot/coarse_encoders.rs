@@ -23,7 +23,7 @@ fn fault_coarse_encoders_make_nothing_surely_wrong() {
         let run = run(&terms, 2e-4, coarse(has_rests, seed), 60);
         println!("rests {has_rests}, seed {seed}: {run:?}");
         assert_eq!(run.dangerous, 0);
-        assert!(run.usable > 30, "{}", run.usable);
+        assert!(run.usable > 20, "{}", run.usable);
     }
 }
 

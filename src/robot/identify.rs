@@ -42,6 +42,7 @@ use super::recent::{RowRing, SliceRing};
 use super::rows::{SampleFault, WeakRows};
 use super::state::RobotSample;
 use super::sums::JointSums;
+use super::torque_counts::TorqueCounts;
 use super::urdf_prior::UrdfPrior;
 use super::watch_room::Watch;
 
@@ -68,6 +69,7 @@ pub struct RobotIdentifier {
     pub(super) wide: RobotModel,
     pub(super) left_out: Option<LeftOut>,
     pub(super) drift: FrictionDrift,
+    pub(super) counts: TorqueCounts,
     pub(super) options: IdentifyOptions,
     pub(super) rows: WeakRows,
     pub(super) jumps: Jumps,
@@ -195,6 +197,7 @@ impl RobotIdentifier {
             figures: BlockFigures::new(parameters.len(), n),
             recent_rows: RecentRows::new(&options.windows, options.block_s, &columns),
             drift: FrictionDrift::new(arm),
+            counts: TorqueCounts::new(arm),
             left_out: (!terms.is_empty()).then(|| LeftOut::new(terms, options.zero_rad, n)),
             wide,
             urdf_prior: Some(UrdfPrior::new(&model)),
@@ -232,6 +235,7 @@ impl RobotIdentifier {
         }
         self.left_out.iter_mut().for_each(LeftOut::reset);
         self.drift.reset();
+        self.counts.reset();
         self.recent_rows.lacking.fill(false);
         self.urdf_prior.iter_mut().for_each(|prior| prior.found = None);
         self.figures.clear();
@@ -330,6 +334,7 @@ impl RobotIdentifier {
                 slice[row.joint].add_bias(&mut |bias| errors.bias(wide, row.joint, of_mass, bias));
             }
         })?;
+        self.counts.take(&self.model, sample, self.options.windows.length_s);
         if self.jumps.take(self.model.robot(), sample) {
             self.inquire_after_jump();
         }
@@ -460,6 +465,7 @@ impl RobotIdentifier {
             self.look_for_left_out();
             self.look_at_urdf();
             self.look_for_drift();
+            self.look_for_counts();
         }
         if changed {
             self.recent_rows.clear();

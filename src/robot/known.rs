@@ -40,7 +40,10 @@ impl RobotIdentifier {
         let n = self.theta.len();
         let left_out = self.left_out.as_ref();
         let drifts = i == j && !self.fixed[i];
-        let drift = if drifts { self.drift.variance(i) } else { 0.0 };
+        let drift = match drifts {
+            true => self.drift.variance(i) + self.counts.variance(i),
+            false => 0.0,
+        };
         let bias = self.bias[i] * self.bias[j]; // (5) of encoder_noise.rs
         self.covariance[i * n + j] + drift + bias + left_out.map_or(0.0, |left_out| left_out.covariance(i, j, n))
     }

@@ -96,6 +96,17 @@ impl RobotIdentifier {
         }
     }
 
+    /// What the counts of the torques may have done to friction.
+    pub(super) fn look_for_counts(&mut self) {
+        for joint in 0..self.torque_std.len() {
+            let own = self.model.friction_of(joint);
+            let end = self.model.columns(joint).len();
+            let blocks = self.recent.iter().take(self.recent_blocks).map(|block| &block[joint]);
+            let size = |i: usize| self.parameters[i].scale;
+            self.counts.look_at(joint, blocks, (end - own.len()..end, own), size);
+        }
+    }
+
     /// The blocks so far are those of another machine: f_j is kept, but they are not looked at any
     /// more.
     pub(super) fn forget_recent(&mut self) {

@@ -16,7 +16,7 @@
 //! P ← P + Σ (v_c ĉ)(v_c ĉ)ᵀ    over the terms with z > BELIEVED                                 (6)
 //! P ← P + Σ (v_c σ_c)(v_c σ_c)ᵀ    over zeros and tilts                                         (7)
 //! z_c² ≤ U_c²/(I_cc x),    x = Σ u²/Σ dᵀΛ_block d over the last blocks,
-//!     u = dᵀ(b − A θ_all) of a block,  d = e_c − v_c                                             (8)
+//!     u = dᵀ(b − A θ_all) of a block,  d = e_c − v_c                                            (8)
 //! |U_c| less 1.5 |B_c − v_cᵀ B|,    B the bias by errors of the positions                        (9)
 //! ```
 //!
@@ -27,8 +27,8 @@
 //! usable parameter is off by more than [`HARMFUL`] of its standard deviations and [`LEAST_ERROR`]
 //! of itself, or if nothing may be used and it explains more than [`TELLING`] of the misfit: then
 //! the model does not describe the machine. A spring has to explain as much in any case.
-//! (8) is the same sandwich along the term itself: with encoders of 13 bits reversals are seen early
-//! or late, and what this says of a delay scatters from block to block. (9) is what
+//! (8) is the same sandwich along the term itself: with encoders of 13 bits reversals are seen
+//! early or late, and what this says of a delay scatters from block to block. (9) is what
 //! [`encoder_noise`](super::encoder_noise) foretells of U_c.
 //!
 //! Standard deviations hold (6) before that, too, so that a term that does less harm, or is less
@@ -125,12 +125,14 @@ impl RobotIdentifier {
                 continue;
             }
             let harm = self.harm(&left_out.shifts[c * n..(c + 1) * n], amplitude);
-            let deviations = match deviations > named {
-                true => deviations.min((score * amplitude / self.scatter(c, left_out)).sqrt()), // (8)
-                false => deviations,
-            };
-            let is_likelier = left_out.found.is_none_or(|found| deviations > found.deviations);
-            if deviations > named && is_likelier {
+            let likeliest = left_out.found.map_or(named, |found| found.deviations);
+            let mut is_likeliest = deviations > likeliest && (harm > harmful || is_useless);
+            let mut deviations = deviations;
+            if is_likeliest {
+                deviations = deviations.min((score * amplitude / self.scatter(c, left_out)).sqrt()); // (8)
+                is_likeliest = deviations > likeliest;
+            }
+            if is_likeliest {
                 left_out.theta.copy_from_slice(&self.theta);
                 left_out.step(c, amplitude);
                 self.effective_of(&left_out.theta, &mut left_out.alone);
@@ -152,22 +154,19 @@ impl RobotIdentifier {
     }
 
     /// x of (8).
-    fn scatter(&self, c: usize, left_out: &LeftOut) -> f64 {
+    fn scatter(&self, c: usize, left_out: &mut LeftOut) -> f64 {
         let n = self.theta.len();
-        let (own, shift) = (left_out.terms[c].index, &left_out.shifts[c * n..(c + 1) * n]);
-        let direction = |k: usize| if k == own { 1.0 } else { -shift[k] };
+        let shift = &left_out.shifts[c * n..(c + 1) * n];
+        let direction = &mut left_out.direction;
+        direction.iter_mut().zip(shift).for_each(|(d, v)| *d = -v);
+        direction[left_out.terms[c].index] = 1.0;
         let (mut squares, mut information) = (0.0, 0.0);
         for block in self.recent.iter().take(self.recent_blocks) {
             let mut score = 0.0;
             for (joint, sums) in block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-                let weight = self.weight(joint);
-                let columns = sums.columns();
-                let rows = sums.gram.chunks_exact(columns.len());
-                for (i, (&a, row)) in columns.iter().zip(rows).enumerate() {
-                    score += weight * direction(a) * sums.gradient(i, &left_out.effective); // (8)
-                    let product: f64 = row.iter().zip(columns).map(|(x, &b)| x * direction(b)).sum();
-                    information += weight * direction(a) * product; // (8)
-                }
+                let (along, square) = sums.along(direction, &left_out.effective);
+                score += self.weight(joint) * along; // (8)
+                information += self.weight(joint) * square; // (8)
             }
             squares += score * score;
         }

@@ -72,6 +72,8 @@ pub(super) struct LeftOut {
     /// The effective parameters with all terms, and with one alone.
     pub effective: Vec<f64>,
     pub alone: Vec<f64>,
+    /// d of (8).
+    pub direction: Vec<f64>,
 }
 
 impl LeftOut {
@@ -94,6 +96,7 @@ impl LeftOut {
             theta: vec![0.0; n],
             effective: vec![0.0; n],
             alone: vec![0.0; n],
+            direction: vec![0.0; n],
         }
     }
 

@@ -98,6 +98,7 @@ mod standard;
 mod state;
 mod sums;
 mod suspicion;
+mod torque_counts;
 mod tree;
 mod urdf;
 mod urdf_moments;

@@ -5,6 +5,7 @@
 //!
 //! ```text
 //! Σ (τ − x·θ)² = c − 2 b·θ + θᵀ A θ                                                            (1)
+//! dᵀ(b − A θ) = d·b − θᵀ(A d)                                                                  (2)
 //! ```
 
 use super::information::Information;
@@ -134,6 +135,24 @@ impl JointSums {
         let row = &self.gram[column * m..(column + 1) * m];
         let predicted: f64 = row.iter().zip(&self.columns).map(|(a, &k)| a * theta[k]).sum();
         self.moment[column] - predicted
+    }
+
+    /// (2) and dᵀ A d; d and θ are over all columns.
+    pub fn along(&self, d: &[f64], theta: &[f64]) -> (f64, f64) {
+        let m = self.moment.len();
+        let (mut score, mut information) = (0.0, 0.0);
+        for (i, &a) in self.columns.iter().enumerate() {
+            let row = self.gram[i * m..(i + 1) * m].iter().zip(&self.columns);
+            let product: f64 = row.map(|(entry, &b)| entry * d[b]).sum();
+            score += d[a] * self.moment[i] - theta[a] * product; // (2)
+            information += d[a] * product;
+        }
+        (score, information)
+    }
+
+    /// Σ x² of one column.
+    pub fn squares(&self, column: usize) -> f64 {
+        self.gram[column * (self.moment.len() + 1)]
     }
 
     /// Takes θ for the origin: b becomes the gradient there, c the sum of squared residuals.

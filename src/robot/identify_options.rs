@@ -31,8 +31,9 @@ pub struct IdentifyOptions {
     /// from the arm.
     pub payload: bool,
     /// Standard deviation of the zero of each encoder and of the direction of gravity \[rad\], ≥ 0.
-    /// Neither leaves a residual: the moments of what the links weigh turn with them. So they are
-    /// not estimated, and standard deviations allow for them.
+    /// Small ones leave no residual: the moments of what the links weigh turn with them. So they
+    /// are not estimated, and standard deviations allow for them. Those of more than three standard
+    /// deviations that the residuals show are a misfit.
     pub zero_rad: f64,
     /// Relative standard deviation of masses by the gains of the drives, ≥ 0: how well the gains
     /// are known.

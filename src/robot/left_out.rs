@@ -34,10 +34,11 @@
 //! Standard deviations hold (6) before that, too, so that a term that does less harm, or is less
 //! sure, makes nothing surely wrong.
 //!
-//! A zero or a tilt turns the moments of what the links weigh, and leaves next to no residual (on a
-//! six-axis arm, z < 1 with 10 mrad at joint 3, which puts hz3 2 % off): no test can find it, so
-//! (7) allows for it always. This is Schmidt's consider analysis (S. F. Schmidt, Advances in
-//! Control Systems 3, 1966).
+//! A zero or a tilt turns the moments of what the links weigh, and a small one leaves next to no
+//! residual (on a six-axis arm, z < 1 with 10 mrad at joint 3, which puts hz3 2 % off): (7) allows
+//! for it always, and it is named only if it exceeds [`NOT_CONSIDERED`] of the standard deviations
+//! that (7) takes. This is Schmidt's consider analysis (S. F. Schmidt, Advances in Control
+//! Systems 3, 1966).
 //!
 //! With thirty terms and some hundred blocks noise alone names one in 1e5 runs at most; the rest of
 //! the margin is for friction that is none of (1) there. Sources: C. R. Rao, Proc. Cambridge Phil.
@@ -65,6 +66,8 @@ const LEAST_ERROR: f64 = 0.0025;
 const TELLING: f64 = 0.2;
 /// Part of what errors of the positions may have done to a score that is not held against a term.
 const ALLOWED: f64 = 1.5;
+/// Standard deviations of a zero or a tilt from which on it is named.
+const NOT_CONSIDERED: f64 = 3.0;
 /// Standard deviations allow for terms whose information is not nearly all rounding.
 const TOLD_APART: f64 = 2.0 * ROUNDING;
 
@@ -106,9 +109,6 @@ impl RobotIdentifier {
         let (n, k) = (self.theta.len(), left_out.terms.len());
         for c in 0..k {
             let LeftOutTerm { what, index, .. } = left_out.terms[c];
-            if what.leaves_no_residual() {
-                continue; // (7)
-            }
             // what touches the rows of several joints is judged by the worst of them
             let excess = match what.only_joint() {
                 Some(joint) => excess[joint],
@@ -126,7 +126,8 @@ impl RobotIdentifier {
             }
             let harm = self.harm(&left_out.shifts[c * n..(c + 1) * n], amplitude);
             let likeliest = left_out.found.map_or(named, |found| found.deviations);
-            let mut is_likeliest = deviations > likeliest && (harm > harmful || is_useless);
+            let is_large = !what.is_considered() || amplitude.abs() > NOT_CONSIDERED * left_out.zero_rad; // (7)
+            let mut is_likeliest = is_large && deviations > likeliest && (harm > harmful || is_useless);
             let mut deviations = deviations;
             if is_likeliest {
                 deviations = deviations.min((score * amplitude / self.scatter(c, left_out)).sqrt()); // (8)

@@ -59,8 +59,8 @@ pub(super) struct LeftOut {
     pub believed: usize,
     /// v_c times the standard deviation of c, for what is considered.
     considered: Vec<f64>,
-    /// Standard deviation of zeros and tilts.
-    zero_rad: f64,
+    /// Standard deviation of zeros and tilts \[rad\].
+    pub zero_rad: f64,
     /// U, I and ĉ_all.
     pub score: Vec<f64>,
     /// What of U may be errors of the positions.
@@ -80,7 +80,7 @@ impl LeftOut {
     /// Room for these, beside so many parameters and terms together.
     pub fn new(terms: Vec<LeftOutTerm>, zero_rad: f64, n: usize) -> Self {
         let k = terms.len();
-        let considered = terms.iter().filter(|term| term.what.leaves_no_residual()).count();
+        let considered = terms.iter().filter(|term| term.what.is_considered()).count();
         Self {
             considered: vec![0.0; considered * n],
             zero_rad,
@@ -151,7 +151,7 @@ impl LeftOut {
     /// Keeps what the errors that are considered do to the estimates.
     fn consider(&mut self, n: usize) {
         let shifts = self.terms.iter().zip(self.shifts.chunks_exact(n));
-        let of = shifts.filter(|(term, _)| term.what.leaves_no_residual());
+        let of = shifts.filter(|(term, _)| term.what.is_considered());
         for (kept, (_, shift)) in self.considered.chunks_exact_mut(n).zip(of) {
             for (kept, v) in kept.iter_mut().zip(shift) {
                 *kept = v * self.zero_rad; // (7)

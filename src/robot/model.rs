@@ -130,8 +130,8 @@ impl Unmodelled {
         )
     }
 
-    /// Estimated parameters can imitate it, so that no test finds it.
-    pub(super) fn leaves_no_residual(self) -> bool {
+    /// Estimated parameters imitate a small one, so that standard deviations always allow for it.
+    pub(super) fn is_considered(self) -> bool {
         matches!(self, Self::Zero { .. } | Self::Tilt)
     }
 

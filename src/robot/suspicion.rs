@@ -285,7 +285,11 @@ fn left_out(f: &mut fmt::Formatter<'_>, cause: &LeftOutCause) -> fmt::Result {
     }
     match cause.what {
         Unmodelled::Friction { term, .. } => write!(f, "add \"{}\" to friction.terms", term.name()),
-        Unmodelled::Zero { .. } | Unmodelled::Tilt => f.write_str("look at the zeros and at model.gravity_m_per_s2"),
+        Unmodelled::Zero { .. } | Unmodelled::Tilt => write!(
+            f,
+            "some {:.1} degrees; look at the zeros and at model.gravity_m_per_s2",
+            cause.amplitude.abs().to_degrees()
+        ),
         Unmodelled::Delay => write!(
             f,
             "{:.1} ms; torques, positions and velocities must be of the same instants",

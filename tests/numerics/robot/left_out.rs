@@ -6,11 +6,12 @@
 
 use super::{SIX_AXIS, robot};
 use FrictionTerm::{Coulomb, Offset, Viscous};
+use nalgebra::{Rotation3, Vector3};
 use thetabus::messages::{Estimate, Sample, State, signals};
 use thetabus::node::identifier::IdentifierOptions;
 use thetabus::node::robot::{RobotLearner, RobotNode};
 use thetabus::robot::{
-    Drives, FrictionTerm, IdentifyOptions, JointFriction, Motions, RobotIdentifier, RobotModel, RobotSimOptions,
+    Drives, FrictionTerm, IdentifyOptions, JointFriction, Motions, Robot, RobotIdentifier, RobotModel, RobotSimOptions,
     RobotSimulator, Velocities, WindowOptions,
 };
 
@@ -42,13 +43,24 @@ pub(super) fn simulation(has_rests: bool, seed: u64) -> RobotSimOptions {
 
 /// Identifies as the service does by default; `terms` are those of the model.
 pub(super) fn run(terms: &[FrictionTerm], presliding: f64, simulation: RobotSimOptions, seconds: usize) -> Run {
+    run_of(&robot(SIX_AXIS), terms, presliding, simulation, seconds)
+}
+
+/// The same on a machine that differs from the URDF.
+fn run_of(
+    machine: &Robot,
+    terms: &[FrictionTerm],
+    presliding: f64,
+    simulation: RobotSimOptions,
+    seconds: usize,
+) -> Run {
     let robot = robot(SIX_AXIS);
     let friction = JointFriction {
         terms: terms.to_vec(),
         presliding,
         ..JointFriction::default()
     };
-    let model = RobotModel::new(robot.clone(), true, vec![friction; 6]).unwrap();
+    let model = RobotModel::new(robot, true, vec![friction; 6]).unwrap();
     let options = IdentifyOptions {
         windows: WindowOptions::for_period(1e-3),
         lengthens: true,
@@ -57,7 +69,7 @@ pub(super) fn run(terms: &[FrictionTerm], presliding: f64, simulation: RobotSimO
         ..IdentifyOptions::default()
     };
     let identifier = RobotIdentifier::new(model, options).unwrap();
-    let simulator = RobotSimulator::new(&robot, simulation).unwrap();
+    let simulator = RobotSimulator::new(machine, simulation).unwrap();
     let truth = simulator.truth(identifier.model(), 0.0);
     let options = IdentifierOptions {
         sample_period_ns: 1_000_000,
@@ -123,6 +135,42 @@ fn fault_a_spring_that_the_model_leaves_out_makes_nothing_surely_wrong() {
             assert!(run_without.words.contains("spring"), "{}", run_without.words);
             let run_with = run(&[&terms[..], &[FrictionTerm::Spring]].concat(), 1e-4, simulation, 75);
             assert!(run_with.dangerous == 0 && run_with.usable > 30, "{run_with:?}");
+        }
+    }
+}
+
+/// The machine with its base tilted about x and y \[degrees\].
+fn tilted(about: [f64; 2]) -> Robot {
+    let mut machine = robot(SIX_AXIS);
+    let turn = Rotation3::new(Vector3::new(about[0].to_radians(), about[1].to_radians(), 0.0));
+    machine.gravity = turn * machine.gravity;
+    machine
+}
+
+/// Of a degree and more; that of half a degree may pass, standard deviations allow for it. A spring
+/// at a joint whose axis is upright looks like a tilt in short motion.
+#[test]
+fn fault_a_tilted_base_is_named_or_does_no_harm() {
+    let cases = [
+        (false, 3, [1.0, 0.0], true),
+        (true, 1, [1.0, 0.0], true),
+        (false, 2, [0.0, 3.0], true),
+        (true, 2, [-4.0, 2.0], true),
+        (true, 1, [0.5, 0.0], false),
+    ];
+    for (has_rests, seed, about, is_named) in cases {
+        let terms = JointFriction::default().terms;
+        let run = run_of(&tilted(about), &terms, 1e-4, simulation(has_rests, seed), 60);
+        println!("rests {has_rests}, seed {seed}, {about:?} degrees: {run:?}");
+        assert_eq!(run.dangerous, 0);
+        if is_named {
+            assert!(
+                run.misfits > 40 && run.words.starts_with("a tilted base"),
+                "{}",
+                run.words
+            );
+        } else {
+            assert!(run.usable > 40, "{}", run.usable);
         }
     }
 }

@@ -73,9 +73,12 @@ const TOLD_APART: f64 = 2.0 * ROUNDING;
 
 impl RobotIdentifier {
     /// What the model leaves out and makes what is known wrong, if the residuals speak for it: the
-    /// model does not describe the machine then.
+    /// model does not describe the machine then. Zeros so wrong that they contradict the URDF are
+    /// told by [`contradiction`](Self::contradiction) alone: a slope does not tell by how much.
     pub fn left_out_cause(&self) -> Option<LeftOutCause> {
-        self.left_out.as_ref()?.found
+        let found = self.left_out.as_ref()?.found?;
+        let is_told = found.what.is_considered() && self.contradiction().is_some();
+        (!is_told).then_some(found)
     }
 
     /// Looks for it after a block was learnt.

@@ -22,7 +22,8 @@ impl RobotIdentifier {
         for (a, &i) in prior.indices.iter().enumerate() {
             prior.estimate[a] = self.theta[i];
             for (b, &j) in prior.indices.iter().enumerate() {
-                prior.covariance[a * k + b] = self.covariance(i, j);
+                // without (6) of left_out.rs, which would allow for the very zero looked for
+                prior.covariance[a * k + b] = self.covariance[i * self.theta.len() + j];
             }
         }
         let (mut along, mut square) = (0.0, f64::MIN_POSITIVE);

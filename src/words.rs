@@ -1,13 +1,16 @@
 //! Short texts: what a message shows of a longer one, what a name may consist of, and a hash that
 //! is the same in every build.
 
-/// The first characters, and an ellipsis if there are more than `limit`.
+/// The first characters, and an ellipsis if there are more than `limit`. What a terminal would obey
+/// is written out.
 #[cfg(any(feature = "config", feature = "recording", feature = "robot"))]
 pub(crate) fn cut(text: &str, limit: usize) -> String {
-    match text.char_indices().nth(limit) {
-        Some((end, _)) => format!("{}…", &text[..end]),
-        None => text.to_owned(),
-    }
+    let more = if text.chars().nth(limit).is_some() { "…" } else { "" };
+    let plain = |c: char| match c.is_control() {
+        true => c.escape_default().to_string(),
+        false => c.to_string(),
+    };
+    text.chars().take(limit).map(plain).chain([more.to_owned()]).collect()
 }
 
 /// True for a name that can stand in file names, service names and socket paths:
@@ -45,6 +48,7 @@ mod tests {
     #[test]
     fn prop_texts_are_cut_between_characters_and_names_are_short_and_plain() {
         assert_eq!((cut("θ_1θ", 3), cut("θ_1", 3)), ("θ_1…".to_owned(), "θ_1".to_owned()));
+        assert_eq!(cut("\u{1b}[31mq", 9), "\\u{1b}[31mq");
         assert!(is_name("arm-1_b") && is_name(&"a".repeat(32)));
         for wrong in ["", "Arm", "a b", "θ", &"a".repeat(33)] {
             assert!(!is_name(wrong), "{wrong}");

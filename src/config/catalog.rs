@@ -101,9 +101,12 @@ impl Catalog {
             return build(form, check);
         }
         let names: Vec<&str> = self.names().collect();
-        let hint = super::words::nearest(kind, names.iter().copied())
-            .map(|name| format!("; did you mean \"{name}\"?"))
-            .unwrap_or_default();
+        let hint = super::words::nearest(kind, names.iter().copied()).map(|name| format!("; did you mean \"{name}\"?"));
+        let hint = match kind {
+            // known to each program, but not from here
+            "robot" => "; a robot from its URDF is a file of its own, see config/robots/six_axis.toml".to_owned(),
+            _ => hint.unwrap_or_default(),
+        };
         let expected = super::kind::quoted(&names);
         check.wrong(
             "model.kind",

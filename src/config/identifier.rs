@@ -156,7 +156,12 @@ fn projected(form: &FileForm, linear: bool, joints: usize, check: &mut Check<'_>
             field if field.ends_with("_s") => format!("{got} s"),
             _ => got.to_string(),
         };
-        check.wrong(&key, format!("expected {expected}, got {got}"));
+        let message = format!("expected {expected}, got {got}");
+        match check.culprit(&[&key, "plant.sample_period_s"]) {
+            stated if stated == key => check.wrong(&key, message),
+            // a default that another period does not suit
+            period => check.wrong(period, format!("{key} must be stated, too: {message}")),
+        }
         return None;
     }
     let limit = section.input_delay_limit_s;

@@ -44,13 +44,6 @@ impl<P: Plant> Delayed<P> {
     }
 }
 
-impl<P> Delayed<P> {
-    /// The plant without the delay.
-    pub fn plant(&self) -> &P {
-        &self.plant
-    }
-}
-
 impl<P: Plant> Plant for Delayed<P> {
     fn name(&self) -> &str {
         self.plant.name()

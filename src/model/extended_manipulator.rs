@@ -138,16 +138,6 @@ impl ExtendedManipulator {
         }
     }
 
-    /// The terms beyond the paper's.
-    pub fn extra_terms(&self) -> ExtraTerms {
-        self.terms
-    }
-
-    /// The paper's arm.
-    pub fn arm(&self) -> &Manipulator {
-        &self.arm
-    }
-
     /// Where θ₁ to θ₉ stand among the parameters, counted from 0.
     pub fn places(terms: ExtraTerms) -> [usize; MANIPULATOR_PARAMS] {
         std::array::from_fn(|index| Self::place(terms, index))

@@ -29,7 +29,7 @@ pub use derived::PlantDerived;
 pub use extended_manipulator::{ExtendedManipulator, ExtraTerms};
 pub use load::{ball_inertia, load_at_flange};
 pub use manipulator::{MANIPULATOR_PARAMS, Manipulator, ManipulatorFeatures};
-pub use physical::{ExtendedDerived, KnownConstants, ManipulatorDerived, PhysicalParameters, RecoveryError};
+pub use physical::{ExtendedDerived, KnownConstants, ManipulatorDerived, PhysicalParameters, UnknownConstant};
 pub use raw_manipulator::RawManipulator;
 pub use servo_axis::{DriveInput, Motion, SERVO_PARAMS, ServoAxis};
 

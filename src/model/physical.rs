@@ -47,25 +47,14 @@ pub struct KnownConstants {
     pub torque_constant_n_m_per_a: [f64; 2],
 }
 
-/// Why θ gives no physical parameters.
+/// A known constant that is not a positive number.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum RecoveryError {
-    /// A known constant is not a positive number.
-    #[error("{name} must be a positive number to recover physical parameters, got {value}")]
-    Constant {
-        /// Name of the constant.
-        name: &'static str,
-        /// Its value.
-        value: f64,
-    },
-    /// A parameter that is divided by, or has to be positive, is not.
-    #[error("theta_{} must be a positive number to recover physical parameters, got {value}", .index + 1)]
-    Parameter {
-        /// Its index, counted from 0.
-        index: usize,
-        /// Its value.
-        value: f64,
-    },
+#[error("{name} must be a positive number to recover physical parameters, got {value}")]
+pub struct UnknownConstant {
+    /// Name of the constant.
+    pub name: &'static str,
+    /// Its value.
+    pub value: f64,
 }
 
 impl PhysicalParameters {
@@ -95,40 +84,7 @@ impl PhysicalParameters {
         ]
     }
 
-    /// The physical parameters behind θ, as far as `known` allows: the inverse of (25).
-    ///
-    /// # Errors
-    /// A known constant, or a parameter of θ that the inverse needs, is not a positive finite
-    /// number.
-    pub fn from_theta(theta: &[f64; MANIPULATOR_PARAMS], known: &KnownConstants) -> Result<Self, RecoveryError> {
-        known.validate()?;
-        for (index, &value) in theta.iter().enumerate() {
-            // θ₁ is not used; the back-EMF constants may be zero.
-            let fine = match index {
-                0 => true,
-                4 | 7 => value >= 0.0,
-                _ => value > 0.0,
-            };
-            if !(value.is_finite() && fine) {
-                return Err(RecoveryError::Parameter { index, value });
-            }
-        }
-        let [r1, r2] = known.winding_resistance_ohm;
-        let [km1, km2] = known.torque_constant_n_m_per_a;
-        let l1 = known.length_1_m;
-        Ok(Self {
-            length_1_m: l1,
-            mass_1_kg: theta[2] * km1 / (l1 * l1 * r1),
-            length_2_m: theta[8],
-            mass_2_kg: theta[6] * km2 / (theta[8] * r2),
-            winding_resistance_ohm: known.winding_resistance_ohm,
-            winding_inductance_h: [r1 * theta[1] / theta[3], r2 * theta[5] / theta[6]],
-            torque_constant_n_m_per_a: known.torque_constant_n_m_per_a,
-            back_emf_constant_v_s_per_rad: [theta[4], theta[7]],
-        })
-    }
-
-    /// The constants of this arm that [`from_theta`](Self::from_theta) needs.
+    /// The constants of this arm that [`ManipulatorDerived`] needs.
     pub fn known(&self) -> KnownConstants {
         KnownConstants {
             length_1_m: self.length_1_m,
@@ -143,7 +99,7 @@ impl KnownConstants {
     ///
     /// # Errors
     /// The first constant that is not.
-    pub fn validate(&self) -> Result<(), RecoveryError> {
+    pub fn validate(&self) -> Result<(), UnknownConstant> {
         let [r1, r2] = self.winding_resistance_ohm;
         let [km1, km2] = self.torque_constant_n_m_per_a;
         [
@@ -155,15 +111,15 @@ impl KnownConstants {
         ]
         .into_iter()
         .find(|&(_, value)| !(value.is_finite() && value > 0.0))
-        .map_or(Ok(()), |(name, value)| Err(RecoveryError::Constant { name, value }))
+        .map_or(Ok(()), |(name, value)| Err(UnknownConstant { name, value }))
     }
 }
 
 /// Physical values of the arm that follow from θ̂ once the motor constants are known, with
 /// deviations by the delta method.
 ///
-/// The inverse of (25) as in [`PhysicalParameters::from_theta`]. Values are `NaN` if θ̂ does not
-/// allow them (θ₉ = 0, for instance).
+/// The inverse of (25), at the head of this file. Values are `NaN` if θ̂ does not allow them (θ₉ = 0,
+/// for instance).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ManipulatorDerived {
     known: KnownConstants,
@@ -181,7 +137,7 @@ impl ManipulatorDerived {
     ///
     /// # Errors
     /// A constant is not a positive finite number.
-    pub fn new(known: KnownConstants) -> Result<Self, RecoveryError> {
+    pub fn new(known: KnownConstants) -> Result<Self, UnknownConstant> {
         known.validate().map(|()| Self { known })
     }
 

@@ -21,20 +21,24 @@ pub fn fault(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
 fn explanation(suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq: u64) -> LastError {
     let mut words = FixedText::<ERROR_TEXT>::default();
     // longer words than fit are cut, which is what an error means here
-    let _cut = write!(words, "{suspect} would explain {what}").and_then(|()| match suspect.kind {
-        SuspectKind::InputDelay => write!(words, " ({:.0} us)", 1e6 * amplitude),
-        // two masses of unknown ratio: the amplitude is no frequency; a spring's has a long unit
-        SuspectKind::Resonance | SuspectKind::Spring => Ok(()),
-        SuspectKind::Gain => write!(words, " ({:+.1} %)", 100.0 * amplitude),
-        // one digit, so that the words change only with the matter
-        SuspectKind::Drift => write!(words, " ({amplitude:.0e} per second)"),
-        SuspectKind::Coulomb
-        | SuspectKind::Stribeck
-        | SuspectKind::Offset
-        | SuspectKind::DeadBand
-        | SuspectKind::Eccentricity
-        | SuspectKind::Zero => write!(words, " ({:.1e} {})", amplitude.abs(), suspect.unit),
-    });
+    let cause = suspect.write(amplitude, &mut words);
+    let _cut = cause
+        .and_then(|()| write!(words, " would explain {what}"))
+        .and_then(|()| match suspect.kind {
+            SuspectKind::InputDelay => write!(words, " ({:.0} us)", 1e6 * amplitude),
+            // two masses of unknown ratio: the amplitude is no frequency; a spring's has a long
+            // unit
+            SuspectKind::Resonance | SuspectKind::Spring => Ok(()),
+            SuspectKind::Gain => write!(words, " ({:+.1} %)", 100.0 * amplitude),
+            // one digit, so that the words change only with the matter
+            SuspectKind::Drift => write!(words, " ({amplitude:.0e} per second)"),
+            SuspectKind::Coulomb
+            | SuspectKind::Stribeck
+            | SuspectKind::Offset
+            | SuspectKind::DeadBand
+            | SuspectKind::Eccentricity
+            | SuspectKind::Zero => write!(words, " ({:.1e} {})", amplitude.abs(), suspect.unit),
+        });
     LastError::with_text(ErrorCode::Misfit, seq, words.as_str())
 }
 
@@ -77,9 +81,34 @@ mod tests {
                 "{}",
                 error.words()
             );
-            assert!(error.words().len() < 100 && error.code == ErrorCode::Misfit as u32);
+            assert!(error.words().len() < ERROR_TEXT && error.code == ErrorCode::Misfit as u32);
             let fault = fault(&suspect, &suspicion, 9);
             assert!(fault.words().contains("would explain the change"), "{}", fault.words());
+        }
+    }
+
+    #[test]
+    fn regress_friction_that_bends_either_way_is_not_said_to_fall_with_speed() {
+        let stribeck = Suspect {
+            kind: SuspectKind::Stribeck,
+            parameter: None,
+            joint: Some(0),
+            unit: "V",
+            largest: 1.0,
+        };
+        for (amplitude, words) in [
+            (0.2, "friction not linear in speed (Stribeck, drag) at joint 1 would"),
+            (-0.2, "friction that is low at low speed at joint 1 would"),
+        ] {
+            let suspicion = Suspicion {
+                suspect: 2,
+                drifting: None,
+                amplitude,
+                deviations: 12.0,
+                share: 0.83,
+            };
+            let error = error(&stribeck, &suspicion, 9);
+            assert!(error.words().starts_with(words), "{}", error.words());
         }
     }
 }

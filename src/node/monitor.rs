@@ -8,6 +8,9 @@ use std::fmt::Write as _;
 
 pub use super::block_history::{BlockRecord, Change};
 
+/// Share of an estimate below which a truth is a sum that cancels but for rounding.
+const NOTHING: f64 = 1e-12;
+
 /// Name and unit of a column: a parameter or a derived value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Label {
@@ -298,9 +301,10 @@ pub fn poorly_excited_words(usable: usize, all: usize) -> String {
     format!("the motion leaves some parameters open; {usable} of {all} may be used all the same")
 }
 
-/// (estimate − truth) / truth; none beside a truth of 0.
+/// (estimate − truth) / truth; none beside a truth of 0, or of what rounding has left of one.
 pub fn relative_error(estimate: f64, truth: f64) -> Option<f64> {
-    (truth != 0.0).then(|| (estimate - truth) / truth)
+    let is_nothing = truth == 0.0 || truth.abs() < NOTHING * estimate.abs();
+    (!is_nothing).then(|| (estimate - truth) / truth)
 }
 
 /// Nanoseconds of stream time as seconds.
@@ -453,6 +457,8 @@ pub(crate) mod tests {
             0.0,
             "beside 0 nothing is relative"
         );
+        assert_eq!(relative_error(0.1, 3e-17), None);
+        assert_eq!(relative_error(-0.5, 1e-3), Some(-501.0));
     }
 
     #[test]

@@ -48,7 +48,7 @@ impl LogCounts {
 
 impl std::fmt::Display for LogCounts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{} rows", self.rows)?;
+        write!(f, "{} {}", self.rows, if self.rows == 1 { "row" } else { "rows" })?;
         let kinds = [
             (self.unreadable, "unreadable"),
             (self.not_finite, "not finite"),

@@ -4,6 +4,9 @@
 use crate::messages::Sample;
 use std::fmt;
 
+/// Share of the mean distance that rounding makes of its standard deviation.
+const ROUNDING: f64 = 1e-9;
+
 /// What a column was read as, with the joint counted from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signal {
@@ -49,9 +52,14 @@ pub struct Steps {
 }
 
 impl Steps {
-    /// Standard deviation \[s\].
+    /// Standard deviation \[s\]; 0 if it is but the rounding of the times.
     pub fn std_s(&self) -> f64 {
-        (self.sum_of_squares / self.count.max(1) as f64).sqrt()
+        let std_s = (self.sum_of_squares / self.count.max(1) as f64).sqrt();
+        if std_s > ROUNDING * self.mean_s.abs() {
+            std_s
+        } else {
+            0.0
+        }
     }
 
     fn add(&mut self, step_s: f64) {
@@ -160,7 +168,8 @@ impl LogProfile {
 /// Rows, length, rate and its spread.
 impl fmt::Display for LogProfile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} rows over {} s", self.rows, short(self.length_s))?;
+        let rows = if self.rows == 1 { "row" } else { "rows" };
+        write!(f, "{} {rows} over {} s", self.rows, short(self.length_s))?;
         let steps = &self.steps;
         if steps.count > 0 {
             let [mean, std, min, max] = [steps.mean_s, steps.std_s(), steps.min_s, steps.max_s].map(|s| short(1e3 * s));

@@ -6,7 +6,7 @@
 //! machine is and within which the mistake nearly always puts it: joints that turn three times,
 //! axes longer than ten metres.
 
-use super::profile::{ColumnProfile, LogProfile, Signal};
+use super::profile::{ColumnProfile, LogProfile, Signal, short};
 use std::fmt;
 
 /// Joints seldom turn further \[rad\]; angles in degrees span more.
@@ -114,6 +114,15 @@ pub enum Suspicion {
         /// Such a field.
         field: String,
     },
+    /// Something else where numbers were expected.
+    NoNumber {
+        /// Name of the column.
+        column: String,
+        /// Such a field.
+        field: String,
+    },
+    /// Numbers where the names of the columns were expected.
+    NoHeader,
     /// A comma for the decimal point.
     DecimalComma {
         /// Such a field.
@@ -141,22 +150,24 @@ impl fmt::Display for Suspicion {
         match self {
             Self::Degrees { column, span_rad } => write!(
                 f,
-                "column \"{column}\" spans {span_rad:.4} rad, {:.1} turns: if it is in degrees, set log.position_unit = \"deg\"",
-                span_rad / std::f64::consts::TAU
+                "column \"{column}\" spans {} rad, {} turns: if it is in degrees, set log.position_unit = \"deg\"; if it is a length, choose a model that moves along a line",
+                short(*span_rad),
+                short(span_rad / std::f64::consts::TAU)
             ),
             Self::Radians { column, span_rad } => write!(
                 f,
-                "column \"{column}\" spans {:.4} degrees only: if it is in radians, set log.position_unit = \"rad\"",
-                span_rad.to_degrees()
+                "column \"{column}\" spans {} degrees only: if it is in radians, set log.position_unit = \"rad\"",
+                short(span_rad.to_degrees())
             ),
             Self::Millimetres { column, span_m } => write!(
                 f,
-                "column \"{column}\" spans {span_m:.4} m: if it is in millimetres, set log.position_unit = \"mm\""
+                "column \"{column}\" spans {} m: if it is in millimetres, set log.position_unit = \"mm\"",
+                short(*span_m)
             ),
             Self::Metres { column, span_m } => write!(
                 f,
-                "column \"{column}\" spans {:.4} mm only: if it is in metres, set log.position_unit = \"m\"",
-                span_m * 1e3
+                "column \"{column}\" spans {} mm only: if it is in metres, set log.position_unit = \"m\"",
+                short(span_m * 1e3)
             ),
             Self::Constant { column, value } => write!(
                 f,
@@ -186,6 +197,13 @@ impl fmt::Display for Suspicion {
                 f,
                 "\"{field}\" in column \"{column}\" is a date or time of day: expected a number, of a time the seconds since any instant"
             ),
+            Self::NoNumber { column, field } => {
+                write!(
+                    f,
+                    "\"{field}\" in column \"{column}\" is no number: units belong into [log]"
+                )
+            }
+            Self::NoHeader => f.write_str("the file has no header: its first line must name the columns"),
             Self::DecimalComma { field } => {
                 write!(
                     f,
@@ -296,8 +314,12 @@ pub fn judge_bounds<'a>(parameters: impl Iterator<Item = (&'a str, f64, [f64; 2]
 /// What a header without the expected columns looks like.
 pub fn judge_header(line: &str) -> Option<Suspicion> {
     let count = |c: char| line.matches(c).count();
-    let separator = [';', '\t'].into_iter().find(|c| count(*c) > count(','))?;
-    Some(Suspicion::Separator { separator })
+    let separator = [';', '\t'].into_iter().find(|c| count(*c) > count(','));
+    let mut names = line.split(',').map(str::trim);
+    let numbers = names.all(|name| name.parse::<f64>().is_ok());
+    separator
+        .map(|separator| Suspicion::Separator { separator })
+        .or(numbers.then_some(Suspicion::NoHeader))
 }
 
 /// What a field of a column that should be a number looks like.
@@ -319,7 +341,13 @@ pub fn judge_field(column: &str, field: &str) -> Option<Suspicion> {
     }
     let comma = field.split_once(',');
     let decimal = comma.is_some_and(|(a, b)| digits(a.trim_start_matches(['-', '+']), 1) && digits(b, 1));
-    decimal.then(|| Suspicion::DecimalComma { field: told() })
+    if decimal {
+        return Some(Suspicion::DecimalComma { field: told() });
+    }
+    field.parse::<f64>().is_err().then(|| Suspicion::NoNumber {
+        column: column.to_owned(),
+        field: told(),
+    })
 }
 
 /// Why rows may be `got_s` apart by a column in `unit`, where `expected_s` is configured.
@@ -335,196 +363,4 @@ pub fn judge_period(got_s: f64, expected_s: f64, unit_s: f64) -> Option<Suspicio
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn profile(signal: Signal, min: f64, max: f64, largest_step: f64) -> LogProfile {
-        LogProfile {
-            columns: vec![ColumnProfile {
-                name: "x".to_owned(),
-                signal,
-                count: 100,
-                min,
-                max,
-                largest_step,
-                last: Some(max),
-            }],
-            ..LogProfile::default()
-        }
-    }
-
-    #[test]
-    fn regress_each_likely_mistake_is_named_with_the_key_that_mends_it_and_a_good_log_is_not() {
-        let q = Signal::Position(0);
-        // (what, turns, unit, column, its range in SI units, largest step, words)
-        let cases = [
-            ("an arm in rad", true, "rad", q, [-3.0, 3.0], 0.01, ""),
-            ("two turns", true, "rad", q, [0.0, 12.5], 0.01, ""),
-            (
-                "an arm in degrees as rad",
-                true,
-                "rad",
-                q,
-                [-90.0, 90.0],
-                1.0,
-                "\"deg\"",
-            ),
-            (
-                "small motion in degrees as rad",
-                true,
-                "rad",
-                q,
-                [0.0, 20.0],
-                0.1,
-                "\"deg\"",
-            ),
-            ("rad as deg", true, "deg", q, [-0.02, 0.03], 1e-4, "\"rad\""),
-            ("degrees as deg", true, "deg", q, [-1.5, 1.5], 1e-2, ""),
-            ("degrees as turns", true, "turn", q, [0.0, 500.0], 1.0, "\"deg\""),
-            ("an axis in m", false, "m", q, [-0.1, 0.1], 0.001, ""),
-            ("an axis of 300 mm as m", false, "m", q, [0.0, 300.0], 1.0, "\"mm\""),
-            ("mm as mm", false, "mm", q, [0.0, 0.3], 0.001, ""),
-            ("m as mm", false, "mm", q, [0.0, 3e-4], 1e-6, "\"m\""),
-            ("a wrapped encoder", true, "rad", q, [-3.1, 3.1], 6.2, "unwrapped"),
-            (
-                "the same in degrees as rad",
-                true,
-                "rad",
-                q,
-                [-179.0, 179.0],
-                358.0,
-                "unwrapped",
-            ),
-            (
-                "a machine that was off",
-                false,
-                "m",
-                q,
-                [0.2, 0.2],
-                0.0,
-                "was the machine on",
-            ),
-            (
-                "no input",
-                false,
-                "m",
-                Signal::Input(0),
-                [0.0, 0.0],
-                0.0,
-                "was the machine on",
-            ),
-            (
-                "a setpoint that rests",
-                false,
-                "m",
-                Signal::Setpoint(0),
-                [0.0, 0.0],
-                0.0,
-                "",
-            ),
-        ];
-        for (what, turns, position_unit, signal, [min, max], step, words) in cases {
-            let configured = Configured {
-                turns,
-                position_unit,
-                input_sign: 1.0,
-            };
-            let found = judge_profile(&profile(signal, min, max, step), &configured, &[]);
-            let told: Vec<String> = found.iter().map(ToString::to_string).collect();
-            match words {
-                "" => assert!(told.is_empty(), "{what}: {told:?}"),
-                words => assert!(told.len() == 1 && told[0].contains(words), "{what}: {told:?}"),
-            }
-        }
-    }
-
-    #[test]
-    fn regress_an_input_against_the_models_direction_is_named_where_the_data_are_sure() {
-        let profile = profile(Signal::Input(0), -1.0, 1.0, 0.1);
-        for (input_sign, correlation, named) in [
-            (1.0, Some(0.9), false),
-            (1.0, Some(-0.9), true),
-            (-1.0, Some(-0.9), false),
-            (-1.0, Some(0.9), true),
-            (1.0, Some(-0.2), false),
-            (1.0, None, false),
-            (0.0, Some(-1.0), false),
-        ] {
-            let configured = Configured {
-                turns: false,
-                position_unit: "m",
-                input_sign,
-            };
-            let found = judge_profile(&profile, &configured, &[correlation]);
-            assert_eq!(!found.is_empty(), named, "{input_sign} {correlation:?}: {found:?}");
-        }
-    }
-
-    #[test]
-    fn regress_times_separators_and_fields_are_told_by_their_looks() {
-        let field = |text: &str| judge_field("clock", text).map(|s| s.to_string());
-        for (text, words) in [
-            ("2026-11-21T08:15:30.123Z", "in column \"clock\" is a date"),
-            ("2026-11-21 08:15:30", "date"),
-            ("21.11.2026 08:15", "date"),
-            ("08:15:30.5", "date"),
-            ("2026-11-21Z", "date"),
-            ("0,125", "decimal point"),
-            ("-3,5", "decimal point"),
-            ("0,5;1,25;3", "semicolons"),
-            ("1\t2", "tabs"),
-        ] {
-            let told = field(text).unwrap_or_default();
-            assert!(told.contains(words), "{text}: {told}");
-        }
-        for text in ["abc", "", "1.5", "NaN", "1-2", "1.5e-3 m", "-1.5e-3", "20.5e-3.1"] {
-            assert_eq!(field(text), None, "{text}");
-        }
-        for (line, words) in [
-            ("t;q;u", "semicolons"),
-            ("t\tq\tu", "tabs"),
-            ("t,q,u", ""),
-            ("t,q;r,u", ""),
-        ] {
-            let told = judge_header(line).map(|s| s.to_string()).unwrap_or_default();
-            assert!(
-                told.contains(words) && told.is_empty() == words.is_empty(),
-                "{line}: {told}"
-            );
-        }
-        for (got_s, expected_s, unit_s, words) in [
-            (1.0, 1e-3, 1.0, "\"ms\""),
-            (1000.0, 1e-3, 1.0, "\"us\""),
-            (1e6, 1e-3, 1.0, "\"ns\""),
-            (1e-6, 1e-3, 1e-3, "\"s\""),
-            (0.002, 0.001, 1.0, "plant.sample_period_s = 0.002"),
-            (0.5, 0.001, 1.0, ""),
-        ] {
-            let told = judge_period(got_s, expected_s, unit_s)
-                .map(|s| s.to_string())
-                .unwrap_or_default();
-            assert!(
-                told.contains(words) && told.is_empty() == words.is_empty(),
-                "{got_s}: {told}"
-            );
-        }
-    }
-
-    #[test]
-    fn regress_an_estimate_at_its_bound_is_named() {
-        let inf = f64::INFINITY;
-        let parameters = [
-            ("mass", 50.0, [0.0, inf], 2e-22),
-            ("friction", 100.0, [0.0, inf], 3.0),
-            ("offset", 0.0, [-inf, inf], 0.0),
-            ("never moved", 0.0, [0.0, inf], 0.0),
-        ];
-        let found = judge_bounds(parameters.into_iter());
-        assert_eq!(found.len(), 1, "{found:?}");
-        assert!(
-            found[0].to_string().contains("mass rests at its bound 0"),
-            "{}",
-            found[0]
-        );
-    }
-}
+mod tests;

@@ -46,7 +46,7 @@ enum Kind {
     Derived,
 }
 
-/// Stream time: an estimate stands at the end of its interval.
+/// Stream time: an estimate stands at the end of its block.
 fn time_axis(run: &RunData) -> (String, (f64, f64)) {
     let label = match run.block_s() {
         Some(length) => format!("time (s), one estimate every {} s", trim(length)),
@@ -344,7 +344,7 @@ fn residuals(run: &RunData) -> Figure {
     Figure {
         name: "residuals".into(),
         title: "What the model leaves unexplained".into(),
-        caption: "Root mean square of the equations' errors in each interval. Where the innovation rises above the residual, the data say something new: the start, or a change of the machine.".into(),
+        caption: "Root mean square of the equations' errors in each block. Where the innovation rises above the residual, the data say something new: the start, or a change of the machine.".into(),
         x_label,
         x_range,
         panels,
@@ -400,7 +400,7 @@ fn excitation(run: &RunData) -> Figure {
     Figure {
         name: "excitation".into(),
         title: "Parameters about which the data were informative".into(),
-        caption: "Dark: the data of the interval were informative about the parameter. Light: they were not, and it kept its value.".into(),
+        caption: "Dark: the data of the block were informative about the parameter. Light: they were not, and it kept its value.".into(),
         x_label,
         x_range,
         panels,
@@ -442,11 +442,11 @@ fn timing(run: &RunData) -> Option<Figure> {
     Some(Figure {
         name: "timing".into(),
         title: "Time from sample to estimate, and pace of the stream".into(),
-        caption: "Above, the wait for an estimate after its interval's last sample was sent; below, how much faster than real time the samples came.".into(),
+        caption: "Above, the wait for an estimate after its block's last sample was sent; below, how much faster than real time the samples came.".into(),
         x_label,
         x_range,
         panels: vec![
-            panel("latency", "ms", latency, "from the interval's last sample to its estimate"),
+            panel("latency", "ms", latency, "from the block's last sample to its estimate"),
             panel("pace", "s/s", speed, "stream time per clock time"),
         ],
     })

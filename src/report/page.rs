@@ -5,7 +5,7 @@ use super::data::RunData;
 use super::fonts::{MEDIUM, REGULAR};
 use super::labels::{escape, power_of_ten};
 use super::plot::Figure;
-use super::summary::{Summary, significant};
+use super::summary::{Summary, error, significant};
 use super::words::{pretty_unit, symbol, with_powers};
 use std::fmt::Write as _;
 
@@ -32,7 +32,7 @@ th,td{padding:7px 14px;text-align:right;white-space:nowrap;border-bottom:1px sol
 tr:last-child td{border-bottom:0}
 th{font-weight:500;color:var(--soft);font-size:13px;border-bottom:1px solid var(--rule)}
 th:first-child,td:first-child,th:last-child,td:last-child,#result th:nth-child(6),#result td:nth-child(6){text-align:left}
-td:last-child{white-space:normal}
+td:last-child{white-space:normal}#result td:last-child{min-width:132px}
 td small{display:block;width:190px;max-width:250px;white-space:normal;color:var(--soft);font-size:12px;line-height:1.35}
 nav{display:flex;flex-wrap:wrap;gap:6px 14px;font-size:14px}
 a{color:var(--blue)}
@@ -143,7 +143,7 @@ fn facts(html: &mut String, summary: &Summary) {
         let _ = write!(html, "<div><b>{}</b><span>{what}</span></div>", escape(value));
     };
     fact(&symbol(&summary.state), "state at the end");
-    fact(&grouped(summary.blocks), "estimates, one per interval");
+    fact(&grouped(summary.blocks), "estimates, one per block");
     fact(&grouped(summary.samples.accepted), "samples accepted");
     fact(&grouped(summary.samples.missing), "missing");
     fact(&grouped(summary.samples.rejected), "rejected");
@@ -160,8 +160,8 @@ fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
     );
     let number = |value: Option<f64>| value.map_or_else(|| "–".to_string(), |v| minus(&significant(v)));
     let standard_deviation = |value: Option<f64>| value.map_or_else(|| "–".to_string(), two_digits);
-    let percent =
-        |value: Option<f64>| value.map_or_else(|| "–".to_string(), |v| minus(&format!("{:+.3} %", v * 100.0)));
+    let error =
+        |estimate, std, truth| error(estimate, std, truth).map_or_else(|| "–".to_string(), |percent| minus(&percent));
     let mut row = |name: &str, values: [String; 4], unit: &str, note: &str, meaning: &str| {
         let cells = values.map(|value| format!("<td>{value}</td>")).concat();
         let unit = if unit == "1" {
@@ -170,7 +170,9 @@ fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
             escape(&pretty_unit(unit))
         };
         let meaning = match meaning {
+            // of a robot's parameter its name may say all
             "" => String::new(),
+            words if words == name => String::new(),
             words => format!("<small>{}</small>", escape(&with_powers(words))),
         };
         let _ = writeln!(
@@ -184,21 +186,17 @@ fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
             number(p.estimate),
             standard_deviation(p.std),
             number(p.truth),
-            percent(p.relative_error),
+            error(p.estimate, p.std, p.truth),
         ];
         let meaning = meanings.get(index).map_or("", String::as_str);
         row(&p.name, values, &p.unit, p.note(), meaning);
     }
     for (index, d) in summary.derived.iter().enumerate() {
-        let error = d
-            .estimate
-            .zip(d.truth)
-            .and_then(|(value, truth)| crate::node::monitor::relative_error(value, truth));
         let values = [
             number(d.estimate),
             standard_deviation(d.std),
             number(d.truth),
-            percent(error),
+            error(d.estimate, d.std, d.truth),
         ];
         let meaning = meanings
             .get(summary.parameters.len() + index)
@@ -213,8 +211,8 @@ fn changes(html: &mut String, summary: &Summary) {
         return;
     }
     html.push_str(
-        "<h2>Changes found</h2>\n<div class=\"scroll\"><table><thead><tr><th>located at</th><th>announced by interval</th><th>announced at</th>\
-         <th>intervals until within 1 %</th></tr></thead><tbody>\n",
+        "<h2>Changes found</h2>\n<div class=\"scroll\"><table><thead><tr><th>located at</th><th>announced by block</th><th>announced at</th>\
+         <th>blocks until within 1 %</th></tr></thead><tbody>\n",
     );
     for c in &summary.changes {
         let settled = c.blocks_to_1_percent.map_or_else(|| "–".to_string(), |n| n.to_string());

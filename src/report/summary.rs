@@ -255,6 +255,19 @@ impl fmt::Display for Summary {
 }
 
 impl Summary {
+    /// The same with the reason why there is no estimate, if it is that blocks are of so many
+    /// samples.
+    #[must_use]
+    pub fn of_blocks(mut self, block_len: usize) -> Self {
+        let SampleCounts { accepted, rejected, .. } = self.samples;
+        if self.blocks == 0 && accepted < block_len as u64 && rejected <= accepted {
+            self.no_estimate.get_or_insert_with(|| {
+                format!("expected at least {block_len} samples, a block (estimator.block_len), got {accepted}")
+            });
+        }
+        self
+    }
+
     /// The lines below the table: counts, state, and what the identifier said.
     fn end(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let SampleCounts {
@@ -302,7 +315,7 @@ fn line(f: &mut fmt::Formatter<'_>, name: &str, values: [Option<f64>; 3], unit: 
         number(estimate),
         std.map_or_else(|| "-".to_string(), |std| format!("{std:.1e}")),
         number(truth),
-        error(estimate, std, truth),
+        error(estimate, std, truth).unwrap_or_else(|| "-".to_owned()),
     )
 }
 
@@ -322,19 +335,20 @@ impl fmt::Display for ChangeSummary {
 }
 
 /// The relative error in percent; none of a value that is not determined, because its standard
-/// deviation is larger than itself, and none beside a truth of 0.
-fn error(estimate: Option<f64>, std: Option<f64>, truth: Option<f64>) -> String {
+/// deviation is larger than itself, and none beside a truth of [0](relative_error).
+pub(super) fn error(estimate: Option<f64>, std: Option<f64>, truth: Option<f64>) -> Option<String> {
     let determined = estimate.filter(|value| std.is_none_or(|std| std <= value.abs()));
     let error = determined
         .zip(truth)
         .and_then(|(value, truth)| relative_error(value, truth));
-    error.map_or_else(|| "-".to_owned(), percent)
+    error.map(percent)
 }
 
-/// A share in percent; what three decimals would round to zero keeps its magnitude.
+/// A share in percent; what three decimals would round to zero, or hide behind its digits, is its
+/// magnitude alone.
 fn percent(share: f64) -> String {
     let value = share * 100.0;
-    if value != 0.0 && value.abs() < 5e-4 {
+    if value != 0.0 && !(5e-4..1e5).contains(&value.abs()) {
         format!("{value:+.0e} %")
     } else {
         format!("{value:+.3} %")
@@ -432,6 +446,8 @@ mod tests {
             (-0.05, "-5.000 %"),
             (4e-12, "+4e-10 %"),
             (-6e-6, "-0.001 %"),
+            (120.0, "+12000.000 %"),
+            (-4.2e6, "-4e8 %"),
         ] {
             assert_eq!(percent(share), text);
         }
@@ -440,15 +456,16 @@ mod tests {
     #[test]
     fn regress_what_is_not_determined_has_no_error_in_percent() {
         for (value, std, truth, text) in [
-            (10.5, Some(0.1), 10.0, "+5.000 %"),
-            (10.5, None, 10.0, "+5.000 %"),
-            (0.3, Some(0.5), 0.002, "-"),
-            (0.002, Some(0.001), 0.0, "-"),
+            (10.5, Some(0.1), 10.0, Some("+5.000 %")),
+            (10.5, None, 10.0, Some("+5.000 %")),
+            (0.3, Some(0.5), 0.002, None),
+            (0.002, Some(0.001), 0.0, None),
+            (0.1, Some(0.001), 1e-17, None),
         ] {
-            assert_eq!(error(Some(value), std, Some(truth)), text);
+            assert_eq!(error(Some(value), std, Some(truth)).as_deref(), text);
         }
-        assert_eq!(error(None, None, Some(1.0)), "-");
-        assert_eq!(error(Some(1.0), None, None), "-");
+        assert_eq!(error(None, None, Some(1.0)), None);
+        assert_eq!(error(Some(1.0), None, None), None);
     }
 
     #[test]

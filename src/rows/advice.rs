@@ -7,9 +7,9 @@
 //! ```
 //!
 //! The bump of length T passes what is slower than 1.3/T and averages the rest. Much longer windows
-//! lose the fastest motion, which is what tells a small inertia or an inductance; much shorter ones
-//! average less noise than they could. Within a factor of two either way the estimates hardly
-//! change, see docs/results.md.
+//! lose the fastest motion, which is what tells a small inertia or an inductance, unless they
+//! begin often enough; much shorter ones take more computing. Within a factor of four either way
+//! the estimates hardly change, see docs/method.md.
 //!
 //! A step of the setpoint is motion at every frequency: under it f_b says where the noise begins,
 //! and 1.3/f_b can be a few samples. Windows of 8 samples are wrong, though: they put the offset of
@@ -46,8 +46,6 @@ pub struct WindowAdvice {
     pub bandwidth_hz: f64,
     /// T \[s\], a whole even number of sample periods.
     pub window_s: f64,
-    /// T is the shortest that is advised; the motion alone asks for less.
-    pub shortest: bool,
 }
 
 /// Advice from the positions of one joint \[rad or m\], `sample_period_s` \[s\] apart, without
@@ -172,7 +170,6 @@ impl Spectrum {
         Some(WindowAdvice {
             bandwidth_hz,
             window_s: 2.0 * half.clamp(0.5 * FEWEST_WINDOW_SAMPLES, 1000.0) * h,
-            shortest: half < 0.5 * FEWEST_WINDOW_SAMPLES,
         })
     }
 }

@@ -139,18 +139,22 @@ impl Suspect<'_> {
     pub fn is_possible(&self, amplitude: f64) -> bool {
         amplitude.abs() <= self.largest
     }
-}
 
-impl fmt::Display for Suspect<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    /// Writes what it is with this amplitude of the estimator.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn write(&self, amplitude: f64, f: &mut impl fmt::Write) -> fmt::Result {
         let words = match self.kind {
             SuspectKind::InputDelay => "an input delay",
             SuspectKind::Gain => "another drive gain",
             SuspectKind::Coulomb => "Coulomb friction",
-            SuspectKind::Stribeck => "friction that falls with speed (Stribeck)",
+            // drag that grows with the square of the speed looks the same beside a straight line
+            SuspectKind::Stribeck if amplitude > 0.0 => "friction not linear in speed (Stribeck, drag)",
+            SuspectKind::Stribeck => "friction that is low at low speed",
             SuspectKind::Offset => "an offset of the input or a tilted base",
             SuspectKind::Eccentricity => "an encoder off its centre",
-            SuspectKind::DeadBand => "a dead band of the drive",
+            SuspectKind::DeadBand => "a dead band of the drive or backlash",
             SuspectKind::Spring => "a spring or a cable",
             SuspectKind::Resonance => "a resonance",
             SuspectKind::Zero => "a tilted base or encoder zero",

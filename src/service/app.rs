@@ -16,7 +16,6 @@ use super::{
     VERSION, WatchArgs, main_with,
 };
 use crate::config::Catalog;
-use crate::model::Plant;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -163,9 +162,10 @@ pub fn app(catalog: Catalog) -> ExitCode {
     command.execute(catalog)
 }
 
-/// [`app`] for one plant: its program, in one line.
-pub fn main_for(plant: impl Plant + Clone + Send + Sync + 'static) -> ExitCode {
-    app(Catalog::default().with(plant))
+/// A text that another crate has made.
+fn print(text: &[u8]) -> Result<super::Exit, super::Failure> {
+    super::logging::result(String::from_utf8_lossy(text).trim_end())?;
+    Ok(super::Exit::Done)
 }
 
 /// What the user typed to start this program.
@@ -234,14 +234,17 @@ impl Command {
                 })
             }
             Self::Completions { shell } => main_with(&tool(LogFormat::Text), |_| {
-                clap_complete::generate(shell, &mut Program::command(), program_name(), &mut std::io::stdout());
-                Ok(super::Exit::Done)
+                // it panics where it cannot write
+                let mut text = Vec::new();
+                clap_complete::generate(shell, &mut Program::command(), program_name(), &mut text);
+                print(&text)
             }),
             Self::Man => main_with(&tool(LogFormat::Text), |_| {
-                let page = clap_mangen::Man::new(Program::command());
-                page.render(&mut std::io::stdout())
-                    .map_err(|e| super::Failure::Failed(format!("cannot write the page: {e}")))?;
-                Ok(super::Exit::Done)
+                let mut page = Vec::new();
+                clap_mangen::Man::new(Program::command())
+                    .render(&mut page)
+                    .map_err(|e| super::Failure::Failed(format!("cannot make the page: {e}")))?;
+                print(&page)
             }),
             Self::Plant(mut args) => {
                 args.common.catalog = catalog;

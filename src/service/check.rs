@@ -30,6 +30,14 @@ pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<
             }
         }
     }
+    // it was read before, so it is a file
+    let text = std::fs::read_to_string(file).unwrap_or_default();
+    if set.is_empty() && text.parse::<toml::Table>().is_ok_and(|table| table.is_empty()) {
+        logging::result(&format!(
+            "warning: {}: states nothing, so every key has its default",
+            file.display()
+        ))?;
+    }
     logging::result(&format!("{}: ok", file.display()))?;
     Ok(Exit::Done)
 }

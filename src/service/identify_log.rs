@@ -41,6 +41,10 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
     let file = File::open(input).map_err(|e| Failure::Usage(place(&e)))?;
     let refused = |error: LogError| match error {
         LogError::Read(LineError::Io { .. }) => Failure::Failed(place(&error)),
+        LogError::Columns { .. } if args.common.config.is_empty() => Failure::Usage(format!(
+            "{}; no --config was given, so config/encoder_only.toml holds, an arm of two joints",
+            place(&error)
+        )),
         _ => Failure::Usage(place(&error)),
     };
     let monitor = monitor_node(&config, None);

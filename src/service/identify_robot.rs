@@ -40,6 +40,15 @@ pub(super) fn configuration(args: &IdentifyArgs) -> Result<Option<RobotConfig>, 
             path.display()
         )));
     }
+    if text
+        .parse::<toml::Table>()
+        .is_ok_and(|file| file.contains_key("checkpoint"))
+    {
+        tracing::info!(
+            "{}: section checkpoint has no effect on the log of a robot from a URDF",
+            path.display()
+        );
+    }
     RobotConfig::parse_with(&text, path, &args.common.set)
         .map(Some)
         .map_err(Failure::Usage)

@@ -99,7 +99,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 
     let restarts = children.restarts();
     let restarted = restarts.values().any(|&count| count > 0);
-    let result = show_result(&dir, start, restarts, args.format, config.catalog());
+    let result = show_result(&dir, start, restarts, args.format, &config);
     let lost = outcome?;
     let summary = result?;
     if restarted {
@@ -107,7 +107,17 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         tracing::error!("processes were restarted; the data they were processing are lost");
         return Ok(Exit::DataLoss);
     }
-    let incomplete = lost || summary.samples.missing > 0;
+    let samples = &summary.samples;
+    if samples.rejected > samples.accepted {
+        tracing::error!(
+            "{} of {} samples were rejected; `thetabus identify {}` tells why",
+            samples.rejected,
+            samples.accepted.saturating_add(samples.rejected),
+            dir.display()
+        );
+        return Ok(Exit::DataLoss);
+    }
+    let incomplete = lost || samples.missing > 0;
     if lockstep && incomplete {
         tracing::error!("data were lost in a run in which nothing may be lost; the warnings above tell where");
     }
@@ -144,18 +154,19 @@ fn show_result(
     start: Instant,
     restarts: BTreeMap<String, u64>,
     format: TableFormat,
-    catalog: &Catalog,
+    config: &Config,
 ) -> Result<Summary, Failure> {
     let path = dir.join(SUMMARY_JSON);
     let read = || -> std::io::Result<Summary> { Ok(serde_json::from_str(&std::fs::read_to_string(&path)?)?) };
     let result = read()
         .map_err(|e| Failure::Failed(format!("no result: {} cannot be read: {e}", path.display())))
-        .and_then(|mut summary| {
+        .and_then(|summary: Summary| {
+            let mut summary = summary.of_blocks(config.estimator.block_len);
             summary.wall_s = Some((start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
             summary.restarts = Some(restarts);
             write_summary(dir, &summary)?;
             let told = logging::table(&summary, format);
-            make_report(dir, &summary, catalog)?;
+            make_report(dir, &summary, config.catalog())?;
             told.map(|()| summary)
         });
     let page = dir.join(REPORT_HTML);

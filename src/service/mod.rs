@@ -67,7 +67,7 @@ mod watch;
 mod web_control;
 mod wiring;
 
-pub use app::{app, main_for};
+pub use app::app;
 pub use args::{CommonArgs, LogFormat, TableFormat, VERSION};
 pub use bench::{BenchArgs, run as bench};
 pub use calibrate::run as calibrate;

@@ -20,6 +20,8 @@ pub(super) struct OfflineRun<'a> {
     pub(super) node: Box<dyn Identifier>,
     run: RunData,
     advisor: Advisor,
+    /// Samples in a block.
+    block_len: usize,
     csv: Option<EstimatesCsv<File>>,
     start: Instant,
     ticker: Ticker,
@@ -44,6 +46,11 @@ impl<'a> OfflineRun<'a> {
         let mut node = identifier_node(config)?;
         if args.warm {
             warm::start(config, &mut *node, None)?;
+        } else if let Some(dir) = &config.checkpoint.dir {
+            tracing::info!(
+                "checkpoint.dir is \"{}\", but identify writes no checkpoint, and begins from one only with --warm",
+                dir.display()
+            );
         }
         let joints = info.joints;
         // Nobody sees a prediction without a report.
@@ -56,6 +63,7 @@ impl<'a> OfflineRun<'a> {
             node,
             run,
             advisor: Advisor::new(config, joints),
+            block_len: config.estimator.block_len,
             csv: None,
             start,
             ticker: Ticker::start(&format!("identifying from {}", args.input.display())),
@@ -106,7 +114,7 @@ impl<'a> OfflineRun<'a> {
         let status = self.node.status();
         self.run.status(&status);
         self.run.loss = loss;
-        let mut summary = self.run.summary();
+        let mut summary = self.run.summary().of_blocks(self.block_len);
         summary.wall_s = Some((self.start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
         // Files first: a standard output that is full must not take them away, too.
         if let Some(dir) = &args.out {
@@ -139,10 +147,13 @@ impl<'a> OfflineRun<'a> {
             logging::note(format, &format!("results in {}", dir.display()))?;
         }
         // A gap is lost data whoever counts it: the recorder, or the node.
-        Ok(match status.missing > 0 || lost_by_rejection(&status) {
-            true => Exit::DataLoss,
-            false => Exit::Done,
-        })
+        match status.missing > 0 || lost_by_rejection(&status) {
+            true => Ok(Exit::DataLoss),
+            false => match summary.no_estimate.filter(|_| summary.blocks == 0) {
+                Some(why) => Err(Failure::Usage(format!("{}: no estimate: {why}", args.input.display()))),
+                None => Ok(Exit::Done),
+            },
+        }
     }
 }
 

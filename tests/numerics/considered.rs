@@ -154,7 +154,9 @@ fn identify(sim: &SimOptions, considered: Considered, wrong: Wrong) -> Vec<Answe
                 changed: report.change.is_some(),
                 named: report.suspicion.map(|s| {
                     let suspect = block.suspect(s.suspect).unwrap();
-                    let words = format!("{suspect} {:.2e} {}", s.amplitude, suspect.unit);
+                    let mut words = String::new();
+                    suspect.write(s.amplitude, &mut words).unwrap();
+                    let words = format!("{words} {:.2e} {}", s.amplitude, suspect.unit);
                     (words, suspect.kind, suspect.joint, s)
                 }),
             });

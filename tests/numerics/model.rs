@@ -6,7 +6,7 @@ use thetabus::estimator::Residuals;
 use thetabus::model::{
     AutoDiff, Delayed, DerivedValues, DriveInput, JointSample, KnownConstants, MANIPULATOR_PARAMS, MAX_JOINTS,
     Manipulator, ManipulatorDerived, Motion, PdController, PhysicalParameters, Plant, PointwiseModel, RawManipulator,
-    RecoveryError, ServoAxis,
+    ServoAxis,
 };
 use thetabus::rows::{InputSource, PointwiseBlock, SampleBlock, structure};
 
@@ -310,53 +310,25 @@ fn regress_theta_of_the_paper_has_the_printed_values() {
 }
 
 #[test]
-fn prop_physical_parameters_survive_the_way_to_theta_and_back() {
+fn prop_derived_values_are_the_physical_parameters_that_theta_was_made_of() {
     for physical in [PAPER, UNEVEN] {
-        let back = PhysicalParameters::from_theta(&physical.theta(), &physical.known()).unwrap();
-        let values = |p: &PhysicalParameters| {
-            let own = [p.length_1_m, p.mass_1_kg, p.length_2_m, p.mass_2_kg];
-            [
-                own.as_slice(),
-                &p.winding_resistance_ohm,
-                &p.winding_inductance_h,
-                &p.torque_constant_n_m_per_a,
-            ]
-            .concat()
-        };
-        assert_eq!(
-            back.back_emf_constant_v_s_per_rad,
-            physical.back_emf_constant_v_s_per_rad
-        );
-        for (a, b) in values(&back).iter().zip(values(&physical)) {
+        let derived = ManipulatorDerived::new(physical.known()).unwrap();
+        let [inductance_1, inductance_2] = physical.winding_inductance_h;
+        let expected = [physical.mass_2_kg, physical.mass_1_kg, inductance_1, inductance_2];
+        for (index, expected) in expected.into_iter().enumerate() {
+            let value = derived.value_and_gradient(index, &physical.theta(), &mut [0.0; 9]);
             // A handful of multiplications and divisions.
-            assert!((a - b).abs() <= 1e-14 * b, "{a} {b}");
+            assert!((value - expected).abs() <= 1e-14 * expected, "{value} {expected}");
         }
+        let nothing = derived.value_and_gradient(0, &[0.0; 9], &mut [0.0; 9]);
+        assert!(nothing.is_nan(), "{nothing}");
     }
-}
-
-#[test]
-fn prop_theta_without_physical_meaning_is_refused_by_name() {
-    let known = PAPER.known();
-    let mut theta = PAPER.theta();
-    theta[8] = -1.0;
-    assert_eq!(
-        PhysicalParameters::from_theta(&theta, &known),
-        Err(RecoveryError::Parameter { index: 8, value: -1.0 })
-    );
-    let message = PhysicalParameters::from_theta(&theta, &known).unwrap_err().to_string();
-    assert!(message.contains("theta_9"), "{message}");
     let unknown = KnownConstants {
         torque_constant_n_m_per_a: [23.0, 0.0],
-        ..known
+        ..PAPER.known()
     };
-    assert_eq!(
-        PhysicalParameters::from_theta(&PAPER.theta(), &unknown),
-        Err(RecoveryError::Constant {
-            name: "torque_constant_n_m_per_a",
-            value: 0.0
-        })
-    );
-    assert!(ManipulatorDerived::new(unknown).is_err());
+    let wrong = ManipulatorDerived::new(unknown).unwrap_err();
+    assert_eq!((wrong.name, wrong.value), ("torque_constant_n_m_per_a", 0.0));
 }
 
 #[test]

@@ -104,7 +104,7 @@ fn e2e_what_was_read_of_a_log_is_printed_and_the_likely_mistake_is_named() {
     let good = "t_s,q_m,q_ref_m,voltage_v";
     // (what, header, rows, further arguments, exit code, what is said)
     type Row = fn(f64, f64, f64) -> String;
-    let cases: [(&str, &str, Row, &[&str], i32, &[&str]); 8] = [
+    let cases: [(&str, &str, Row, &[&str], i32, &[&str]); 12] = [
         (
             "good",
             good,
@@ -168,6 +168,44 @@ fn e2e_what_was_read_of_a_log_is_printed_and_the_likely_mistake_is_named() {
             &[],
             2,
             &["separated by semicolons"],
+        ),
+        (
+            "units in the fields",
+            good,
+            |t, q, u| format!("{t},{q} m,{q},{u}"),
+            &[],
+            2,
+            &[" m\" in column \"q_m\" is no number"],
+        ),
+        (
+            "no header",
+            "0,0.1,0.1,2.5",
+            |t, q, u| format!("{t},{q},{q},{u}"),
+            &[],
+            2,
+            &["the file has no header"],
+        ),
+        (
+            "too short",
+            good,
+            |t, q, u| {
+                if t < 1.0 {
+                    format!("{t},{q},{q},{u}")
+                } else {
+                    String::new()
+                }
+            },
+            &[],
+            2,
+            &["no estimate: expected at least 1900 samples", "got 1000"],
+        ),
+        (
+            "checkpoint",
+            good,
+            |t, q, u| format!("{t},{q},{q},{u}"),
+            &["--set", "checkpoint.dir=kept"],
+            0,
+            &["kept\", but identify writes no checkpoint"],
         ),
         (
             "one time far ahead",

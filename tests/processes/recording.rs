@@ -390,6 +390,8 @@ fn fault_a_result_that_a_full_standard_output_loses_is_a_failure() {
         &["report", text(&results)],
         &["export", text(&results)],
         &["config", "check", ENCODERS],
+        &["completions", "bash"],
+        &["man"],
     ] {
         let full = fs::OpenOptions::new()
             .write(true)

@@ -1,7 +1,7 @@
 //! The fault table: what fails, and what becomes of values, counters and exit code. Real processes,
 //! real topics.
 
-use crate::support::{Program, QUICK, Site, column, eventually};
+use crate::support::{Program, QUICK, Site, column, eventually, text};
 use iceoryx2::prelude::{
     Config as BusConfig, FileName, NodeBuilder, Path as BusPath, SemanticString, ServiceName, SignalHandlingMode,
     ZeroCopySend, ipc,
@@ -70,6 +70,19 @@ const TABLE: &[Row] = &[
         code: 0,
     },
 ];
+
+#[test]
+fn fault_a_run_without_a_sample_that_can_be_used_does_not_end_as_if_all_were_well() {
+    let site = Site::new();
+    let fault = r#"plant.faults=[{kind="off", signal="q", joint=1, from_s=0}]"#;
+    let mut run = site.start_run(&[&["--duration", "6", "--set", fault], &QUICK[..]].concat());
+    run.expect_code(3);
+    run.expect_stderr(&["6000 of 6000 samples were rejected"]);
+    let out = site.out();
+    let mut identify = site.start(Program::Thetabus, &["identify", text(&out)]);
+    identify.expect_code(3);
+    identify.expect_stderr(&["6000 of 6000 samples were rejected", "q of joint 1"]);
+}
 
 #[test]
 fn fault_table_of_signals_that_fail_in_a_run() {

@@ -135,7 +135,8 @@ impl RowReader {
             // Decimal commas make two fields of each number.
             let commas = cells.len() + 1 >= 2 * self.fields && self.fields > 1;
             let decimal = commas.then(|| Suspicion::DecimalComma { field: cut(text) });
-            return Err(judge_header(text).or(decimal));
+            let header = judge_header(text).filter(|one| *one != Suspicion::NoHeader);
+            return Err(header.or(decimal));
         }
         let field = |index: usize, name: &str| -> Result<f64, Option<Suspicion>> {
             let cell = cells.get(index).ok_or(None)?;

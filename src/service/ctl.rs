@@ -63,14 +63,19 @@ fn request(command: &CtlCommand) -> Result<Request, Failure> {
             Request::payload(Some(&body.0))
         }
         CtlCommand::Free { parameter } => Request::new(Command::Free).named(parameter),
+        // as with a tunable
+        CtlCommand::Fix { parameter, value: None } if parameter.contains('=') => assigned(Command::Fix, parameter)?,
         CtlCommand::Fix { parameter, value } => with(Request::new(Command::Fix).named(parameter), *value),
-        CtlCommand::Set { assignment } => {
-            let wrong = || Failure::Usage(format!("expected KEY=NUMBER, got {assignment:?}"));
-            let (key, value) = assignment.split_once('=').ok_or_else(wrong)?;
-            let value = value.trim().parse().map_err(|_| wrong())?;
-            Request::new(Command::Set).named(key.trim()).with_value(value)
-        }
+        CtlCommand::Set { assignment } => assigned(Command::Set, assignment)?,
     })
+}
+
+/// `NAME=NUMBER`.
+fn assigned(command: Command, text: &str) -> Result<Request, Failure> {
+    let wrong = || Failure::Usage(format!("expected KEY=NUMBER, got {text:?}"));
+    let (key, value) = text.split_once('=').ok_or_else(wrong)?;
+    let value = value.trim().parse().map_err(|_| wrong())?;
+    Ok(Request::new(command).named(key.trim()).with_value(value))
 }
 
 const KINDS: [(u32, &str); 5] = [

@@ -49,7 +49,7 @@ fn e2e_every_command_is_acknowledged_takes_effect_and_shows_in_estimate_and_stat
     assert!(ask(&site, &["set", "estimator.block_len=250"], 0).contains("block_len is 250"));
     observer.estimate("blocks of 250 samples", |e| e.t_last_ns - e.t_first_ns == 249_000_000);
 
-    ask(&site, &["fix", "theta_3", "4.5"], 0);
+    ask(&site, &["fix", "theta_3=4.5"], 0);
     observer.estimate("theta_3 held", |e| e.fixed.bits() == 4 && e.theta[2] == 4.5);
     ask(&site, &["free", "theta_3"], 0);
     observer.estimate("theta_3 estimated", |e| e.fixed.is_empty() && e.theta[2] != 4.5);
@@ -87,6 +87,7 @@ fn fault_requests_that_cannot_be_met_are_refused_with_the_reason_and_exit_code()
         (&["set", "forgetting_factor=nan"], "forgetting_factor"),
         (&["set", "gate_limit=5"], "has no effect unless estimator.outliers"),
         (&["fix", "theta_33"], "expected a parameter out of theta_1"),
+        (&["fix", "theta_3=abc"], "expected KEY=NUMBER"),
         (&["fix", "theta_3", "inf"], "expected a number from"),
         (&["free", "mass"], "expected a parameter out of"),
         (&["save"], "checkpoint.dir is not set"),

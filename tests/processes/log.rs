@@ -197,7 +197,7 @@ fn e2e_what_was_read_of_a_log_is_printed_and_the_likely_mistake_is_named() {
             },
             &[],
             2,
-            &["no estimate: expected at least 1900 samples", "got 1000"],
+            &["no estimate: expected a whole block of 1900 samples", "got 1000"],
         ),
         (
             "checkpoint",

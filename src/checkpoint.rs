@@ -54,6 +54,7 @@ struct Body {
 
 /// Why a checkpoint is not used.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CheckpointError {
     /// The file system refuses.
     #[error("checkpoint {}: {source}", path.display())]

@@ -10,6 +10,7 @@ pub const ICEORYX2_VERSION: &str = "0.10.0";
 
 /// Why something on the bus failed.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum BusError {
     /// A domain or robot name that is not allowed.
     #[error("{what} name {name:?}: expected 1 to 32 characters of [a-z0-9_-]")]

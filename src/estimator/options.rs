@@ -428,6 +428,7 @@ fn one(option: &'static str, expected: &'static str, got: f64, good: bool) -> Re
 
 /// An option that an estimator cannot work with.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum EstimatorError {
     /// The structure has no parameters, no equations, or an equation with parameters that do not
     /// exist.

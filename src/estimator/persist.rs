@@ -44,6 +44,7 @@ pub struct EstimatorState {
 
 /// A state that does not belong to this estimator, or is none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum StateError {
     /// Another model, or another version of the estimator.
     #[error("expected {expected} numbers and counts, got {got}")]

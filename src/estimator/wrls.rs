@@ -19,6 +19,7 @@
 
 /// What a [`Wrls`] cannot start from.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum WrlsError {
     /// No parameters, or a start value that is not finite.
     #[error("theta_start: expected at least one value, all finite")]

@@ -15,6 +15,7 @@ const WAITING: usize = 1024;
 
 /// Why there is no server.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum FoxgloveStartError {
     /// The plant's names.
     #[error(transparent)]

@@ -118,8 +118,8 @@ impl KnownConstants {
 /// Physical values of the arm that follow from θ̂ once the motor constants are known, with
 /// deviations by the delta method.
 ///
-/// The inverse of (25), at the head of this file. Values are `NaN` if θ̂ does not allow them (θ₉ = 0,
-/// for instance).
+/// The inverse of (25), at the head of this file. Values are `NaN` if θ̂ does not allow them (θ₉ =
+/// 0, for instance).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ManipulatorDerived {
     known: KnownConstants,

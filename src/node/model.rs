@@ -40,6 +40,7 @@ pub struct NodeSettings {
 
 /// Why a model gives no identifier or no simulator with these settings.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ModelError {
     /// A setting does not fit: the configuration's section or key, and what is wrong.
     #[error("{section}: {problem}")]

@@ -10,6 +10,7 @@ pub(super) const MAX_LINE_BYTES: usize = 1 << 16;
 
 /// Why there is no next line.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum LineError {
     /// The file cannot be read.
     #[error("line {line}: {source}")]

@@ -11,6 +11,7 @@ const LISTED: usize = 30;
 
 /// A log that cannot be used.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum LogError {
     /// A column that the configuration names is not there.
     #[error("{key}: expected a column out of {columns}, got \"{name}\"{}", hint(.likely))]

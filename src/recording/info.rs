@@ -65,6 +65,7 @@ const MAX_NAME_BYTES: usize = 128;
 
 /// Why metadata cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum InfoError {
     /// A key is missing.
     #[error("the metadata has no `{0}`")]

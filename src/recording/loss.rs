@@ -49,6 +49,7 @@ impl std::fmt::Display for Loss {
 
 /// Why a recording cannot be read at all.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReadError {
     /// The file system refuses.
     #[error("cannot read the recording {path}: {source}")]

@@ -17,6 +17,7 @@ pub struct SamplesCsv<W: Write> {
 
 /// Why samples cannot be read from CSV.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CsvSampleError {
     /// Not CSV, or the source fails.
     #[error(transparent)]

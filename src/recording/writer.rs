@@ -40,6 +40,7 @@ pub struct RecordingLimits {
 
 /// Why a recording cannot be written.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum RecordError {
     /// The file system refuses.
     #[error("cannot write the recording {path}: {source}")]

@@ -7,6 +7,7 @@ use std::sync::{Arc, LazyLock};
 
 /// Why a figure cannot be turned into pixels.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum RasterError {
     /// Not an SVG document.
     #[error("the figure is no SVG: {0}")]

@@ -263,7 +263,9 @@ impl Summary {
         // blocks are cut by `seq`, so that almost two may hold no whole one
         if self.blocks == 0 && accepted < 2 * block_len as u64 && rejected <= accepted {
             self.no_estimate.get_or_insert_with(|| {
-                format!("expected a whole block of {block_len} samples (estimator.block_len), got {accepted} samples")
+                format!(
+                    "expected a whole block of {block_len} samples (estimator.block_len; blocks begin at its multiples), got {accepted} samples"
+                )
             });
         }
         self

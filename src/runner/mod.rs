@@ -54,6 +54,7 @@ pub enum Stay {
 
 /// Why a loop ended before its time.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum RunError {
     /// The bus failed.
     #[error(transparent)]

@@ -140,6 +140,7 @@ impl ProjectedOptions {
 
 /// Options or a plant that projected rows cannot work with.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ProjectedError {
     /// An option is out of its range.
     #[error("{field}: expected {expected}, got {got}")]

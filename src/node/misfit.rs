@@ -42,9 +42,28 @@ fn explanation(suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq:
     LastError::with_text(ErrorCode::Misfit, seq, words.as_str())
 }
 
+/// What a model lacks, in the identifier's words; without the state `misfit` the residuals show it,
+/// but are not larger than they may be.
+pub fn lacking_words(words: &str, is_misfit: bool) -> String {
+    match words.split_once(" of the misfit") {
+        Some((cause, size)) if !is_misfit => format!("too little for a misfit: {cause} of it{size}"),
+        _ => words.to_owned(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn regress_what_residuals_show_is_no_misfit_without_that_state() {
+        let words = "an input delay would explain 100 % of the misfit (-2 us)";
+        assert_eq!(lacking_words(words, true), words);
+        assert_eq!(
+            lacking_words(words, false),
+            "too little for a misfit: an input delay would explain 100 % of it (-2 us)"
+        );
+    }
 
     #[test]
     fn prop_every_cause_has_words_that_fit() {

@@ -7,6 +7,7 @@ use crate::messages::{Description, ErrorCode, Estimate, LastError, State, Status
 use std::fmt::Write as _;
 
 pub use super::block_history::{BlockRecord, Change};
+pub use super::misfit::lacking_words;
 
 /// Share of an estimate below which a truth is a sum that cancels but for rounding.
 const NOTHING: f64 = 1e-12;
@@ -199,7 +200,8 @@ impl MonitorNode {
             let _ = write!(line, "  [missing {}, rejected {}]", estimate.missing, estimate.rejected);
         }
         if let Some(words) = self.misfit() {
-            let _ = write!(line, "  [{words}]");
+            let is_misfit = State::from_wire(estimate.state) == Some(State::Misfit);
+            let _ = write!(line, "  [{}]", lacking_words(words, is_misfit));
         }
         line
     }

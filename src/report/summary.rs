@@ -1,7 +1,7 @@
 //! `summary.json` and the result table: how a run ended, beside the truth if it is known.
 
 use crate::messages::{Estimate, State};
-use crate::node::monitor::{MonitorNode, poorly_excited_words, relative_error, seconds};
+use crate::node::monitor::{MonitorNode, lacking_words, poorly_excited_words, relative_error, seconds};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -302,7 +302,7 @@ impl Summary {
             writeln!(f, "no estimate: {words}")?;
         }
         if let Some(words) = &self.misfit {
-            writeln!(f, "{words}")?;
+            writeln!(f, "{}", lacking_words(words, self.state == State::Misfit.name()))?;
         }
         Ok(())
     }

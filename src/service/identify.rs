@@ -8,7 +8,7 @@ use super::script::Script;
 use super::wiring::monitor_node;
 use super::{Exit, Failure, IdentifyArgs, foreign, identify_log, identify_robot, report, robot_log};
 use crate::config::{Config, ConfigError};
-use crate::recording::{Entry, Loss, RunInfo};
+use crate::recording::{Entry, Loss, RecordingReader, RunInfo, Span};
 use crate::runner::Shutdown;
 use std::path::Path;
 use std::time::Instant;
@@ -19,12 +19,7 @@ use std::time::Instant;
 /// # Errors
 /// A recording that cannot be read, a configuration that is wrong, results that cannot be written.
 pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
-    // A log of the user's own has no configuration inside.
-    let is_log = args
-        .input
-        .extension()
-        .is_some_and(|name| name.eq_ignore_ascii_case("csv"));
-    let is_log = is_log && !args.input.is_dir();
+    let is_log = is_log(&args.input);
     let is_bag = robot_log::is_bag(&args.input);
     if (is_log || is_bag || args.validate.is_some())
         && let Some(robot) = identify_robot::configuration(args)?
@@ -69,7 +64,7 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         script.before(sample, &mut *line.node);
         line.take(sample)?;
         line.at(reader.share_read());
-        if shutdown.requested() {
+        if line.is_stopped(shutdown) {
             break;
         }
     }
@@ -81,6 +76,14 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         ..loss
     };
     Ok(if missing.is_none() { exit } else { Exit::DataLoss })
+}
+
+/// True for a log of the user's own, which has no configuration inside: by its name, or a file that
+/// neither says it is a recording nor is one.
+fn is_log(input: &Path) -> bool {
+    let named = |name| input.extension().is_some_and(|own| own.eq_ignore_ascii_case(name));
+    let is_other = || input.is_file() && !named("mcap") && RecordingReader::open(input, Span::default()).is_err();
+    !input.is_dir() && (named("csv") || is_other())
 }
 
 /// The recording's configuration in this program, before the command line lays anything over it;

@@ -92,7 +92,7 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
         {
             line.at(at as f64 / bytes.max(1) as f64);
         }
-        if shutdown.requested() {
+        if line.is_stopped(shutdown) {
             break Ok(());
         }
     };

@@ -1,5 +1,6 @@
 //! `thetabus identify LOG.csv --config ROBOT.toml`: a robot from its URDF, off line.
 
+use super::offline_run::tell_stopped;
 use super::robot::robot_text;
 use super::robot_log::RobotLog;
 use super::ticker::Ticker;
@@ -90,6 +91,7 @@ pub(super) fn run(args: &IdentifyArgs, mut config: RobotConfig, shutdown: &Shutd
         before,
         last,
         estimates,
+        stopped,
     } = Pass::through(&mut identifier, (&log, &states), &args.input, &ticker, shutdown)?;
     if identifier.blocks() == 0 {
         let why = without_rows(&identifier, &log);
@@ -131,6 +133,10 @@ pub(super) fn run(args: &IdentifyArgs, mut config: RobotConfig, shutdown: &Shutd
     if let Some(dir) = &args.out {
         logging::note(args.format, &format!("results in {}", dir.display()))?;
     }
+    if stopped {
+        tell_stopped(&args.input);
+        return Ok(Exit::DataLoss);
+    }
     Ok(Exit::Done)
 }
 
@@ -141,6 +147,8 @@ struct Pass {
     last: Estimate,
     /// Text of `estimates.csv`.
     estimates: String,
+    /// A signal came before the end of the log.
+    stopped: bool,
 }
 
 impl Pass {
@@ -157,6 +165,7 @@ impl Pass {
             before: TorqueFit::default(),
             last: Estimate::default(),
             estimates: estimates_header(identifier),
+            stopped: false,
         };
         for (index, (sample, state)) in log.iter().zip(states).enumerate() {
             ticker.at(index as f64 / log.len() as f64);
@@ -169,7 +178,8 @@ impl Pass {
             if closed {
                 pass.note(identifier, &mut evidence, sample.t_s);
             }
-            if shutdown.requested() {
+            pass.stopped = shutdown.requested();
+            if pass.stopped {
                 break;
             }
         }

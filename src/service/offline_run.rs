@@ -11,7 +11,9 @@ use crate::node::identifier::Identifier;
 use crate::node::monitor::MonitorNode;
 use crate::recording::{EstimatesCsv, Loss, RunInfo};
 use crate::report::RunData;
+use crate::runner::Shutdown;
 use std::fs::File;
+use std::path::Path;
 use std::time::Instant;
 
 /// A node, and what becomes of its estimates if no bus carries them away.
@@ -25,6 +27,8 @@ pub(super) struct OfflineRun<'a> {
     csv: Option<EstimatesCsv<File>>,
     start: Instant,
     ticker: Ticker,
+    /// A signal came before the end of the input.
+    stopped: bool,
 }
 
 impl<'a> OfflineRun<'a> {
@@ -67,12 +71,19 @@ impl<'a> OfflineRun<'a> {
             csv: None,
             start,
             ticker: Ticker::start(&format!("identifying from {}", args.input.display())),
+            stopped: false,
         })
     }
 
     /// So much of the input has been read, from 0 to 1.
     pub(super) fn at(&self, share: f64) {
         self.ticker.at(share);
+    }
+
+    /// Whether the rest of the input shall stay unread.
+    pub(super) fn is_stopped(&mut self, shutdown: &Shutdown) -> bool {
+        self.stopped = shutdown.requested();
+        self.stopped
     }
 
     /// Gives the node a sample and keeps what it answers.
@@ -146,8 +157,11 @@ impl<'a> OfflineRun<'a> {
         if let Some(dir) = &args.out {
             logging::note(format, &format!("results in {}", dir.display()))?;
         }
+        if self.stopped {
+            tell_stopped(&args.input);
+        }
         // A gap is lost data whoever counts it: the recorder, or the node.
-        match status.missing > 0 || lost_by_rejection(&status) {
+        match self.stopped || status.missing > 0 || lost_by_rejection(&status) {
             true => Ok(Exit::DataLoss),
             false => match summary.no_estimate.filter(|_| summary.blocks == 0) {
                 Some(why) => Err(Failure::Usage(format!("{}: no estimate: {why}", args.input.display()))),
@@ -155,6 +169,14 @@ impl<'a> OfflineRun<'a> {
             },
         }
     }
+}
+
+/// Says that a signal came before the end of an input.
+pub(super) fn tell_stopped(input: &Path) {
+    tracing::warn!(
+        "stopped by a signal: the rest of {} is not in the result",
+        input.display()
+    );
 }
 
 /// Whether what the node rejected counts as lost data.

@@ -1,6 +1,7 @@
 //! `thetabus identify LOG.csv`: the user's own data off line.
 
-use crate::support::{Program, Site, column};
+use crate::support::{Program, Site, column, eventually, text};
+use nix::sys::signal::Signal;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
@@ -220,7 +221,9 @@ fn e2e_what_was_read_of_a_log_is_printed_and_the_likely_mistake_is_named() {
         ),
     ];
     for (what, header, row, further, code, parts) in cases {
-        let path = servo_log(&site, &format!("{what}.csv").replace(' ', "_"), header, row);
+        // a log is one by what it holds, whatever its name
+        let ending = if what == "good" { "txt" } else { "csv" };
+        let path = servo_log(&site, &format!("{what}.{ending}").replace(' ', "_"), header, row);
         let args = ["identify", path.to_str().expect("UTF-8"), "--config", SERVO_AXIS];
         let mut identify = site.start(Program::Thetabus, &[&args[..], further].concat());
         identify.expect_code(code);
@@ -235,6 +238,27 @@ fn e2e_what_was_read_of_a_log_is_printed_and_the_likely_mistake_is_named() {
             );
         }
     }
+}
+
+#[test]
+fn fault_a_signal_before_the_end_of_a_log_is_told_and_no_success() {
+    let site = Site::new();
+    // a second of work: the signal comes some milliseconds after the beginning
+    let mut log = "t_s,q_m,q_ref_m,voltage_v\n".to_owned();
+    for k in 0..1_000_000 {
+        let (t_s, u) = (f64::from(k) * 1e-3, (f64::from(k) * 2.5e-3).sin());
+        let _ = writeln!(log, "{t_s},{},0,{u:.3}", 0.05 * u);
+    }
+    let path = site.dir.path().join("log.csv");
+    fs::write(&path, log).expect("written");
+    let out = site.out();
+    let args = ["identify", text(&path), "--config", SERVO_AXIS, "--out", text(&out)];
+    let mut identify = site.start(Program::Thetabus, &args);
+    eventually("it has begun", || out.join("estimates.csv").exists().then_some(()));
+    identify.signal(Signal::SIGINT);
+    identify.expect_code(3);
+    identify.expect_stderr(&["stopped by a signal", "log.csv is not in the result"]);
+    assert!(out.join("summary.json").exists());
 }
 
 #[test]

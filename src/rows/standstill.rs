@@ -107,6 +107,8 @@ fn jumps_from<P: Plant>(plant: &P, equation: usize, joint: usize, least: usize) 
 pub(super) struct Standstill {
     /// Joints that each equation needs moving.
     motion: Vec<u32>,
+    /// Joints (bit j) at whose reversal a term jumps.
+    jumping: u32,
     /// Joints whose slow reversals count as rests, too.
     abrupt: u32,
     /// For each joint, its rests as buffer positions, in order.
@@ -133,10 +135,13 @@ impl Standstill {
         }));
         let needed = motion.iter().fold(0, |all, mask| all | mask);
         let joints = plant.joints().min(MAX_JOINTS);
-        let is_abrupt = |j: &usize| (0..plant.equations().len()).any(|e| jumps_from(plant, e, *j, 1));
-        let abrupt = (0..joints).filter(is_abrupt).fold(0, |mask, j| mask | 1 << j);
+        let jump = |least: usize| {
+            let jumps = |j: &usize| (0..plant.equations().len()).any(|e| jumps_from(plant, e, *j, least));
+            (0..joints).filter(jumps).fold(0, |mask, j| mask | 1 << j)
+        };
         Self {
-            abrupt,
+            jumping: jump(0),
+            abrupt: jump(1),
             rests: (0..plant.joints())
                 .map(|j| Vec::with_capacity(if needed >> j & 1 == 1 { capacity / FEWEST + 1 } else { 0 }))
                 .collect(),
@@ -204,6 +209,16 @@ impl Standstill {
                 self.any |= *spoilt;
             }
         }
+    }
+
+    /// True if a term jumps as the joint reverses.
+    pub fn jumps(&self, joint: usize) -> bool {
+        self.jumping >> joint & 1 == 1
+    }
+
+    /// The rests of a joint as buffer positions, in order.
+    pub fn rests(&self, joint: usize) -> &[(usize, usize)] {
+        &self.rests[joint]
     }
 
     /// Takes the spoilt rows out of an equation's covariance.

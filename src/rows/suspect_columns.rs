@@ -36,7 +36,7 @@
 use super::kernel::{Kernels, dot};
 use super::suspect::{Considered, Suspect, SuspectKind};
 use super::trajectory::Trajectory;
-use super::turned::{Turned, along};
+use super::turned::Turned;
 use super::whitening::{Direction, Whitening};
 use crate::estimator::ERRORS_PER_EQUATION;
 use crate::model::{MAX_JOINTS, Plant};
@@ -366,11 +366,10 @@ impl SuspectColumns {
             let [Some(sines), Some(cosines), Some(units)] = turns else {
                 continue;
             };
-            let sums = along(c, [sines, cosines, units]);
             let columns = &mut self.columns[e][1 + PER_EQUATION * of..];
-            for (at, sum) in [SINE, COSINE, ZERO].into_iter().zip(sums) {
+            for (at, turns) in [(SINE, sines), (COSINE, cosines), (ZERO, units)] {
                 if let Some(entry) = columns[at].get_mut(row) {
-                    *entry = -sum;
+                    *entry = -dot(c, turns);
                 }
             }
         }

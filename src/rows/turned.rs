@@ -43,27 +43,6 @@ impl Turned {
     }
 }
 
-/// Σ c x, Σ c y and Σ c z in one pass.
-pub(super) fn along(c: &[f64], [x, y, z]: [&[f64]; 3]) -> [f64; 3] {
-    const LANES: usize = 4;
-    let mut sums = [[0.0; LANES]; 3];
-    let ((c, c_rest), (x, x_rest)) = (c.as_chunks::<LANES>(), x.as_chunks::<LANES>());
-    let ((y, y_rest), (z, z_rest)) = (y.as_chunks::<LANES>(), z.as_chunks::<LANES>());
-    for (((c, x), y), z) in c.iter().zip(x).zip(y).zip(z) {
-        for lane in 0..LANES {
-            sums[0][lane] += c[lane] * x[lane];
-            sums[1][lane] += c[lane] * y[lane];
-            sums[2][lane] += c[lane] * z[lane];
-        }
-    }
-    for (((c, x), y), z) in c_rest.iter().zip(x_rest).zip(y_rest).zip(z_rest) {
-        sums[0][0] += c * x;
-        sums[1][0] += c * y;
-        sums[2][0] += c * z;
-    }
-    sums.map(|lanes| lanes.iter().sum())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

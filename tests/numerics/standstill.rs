@@ -3,12 +3,16 @@
 use crate::support::TestRng;
 use std::ops::Range;
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, Forgetting, Phase, Report, StateMachine};
-use thetabus::model::{AutoDiff, DriveInput, Equation, JointSample, Motion, Parameter, Plant, Scalar, ServoAxis};
+use thetabus::model::{
+    AutoDiff, DriveInput, Equation, JointSample, MAX_JOINTS, Motion, Parameter, Plant, Scalar, ServoAxis,
+};
 use thetabus::rows::{
     InputSource, InputTiming, PointwiseBlock, ProjectedBlock, ProjectedOptions, SampleBlock, SensorNoise, priors,
     structure,
 };
-use thetabus::sim::{Interpolation, Machine, ServoAxisOptions, ServoAxisSimulator, Setpoint, SimOptions};
+use thetabus::sim::{
+    ControllerKind, Interpolation, Machine, ServoAxisOptions, ServoAxisSimulator, Setpoint, SimOptions, Tone,
+};
 
 const N: usize = 1900;
 const NAMES: [&str; 4] = ["mass", "viscous", "Coulomb", "offset"];
@@ -150,6 +154,49 @@ fn ident_a_servo_axis_that_rests_between_its_moves_gives_all_four_parameters() {
     // 240 figures at 4 deviations are off by chance once in 65; the offset of the smallest moves is
     // 0.05 N and 4.7 deviations off
     assert!(error < 5e-3 && deviations < 5.0, "{error} {deviations}");
+}
+
+/// Friction changes its sign between two samples. The input is exact and held, so that nothing else
+/// is left but what the rows make of a reversal.
+#[test]
+fn ident_reversals_between_samples_cost_no_accuracy() {
+    let truth = ServoAxisOptions::emps().true_theta(0.0);
+    let runs = (0..4).map(|seed| {
+        let mut sim = SimOptions::cedro2022();
+        let machine = ServoAxisOptions {
+            position_resolution: 5e-8,
+            ..ServoAxisOptions::emps()
+        };
+        sim.machine = Machine::ServoAxis(machine.clone());
+        sim.controller.kind = ControllerKind::Sampled;
+        sim.setpoint[0] = Setpoint::Sines {
+            offset_rad: 0.0,
+            tones: [(0.4, 0.05), (1.7, 0.008), (5.0, 0.0015)]
+                .map(|(frequency_hz, amplitude_rad)| Tone {
+                    frequency_hz,
+                    amplitude_rad,
+                    phase_rad: f64::from(seed),
+                })
+                .into(),
+        };
+        (sim.sensors.encoder_bits, sim.sensors.input_noise_v) = (0, 0.0);
+        let samples = ServoAxisSimulator::new(&sim, &machine).unwrap().take(10 * N);
+        let options_of_rows = ProjectedOptions {
+            timing: InputTiming::Held,
+            noise: SensorNoise {
+                input_noise: [1e-3; MAX_JOINTS],
+                ..rows().noise
+            },
+            ..rows()
+        };
+        let block = ProjectedBlock::new(axis(), options_of_rows, N).unwrap();
+        let estimator = BlockEstimator::new(structure(&axis()), options(&axis())).unwrap();
+        let (report, phase, alarms) = identify(samples, block, estimator);
+        (format!("sines {seed}"), report, phase, alarms)
+    });
+    let (error, _) = worst(runs, &truth, &sizes(&truth));
+    // 9e-4 if friction has the sign of each sample's velocity; rounding to 5e-8 m leaves 1e-4
+    assert!(error < 3e-4, "{error}");
 }
 
 /// The same from exact signals, row by row.

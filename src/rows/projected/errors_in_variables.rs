@@ -9,8 +9,10 @@
 
 use super::covariance::RowCovariance;
 use super::measured::MeasuredBlock;
+use super::reversals;
 use super::samples::Samples;
 use crate::model::Plant;
+use crate::rows::standstill::Standstill;
 use crate::rows::trajectory::Trajectory;
 use crate::rows::whitening::Whitening;
 
@@ -92,7 +94,7 @@ impl SmoothedSignals {
 
     /// Limits the errors that were found, takes them out of the positions, and makes velocities and
     /// features of what is left.
-    pub fn finish<P: Plant>(&mut self, block: &MeasuredBlock<P>) {
+    pub fn finish<P: Plant>(&mut self, block: &MeasuredBlock<P>, standstill: &Standstill) {
         let (covered, len) = (block.samples.windows.covered(), block.samples.len);
         if covered.is_empty() {
             return;
@@ -103,7 +105,8 @@ impl SmoothedSignals {
                 *q = measured + std * q.clamp(-LARGEST_ERROR, LARGEST_ERROR);
             }
         }
-        block.form.differentiate(&mut self.signals, covered);
+        block.form.differentiate(&mut self.signals, covered.clone());
+        reversals::correct(&block.form, standstill, &mut self.signals, covered);
         self.applied = true;
     }
 }

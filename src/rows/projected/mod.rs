@@ -67,6 +67,7 @@ mod input_jumps;
 mod measured;
 mod options;
 mod projection;
+mod reversals;
 mod sample_noise;
 mod samples;
 mod sensor_noise;

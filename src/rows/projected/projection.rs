@@ -4,6 +4,7 @@ use super::covariance::RowCovariance;
 use super::errors_in_variables::SmoothedSignals;
 use super::evaluation::Source;
 use super::measured::MeasuredBlock;
+use super::reversals;
 use super::tail::Tail;
 use super::whitened_rows::WhitenedRows;
 use crate::estimator::Residuals;
@@ -54,6 +55,7 @@ impl<P: Plant> Projection<P> {
         self.smoothed.forget();
         self.block.sense();
         self.find_rests();
+        self.find_reversals();
         self.block.find_jumps();
         let (block, u) = (&self.block, &self.block.samples.signals.u);
         for e in 0..block.form.equations() {
@@ -82,6 +84,16 @@ impl<P: Plant> Projection<P> {
         }
         self.standstill
             .judge(samples.windows.all().iter().map(|window| window.centre));
+    }
+
+    /// Puts friction on the right side of each reversal.
+    fn find_reversals(&mut self) {
+        let MeasuredBlock { form, samples, .. } = &mut self.block;
+        let half = form.velocity.half;
+        for stretch in samples.repair.stretches(samples.len) {
+            let known = stretch.start + half..stretch.end.saturating_sub(half);
+            reversals::correct(form, &self.standstill, &mut samples.signals, known);
+        }
     }
 
     /// Makes R at θ and whitens the rows by it, as they are measured.
@@ -117,7 +129,7 @@ impl<P: Plant> Projection<P> {
             self.smoothed
                 .subtract(block, &self.covariance, &self.rows.whitening[e], e, residuals);
         }
-        self.smoothed.finish(block);
+        self.smoothed.finish(block, &self.standstill);
         let signals = self.smoothed.or(&block.samples.signals);
         self.rows.replace_regressors(&Source { block, signals }, theta);
     }

@@ -216,8 +216,8 @@ fn introduction(cases: &[CaseRuns], seeds: u64, duration_s: f64) -> Section {
          searched from the instrumental variables' result if it is a machine, else from the configuration's \
          values. Filters and likelihoods know the noise of the sensors, instruments know the controller."
             .to_owned(),
-        "**Why figures are above 1.** thetabus on the axis: friction that reverses; without Coulomb friction its \
-         mass is at the bound on sines, and windows of half or twice the length change nothing. What thetabus loses \
+        "**Why figures are above 1.** thetabus on the axis: square waves of a few seeds, after which it creeps to \
+         its place and the rows over the last of it are left out as a rest. What thetabus loses \
          of theta_1 on steps at 20 bits is not explained yet. On smooth moves at 13 bits a first block alone hardly \
          determines the θ that its weights and smoothed positions are made with; begun at the true θ, thetabus is at \
          the bound there. Filter and prediction errors on moves with rests: they believe the rounding of a machine at \

@@ -49,7 +49,11 @@ fn run() -> Result<(), String> {
     };
     let read = |path: &str| -> Result<Vec<RobotSample>, String> {
         let text = std::fs::read_to_string(path).map_err(|e| format!("{path}: {e}"))?;
-        read_log(&text, &columns, &drives).map_err(|e| format!("{path}: {e}"))
+        let log = read_log(&text, &columns, &drives).map_err(|e| format!("{path}: {e}"))?;
+        if log.skipped.count() > 0 {
+            eprintln!("{path}: {}", log.skipped);
+        }
+        Ok(log.samples)
     };
     let log = read(train)?;
     let validation = rest.first().map(|path| read(path)).transpose()?;

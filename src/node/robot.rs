@@ -94,7 +94,10 @@ impl Learner for RobotLearner {
             estimate,
             change_ns: explained.map(|change| (change.t_s.max(0.0) * 1e9) as u64),
             error: robot_evidence::clipped(&self.robot, end.last_seq)
-                .or_else(|| robot_evidence::left_out(&self.robot, end.last_seq))
+                .or_else(|| {
+                    let left_out = robot_evidence::left_out(&self.robot, end.last_seq);
+                    left_out.filter(|_| !self.robot.is_sign_likelier())
+                })
                 .or_else(|| robot_evidence::doubt(&self.robot, end.last_seq))
                 .or_else(|| robot_evidence::impossible(&self.robot, end.last_seq))
                 .or_else(|| robot_evidence::unexplained(&self.robot, end.last_seq))

@@ -4,7 +4,7 @@
 use super::estimate_message::message;
 use crate::estimator::{Change, ChangeKind, Held, Report, StateMachine};
 use crate::messages::{ERROR_TEXT, ErrorCode, Estimate, FixedText, LastError};
-use crate::robot::{ChangeCause, LEAST_EXPLAINED, RobotChange, RobotIdentifier};
+use crate::robot::{ChangeCause, Impossible, LEAST_EXPLAINED, RobotChange, RobotIdentifier};
 use std::fmt::{self, Write as _};
 
 /// Part of the prior's variance below which a parameter is known from data.
@@ -107,7 +107,7 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
     report.excitation.copy_from_slice(&figures.excitation);
     let unfit = unexplained || figures.fit_probability < crate::estimator::MISFIT;
     let refuted = robot.clipped().is_some()
-        || refuted(robot).is_some()
+        || robot.impossible().is_some()
         || robot.unexplained().is_some()
         || robot.contradiction().is_some();
     report.misfit = u64::from(unfit || left_out || refuted || robot.doubt().is_some());
@@ -146,15 +146,6 @@ fn mark(mask: &mut u128, i: usize) {
     *mask |= u32::try_from(i).ok().and_then(|i| 1u128.checked_shl(i)).unwrap_or(0);
 }
 
-/// The first parameter with a value that no machine has.
-fn refuted(robot: &RobotIdentifier) -> Option<usize> {
-    let surely = |i: &usize| {
-        let range = robot.parameters()[*i].range;
-        !robot.is_fixed(*i) && range.refutes(robot.theta()[*i], robot.theta_std(*i))
-    };
-    (0..robot.theta().len()).find(surely)
-}
-
 /// A misfit in words.
 fn misfit(what: fmt::Arguments<'_>, seq: u64) -> LastError {
     let mut words = FixedText::<ERROR_TEXT>::default();
@@ -163,13 +154,24 @@ fn misfit(what: fmt::Arguments<'_>, seq: u64) -> LastError {
     LastError::with_text(ErrorCode::Misfit, seq, words.as_str())
 }
 
-/// A value that no machine has, in words.
+/// What no machine has, in words.
 pub(super) fn impossible(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
-    let name = &robot.parameters()[refuted(robot)?].name;
-    Some(misfit(
-        format_args!("{name} is negative: a torque or position has the wrong sign, or a change was no payload"),
-        seq,
-    ))
+    Some(match robot.impossible()? {
+        Impossible::Inertia(joint) => misfit(
+            format_args!(
+                "inertia at joint {} is negative: its torque, position or axis has the wrong sign",
+                joint + 1
+            ),
+            seq,
+        ),
+        Impossible::Parameter(index) => misfit(
+            format_args!(
+                "{} is negative: a torque or position has the wrong sign, or a change was no payload",
+                robot.parameters()[index].name
+            ),
+            seq,
+        ),
+    })
 }
 
 /// A joint whose torque the model hardly explains, in words.

@@ -27,6 +27,9 @@ use std::sync::Arc;
 /// Time to either side over which velocities are formed from positions \[s\].
 const VELOCITY_S: f64 = 0.02;
 
+/// Sizes of gravity \[m/s²\].
+const GRAVITY: std::ops::Range<f64> = 1.5..30.0;
+
 /// Sample period if section `[plant]` states none \[s\].
 const SAMPLE_PERIOD_S: f64 = 0.001;
 
@@ -60,6 +63,26 @@ pub struct RobotConfig {
     pub sample_period_s: f64,
     /// What else the file says, by section: `[bus]`, `[plant]`, …
     pub ordinary: toml::Table,
+}
+
+/// Gravity of three numbers \[m/s²\]: none, or from the Moon's to Jupiter's. In g it would have a
+/// length of 1, and multiplied twice one of 96.
+fn gravity_of(numbers: Vec<f64>) -> Result<Vector3<f64>, String> {
+    let [x, y, z] = numbers[..] else {
+        return Err(format!(
+            "expected three numbers, as [0.0, 0.0, -9.81], got {}",
+            numbers.len()
+        ));
+    };
+    let gravity = Vector3::new(x, y, z);
+    let size = gravity.norm();
+    if size == 0.0 || GRAVITY.contains(&size) {
+        return Ok(gravity);
+    }
+    Err(format!(
+        "expected the acceleration of gravity in m/s² in the base's frame, as [0.0, 0.0, -9.81], or zeros for none, got \
+         {numbers:?} of length {size:.3}"
+    ))
 }
 
 impl RobotConfig {
@@ -139,13 +162,7 @@ impl RobotConfig {
         let mut robot = Robot::from_file(&urdf, &selection).map_err(|e| e.to_string())?;
         let n = robot.len();
         if let Some(gravity) = file.model.gravity_m_per_s2 {
-            if gravity.iter().any(|g| !g.is_finite()) {
-                return Err(at(
-                    "model.gravity_m_per_s2",
-                    format!("expected finite numbers, got {gravity:?}"),
-                ));
-            }
-            robot.gravity = Vector3::from(gravity);
+            robot.gravity = gravity_of(gravity).map_err(|problem| at("model.gravity_m_per_s2", problem))?;
         }
         let friction = friction(file.friction).map_err(|problem| at("friction", problem))?;
         let rotors = file.model.rotor_inertia.unwrap_or(true);

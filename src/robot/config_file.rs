@@ -40,7 +40,7 @@ pub(super) struct ModelSection {
     pub base: Option<String>,
     pub tip: Option<String>,
     pub joints: Option<Vec<String>>,
-    pub gravity_m_per_s2: Option<[f64; 3]>,
+    pub gravity_m_per_s2: Option<Vec<f64>>,
     pub rotor_inertia: Option<bool>,
 }
 

@@ -32,6 +32,7 @@ use super::explained::RecentRows;
 use super::figures::BlockFigures;
 use super::friction_drift::FrictionDrift;
 use super::identify_options::IdentifyOptions;
+use super::impossible_room::Impossibles;
 use super::information::{Information, Solver};
 use super::jump::Jumps;
 use super::left_out_room::LeftOut;
@@ -121,6 +122,7 @@ pub struct RobotIdentifier {
     pub(super) figures: BlockFigures,
     pub(super) recent_rows: RecentRows,
     pub(super) urdf_prior: Option<UrdfPrior>,
+    pub(super) impossibles: Impossibles,
     pub(super) gain: Information,
     pub(super) size: Vec<f64>,
     /// How far errors of the positions have moved the estimates.
@@ -201,6 +203,7 @@ impl RobotIdentifier {
             left_out: (!terms.is_empty()).then(|| LeftOut::new(terms, options.zero_rad, n)),
             wide,
             urdf_prior: Some(UrdfPrior::new(&model)),
+            impossibles: Impossibles::new(columns.iter().copied().max().unwrap_or(0)),
             gain: Information::new(n),
             size: vec![0.0; n],
             parameters,
@@ -237,6 +240,7 @@ impl RobotIdentifier {
         self.drift.reset();
         self.counts.reset();
         self.recent_rows.lacking.fill(false);
+        self.impossibles.clear();
         self.urdf_prior.iter_mut().for_each(|prior| prior.found = None);
         self.figures.clear();
         let n = self.theta.len();
@@ -470,6 +474,7 @@ impl RobotIdentifier {
         if changed {
             self.recent_rows.clear();
         }
+        self.look_for_impossibles();
         self.note_excitation();
         if self.blocks >= TRIED {
             self.of_mass.copy_from_slice(&self.effective);

@@ -47,6 +47,9 @@ const SHARE: f64 = 0.1;
 const REFUTED: f64 = -2.0;
 /// Slices that it takes, and that the last rows of (6) are.
 const LEAST: usize = 8;
+/// Relative change of a gain that is none: a load on a vertical axis scales its force, too, and may
+/// leave a tenth of it or make it threefold. It stays unclear what that is.
+const CREDIBLE: f64 = 0.5;
 /// Residuals beyond so many f_j σ_j are not explained.
 const EXPLAINED: f64 = 3.0;
 
@@ -147,7 +150,7 @@ impl RobotIdentifier {
         let by = watch.evidence.extra[0];
         match broken {
             Suspect::Slip(joint) => Some(RobotDoubt::Slip { joint, by }),
-            Suspect::Gain(joint) => Some(RobotDoubt::Gain { joint, by }),
+            Suspect::Gain(joint) if by.abs() < CREDIBLE => Some(RobotDoubt::Gain { joint, by }),
             _ => unclear,
         }
     }

@@ -12,6 +12,7 @@ use super::clipped::Largest;
 use super::fit::correlation_time_s;
 use super::friction::FrictionTerm;
 use super::identify::RobotIdentifier;
+use super::impossible_room::Impossible;
 use super::model::RobotModel;
 use super::state::{FilteredSample, RobotSample};
 use super::suspicion::{FACTOR, RobotSuspicion};
@@ -148,7 +149,12 @@ pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) 
             found.push(RobotSuspicion::Sign { joint, parameters });
         }
     }
-    found.extend(identifier.left_out_cause().map(RobotSuspicion::LeftOut));
+    match identifier.impossible() {
+        Some(Impossible::Inertia(joint)) if identifier.is_sign_likelier() => {
+            found.push(RobotSuspicion::NegativeInertia { joint });
+        }
+        _ => found.extend(identifier.left_out_cause().map(RobotSuspicion::LeftOut)),
+    }
     found.extend(identifier.doubt().map(RobotSuspicion::Changed));
     // moments of a model that does not explain the torques name no cause
     let contradiction = identifier

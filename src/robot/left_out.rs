@@ -26,9 +26,9 @@
 //! keeps its sign through a block raises no alarm. A term is named if z exceeds [`NAMED`] and a
 //! usable parameter is off by more than [`HARMFUL`] of its standard deviations and [`LEAST_ERROR`]
 //! of itself, or if nothing may be used and it explains more than [`TELLING`] of the misfit: then
-//! the model does not describe the machine. A spring has to explain as much in any case.
-//! (8) is the same sandwich along the term itself: with encoders of 13 bits reversals are seen
-//! early or late, and what this says of a delay scatters from block to block. (9) is what
+//! the model does not describe the machine. A spring, or a delay, has to explain as much in any
+//! case. (8) is the same sandwich along the term itself: with encoders of 13 bits reversals are
+//! seen early or late, and what this says of a delay scatters from block to block. (9) is what
 //! [`encoder_noise`](super::encoder_noise) foretells of U_c.
 //!
 //! Standard deviations hold (6) before that, too, so that a term that does less harm, or is less
@@ -61,8 +61,8 @@ const BELIEVED: f64 = 4.0;
 const USABLE: f64 = 0.05;
 /// … if that is larger than this part of it.
 const LEAST_ERROR: f64 = 0.0025;
-/// Share of the misfit from which on a term is named if nothing may be used anyway, and a spring in
-/// any case.
+/// Share of the misfit from which on a term is named if nothing may be used anyway, and a spring or
+/// a delay in any case.
 const TELLING: f64 = 0.2;
 /// Part of what errors of the positions may have done to a score that is not held against a term.
 const ALLOWED: f64 = 1.5;
@@ -141,8 +141,8 @@ impl RobotIdentifier {
                 left_out.step(c, amplitude);
                 self.effective_of(&left_out.theta, &mut left_out.alone);
                 let share = self.share(what.only_joint(), &left_out.alone);
-                // many things vary with the position, a spring is but one of them
-                let is_told = !what.is_spring() || share > TELLING;
+                // many things vary with the position, or look late where a joint reverses
+                let is_told = !what.is_one_of_many() || share > TELLING;
                 if harm > harmful && is_told || is_useless && share > TELLING {
                     left_out.found = Some(LeftOutCause {
                         what,

@@ -142,10 +142,14 @@ impl LeftOut {
 
     /// What (6) and (7) add to an entry of P.
     pub fn covariance(&self, i: usize, j: usize, n: usize) -> f64 {
+        self.errors(n).map(|shift| shift[i] * shift[j]).sum() // (6), (7)
+    }
+
+    /// The errors of the n estimates that (6) and (7) allow for.
+    pub fn errors(&self, n: usize) -> impl Iterator<Item = &[f64]> {
         let n = n.max(1);
         let considered = self.considered.chunks_exact(n);
-        let believed = self.shifts.chunks_exact(n).take(self.believed);
-        considered.chain(believed).map(|shift| shift[i] * shift[j]).sum() // (6), (7)
+        considered.chain(self.shifts.chunks_exact(n).take(self.believed))
     }
 
     /// Keeps what the errors that are considered do to the estimates.

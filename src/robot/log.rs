@@ -1,8 +1,8 @@
 //! Log files of robots: numbers in columns, with or without a line of names.
 
+use super::skipped::{LogError, Skip, SkippedRows};
 use super::state::RobotSample;
 use crate::model::MAX_JOINTS;
-use std::fmt;
 
 /// Which columns hold what, counted from 1 as spreadsheets do.
 #[derive(Debug, Clone, PartialEq)]
@@ -110,35 +110,26 @@ impl Drives {
     }
 }
 
-/// What is wrong with a log.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct LogError {
-    /// Line, counted from 1; `None` for the columns that were asked for.
-    pub line: Option<usize>,
-    /// What is expected and what is there.
-    pub problem: String,
+/// What a log gave.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RobotLog {
+    /// The samples, in the order of their times.
+    pub samples: Vec<RobotSample>,
+    /// The rows that are none.
+    pub skipped: SkippedRows,
 }
-
-impl fmt::Display for LogError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.line {
-            Some(line) => write!(f, "line {line}: {}", self.problem),
-            None => f.write_str(&self.problem),
-        }
-    }
-}
-
-impl std::error::Error for LogError {}
 
 /// Reads a log; numbers are separated by semicolons, bars, tabs, commas or spaces, a first line of
 /// names is skipped. Where commas do not separate they are decimal commas. Without columns of
-/// velocities these are 0, see [`with_velocities`](super::with_velocities).
+/// velocities these are 0, see [`with_velocities`](super::with_velocities). A row that is no sample
+/// is skipped and counted: one without finite numbers in the columns, or whose time is not after
+/// that of the sample before.
 ///
 /// # Errors
-/// The first line that does not hold finite numbers in the columns, or whose time is not after the
-/// line before.
-pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Vec<RobotSample>, LogError> {
-    let problem = |line: Option<usize>, problem: String| LogError { line, problem };
+/// Columns that do not fit each other; the first such row, if half of the rows or more are no
+/// samples.
+pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<RobotLog, LogError> {
+    let problem = |problem: String| LogError { line: None, problem };
     let joints = columns.position.len();
     let lists = [
         ("position", &columns.position),
@@ -148,78 +139,87 @@ pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Vec
     for (name, list) in lists {
         let is_left_out = name == "velocity" && list.is_empty();
         if !is_left_out && list.len() != joints || !(1..=MAX_JOINTS).contains(&joints) {
-            return Err(problem(
-                None,
-                format!(
-                    "{name} columns: expected one per joint, got {} beside {joints} positions",
-                    list.len()
-                ),
-            ));
+            return Err(problem(format!(
+                "{name} columns: expected one per joint, got {} beside {joints} positions",
+                list.len()
+            )));
         }
     }
     let all = || lists.iter().flat_map(|(_, list)| list.iter()).chain([&columns.time]);
     if all().any(|column| *column == 0) {
-        return Err(problem(None, "columns: expected numbers from 1, got 0".to_owned()));
+        return Err(problem("columns: expected numbers from 1, got 0".to_owned()));
     }
-    drives.validate(joints).map_err(|text| problem(None, text))?;
+    drives.validate(joints).map_err(problem)?;
     let widest = all().copied().max().unwrap_or(1);
-    let mut samples: Vec<RobotSample> = Vec::new();
+    let mut log = RobotLog::default();
     let mut fields: Vec<&str> = Vec::new();
     for (index, line) in text.lines().enumerate() {
-        let number = Some(index + 1);
         fields.clear();
         split(line, &mut fields);
         if fields.is_empty() {
             continue;
         }
-        let is_header = samples.is_empty() && fields.iter().all(|field| number_of(field).is_none());
+        let is_header = log.skipped.rows == 0 && fields.iter().all(|field| number_of(field).is_none());
         if is_header {
             continue;
         }
-        if fields.len() < widest {
-            let hint = match columns.velocity.is_empty() {
-                true => "",
-                false => "; a log without velocities needs log.velocity_columns = []",
-            };
-            return Err(problem(
-                number,
-                format!("expected at least {widest} columns, got {}{hint}", fields.len()),
-            ));
-        }
-        let value = |column: usize| -> Result<f64, LogError> {
-            let field = fields[column - 1];
-            match number_of(field) {
-                Some(x) if x.is_finite() => Ok(x),
-                _ => Err(problem(
-                    number,
-                    format!("column {column}: expected a finite number, got \"{field}\""),
-                )),
-            }
+        log.skipped.rows += 1;
+        let row = match fields.len() < widest {
+            true => Err((Skip::Unreadable, too_narrow(fields.len(), widest, columns))),
+            false => row(&fields, columns, drives),
         };
-        let mut sample = RobotSample {
-            t_s: value(columns.time)?,
-            ..RobotSample::default()
-        };
-        let mut input = [0.0; MAX_JOINTS];
-        for joint in 0..joints {
-            sample.q[joint] = value(columns.position[joint])?;
-            if let Some(column) = columns.velocity.get(joint) {
-                sample.dq[joint] = value(*column)?;
+        let later = |sample: RobotSample| match log.samples.last() {
+            Some(last) if sample.t_s <= last.t_s => {
+                let what = format!("expected a time after {} s, got {} s", last.t_s, sample.t_s);
+                Err((Skip::NotLater, what))
             }
-            input[joint] = value(columns.input[joint])?;
+            _ => Ok(sample),
+        };
+        match row.and_then(later) {
+            Ok(sample) => log.samples.push(sample),
+            Err((why, what)) => log.skipped.skip(why, index + 1, || what),
         }
-        sample.tau = drives.torques(&input);
-        if let Some(last) = samples.last()
-            && sample.t_s <= last.t_s
-        {
-            return Err(problem(
-                number,
-                format!("expected a time after {} s, got {} s", last.t_s, sample.t_s),
-            ));
-        }
-        samples.push(sample);
     }
-    Ok(samples)
+    log.skipped.check().map(|()| log)
+}
+
+fn too_narrow(fields: usize, widest: usize, columns: &LogColumns) -> String {
+    let hint = match columns.velocity.is_empty() {
+        true => "",
+        false => "; a log without velocities needs log.velocity_columns = []",
+    };
+    format!("expected at least {widest} columns, got {fields}{hint}")
+}
+
+/// The sample of a row that is wide enough, or why it is none.
+fn row(fields: &[&str], columns: &LogColumns, drives: &Drives) -> Result<RobotSample, (Skip, String)> {
+    let value = |column: usize| -> Result<f64, (Skip, String)> {
+        let field = fields[column - 1];
+        let number = number_of(field);
+        match number.filter(|x| x.is_finite()) {
+            Some(x) => Ok(x),
+            None => {
+                let is_none = number.is_some() || field.is_empty();
+                let why = if is_none { Skip::NotFinite } else { Skip::Unreadable };
+                let what = format!("column {column}: expected a finite number, got \"{field}\"");
+                Err((why, what))
+            }
+        }
+    };
+    let mut sample = RobotSample {
+        t_s: value(columns.time)?,
+        ..RobotSample::default()
+    };
+    let mut input = [0.0; MAX_JOINTS];
+    for (joint, position) in columns.position.iter().enumerate() {
+        sample.q[joint] = value(*position)?;
+        if let Some(column) = columns.velocity.get(joint) {
+            sample.dq[joint] = value(*column)?;
+        }
+        input[joint] = value(columns.input[joint])?;
+    }
+    sample.tau = drives.torques(&input);
+    Ok(sample)
 }
 
 /// Number of columns of the first line that holds a number; `None` if none does.

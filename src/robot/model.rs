@@ -49,9 +49,6 @@ pub enum Meaningful {
     None,
 }
 
-/// Standard deviations below 0 from which on a value refutes its model.
-const SURELY_NEGATIVE: f64 = 5.0;
-
 impl Meaningful {
     /// True if a value in this range can be used.
     pub fn holds(self, value: f64) -> bool {
@@ -62,9 +59,9 @@ impl Meaningful {
         }
     }
 
-    /// True if no machine has this value, which is known to within `std`.
-    pub fn refutes(self, value: f64, std: f64) -> bool {
-        self == Self::Positive && value < -SURELY_NEGATIVE * std
+    /// True if no machine has this value, which is known to within `margin`.
+    pub fn refutes(self, value: f64, margin: f64) -> bool {
+        self == Self::Positive && value < -margin
     }
 
     fn of_friction(term: FrictionTerm) -> Self {
@@ -119,14 +116,15 @@ pub enum Unmodelled {
 }
 
 impl Unmodelled {
-    /// True for a spring.
-    pub fn is_spring(self) -> bool {
+    /// True for a spring and for a delay: much else resembles them a little.
+    pub(super) fn is_one_of_many(self) -> bool {
         matches!(
             self,
-            Self::Friction {
-                term: FrictionTerm::Spring,
-                ..
-            }
+            Self::Delay
+                | Self::Friction {
+                    term: FrictionTerm::Spring,
+                    ..
+                }
         )
     }
 
@@ -383,6 +381,13 @@ impl RobotModel {
                 at += 1;
             }
         }
+    }
+
+    /// Which of a joint's columns is that of its own rotor.
+    pub(super) fn rotor_column(&self, joint: usize) -> Option<usize> {
+        self.columns[joint]
+            .iter()
+            .position(|column| matches!(column, Column::Rotor))
     }
 
     /// Entry (j, k) of the mass matrix with parameters `theta`, at the state that was evaluated

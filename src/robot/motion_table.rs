@@ -12,7 +12,8 @@
 //! at 1 Hz that is 0.15 % with points at 100 Hz. Source: C. de Boor, *A Practical Guide to Splines*
 //! (1978), chapter IV.
 
-use super::log::{Drives, LogColumns, LogError, read_log, split};
+use super::log::{Drives, LogColumns, read_log, split};
+use super::skipped::LogError;
 use super::state::Setpoint;
 use crate::model::MAX_JOINTS;
 use std::fmt::Write as _;
@@ -227,7 +228,11 @@ pub fn read_motion(text: &str, columns: &LogColumns) -> Result<MotionTable, LogE
         ..columns.clone()
     };
     let log = read_log(text, &positions, &Drives::torque(joints))?;
-    let (t_s, q): (Vec<f64>, Vec<_>) = log.iter().map(|sample| (sample.t_s, sample.q)).unzip();
+    // a drive would jump over a setpoint that is missing
+    if let Some(first) = log.skipped.first {
+        return Err(first);
+    }
+    let (t_s, q): (Vec<f64>, Vec<_>) = log.samples.iter().map(|sample| (sample.t_s, sample.q)).unzip();
     MotionTable::new(joints, &t_s, &q).map_err(|problem| LogError { line: None, problem })
 }
 

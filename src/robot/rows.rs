@@ -182,6 +182,11 @@ impl WeakRows {
         }
     }
 
+    /// The regressors at the newest sample.
+    pub(super) fn regressors(&self) -> &EnergyRegressors {
+        &self.regressors
+    }
+
     /// How joints were accelerated in the windows so far.
     pub(super) fn motion(&mut self) -> &mut Motion {
         &mut self.motion

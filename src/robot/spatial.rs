@@ -173,6 +173,16 @@ impl BodyParameters {
         Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
     }
 
+    /// By which part of it the largest principal inertia about the centre of mass exceeds the sum
+    /// of the two others, which no body has; negative of a body that can exist.
+    pub fn excess(&self) -> f64 {
+        let center = self.first_moment() / self.mass();
+        let steiner = self.mass() * (Matrix3::identity() * center.norm_squared() - center * center.transpose());
+        let principal = (self.inertia() - steiner).symmetric_eigenvalues();
+        let largest = principal.max();
+        (2.0 * largest - principal.sum()) / largest
+    }
+
     /// The same body in the frame that `placement` places this body's frame in.
     #[must_use]
     pub fn moved(&self, placement: &Placement) -> Self {

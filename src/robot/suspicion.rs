@@ -79,6 +79,11 @@ pub enum RobotSuspicion {
         /// Name, estimate and standard deviation of each parameter that has the wrong sign.
         parameters: Vec<(String, f64, f64)>,
     },
+    /// An inertia that comes out negative.
+    NegativeInertia {
+        /// The joint.
+        joint: usize,
+    },
     /// A term of friction that the model leaves out.
     LeftOut(LeftOutCause),
     /// A drive or an encoder that has changed within the log.
@@ -145,6 +150,12 @@ impl fmt::Display for RobotSuspicion {
                 joint + 1,
             ),
             Self::Sign { joint, ref parameters } => sign(f, joint + 1, parameters),
+            Self::NegativeInertia { joint } => write!(
+                f,
+                "the inertia at joint {} comes out negative, so that nothing may be used: its torque or its position has the wrong \
+                 sign, or its axis in the URDF is the other way round",
+                joint + 1
+            ),
             Self::LeftOut(ref cause) => left_out(f, cause),
             Self::Changed(doubt) => write!(f, "{doubt}"),
             Self::Contradiction(what) => write!(f, "{what}; nothing may be used"),

@@ -12,6 +12,9 @@ use std::path::Path;
 /// Acceleration of gravity in the base's frame, unless specified otherwise \[m/s²\].
 const STANDARD_GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
+/// Part of a principal inertia that rounding in a file may make it too large by.
+const ROUNDED: f64 = 0.02;
+
 /// Which part of a URDF is the robot.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Selection {
@@ -110,6 +113,19 @@ impl Robot {
         let moving = tree.moving(&order, base, selection)?;
         let tip = selection.tip.as_ref().map(|name| tree.link("tip", name)).transpose()?;
         tree.robot(&order, &moving, tip)
+    }
+
+    /// What is said of links whose inertia no body has. They are taken all the same: many URDFs
+    /// have some, and the inertias are but a start.
+    pub fn impossible_links(&self) -> impl Iterator<Item = String> {
+        let is_impossible = |link: &&RobotLink| link.body.is_some_and(|body| body.excess() > ROUNDED);
+        self.links.iter().filter(is_impossible).map(|link| {
+            format!(
+                "link \"{}\": no body has its <inertia>: expected each principal inertia to be at most the sum of the two others, \
+                 got one that is larger; look at ixx, iyy and izz, and at their unit",
+                link.name
+            )
+        })
     }
 
     /// Number of moving joints.

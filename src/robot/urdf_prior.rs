@@ -5,28 +5,41 @@
 //! d = β̂ − β₀ ~ N(0, C),    C = P + D,    D = Σ_b s² v_b v_bᵀ + Σ_b,a (s m_b r_b)² u_ba u_baᵀ      (1)
 //! χ²(β) = (β̂ − β)ᵀ C⁻¹ (β̂ − β)                                                               (2)
 //! c = β₀ᵀ C⁻¹ β̂ / β₀ᵀ C⁻¹ β₀:    gravity is c times what the configuration says                  (3)
-//! β_jα = argmin Σ_q ‖G(q) β − g(q − α e_j)‖²:    joint j has another zero, by α                   (4)
+//! β_jα = argmin Σ_q ‖W [G(q) β − g(q − α e_j)]‖²:    joint j has another zero, by α             (4)
+//! β_j± = argmin Σ_q ‖W [G(q) β − S_j g(R_j q)]‖²:    a sign of joint j is wrong                 (5)
+//! β_k = argmin Σ_q ‖W [G(q) β − g_k(q)]‖²:    gravity has direction k of the base                (6)
 //! ```
 //!
-//! β are the base parameters that stand for masses and first moments and that gravity sees, β₀
-//! those of the URDF and P the covariance of the estimates. Each body's mass may be another one by
-//! s = 0.3 of it (v_b is what it gives to β₀), and its centre may lie elsewhere by s times its
-//! radius of gyration about the joint, in each direction (u_ba). As standard deviations they make
-//! errors of 50 % ordinary. Such errors are independent from body to body, and no body's moment
-//! turns round; under a wrong gravity or zero all moments behind it do, by one factor or angle.
+//! β are the base parameters that stand for masses and first moments and that gravity sees, and
+//! the constant forces (`offset`) of joints that slide, which hide what gravity does to them; β₀
+//! those of the URDF, 0 for a constant force, and P the covariance of the estimates. Each body's
+//! mass may be another one by s = 0.3 of it (v_b is what it gives to β₀), and its centre may lie
+//! elsewhere by s times its radius of gyration about the joint, in each direction (u_ba). As
+//! standard deviations they make errors of 50 % ordinary. Such errors are independent from body to
+//! body, and no body's moment turns round; under a wrong gravity or zero all moments behind it do,
+//! by one factor or angle. A constant force has a standard deviation of s times the weight that
+//! the joint bears, or of a third of s if it lies across gravity.
 //!
-//! A cause is believed if χ²(β₀) is beyond any chance, and that of the cause is smaller by
-//! [`CLEAR`] and is less than a quarter of it. G is the gravity's regressor and g the URDF's weight
-//! at random positions. A torque in another unit scales inertias with the moments, which gravity
-//! does not: then (3) says nothing.
+//! In (5), R_j turns the sign of position j round and S_j that of torque j: the torque, the
+//! position or both, which is the axis, are the other way round. W weighs each joint's rows by the
+//! mean square of its weight.
+//!
+//! A cause is believed if its χ² is smaller than χ²(β₀) by [`CLEAR`] and less than a quarter of
+//! it; a zero, or another size of gravity, only if χ²(β₀) is beyond any chance, too: a heavy tool
+//! that nobody declared comes near them. For a sign 12 is enough if next to nothing is left: the
+//! wrist of a common arm gives 16 to 24, and no honest difference turns a moment into its
+//! opposite. G is the gravity's regressor and g the URDF's weight at random positions. A torque in
+//! another unit scales inertias with the moments, which gravity does not: then (3) says nothing.
 
+use super::friction::FrictionTerm;
 use super::model::RobotModel;
 use super::random::Random;
 use super::regressor::EnergyRegressors;
 use super::spatial::BODY_PARAMETERS;
+use super::tree::Robot;
 use crate::estimator::linalg::{Cholesky, dot};
 use crate::model::MAX_JOINTS;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector3};
 use std::f64::consts::PI;
 use std::fmt;
 
@@ -36,6 +49,11 @@ const DIFFERENCE: f64 = 0.3;
 const CLEAR: f64 = 20.0;
 /// Part of χ² that a cause may leave.
 const LEFT: f64 = 0.25;
+/// The same for a sign: a Bayes factor of e⁶, and next to nothing left.
+const CLEAR_SIGN: f64 = 12.0;
+const LEFT_SIGN: f64 = 0.15;
+/// χ² by which a cause must be likelier than one that was looked at before it.
+const ALIKE: f64 = 1.0;
 /// Angles by which a zero may be off [degrees].
 const TURNS: [i32; 7] = [-135, -90, -45, 45, 90, 135, 180];
 /// Positions that (4) is over, and their seed.
@@ -43,6 +61,12 @@ const STATES: usize = 60;
 const SEED: u64 = 0x7572_6466;
 /// Part of the largest moment's column that gravity must move.
 const SEEN: f64 = 1e-6;
+/// Part of the weight in another direction that moments and constant forces may leave.
+const IMITATED: f64 = 0.3;
+/// Cosine below which gravity has another direction.
+const ACROSS: f64 = 0.7;
+/// Part of the largest joint's weight that another joint's counts for at least.
+const LEAST_WEIGHT: f64 = 0.01;
 /// (3) of a gravity of the wrong sign; of one in g instead of m/s², and the other way round.
 const REVERSED: std::ops::Range<f64> = -2.5..-0.4;
 const IN_G: [std::ops::Range<f64>; 2] = [5.0..20.0, 0.05..0.2];
@@ -64,6 +88,76 @@ pub enum UrdfContradiction {
         /// About by so much.
         degrees: i32,
     },
+    /// Gravity has another direction than the configuration says.
+    Direction {
+        /// Along this axis of the base: 0 for x, 1 for y, 2 for z.
+        axis: usize,
+        /// Along its negative direction.
+        negative: bool,
+    },
+    /// A joint's torque, position or axis is the other way round.
+    Sign {
+        /// The joint, counted from 0.
+        joint: usize,
+        /// What is.
+        of: Reversed,
+    },
+}
+
+/// What of a joint is the other way round.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reversed {
+    /// Its torque.
+    Torque,
+    /// Its position, and velocity.
+    Position,
+    /// Both: the axis in the URDF.
+    Axis,
+}
+
+impl UrdfContradiction {
+    /// What may be wrong at a joint.
+    fn of(joint: usize, turns: bool) -> impl Iterator<Item = Self> {
+        let zeros = TURNS.map(move |degrees| Self::Zero { joint, degrees });
+        let signs = [Reversed::Torque, Reversed::Position, Reversed::Axis].map(move |of| Self::Sign { joint, of });
+        zeros.into_iter().filter(move |_| turns).chain(signs)
+    }
+
+    /// Directions that gravity may have instead of this one.
+    fn instead_of(gravity: Vector3<f64>) -> impl Iterator<Item = Self> {
+        let all = (0..3).flat_map(|axis| [false, true].map(|negative| Self::Direction { axis, negative }));
+        let along = gravity.try_normalize(f64::MIN_POSITIVE).unwrap_or_default();
+        let is_across = move |axis: usize| gravity != Vector3::zeros() && along[axis].abs() < ACROSS;
+        all.filter(move |cause| matches!(*cause, Self::Direction { axis, .. } if is_across(axis)))
+    }
+
+    /// The robot with the gravity of (6).
+    fn robot(self, robot: &Robot) -> Robot {
+        let mut robot = robot.clone();
+        if let Self::Direction { axis, negative } = self {
+            let size = robot.gravity.norm();
+            robot.gravity = Vector3::zeros();
+            robot.gravity[axis] = if negative { -size } else { size };
+        }
+        robot
+    }
+
+    /// R_j q of (5), or q − α e_j of (4); the joint whose torque is the other way round.
+    fn apply(self, q: &mut [f64]) -> Option<usize> {
+        match self {
+            Self::Gravity { .. } | Self::Direction { .. } => None,
+            Self::Zero { joint, degrees } => {
+                q[joint] -= f64::from(degrees).to_radians();
+                None
+            }
+            Self::Sign { joint, of } => {
+                if of != Reversed::Torque {
+                    q[joint] = -q[joint];
+                }
+                (of != Reversed::Position).then_some(joint)
+            }
+        }
+    }
 }
 
 impl fmt::Display for UrdfContradiction {
@@ -85,6 +179,24 @@ impl fmt::Display for UrdfContradiction {
                 "moments from joint {} on are turned by some {degrees} degrees against the URDF: look at its zero",
                 joint + 1
             ),
+            Self::Direction { axis, negative } => write!(
+                f,
+                "gravity seems to have the direction {}{} of the base: look at model.gravity_m_per_s2",
+                if negative { '-' } else { '+' },
+                ['x', 'y', 'z'][axis]
+            ),
+            Self::Sign { joint, of } => {
+                let what = match of {
+                    Reversed::Torque => "sign of its torque, and gravity",
+                    Reversed::Position => "sign of its position",
+                    Reversed::Axis => "axis in the URDF",
+                };
+                write!(
+                    f,
+                    "moments from joint {} on are the other way round than the URDF's: look at the {what}",
+                    joint + 1
+                )
+            }
         }
     }
 }
@@ -97,7 +209,8 @@ pub(super) struct UrdfPrior {
     pub inertias: Vec<usize>,
     nominal: Vec<f64>,
     spread: Vec<f64>,
-    zeros: Vec<(UrdfContradiction, Vec<f64>)>,
+    /// The causes of (4) to (6).
+    causes: Vec<(UrdfContradiction, Vec<f64>)>,
     factor: Cholesky,
     /// C, filled by the caller with P.
     pub covariance: Vec<f64>,
@@ -128,12 +241,14 @@ impl UrdfPrior {
         let mut random = Random(SEED);
         let still = [0.0; MAX_JOINTS];
         let moments = of(0..4);
-        let turning = (0..n).filter(|joint| robot.joints[*joint].turns);
-        let causes: Vec<(usize, i32)> = turning
-            .flat_map(|joint| TURNS.map(|degrees| (joint, degrees)))
+        let causes: Vec<_> = (0..n)
+            .flat_map(|joint| UrdfContradiction::of(joint, robot.joints[joint].turns))
+            .chain(UrdfContradiction::instead_of(robot.gravity))
             .collect();
+        let robots: Vec<Robot> = causes.iter().map(|cause| cause.robot(robot)).collect();
         let mut g = DMatrix::zeros(STATES * n, moments.len());
         let mut weights = DMatrix::zeros(STATES * n, causes.len());
+        let mut own = DMatrix::zeros(n, STATES);
         let mut weight = [0.0; MAX_JOINTS];
         for state in 0..STATES {
             let q: Vec<f64> = (0..n).map(|_| random.within(PI)).collect();
@@ -143,37 +258,71 @@ impl UrdfPrior {
                     g[(state * n + i, column)] = -regressors.lagrangian(i)[joint * BODY_PARAMETERS + parameter];
                 }
             }
-            for (column, (joint, degrees)) in causes.iter().enumerate() {
-                let mut turned = q.clone();
-                turned[*joint] -= f64::from(*degrees).to_radians();
-                regressors.evaluate(robot, &turned, &still[..n]);
+            regressors.weight(&robot.bodies, &mut weight[..n]);
+            own.column_mut(state).copy_from_slice(&weight[..n]);
+            for (column, cause) in causes.iter().enumerate() {
+                let mut other = q.clone();
+                let turned = cause.apply(&mut other);
+                regressors.evaluate(&robots[column], &other, &still[..n]);
                 regressors.weight(&robot.bodies, &mut weight[..n]);
-                (0..n).for_each(|i| weights[(state * n + i, column)] = weight[i]);
+                for i in 0..n {
+                    weights[(state * n + i, column)] = if turned == Some(i) { -weight[i] } else { weight[i] };
+                }
             }
+        }
+        // W
+        let means: Vec<f64> = own.row_iter().map(|row| row.norm() / (STATES as f64).sqrt()).collect();
+        let heaviest = means.iter().copied().fold(0.0, f64::max);
+        let factor = |mean: &f64| 1.0 / mean.max(LEAST_WEIGHT * heaviest).max(f64::MIN_POSITIVE);
+        let factors: Vec<f64> = means.iter().map(factor).collect();
+        for row in 0..STATES * n {
+            g.row_mut(row).scale_mut(factors[row % n]);
+            weights.row_mut(row).scale_mut(factors[row % n]);
         }
         let largest = g.column_iter().map(|column| column.norm()).fold(0.0, f64::max);
         let seen: Vec<usize> = (0..moments.len())
             .filter(|column| g.column(*column).norm() > SEEN * largest.max(f64::MIN_POSITIVE))
             .collect();
-        let indices: Vec<usize> = seen.iter().map(|column| moments[*column].0).collect();
-        let g = g.select_columns(&seen);
-        let nominal: Vec<f64> = indices.iter().map(|i| model.parameters()[*i].nominal).collect();
+        let mut indices: Vec<usize> = seen.iter().map(|column| moments[*column].0).collect();
+        let mut g = g.select_columns(&seen);
+        let mut nominal: Vec<f64> = indices.iter().map(|i| model.parameters()[*i].nominal).collect();
+        let (seen, mut constant) = (indices.len(), Vec::new());
+        for joint in (0..n).filter(|joint| !robot.joints[*joint].turns && largest > 0.0) {
+            let terms = model.friction()[joint].terms.iter().zip(model.friction_of(joint));
+            for (_, index) in terms.filter(|(term, _)| **term == FrictionTerm::Offset) {
+                let weight = carried(robot, joint) * robot.gravity.norm();
+                constant.push((DIFFERENCE * means[joint].max(weight / 3.0)).powi(2));
+                indices.push(index);
+                nominal.push(0.0);
+                let column = g.ncols();
+                g = g.insert_column(column, 0.0);
+                (0..STATES).for_each(|state| g[(state * n + joint, column)] = factors[joint]);
+            }
+        }
         let (k, start) = (indices.len(), DVector::from_column_slice(&nominal));
-        let gram = g.tr_mul(&g) + DMatrix::identity(k, k) * (SEEN * largest).powi(2);
-        let mut zeros = Vec::new();
-        if let Some(factor) = gram.cholesky().filter(|_| largest > 0.0) {
-            for (column, (joint, degrees)) in causes.into_iter().enumerate() {
+        let spread = spread(model, &indices[..seen], &constant);
+        // of what gravity cannot tell apart, what the URDF is surest of stays
+        let sure = DMatrix::from_row_slice(k, k, &spread).cholesky().map(|d| d.inverse());
+        let size = g.norm_squared() / k.max(1) as f64;
+        let sure = sure.map(|sure| &sure * (SEEN * size / sure.norm().max(f64::MIN_POSITIVE)));
+        let gram = sure.map(|sure| g.tr_mul(&g) + sure);
+        let mut told = Vec::new();
+        if let Some(factor) = gram.and_then(|gram| gram.cholesky()).filter(|_| largest > 0.0) {
+            for (column, cause) in causes.into_iter().enumerate() {
                 let wanted = weights.column(column) - &g * &start;
-                let beta = &start + factor.solve(&g.tr_mul(&wanted)); // (4)
-                let cause = UrdfContradiction::Zero { joint, degrees };
-                zeros.push((cause, beta.as_slice().to_vec()));
+                let beta = &start + factor.solve(&g.tr_mul(&wanted)); // (4), (5), (6)
+                let left = (weights.column(column) - &g * &beta).norm() / weights.column(column).norm();
+                // a direction that moments cannot imitate leaves a misfit instead
+                if left < IMITATED || !matches!(cause, UrdfContradiction::Direction { .. }) {
+                    told.push((cause, beta.as_slice().to_vec()));
+                }
             }
         }
         Self {
-            spread: spread(model, &indices),
+            spread,
             inertias: of(4..BODY_PARAMETERS).into_iter().map(|(i, _)| i).collect(),
             nominal,
-            zeros,
+            causes: told,
             factor: Cholesky::new(k),
             covariance: vec![0.0; k * k],
             estimate: vec![0.0; k],
@@ -194,27 +343,37 @@ impl UrdfPrior {
         }
         let room = (&mut self.off[..], &mut self.solved[..]);
         let before = distance(&self.factor, (&self.estimate, &self.nominal), 1.0, room);
-        if !(before > k as f64 + CLEAR) {
+        if !(before > CLEAR_SIGN) {
             return;
         }
-        let mut least = (LEFT * before).min(before - CLEAR);
+        let is_beyond_chance = before > k as f64 + CLEAR;
+        let mut least = before;
         self.solved.copy_from_slice(&self.nominal);
         self.factor.solve(&mut self.solved);
         let factor = dot(&self.solved, &self.estimate) / dot(&self.solved, &self.nominal); // (3)
         let is_unit = inertias > 0.0 && (factor / inertias).max(inertias / factor) < SAME;
-        if REVERSED.contains(&factor) || IN_G.iter().any(|range| range.contains(&factor)) && !is_unit {
+        let is_in_g = IN_G.iter().any(|range| range.contains(&factor)) && !is_unit && is_beyond_chance;
+        let is_reversed = REVERSED.contains(&factor);
+        let of_sign = (LEFT_SIGN * before).min(before - CLEAR_SIGN);
+        let of_size = (LEFT * before).min(before - CLEAR);
+        if is_reversed || is_in_g {
             let room = (&mut self.off[..], &mut self.solved[..]);
             // what is allowed for grows with the moments
             let grown = factor.abs().max(1.0);
             let left = distance(&self.factor, (&self.estimate, &self.nominal), factor, room) / (grown * grown);
-            if left < least {
+            if left < if is_reversed { of_sign } else { of_size } {
                 (least, self.found) = (left, Some(UrdfContradiction::Gravity { factor }));
             }
         }
-        for (cause, beta) in &self.zeros {
+        for (cause, beta) in &self.causes {
+            let most = match cause {
+                UrdfContradiction::Sign { .. } => of_sign,
+                UrdfContradiction::Zero { .. } if !is_beyond_chance => continue,
+                _ => of_size,
+            };
             let room = (&mut self.off[..], &mut self.solved[..]);
             let left = distance(&self.factor, (&self.estimate, beta), 1.0, room); // (2)
-            if left < least {
+            if left < most.min(least - ALIKE) {
                 (least, self.found) = (left, Some(*cause));
             }
         }
@@ -236,9 +395,23 @@ fn distance(
     dot(off, solved)
 }
 
-/// D of (1), row-major.
-fn spread(model: &RobotModel, indices: &[usize]) -> Vec<f64> {
-    let (robot, k) = (model.robot(), indices.len());
+/// Mass that a joint carries \[kg\].
+fn carried(robot: &Robot, joint: usize) -> f64 {
+    let is_behind = |body: &usize| {
+        let mut at = Some(*body);
+        while at.is_some_and(|own| own > joint) {
+            at = at.and_then(|own| robot.joints[own].parent);
+        }
+        at == Some(joint)
+    };
+    let bodies = (0..robot.len()).filter(is_behind);
+    bodies.map(|body| robot.bodies[body].mass()).sum()
+}
+
+/// D of (1), row-major, of these moments and of constant forces with these variances.
+fn spread(model: &RobotModel, indices: &[usize], constant: &[f64]) -> Vec<f64> {
+    let (robot, moments) = (model.robot(), indices.len());
+    let k = moments + constant.len();
     let mut spread = vec![0.0; k * k];
     let rows: Vec<Vec<_>> = model.base().rows().map(Iterator::collect).collect();
     let factor = |index: usize, joint: usize, parameter: usize| -> f64 {
@@ -248,15 +421,15 @@ fn spread(model: &RobotModel, indices: &[usize]) -> Vec<f64> {
         own.map(|(_, factor)| factor).sum()
     };
     let mut add = |v: &[f64]| {
-        for i in 0..k {
-            (0..k).for_each(|j| spread[i * k + j] += v[i] * v[j]);
+        for i in 0..moments {
+            (0..moments).for_each(|j| spread[i * k + j] += v[i] * v[j]);
         }
     };
     for (joint, body) in robot.bodies.iter().enumerate() {
         let of = |p: usize| indices.iter().map(move |i| (*i, p)).collect::<Vec<_>>();
         let column = |p: usize| -> Vec<f64> { of(p).into_iter().map(|(i, p)| factor(i, joint, p)).collect() };
         let columns: [Vec<f64>; 4] = std::array::from_fn(column);
-        let mass: Vec<f64> = (0..k)
+        let mass: Vec<f64> = (0..moments)
             .map(|i| DIFFERENCE * (0..4).map(|p| columns[p][i] * body.0[p]).sum::<f64>())
             .collect();
         add(&mass);
@@ -265,7 +438,10 @@ fn spread(model: &RobotModel, indices: &[usize]) -> Vec<f64> {
             add(&column.iter().map(|x| DIFFERENCE * gyration * x).collect::<Vec<_>>());
         }
     }
-    let largest = (0..k).map(|i| spread[i * (k + 1)]).fold(0.0, f64::max);
-    (0..k).for_each(|i| spread[i * (k + 1)] += 1e-8 * largest);
+    let largest = (0..moments).map(|i| spread[i * (k + 1)]).fold(0.0, f64::max);
+    for (own, variance) in constant.iter().enumerate() {
+        spread[(moments + own) * (k + 1)] = *variance;
+    }
+    (0..moments).for_each(|i| spread[i * (k + 1)] += 1e-8 * largest);
     spread
 }

@@ -25,6 +25,7 @@ pub fn run(args: &CalibrateArgs) -> Result<Exit, Failure> {
     };
     let [empty, loaded] = [&args.empty, &args.loaded].map(|path| -> Result<RobotLog, Failure> {
         let log = RobotLog::read(path, &config)?;
+        robot_profile::tell_skipped(path, &log);
         robot_profile::tell_velocities(path, &config, &log);
         Ok(log)
     });

@@ -1,8 +1,10 @@
 //! `thetabus config check`, `show` and `new`.
 
 use super::new_file::{refuse_existing, write_new};
+use super::robot::robot_text;
 use super::{CommonArgs, Exit, Failure, logging};
 use crate::config::{Config, Source};
+use crate::robot::RobotConfig;
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -37,6 +39,12 @@ pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<
             "warning: {}: states nothing, so every key has its default",
             file.display()
         ))?;
+    }
+    if let Some(text) = robot_text(file) {
+        let robot = RobotConfig::parse_with(&text, file, set).map_err(Failure::Usage)?;
+        for problem in robot.model.robot().impossible_links() {
+            logging::result(&format!("warning: {}: {problem}", robot.urdf.display()))?;
+        }
     }
     logging::result(&format!("{}: ok", file.display()))?;
     Ok(Exit::Done)

@@ -6,7 +6,7 @@ use crate::model::MAX_JOINTS;
 use crate::node::robot_model::robot_units;
 use crate::pipe::read_text;
 use crate::recording::{RecordingReader, SamplesCsvReader, Span, is_samples_csv, read_joint_states};
-use crate::robot::{LogColumns, RobotConfig, RobotSample, read_log};
+use crate::robot::{LogColumns, RobotConfig, RobotSample, Skip, SkippedRows, read_log};
 use std::path::Path;
 
 /// Largest log \[bytes\], which is held in memory: two hours of seven joints at 1 kHz.
@@ -18,6 +18,8 @@ pub(super) struct RobotLog {
     pub samples: Vec<RobotSample>,
     /// Columns of the file; `None` if signals were found by name.
     pub columns: Option<LogColumns>,
+    /// Rows or messages that are no samples.
+    pub skipped: SkippedRows,
     /// True if the file holds no velocities: these were formed from the positions.
     pub forms_velocities: bool,
 }
@@ -29,19 +31,23 @@ impl RobotLog {
     /// What is wrong with it, with its line.
     pub fn read(path: &Path, config: &RobotConfig) -> Result<Self, Failure> {
         let usage = |problem: &dyn std::fmt::Display| Failure::Usage(format!("{}: {problem}", path.display()));
+        let mut skipped = SkippedRows::default();
         let (mut samples, columns, has_velocity) = if is_bag(path) {
-            let (samples, has_velocity) = of_bag(path, config)?;
+            let (samples, has_velocity) = of_bag(path, config, &mut skipped)?;
+            skipped.check().map_err(|e| usage(&e))?;
             (samples, None, has_velocity)
         } else {
             let text = read_text(path, MAX_LOG_BYTES).map_err(|e| usage(&e))?;
             if is_samples_csv(text.as_bytes()) {
-                let (samples, has_velocity) = of_export(&text, config).map_err(|e| usage(&e))?;
+                let (samples, has_velocity) = of_export(&text, config, &mut skipped).map_err(|e| usage(&e))?;
+                skipped.check().map_err(|e| usage(&e))?;
                 (samples, None, has_velocity)
             } else {
                 let columns = config.columns_of(&text);
-                let samples = read_log(&text, &columns, &config.drives).map_err(|e| usage(&e))?;
+                let log = read_log(&text, &columns, &config.drives).map_err(|e| usage(&e))?;
                 let has_velocity = !columns.velocity.is_empty();
-                (samples, Some(columns), has_velocity)
+                skipped = log.skipped;
+                (log.samples, Some(columns), has_velocity)
             }
         };
         if !has_velocity {
@@ -57,6 +63,7 @@ impl RobotLog {
             _ => Ok(Self {
                 samples,
                 columns,
+                skipped,
                 forms_velocities: !has_velocity,
             }),
         }
@@ -75,7 +82,7 @@ pub(super) fn is_bag(path: &Path) -> bool {
 }
 
 /// What `thetabus export` wrote, and whether all its samples hold velocities.
-fn of_export(text: &str, config: &RobotConfig) -> Result<(Vec<RobotSample>, bool), String> {
+fn of_export(text: &str, config: &RobotConfig, skipped: &mut SkippedRows) -> Result<(Vec<RobotSample>, bool), String> {
     let joints = config.model.robot().len();
     let (position_unit, input_unit) = robot_units(&config.model, &config.drives);
     let mut reader =
@@ -84,8 +91,16 @@ fn of_export(text: &str, config: &RobotConfig) -> Result<(Vec<RobotSample>, bool
     let mut has_velocity = true;
     while let Some(sample) = reader.next_sample().map_err(|e| e.to_string())? {
         // The header is line 1.
-        let line = log.len() + 2;
+        let line = skipped.rows + 2;
+        skipped.rows += 1;
         let next = of_message(&sample, config).map_err(|problem| format!("line {line}: {problem}"))?;
+        let signals = next.q.iter().chain(&next.dq).chain(&next.tau);
+        if signals.into_iter().any(|x| !x.is_finite()) {
+            skipped.skip(Skip::NotFinite, line, || {
+                "expected finite numbers, got NaN or an infinity".to_owned()
+            });
+            continue;
+        }
         if let Some(last) = log.last()
             && next.t_s <= last.t_s
         {
@@ -119,14 +134,15 @@ fn of_message(sample: &Sample, config: &RobotConfig) -> Result<RobotSample, Stri
 
 /// `sensor_msgs/msg/JointState`, joints by their names in the URDF, and whether all messages hold
 /// velocities; effort is the input of the drives.
-fn of_bag(path: &Path, config: &RobotConfig) -> Result<(Vec<RobotSample>, bool), Failure> {
+fn of_bag(path: &Path, config: &RobotConfig, skipped: &mut SkippedRows) -> Result<(Vec<RobotSample>, bool), Failure> {
     let robot = config.model.robot();
     let names: Vec<&str> = robot.joints.iter().map(|joint| joint.name.as_str()).collect();
     let states = read_joint_states(path, &names).map_err(Failure::Usage)?;
     let begin = states.first().map_or(0, |state| state.t_ns);
     let mut log: Vec<RobotSample> = Vec::with_capacity(states.len());
     let mut has_velocity = true;
-    for state in &states {
+    for (number, state) in (1..).zip(&states) {
+        skipped.rows += 1;
         if state.effort.is_empty() {
             return Err(Failure::Usage(format!(
                 "{}: expected an effort of each joint, got messages without; torques or currents are needed",
@@ -145,6 +161,13 @@ fn of_bag(path: &Path, config: &RobotConfig) -> Result<(Vec<RobotSample>, bool),
             sample.dq[..names.len()].copy_from_slice(&state.velocity);
         }
         sample.tau = config.drives.torques(&input);
+        let signals = state.position.iter().chain(&state.velocity).chain(&state.effort);
+        if signals.into_iter().any(|x| !x.is_finite()) {
+            skipped.skip(Skip::NotFinite, number, || {
+                "expected finite numbers, got NaN or an infinity".to_owned()
+            });
+            continue;
+        }
         // Drivers repeat a state if nothing new has come.
         if log.last().is_none_or(|last| sample.t_s > last.t_s) {
             log.push(sample);

@@ -11,6 +11,10 @@ pub(super) fn tell(input: &Path, config: &RobotConfig, log: &RobotLog) {
     for line in lines(config, log) {
         tracing::info!("{place}: {line}");
     }
+    tell_skipped(input, log);
+    for problem in config.model.robot().impossible_links() {
+        tracing::warn!("{}: {problem}", config.urdf.display());
+    }
     tell_velocities(input, config, log);
     let mut found = judge_robot_log(&config.model, &log.samples, config.options.windows.max_gap_s);
     // Velocities that the log does not hold are in no wrong column or unit.
@@ -18,6 +22,13 @@ pub(super) fn tell(input: &Path, config: &RobotConfig, log: &RobotLog) {
         |one: &RobotSuspicion| matches!(one, RobotSuspicion::Speed { .. } | RobotSuspicion::Rate { .. });
     found.retain(|one| !(log.forms_velocities && of_velocities(one)));
     warn(input, &found);
+}
+
+/// Says so if rows of the log are no samples.
+pub(super) fn tell_skipped(input: &Path, log: &RobotLog) {
+    if log.skipped.count() > 0 {
+        tracing::warn!("{}: {}", input.display(), log.skipped);
+    }
 }
 
 /// Says so if the log holds no velocities.

@@ -31,7 +31,7 @@ fn regress_logs_with_any_separator_and_with_or_without_names() {
         "0|1|2|3|4|5|6\n0,01;1,0;2;3;4;5;6\n",
         "0 1.0 2 3 4 5 6\n0.01 | 1 | 2 | 3 | 4 | 5 | 6\n",
     ] {
-        let log = read_log(text, &columns(), &drives).unwrap();
+        let log = read_log(text, &columns(), &drives).unwrap().samples;
         assert_eq!(log.len(), 2);
         assert_eq!((log[1].t_s, log[1].q[1], log[1].dq[0]), (0.01, 2.0, 3.0));
         // τ = C K i: (10 + 0.5 · 18, 18).
@@ -42,7 +42,9 @@ fn regress_logs_with_any_separator_and_with_or_without_names() {
 #[test]
 fn regress_a_log_may_lack_velocities() {
     let columns = LogColumns::in_order(2, false);
-    let log = read_log("0,1,2,5,6\n0.01,1,2,5,6\n", &columns, &Drives::torque(2)).unwrap();
+    let log = read_log("0,1,2,5,6\n0.01,1,2,5,6\n", &columns, &Drives::torque(2))
+        .unwrap()
+        .samples;
     assert_eq!(
         (log[1].q[..2].to_vec(), log[1].dq, log[1].tau[..2].to_vec()),
         (vec![1.0, 2.0], [0.0; 8], vec![5.0, 6.0])
@@ -81,6 +83,36 @@ fn regress_columns_of_a_robots_log_follow_from_the_section_or_from_their_number(
         error.contains("velocity_columns: expected 6 columns") && error.contains("leave it out, or empty"),
         "{error}"
     );
+}
+
+/// In g it would have a length of 1, and multiplied twice one of 96.
+#[cfg(feature = "config")]
+#[test]
+fn fault_a_gravity_that_is_none_is_refused() {
+    let path = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/config/robots/seven_axis.toml"));
+    let of = |gravity: &str| {
+        let text = format!("[model]\nkind = \"robot\"\nurdf = \"six_axis.urdf\"\ngravity_m_per_s2 = {gravity}\n");
+        RobotConfig::parse(&text, path).map(|config| config.model.robot().gravity.norm())
+    };
+    for (gravity, size) in [
+        ("[0.0, 0.0, -9.81]", 9.81),
+        ("[0.0, 0.0, 0.0]", 0.0),
+        ("[-1.62, 0.0, 0.0]", 1.62),
+    ] {
+        assert_eq!(of(gravity), Ok(size));
+    }
+    for (gravity, words) in [
+        ("[0.0, 0.0, -1.0]", "got [0.0, 0.0, -1.0] of length 1.000"),
+        ("[0.0, 0.0, -96.2]", "of length 96.200"),
+        ("[0.0, 0.0, nan]", "expected the acceleration of gravity in m/s²"),
+        ("[0.0, -9.81]", "expected three numbers, as [0.0, 0.0, -9.81], got 2"),
+    ] {
+        let error = of(gravity).unwrap_err();
+        assert!(
+            error.contains("model.gravity_m_per_s2") && error.contains(words),
+            "{error}"
+        );
+    }
 }
 
 #[test]
@@ -127,6 +159,68 @@ fn regress_a_wrong_log_is_refused_by_line_and_column() {
             .to_string()
             .contains("expected 2 finite numbers")
     );
+}
+
+/// As in the logs of other machines (`src/offline/log`).
+#[test]
+fn fault_a_row_that_is_no_sample_is_skipped_and_counted() {
+    let row = |t: &str| format!("{t},1,2,3,4,5,6\n");
+    let sound: String = (0..8).map(|k| row(&format!("0.0{k}"))).collect();
+    let bad = [
+        (
+            "0.1,1,2,nan,4,5,6\n",
+            [0, 1, 0],
+            "line 9: column 4: expected a finite number, got \"nan\"",
+        ),
+        (
+            "0.1,1,,3,4,5,6\n",
+            [0, 1, 0],
+            "line 9: column 3: expected a finite number, got \"\"",
+        ),
+        (
+            "0.1,1,2,3,4,5,-inf\n",
+            [0, 1, 0],
+            "column 7: expected a finite number, got \"-inf\"",
+        ),
+        (
+            "0.1,1,2,3,4,five,6\n",
+            [1, 0, 0],
+            "column 6: expected a finite number, got \"five\"",
+        ),
+        ("0.1,1,2,3\n", [1, 0, 0], "line 9: expected at least 7 columns, got 4"),
+        (
+            "0.07,1,2,3,4,5,6\n",
+            [0, 0, 1],
+            "line 9: expected a time after 0.07 s, got 0.07 s",
+        ),
+        (
+            "0.01,1,2,3,4,5,6\n",
+            [0, 0, 1],
+            "line 9: expected a time after 0.07 s, got 0.01 s",
+        ),
+    ];
+    for (bad, counts, words) in bad {
+        let text = format!("{sound}{bad}{}", row("0.2"));
+        let log = read_log(&text, &columns(), &Drives::torque(2)).unwrap();
+        let skipped = &log.skipped;
+        assert_eq!((log.samples.len(), skipped.rows), (9, 10), "{bad}");
+        assert_eq!(
+            [skipped.unreadable, skipped.not_finite, skipped.not_later],
+            counts,
+            "{bad}"
+        );
+        let said = skipped.to_string();
+        assert!(
+            said.starts_with("1 of 10 rows are skipped, 1 ") && said.contains(words),
+            "{said}"
+        );
+    }
+    // the file ends in the middle of a row; and most of it is no log
+    let log = read_log(&format!("{sound}0.1,1,2"), &columns(), &Drives::torque(2)).unwrap();
+    assert_eq!((log.samples.len(), log.skipped.count()), (8, 1));
+    let error = read_log(&format!("{}0.1,1\n0.2,1\n", row("0")), &columns(), &Drives::torque(2)).unwrap_err();
+    assert_eq!(error.line, Some(2));
+    assert!(error.to_string().ends_with("2 of 3 rows are no samples"), "{error}");
 }
 
 /// The theorem: forwards and backwards an order-N Butterworth has |H|² = 1/(1 +

@@ -88,7 +88,7 @@ pub fn ur10e_recording(name: &str, factor: &[f64]) -> Option<Vec<RobotSample>> {
             .collect(),
         coupling: None,
     };
-    Some(read_log(&text, &columns, &drives).unwrap())
+    Some(read_log(&text, &columns, &drives).unwrap().samples)
 }
 
 /// Rows of a recording of the UR10e as its source uses them, counted from 1.

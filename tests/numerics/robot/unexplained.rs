@@ -11,13 +11,18 @@ use thetabus::robot::{
 /// Blocks that may be used and those of the state `misfit`, both in the last third of a log, and
 /// what is said of the log.
 pub(super) fn last_third(model: &RobotModel, log: &[RobotSample]) -> (usize, usize, Vec<String>) {
+    judged(model, log, 2 * log.len() / 3)
+}
+
+/// The same behind so many samples.
+pub(super) fn judged(model: &RobotModel, log: &[RobotSample], behind: usize) -> (usize, usize, Vec<String>) {
     let mut identifier = RobotIdentifier::new(model.clone(), IdentifyOptions::default()).expect("valid");
     let mut evidence = RobotEvidence::new(&identifier);
     let (mut usable, mut misfits) = (0, 0);
     for (k, sample) in log.iter().enumerate() {
         if identifier.push(sample).expect("finite") {
             let estimate = evidence.judge(&identifier, true, 0.0);
-            if 3 * k > 2 * log.len() {
+            if k > behind {
                 usable += estimate.use_ok as usize;
                 misfits += usize::from(estimate.state == State::Misfit as u32);
                 assert!(estimate.state != State::Misfit as u32 || estimate.usable.is_empty());

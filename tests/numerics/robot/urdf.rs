@@ -325,3 +325,35 @@ fn fault_mutated_files_give_an_error_or_a_sound_robot() {
     println!("{refused} refused, {read} read");
     assert!(refused > 500 && read > 50, "{refused} {read}");
 }
+
+/// Each principal inertia of a body is at most the sum of the two others: of a rod they are 0, J, J,
+/// of a plate J, J, 2 J, and rounding of a file takes no link for another.
+#[test]
+fn fault_links_whose_inertia_no_body_has_are_named() {
+    let named = |inertia: &str| -> Vec<String> {
+        let urdf = format!(
+            r#"<robot name="r"><link name="base"/><joint name="j" type="continuous"><parent link="base"/><child link="arm"/>
+            <axis xyz="0 0 1"/></joint><link name="arm"><inertial><origin xyz="0.3 0.1 -0.2" rpy="0.3 0.2 0.1"/><mass value="2"/>
+            <inertia {inertia} ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"#
+        );
+        Robot::from_urdf(&urdf, &Selection::default())
+            .unwrap()
+            .impossible_links()
+            .collect()
+    };
+    for sound in [
+        r#"ixx="0.1" iyy="0.1" izz="0.2""#,
+        r#"ixx="0.1" iyy="0.1" izz="0.201""#,
+        r#"ixx="1e-6" iyy="0.1" izz="0.1""#,
+    ] {
+        assert_eq!(named(sound), [""; 0], "{sound}");
+    }
+    let said = named(r#"ixx="0.1" iyy="0.1" izz="0.25""#);
+    assert!(
+        said.len() == 1 && said[0].starts_with("link \"arm\": no body has its <inertia>"),
+        "{said:?}"
+    );
+    for urdf in [SIX_AXIS, SEVEN_AXIS] {
+        assert_eq!(robot(urdf).impossible_links().count(), 0);
+    }
+}

@@ -72,19 +72,19 @@ pub(super) fn correct<P: Plant>(
     }
 }
 
-/// The reversal about the middle of some positions, by as few of them as tell it sharply; `None` if
-/// not even all do.
+/// The reversal about the middle of some positions, by as few of them as tell it sharply, because
+/// the motion may have other derivatives; `None` if not even all do.
 fn locate(q: &[f64], guess: f64) -> Option<Reversal> {
     let half = q.len() / 2;
-    let (all, _) = fit(q, guess).filter(|(_, std)| *std <= BLUNT)?;
     let mut reach = FEWEST.min(half);
-    while reach < half {
-        match fit(&q[half - reach..=half + reach], all.instant) {
-            Some((reversal, std)) if std <= SHARP => return Some(reversal),
-            _ => reach += reach.div_ceil(3),
+    loop {
+        let limit = if reach < half { SHARP } else { BLUNT };
+        match fit(&q[half - reach..=half + reach], guess) {
+            Some((reversal, std)) if std <= limit => return Some(reversal),
+            _ if reach == half => return None,
+            _ => reach = (reach + reach.div_ceil(3)).min(half),
         }
     }
-    Some(all)
 }
 
 /// The reversal about the middle of some positions, and the standard deviation of its instant.

@@ -51,7 +51,7 @@ use super::persist::Visit;
 use std::ops::Range;
 
 /// Errors of each equation that there is room for.
-pub const PER_EQUATION: usize = 10;
+pub const PER_EQUATION: usize = 12;
 
 /// Errors of the rows that there is room for: one of the whole machine and those of each equation.
 /// The drifts of the parameters, one each, follow.

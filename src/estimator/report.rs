@@ -232,7 +232,7 @@ impl Report {
             // rows that did not fit are in the estimate: the next block has to show that they did
             // no harm
             let fits = group.is_none_or(|g| g.since_misfit > 1);
-            let clear = group.is_none_or(|g| !g.inquiry.withholds());
+            let clear = !groups.withholds(i);
             let free = self.pressed >> i & 1 == 0 && !options.parameters[i].fixed;
             // a parameter of no equation stays what it was
             let std = if known {
@@ -244,8 +244,8 @@ impl Report {
             let small = 3.0 * std < USABLE * published.theta[i].abs();
             usable |= u128::from(small && quiet && fits && clear && free) << i;
         }
-        self.unclear = groups.iter().any(|g| g.inquiry.withholds());
-        self.fault = groups.iter().find_map(|g| g.inquiry.cause());
+        self.unclear = groups.inquest.is_unclear();
+        self.fault = groups.inquest.cause();
         self.theta.copy_from_slice(&published.theta);
         self.usable = usable;
     }

@@ -57,6 +57,7 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
     }
 
     fn learn(&mut self, end: &BlockEnd) -> Learnt {
+        self.rows.look_closely(self.estimator.inquires());
         self.rows.prepare(self.estimator.theta());
         let report = self.estimator.update(&self.rows);
         let replaced = self.rows.replaced();

@@ -25,7 +25,7 @@ fn explanation(suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq:
         SuspectKind::InputDelay => write!(words, " ({:.0} us)", 1e6 * amplitude),
         // two masses of unknown ratio: the amplitude is no frequency; a spring's has a long unit
         SuspectKind::Resonance | SuspectKind::Spring => Ok(()),
-        SuspectKind::Gain => write!(words, " ({:+.1} %)", 100.0 * amplitude),
+        SuspectKind::Gain | SuspectKind::Scale | SuspectKind::Clock => write!(words, " ({:+.1} %)", 100.0 * amplitude),
         // one digit, so that the words change only with the matter
         SuspectKind::Drift => write!(words, " ({amplitude:.0e} per second)"),
         SuspectKind::Coulomb
@@ -62,6 +62,8 @@ mod tests {
             SuspectKind::Eccentricity,
             SuspectKind::Resonance,
             SuspectKind::Zero,
+            SuspectKind::Scale,
+            SuspectKind::Clock,
             SuspectKind::Drift,
         ] {
             let suspect = Suspect {

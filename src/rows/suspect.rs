@@ -114,6 +114,10 @@ pub enum SuspectKind {
     Resonance,
     /// The zero of an encoder, or the direction of gravity.
     Zero,
+    /// An encoder whose counts are larger, or smaller, than specified.
+    Scale,
+    /// Time stamps that run faster, or slower, than the time.
+    Clock,
     /// A parameter that moves.
     Drift,
 }
@@ -154,6 +158,8 @@ impl fmt::Display for Suspect<'_> {
             SuspectKind::Spring => "a spring or a cable",
             SuspectKind::Resonance => "a resonance",
             SuspectKind::Zero => "a tilted base or encoder zero",
+            SuspectKind::Scale => "another scale of the encoder",
+            SuspectKind::Clock => "a clock that runs fast or slow",
             SuspectKind::Drift => "a drift",
         };
         f.write_str(words)?;

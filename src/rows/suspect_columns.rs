@@ -16,6 +16,8 @@
 //! | an encoder off its centre, q + a sin q or a cos q is read | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
 //! | a resonance between motor and load | s ∫ψ″ u | s² |
 //! | an encoder's zero, or gravity's direction: q + a is read | Σ_k ∂f_i/∂q_k | rad |
+//! | another scale of an encoder: q (1 + a) is read | Σ_k q_k ∂f_i/∂q_k | share |
+//! | a clock that runs fast | none: it is a change of the parameters (`tempo.rs`) | share |
 //!
 //! Friction that falls with speed (R. Stribeck 1902), a dead band and a spring count beside Coulomb
 //! friction that the model has; without it they would be hard to tell from Coulomb friction. There
@@ -36,6 +38,7 @@
 use super::kernel::{Kernels, dot};
 use super::suspect::{Considered, Suspect, SuspectKind};
 use super::trajectory::Trajectory;
+use super::tempo::tempo;
 use super::turned::{Turned, along};
 use super::whitening::{Direction, Whitening};
 use crate::estimator::ERRORS_PER_EQUATION;
@@ -57,6 +60,9 @@ const OFFSET: usize = 6;
 const SLOW_FRICTION: usize = 7;
 const DEAD_BAND: usize = 8;
 const SPRING: usize = 9;
+const SCALE: usize = 10;
+/// Of the whole machine; the place in the first equation.
+const CLOCK: usize = 11;
 /// u₀, as a share of the input's size.
 const DEAD: f64 = 0.02;
 /// Velocity noise, in standard deviations, within which a joint may stand still.
@@ -92,6 +98,11 @@ pub(super) struct SuspectColumns {
     /// sin q/σ, cos q/σ and 1/σ per joint and sample, σ the standard deviation of the position;
     /// empty if no column needs them.
     turns: Vec<[Vec<f64>; 3]>,
+    /// q/σ per joint and sample, for scales, and whether they are looked for.
+    scaled: Vec<Vec<f64>>,
+    closely: bool,
+    /// What the parameters are seen as if the clock runs fast.
+    tempo: Option<Vec<f64>>,
     /// Root of the sum of squares of the velocity filter's weights.
     velocity_gain: f64,
 }
@@ -127,6 +138,8 @@ impl SuspectColumns {
                 OFFSET => of == e && !constant[e],
                 SPRING => of == e && jumps[e] && !springs[e],
                 SLOW_FRICTION | DEAD_BAND => of == e && jumps[e],
+                CLOCK => false,
+                SCALE => moves(e, inputs[of]) && first_of(of),
                 SINE | COSINE => turns && moves(e, inputs[of]) && first_of(of),
                 // without it the column is rounding, which would count as evidence
                 ZERO => turns && depends_on_place(e, inputs[of]) && first_of(of),
@@ -159,6 +172,9 @@ impl SuspectColumns {
                     [room(turns), room(turns), room(turns)]
                 })
                 .collect(),
+            scaled: vec![vec![0.0; capacity]; joints],
+            closely: false,
+            tempo: tempo(plant),
             velocity_gain: dot(velocity_weights, velocity_weights).sqrt(),
             inputs,
         }
@@ -195,13 +211,15 @@ impl SuspectColumns {
                 hertz => (TAU * hertz).powi(-2),
             },
             SuspectKind::Zero => self.considered.zero_rad,
+            SuspectKind::Scale | SuspectKind::Clock => 0.0,
             SuspectKind::Drift => self.considered.drift_per_s,
         }
     }
 
     /// The joint of an error; `None` for the whole machine.
     fn joint(&self, suspect: usize) -> Option<usize> {
-        suspect.checked_sub(1).map(|s| self.inputs[s / PER_EQUATION])
+        let own = suspect.checked_sub(1).filter(|s| s % PER_EQUATION != CLOCK);
+        own.map(|s| self.inputs[s / PER_EQUATION])
     }
 
     fn kind(&self, suspect: usize) -> SuspectKind {
@@ -216,6 +234,8 @@ impl SuspectColumns {
             Some(OFFSET) => SuspectKind::Offset,
             Some(DEAD_BAND) => SuspectKind::DeadBand,
             Some(SPRING) => SuspectKind::Spring,
+            Some(SCALE) => SuspectKind::Scale,
+            Some(CLOCK) => SuspectKind::Clock,
             Some(_) => SuspectKind::Stribeck,
         }
     }
@@ -225,14 +245,37 @@ impl SuspectColumns {
     pub fn is_sudden(&self, suspect: usize) -> bool {
         matches!(
             self.kind(suspect),
-            SuspectKind::InputDelay | SuspectKind::Gain | SuspectKind::Offset | SuspectKind::Zero
+            SuspectKind::InputDelay
+                | SuspectKind::Gain
+                | SuspectKind::Coulomb
+                | SuspectKind::Offset
+                | SuspectKind::Zero
+                | SuspectKind::Scale
+                | SuspectKind::Clock
         )
     }
 
-    /// True for a gain that has no prior: parameters are in units of the drive as it reports
-    /// itself.
+    /// True for a gain that has no prior, since parameters are in units of the drive as it reports
+    /// itself, and for a scale: both tell nothing but after a change.
     pub fn is_imitated(&self, suspect: usize) -> bool {
-        self.kind(suspect) == SuspectKind::Gain && self.considered.gain == 0.0
+        match self.kind(suspect) {
+            SuspectKind::Gain => self.considered.gain == 0.0,
+            kind => kind == SuspectKind::Scale,
+        }
+    }
+
+    /// Relative changes of the parameters that an error of 1 is seen as.
+    pub fn imitation(&self, suspect: usize) -> Option<&[f64]> {
+        self.tempo.as_deref().filter(|_| suspect == 1 + CLOCK)
+    }
+
+    /// Whether there are columns of scales.
+    pub fn look_closely(&mut self, closely: bool) {
+        let places = (0..self.inputs.len()).map(|of| 1 + PER_EQUATION * of + SCALE);
+        for white in self.white.iter_mut().filter(|_| self.closely && !closely) {
+            places.clone().for_each(|place| white[place].fill(0.0));
+        }
+        self.closely = closely;
     }
 
     /// What an error is; beyond the last one, the drifts of the parameters.
@@ -250,7 +293,7 @@ impl SuspectColumns {
         let joint = self.joint(suspect);
         let (unit, largest) = match kind {
             SuspectKind::InputDelay => ("s", 0.1),
-            SuspectKind::Gain => ("1", 1.0),
+            SuspectKind::Gain | SuspectKind::Scale | SuspectKind::Clock => ("1", 1.0),
             SuspectKind::Coulomb | SuspectKind::Stribeck | SuspectKind::Offset | SuspectKind::DeadBand => {
                 (input_unit, joint.map_or(0.0, |joint| self.sizes[joint]))
             }
@@ -284,6 +327,11 @@ impl SuspectColumns {
             let size = root_mean_square(&signals.u[joint][..len]);
             self.sizes[joint] = self.sizes[joint].max(size);
             self.travels[joint] = self.travels[joint].max(standard_deviation(&signals.q[joint][..len]));
+            if self.closely {
+                let positions = signals.q[joint][..len].iter().zip(&q_std[joint]);
+                let scaled = self.scaled[joint].iter_mut().zip(positions);
+                scaled.for_each(|(scaled, (q, std))| *scaled = q / std);
+            }
             let [sines, cosines, units] = &mut self.turns[joint];
             let mut turned = Turned::default();
             let positions = signals.q[joint][..len].iter().zip(&q_std[joint]);
@@ -360,6 +408,13 @@ impl SuspectColumns {
     pub fn turn<'a>(&mut self, e: usize, row: usize, c: impl Fn(usize) -> (&'a [f64], usize)) {
         for (of, &joint) in self.inputs.iter().enumerate() {
             let (c, first) = c(joint);
+            if let (true, Some(entry), Some(scaled)) = (
+                self.closely,
+                self.columns[e][1 + PER_EQUATION * of + SCALE].get_mut(row),
+                self.scaled[joint].get(first..first + c.len()),
+            ) {
+                *entry = -dot(c, scaled);
+            }
             let turns = self.turns[joint]
                 .each_ref()
                 .map(|turn| turn.get(first..first + c.len()));
@@ -379,7 +434,10 @@ impl SuspectColumns {
     /// Whitens the columns of an equation.
     pub fn whiten(&mut self, e: usize, rows: usize, whitening: &mut Whitening) {
         let columns = self.white[e].iter_mut().zip(&self.columns[e]);
-        let columns = columns.filter(|(_, raw)| !raw.is_empty()).map(|(white, raw)| {
+        let closely = self.closely;
+        let wanted = |place: &usize| closely || place.checked_sub(1).is_none_or(|s| s % PER_EQUATION != SCALE);
+        let columns = columns.enumerate().filter(|(place, (_, raw))| !raw.is_empty() && wanted(place));
+        let columns = columns.map(|(_, (white, raw))| {
             white[..rows].copy_from_slice(&raw[..rows]);
             &mut white[..rows]
         });

@@ -3,13 +3,14 @@
 use super::{TrialsArgs, output};
 use crate::config::{Config, Source, keys};
 use crate::node::identifier::Identifier;
+use crate::rows::RowForm;
 use crate::runner::Shutdown;
 use crate::service::ticker::Ticker;
 use crate::service::wiring::identifier_node;
 use crate::service::{Exit, Failure, logging};
 use crate::studies::for_each_index;
 use crate::studies::trials::{
-    Case, CaseResult, Disturbance, Spec, Trial, TrialResult, full_cases, quick_cases, rest_instant, trials_document,
+    Case, CaseResult, Disturbance, Spec, Trial, TrialResult, drawn_errors, full_cases, quick_cases, rest_instant, trials_document,
 };
 use std::time::Instant;
 
@@ -75,6 +76,15 @@ fn settings(spec: &Spec, more: &[String]) -> Result<Vec<String>, Failure> {
         && let Some(at_s) = rest_instant(&load(spec, &settings)?.plant.sim, arm.middle_s())
     {
         settings.push(format!("plant.mass_2.t_s=[0.0, {at_s:?}]"));
+    }
+    if let Spec::Arm(arm) = spec
+        && arm.disturbance == Disturbance::Drawn
+    {
+        let config = load(spec, &settings)?;
+        if let RowForm::Projected(options) = &config.identifier.rows {
+            let drawn = drawn_errors(&config.plant.sim, &options.considered, arm.seed);
+            settings.extend(drawn.map_err(|error| Failure::Failed(error.to_string()))?);
+        }
     }
     Ok(settings)
 }

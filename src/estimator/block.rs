@@ -428,7 +428,7 @@ impl BlockEstimator {
             self.score_test.take((scores, information), unit, misfit, freedom, told);
         }
         self.later.copy_from_slice(&self.theta);
-        let used = (self.used.clone(), lines, &self.report.fit[..]);
+        let used = (self.used.clone(), &self.report.fit[..]);
         self.groups.inquire(rows, used, &mut self.later, &self.options);
         self.score_test.end();
         self.report.suspicion = self.score_test.likeliest();

@@ -11,7 +11,8 @@
 //! parameters and leaves others. So after a change each hypothesis of an error that may come up
 //! while a machine runs is held against (b) and (c), over all groups together: two causes at once
 //! are unlikely. Unless nothing has changed, nothing may be used while some error explains the rows
-//! as well as other parameters do, or while all parameters of a group seem to have changed: until
+//! as well as other parameters do, while all parameters of a group seem to have changed, or while
+//! the estimate has moved although the rows say that nothing has changed: until
 //! the rows refute that, which most motion does within a block or two, or for as long as they do
 //! not. Groups that are what they were may be used meanwhile. A change back is seen the same way,
 //! because θ₀ stays that of before the first of them.
@@ -29,7 +30,7 @@ use super::persist::Visit;
 use super::score_test::Suspicion;
 
 /// Blocks of motion after which an error that still explains the change is taken for likely.
-const LONG: u32 = 3;
+const LONG: u32 = 2;
 /// χ² by which an error must explain more than any other to be named.
 const ALONE: f64 = 10.0;
 
@@ -48,6 +49,12 @@ pub struct Inquest {
     cause: Option<Suspicion>,
     // scratch
     compared: Vec<Option<Comparison>>,
+}
+
+/// Groups, a bit each, whose estimate is not what it was before the change.
+fn moved(groups: &[GroupState]) -> u64 {
+    let moved = groups.iter().enumerate().filter(|(_, group)| group.inquiry.has_moved());
+    moved.fold(0, |mask, (k, _)| mask | 1 << k)
 }
 
 /// Which hypothesis explains the rows since a change.
@@ -152,6 +159,7 @@ impl Inquest {
             None => {}
             Some(Found::Nothing(sure)) => {
                 self.withheld &= !self.asked(|_| true);
+                self.withheld |= self.asked(|_| true) & moved(groups);
                 self.named = false;
                 if sure && settled && self.withheld == 0 {
                     self.clear(groups);
@@ -228,7 +236,7 @@ impl Inquest {
         let moves = self.asked(|c| c.moves) & self.withheld != 0;
         self.blocks = if moves { self.blocks.saturating_add(1) } else { 0 };
         let tells = self.asked(|c| c.tells) & self.withheld != 0;
-        self.named = alone && (tells || self.blocks >= LONG) || self.blocks >= 2 * LONG;
+        self.named = alone && (tells || self.blocks >= LONG) || self.blocks >= 3 * LONG;
         self.cause = self.named.then_some(error);
     }
 

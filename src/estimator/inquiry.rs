@@ -49,6 +49,8 @@ pub struct Inquiry {
     open: bool,
     /// χ² per row before the change, at least 1.
     level: f64,
+    /// θ̂ is not θ₀.
+    moved: bool,
     /// θ₀, P₀ and the size of each parameter.
     reference: Vec<f64>,
     known: Vec<f64>,
@@ -118,6 +120,7 @@ impl Inquiry {
             n,
             open: false,
             level: 1.0,
+            moved: false,
             reference: vector.clone(),
             known: matrix.clone(),
             size: vector.clone(),
@@ -143,6 +146,7 @@ impl Inquiry {
     pub fn visit(&mut self, v: &mut impl Visit) {
         v.flag(&mut self.open);
         v.real(&mut self.level);
+        v.flag(&mut self.moved);
         v.reals(&mut self.reference);
         v.reals(&mut self.known);
         v.reals(&mut self.size);
@@ -169,6 +173,21 @@ impl Inquiry {
     /// True while it goes on.
     pub fn is_open(&self) -> bool {
         self.open
+    }
+
+    /// Compares θ̂, known with covariance P, with θ₀: if nothing has changed, they agree.
+    pub fn look_at(&mut self, theta: &[f64], covariance: &[f64]) {
+        let n = self.n;
+        self.moved = (0..n).any(|i| {
+            let slack = NOTABLE * self.reference[i];
+            let variance = covariance[i * n + i] + self.known[i * n + i] + slack * slack;
+            (theta[i] - self.reference[i]).powi(2) > STAYS * STAYS * variance
+        });
+    }
+
+    /// True if θ̂ is not θ₀.
+    pub fn has_moved(&self) -> bool {
+        self.moved
     }
 
     /// Score and information of each error beside (c), after [`compare`](Self::compare).

@@ -16,12 +16,11 @@ const MOVED: f64 = 1.0;
 
 impl Groups {
     /// Adds the rows of `range` to what is asked about the last change, see `inquest.rs`; not those
-    /// of groups that follow a line, nor rows of a block that does not `fit`. `theta` holds all
-    /// parameters, and is room afterwards.
+    /// of a block that does not `fit`. `theta` holds all parameters, and is room afterwards.
     pub fn inquire(
         &mut self,
         rows: &dyn Summable,
-        (range, lines, fit): (Range<usize>, u64, &[f64]),
+        (range, fit): (Range<usize>, &[f64]),
         theta: &mut [f64],
         options: &EstimatorOptions,
     ) {
@@ -30,8 +29,8 @@ impl Groups {
             return;
         }
         let mut added = false;
-        for (k, group) in states.iter_mut().enumerate() {
-            if lines >> k & 1 == 0 && !group.is_on_its_way(fit) {
+        for group in states.iter_mut() {
+            if !group.is_on_its_way(fit) {
                 added |= group.add_to_inquiry(rows, range.clone(), theta, options);
             }
         }
@@ -82,7 +81,9 @@ impl GroupState {
         if !self.inquiry.is_open() {
             return false;
         }
-        theta[self.parameters.clone()].copy_from_slice(self.inquiry.reference());
+        let own = &mut theta[self.parameters.clone()];
+        self.inquiry.look_at(own, &self.errors.total);
+        own.copy_from_slice(self.inquiry.reference());
         if !self.try_at(rows, range.clone(), theta) {
             return false;
         }

@@ -142,8 +142,17 @@ impl Inquest {
         self.lost &= !(1 << k);
     }
 
-    /// Judges the rows so far.
-    pub fn judge(&mut self, groups: &mut [GroupState]) {
+    /// Judges the rows so far, if some were `added`. Groups that are `on_its_way`, a bit each, may
+    /// not be used before it is clear what has changed.
+    pub fn judge(&mut self, groups: &mut [GroupState], added: bool, on_its_way: u64) {
+        if added {
+            self.compare(groups, on_its_way);
+        }
+        let open = groups.iter().enumerate().filter(|(_, group)| group.inquiry.is_open());
+        self.withheld |= open.fold(0, |mask, (k, _)| mask | 1 << k) & on_its_way;
+    }
+
+    fn compare(&mut self, groups: &mut [GroupState], on_its_way: u64) {
         let settled = groups.iter().all(|group| group.confirmation.is_settled());
         for (group, compared) in groups.iter_mut().zip(&mut self.compared) {
             *compared = group.inquiry.compare(&group.fixed);
@@ -161,7 +170,7 @@ impl Inquest {
                 self.withheld &= !self.asked(|_| true);
                 self.withheld |= self.asked(|_| true) & moved(groups);
                 self.named = false;
-                if sure && settled && self.withheld == 0 {
+                if sure && settled && (self.withheld | on_its_way) == 0 {
                     self.clear(groups);
                 }
             }

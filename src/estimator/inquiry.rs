@@ -47,8 +47,8 @@ const STAYS: f64 = 3.0;
 pub struct Inquiry {
     n: usize,
     open: bool,
-    /// χ² per row before the change, at least 1.
-    level: f64,
+    /// χ² per row before the change, at least 1, and the square by which innovations exceeded it.
+    usual: [f64; 2],
     /// θ̂ is not θ₀.
     moved: bool,
     /// θ₀, P₀ and the size of each parameter.
@@ -119,7 +119,7 @@ impl Inquiry {
         Self {
             n,
             open: false,
-            level: 1.0,
+            usual: [1.0, 0.0],
             moved: false,
             reference: vector.clone(),
             known: matrix.clone(),
@@ -145,7 +145,7 @@ impl Inquiry {
     /// What goes from block to block; see `persist.rs`.
     pub fn visit(&mut self, v: &mut impl Visit) {
         v.flag(&mut self.open);
-        v.real(&mut self.level);
+        v.reals(&mut self.usual);
         v.flag(&mut self.moved);
         v.reals(&mut self.reference);
         v.reals(&mut self.known);
@@ -165,9 +165,9 @@ impl Inquiry {
         &self.reference
     }
 
-    /// χ² per row that blocks had before.
-    pub fn level(&self) -> f64 {
-        self.level
+    /// χ² per row that blocks had before, and the square by which innovations exceeded it.
+    pub fn usual(&self) -> [f64; 2] {
+        self.usual
     }
 
     /// True while it goes on.
@@ -197,9 +197,9 @@ impl Inquiry {
 
     /// A change: what was known before it was θ₀ with the covariance P₀. One that is not cleared up
     /// yet keeps its own.
-    pub fn begin(&mut self, theta: &[f64], covariance: &[f64], size: &[f64], level: f64) {
+    pub fn begin(&mut self, theta: &[f64], covariance: &[f64], size: &[f64], usual: [f64; 2]) {
         if !self.open {
-            self.level = level;
+            self.usual = usual;
             self.reference.copy_from_slice(theta);
             self.known.copy_from_slice(covariance);
             self.size.copy_from_slice(size);

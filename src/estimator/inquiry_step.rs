@@ -10,7 +10,8 @@ use std::ops::Range;
 /// χ² per row, beside that before the change, beyond which a block is left out: nothing explains its
 /// rows yet.
 const ROUGH: f64 = 1.4;
-/// Noise variances by which the innovation may exceed the residual. Rows are smoothed with the
+/// Noise variances by which the innovation may exceed the residual, beside twice what it did before
+/// the change. Rows are smoothed with the
 /// estimate before the block, and agree with it; one that is still on its way would be confirmed.
 const MOVED: f64 = 1.0;
 
@@ -28,15 +29,15 @@ impl Groups {
         if !inquest.counts(states) {
             return;
         }
-        let mut added = false;
-        for group in states.iter_mut() {
-            if !group.is_on_its_way(fit) {
+        let (mut added, mut on_its_way) = (false, 0);
+        for (k, group) in states.iter_mut().enumerate() {
+            if group.is_on_its_way(fit) {
+                on_its_way |= 1 << k;
+            } else {
                 added |= group.add_to_inquiry(rows, range.clone(), theta, options);
             }
         }
-        if added {
-            inquest.judge(states);
-        }
+        inquest.judge(states, added, on_its_way);
     }
 }
 
@@ -49,24 +50,25 @@ impl GroupState {
         }
         let levels = self.equations.iter().filter(|e| e.floor > 0.0);
         let level = levels.map(|e| e.variance / (e.floor * e.floor)).fold(1.0, f64::max);
+        let surprise = self.equations.iter().map(|e| e.surprise).fold(0.0, f64::max);
         // without what considered errors may do: they have not changed
         let published = self.confirmation.covariance.iter().zip(&self.honest);
         let known = self.room.a.iter_mut().zip(&self.errors.total);
         known
             .zip(published)
             .for_each(|((a, own), (open, honest))| *a = own + open - honest);
-        self.inquiry.begin(&self.centre, &self.room.a, &self.room.scale, level);
+        self.inquiry
+            .begin(&self.centre, &self.room.a, &self.room.scale, [level, surprise]);
     }
 
     /// True if the estimate was so far off before the block, or is so now, that its rows tell
     /// nothing of the change.
     fn is_on_its_way(&self, fit: &[f64]) -> bool {
-        let rough = ROUGH * self.inquiry.level();
-        self.equations.iter().zip(&self.at).any(|(e, sums)| {
-            let (innovation, rows) = e.innovation;
-            let moved = innovation / rows.max(1) as f64 - sums.cost / sums.rows.max(1) as f64;
-            fit[e.index] >= rough || moved > MOVED * e.variance
-        })
+        let [level, surprise] = self.inquiry.usual();
+        let equations = self.equations.iter().zip(&self.at);
+        equations
+            .into_iter()
+            .any(|(e, sums)| fit[e.index] >= ROUGH * level || e.excess(sums) > MOVED + 2.0 * surprise)
     }
 
     /// Adds the rows of `range` to the inquiry, if there is one. `theta` holds all parameters, and

@@ -429,6 +429,14 @@ impl Considered {
         (&self.cross, &self.gram, &self.score)
     }
 
+    /// The error that widens parameter i most, and by how much in variance all errors do.
+    pub fn leading(&self, i: usize) -> Option<(usize, f64)> {
+        let room = self.scores.len();
+        let widening = |s: usize| self.moments[s * room + s] * self.sensitivity[s * self.n + i].powi(2);
+        let leading = (0..self.known).max_by(|&a, &b| widening(a).total_cmp(&widening(b)));
+        leading.map(|s| (s, (0..self.known).map(widening).sum()))
+    }
+
     /// True if drifts are among the errors.
     pub fn has_drifts(&self) -> bool {
         !self.drifts.is_empty()

@@ -10,19 +10,24 @@
 //! leaves no residual: the estimate follows, exactly and wrongly. A plant that changes moves some
 //! parameters and leaves others. So after a change each hypothesis of an error that may come up
 //! while a machine runs is held against (b) and (c), over all groups together: two causes at once
-//! are unlikely. Unless nothing has changed, nothing may be used while some error explains the rows
-//! as well as other parameters do, while all parameters of a group seem to have changed, or while
-//! the estimate has moved although the rows say that nothing has changed: until
-//! the rows refute that, which most motion does within a block or two, or for as long as they do
-//! not. Groups that are what they were may be used meanwhile. A change back is seen the same way,
-//! because θ₀ stays that of before the first of them.
+//! are unlikely. Nothing may be used
 //!
-//! Rows of a block that raises an alarm do not count: the change may lie within it.
+//! * while some error explains the rows as well as other parameters do,
+//! * while all parameters of a group seem to have changed, or
+//! * while the estimate has moved although the rows say that nothing has changed:
 //!
-//! An error is named if no other one explains the rows about as well, and the rows tell a change of
-//! this size from none in more than half of the directions, for a machine that rests shows one,
-//! which every cause explains; or after some blocks of motion. Once it is named, or has explained the change for some blocks of motion, a
-//! further change leaves nothing to compare its groups with, and only (c) clears them up.
+//! until the rows refute that, which most motion does within a block or two, or for as long as they
+//! do not. Groups that are what they were may be used meanwhile. A change back is seen the same
+//! way, because θ₀ stays that of before the first of them.
+//!
+//! Rows of the block that raised the alarm do not count, for the change may lie within it, nor do
+//! those of a group whose estimate is still on its way (`inquiry_step.rs`).
+//!
+//! An error is named if no other one explains the rows about as well, and either the rows tell a
+//! change of this size from none in more than half of the directions, for a machine that rests
+//! shows one, which every cause explains, or it has explained some blocks of motion. Once it is
+//! named, or has explained these, a further change leaves nothing to compare its groups with, and
+//! only (c) clears them up.
 
 use super::group::GroupState;
 use super::inquiry::{Comparison, REFUTED};
@@ -208,7 +213,11 @@ impl Inquest {
         }
         let (mut best, mut second) = (None, f64::INFINITY);
         let mut least = f64::INFINITY;
-        let errors = groups.iter().map(|group| group.inquiry.pulls().len()).max().unwrap_or(0);
+        let errors = groups
+            .iter()
+            .map(|group| group.inquiry.pulls().len())
+            .max()
+            .unwrap_or(0);
         for s in 0..errors {
             let pulls = (0..groups.len()).filter(of).map(|k| groups[k].inquiry.pulls()[s]);
             let [score, left] = pulls.fold([0.0; 2], |sum, pull| [sum[0] + pull[0], sum[1] + pull[1]]);

@@ -11,14 +11,15 @@
 //! ```
 //!
 //! P₀ is the covariance that was published before the change, so what was not known then tells
-//! nothing now. Rows are linearised at θ₀, where (d) holds, however far the estimate has gone
-//! since; ρ allows for an error that is so large that its column is curved. σ² is larger than the
-//! noise if the rows leave more than noise behind.
+//! nothing now; but without what considered errors may do, for these have not changed. Rows are
+//! linearised at θ₀, where (d) holds, however far the estimate has gone since; ρ allows for an
+//! error that is so large that its column is curved. σ² is larger than the noise if the rows leave
+//! more than noise behind.
 //!
 //! **A plant that has changed** differs from before in some parameters, and others, such as the
-//! back EMF of a motor, are what they were: parameter i stays if |δ_i| < 3 √(C_ii + V_ii), and the
-//! rows would tell its change by the share r if that is at least twice as much. What moves all of two or more parameters that the rows
-//! tell of is more likely an error of the measurement, a clock that runs fast for instance.
+//! back EMF of a motor, are what they were. Parameter i stays if |δ_i| < 3 √(C_ii + V_ii), and the
+//! rows tell of it if r θ₀_i is at least twice as much. What moves all parameters that the rows
+//! tell of, two or more, is more likely an error of the measurement.
 
 use super::equation::{EquationState, TINY};
 use super::linalg::{Cholesky, Eigen, dot, gather, mul_vec};

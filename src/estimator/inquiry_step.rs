@@ -7,12 +7,12 @@ use super::options::EstimatorOptions;
 use super::pass::Summable;
 use std::ops::Range;
 
-/// χ² per row, beside that before the change, beyond which a block is left out: nothing explains its
-/// rows yet.
+/// χ² per row, beside that before the change, beyond which a block is left out: nothing explains
+/// its rows yet.
 const ROUGH: f64 = 1.4;
 /// Noise variances by which the innovation may exceed the residual, beside twice what it did before
-/// the change. Rows are smoothed with the
-/// estimate before the block, and agree with it; one that is still on its way would be confirmed.
+/// the change. Rows are smoothed with the estimate before the block, and agree with it: one that is
+/// still on its way would be confirmed.
 const MOVED: f64 = 1.0;
 
 impl Groups {

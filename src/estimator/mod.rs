@@ -187,7 +187,7 @@ pub trait Residuals {
         0.0
     }
     /// True for an error that may come up while the machine runs: a change of the plant is held
-    /// against it (`inquiry.rs`).
+    /// against it (`inquest.rs`).
     fn is_sudden(&self, _suspect: usize) -> bool {
         false
     }

@@ -18,6 +18,16 @@ pub fn fault(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
     explanation(suspect, suspicion.amplitude, format_args!("the change"), seq)
 }
 
+/// "theta_9: most of its standard deviation is what an input delay and others could do unseen".
+pub fn limit(parameter: &str, suspect: &Suspect, seq: u64) -> LastError {
+    let mut words = FixedText::<ERROR_TEXT>::default();
+    let _cut = write!(
+        words,
+        "{parameter}: most of its standard deviation is what {suspect} and others could do unseen"
+    );
+    LastError::with_text(ErrorCode::Misfit, seq, words.as_str())
+}
+
 fn explanation(suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq: u64) -> LastError {
     let mut words = FixedText::<ERROR_TEXT>::default();
     // longer words than fit are cut, which is what an error means here
@@ -80,6 +90,11 @@ mod tests {
                 error.words()
             );
             assert!(error.words().len() < 100 && error.code == ErrorCode::Misfit as u32);
+            assert!(
+                super::limit("theta_9", &suspect, 9)
+                    .words()
+                    .ends_with("could do unseen")
+            );
             let fault = fault(&suspect, &suspicion, 9);
             assert!(fault.words().contains("would explain the change"), "{}", fault.words());
         }

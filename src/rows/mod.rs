@@ -15,6 +15,7 @@ mod partials;
 mod passes;
 mod pointwise;
 mod polynomial;
+mod present_terms;
 mod probes;
 mod projected;
 mod repair;

@@ -84,7 +84,10 @@ mod tests {
                 "{found:?}"
             );
         };
-        close(tempo(&Manipulator::default()), &[3.0, 3.0, 2.0, 2.0, 1.0, 1.0, 0.0, 1.0, 2.0]);
+        close(
+            tempo(&Manipulator::default()),
+            &[3.0, 3.0, 2.0, 2.0, 1.0, 1.0, 0.0, 1.0, 2.0],
+        );
         let axis = ServoAxis::new(Motion::Linear, DriveInput::Voltage, 35.0).unwrap();
         close(tempo(&axis), &[2.0, 1.0, 0.0, 0.0]);
     }

@@ -10,7 +10,8 @@ use crate::service::wiring::identifier_node;
 use crate::service::{Exit, Failure, logging};
 use crate::studies::for_each_index;
 use crate::studies::trials::{
-    Case, CaseResult, Disturbance, Spec, Trial, TrialResult, drawn_errors, full_cases, quick_cases, rest_instant, trials_document,
+    Case, CaseResult, Disturbance, Spec, Trial, TrialResult, drawn_errors, full_cases, quick_cases, rest_instant,
+    trials_document,
 };
 use std::time::Instant;
 
@@ -34,22 +35,23 @@ pub fn trial(spec: &Spec, more: &[String]) -> Result<TrialResult, Failure> {
         names: &names,
         known: config.known,
     };
-    let mut cause = None;
+    let (mut cause, mut limit) = (None, None);
     let mut result = trial.run(|sample, estimates| {
         node.on_sample(sample, &mut |estimate| estimates.push(*estimate));
         if !estimates.is_empty() {
-            cause = named_cause(node.as_ref()).or(cause.take());
+            cause = words(node.as_ref(), "would explain").or(cause.take());
+            limit = words(node.as_ref(), "could do unseen").or(limit.take());
         }
     })?;
-    result.named_cause = cause;
+    (result.named_cause, result.named_limit) = (cause, limit);
     Ok(result)
 }
 
-/// The likeliest cause of a misfit, as the status names it: a term "would explain" a share of it.
-fn named_cause(node: &dyn Identifier) -> Option<String> {
+/// The status, if it says so: a term "would explain" a misfit, or "could do unseen" most of σ.
+fn words(node: &dyn Identifier, what: &str) -> Option<String> {
     let status = node.status();
     let words = status.error.words();
-    words.contains("would explain").then(|| words.to_owned())
+    words.contains(what).then(|| words.to_owned())
 }
 
 fn configuration(spec: &Spec, more: &[String]) -> Result<Config, Failure> {

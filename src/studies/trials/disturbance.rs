@@ -1,5 +1,8 @@
 //! What is wrong with a run: with its payload, its samples, or with the model.
 
+/// Time before the end of a block \[s\] in which a change does not show yet, through 13 bits.
+const LATE_S: f64 = 0.05;
+
 /// What is wrong.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Disturbance {
@@ -97,7 +100,8 @@ pub enum Disturbance {
         /// Size.
         percent: u32,
     },
-    /// Errors of the machine that the seed draws from what the identifier considers them to be.
+    /// An error of the machine, its kind by the seed, drawn from what the identifier considers it
+    /// to be.
     Drawn,
     /// Nothing, and the identifier considers no error.
     NoiseAlone,
@@ -290,7 +294,8 @@ impl Disturbance {
     pub(super) fn place_of_change(self, spread: f64, block_s: f64) -> f64 {
         match self {
             Self::JumpAtEnd(_) => 1.0 - 0.4 / block_s * spread,
-            _ => spread,
+            // JumpAtEnd is for what comes too late to show
+            _ => (1.0 - LATE_S / block_s) * spread,
         }
     }
 

@@ -26,7 +26,9 @@ mod tests {
         let mut places = [0u32; 4];
         (0..8).for_each(|seed| places[(4.0 * spread(seed, 99)) as usize] += 1);
         assert!(places.iter().all(|&count| count >= 1), "{places:?}");
-        let numbers: Vec<f64> = (0..64).flat_map(|seed| (0..64).map(move |place| normal(seed, place))).collect();
+        let numbers: Vec<f64> = (0..64)
+            .flat_map(|seed| (0..64).map(move |place| normal(seed, place)))
+            .collect();
         let mean = numbers.iter().sum::<f64>() / 4096.0;
         let square = numbers.iter().map(|x| x * x).sum::<f64>() / 4096.0;
         assert!(mean.abs() < 0.05 && (square - 1.0).abs() < 0.07, "{mean} {square}");

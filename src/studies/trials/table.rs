@@ -113,7 +113,7 @@ impl CaseResult {
         );
         let alarms = share(self.sum(|r| r.false_alarms), self.sum(|r| r.quiet));
         let (right, causes) = self.causes(|run| run.named_cause.as_ref());
-        let (unseen, _) = self.causes(|run| run.named_limit.as_ref().filter(|_| run.named_cause.is_none()));
+        let (unseen, _) = self.causes(|run| run.named_limit.as_ref());
         let or_none = |is_some: bool, text: String| if is_some { text } else { NONE.to_owned() };
         vec![
             format!("{} of {blocks}", self.sum(|r| r.dangerous)),

@@ -505,7 +505,7 @@ impl BlockEstimator {
         let change = self.search(rows).explain(joined, detection.margin);
         if change.kind != ChangeKind::Drift {
             self.since_change = 0;
-            self.groups.begin_inquest();
+            self.groups.begin_inquest(rows);
         }
         self.groups.doubt(&self.theta);
         self.report.change = Some(change);

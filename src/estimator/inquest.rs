@@ -25,17 +25,19 @@
 //!
 //! An error is named if no other one explains the rows about as well, and either the rows tell a
 //! change of this size from none in more than half of the directions, for a machine that rests
-//! shows one, which every cause explains, or it has explained some blocks of motion. Once it is
-//! named, or has explained these, a further change leaves nothing to compare its groups with, and
-//! only (c) clears them up.
+//! shows one, which every cause explains, or it has explained some blocks of motion. Once it has
+//! explained more of these, a further change leaves nothing to compare its groups with, and only
+//! (c) clears them up.
 
 use super::group::GroupState;
 use super::inquiry::{Comparison, REFUTED};
 use super::persist::Visit;
 use super::score_test::Suspicion;
 
-/// Blocks of motion after which an error that still explains the change is taken for likely.
+/// Blocks of motion after which an error that alone explains the change is named, and after which
+/// another change leaves nothing to compare with.
 const LONG: u32 = 2;
+const SURE: u32 = 4;
 /// χ² by which an error must explain more than any other to be named.
 const ALONE: f64 = 10.0;
 
@@ -119,7 +121,7 @@ impl Inquest {
 
     /// The plant may have changed from θ̄ of this block, which is known as was published last.
     pub fn begin(&mut self, groups: &mut [GroupState]) {
-        if self.named || self.blocks >= LONG {
+        if self.blocks >= SURE {
             self.lost |= self.withheld;
         }
         (self.begun, self.withheld, self.blocks, self.named) = (true, 0, 0, false);
@@ -254,7 +256,7 @@ impl Inquest {
         let moves = self.asked(|c| c.moves) & self.withheld != 0;
         self.blocks = if moves { self.blocks.saturating_add(1) } else { 0 };
         let tells = self.asked(|c| c.tells) & self.withheld != 0;
-        self.named = alone && (tells || self.blocks >= LONG) || self.blocks >= 3 * LONG;
+        self.named = alone && (tells || self.blocks >= LONG) || self.blocks >= SURE;
         self.cause = self.named.then_some(error);
     }
 

@@ -176,13 +176,15 @@ impl Inquiry {
         self.open
     }
 
-    /// Compares θ̂, known with covariance P, with θ₀: if nothing has changed, they agree.
+    /// Compares θ̂, known with covariance P, with θ₀: if nothing has changed, they agree, as nearly
+    /// as (c) is asked to.
     pub fn look_at(&mut self, theta: &[f64], covariance: &[f64]) {
         let n = self.n;
+        let limit = REFUTED + n as f64;
         self.moved = (0..n).any(|i| {
             let slack = NOTABLE * self.reference[i];
             let variance = covariance[i * n + i] + self.known[i * n + i] + slack * slack;
-            (theta[i] - self.reference[i]).powi(2) > STAYS * STAYS * variance
+            (theta[i] - self.reference[i]).powi(2) > limit * variance
         });
     }
 

@@ -53,8 +53,8 @@ impl Groups {
         self.inquest.close(&mut self.states);
     }
 
-    /// The plant may have changed in this block. Rows without columns of errors have nothing to hold
-    /// against that.
+    /// The plant may have changed in this block. Rows without columns of errors have nothing to
+    /// hold against that.
     pub fn begin_inquest(&mut self, rows: &dyn Summable) {
         if rows.suspects() > 0 {
             self.inquest.begin(&mut self.states);

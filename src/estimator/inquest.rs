@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! X_0 = Σ_g (J_0 − J_θ)                nothing has changed                (b) to (d) of inquiry.rs, per group g
-//! X_s = X_0 − (Σ_g u_s)²/Σ_g i_s       error s, of one amplitude, with the parameters as they were
+//! X_s = X_0′ − (Σ_g u_s)²/Σ_g i_s      error s, of one amplitude, with the parameters as they were
 //! X ≤ 30 + number of parameters        explains the rows as well as other parameters do
 //! ```
 //!
@@ -38,6 +38,8 @@ use super::score_test::Suspicion;
 /// another change leaves nothing to compare with.
 const LONG: u32 = 2;
 const SURE: u32 = 4;
+/// Standard deviations of an error's amplitude from which on it is what has changed.
+const SEEN: f64 = 5.0;
 /// χ² by which an error must explain more than any other to be named.
 const ALONE: f64 = 10.0;
 
@@ -213,6 +215,7 @@ impl Inquest {
         if nothing <= limit {
             return Some(Found::Nothing(nothing <= 2.0 * (limit - REFUTED)));
         }
+        let base: f64 = compared().map(|c| c.base).sum();
         let (mut best, mut second) = (None, f64::INFINITY);
         let mut least = f64::INFINITY;
         let errors = groups
@@ -226,7 +229,7 @@ impl Inquest {
             if !(left > 0.0) {
                 continue;
             }
-            let leaves = nothing - score * score / left;
+            let leaves = base - score * score / left;
             if leaves < least {
                 second = least;
                 least = leaves;
@@ -241,7 +244,8 @@ impl Inquest {
                 second = second.min(leaves);
             }
         }
-        if let Some(error) = best.filter(|_| least <= limit) {
+        let explains = |error: &Suspicion| least <= limit && error.deviations > SEEN;
+        if let Some(error) = best.filter(explains) {
             return Some(Found::Error(error, second - least > ALONE));
         }
         let plausible = compared().all(|c| c.plausible || c.is_nothing());

@@ -4,8 +4,8 @@
 //! ```text
 //! J(δ, a) = Σ (f − φᵀδ − a d)²/σ²     rows since the change, at θ₀ of before it                  (a)
 //! J_θ = min J(δ, 0) + δᵀD⁻¹δ          other parameters: D = diag(size²)                          (b)
-//! J_0 = min J(δ, 0) + δᵀV⁻¹δ          nothing: V = P₀ + (ρ²r² + ε²) diag(θ₀²)                     (c)
-//! J_s = min J(δ, a) + δᵀV⁻¹δ          error s, with the parameters as they were                  (d)
+//! J_0 = min J(δ, 0) + δᵀV⁻¹δ          nothing: V = P₀ + ε² diag(θ₀²)                              (c)
+//! J_s = min J(δ, a) + δᵀV⁻¹δ          error s: V = P₀ + (ε² + ρ²r²) diag(θ₀²)                     (d)
 //!
 //! δ_θ: the shift of (b);  C: its covariance;  r² = δ_θᵀ Σφφᵀ δ_θ/θ₀ᵀ Σφφᵀ θ₀
 //! ```
@@ -98,6 +98,8 @@ pub struct Comparison {
     pub count: usize,
     /// χ² by which (c) is worse than (b).
     pub nothing: f64,
+    /// The same with the V of (d), which is wider.
+    pub base: f64,
     /// The rows know more than half of the directions.
     pub moves: bool,
     /// They tell a change of the size in question from none, in more than half of the directions.
@@ -294,24 +296,8 @@ impl Inquiry {
         let share = self.share_changed();
         self.factor.inverse(&mut self.inverse[..count * count]);
         let plausible = self.some_stay(excess, share, fixed);
-        // V of (c)
-        self.matrix.copy_from_slice(&self.known);
-        for i in 0..n {
-            self.matrix[i * n + i] += self.slack(share, i).powi(2) + f64::MIN_POSITIVE;
-        }
-        gather(n, &self.matrix, fixed, &mut self.packed);
-        if !self.factor.factor(count, &self.packed[..count * count]) {
-            return None;
-        }
-        self.factor.inverse(&mut self.inverse[..count * count]);
-        gather(n, &self.information, fixed, &mut self.packed);
-        for (a, v) in self.packed[..count * count].iter_mut().zip(&self.inverse) {
-            *a += excess * v;
-        }
-        if !self.factor.factor(count, &self.packed[..count * count]) {
-            return None;
-        }
-        let nothing = -self.solve(fixed, Side::Rows); // (c)
+        let nothing = self.unchanged(0.0, excess, fixed)?; // (c)
+        let base = self.unchanged(share, excess, fixed)?;
         for s in 0..self.gram.len() {
             self.pulls[s] = [0.0; 2];
             if self.gram[s] > 0.0 {
@@ -328,10 +314,34 @@ impl Inquiry {
         Some(Comparison {
             count,
             nothing: (nothing - other) / excess,
+            base: (base - other) / excess,
             moves: self.tell(KNOWN, fixed),
             tells: self.tell(share, fixed),
             plausible,
         })
+    }
+
+    /// min J(δ, 0) + δᵀV⁻¹δ, where `share` has changed of what the equations balance; `factor` is
+    /// then that of Σφφᵀ + V⁻¹.
+    fn unchanged(&mut self, share: f64, excess: f64, fixed: &[bool]) -> Option<f64> {
+        let n = self.n;
+        self.matrix.copy_from_slice(&self.known);
+        for i in 0..n {
+            self.matrix[i * n + i] += self.slack(share, i).powi(2) + f64::MIN_POSITIVE;
+        }
+        let count = gather(n, &self.matrix, fixed, &mut self.packed);
+        if !self.factor.factor(count, &self.packed[..count * count]) {
+            return None;
+        }
+        self.factor.inverse(&mut self.inverse[..count * count]);
+        gather(n, &self.information, fixed, &mut self.packed);
+        for (a, v) in self.packed[..count * count].iter_mut().zip(&self.inverse) {
+            *a += excess * v;
+        }
+        if !self.factor.factor(count, &self.packed[..count * count]) {
+            return None;
+        }
+        Some(-self.solve(fixed, Side::Rows))
     }
 
     /// By how much parameter i may be off although nothing has changed, beside P₀.

@@ -18,13 +18,10 @@ pub fn fault(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
     explanation(suspect, suspicion.amplitude, format_args!("the change"), seq)
 }
 
-/// "theta_9: most of its standard deviation is what an input delay and others could do unseen".
+/// "most of theta_9's std may be an input delay and others, unseen".
 pub fn limit(parameter: &str, suspect: &Suspect, seq: u64) -> LastError {
     let mut words = FixedText::<ERROR_TEXT>::default();
-    let _cut = write!(
-        words,
-        "{parameter}: most of its standard deviation is what {suspect} and others could do unseen"
-    );
+    let _cut = write!(words, "most of {parameter}'s std may be {suspect} and others, unseen");
     LastError::with_text(ErrorCode::Misfit, seq, words.as_str())
 }
 
@@ -90,11 +87,7 @@ mod tests {
                 error.words()
             );
             assert!(error.words().len() < 100 && error.code == ErrorCode::Misfit as u32);
-            assert!(
-                super::limit("theta_9", &suspect, 9)
-                    .words()
-                    .ends_with("could do unseen")
-            );
+            assert!(super::limit("theta_9", &suspect, 9).words().ends_with(", unseen"));
             let fault = fault(&suspect, &suspicion, 9);
             assert!(fault.words().contains("would explain the change"), "{}", fault.words());
         }

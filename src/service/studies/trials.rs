@@ -40,14 +40,14 @@ pub fn trial(spec: &Spec, more: &[String]) -> Result<TrialResult, Failure> {
         node.on_sample(sample, &mut |estimate| estimates.push(*estimate));
         if !estimates.is_empty() {
             cause = words(node.as_ref(), "would explain").or(cause.take());
-            limit = words(node.as_ref(), "could do unseen").or(limit.take());
+            limit = words(node.as_ref(), ", unseen").or(limit.take());
         }
     })?;
     (result.named_cause, result.named_limit) = (cause, limit);
     Ok(result)
 }
 
-/// The status, if it says so: a term "would explain" a misfit, or "could do unseen" most of σ.
+/// The status, if it says so: a term "would explain" a misfit, or is ", unseen", most of σ.
 fn words(node: &dyn Identifier, what: &str) -> Option<String> {
     let status = node.status();
     let words = status.error.words();

@@ -254,5 +254,5 @@ const EXPLANATION: [&str; 5] = [
     "Error ÷ bound is the root mean square over seeds and three marks before the change, of the knowable parameters together and of the worst of them; the bound leaves the nine parameters and the state at the start free. \
      The error at the end is that of the worst knowable parameter, of the worst of all if there is no bound.",
     "A cause is named right if the status says last that it would explain the misfit or the change. An error that the motion does not show leaves no misfit: the status then says of a parameter that most of its \
-     standard deviation is what that error could do unseen.",
+     std may be that error, unseen.",
 ];

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"THETABUS";
 /// Version of the file; a change of the state's layout is a new one.
-pub const CHECKPOINT_VERSION: u32 = 5;
+pub const CHECKPOINT_VERSION: u32 = 6;
 /// Magic, version, CRC, length.
 const HEAD: usize = 24;
 /// No state comes near this \[bytes\]: it is 128 matrices of

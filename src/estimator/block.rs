@@ -10,7 +10,6 @@ use super::drift_watch::DriftWatch;
 use super::evidence::explained;
 use super::fit::Fit;
 use super::fit_statistic::{BlockFit, EquationFit, NoiseLevel};
-use super::group::GroupState;
 use super::groups::Groups;
 use super::options::{ChangeDetection, EstimatorError, EstimatorOptions};
 use super::pass::Summable;
@@ -94,6 +93,12 @@ impl BlockEstimator {
         &self.theta
     }
 
+    /// True while it is asked what the last change was: the next rows should know columns of
+    /// all errors that may come up while a machine runs.
+    pub fn inquires(&self) -> bool {
+        self.groups.inquest.is_open(&self.groups)
+    }
+
     /// The evidence of the last block.
     pub fn report(&self) -> &Report {
         &self.report
@@ -114,9 +119,7 @@ impl BlockEstimator {
     }
 
     fn forget(&mut self) {
-        for group in self.groups.iter_mut() {
-            group.forget(&self.theta, &self.options);
-        }
+        self.groups.forget(&self.theta, &self.options);
         (self.since_change, self.drift) = (u32::MAX, DriftWatch::default());
         self.stream_id = 0;
         self.report.forget();
@@ -143,9 +146,7 @@ impl BlockEstimator {
         self.drift.visit(v);
         v.count(&mut self.report.blocks);
         self.options.parameters.iter_mut().for_each(|p| v.flag(&mut p.fixed));
-        for group in self.groups.iter_mut() {
-            group.visit(v);
-        }
+        self.groups.visit(v);
         v.reals(&mut self.report.explained);
         self.score_test.visit(v);
     }
@@ -427,7 +428,7 @@ impl BlockEstimator {
             self.score_test.take((scores, information), unit, misfit, freedom, told);
         }
         self.later.copy_from_slice(&self.theta);
-        let used = (self.used.clone(), lines, &self.report.fit[..]);
+        let used = (self.used.clone(), &self.report.fit[..]);
         self.groups.inquire(rows, used, &mut self.later, &self.options);
         self.score_test.end();
         self.report.suspicion = self.score_test.likeliest();
@@ -504,7 +505,7 @@ impl BlockEstimator {
         let change = self.search(rows).explain(joined, detection.margin);
         if change.kind != ChangeKind::Drift {
             self.since_change = 0;
-            self.groups.iter_mut().for_each(GroupState::inquire);
+            self.groups.begin_inquest(rows);
         }
         self.groups.doubt(&self.theta);
         self.report.change = Some(change);

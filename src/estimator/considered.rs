@@ -51,7 +51,7 @@ use super::persist::Visit;
 use std::ops::Range;
 
 /// Errors of each equation that there is room for.
-pub const PER_EQUATION: usize = 10;
+pub const PER_EQUATION: usize = 12;
 
 /// Errors of the rows that there is room for: one of the whole machine and those of each equation.
 /// The drifts of the parameters, one each, follow.
@@ -427,6 +427,14 @@ impl Considered {
     /// Σ w φ d_s at s n, Σ w d_s d_t at s room + t for t ≤ s, and Σ w d_s f of the block.
     pub fn sums(&self) -> (&[f64], &[f64], &[f64]) {
         (&self.cross, &self.gram, &self.score)
+    }
+
+    /// The error that widens parameter i most, and by how much in variance all errors do.
+    pub fn leading(&self, i: usize) -> Option<(usize, f64)> {
+        let room = self.scores.len();
+        let widening = |s: usize| self.moments[s * room + s] * self.sensitivity[s * self.n + i].powi(2);
+        let leading = (0..self.known).max_by(|&a, &b| widening(a).total_cmp(&widening(b)));
+        leading.map(|s| (s, (0..self.known).map(widening).sum()))
     }
 
     /// True if drifts are among the errors.

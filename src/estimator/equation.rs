@@ -12,6 +12,9 @@ use std::ops::Range;
 /// Noise variances are kept above this, so that they may divide.
 pub const TINY: f64 = 1e-200;
 
+/// Surprise of a block that counts in the mean: a block that shows a change is none of the others.
+const LARGEST: f64 = 10.0;
+
 /// An equation as its group sees it.
 #[derive(Debug, Clone)]
 pub struct EquationState {
@@ -30,6 +33,8 @@ pub struct EquationState {
     pub variance: f64,
     /// Σ f² at θ̄ and the rows it is of.
     pub innovation: (f64, usize),
+    /// Mean square by which innovations exceeded residuals in the last blocks, in noise variances.
+    pub surprise: f64,
     /// Robust standard deviation of the residuals and the loss that follows from it.
     pub scale: f64,
     pub loss: Loss,
@@ -63,6 +68,7 @@ impl EquationState {
             freedom: 0.0,
             variance: 0.0,
             innovation: (0.0, 0),
+            surprise: 0.0,
             scale: 0.0,
             loss: Loss::Square,
             noise_covariance: vec![0.0; n * n],
@@ -71,6 +77,7 @@ impl EquationState {
 
     /// What goes from block to block; see `persist.rs`.
     pub fn visit(&mut self, v: &mut impl Visit) {
+        v.real(&mut self.surprise);
         for number in [&mut self.spread, &mut self.freedom, &mut self.variance, &mut self.scale] {
             v.real(number);
         }
@@ -79,7 +86,7 @@ impl EquationState {
 
     /// Forgets the level of the noise, and the last block.
     pub fn forget(&mut self) {
-        self.innovation = (0.0, 0);
+        (self.innovation, self.surprise) = ((0.0, 0), 0.0);
         (self.spread, self.freedom, self.variance, self.scale) = (0.0, 0.0, 0.0, 0.0);
     }
 
@@ -111,11 +118,19 @@ impl EquationState {
         };
     }
 
+    /// Mean square by which this block's innovation exceeds its residuals, in noise variances.
+    pub fn excess(&self, sums: &Sums) -> f64 {
+        let (innovation, rows) = self.innovation;
+        let excess = innovation / rows.max(1) as f64 - sums.cost / sums.rows.max(1) as f64;
+        (excess / self.variance.max(TINY)).max(0.0)
+    }
+
     /// Learns the noise from residuals of `cost` of which the parameters took `taken` degrees of
     /// freedom. A block raises the noise variance by at most a factor of four: a larger jump is not
     /// noise, and a real one is learnt in two blocks.
     pub fn learn(&mut self, sums: &Sums, cost: f64, taken: f64, options: &EstimatorOptions) {
         let freedom = (sums.rows - sums.outliers) as f64 - taken;
+        self.surprise += (1.0 - options.forgetting_factor) * (self.excess(sums).min(LARGEST) - self.surprise);
         if freedom > 1e-6 * sums.rows as f64 {
             let own = if self.loss == Loss::Square {
                 cost / freedom

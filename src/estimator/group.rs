@@ -49,7 +49,7 @@ pub struct GroupState {
     pub probability: f64,
     pub clusters: Clusters,
     pub considered: Considered,
-    /// What the last change was.
+    /// A change with all rows since.
     pub inquiry: Inquiry,
     pub drift: Drift,
     /// Blocks that this group was updated with, and how many since its last alarm.
@@ -169,7 +169,6 @@ impl GroupState {
         self.equations.iter_mut().for_each(EquationState::forget);
         self.drift.forget();
         self.considered.forget();
-        self.inquiry.close();
         (self.blocks, self.since_alarm, self.since_misfit) = (0, u32::MAX, u32::MAX);
         self.condition = 1.0;
         self.excitation.clear();

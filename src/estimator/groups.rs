@@ -2,25 +2,31 @@
 
 use super::Structure;
 use super::group::GroupState;
+use super::inquest::Inquest;
 use super::options::EstimatorOptions;
 use super::pass::Summable;
+use super::persist::Visit;
 use std::ops::{Deref, DerefMut};
 
 /// The groups, ordered by their first parameter.
 #[derive(Debug, Clone)]
-pub struct Groups(Vec<GroupState>);
+pub struct Groups {
+    pub states: Vec<GroupState>,
+    /// What the last change was.
+    pub inquest: Inquest,
+}
 
 impl Deref for Groups {
     type Target = [GroupState];
 
     fn deref(&self) -> &[GroupState] {
-        &self.0
+        &self.states
     }
 }
 
 impl DerefMut for Groups {
     fn deref_mut(&mut self) -> &mut [GroupState] {
-        &mut self.0
+        &mut self.states
     }
 }
 
@@ -29,7 +35,36 @@ impl Groups {
     pub fn new(structure: &Structure, options: &EstimatorOptions) -> Self {
         let groups = structure.groups();
         let states = groups.iter().map(|group| GroupState::new(group, structure, options));
-        Self(states.collect())
+        Self {
+            inquest: Inquest::new(groups.len()),
+            states: states.collect(),
+        }
+    }
+
+    /// What goes from block to block; see `persist.rs`.
+    pub fn visit(&mut self, v: &mut impl Visit) {
+        self.states.iter_mut().for_each(|group| group.visit(v));
+        self.inquest.visit(v);
+    }
+
+    /// Back to knowing nothing, in place.
+    pub fn forget(&mut self, theta: &[f64], options: &EstimatorOptions) {
+        self.states.iter_mut().for_each(|group| group.forget(theta, options));
+        self.inquest.close(&mut self.states);
+    }
+
+    /// The plant may have changed in this block. Rows without columns of errors have nothing to
+    /// hold against that.
+    pub fn begin_inquest(&mut self, rows: &dyn Summable) {
+        if rows.suspects() > 0 {
+            self.inquest.begin(&mut self.states);
+        }
+    }
+
+    /// True if nothing of a parameter's group may be used before it is clear what has changed.
+    pub fn withholds(&self, parameter: usize) -> bool {
+        let holds = |group: &GroupState| group.parameters.contains(&parameter);
+        self.iter().position(holds).is_some_and(|k| self.inquest.withholds(k))
     }
 
     /// The group of a parameter; `None` if no equation has it.
@@ -70,12 +105,13 @@ impl Groups {
     /// Fixes a parameter, or sets it free; either way nothing is known of it but θ and the floor of
     /// the information.
     pub fn fix(&mut self, index: usize, fixed: bool, theta: &[f64], floor: f64) {
-        for group in self.iter_mut().filter(|g| g.parameters.contains(&index)) {
+        if let Some(k) = self.iter().position(|g| g.parameters.contains(&index)) {
+            let group = &mut self.states[k];
             let i = index - group.parameters.start;
             group.fixed[i] = fixed;
             group.forget_parameter(i, floor);
             group.confirmation.begin(&theta[group.parameters.clone()]);
-            group.inquiry.close();
+            self.inquest.leave_out(k, &mut self.states);
         }
     }
 

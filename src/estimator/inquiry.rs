@@ -1,67 +1,61 @@
-//! What a change was, by all rows since: is the plant another one, or what it is measured with?
+//! A change of one group with all its rows since: what other parameters would explain of it, and
+//! what errors of a drive or a sensor would. `inquest.rs` judges over all groups.
 //!
 //! ```text
 //! J(δ, a) = Σ (f − φᵀδ − a d)²/σ²     rows since the change, at θ₀ of before it                  (a)
 //! J_θ = min J(δ, 0) + δᵀD⁻¹δ          other parameters: D = diag(size²)                          (b)
-//! J_0 = min J(δ, 0) + δᵀV⁻¹δ          nothing: V = P₀ + (ρ²r² + ε²) diag(θ₀²)                     (c)
-//! J_s = min J(δ, a) + δᵀV⁻¹δ          error s, with the parameters as they were                  (d)
+//! J_0 = min J(δ, 0) + δᵀV⁻¹δ          nothing: V = P₀ + ε² diag(θ₀²)                              (c)
+//! J_s = min J(δ, a) + δᵀV⁻¹δ          error s: V = P₀ + (ε² + ρ²r²) diag(θ₀²)                     (d)
 //!
-//! δ_θ: the shift of (b);  r² = δ_θᵀ Σφφᵀ δ_θ/θ₀ᵀ Σφφᵀ θ₀
+//! δ_θ: the shift of (b);  C: its covariance;  r² = δ_θᵀ Σφφᵀ δ_θ/θ₀ᵀ Σφφᵀ θ₀
 //! ```
 //!
-//! A drive that gives 5 % less from some time on moves every parameter of its equation by 5 %, and
-//! leaves no residual: the estimate follows, exactly and wrongly. A plant that changes moves some
-//! parameters and leaves others, such as the back EMF of a motor. So after a change each
-//! hypothesis (d) of an error that may come up while a machine runs is held against (b) and (c).
-//! If (c) does not explain the rows and some (d) does as well as (b), nothing of the group may be
-//! used: until the rows refute every (d), which most motion does within a block or two, or for as
-//! long as they do not. A change back is seen the same way, because θ₀ stays that of before the
-//! first of them. If the rows of one group refute every (d), the plant has changed, and no group
-//! asks further. An error is named as soon as the rows inform on more than half of the parameters'
-//! directions: a machine that rests shows one, which every cause explains. Once it is named, or
-//! has explained the change for some blocks of motion, a further change leaves nothing to compare
-//! with, and only (c) clears it up.
-//!
 //! P₀ is the covariance that was published before the change, so what was not known then tells
-//! nothing now. Rows are linearised at θ₀, where (d) holds, however far the estimate has gone
-//! since; ρ allows for an error that is so large that its column is curved. σ² is larger than the
-//! noise if the rows leave more than noise behind.
+//! nothing now; but without what considered errors may do, for these have not changed. Rows are
+//! linearised at θ₀, where (d) holds, however far the estimate has gone since; ρ allows for an
+//! error that is so large that its column is curved. σ² is larger than the noise if the rows leave
+//! more than noise behind.
+//!
+//! **A plant that has changed** differs from before in some parameters, and others, such as the
+//! back EMF of a motor, are what they were. Parameter i stays if |δ_i| < 3 √(C_ii + V_ii), and the
+//! rows tell of it if r θ₀_i is at least twice as much. What moves all parameters that the rows
+//! tell of, two or more, is more likely an error of the measurement.
 
 use super::equation::{EquationState, TINY};
 use super::linalg::{Cholesky, Eigen, dot, gather, mul_vec};
 use super::pass::{Summable, Sums};
 use super::persist::Visit;
-use super::score_test::Suspicion;
+use std::ops::Range;
 
 /// ρ: share of the change that columns are off by because they are not linear.
 const CURVED: f64 = 0.05;
 /// ε: change of a parameter that nobody minds.
 const NOTABLE: f64 = 1e-3;
-/// A hypothesis is refuted if it leaves so much more χ² than (b), beside one per parameter.
-const REFUTED: f64 = 30.0;
+/// χ² beyond which (c) or (d) is refuted beside (b), beside one per parameter.
+pub const REFUTED: f64 = 30.0;
 /// Share by which parameters would have to change for the rows to tell: these know more than half
 /// of the directions.
 const KNOWN: f64 = 0.5;
-/// Blocks of such rows after which an error that still explains the change is taken for likely.
-const LONG: u32 = 4;
-/// Standard deviations by which the rows must tell a change of the amplitude in question from none,
-/// in more than half of the directions, to name its cause.
+/// Standard deviations by which the rows must tell a change of so much from none, in more than half
+/// of the directions.
 const TOLD: f64 = 5.0;
+/// Standard deviations within which a parameter stays what it was, and by which the rows must tell
+/// that it has changed.
+const STAYS: f64 = 3.0;
 
 /// A change with all that has come since, of one group.
 #[derive(Debug, Clone)]
 pub struct Inquiry {
     n: usize,
     open: bool,
-    withheld: bool,
-    /// An error explained the change for some time, and the plant has changed since.
-    lost: bool,
-    /// Blocks for which an error has explained the change, and whether one is named.
-    blocks: u32,
-    named: bool,
-    /// θ₀ and P₀.
+    /// χ² per row before the change, at least 1, and the square by which innovations exceeded it.
+    usual: [f64; 2],
+    /// θ̂ is not θ₀.
+    moved: bool,
+    /// θ₀, P₀ and the size of each parameter.
     reference: Vec<f64>,
     known: Vec<f64>,
+    size: Vec<f64>,
     /// Σ φφᵀ, Σ φ f, Σ f² and the number of rows since, in units of σ².
     information: Vec<f64>,
     vector: Vec<f64>,
@@ -71,7 +65,8 @@ pub struct Inquiry {
     cross: Vec<f64>,
     gram: Vec<f64>,
     score: Vec<f64>,
-    cause: Option<Suspicion>,
+    /// What δ leaves of the score and of the square of each column, in units of the residuals.
+    pulls: Vec<[f64; 2]>,
     // scratch
     matrix: Vec<f64>,
     packed: Vec<f64>,
@@ -84,6 +79,8 @@ pub struct Inquiry {
 
 /// What a block adds: its sums, and those over the columns of errors, both taken at θ₀.
 pub struct BlockSums<'a> {
+    /// The group's parameters among all.
+    pub parameters: Range<usize>,
     /// The group's equations.
     pub equations: &'a [EquationState],
     /// Their sums.
@@ -94,6 +91,30 @@ pub struct BlockSums<'a> {
     pub variance: f64,
 }
 
+/// What the rows of a group say of the change.
+#[derive(Debug, Clone, Copy)]
+pub struct Comparison {
+    /// Free parameters.
+    pub count: usize,
+    /// χ² by which (c) is worse than (b).
+    pub nothing: f64,
+    /// The same with the V of (d), which is wider.
+    pub base: f64,
+    /// The rows know more than half of the directions.
+    pub moves: bool,
+    /// They tell a change of the size in question from none, in more than half of the directions.
+    pub tells: bool,
+    /// A plant may have changed like that: some parameter has stayed.
+    pub plausible: bool,
+}
+
+impl Comparison {
+    /// True if the parameters may be what they were.
+    pub fn is_nothing(&self) -> bool {
+        self.nothing <= REFUTED + self.count as f64
+    }
+}
+
 impl Inquiry {
     /// Room for a group of n parameters and so many errors.
     pub fn new(n: usize, errors: usize) -> Self {
@@ -101,12 +122,11 @@ impl Inquiry {
         Self {
             n,
             open: false,
-            withheld: false,
-            lost: false,
-            blocks: 0,
-            named: false,
+            usual: [1.0, 0.0],
+            moved: false,
             reference: vector.clone(),
             known: matrix.clone(),
+            size: vector.clone(),
             information: matrix.clone(),
             vector: vector.clone(),
             cost: 0.0,
@@ -114,7 +134,7 @@ impl Inquiry {
             cross: vec![0.0; errors * n],
             gram: vec![0.0; errors],
             score: vec![0.0; errors],
-            cause: None,
+            pulls: vec![[0.0; 2]; errors],
             matrix: matrix.clone(),
             packed: matrix.clone(),
             inverse: matrix,
@@ -128,12 +148,11 @@ impl Inquiry {
     /// What goes from block to block; see `persist.rs`.
     pub fn visit(&mut self, v: &mut impl Visit) {
         v.flag(&mut self.open);
-        v.flag(&mut self.withheld);
-        v.flag(&mut self.lost);
-        v.small(&mut self.blocks);
-        v.flag(&mut self.named);
+        v.reals(&mut self.usual);
+        v.flag(&mut self.moved);
         v.reals(&mut self.reference);
         v.reals(&mut self.known);
+        v.reals(&mut self.size);
         self.sums_mut().into_iter().for_each(|sums| v.reals(sums));
         v.real(&mut self.cost);
         v.real(&mut self.rows);
@@ -141,15 +160,7 @@ impl Inquiry {
 
     /// Ends it, whatever came out.
     pub fn close(&mut self) {
-        (self.open, self.withheld, self.lost) = (false, false, false);
-        (self.blocks, self.named, self.cause) = (0, false, None);
-    }
-
-    /// The plant has changed: two causes at once are unlikely.
-    pub fn clear(&mut self) {
-        if !self.lost {
-            self.close();
-        }
+        self.open = false;
     }
 
     /// θ₀.
@@ -157,31 +168,48 @@ impl Inquiry {
         &self.reference
     }
 
+    /// χ² per row that blocks had before, and the square by which innovations exceeded it.
+    pub fn usual(&self) -> [f64; 2] {
+        self.usual
+    }
+
     /// True while it goes on.
     pub fn is_open(&self) -> bool {
         self.open
     }
 
-    /// True if nothing of the group may be used: an error may be what has changed.
-    pub fn withholds(&self) -> bool {
-        self.withheld
+    /// Compares θ̂, known with covariance P, with θ₀: if nothing has changed, they agree, as nearly
+    /// as (c) is asked to.
+    pub fn look_at(&mut self, theta: &[f64], covariance: &[f64]) {
+        let n = self.n;
+        let limit = REFUTED + n as f64;
+        self.moved = (0..n).any(|i| {
+            let slack = NOTABLE * self.reference[i];
+            let variance = covariance[i * n + i] + self.known[i * n + i] + slack * slack;
+            (theta[i] - self.reference[i]).powi(2) > limit * variance
+        });
     }
 
-    /// The error that explains the change.
-    pub fn cause(&self) -> Option<Suspicion> {
-        self.cause
+    /// True if θ̂ is not θ₀.
+    pub fn has_moved(&self) -> bool {
+        self.moved
+    }
+
+    /// Score and information of each error beside (c), after [`compare`](Self::compare).
+    pub fn pulls(&self) -> &[[f64; 2]] {
+        &self.pulls
     }
 
     /// A change: what was known before it was θ₀ with the covariance P₀. One that is not cleared up
     /// yet keeps its own.
-    pub fn begin(&mut self, theta: &[f64], covariance: &[f64]) {
+    pub fn begin(&mut self, theta: &[f64], covariance: &[f64], size: &[f64], usual: [f64; 2]) {
         if !self.open {
+            self.usual = usual;
             self.reference.copy_from_slice(theta);
             self.known.copy_from_slice(covariance);
+            self.size.copy_from_slice(size);
         }
         self.open = true;
-        self.lost |= self.named || self.blocks >= LONG;
-        self.blocks = 0;
         (self.cost, self.rows) = (0.0, 0.0);
         self.sums_mut().into_iter().for_each(|sums| sums.fill(0.0));
     }
@@ -206,12 +234,28 @@ impl Inquiry {
         let (cross, gram, score) = block.columns;
         let room = score.len();
         for s in (0..rows.suspects().min(self.gram.len())).filter(|&s| rows.is_sudden(s)) {
+            if let Some(changes) = rows.imitation(s) {
+                self.imitate(s, &changes[block.parameters.clone()]);
+                continue;
+            }
             let cross = &cross[s * n..(s + 1) * n];
             let sums = &mut self.cross[s * n..(s + 1) * n];
             sums.iter_mut().zip(cross).for_each(|(sum, v)| *sum += weight * v);
             self.gram[s] += weight * gram[s * room + s];
             self.score[s] += weight * score[s];
         }
+    }
+
+    /// Sums over the column Σ_i φ_i θ₀_i r_i of an error that changes the parameters so.
+    fn imitate(&mut self, s: usize, changes: &[f64]) {
+        let n = self.n;
+        for i in 0..n {
+            self.shift[i] = changes[i] * self.reference[i];
+        }
+        let cross = &mut self.cross[s * n..(s + 1) * n];
+        mul_vec(n, &self.information, &self.shift, cross);
+        self.gram[s] = dot(cross, &self.shift);
+        self.score[s] = dot(&self.vector, &self.shift);
     }
 
     /// The sums over the rows since.
@@ -232,63 +276,16 @@ impl Inquiry {
         self.rows *= forgetting_factor;
     }
 
-    /// Holds (b) to (d) against each other. `size` is that of each parameter, 0 for a fixed one;
-    /// `settled` if the rows since confirm all of them. True if nothing but (b) explains them.
-    pub fn judge(&mut self, size: &[f64], fixed: &[bool], settled: bool) -> bool {
-        let Some(found) = self.compare(size, fixed) else {
-            return false;
-        };
-        let other = matches!(found, Found::Other);
-        match found {
-            Found::Nothing if settled || self.lost && self.tells(1.0, fixed) => self.close(),
-            _ if self.lost => (),
-            Found::Nothing => (self.withheld, self.named, self.cause) = (false, false, None),
-            Found::Other => self.clear(),
-            Found::Error(error) => {
-                self.withheld = true;
-                self.named = self.tells(error.amplitude, fixed);
-                self.cause = self.named.then_some(error);
-                self.blocks = match self.tells(KNOWN, fixed) {
-                    true => self.blocks.saturating_add(1),
-                    false => 0,
-                };
-            }
+    /// Holds (b) to (d) against each other; `None` if the rows cannot be compared.
+    pub fn compare(&mut self, fixed: &[bool]) -> Option<Comparison> {
+        let n = self.n;
+        if !self.open || !(self.rows > 0.0) {
+            return None;
         }
-        other
-    }
-
-    /// r: how much of what the equations balance has changed.
-    fn share_changed(&mut self) -> f64 {
-        let n = self.n;
-        mul_vec(n, &self.information, &self.shift, &mut self.image);
-        let changed = dot(&self.shift, &self.image);
-        mul_vec(n, &self.information, &self.reference, &mut self.image);
-        (changed / dot(&self.reference, &self.image).max(TINY)).max(0.0).sqrt()
-    }
-
-    /// True if the rows tell a change of all parameters by this share from none, in more than half
-    /// of the directions.
-    fn tells(&mut self, share: f64, fixed: &[bool]) -> bool {
-        let n = self.n;
-        for i in 0..n {
-            for j in 0..n {
-                self.matrix[i * n + j] = self.information[i * n + j] * self.reference[i] * self.reference[j];
-            }
-        }
-        let count = gather(n, &self.matrix, fixed, &mut self.packed);
-        self.eigen.decompose(count, &self.packed[..count * count]);
-        let least = (TOLD / share).powi(2);
-        let told = self.eigen.values[..count].iter().filter(|&&value| value > least);
-        2 * told.count() > count
-    }
-
-    /// What explains the rows; `None` if they cannot be compared.
-    fn compare(&mut self, size: &[f64], fixed: &[bool]) -> Option<Found> {
-        let n = self.n;
         // (b), and what it leaves beyond the noise
         self.matrix.copy_from_slice(&self.information);
         for i in 0..n {
-            self.matrix[i * n + i] += if size[i] > 0.0 { size[i].powi(-2) } else { 0.0 };
+            self.matrix[i * n + i] += self.size[i].powi(-2);
         }
         let count = gather(n, &self.matrix, fixed, &mut self.packed);
         if count == 0 || !self.factor.factor(count, &self.packed[..count * count]) {
@@ -296,12 +293,41 @@ impl Inquiry {
         }
         let other = -self.solve(fixed, Side::Rows);
         let excess = ((self.cost + other) / self.rows.max(1.0)).max(1.0);
-        // V of (c)
-        self.matrix.copy_from_slice(&self.known);
         let share = self.share_changed();
+        self.factor.inverse(&mut self.inverse[..count * count]);
+        let plausible = self.some_stay(excess, share, fixed);
+        let nothing = self.unchanged(0.0, excess, fixed)?; // (c)
+        let base = self.unchanged(share, excess, fixed)?;
+        for s in 0..self.gram.len() {
+            self.pulls[s] = [0.0; 2];
+            if self.gram[s] > 0.0 {
+                // (d): what δ leaves of the column, and of its score
+                let cross = s * n..(s + 1) * n;
+                self.solve(fixed, Side::Error(s));
+                let left = self.gram[s] - dot(&self.cross[cross], &self.shift);
+                let score = self.score[s] - dot(&self.vector, &self.shift);
+                if left > 0.0 {
+                    self.pulls[s] = [score / excess, left / excess];
+                }
+            }
+        }
+        Some(Comparison {
+            count,
+            nothing: (nothing - other) / excess,
+            base: (base - other) / excess,
+            moves: self.tell(KNOWN, fixed),
+            tells: self.tell(share, fixed),
+            plausible,
+        })
+    }
+
+    /// min J(δ, 0) + δᵀV⁻¹δ, where `share` has changed of what the equations balance; `factor` is
+    /// then that of Σφφᵀ + V⁻¹.
+    fn unchanged(&mut self, share: f64, excess: f64, fixed: &[bool]) -> Option<f64> {
+        let n = self.n;
+        self.matrix.copy_from_slice(&self.known);
         for i in 0..n {
-            let slack = (CURVED * share).hypot(NOTABLE) * self.reference[i];
-            self.matrix[i * n + i] += slack * slack + f64::MIN_POSITIVE;
+            self.matrix[i * n + i] += self.slack(share, i).powi(2) + f64::MIN_POSITIVE;
         }
         let count = gather(n, &self.matrix, fixed, &mut self.packed);
         if !self.factor.factor(count, &self.packed[..count * count]) {
@@ -315,37 +341,55 @@ impl Inquiry {
         if !self.factor.factor(count, &self.packed[..count * count]) {
             return None;
         }
-        let limit = other + excess * (REFUTED + count as f64);
-        let nothing = -self.solve(fixed, Side::Rows); // (c)
-        if nothing <= limit {
-            return Some(Found::Nothing);
-        }
-        let mut best: Option<(f64, Suspicion)> = None;
-        for s in 0..self.gram.len() {
-            if !(self.gram[s] > 0.0) {
-                continue;
-            }
-            // (d): what δ leaves of the column, and of its score
-            let cross = s * n..(s + 1) * n;
-            self.solve(fixed, Side::Error(s));
-            let left = self.gram[s] - dot(&self.cross[cross], &self.shift);
-            let score = self.score[s] - dot(&self.vector, &self.shift);
-            if !(left > 0.0) {
-                continue;
-            }
-            let leaves = nothing - score * score / left;
-            if leaves <= limit && best.is_none_or(|(least, _)| leaves < least) {
-                let suspicion = Suspicion {
-                    suspect: s,
-                    drifting: None,
-                    amplitude: score / left,
-                    deviations: score.abs() / (excess * left).sqrt(),
-                    share: 1.0,
-                };
-                best = Some((leaves, suspicion));
+        Some(-self.solve(fixed, Side::Rows))
+    }
+
+    /// By how much parameter i may be off although nothing has changed, beside P₀.
+    fn slack(&self, share: f64, i: usize) -> f64 {
+        (CURVED * share).hypot(NOTABLE) * self.reference[i]
+    }
+
+    /// True if a parameter that the rows tell of stays what it was by (b), whose shift is `shift`
+    /// and whose covariance is `inverse`, or if they tell of fewer than two.
+    fn some_stay(&self, excess: f64, share: f64, fixed: &[bool]) -> bool {
+        let free = (0..self.n).filter(|&i| !fixed[i]);
+        let count = free.clone().count();
+        let (mut told, mut stay) = (0, 0);
+        for (k, i) in free.enumerate() {
+            let variance = excess * self.inverse[k * count + k];
+            let known = self.known[i * self.n + i] + self.slack(share, i).powi(2);
+            let open = STAYS * (variance + known).sqrt();
+            if 2.0 * open < share * self.reference[i].abs() {
+                told += 1;
+                stay += usize::from(self.shift[i].abs() < open);
             }
         }
-        Some(best.map_or(Found::Other, |(_, error)| Found::Error(error)))
+        stay > 0 || told < 2
+    }
+
+    /// r: how much of what the equations balance has changed.
+    fn share_changed(&mut self) -> f64 {
+        let n = self.n;
+        mul_vec(n, &self.information, &self.shift, &mut self.image);
+        let changed = dot(&self.shift, &self.image);
+        mul_vec(n, &self.information, &self.reference, &mut self.image);
+        (changed / dot(&self.reference, &self.image).max(TINY)).max(0.0).sqrt()
+    }
+
+    /// True if the rows tell a change of all parameters by this share from none, in more than half
+    /// of the directions.
+    fn tell(&mut self, share: f64, fixed: &[bool]) -> bool {
+        let n = self.n;
+        for i in 0..n {
+            for j in 0..n {
+                self.matrix[i * n + j] = self.information[i * n + j] * self.reference[i] * self.reference[j];
+            }
+        }
+        let count = gather(n, &self.matrix, fixed, &mut self.packed);
+        self.eigen.decompose(count, &self.packed[..count * count]);
+        let least = (TOLD / share).powi(2);
+        let told = self.eigen.values[..count].iter().filter(|&&value| value > least);
+        2 * told.count() > count
     }
 
     /// `shift` ← A⁻¹ of one side over the free parameters, 0 for the others; returns the product of
@@ -375,14 +419,4 @@ impl Inquiry {
 enum Side {
     Rows,
     Error(usize),
-}
-
-/// Which hypothesis explains the rows since a change.
-enum Found {
-    /// (c).
-    Nothing,
-    /// (b), and no (d).
-    Other,
-    /// (d).
-    Error(Suspicion),
 }

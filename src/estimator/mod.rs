@@ -35,6 +35,7 @@ mod fit_statistic;
 mod forgetting;
 mod group;
 mod groups;
+mod inquest;
 mod inquiry;
 mod inquiry_step;
 pub(crate) mod linalg;
@@ -186,7 +187,7 @@ pub trait Residuals {
         0.0
     }
     /// True for an error that may come up while the machine runs: a change of the plant is held
-    /// against it (`inquiry.rs`).
+    /// against it (`inquest.rs`).
     fn is_sudden(&self, _suspect: usize) -> bool {
         false
     }
@@ -194,6 +195,10 @@ pub trait Residuals {
     /// change.
     fn is_imitated(&self, _suspect: usize) -> bool {
         false
+    }
+    /// Relative changes of the parameters that an error of 1 is seen as, if it is nothing else.
+    fn imitation(&self, _suspect: usize) -> Option<&[f64]> {
+        None
     }
     /// Writes d_s = ∂f/∂a_s of a row over the errors, whitened as [`row`](Self::row) is.
     fn suspect_row(&self, _equation: usize, _index: usize, _columns: &mut [f64]) {}

@@ -12,8 +12,12 @@ use super::score_test::Suspicion;
 /// Three relative standard deviations below which a parameter counts as usable.
 const USABLE: f64 = 0.05;
 /// Share of variance removed from which a parameter counts as excited: the block alone knows it to
-/// within 32 %.
-const EXCITED: f64 = 0.9;
+/// within 10 %, so that some dozens of such blocks make it usable.
+const EXCITED: f64 = 0.99;
+/// Share of the variance that considered errors must have to be told of as what limits it, and
+/// blocks before which they are not.
+const LEADING: f64 = 0.5;
+const SETTLED: u64 = 10;
 
 /// Why a block gave no new estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -129,8 +133,12 @@ pub struct Report {
     pub change: Option<Change>,
     /// The likeliest term that the model lacks, if the residuals speak for one.
     pub suspicion: Option<Suspicion>,
+    /// The parameter that the data inform on and that is not usable, for most of its variance is
+    /// what considered errors could do that the motion does not show; and the first of them, an
+    /// index of [`Residuals::suspects`](super::Residuals::suspects).
+    pub limited: Option<(usize, usize)>,
     /// True if the last change may be one of a drive or a sensor and not of the plant, see
-    /// `inquiry.rs`: nothing of the groups that it was seen in is usable.
+    /// `inquest.rs`: nothing of the groups that it was seen in is usable.
     pub unclear: bool,
     /// The error of a drive or a sensor that explains the last change.
     pub fault: Option<Suspicion>,
@@ -169,6 +177,7 @@ impl Report {
             change_probability: 1.0,
             change: None,
             suspicion: None,
+            limited: None,
             unclear: false,
             fault: None,
             held: None,
@@ -188,7 +197,7 @@ impl Report {
         (self.misfit, self.pressed, self.fit_probability) = (0, 0, 1.0);
         (self.held, self.rows, self.iterations, self.converged) = (None, 0, 0, true);
         self.fit.fill(1.0);
-        self.suspicion = None;
+        (self.suspicion, self.limited) = (None, None);
     }
 
     /// Begins with a block of `rows` rows per equation.
@@ -223,6 +232,8 @@ impl Report {
         options: &EstimatorOptions,
     ) {
         let mut usable = 0;
+        let mut most = LEADING;
+        self.limited = None;
         for i in 0..self.theta.len() {
             let variance = published.covariance(groups, i, i);
             let group = groups.holding(i);
@@ -232,7 +243,7 @@ impl Report {
             // rows that did not fit are in the estimate: the next block has to show that they did
             // no harm
             let fits = group.is_none_or(|g| g.since_misfit > 1);
-            let clear = group.is_none_or(|g| !g.inquiry.withholds());
+            let clear = !groups.withholds(i);
             let free = self.pressed >> i & 1 == 0 && !options.parameters[i].fixed;
             // a parameter of no equation stays what it was
             let std = if known {
@@ -243,9 +254,17 @@ impl Report {
             self.theta_std[i] = std;
             let small = 3.0 * std < USABLE * published.theta[i].abs();
             usable |= u128::from(small && quiet && fits && clear && free) << i;
+            if let Some(group) = group.filter(|_| !small && quiet && fits && clear && free && self.blocks > SETTLED)
+                && let own = i - group.parameters.start
+                && group.excitation.share(own) > EXCITED
+                && let Some((error, widening)) = group.considered.leading(own)
+                && widening > most * variance
+            {
+                (most, self.limited) = (widening / variance, Some((i, error)));
+            }
         }
-        self.unclear = groups.iter().any(|g| g.inquiry.withholds());
-        self.fault = groups.iter().find_map(|g| g.inquiry.cause());
+        self.unclear = groups.inquest.is_unclear();
+        self.fault = groups.inquest.cause();
         self.theta.copy_from_slice(&published.theta);
         self.usable = usable;
     }

@@ -57,6 +57,7 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
     }
 
     fn learn(&mut self, end: &BlockEnd) -> Learnt {
+        self.rows.look_closely(self.estimator.inquires());
         self.rows.prepare(self.estimator.theta());
         let report = self.estimator.update(&self.rows);
         let replaced = self.rows.replaced();
@@ -76,7 +77,12 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
             Some(LastError::new(ErrorCode::NotEvaluable, end.last_seq))
         } else {
             let fault = report.fault.and_then(|fault| words(fault, misfit::fault));
-            fault.or_else(|| words(report.suspicion?, misfit::error))
+            let lacking = fault.or_else(|| words(report.suspicion?, misfit::error));
+            lacking.or_else(|| {
+                let (parameter, error) = report.limited?;
+                let name = self.rows.suspect(self.rows.suspects() + parameter)?.parameter?;
+                Some(misfit::limit(name, &self.rows.suspect(error)?, end.last_seq))
+            })
         };
         self.rows.clear();
         Learnt {

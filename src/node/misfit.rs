@@ -18,6 +18,15 @@ pub fn fault(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
     explanation(suspect, suspicion.amplitude, format_args!("the change"), seq)
 }
 
+/// "most of theta_9's std may be an input delay and others, unseen".
+pub fn limit(parameter: &str, suspect: &Suspect, seq: u64) -> LastError {
+    let mut words = FixedText::<ERROR_TEXT>::default();
+    let _cut = write!(words, "most of {parameter}'s std may be ")
+        .and_then(|()| suspect.write(1.0, &mut words))
+        .and_then(|()| words.write_str(" and others, unseen"));
+    LastError::with_text(ErrorCode::Misfit, seq, words.as_str())
+}
+
 fn explanation(suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq: u64) -> LastError {
     let mut words = FixedText::<ERROR_TEXT>::default();
     // longer words than fit are cut, which is what an error means here
@@ -29,7 +38,9 @@ fn explanation(suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq:
             // two masses of unknown ratio: the amplitude is no frequency; a spring's has a long
             // unit
             SuspectKind::Resonance | SuspectKind::Spring => Ok(()),
-            SuspectKind::Gain => write!(words, " ({:+.1} %)", 100.0 * amplitude),
+            SuspectKind::Gain | SuspectKind::Scale | SuspectKind::Clock => {
+                write!(words, " ({:+.1} %)", 100.0 * amplitude)
+            }
             // one digit, so that the words change only with the matter
             SuspectKind::Drift => write!(words, " ({amplitude:.0e} per second)"),
             SuspectKind::Coulomb
@@ -85,6 +96,8 @@ mod tests {
             SuspectKind::Eccentricity,
             SuspectKind::Resonance,
             SuspectKind::Zero,
+            SuspectKind::Scale,
+            SuspectKind::Clock,
             SuspectKind::Drift,
         ] {
             let suspect = Suspect {
@@ -101,6 +114,7 @@ mod tests {
                 error.words()
             );
             assert!(error.words().len() < ERROR_TEXT && error.code == ErrorCode::Misfit as u32);
+            assert!(super::limit("theta_9", &suspect, 9).words().ends_with(", unseen"));
             let fault = fault(&suspect, &suspicion, 9);
             assert!(fault.words().contains("would explain the change"), "{}", fault.words());
         }

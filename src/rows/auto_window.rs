@@ -252,6 +252,10 @@ impl<P: Plant + Clone> Residuals for AutoWindowBlock<P> {
         self.own().is_imitated(suspect)
     }
 
+    fn imitation(&self, suspect: usize) -> Option<&[f64]> {
+        self.own().imitation(suspect)
+    }
+
     fn suspect_row(&self, equation: usize, index: usize, columns: &mut [f64]) {
         self.own().suspect_row(equation, index, columns);
     }
@@ -280,6 +284,10 @@ impl<P: Plant + Clone> SampleBlock for AutoWindowBlock<P> {
         } else if self.blocks.len() > 1 {
             self.review();
         }
+    }
+
+    fn look_closely(&mut self, closely: bool) {
+        self.blocks[self.active].look_closely(closely);
     }
 
     fn replaced(&self) -> u32 {

@@ -15,6 +15,7 @@ mod partials;
 mod passes;
 mod pointwise;
 mod polynomial;
+mod present_terms;
 mod probes;
 mod projected;
 mod repair;
@@ -27,6 +28,7 @@ mod standstill;
 mod start;
 mod suspect;
 mod suspect_columns;
+mod tempo;
 mod theta_polynomial;
 mod trajectory;
 mod turned;
@@ -55,6 +57,9 @@ pub trait SampleBlock: Residuals {
     /// computed here, once per block, because it must not follow the fit. To be called after the
     /// last `push` of a block and before the rows are read.
     fn prepare(&mut self, _theta: &[f64]) {}
+    /// Whether the next rows know columns of all errors that may come up while a machine runs; some
+    /// are needed only to find out what has changed. Before [`prepare`](Self::prepare).
+    fn look_closely(&mut self, _closely: bool) {}
     /// Samples of the block that were replaced because they were spikes, each signal counted; known
     /// after [`prepare`](Self::prepare).
     fn replaced(&self) -> u32 {

@@ -68,7 +68,8 @@ impl Considered {
 }
 
 impl Default for Considered {
-    /// What a good installation leaves. Delay: 40 µs, a fraction of a sample at 1 kHz. Gain: 0,
+    /// What a good installation leaves. Delay: 50 µs, a fraction of a sample at 1 kHz, or what a
+    /// lightly damped resonance adds. Gain: 0,
     /// since parameters are in units of the drive as it reports itself. Coulomb friction: 1 % of
     /// the input, friction that falls with speed: 2 %, offset: 0.1 %. Resonance: 70 Hz. Drift:
     /// 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. Motion that shows an
@@ -76,7 +77,7 @@ impl Default for Considered {
     /// error may do.
     fn default() -> Self {
         Self {
-            input_delay_s: 4e-5,
+            input_delay_s: 5e-5,
             gain: 0.0,
             coulomb: 1e-2,
             stribeck: 2e-2,
@@ -114,6 +115,10 @@ pub enum SuspectKind {
     Resonance,
     /// The zero of an encoder, or the direction of gravity.
     Zero,
+    /// An encoder whose counts are larger, or smaller, than specified.
+    Scale,
+    /// Time stamps that run faster, or slower, than the time.
+    Clock,
     /// A parameter that moves.
     Drift,
 }
@@ -158,6 +163,8 @@ impl Suspect<'_> {
             SuspectKind::Spring => "a spring or a cable",
             SuspectKind::Resonance => "a resonance",
             SuspectKind::Zero => "a tilted base or encoder zero",
+            SuspectKind::Scale => "another scale of the encoder",
+            SuspectKind::Clock => "a clock that runs fast or slow",
             SuspectKind::Drift => "a drift",
         };
         f.write_str(words)?;

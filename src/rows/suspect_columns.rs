@@ -16,6 +16,8 @@
 //! | an encoder off its centre, q + a sin q or a cos q is read | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
 //! | a resonance between motor and load | s ∫ψ″ u | s² |
 //! | an encoder's zero, or gravity's direction: q + a is read | Σ_k ∂f_i/∂q_k | rad |
+//! | another scale of an encoder: q (1 + a) is read | Σ_k q_k ∂f_i/∂q_k | share |
+//! | a clock that runs fast | none: it is a change of the parameters (`tempo.rs`) | share |
 //!
 //! Friction that falls with speed (R. Stribeck 1902), a dead band and a spring count beside Coulomb
 //! friction that the model has; without it they would be hard to tell from Coulomb friction. There
@@ -34,7 +36,9 @@
 //! (`estimator/considered.rs`, `estimator/score_test.rs`). Neither estimates them.
 
 use super::kernel::{Kernels, dot};
+use super::present_terms::{has_jump, has_term};
 use super::suspect::{Considered, Suspect, SuspectKind};
+use super::tempo::tempo;
 use super::trajectory::Trajectory;
 use super::turned::Turned;
 use super::whitening::{Direction, Whitening};
@@ -57,6 +61,9 @@ const OFFSET: usize = 6;
 const SLOW_FRICTION: usize = 7;
 const DEAD_BAND: usize = 8;
 const SPRING: usize = 9;
+const SCALE: usize = 10;
+/// Of the whole machine; the place in the first equation.
+const CLOCK: usize = 11;
 /// u₀, as a share of the input's size.
 const DEAD: f64 = 0.02;
 /// Velocity noise, in standard deviations, within which a joint may stand still.
@@ -92,6 +99,11 @@ pub(super) struct SuspectColumns {
     /// sin q/σ, cos q/σ and 1/σ per joint and sample, σ the standard deviation of the position;
     /// empty if no column needs them.
     turns: Vec<[Vec<f64>; 3]>,
+    /// q/σ per joint and sample, for scales, and whether they are looked for.
+    scaled: Vec<Vec<f64>>,
+    closely: bool,
+    /// What the parameters are seen as if the clock runs fast.
+    tempo: Option<Vec<f64>>,
     /// Root of the sum of squares of the velocity filter's weights.
     velocity_gain: f64,
 }
@@ -127,6 +139,8 @@ impl SuspectColumns {
                 OFFSET => of == e && !constant[e],
                 SPRING => of == e && jumps[e] && !springs[e],
                 SLOW_FRICTION | DEAD_BAND => of == e && jumps[e],
+                CLOCK => false,
+                SCALE => moves(e, inputs[of]) && first_of(of),
                 SINE | COSINE => turns && moves(e, inputs[of]) && first_of(of),
                 // without it the column is rounding, which would count as evidence
                 ZERO => turns && depends_on_place(e, inputs[of]) && first_of(of),
@@ -159,6 +173,9 @@ impl SuspectColumns {
                     [room(turns), room(turns), room(turns)]
                 })
                 .collect(),
+            scaled: vec![vec![0.0; capacity]; joints],
+            closely: false,
+            tempo: tempo(plant),
             velocity_gain: dot(velocity_weights, velocity_weights).sqrt(),
             inputs,
         }
@@ -195,13 +212,15 @@ impl SuspectColumns {
                 hertz => (TAU * hertz).powi(-2),
             },
             SuspectKind::Zero => self.considered.zero_rad,
+            SuspectKind::Scale | SuspectKind::Clock => 0.0,
             SuspectKind::Drift => self.considered.drift_per_s,
         }
     }
 
     /// The joint of an error; `None` for the whole machine.
     fn joint(&self, suspect: usize) -> Option<usize> {
-        suspect.checked_sub(1).map(|s| self.inputs[s / PER_EQUATION])
+        let own = suspect.checked_sub(1).filter(|s| s % PER_EQUATION != CLOCK);
+        own.map(|s| self.inputs[s / PER_EQUATION])
     }
 
     fn kind(&self, suspect: usize) -> SuspectKind {
@@ -216,6 +235,8 @@ impl SuspectColumns {
             Some(OFFSET) => SuspectKind::Offset,
             Some(DEAD_BAND) => SuspectKind::DeadBand,
             Some(SPRING) => SuspectKind::Spring,
+            Some(SCALE) => SuspectKind::Scale,
+            Some(CLOCK) => SuspectKind::Clock,
             Some(_) => SuspectKind::Stribeck,
         }
     }
@@ -225,14 +246,37 @@ impl SuspectColumns {
     pub fn is_sudden(&self, suspect: usize) -> bool {
         matches!(
             self.kind(suspect),
-            SuspectKind::InputDelay | SuspectKind::Gain | SuspectKind::Offset | SuspectKind::Zero
+            SuspectKind::InputDelay
+                | SuspectKind::Gain
+                | SuspectKind::Coulomb
+                | SuspectKind::Offset
+                | SuspectKind::Zero
+                | SuspectKind::Scale
+                | SuspectKind::Clock
         )
     }
 
-    /// True for a gain that has no prior: parameters are in units of the drive as it reports
-    /// itself.
+    /// True for a gain that has no prior, since parameters are in units of the drive as it reports
+    /// itself, and for a scale: both tell nothing but after a change.
     pub fn is_imitated(&self, suspect: usize) -> bool {
-        self.kind(suspect) == SuspectKind::Gain && self.considered.gain == 0.0
+        match self.kind(suspect) {
+            SuspectKind::Gain => self.considered.gain == 0.0,
+            kind => kind == SuspectKind::Scale,
+        }
+    }
+
+    /// Relative changes of the parameters that an error of 1 is seen as.
+    pub fn imitation(&self, suspect: usize) -> Option<&[f64]> {
+        self.tempo.as_deref().filter(|_| suspect == 1 + CLOCK)
+    }
+
+    /// Whether there are columns of scales.
+    pub fn look_closely(&mut self, closely: bool) {
+        let places = (0..self.inputs.len()).map(|of| 1 + PER_EQUATION * of + SCALE);
+        for white in self.white.iter_mut().filter(|_| self.closely && !closely) {
+            places.clone().for_each(|place| white[place].fill(0.0));
+        }
+        self.closely = closely;
     }
 
     /// What an error is; beyond the last one, the drifts of the parameters.
@@ -250,7 +294,7 @@ impl SuspectColumns {
         let joint = self.joint(suspect);
         let (unit, largest) = match kind {
             SuspectKind::InputDelay => ("s", 0.1),
-            SuspectKind::Gain => ("1", 1.0),
+            SuspectKind::Gain | SuspectKind::Scale | SuspectKind::Clock => ("1", 1.0),
             SuspectKind::Coulomb | SuspectKind::Stribeck | SuspectKind::Offset | SuspectKind::DeadBand => {
                 (input_unit, joint.map_or(0.0, |joint| self.sizes[joint]))
             }
@@ -284,6 +328,11 @@ impl SuspectColumns {
             let size = root_mean_square(&signals.u[joint][..len]);
             self.sizes[joint] = self.sizes[joint].max(size);
             self.travels[joint] = self.travels[joint].max(standard_deviation(&signals.q[joint][..len]));
+            if self.closely {
+                let positions = signals.q[joint][..len].iter().zip(&q_std[joint]);
+                let scaled = self.scaled[joint].iter_mut().zip(positions);
+                scaled.for_each(|(scaled, (q, std))| *scaled = q / std);
+            }
             let [sines, cosines, units] = &mut self.turns[joint];
             let mut turned = Turned::default();
             let positions = signals.q[joint][..len].iter().zip(&q_std[joint]);
@@ -360,6 +409,13 @@ impl SuspectColumns {
     pub fn turn<'a>(&mut self, e: usize, row: usize, c: impl Fn(usize) -> (&'a [f64], usize)) {
         for (of, &joint) in self.inputs.iter().enumerate() {
             let (c, first) = c(joint);
+            if let (true, Some(entry), Some(scaled)) = (
+                self.closely,
+                self.columns[e][1 + PER_EQUATION * of + SCALE].get_mut(row),
+                self.scaled[joint].get(first..first + c.len()),
+            ) {
+                *entry = -dot(c, scaled);
+            }
             let turns = self.turns[joint]
                 .each_ref()
                 .map(|turn| turn.get(first..first + c.len()));
@@ -378,18 +434,17 @@ impl SuspectColumns {
     /// Whitens the columns of an equation.
     pub fn whiten(&mut self, e: usize, rows: usize, whitening: &mut Whitening) {
         let columns = self.white[e].iter_mut().zip(&self.columns[e]);
-        let columns = columns.filter(|(_, raw)| !raw.is_empty()).map(|(white, raw)| {
+        let closely = self.closely;
+        let wanted = |place: &usize| closely || place.checked_sub(1).is_none_or(|s| s % PER_EQUATION != SCALE);
+        let columns = columns
+            .enumerate()
+            .filter(|(place, (_, raw))| !raw.is_empty() && wanted(place));
+        let columns = columns.map(|(_, (white, raw))| {
             white[..rows].copy_from_slice(&raw[..rows]);
             &mut white[..rows]
         });
         whitening.apply_all(Direction::Backward, columns);
     }
-}
-
-/// Parameters none of which is 0.
-fn some_theta(plant: &impl Plant) -> Vec<f64> {
-    let start = plant.parameters().iter().map(|p| p.start);
-    start.map(|start| if start != 0.0 { start } else { 1.0 }).collect()
 }
 
 fn standard_deviation(values: &[f64]) -> f64 {
@@ -402,67 +457,10 @@ fn root_mean_square(values: &[f64]) -> f64 {
     (dot(values, values) / values.len().max(1) as f64).sqrt()
 }
 
-/// True if an equation jumps as a joint begins to move: the model has Coulomb friction, or
-/// something like it.
-fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> bool {
-    let theta = some_theta(plant);
-    let order = plant.equations()[equation].order;
-    let step = |speed: f64| {
-        let side = |speed: f64| {
-            let (q, mut dq) = ([0.3; MAX_JOINTS], [0.0; MAX_JOINTS]);
-            dq[joint] = speed;
-            let mut g = [0.0; 8];
-            let joints = plant.joints();
-            plant.terms::<f64>(equation, &q[..joints], &dq[..joints], &theta, &mut g[..=order]);
-            g[0]
-        };
-        (side(speed) - side(-speed)).abs()
-    };
-    // what is continuous shrinks with the speed
-    step(1e-9) > 1e-3 * step(1e-3)
-}
-
-/// True if a parameter of an equation is the factor of this function of the positions: ∂g₀/∂θ_k is
-/// in proportion to it however the machine moves, and ∂g_r/∂θ_k = 0 for r > 0.
-fn has_term(plant: &impl Plant, equation: usize, shape: impl Fn(&[f64]) -> f64) -> bool {
-    let start = some_theta(plant);
-    let order = plant.equations()[equation].order;
-    let joints = plant.joints();
-    let positions = |state: f64| std::array::from_fn::<f64, MAX_JOINTS, _>(|j| (state * (1.0 + j as f64)).sin());
-    let terms = |state: f64, theta: &[f64]| {
-        let dq: [f64; MAX_JOINTS] = std::array::from_fn(|j| (1.7 * state * (1.0 + j as f64)).cos());
-        let mut g = [0.0; 8];
-        plant.terms::<f64>(
-            equation,
-            &positions(state)[..joints],
-            &dq[..joints],
-            theta,
-            &mut g[..=order],
-        );
-        g
-    };
-    plant.equations()[equation].parameters.clone().any(|k| {
-        let mut moved = start.clone();
-        moved[k] += 1e-3 * start[k].abs();
-        // ∂g/∂θ_k over the function
-        let factor = |state: f64| {
-            let (from, to) = (terms(state, &start), terms(state, &moved));
-            let divisor = (moved[k] - start[k]) * shape(&positions(state));
-            std::array::from_fn::<f64, 8, _>(|r| (to[r] - from[r]) / divisor)
-        };
-        let [first, ..] = factor(0.3);
-        let is_same = |state: f64| {
-            let [same, rest @ ..] = factor(state);
-            (same - first).abs() < 1e-6 * first.abs() && rest.iter().all(|g| g.abs() < 1e-6 * first.abs())
-        };
-        first != 0.0 && [0.3, 1.1, 2.9].into_iter().all(is_same)
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{DriveInput, Manipulator, Motion, ServoAxis};
+    use crate::model::Manipulator;
 
     #[test]
     fn prop_a_zero_that_nothing_depends_on_has_no_column() {
@@ -477,18 +475,5 @@ mod tests {
             let column = |of: usize| &suspects.columns[equation][1 + PER_EQUATION * of + ZERO];
             assert!(column(0).is_empty() && !column(1).is_empty());
         }
-    }
-
-    /// Columns would otherwise count what the model has as an error of it.
-    #[test]
-    fn val_a_model_that_has_a_term_is_told_from_one_that_lacks_it() {
-        let arm = Manipulator::default();
-        let axis = ServoAxis::new(Motion::Linear, DriveInput::Voltage, 35.0).unwrap();
-        for equation in 0..2 {
-            assert!(!has_term(&arm, equation, |_| 1.0) && !has_jump(&arm, equation, equation));
-        }
-        // the axis has an offset and Coulomb friction, and no spring
-        assert!(has_term(&axis, 0, |_| 1.0) && has_jump(&axis, 0, 0));
-        assert!(!has_term(&axis, 0, |q| q[0]));
     }
 }

@@ -136,7 +136,8 @@ impl ArmSimulator {
         let now = self.offset_s[0] / self.sample_period_s;
         let setpoint: [f64; ARM_JOINTS] = from_fn(|joint| self.setpoints[joint].value(now));
         let [motor_1, motor_2] = &self.motors;
-        let [(friction_1, slope_1), (friction_2, slope_2)] = self.unmodelled.friction(dq);
+        let unmodelled = self.unmodelled.at(self.k as f64 * self.sample_period_s);
+        let [(friction_1, slope_1), (friction_2, slope_2)] = unmodelled.friction(dq);
         let torque = [motor_1.torque(i1) - friction_1, motor_2.torque(i2) - friction_2];
         let ddq = self.dynamics.accelerations(q, dq, torque);
         let measured_q = self.sensors.positions(q, dq, ddq);
@@ -182,13 +183,13 @@ impl ArmSimulator {
         let length = 1.0 + to - from;
         let length_s = self.sample_period_s * length;
         let step_s = length_s / self.substeps as f64;
+        let unmodelled = self.unmodelled.at(self.k as f64 * self.sample_period_s);
         let Self {
             kind,
             controllers,
             motors: [motor_1, motor_2],
             setpoints,
             dynamics,
-            unmodelled,
             feed_forward,
             voltage_limit,
             ..

@@ -22,6 +22,8 @@ pub struct Unmodelled {
     /// v \[rad/s\], > 0: three quarters of the friction act at this speed. The smaller, the more
     /// `substeps` it takes.
     pub friction_speed_rad_per_s: f64,
+    /// Time from which on there is friction \[s\], ≥ 0.
+    pub friction_from_s: f64,
     /// α \[rad\], −0.5 to 0.5.
     pub base_tilt_rad: f64,
     /// s, −0.9 to 10.
@@ -36,6 +38,7 @@ impl Unmodelled {
         Self {
             coulomb_friction_n_m: [0.0; ARM_JOINTS],
             friction_speed_rad_per_s: 0.002,
+            friction_from_s: 0.0,
             base_tilt_rad: 0.0,
             heating_share: 0.0,
             heating_s: 60.0,
@@ -56,6 +59,17 @@ impl Unmodelled {
         })
     }
 
+    /// The same before there is friction, or from then on.
+    pub(super) fn at(&self, t_s: f64) -> Self {
+        if t_s >= self.friction_from_s {
+            return *self;
+        }
+        Self {
+            coulomb_friction_n_m: [0.0; ARM_JOINTS],
+            ..*self
+        }
+    }
+
     /// R(t)/R at time `t_s` \[s\].
     pub(super) fn resistance_factor(&self, t_s: f64) -> f64 {
         1.0 + self.heating_share * (t_s / self.heating_s).clamp(0.0, 1.0)
@@ -70,6 +84,7 @@ impl Unmodelled {
             not_negative("unmodelled.coulomb_friction_n_m", friction)?;
         }
         positive("unmodelled.friction_speed_rad_per_s", self.friction_speed_rad_per_s)?;
+        not_negative("unmodelled.friction_from_s", self.friction_from_s)?;
         in_range("unmodelled.base_tilt_rad", self.base_tilt_rad, -0.5, 0.5)?;
         in_range("unmodelled.heating_share", self.heating_share, -0.9, 10.0)?;
         positive("unmodelled.heating_s", self.heating_s)

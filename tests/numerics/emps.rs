@@ -56,9 +56,9 @@ fn val_emps_in_one_on_line_pass_gives_the_published_parameters() {
         let deviations = (report.theta[i] - PUBLISHED[i]).abs() / report.theta_std[i];
         assert!(deviations < 3.0, "{}: {deviations:.2} deviations", report_name(i));
     }
-    // The carriage moves one way for seconds: six blocks are silent on a parameter, and are told as
-    // such.
-    assert_eq!(excited, 13 - 6);
+    // The carriage moves one way for seconds: seven blocks tell a parameter to no better than 10 %,
+    // and are told as such.
+    assert_eq!(excited, 13 - 7);
 }
 
 fn report_name(i: usize) -> &'static str {

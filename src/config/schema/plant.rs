@@ -200,6 +200,8 @@ table! {
             "Friction of each joint that does not depend on speed";
         friction_speed_rad_per_s: f64 = unmodelled.friction_speed_rad_per_s, Kind::Real(POSITIVE), "rad/s",
             "Speed over which this friction changes its sign, as tanh(dq/speed); the smaller, the more plant.substeps it takes";
+        friction_from_s: f64 = unmodelled.friction_from_s, Kind::Real(NOT_NEGATIVE), "s",
+            "Time from which on there is friction";
         base_tilt_rad: f64 = unmodelled.base_tilt_rad, Kind::Real(Interval::closed(-0.5, 0.5)), "rad",
             "How far the axis of joint 1 is off the vertical";
         heating_share: f64 = unmodelled.heating_share, Kind::Real(Interval::closed(-0.9, 10.0)), "",

@@ -121,6 +121,10 @@ impl<P: Plant> Residuals for ProjectedBlock<P> {
         self.rows.suspects.is_imitated(suspect)
     }
 
+    fn imitation(&self, suspect: usize) -> Option<&[f64]> {
+        self.rows.suspects.imitation(suspect)
+    }
+
     fn suspect_row(&self, equation: usize, index: usize, columns: &mut [f64]) {
         self.rows.suspects.row(equation, index, columns);
     }
@@ -145,6 +149,10 @@ impl<P: Plant> SampleBlock for ProjectedBlock<P> {
             self.first_fit.weigh(&mut self.rows, theta);
             self.rows.project_suspects();
         }
+    }
+
+    fn look_closely(&mut self, closely: bool) {
+        self.rows.suspects.look_closely(closely);
     }
 
     fn replaced(&self) -> u32 {

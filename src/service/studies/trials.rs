@@ -3,13 +3,15 @@
 use super::{TrialsArgs, output};
 use crate::config::{Config, Source, keys};
 use crate::node::identifier::Identifier;
+use crate::rows::RowForm;
 use crate::runner::Shutdown;
 use crate::service::ticker::Ticker;
 use crate::service::wiring::identifier_node;
 use crate::service::{Exit, Failure, logging};
 use crate::studies::for_each_index;
 use crate::studies::trials::{
-    Case, CaseResult, Disturbance, Spec, Trial, TrialResult, full_cases, quick_cases, rest_instant, trials_document,
+    Case, CaseResult, Disturbance, Spec, Trial, TrialResult, drawn_errors, full_cases, quick_cases, rest_instant,
+    trials_document,
 };
 use std::time::Instant;
 
@@ -33,22 +35,23 @@ pub fn trial(spec: &Spec, more: &[String]) -> Result<TrialResult, Failure> {
         names: &names,
         known: config.known,
     };
-    let mut cause = None;
+    let (mut cause, mut limit) = (None, None);
     let mut result = trial.run(|sample, estimates| {
         node.on_sample(sample, &mut |estimate| estimates.push(*estimate));
         if !estimates.is_empty() {
-            cause = named_cause(node.as_ref()).or(cause.take());
+            cause = words(node.as_ref(), "would explain").or(cause.take());
+            limit = words(node.as_ref(), ", unseen").or(limit.take());
         }
     })?;
-    result.named_cause = cause;
+    (result.named_cause, result.named_limit) = (cause, limit);
     Ok(result)
 }
 
-/// The likeliest cause of a misfit, as the status names it: a term "would explain" a share of it.
-fn named_cause(node: &dyn Identifier) -> Option<String> {
+/// The status, if it says so: a term "would explain" a misfit, or is ", unseen", most of σ.
+fn words(node: &dyn Identifier, what: &str) -> Option<String> {
     let status = node.status();
     let words = status.error.words();
-    words.contains("would explain").then(|| words.to_owned())
+    words.contains(what).then(|| words.to_owned())
 }
 
 fn configuration(spec: &Spec, more: &[String]) -> Result<Config, Failure> {
@@ -75,6 +78,15 @@ fn settings(spec: &Spec, more: &[String]) -> Result<Vec<String>, Failure> {
         && let Some(at_s) = rest_instant(&load(spec, &settings)?.plant.sim, arm.middle_s())
     {
         settings.push(format!("plant.mass_2.t_s=[0.0, {at_s:?}]"));
+    }
+    if let Spec::Arm(arm) = spec
+        && arm.disturbance == Disturbance::Drawn
+    {
+        let config = load(spec, &settings)?;
+        if let RowForm::Projected(options) = &config.identifier.rows {
+            let drawn = drawn_errors(&config.plant.sim, &options.considered, arm.seed);
+            settings.extend(drawn.map_err(|error| Failure::Failed(error.to_string()))?);
+        }
     }
     Ok(settings)
 }

@@ -10,6 +10,9 @@ const PAYLOAD: &str = "Payload changes";
 const SAMPLES: &str = "Samples lost, irregular, wrong";
 const MODEL: &str = "Model wrong";
 const SENSOR: &str = "Drive or sensor changes";
+const OTHER: &str = "Scale, clock or friction changes";
+const DRAWN: &str = "Errors as considered";
+const ALONE: &str = "No error considered";
 const MENDED: &str = "Model mended";
 const AXIS: &str = "Servo axis with friction";
 const AXIS_WRONG: &str = "Servo axis, model wrong";
@@ -131,18 +134,20 @@ impl Case {
 
 /// Few cases, for a look between two changes of the estimator.
 pub fn quick_cases() -> Vec<Case> {
-    let case = |motion, arm, bits, period_us| {
+    let case_of = |group, disturbance, motion, arm, bits, period_us| {
         Case::arm(
-            GRID,
+            group,
             TrialSpec {
                 arm,
                 bits,
                 period_us,
+                disturbance,
                 blocks: 40,
                 ..TrialSpec::new(motion, 0)
             },
         )
     };
+    let case = |motion, arm, bits, period_us| case_of(GRID, Disturbance::None, motion, arm, bits, period_us);
     let mut cases: Vec<Case> = Motion::ALL
         .iter()
         .map(|&motion| case(motion, Arm::Paper, 16, 1000))
@@ -157,16 +162,16 @@ pub fn quick_cases() -> Vec<Case> {
         case(Motion::Steps, Arm::Small, 16, 1000),
         case(Motion::MinimumJerk, Arm::Small, 16, 1000),
     ]);
-    let disturbed = |group, motion, disturbance| {
-        Case::arm(
-            group,
-            TrialSpec {
-                disturbance,
-                blocks: 40,
-                ..TrialSpec::new(motion, 0)
-            },
-        )
-    };
+    let disturbed = |group, motion, disturbance| case_of(group, disturbance, motion, Arm::Paper, 16, 1000);
+    for motion in [
+        Motion::Steps,
+        Motion::MinimumJerk,
+        Motion::Trapezoidal,
+        Motion::Multisine,
+    ] {
+        cases.push(disturbed(DRAWN, motion, Disturbance::Drawn));
+        cases.push(disturbed(ALONE, motion, Disturbance::NoiseAlone));
+    }
     cases.extend([
         disturbed(PAYLOAD, Motion::Rests, Disturbance::AtRest),
         disturbed(PAYLOAD, Motion::Steps, Disturbance::JumpAtEnd(13)),
@@ -178,9 +183,12 @@ pub fn quick_cases() -> Vec<Case> {
         disturbed(SAMPLES, Motion::Steps, Disturbance::InputSpikes),
         disturbed(SAMPLES, Motion::Steps, Disturbance::InputBits(12)),
     ]);
-    cases.extend(Disturbance::MODEL.map(|disturbance| disturbed(MODEL, Motion::MinimumJerk, disturbance)));
+    for motion in [Motion::MinimumJerk, Motion::Steps, Motion::Multisine] {
+        cases.extend(Disturbance::MODEL.map(|disturbance| disturbed(MODEL, motion, disturbance)));
+    }
     for motion in [Motion::Steps, Motion::MinimumJerk] {
         cases.extend(Disturbance::SENSOR.map(|disturbance| disturbed(SENSOR, motion, disturbance)));
+        cases.extend(Disturbance::OTHER.map(|disturbance| disturbed(OTHER, motion, disturbance)));
     }
     cases.extend(Case::axes());
     cases
@@ -235,6 +243,11 @@ pub fn full_cases() -> Vec<Case> {
     for disturbance in Disturbance::SENSOR {
         disturbed(SENSOR, disturbance, &both, &Arm::ALL);
     }
+    for disturbance in Disturbance::OTHER {
+        disturbed(OTHER, disturbance, &both, &Arm::ALL);
+    }
+    disturbed(DRAWN, Disturbance::Drawn, &both, &Arm::ALL);
+    disturbed(ALONE, Disturbance::NoiseAlone, &both, &Arm::ALL);
     for disturbance in Disturbance::MODEL_MENDED {
         disturbed(MENDED, disturbance, &both, &Arm::ALL);
     }

@@ -1,5 +1,8 @@
 //! What is wrong with a run: with its payload, its samples, or with the model.
 
+/// Time before the end of a block \[s\] in which a change does not show yet, through 13 bits.
+const LATE_S: f64 = 0.05;
+
 /// What is wrong.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Disturbance {
@@ -81,6 +84,27 @@ pub enum Disturbance {
         /// Size.
         milliradians: u32,
     },
+    /// The scale of a joint's encoder is so many thousandths off from then on.
+    ScaleLater {
+        /// Joint, 1 or 2.
+        joint: usize,
+        /// Size.
+        permille: i32,
+    },
+    /// The clock of the time stamps runs so many thousandths faster from then on.
+    ClockLater(i32),
+    /// Coulomb friction comes up then, in per cent of the torque that holds link 2 level.
+    FrictionLater {
+        /// Joint, 1 or 2.
+        joint: usize,
+        /// Size.
+        percent: u32,
+    },
+    /// An error of the machine, its kind by the seed, drawn from what the identifier considers it
+    /// to be.
+    Drawn,
+    /// Nothing, and the identifier considers no error.
+    NoiseAlone,
     /// The axis has further friction, a fifth of its Coulomb friction, that falls with the speed v
     /// as exp(−(v/v_s)²), with v_s in mm/s.
     Stribeck(u32),
@@ -154,6 +178,17 @@ impl Disturbance {
             milliradians: 20,
         },
     ];
+    /// Those that no column of the identifier was made for.
+    pub const OTHER: [Self; 5] = [
+        Self::ScaleLater { joint: 1, permille: 20 },
+        Self::ScaleLater {
+            joint: 2,
+            permille: -20,
+        },
+        Self::ClockLater(10),
+        Self::FrictionLater { joint: 1, percent: 10 },
+        Self::FrictionLater { joint: 2, percent: 5 },
+    ];
     /// Errors of the model that the configuration can do something about, and does.
     pub const MODEL_MENDED: [Self; 6] = [
         Self::DelayEstimated(50),
@@ -205,6 +240,13 @@ impl Disturbance {
             Self::GainLater { joint, percent } => format!("gain_{joint}_later{percent:+}%"),
             Self::OffsetLater { joint, millivolts } => format!("input_offset_{joint}_later_{millivolts}mV"),
             Self::ZeroLater { joint, milliradians } => format!("zero_{joint}_later_{milliradians}mrad"),
+            Self::ScaleLater { joint, permille } => {
+                format!("scale_{joint}_later{:+}%", f64::from(permille) / 10.0)
+            }
+            Self::ClockLater(permille) => format!("clock_later{:+}%", f64::from(permille) / 10.0),
+            Self::FrictionLater { joint, percent } => format!("friction_{joint}_later_{percent}%"),
+            Self::Drawn => "drawn".to_owned(),
+            Self::NoiseAlone => "noise_alone".to_owned(),
             Self::Stribeck(mm_per_s) => format!("stribeck_{mm_per_s}mm/s"),
         }
     }
@@ -222,6 +264,10 @@ impl Disturbance {
             Self::GainLater { joint, .. } => Some((&["gain"], Some(joint))),
             Self::OffsetLater { joint, .. } => Some((&["offset"], Some(joint))),
             Self::ZeroLater { joint, .. } => Some((&["zero"], Some(joint))),
+            // a scale of a joint that is turned about the vertical is a gain to the letter
+            Self::ScaleLater { joint, .. } => Some((&["scale", "gain"], Some(joint))),
+            Self::ClockLater(_) => Some((&["clock"], None)),
+            Self::FrictionLater { joint, .. } => Some((&["friction"], Some(joint))),
             Self::Stribeck(_) => Some((&["friction"], None)),
             _ => None,
         }
@@ -229,7 +275,7 @@ impl Disturbance {
 
     /// True if the model, a drive or a sensor is wrong.
     fn is_of_the_machine(self) -> bool {
-        [&Self::MODEL[..], &Self::MODEL_MENDED, &Self::SENSOR]
+        [&Self::MODEL[..], &Self::MODEL_MENDED, &Self::SENSOR, &Self::OTHER]
             .iter()
             .any(|group| group.contains(&self))
     }
@@ -248,7 +294,8 @@ impl Disturbance {
     pub(super) fn place_of_change(self, spread: f64, block_s: f64) -> f64 {
         match self {
             Self::JumpAtEnd(_) => 1.0 - 0.4 / block_s * spread,
-            _ => spread,
+            // JumpAtEnd is for what comes too late to show
+            _ => (1.0 - LATE_S / block_s) * spread,
         }
     }
 

@@ -89,6 +89,8 @@ pub struct TrialResult {
     pub parameters: Vec<ParameterScore>,
     /// Likeliest cause of a misfit that the identifier named last, if any; the caller knows it.
     pub named_cause: Option<String>,
+    /// What σ was last said to be made of mostly; the caller knows it.
+    pub named_limit: Option<String>,
     /// Blocks by state name.
     pub states: Vec<(&'static str, u64)>,
 }

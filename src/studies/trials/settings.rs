@@ -127,6 +127,21 @@ impl TrialSpec {
     }
 }
 
+/// Keys of the errors that the identifier considers.
+const ERRORS: [&str; 11] = [
+    "input_delay_s",
+    "gain",
+    "coulomb",
+    "stribeck",
+    "offset",
+    "dead_band",
+    "spring",
+    "resonance_hz",
+    "drift_per_s",
+    "zero_rad",
+    "eccentricity_rad",
+];
+
 /// Settings of the simulation, and of the identifier if it is told.
 fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
     let sensors = |key: &str, value: f64| format!("plant.sensors.{key}={value:?}");
@@ -203,6 +218,28 @@ fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
             let offset = f64::from(milliradians) * 1e-3;
             vec![spec.fault_later("q", joint, &format!("offset={offset:?}"))]
         }
+        Disturbance::ScaleLater { joint, permille } => {
+            let gain = 1.0 + f64::from(permille) / 1000.0;
+            vec![spec.fault_later("q", joint, &format!("gain={gain:?}"))]
+        }
+        Disturbance::ClockLater(permille) => {
+            let gain = 1.0 + f64::from(permille) / 1000.0;
+            vec![spec.fault_later("time", 0, &format!("gain={gain:?}"))]
+        }
+        Disturbance::FrictionLater { joint, percent } => {
+            let mut settings = disturbance_settings(&TrialSpec {
+                disturbance: Disturbance::Friction { joint, percent },
+                ..*spec
+            });
+            settings.push(format!("plant.unmodelled.friction_from_s={:?}", spec.change_s()));
+            settings
+        }
+        Disturbance::NoiseAlone => ERRORS
+            .into_iter()
+            .map(|key| format!("identifier.considered.{key}=0.0"))
+            .collect(),
+        // by what the identifier considers, see `drawn.rs`
+        Disturbance::Drawn => Vec::new(),
         // of the axis alone
         Disturbance::Stribeck(_) => Vec::new(),
     }

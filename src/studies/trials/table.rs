@@ -14,7 +14,7 @@ pub struct CaseResult {
 }
 
 /// Columns: name in a table, name in a line.
-const COLUMNS: [(&str, &str); 13] = [
+const COLUMNS: [(&str, &str); 14] = [
     ("dangerous blocks", "danger"),
     ("false alarms per 1000", "alarms"),
     ("95 % intervals hold", "cover"),
@@ -27,6 +27,7 @@ const COLUMNS: [(&str, &str); 13] = [
     ("error ÷ bound", "eff"),
     ("largest", "max"),
     ("cause named right", "cause"),
+    ("named as most of σ", "unseen"),
     ("worst dangerous value", "worst:"),
 ];
 
@@ -81,14 +82,14 @@ impl CaseResult {
         (median(&mut errors), worst)
     }
 
-    /// Runs whose cause was named right, and runs that have one.
-    fn causes(&self) -> (u64, u64) {
+    /// Runs whose cause was named right in the words that `of` gives, and runs that have one.
+    fn causes(&self, of: impl Fn(&TrialResult) -> Option<&String>) -> (u64, u64) {
         let with = self
             .runs
             .iter()
             .filter_map(|(d, run)| d.cause().map(|cause| (cause, run)));
         with.fold((0, 0), |(right, all), ((words, joint), run)| {
-            let named = run.named_cause.as_deref().unwrap_or_default().to_lowercase();
+            let named = of(run).map(|words| words.to_lowercase()).unwrap_or_default();
             let is_right = words.iter().any(|word| named.contains(word))
                 && joint.is_none_or(|joint| named.contains(&format!("joint {joint}")));
             (right + u64::from(is_right), all + 1)
@@ -111,7 +112,8 @@ impl CaseResult {
                 .flat_map(|(_, r)| r.parameters.iter().map(|p| p.end_sigmas)),
         );
         let alarms = share(self.sum(|r| r.false_alarms), self.sum(|r| r.quiet));
-        let (right, causes) = self.causes();
+        let (right, causes) = self.causes(|run| run.named_cause.as_ref());
+        let (unseen, _) = self.causes(|run| run.named_limit.as_ref());
         let or_none = |is_some: bool, text: String| if is_some { text } else { NONE.to_owned() };
         vec![
             format!("{} of {blocks}", self.sum(|r| r.dangerous)),
@@ -126,6 +128,7 @@ impl CaseResult {
             or_none(count > 0.0, two_digits(mean)),
             worst_parameter.map_or(NONE.to_owned(), |(i, e)| format!("{}: {}", i + 1, two_digits(e))),
             or_none(causes > 0, format!("{right} of {causes}")),
+            or_none(causes > 0, format!("{unseen} of {causes}")),
             self.worst_danger(),
         ]
     }
@@ -239,7 +242,7 @@ pub fn trials_document(results: &[(Case, CaseResult)], seeds: u64) -> Document {
     }
 }
 
-const EXPLANATION: [&str; 4] = [
+const EXPLANATION: [&str; 5] = [
     "Each run goes through the identifier node of the service with the options of `config/encoder_only.toml`, the servo axis with those of `config/servo_axis.toml`; the noise of the \
      sensors is given to it. Unless the model is wrong, the payload of the arm changes once, in the block in the middle of the run, at a place that the seed chooses. \
      `studies trials --show` prints the settings of each case.",
@@ -250,4 +253,6 @@ const EXPLANATION: [&str; 4] = [
      counts as a true change of both.",
     "Error ÷ bound is the root mean square over seeds and three marks before the change, of the knowable parameters together and of the worst of them; the bound leaves the nine parameters and the state at the start free. \
      The error at the end is that of the worst knowable parameter, of the worst of all if there is no bound.",
+    "A cause is named right if the status says last that it would explain the misfit or the change. An error that the motion does not show leaves no misfit: the status then says of a parameter that most of its \
+     std may be that error, unseen.",
 ];

@@ -1,0 +1,273 @@
+//! What a change was, by all rows since: is the plant another one, or what it is measured with?
+//!
+//! ```text
+//! X_0 = Σ_g (J_0 − J_θ)                nothing has changed                (b) to (d) of inquiry.rs, per group g
+//! X_s = X_0′ − (Σ_g u_s)²/Σ_g i_s      error s, of one amplitude, with the parameters as they were
+//! X ≤ 30 + number of parameters        explains the rows as well as other parameters do
+//! ```
+//!
+//! A drive that gives 5 % less from some time on moves every parameter of its equation by 5 %, and
+//! leaves no residual: the estimate follows, exactly and wrongly. A plant that changes moves some
+//! parameters and leaves others. So after a change each hypothesis of an error that may come up
+//! while a machine runs is held against (b) and (c), over all groups together: two causes at once
+//! are unlikely. Nothing may be used
+//!
+//! * while some error explains the rows as well as other parameters do,
+//! * while all parameters of a group seem to have changed, or
+//! * while the estimate has moved although the rows say that nothing has changed:
+//!
+//! until the rows refute that, which most motion does within a block or two, or for as long as they
+//! do not. Groups that are what they were may be used meanwhile. A change back is seen the same
+//! way, because θ₀ stays that of before the first of them.
+//!
+//! Rows of the block that raised the alarm do not count, for the change may lie within it, nor do
+//! those of a group whose estimate is still on its way (`inquiry_step.rs`).
+//!
+//! An error is named if no other one explains the rows about as well, and either the rows tell a
+//! change of this size from none in more than half of the directions, for a machine that rests
+//! shows one, which every cause explains, or it has explained some blocks of motion. Once it has
+//! explained more of these, a further change leaves nothing to compare its groups with, and only
+//! (c) clears them up.
+
+use super::group::GroupState;
+use super::inquiry::{Comparison, REFUTED};
+use super::persist::Visit;
+use super::score_test::Suspicion;
+
+/// Blocks of motion after which an error that alone explains the change is named, and after which
+/// another change leaves nothing to compare with.
+const LONG: u32 = 2;
+const SURE: u32 = 4;
+/// Standard deviations of an error's amplitude from which on it is what has changed.
+const SEEN: f64 = 5.0;
+/// χ² by which an error must explain more than any other to be named.
+const ALONE: f64 = 10.0;
+
+/// What is known of the last change.
+#[derive(Debug, Clone)]
+pub struct Inquest {
+    /// A change was found in this block.
+    begun: bool,
+    /// Groups, a bit each, of which nothing may be used: it is not clear what has changed, or an
+    /// error explained a change and there was another since.
+    withheld: u64,
+    lost: u64,
+    /// Blocks for which an error has explained the change, and whether one is named.
+    blocks: u32,
+    named: bool,
+    cause: Option<Suspicion>,
+    // scratch
+    compared: Vec<Option<Comparison>>,
+}
+
+/// Groups, a bit each, whose estimate is not what it was before the change.
+fn moved(groups: &[GroupState]) -> u64 {
+    let moved = groups.iter().enumerate().filter(|(_, group)| group.inquiry.has_moved());
+    moved.fold(0, |mask, (k, _)| mask | 1 << k)
+}
+
+/// Which hypothesis explains the rows since a change.
+enum Found {
+    /// None; surely, or as far as the rows tell.
+    Nothing(bool),
+    /// Other parameters alone.
+    Plant,
+    /// Other parameters alone, but all of a group.
+    Everything,
+    Error(Suspicion, bool),
+}
+
+impl Inquest {
+    /// Nothing has changed, in so many groups.
+    pub fn new(groups: usize) -> Self {
+        Self {
+            begun: false,
+            withheld: 0,
+            lost: 0,
+            blocks: 0,
+            named: false,
+            cause: None,
+            compared: vec![None; groups],
+        }
+    }
+
+    /// What goes from block to block; see `persist.rs`.
+    pub fn visit(&mut self, v: &mut impl Visit) {
+        v.count(&mut self.withheld);
+        v.count(&mut self.lost);
+        v.small(&mut self.blocks);
+        v.flag(&mut self.named);
+    }
+
+    /// True if nothing of group k may be used.
+    pub fn withholds(&self, k: usize) -> bool {
+        (self.withheld | self.lost) >> k & 1 == 1
+    }
+
+    /// True if nothing of some group may be used.
+    pub fn is_unclear(&self) -> bool {
+        self.withheld | self.lost != 0
+    }
+
+    /// The error that explains the change.
+    pub fn cause(&self) -> Option<Suspicion> {
+        self.cause
+    }
+
+    /// Ends it, whatever came out.
+    pub fn close(&mut self, groups: &mut [GroupState]) {
+        groups.iter_mut().for_each(|group| group.inquiry.close());
+        (self.begun, self.withheld, self.lost) = (false, 0, 0);
+        (self.blocks, self.named, self.cause) = (0, false, None);
+    }
+
+    /// The plant may have changed from θ̄ of this block, which is known as was published last.
+    pub fn begin(&mut self, groups: &mut [GroupState]) {
+        if self.blocks >= SURE {
+            self.lost |= self.withheld;
+        }
+        (self.begun, self.withheld, self.blocks, self.named) = (true, 0, 0, false);
+        for (k, group) in groups.iter_mut().enumerate() {
+            self.withheld |= 1 << k;
+            group.begin_inquiry();
+        }
+    }
+
+    /// True while it is asked what the last change was.
+    pub fn is_open(&self, groups: &[GroupState]) -> bool {
+        groups.iter().any(|group| group.inquiry.is_open())
+    }
+
+    /// True if the rows of this block count: a change is asked about that was found before it.
+    pub fn counts(&mut self, groups: &[GroupState]) -> bool {
+        let begun = std::mem::replace(&mut self.begun, false);
+        !begun && self.is_open(groups)
+    }
+
+    /// Group k is another one now: nothing is asked of it.
+    pub fn leave_out(&mut self, k: usize, groups: &mut [GroupState]) {
+        groups[k].inquiry.close();
+        self.withheld &= !(1 << k);
+        self.lost &= !(1 << k);
+    }
+
+    /// Judges the rows so far, if some were `added`. Groups that are `on_its_way`, a bit each, may
+    /// not be used before it is clear what has changed.
+    pub fn judge(&mut self, groups: &mut [GroupState], added: bool, on_its_way: u64) {
+        if added {
+            self.compare(groups, on_its_way);
+        }
+        let open = groups.iter().enumerate().filter(|(_, group)| group.inquiry.is_open());
+        self.withheld |= open.fold(0, |mask, (k, _)| mask | 1 << k) & on_its_way;
+    }
+
+    fn compare(&mut self, groups: &mut [GroupState], on_its_way: u64) {
+        let settled = groups.iter().all(|group| group.confirmation.is_settled());
+        for (group, compared) in groups.iter_mut().zip(&mut self.compared) {
+            *compared = group.inquiry.compare(&group.fixed);
+        }
+        for k in 0..groups.len() {
+            let again = |c: &Comparison| c.is_nothing() && (settled || c.moves);
+            if self.lost >> k & 1 == 1 && self.compared[k].as_ref().is_some_and(again) {
+                self.leave_out(k, groups);
+                self.compared[k] = None;
+            }
+        }
+        match self.find(groups) {
+            None => {}
+            Some(Found::Nothing(sure)) => {
+                self.withheld &= !self.asked(|_| true);
+                self.withheld |= self.asked(|_| true) & moved(groups);
+                self.named = false;
+                if sure && settled && (self.withheld | on_its_way) == 0 {
+                    self.clear(groups);
+                }
+            }
+            Some(Found::Plant) => self.clear(groups),
+            Some(Found::Everything) => {
+                self.withheld |= self.asked(|_| true);
+                self.named = false;
+            }
+            Some(Found::Error(error, alone)) => self.suspect(error, alone),
+        }
+        if self.lost == 0 && !self.named {
+            self.cause = None;
+        }
+    }
+
+    /// Groups that can be compared with what they were, and of which this holds.
+    fn asked(&self, holds: impl Fn(&Comparison) -> bool) -> u64 {
+        let compared = self.compared.iter().enumerate();
+        let asked = compared.filter(|(k, c)| self.lost >> k & 1 == 0 && c.as_ref().is_some_and(&holds));
+        asked.fold(0, |mask, (k, _)| mask | 1 << k)
+    }
+
+    /// What explains the rows; `None` if they cannot be compared.
+    fn find(&self, groups: &[GroupState]) -> Option<Found> {
+        let asked = self.asked(|_| true);
+        let of = |k: &usize| asked >> k & 1 == 1;
+        if asked == 0 {
+            return None;
+        }
+        let compared = || (0..groups.len()).filter(of).filter_map(|k| self.compared[k]);
+        let nothing: f64 = compared().map(|c| c.nothing).sum();
+        let limit = REFUTED + compared().map(|c| c.count as f64).sum::<f64>();
+        if nothing <= limit {
+            return Some(Found::Nothing(nothing <= 2.0 * (limit - REFUTED)));
+        }
+        let base: f64 = compared().map(|c| c.base).sum();
+        let (mut best, mut second) = (None, f64::INFINITY);
+        let mut least = f64::INFINITY;
+        let errors = groups
+            .iter()
+            .map(|group| group.inquiry.pulls().len())
+            .max()
+            .unwrap_or(0);
+        for s in 0..errors {
+            let pulls = (0..groups.len()).filter(of).map(|k| groups[k].inquiry.pulls()[s]);
+            let [score, left] = pulls.fold([0.0; 2], |sum, pull| [sum[0] + pull[0], sum[1] + pull[1]]);
+            if !(left > 0.0) {
+                continue;
+            }
+            let leaves = base - score * score / left;
+            if leaves < least {
+                second = least;
+                least = leaves;
+                best = Some(Suspicion {
+                    suspect: s,
+                    drifting: None,
+                    amplitude: score / left,
+                    deviations: score.abs() / left.sqrt(),
+                    share: 1.0,
+                });
+            } else {
+                second = second.min(leaves);
+            }
+        }
+        let explains = |error: &Suspicion| least <= limit && error.deviations > SEEN;
+        if let Some(error) = best.filter(explains) {
+            return Some(Found::Error(error, second - least > ALONE));
+        }
+        let plausible = compared().all(|c| c.plausible || c.is_nothing());
+        Some(if plausible { Found::Plant } else { Found::Everything })
+    }
+
+    /// An error explains the rows, `alone` or not.
+    fn suspect(&mut self, error: Suspicion, alone: bool) {
+        let changed = self.asked(|c| !c.is_nothing());
+        self.withheld &= !self.asked(|_| true);
+        self.withheld |= if changed == 0 { self.asked(|_| true) } else { changed };
+        let moves = self.asked(|c| c.moves) & self.withheld != 0;
+        self.blocks = if moves { self.blocks.saturating_add(1) } else { 0 };
+        let tells = self.asked(|c| c.tells) & self.withheld != 0;
+        self.named = alone && (tells || self.blocks >= LONG) || self.blocks >= SURE;
+        self.cause = self.named.then_some(error);
+    }
+
+    /// The plant has changed, or nothing has.
+    fn clear(&mut self, groups: &mut [GroupState]) {
+        let cleared = groups.iter_mut().enumerate().filter(|(k, _)| self.lost >> k & 1 == 0);
+        cleared.for_each(|(_, group)| group.inquiry.close());
+        (self.withheld, self.blocks, self.named) = (0, 0, false);
+    }
+}

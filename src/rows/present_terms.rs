@@ -1,0 +1,86 @@
+//! Which terms a plant's equations have, by evaluating them: friction that jumps, a constant, a
+//! spring.
+
+use crate::model::{MAX_JOINTS, Plant};
+
+/// Parameters none of which is 0.
+fn some_theta(plant: &impl Plant) -> Vec<f64> {
+    let start = plant.parameters().iter().map(|p| p.start);
+    start.map(|start| if start != 0.0 { start } else { 1.0 }).collect()
+}
+
+/// True if an equation jumps as a joint begins to move: the model has Coulomb friction, or
+/// something like it.
+pub(super) fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> bool {
+    let theta = some_theta(plant);
+    let order = plant.equations()[equation].order;
+    let step = |speed: f64| {
+        let side = |speed: f64| {
+            let (q, mut dq) = ([0.3; MAX_JOINTS], [0.0; MAX_JOINTS]);
+            dq[joint] = speed;
+            let mut g = [0.0; 8];
+            let joints = plant.joints();
+            plant.terms::<f64>(equation, &q[..joints], &dq[..joints], &theta, &mut g[..=order]);
+            g[0]
+        };
+        (side(speed) - side(-speed)).abs()
+    };
+    // what is continuous shrinks with the speed
+    step(1e-9) > 1e-3 * step(1e-3)
+}
+
+/// True if a parameter of an equation is the factor of this function of the positions: ∂g₀/∂θ_k is
+/// in proportion to it however the machine moves, and ∂g_r/∂θ_k = 0 for r > 0.
+pub(super) fn has_term(plant: &impl Plant, equation: usize, shape: impl Fn(&[f64]) -> f64) -> bool {
+    let start = some_theta(plant);
+    let order = plant.equations()[equation].order;
+    let joints = plant.joints();
+    let positions = |state: f64| std::array::from_fn::<f64, MAX_JOINTS, _>(|j| (state * (1.0 + j as f64)).sin());
+    let terms = |state: f64, theta: &[f64]| {
+        let dq: [f64; MAX_JOINTS] = std::array::from_fn(|j| (1.7 * state * (1.0 + j as f64)).cos());
+        let mut g = [0.0; 8];
+        plant.terms::<f64>(
+            equation,
+            &positions(state)[..joints],
+            &dq[..joints],
+            theta,
+            &mut g[..=order],
+        );
+        g
+    };
+    plant.equations()[equation].parameters.clone().any(|k| {
+        let mut moved = start.clone();
+        moved[k] += 1e-3 * start[k].abs();
+        // ∂g/∂θ_k over the function
+        let factor = |state: f64| {
+            let (from, to) = (terms(state, &start), terms(state, &moved));
+            let divisor = (moved[k] - start[k]) * shape(&positions(state));
+            std::array::from_fn::<f64, 8, _>(|r| (to[r] - from[r]) / divisor)
+        };
+        let [first, ..] = factor(0.3);
+        let is_same = |state: f64| {
+            let [same, rest @ ..] = factor(state);
+            (same - first).abs() < 1e-6 * first.abs() && rest.iter().all(|g| g.abs() < 1e-6 * first.abs())
+        };
+        first != 0.0 && [0.3, 1.1, 2.9].into_iter().all(is_same)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{DriveInput, Manipulator, Motion, ServoAxis};
+
+    /// Columns would otherwise count what the model has as an error of it.
+    #[test]
+    fn val_a_model_that_has_a_term_is_told_from_one_that_lacks_it() {
+        let arm = Manipulator::default();
+        let axis = ServoAxis::new(Motion::Linear, DriveInput::Voltage, 35.0).unwrap();
+        for equation in 0..2 {
+            assert!(!has_term(&arm, equation, |_| 1.0) && !has_jump(&arm, equation, equation));
+        }
+        // the axis has an offset and Coulomb friction, and no spring
+        assert!(has_term(&axis, 0, |_| 1.0) && has_jump(&axis, 0, 0));
+        assert!(!has_term(&axis, 0, |q| q[0]));
+    }
+}

@@ -216,11 +216,6 @@ impl Standstill {
         self.jumping >> joint & 1 == 1
     }
 
-    /// The rests of a joint as buffer positions, in order.
-    pub fn rests(&self, joint: usize) -> &[(usize, usize)] {
-        &self.rests[joint]
-    }
-
     /// Takes the spoilt rows out of an equation's covariance.
     pub fn exclude(&self, equation: usize, rows: usize, whitening: &mut Whitening) {
         if self.any {

@@ -106,7 +106,8 @@ impl SmoothedSignals {
             }
         }
         block.form.differentiate(&mut self.signals, covered.clone());
-        reversals::correct(&block.form, standstill, &mut self.signals, covered);
+        let std = |joint: usize| block.noise.sensors.deviations(joint)[0];
+        reversals::correct(&block.form, standstill, &mut self.signals, std, covered);
         self.applied = true;
     }
 }

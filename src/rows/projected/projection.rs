@@ -86,13 +86,16 @@ impl<P: Plant> Projection<P> {
             .judge(samples.windows.all().iter().map(|window| window.centre));
     }
 
-    /// Puts friction on the right side of each reversal.
+    /// Divides the samples at which a joint reverses between both sides.
     fn find_reversals(&mut self) {
-        let MeasuredBlock { form, samples, .. } = &mut self.block;
+        let MeasuredBlock {
+            form, samples, noise, ..
+        } = &mut self.block;
+        let std = |joint: usize| noise.sensors.deviations(joint)[0];
         let half = form.velocity.half;
         for stretch in samples.repair.stretches(samples.len) {
             let known = stretch.start + half..stretch.end.saturating_sub(half);
-            reversals::correct(form, &self.standstill, &mut samples.signals, known);
+            reversals::correct(form, &self.standstill, &mut samples.signals, std, known);
         }
     }
 

@@ -5,10 +5,11 @@
 //! (2)  b_k = (1/2 − u_k/h) b(q, q̇⁻) + (1/2 + u_k/h) b(q, q̇⁺)        |u_k| ≤ h/2
 //! ```
 //!
-//! A feature b (`separation.rs`) takes the value of each sample for the whole period h around it. If
-//! the joint turns round within that period, at t₀, a feature that jumps with the sign of the
-//! velocity is on the wrong side for up to h/2, which can make more of a row than its noise. The
-//! sample nearest to t₀ gets the mean of both sides instead, each at its mean velocity.
+//! A feature b (`separation.rs`) takes the value of each sample for the whole period h around
+//! it. If the joint turns round within that period, at t₀, a feature that jumps with the sign
+//! of the velocity is on the wrong side for up to h/2, which can make more of a row than its
+//! noise. The sample nearest to t₀ gets the mean of both sides instead, each at its mean
+//! velocity.
 //!
 //! Where friction turns round, the acceleration jumps by some Δ, and the velocity filter, which
 //! takes it for smooth, is late or early by a part of h, always the same. If the positions tell

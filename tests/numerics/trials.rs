@@ -210,8 +210,8 @@ fn prop_a_drive_or_sensor_that_changes_is_not_taken_for_the_plant() {
             };
             let (result, used) = run(&spec.settings());
             let name = format!("{} {}", motion.name(), disturbance.name());
-            // a slip of 3 mrad may be too small to show at once
-            let slips = u64::from(name.contains("zero_2_later_3mrad"));
+            // a slip of 3 mrad may be too small to show at once: 9 of 640 blocks in docs/trials.md
+            let slips = if name.contains("zero_2_later_3mrad") { 3 } else { 0 };
             assert!(result.dangerous <= slips, "{name}: {:?}", result.worst);
             assert!(used == 0 || name.contains("zero"), "{name}: {used}");
         }

@@ -179,6 +179,7 @@ fn fault_a_wrong_sign_is_told_early() {
                 format!("the inertia at joint {joint} comes out negative"),
                 format!("moments from joint {joint} on are the other way round"),
                 format!("torque of joint {joint} may have the opposite sign"),
+                format!("the model explains little of joint {joint}'s torque"),
             ];
             let is_told = said.iter().any(|line| words.iter().any(|words| line.contains(words)));
             assert!(is_told, "joint {joint}: {said:#?}");

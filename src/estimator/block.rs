@@ -118,6 +118,14 @@ impl BlockEstimator {
         self.forget();
     }
 
+    /// Forgets the last `blocks` blocks, which are all that it has learnt from, to learn from them
+    /// again: θ̂, the stream and the number of blocks before them stay. Allocates nothing.
+    pub fn begin_again(&mut self, blocks: u64) {
+        let (stream_id, before) = (self.stream_id, self.report.blocks.saturating_sub(blocks));
+        self.forget();
+        (self.stream_id, self.report.blocks) = (stream_id, before);
+    }
+
     fn forget(&mut self) {
         self.groups.forget(&self.theta, &self.options);
         (self.since_change, self.drift) = (u32::MAX, DriftWatch::default());

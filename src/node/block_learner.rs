@@ -10,7 +10,7 @@ use crate::estimator::{
 };
 use crate::messages::{ErrorCode, Estimate, LastError, Sample, Status, estimate_flags};
 use crate::model::{DerivedValues, MAX_PARAMS};
-use crate::rows::{SampleBlock, Suspect};
+use crate::rows::{FirstBlocks, SampleBlock, Suspect};
 use std::any::Any;
 
 /// Rows, estimator, judge of its states, derived values.
@@ -19,13 +19,22 @@ pub struct BlockLearner<B> {
     estimator: BlockEstimator,
     judge: StateMachine,
     derived: Option<Box<dyn DerivedValues + Send>>,
+    first: FirstBlocks,
+    /// θ̂ after the first blocks.
+    first_theta: Vec<f64>,
 }
+
+/// Standard deviation, relative to that of the start, below which the data have told something of
+/// a parameter.
+const TOLD: f64 = 0.5;
 
 impl<B: SampleBlock + Send + 'static> BlockLearner<B> {
     /// A learner that has seen nothing; `derived` goes into its estimates.
     pub fn new(rows: B, estimator: BlockEstimator, derived: Option<Box<dyn DerivedValues + Send>>) -> Self {
         Self {
             judge: StateMachine::new(estimator.theta()),
+            first: rows.first_blocks(),
+            first_theta: estimator.theta().to_vec(),
             rows,
             estimator,
             derived,
@@ -36,12 +45,42 @@ impl<B: SampleBlock + Send + 'static> BlockLearner<B> {
     pub fn estimator(&self) -> &BlockEstimator {
         &self.estimator
     }
+
+    /// True if the blocks so far have told something of some parameter.
+    fn knows_something(&self) -> bool {
+        let (report, options) = (self.estimator.report(), self.estimator.options());
+        let mut pairs = report.theta_std.iter().zip(&options.parameters);
+        pairs.any(|(std, prior)| !prior.fixed && *std < TOLD * prior.std)
+    }
+
+    /// Learns from the first blocks again, weighed and smoothed with the θ̂ that they gave together.
+    fn learn_again(&mut self) {
+        self.first_theta.copy_from_slice(self.estimator.theta());
+        self.estimator.begin_again(self.first.len() as u64);
+        self.rows.reset();
+        self.rows.know_theta();
+        for k in 0..self.first.len() {
+            if k > 0 {
+                self.rows.clear();
+            }
+            for (t_ns, sample) in self.first.block(k) {
+                // there was room for them before
+                let _ = self.rows.push(t_ns, &sample);
+            }
+            self.rows.look_closely(self.estimator.inquires());
+            self.rows.prepare(&self.first_theta);
+            self.estimator.update(&self.rows);
+        }
+        self.first.end();
+    }
 }
 
 impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
     fn take(&mut self, sample: &Sample) -> bool {
+        let joints = sample.joint_sample();
+        self.first.push(sample.t_ns, &joints);
         // Rows have room for N samples, and a block has no more.
-        self.rows.push(sample.t_ns, &sample.joint_sample())
+        self.rows.push(sample.t_ns, &joints)
     }
 
     fn enter_stream(&mut self, stream_id: u64) {
@@ -49,17 +88,26 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
     }
 
     fn drop_block(&mut self) {
+        self.first.drop_block();
         self.rows.clear();
     }
 
     fn restart_rows(&mut self) {
+        match self.first.is_empty() {
+            true => self.first.drop_block(),
+            false => self.first.end(),
+        }
         self.rows.reset();
     }
 
     fn learn(&mut self, end: &BlockEnd) -> Learnt {
         self.rows.look_closely(self.estimator.inquires());
         self.rows.prepare(self.estimator.theta());
-        let report = self.estimator.update(&self.rows);
+        self.estimator.update(&self.rows);
+        if self.first.close_block(self.knows_something()) {
+            self.learn_again();
+        }
+        let report = self.estimator.report();
         let replaced = self.rows.replaced();
         let spiky = f64::from(replaced) / (2 * end.joints.max(1)) as f64 / end.len as f64;
         let mut estimate = message(report, self.judge.step(report, end.lost.max(spiky)));
@@ -144,14 +192,18 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
         std::mem::swap(&mut self.estimator, estimator);
         std::mem::swap(&mut self.judge, judge);
         self.rows.reset();
-        if !*warm {
+        if *warm {
+            self.first.end();
+        } else {
             self.rows.forget_theta();
+            self.first.restart();
         }
         Ok(*warm)
     }
 
     fn tune(&mut self, options: &mut EstimatorOptions, rows: Option<&mut Box<dyn Any + Send>>) -> bool {
         exchange_tunables(&mut self.estimator, options);
+        self.first.end();
         match rows.and_then(|rows| rows.downcast_mut::<B>()) {
             Some(rows) => {
                 std::mem::swap(&mut self.rows, rows);
@@ -167,6 +219,7 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
     }
 
     fn load(&mut self, state: &EstimatorState) -> Result<(), StateError> {
+        self.first.end();
         self.estimator.load(&mut self.judge, state)
     }
 

@@ -15,10 +15,10 @@
 //! 20 samples in a window resolve its bump; longer windows than 200 ms hardly tell more, as long as
 //! the stride is short (docs/method.md, section 16a).
 
-use super::SampleBlock;
 use super::advice::{FEWEST_WINDOW_SAMPLES, Spectrum};
 use super::projected::{ProjectedBlock, ProjectedError, ProjectedOptions};
 use super::suspect::Suspect;
+use super::{FirstBlocks, SampleBlock};
 use crate::estimator::Residuals;
 use crate::model::{JointSample, MAX_JOINTS, Plant};
 
@@ -329,6 +329,14 @@ impl<P: Plant + Clone> SampleBlock for AutoWindowBlock<P> {
 
     fn forget_theta(&mut self) {
         self.blocks.iter_mut().for_each(ProjectedBlock::forget_theta);
+    }
+
+    fn first_blocks(&self) -> FirstBlocks {
+        self.own().first_blocks()
+    }
+
+    fn know_theta(&mut self) {
+        self.blocks.iter_mut().for_each(ProjectedBlock::know_theta);
     }
 }
 

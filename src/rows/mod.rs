@@ -4,6 +4,7 @@ mod advice;
 mod auto_window;
 mod end_kernel;
 mod error_weights;
+mod first_blocks;
 mod form;
 mod input_answer;
 mod intake;
@@ -36,6 +37,7 @@ mod whitening;
 
 pub use advice::{FEWEST_WINDOW_SAMPLES, WindowAdvice, window_advice, window_advice_at};
 pub use auto_window::{AutoWindowBlock, auto_window_first, auto_window_lengths};
+pub use first_blocks::FirstBlocks;
 pub use form::RowForm;
 pub use kernel::InputTiming;
 pub use pointwise::{InputSource, PointwiseBlock, priors, structure};
@@ -83,4 +85,11 @@ pub trait SampleBlock: Residuals {
     }
     /// Begins with θ anew, as before the first block.
     fn forget_theta(&mut self) {}
+    /// Room for the first blocks, which are learnt again once θ is known; none if the rows do not
+    /// depend on θ.
+    fn first_blocks(&self) -> FirstBlocks {
+        FirstBlocks::default()
+    }
+    /// θ is known: blocks from now on are weighed with what [`prepare`](Self::prepare) is given.
+    fn know_theta(&mut self) {}
 }

@@ -99,7 +99,6 @@ impl EncoderSetup {
             ControllerKind::Analog => InputTiming::Continuous,
             ControllerKind::Sampled => InputTiming::Held,
         };
-        setup.rows.velocity_half_width = if bits >= 20 { 5 } else { 10 };
         setup
     }
 

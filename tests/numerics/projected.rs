@@ -167,7 +167,6 @@ fn encoder_rows(sim: &SimOptions) -> ProjectedOptions {
     ProjectedOptions {
         timing: timing(sim),
         noise: SensorNoise::encoder(bits, sim.sensors.input_noise_v),
-        velocity_half_width: if bits >= 20 { 5 } else { 10 },
         ..ProjectedOptions::recommended()
     }
 }

@@ -9,7 +9,7 @@ use crate::estimator::Residuals;
 use crate::model::{JointSample, Plant};
 use crate::rows::suspect::Suspect;
 use crate::rows::theta_polynomial::MAX_ORDER;
-use crate::rows::{SampleBlock, structure};
+use crate::rows::{FirstBlocks, SampleBlock, structure};
 
 /// A block of samples as projected rows, see the module's head.
 #[derive(Debug, Clone)]
@@ -174,5 +174,13 @@ impl<P: Plant> SampleBlock for ProjectedBlock<P> {
 
     fn forget_theta(&mut self) {
         self.first_fit.restart();
+    }
+
+    fn first_blocks(&self) -> FirstBlocks {
+        FirstBlocks::new(self.rows.block.form.plant.joints(), self.rows.block.samples.block_len())
+    }
+
+    fn know_theta(&mut self) {
+        self.first_fit.end();
     }
 }

@@ -31,6 +31,7 @@ pub(super) struct Samples {
     offset: i64,
     /// Samples kept over the border of a block.
     history: usize,
+    block_len: usize,
     capacity: usize,
 }
 
@@ -56,8 +57,14 @@ impl Samples {
             t_ns: vec![0; capacity],
             offset: 0,
             history,
+            block_len,
             capacity,
         }
+    }
+
+    /// Samples that a block has.
+    pub fn block_len(&self) -> usize {
+        self.block_len
     }
 
     /// Samples that there is room for.

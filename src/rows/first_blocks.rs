@@ -1,0 +1,156 @@
+//! The samples of the first blocks, kept until θ is known, so that they can be learnt from again.
+//!
+//! Rows are weighed, and their positions smoothed, with a θ that the first blocks themselves must
+//! give (`projected/first_fit.rs`). Through encoders of 13 bits one block of smooth motion hardly
+//! determines it, and what was learnt with wrong weights stays in the estimate for long: θ₅ and θ₉
+//! of the arm had 2 to 10 times the Cramér–Rao bound after ten blocks. Four blocks give a θ that is
+//! good enough for all of them, and the same samples learnt again with it lose nothing
+//! (docs/efficiency.md).
+
+use crate::model::JointSample;
+
+/// Blocks that are learnt from twice.
+const BLOCKS: usize = 4;
+
+/// Samples of the first blocks that told something.
+#[derive(Debug, Clone, Default)]
+pub struct FirstBlocks {
+    /// Stream times \[ns\], and q, input and setpoint of each joint, sample after sample.
+    t_ns: Vec<u64>,
+    signals: Vec<f64>,
+    joints: usize,
+    /// Samples up to the end of each complete block.
+    ends: Vec<usize>,
+    open: bool,
+}
+
+impl FirstBlocks {
+    /// Room for blocks of `block_len` samples of so many joints.
+    pub fn new(joints: usize, block_len: usize) -> Self {
+        Self {
+            t_ns: Vec::with_capacity(BLOCKS * block_len),
+            signals: Vec::with_capacity(3 * joints * BLOCKS * block_len),
+            joints,
+            ends: Vec::with_capacity(BLOCKS),
+            open: joints * block_len > 0,
+        }
+    }
+
+    /// Keeps a sample, if the blocks are still of interest.
+    pub fn push(&mut self, t_ns: u64, sample: &JointSample) {
+        if self.open && self.t_ns.len() < self.t_ns.capacity() {
+            self.t_ns.push(t_ns);
+            for signal in [&sample.q, &sample.input, &sample.setpoint] {
+                self.signals.extend_from_slice(&signal[..self.joints]);
+            }
+        }
+    }
+
+    /// Drops the samples since the last complete block.
+    pub fn drop_block(&mut self) {
+        let end = self.ends.last().copied().unwrap_or(0);
+        self.t_ns.truncate(end);
+        self.signals.truncate(3 * self.joints * end);
+    }
+
+    /// Ends a block that was learnt from; true if it was the last of those to be learnt again, with
+    /// which nothing more is kept. As long as `tells` is false, the blocks say nothing of θ and are
+    /// dropped.
+    #[must_use]
+    pub fn close_block(&mut self, tells: bool) -> bool {
+        if self.open && tells {
+            self.ends.push(self.t_ns.len());
+        } else {
+            self.drop_block();
+        }
+        let complete = self.open && self.ends.len() == BLOCKS;
+        self.open &= !complete;
+        complete
+    }
+
+    /// True if nothing has been kept of a complete block.
+    pub fn is_empty(&self) -> bool {
+        self.ends.is_empty()
+    }
+
+    /// Begins anew: θ is not known.
+    pub fn restart(&mut self) {
+        self.end();
+        self.open = self.t_ns.capacity() > 0;
+    }
+
+    /// Keeps nothing from now on: θ is known from elsewhere, or the samples do not belong together.
+    pub fn end(&mut self) {
+        self.ends.clear();
+        self.drop_block();
+        self.open = false;
+    }
+
+    /// Blocks that are kept.
+    pub fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// Samples of block `k`, with their stream times \[ns\].
+    pub fn block(&self, k: usize) -> impl Iterator<Item = (u64, JointSample)> + '_ {
+        let from = k.checked_sub(1).map_or(0, |before| self.ends[before]);
+        let stride = 3 * self.joints;
+        (from..self.ends[k]).map(move |at| {
+            let mut sample = JointSample::default();
+            let signals = self.signals[at * stride..(at + 1) * stride].chunks_exact(self.joints);
+            for (signal, kept) in [&mut sample.q, &mut sample.input, &mut sample.setpoint]
+                .into_iter()
+                .zip(signals)
+            {
+                signal[..self.joints].copy_from_slice(kept);
+            }
+            (self.t_ns[at], sample)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(value: f64) -> JointSample {
+        let mut sample = JointSample::default();
+        (sample.q[0], sample.input[1], sample.setpoint[1]) = (value, 2.0 * value, 3.0 * value);
+        sample
+    }
+
+    /// Feeds a block of three samples whose values begin at `first`.
+    fn feed(blocks: &mut FirstBlocks, first: u64) {
+        (first..first + 3).for_each(|t| blocks.push(t, &sample(t as f64)));
+    }
+
+    #[test]
+    fn prop_the_first_blocks_that_tell_something_come_back_as_they_were() {
+        let mut blocks = FirstBlocks::new(2, 3);
+        feed(&mut blocks, 0);
+        assert!(!blocks.close_block(false) && blocks.is_empty());
+        for k in 0..BLOCKS as u64 {
+            // one that was dropped on the way leaves nothing
+            feed(&mut blocks, 1000);
+            blocks.drop_block();
+            feed(&mut blocks, 10 * k);
+            assert_eq!(blocks.close_block(true), k + 1 == BLOCKS as u64);
+        }
+        assert_eq!(blocks.len(), BLOCKS);
+        for k in 0..BLOCKS {
+            let kept: Vec<_> = blocks.block(k).collect();
+            let wanted: Vec<_> = (0..3)
+                .map(|i| 10 * k as u64 + i)
+                .map(|t| (t, sample(t as f64)))
+                .collect();
+            assert_eq!(kept, wanted, "block {k}");
+        }
+        // only once, until θ is not known again
+        blocks.end();
+        feed(&mut blocks, 50);
+        assert!(!blocks.close_block(true) && blocks.is_empty());
+        blocks.restart();
+        feed(&mut blocks, 60);
+        assert!(!blocks.close_block(true) && blocks.len() == 1);
+    }
+}

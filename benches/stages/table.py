@@ -39,10 +39,13 @@ This page lists the time and the instructions of each stage from a sample to an 
 Made by `cargo bench --no-default-features --features recording,robot,sim --bench stages -- --warm-up-time 0.3 --measurement-time 1.5` and
 `python3 benches/stages/table.py > docs/speed.md`; do not edit.
 
-Criterion on {machine}, one thread, f64; {load} before the table was made. Everything up to the stage is made ready anew
-before each measurement, so that memory is as cold as after other work. A piece is a sample or a block. The fastest of the {count} measurements beside their median
-tells what other work on the machine has cost: where they are far apart, the median is that of a busy machine. The instructions, from
-`benches/instructions.csv`, do not depend on that, and `.ci/instructions.py` holds them. The target is the most that the median may be.
+Criterion on {machine}, one thread, f64; {load} before the table was made. Everything before the stage is prepared anew
+for each measurement, so that memory is as cold as after other work.
+
+- A piece is a sample or a block.
+- If the fastest of the {count} measurements and their median are far apart, the machine was busy with other work.
+- The instructions, from `benches/instructions.csv`, do not depend on other work; `.ci/instructions.py` checks them.
+- The target is an upper limit for the median.
 
 | stage | what it is | pieces | median of one | fastest | instructions | target | median ÷ target | fastest ÷ target |
 |:--|:--|--:|--:|--:|--:|--:|--:|--:|"""

@@ -114,11 +114,11 @@ pub(super) fn section(recording: Option<&[(f64, f64)]>) -> Result<Section, Compa
     Ok(Section {
         heading,
         text: vec![
-            "24.8 s of the carriage, encoder and drive voltage at 1 kHz, in one on-line pass of 13 blocks, λ = 1, with `config/servo_axis.toml`'s rows: deviation from the published \
-             values, which are off-line fits of the same record, and ± one standard deviation. Six of the blocks hold motion in one direction only and say nothing on some \
-             parameter."
+            "24.8 s of the carriage, encoder and drive voltage at 1 kHz, in one on-line pass of 13 blocks, λ = 1, with the rows of `config/servo_axis.toml`. The table has the \
+             difference from the published values, which are off-line fits of the same record, ± one standard deviation. Six of the blocks contain motion in one direction only and \
+             say nothing on some parameter."
                 .to_owned(),
-            "The estimates hardly depend on the window, so they are not tuned to the known answer. They do depend on the input between samples: the drive's voltage is continuous; \
+            "The estimates hardly depend on the window, so they are not tuned to the known answer. They do depend on the input between samples. The drive's voltage is continuous; \
              if it is treated as held, it acts half a sample late."
                 .to_owned(),
         ],

@@ -99,8 +99,8 @@ fn accuracy_sections(setup: &EncoderSetup, seeds: u64) -> Result<[Section; 2], C
         }
     }
     let about = format!(
-        "{seeds} seeds each, every one with its own reference and noise: 170 s, N = {}, start off by a factor of 2.5 up or down in turn, 150 kg, from 45 s on \
-         170 kg. Only the encoders' positions and the measured voltages are used.",
+        "{seeds} seeds each, every one with its own reference and noise: 170 s, N = {}, start values off by a factor of 2.5 up or down in turn, 150 kg, and \
+         170 kg from 45 s on. Only the encoders' positions and the measured voltages are used.",
         setup.block_len
     );
     Ok([
@@ -108,9 +108,9 @@ fn accuracy_sections(setup: &EncoderSetup, seeds: u64) -> Result<[Section; 2], C
             heading: "Errors at the end".to_owned(),
             text: vec![
                 about,
-                "Errors after the last block in per cent, median / worst of all runs. θ1 and θ3 belong to link 1, a twentieth of the inertia that moves with \
-                 joint 1: through 16 bits sines leave them open to some per cent, and their standard deviations show it. Sines of equal speed hardly contain what tells an \
-                 inductance; there θ6, θ9 and θ4 are as good as their standard deviations (θ6: 0.06 %), and no better."
+                "Errors after the last block in per cent, median / worst of all runs. θ1 and θ3 belong to link 1, a twentieth of the inertia that moves with joint 1. \
+                 Through 16 bits, sines determine them only to some per cent, and their standard deviations show it. Sines of equal speed hardly contain information on an \
+                 inductance; the errors of θ6, θ9 and θ4 are then as large as their standard deviations (θ6: 0.06 %), and no larger."
                     .to_owned(),
             ],
             table: end,
@@ -118,10 +118,10 @@ fn accuracy_sections(setup: &EncoderSetup, seeds: u64) -> Result<[Section; 2], C
         Section {
             heading: "On the way".to_owned(),
             text: vec![
-                "Blocks from the one of the jump (0) until θ6, θ7 and θ9 stay within 1 %, and until all nine do; blocks from the start until all nine do, up to the jump; – where they do \
-                 not. Worst error of a θ2 or θ4 to θ9 that is marked usable, in any block. Time of the change as announced, against the true one. Changes announced in any \
-                 other block than that of the jump and the next. Share of 95 % intervals that hold the truth, all parameters, from block 6 on, the two blocks of the jump left \
-                 out. Pairs are median / worst."
+                "Columns, from left to right; pairs are median / worst:\n\n- blocks from the one of the jump (0) until θ6, θ7 and θ9 stay within 1 %, and until all nine do; – if they do \
+                 not;\n- blocks from the start until all nine do, up to the jump;\n- worst error of a θ2 or θ4 to θ9 that is marked usable, in any block;\n- error of the announced time \
+                 of the change, and in how many runs it is within 50 ms;\n- changes announced in any other block than that of the jump and the next;\n- share of 95 % intervals that contain the truth, all parameters, from block \
+                 6 on, without the two blocks of the jump."
                     .to_owned(),
             ],
             table: course,
@@ -172,8 +172,8 @@ fn calibration_section(setup: &EncoderSetup, runs: u64) -> Result<Section, Compa
     Ok(Section {
         heading: "Calibration".to_owned(),
         text: vec![format!(
-            "Share of {runs} runs of steps, 10 blocks each, whose last 95 % interval (θ̂ ± 1.96 standard deviations) holds the truth, with the sensors' noise as \
-             configured and as learnt from the signals. One standard deviation of the counting itself is {:.1} points.",
+            "Share of {runs} runs of steps, 10 blocks each, whose last 95 % interval (θ̂ ± 1.96 standard deviations) contains the truth, with the sensors' noise \
+             as configured and as learnt from the signals. One standard deviation of the counting itself is {:.1} points.",
             100.0 * (0.95 * 0.05 / runs as f64).sqrt()
         )],
         table,
@@ -212,7 +212,8 @@ fn false_alarms_section(setup: &EncoderSetup, seeds: u64) -> Result<Section, Com
     Ok(Section {
         heading: "False alarms".to_owned(),
         text: vec![
-            "The payload stays; half of the runs with a sampled and half with an analog controller, seeds that no other study uses.".to_owned(),
+            "The payload does not change. Half of the runs have a sampled and half an analog controller; no other study uses \
+             these seeds.".to_owned(),
         ],
         table,
     })
@@ -257,8 +258,8 @@ fn skew_section(setup: &EncoderSetup, seeds: u64) -> Result<Section, CompareErro
     Ok(Section {
         heading: "An input that acts late".to_owned(),
         text: vec![format!(
-            "16 bit, 0.05 V, sampled controller, {seeds} seeds each: signed error after 10 blocks in per cent, median of the runs. Estimated, the delay is one more \
-             parameter (`estimate_input_delay`) with a prior standard deviation of 1 ms; its error is median / worst."
+            "16 bit, 0.05 V, sampled controller, {seeds} seeds each: signed error after 10 blocks in per cent, median of the runs. If it is estimated, the delay is \
+             one more parameter (`estimate_input_delay`) with a prior standard deviation of 1 ms; its error is median / worst."
         )],
         table,
     })
@@ -318,9 +319,9 @@ fn alternatives_section(setup: &EncoderSetup, seeds: u64) -> Result<Section, Com
     Ok(Section {
         heading: "Why projected rows".to_owned(),
         text: vec![format!(
-            "16 bit, 0.05 V, sampled controller, {seeds} seeds each: errors after 10 blocks in per cent, median / worst. The same estimator, fed by rows made in the \
-             ways that one would try first: derivatives from polynomials of order 5 over 21 samples, past ones alone or on both sides, one row per sample, or both sides of \
-             the equation averaged over windows of 100 ms, which is the plain fallback for residuals that cannot be integrated by parts."
+            "16 bit, 0.05 V, sampled controller, {seeds} seeds each: errors after 10 blocks in per cent, median / worst. The same estimator takes rows made in the ways \
+             that one would try first. Derivatives come from polynomials of order 5 over 21 samples, past ones alone or on both sides. There is one row per sample, or both \
+             sides of the equation are averaged over windows of 100 ms, which is the fallback for residuals that cannot be integrated by parts."
         )],
         table,
     })

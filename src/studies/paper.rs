@@ -171,19 +171,19 @@ pub fn variants_section(scenario: &Scenario, base: &EstimatorOptions) -> Result<
         heading: "Following the jump".to_owned(),
         text: vec![
             format!(
-                "The mass of link 2 jumps at {jump_s} s of {} s. Counted are blocks until the estimates stay within 5 % and 1 % of the new values to the \
-                 end of the run: 0 is the block that holds the jump, – is never. `before` is the worst error of all nine in the last block before \
-                 the jump. The columns θ1, θ3, θ5, θ8, θ9 are the passing disturbance: the largest error from the jump on of the parameters that the \
-                 mass does not change.",
+                "The mass of link 2 jumps at {jump_s} s of {} s. The table counts blocks until the estimates stay within 5 % and 1 % of the new values \
+                 to the end of the run: 0 is the block that contains the jump, – is never. `before` is the worst error of all nine in the last block before \
+                 the jump. The columns θ1, θ3, θ5, θ8, θ9 are the temporary disturbance: the largest error from the jump on of the parameters that \
+                 do not depend on the mass.",
                 scenario.options().duration_s
             ),
-            "The paper says: θ2, θ4, θ6 and θ7 reach their new values after about a dozen iterations (N = 1900, no λ given), the other five change for a \
-             moment, and a smaller λ or N makes the estimates right sooner. The bounded forms with λ = 0.90 come near the dozen where 5 % counts as reached; \
-             1 % takes two to four times as long. A smaller N is sooner in seconds but not in blocks, because a short block without a step carries little \
+            "The paper makes three statements: θ2, θ4, θ6 and θ7 reach their new values after about a dozen iterations (N = 1900, no λ given), the other \
+             five change for a moment, and a smaller λ or N makes the estimates right sooner. The bounded forms with λ = 0.90 come near the dozen if 5 % \
+             counts as reached; 1 % takes two to four times as long. A smaller N is faster in seconds but not in blocks, because a short block without a step carries little \
              information. As printed, (10) and (11) forget twice, which makes this form the quickest of the three."
                 .to_owned(),
             "Two things delay the recursion. Information from before the jump keeps the weight λ per block. The block of the jump fits neither mass, but its \
-             information stays, too. Both fade only with λ, so a small λ is best here, where there is no noise."
+             information stays, too. Both fade only with λ, so a small λ is best here, because there is no noise."
                 .to_owned(),
         ],
         table,
@@ -246,7 +246,7 @@ fn choices_section(scenario: &Scenario, base: &EstimatorOptions) -> Result<Secti
         text: vec![format!(
             "`{}` with λ = {}, N = {block_len}. Within 10⁻³ to 10⁻⁶ ε changes the start and nothing else. A recursion that linearises once needs a good start \
              value of θ9, which multiplies θ6 and θ7. Linearising each block until it converges makes the start harmless, but does not follow the jump \
-             any sooner: that takes noticing it.",
+             any sooner. For that, the jump must be detected.",
             base.forgetting.name(),
             base.forgetting_factor
         )],
@@ -316,8 +316,9 @@ fn seeds_section(sim: &SimOptions, base: &EstimatorOptions, seeds: u64) -> Resul
     Ok(Section {
         heading: "Other step sequences".to_owned(),
         text: vec![format!(
-            "The counts above depend on where the steps fall. Medians over {seeds} random step sequences (levels within 1 rad, held for 1 to 3 s, \
-             large from the start), N = {block_len}; in brackets how many of the {seeds} runs settle at all."
+            "The counts above depend on the times of the steps. Medians over {seeds} random step sequences (levels within 1 rad, held for 1 to 3 s, \
+             large from the start), N = {block_len}; the number in brackets is how many of the {seeds} runs settle \
+             at all."
         )],
         table,
     })

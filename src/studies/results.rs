@@ -254,14 +254,15 @@ pub fn baselines_section(
         text: vec![
             format!(
                 "The configured run with its start values, N = {block_len}{}. Errors are the worst of all nine parameters. Blocks are counted from the one that \
-                 holds the jump (0) to the first from which on the errors stay below 1 %; – is never. The intervals are θ̂ ± 1.96 standard deviations, counted \
+                 contains the jump (0) to the first after which the errors stay below 1 %; – is never. The intervals are θ̂ ± 1.96 standard deviations, counted \
                  after {SETTLING} blocks. Times are of one core of a shared machine and differ from run to run.",
                 if seeds > 1 { format!(", medians over {seeds} seeds of the noise") } else { String::new() }
             ),
-            "The paper's variants and WRLS have λ = 0.9 a block. WRLS takes θ6θ9 and θ7θ9 as parameters of their own and gets θ9 from their quotient. The \
+            "The paper's variants and WRLS have λ = 0.9 a block. WRLS takes θ6θ9 and θ7θ9 as separate parameters and computes θ9 from their \
+             quotient. The \
              Kalman filter estimates 5 states and 9 parameters together at each sample, with three tunings of the random walk (relative, per block); it assumes \
-             0.05 V of noise on the voltage. Batch least squares is off line, over everything from the first sample to just before the jump, and to the end; it \
-             cannot follow a change and is given the better start values."
+             0.05 V of noise on the voltage. Batch least squares is off line, over all samples from the first to just before the jump, and to the end; it \
+             cannot follow a change and has the better start values."
                 .to_owned(),
         ],
         table,

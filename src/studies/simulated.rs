@@ -130,7 +130,7 @@ pub fn exact_section(
     Ok(Section {
         heading: "Exact signals".to_owned(),
         text: vec![
-            "Relative errors, the worst of all runs and all nine parameters. What is left is rounding, and differs with the machine's mathematical functions."
+            "Relative errors, the worst of all runs and all nine parameters. The rest is rounding, and differs with the computer's mathematical functions."
                 .to_owned(),
         ],
         table,
@@ -290,10 +290,10 @@ pub fn changes_section(
     Ok(Section {
         heading: "Changes of the payload".to_owned(),
         text: vec![format!(
-            "{seeds} seeds each of steps, sines and square, runs of 90 s, the drift's of 150 s. Announced is a change in the block that holds it or the one after it. Blocks are counted from \
-             the one that holds the (last) jump until θ6, θ7 and θ9, which are the payload, stay within 1 % to the end of the run: median and worst of all runs, – where one never \
-             does. Usable are parameters that the estimate marks as such while `use_ok` is set; their worst error over θ2 and θ4 to θ9 in any block from the \
-             change on, the share of blocks from the change on with `use_ok`, and the share of these parameters that are usable in them."
+            "{seeds} seeds each of steps, sines and square, runs of 90 s, those with a drift of 150 s.\n\n- A change counts as announced in the block that contains it or the one after \
+             it.\n- Blocks are counted from the one that contains the (last) jump until θ6, θ7 and θ9, which depend on the payload, stay within 1 % to the end of the run: median and worst \
+             of all runs, – if one never does.\n- Parameters are usable if the estimate marks them so while `use_ok` is set. The table has their worst error over θ2 and θ4 to θ9 in any \
+             block from the change on, the share of blocks from the change on with `use_ok`, and the share of these parameters that are usable in them."
         )],
         table,
     })
@@ -328,7 +328,7 @@ pub fn false_alarms_section(
     }
     Ok(Section {
         heading: "False alarms".to_owned(),
-        text: vec!["The payload stays; seeds that no other study uses.".to_owned()],
+        text: vec!["The payload does not change; no other study uses these seeds.".to_owned()],
         table,
     })
 }
@@ -434,8 +434,8 @@ pub fn calibration_section(
     Ok(Section {
         heading: "Calibration".to_owned(),
         text: vec![format!(
-            "Share of {runs} runs, each with its own reference and {STUDY_NOISE_V} V of noise, whose 95 % interval (θ̂ ± 1.96 standard deviations) holds the \
-             truth; λ = 0.95. One standard deviation of the counting itself is {:.1} points.",
+            "Share of {runs} runs, each with its own reference and {STUDY_NOISE_V} V of noise, whose 95 % interval (θ̂ ± 1.96 standard deviations) contains \
+             the truth; λ = 0.95. One standard deviation of the counting itself is {:.1} points.",
             100.0 * (0.95 * 0.05 / runs as f64).sqrt()
         )],
         table,

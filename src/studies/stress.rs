@@ -110,8 +110,9 @@ pub fn windup_section(
         heading: "Without excitation".to_owned(),
         text: vec![format!(
             "20 blocks of steps, 300 blocks at rest or with joint 1 alone moving, then steps again; {STUDY_NOISE_V} V of noise, the worst of {seeds} seeds. Errors are the worst of \
-             θ2 and θ4 to θ9, at rest also in their own standard deviations; the deviation is that of the parameter where it grows most, from the last block of steps to the \
-             last block of rest, or the one before the first alarm: after it a resting joint is open until it moves. Alarms are counted in the blocks of rest."
+             θ2 and θ4 to θ9, at rest also in their own standard deviations. The growth of the standard deviation is that of the parameter where it is largest. It is taken from the \
+             last block of steps to the last block of rest, or to the one before the first alarm, because after an alarm a resting joint is unconfirmed until it moves. Alarms \
+             are counted in the blocks of rest."
         )],
         table,
     })
@@ -253,8 +254,8 @@ pub fn outliers_section(
     Ok(Section {
         heading: "Outliers".to_owned(),
         text: vec![format!(
-            "1 % of the voltages carry a spike of 100 times the noise. The same runs with and without spikes, {} seeds each; compared is every estimate from the second \
-             block on, in standard deviations of the run without.",
+            "1 % of the voltages carry a spike of 100 times the noise. The same runs with and without spikes, {} seeds each: difference of every estimate from the \
+             second block on, in standard deviations of the run without spikes.",
             seeds.min(5)
         )],
         table,

@@ -28,10 +28,10 @@ pub fn header() -> String {
 pub fn page() -> String {
     let mut text = String::from(
         "# Layouts of the messages\n\nGenerated from the tables of fields in `src/messages`: `THETABUS_WRITE=1 cargo test -p thetabus-c --test header`.\n\n\
-         Everything lies in memory as C lays it out on a 64-bit machine: little-endian, IEEE 754, no implicit padding. Services are\n\
-         `thetabus/ROBOT/TOPIC` of iceoryx2 0.10.0; the name of the type on the bus stands beside each message, and the messages of every topic have the user header\n\
-         `Header`. Texts are UTF-8, filled up with zeros. Units in braces are those that the description tells. A set of parameters has\n\
-         bit i mod 64 of word i div 64 for parameter i, from 0.\n",
+         All messages have the memory layout of C on a 64-bit machine: little-endian, IEEE 754, no implicit padding. Services are\n\
+         `thetabus/ROBOT/TOPIC` of iceoryx2 0.10.0. Each section names the type on the bus. The messages of every topic have the user header\n\
+         `Header`. Texts are UTF-8, padded with zeros. Units in braces are given by the description. A set of parameters has bit i mod 64\n\
+         of word i div 64 for parameter i, from 0.\n",
     );
     for layout in all() {
         let _ = writeln!(

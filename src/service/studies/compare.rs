@@ -143,7 +143,7 @@ fn recording_section(config: &Config) -> Result<Section, Failure> {
         heading: "Recording".to_owned(),
         text: vec![
             "The configured run as MCAP with lz4 chunks, each sample with its time, masks and signals. The configured estimator needs all signals, so the second line \
-             is reading alone."
+             is for reading only."
                 .to_owned(),
         ],
         table,

@@ -306,8 +306,8 @@ fn section(of: &Compared) -> Section {
         heading: of.name.clone(),
         text: vec![format!(
             "Root mean square of setpoint minus measured position, from {SETTLED_S} s to the change at {change_s} s, and from {FOUND_S} s after it to the end; \
-             root mean square over {seeds} seeds. The ratios are of the joints together, over all seeds and of the worst one. The machine's own loop is the same in all rows; fixed \
-             feed-forward is made from the true values before the change, adaptive begins with `controller.theta` and goes on with estimates that may be used, and the \
+             root mean square over {seeds} seeds. The ratios are for all joints together, over all seeds and for the worst seed.\n\nThe machine's own loop is the same in all rows. \
+             Fixed feed-forward uses the true values before the change. Adaptive feed-forward starts with `controller.theta` and continues with estimates that may be used. The \
              last row uses the true parameters."
         )],
         table,

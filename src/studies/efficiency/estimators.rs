@@ -40,7 +40,7 @@ impl Method {
         match self {
             Self::Ours => "thetabus",
             Self::Filter => "extended Kalman filter",
-            Self::NearFilter => "the same, begun 10 % off",
+            Self::NearFilter => "the same, from 10 % off",
             Self::PredictionError => "prediction error",
             Self::OutputError => "output error",
             Self::LeastSquares => "least squares",

@@ -221,7 +221,7 @@ fn verdict(cases: &[RobotRuns]) -> String {
     };
     format!(
         "**What misses the goal.** Of {} figures of thetabus whose bound is below {}, {} are above {GOAL}; {} are above {}, \
-         which {seeds} seeds seldom make of {GOAL}: {listed}. Of the 95 % intervals {:.1} % hold the truth.",
+         which {seeds} seeds seldom make of {GOAL}: {listed}. Of the 95 % intervals {:.1} % contain the truth.",
         figures.len(),
         percent(KNOWABLE),
         above(GOAL).count(),
@@ -277,12 +277,12 @@ pub fn robot_sections(cases: &[RobotRuns]) -> Vec<Section> {
     }
     let text = vec![
         format!(
-            "The robot of `config/robots/six_axis.toml` after {ROBOT_RUN_S} s at 1 kHz, {} seeds, with encoders of 16 bits, torque noise \
-             of 0.5 % of each drive's range and bodies up to 15 % off the URDF, others for each seed; its drives have offsets of \
-             half their Coulomb friction, because the share of a 0 says nothing. All {} parameters are free: {} of bodies and \
-             rotors and six of friction for each joint. Motions: the sums of sines that the configuration simulates, others for \
-             each seed; the periodic motion of `thetabus excite` from {TRIES_WORDS}; moves from posture to posture with rests of \
-             half a second.",
+            "The robot of `config/robots/six_axis.toml` after {ROBOT_RUN_S} s at 1 kHz, {} seeds, with encoders of 16 bits and torque \
+             noise of 0.5 % of each drive's range. Its bodies are up to 15 % off the URDF, different for each seed. Its drives have \
+             offsets of half their Coulomb friction, because an error cannot be a share of 0. All {} parameters are free: {} of bodies \
+             and rotors and six of friction for each joint. There are three motions: the sums of sines that the configuration simulates, \
+             different for each seed; the periodic motion of `thetabus excite` from {TRIES_WORDS}; and moves from posture to posture \
+             with rests of half a second.",
             first.runs.len(),
             first.parameters.len(),
             first.groups.iter().filter(|group| **group < 2).count(),
@@ -290,24 +290,24 @@ pub fn robot_sections(cases: &[RobotRuns]) -> Vec<Section> {
         verdict(cases),
         format!(
             "**The bound** is the information of the innovations of a Kalman filter along the true motion, with positions, \
-             velocities and the engagement of friction as states of which nothing is known at the start; torques have white \
-             noise, positions that of their rounding, and parameters the prior of the service. If positions were exact, it \
-             would be that of a regression of the torques on the true motion. Rounding makes the bound larger: {}.",
+             velocities and the engagement of friction as states that are unknown at the start. Torques have white noise, \
+             positions that of their rounding, and parameters the prior of the service. With exact positions it would be \
+             that of a regression of the torques on the true motion. Rounding makes the bound larger: {}.",
             rounding(cases)
         ),
-        "**thetabus** runs as shipped, on line, and looks for a payload, which is not there. Off line: **windows** are the \
-         rows of the service's windows, all of one weight, or **weighted** by the known noise of each joint's torque; \
-         **differentiated** is weighted least squares on filtered and differentiated positions without the samples about rest \
-         and reversals; **instrumental variables** are the same with the rows of the reference motion as instruments."
+        "**thetabus** runs as shipped, on line, and looks for a payload, although there is none. Off line, **windows** are \
+         the rows of the service's windows, with equal weights, or **weighted** by the known noise of each joint's torque. \
+         **Differentiated** is weighted least squares on filtered and differentiated positions without the samples about rest \
+         and reversals. **Instrumental variables** are the same with the rows of the reference motion as instruments."
             .to_owned(),
-        "**Why figures are above 1.** Reversals. The identifier's own windows, with the known noise as weights, lose as much: \
-         it is the rows, not how they are weighed on line. Differentiated positions keep away from reversals and lose less. \
-         With windows of 0.25 s, as for logs at 100 Hz, in the place of 0.1 s, the designed motion and the moves had 1.3; \
-         with velocities over 10 instead of 20 ms to either side three seeds of the designed motion have 1.0. The Stribeck \
-         term, which is 0, is off by most because smoothed velocities blur reversals: 1.5 times its bound with \
-         encoders of 24 bits, velocities over 4 ms and the drives' own presliding, which alone brings instrumental variables \
-         to 1.1: the configuration takes it for twice as long, and its term for that holds for the area of a reversal, \
-         not for its shape."
+        "**Why figures are above 1.** The cause is reversals. The identifier's own windows, with the known noise as weights, \
+         lose as much, so the cause is in the rows and not in their weights on line. Differentiated positions leave out \
+         reversals and lose less. With windows of 0.25 s, as for logs at 100 Hz, instead of 0.1 s, the designed motion and \
+         the moves had 1.3. With velocities over 10 instead of 20 ms to either side, three seeds of the designed motion have \
+         1.0.\n\nThe Stribeck term, whose truth is 0, has the largest error, because smoothed velocities blur reversals. It \
+         is 1.5 times its bound with encoders of 24 bits, velocities over 4 ms and the drives' own presliding. The drives' \
+         own presliding alone brings instrumental variables to 1.1: the configuration assumes twice that travel, and its term \
+         for the difference corrects the area of a reversal, not its shape."
             .to_owned(),
     ];
     vec![
@@ -320,7 +320,7 @@ pub fn robot_sections(cases: &[RobotRuns]) -> Vec<Section> {
             heading: "Six-axis robot: thetabus by groups".to_owned(),
             text: vec![format!(
                 "Error ÷ bound of each parameter whose bound is below {}: median and worst of a group, and how many are above {GOAL}. \
-                 Of parameters that are 0 all count.",
+                 If the truth is 0, all parameters count.",
                 percent(KNOWABLE)
             )],
             table: by_group,

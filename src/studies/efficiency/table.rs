@@ -176,9 +176,9 @@ fn verdict(cases: &[CaseRuns], seeds: u64) -> String {
     }
     format!(
         "**What misses the goal.** The goal is {GOAL} × the bound for every parameter whose bound is below {}. \
-         Of {all} such figures of thetabus {} are above it. {seeds} seeds tell a root mean square to {} of itself, \
-         so that an estimator at the goal is seldom above {}; above that are {}: {listed}. Of the 95 % intervals \
-         {:.1} % hold the truth; the goal is 92 to 97 %.",
+         Of {all} such figures of thetabus {} are above it. {seeds} seeds determine a root mean square to {} of \
+         itself, so an estimator at the goal is seldom above {}. Above that are {}: {listed}. Of the 95 % intervals \
+         {:.1} % contain the truth; the goal is 92 to 97 %.",
         percent(KNOWABLE),
         missed.len(),
         percent((0.5 / seeds as f64).sqrt()),
@@ -191,39 +191,41 @@ fn verdict(cases: &[CaseRuns], seeds: u64) -> String {
 fn introduction(cases: &[CaseRuns], seeds: u64, duration_s: f64) -> Section {
     let text = [
         format!(
-            "Error ÷ bound: the root mean square over {seeds} seeds of the error after {duration_s} s, over the \
-             Cramér–Rao bound of the same run, of all parameters whose bound is below {}. An unbiased estimator \
-             that loses nothing has 1. In brackets: runs that settled, if not all did. Lost: above {LOST}.",
+            "Error ÷ bound is the root mean square over {seeds} seeds of the error after {duration_s} s, divided by \
+             the Cramér–Rao bound of the same run, over all parameters whose bound is below {}. An unbiased \
+             estimator that loses nothing has 1. In brackets: number of runs that settled, if not all did. Lost: \
+             above {LOST}.",
             percent(KNOWABLE)
         ),
         verdict(cases, seeds),
         "**The bound** is the covariance recursion along the true motion of a run whose state at the start is not \
-         known: positions have the noise of their rounding, inputs white noise, and each parameter a prior of 50 %, \
-         which matters little below 1 %. The nine parameters of the arm are free in it; thetabus uses \
-         θ₁/θ₃ = θ₂/θ₄ and may be better than the bound in these four. Rounding is no white noise: at 13 bits slow \
-         motion stays on a count for many samples, and the rounding of a machine at rest is one value, however \
-         often it is read. The bound is an orientation there."
+         known. Positions have the noise of their rounding, inputs white noise, and each parameter a prior of 50 %, \
+         which matters little below 1 %. The nine parameters of the arm are free in it; thetabus uses θ₁/θ₃ = θ₂/θ₄ \
+         and may be better than the bound in these four. Rounding is not white noise. At 13 bits, slow motion stays \
+         on a count for many samples, and the rounding of a machine at rest is one value, however often it is read. \
+         The bound is only approximate there."
             .to_owned(),
-        "**thetabus** runs as shipped, on line, with its forgetting (`config/encoder_only.toml`, \
-         `config/servo_axis.toml`); only the axis has a sampled instead of an analog controller, because the input \
-         of an analog one between samples is in no record, and whatever is supposed about it moves the mass by \
-         more than the bound. The **extended Kalman filter** has θ in its state and works sample by sample, from \
-         the values of the configuration (a factor of 2.5 off for the arm), and, because it is lost from there, \
-         from 10 % off as well, which nobody else is given. Off line, over the whole run at once: **prediction \
-         error** is maximum likelihood with the innovations of a Kalman filter at fixed θ, **output error** the \
-         same with the recorded input for exact; **least squares** work on filtered and differentiated positions, \
-         **instrumental variables** the same with regressors of a simulation as instruments. The likelihoods are \
-         searched from the instrumental variables' result if it is a machine, else from the configuration's \
-         values. Filters and likelihoods know the noise of the sensors, instruments know the controller."
+        "**The estimators** are:\n\n- **thetabus** as shipped, on line, with its forgetting \
+         (`config/encoder_only.toml`, `config/servo_axis.toml`). Only the axis has a sampled instead of an analog \
+         controller. The input of an analog one between samples is not recorded, and any assumption about it moves \
+         the mass by more than the bound.\n- **Extended Kalman filter**: θ is in its state, and it works sample by \
+         sample. It starts from the values of the configuration, a factor of 2.5 off for the arm. From there it is \
+         lost, so it also starts from 10 % off, which no other estimator does.\n- **Prediction error**, off line \
+         over the whole run: maximum likelihood with the innovations of a Kalman filter at fixed θ.\n- **Output \
+         error**: the same, with the recorded input taken as exact.\n- **Least squares**: on filtered and \
+         differentiated positions.\n- **Instrumental variables**: the same, with regressors of a simulation as \
+         instruments.\n\nThe search of the likelihoods starts from the instrumental variables' result if it is \
+         physically possible, else from the configuration's values. Filters and likelihoods know the noise of the \
+         sensors, instruments know the controller."
             .to_owned(),
-        "**Why figures are above 1.** thetabus on the axis: square waves of a few seeds, after which it creeps to \
-         its place and the rows over the last of it are left out as a rest. What thetabus loses \
-         of theta_1 on steps at 20 bits is not explained yet. On smooth moves at 13 bits a first block alone hardly \
-         determines the θ that its weights and smoothed positions are made with; begun at the true θ, thetabus is at \
-         the bound there. Filter and prediction errors on moves with rests: they believe the rounding of a machine at \
-         rest to be noise (8 seeds of trapezoidal, 20 bit, have 1.1 in the place of 1.5 with one count of white \
-         noise added), and on the axis they linearise sticking (there such noise changes nothing). Least squares and \
-         instruments: filters of a fixed width, equations without weights."
+        "**Why figures are above 1.**\n\n- *thetabus*: on the axis, the cause is square waves of a few seeds. After them the axis \
+         creeps to its place, and the rows over the end of that are left out as a rest. What thetabus loses of theta_1 on steps \
+         at 20 bits is not explained yet. On smooth moves at 13 bits a first block alone hardly determines the θ from \
+         which its weights and smoothed positions are computed; started at the true θ, thetabus is at the bound \
+         there.\n- *Filter and prediction error*, on moves with rests: they take the rounding of a machine at rest \
+         for noise. With one count of white noise added, 8 seeds of trapezoidal, 20 bit, have 1.1 instead of 1.5. On \
+         the axis they linearise sticking, and such noise changes nothing.\n- *Least squares and instrumental \
+         variables*: they have filters of a fixed width and equations without weights."
             .to_owned(),
     ];
     Section {

@@ -21,13 +21,14 @@ pub fn robots_document(trials: &[RobotTrial]) -> Document {
             alarms(trials),
             payload(
                 "friction does not depend on it",
-                "The configuration has `payload_friction = 0`, `friction_walk = 0` and `zero_rad = 0`: friction neither depends on the load nor drifts, and the zeros of the encoders are known.",
+                "The configuration has `payload_friction = 0`, `friction_walk = 0` and `zero_rad = 0`: friction neither depends on the load nor drifts, and the zeros of the encoders are \
+                 known exactly.",
                 trials.iter().map(|trial| &trial.loaded),
             ),
             payload(
                 "friction might depend on it",
-                "The same runs with the default `payload_friction = 0.05` (and `friction_walk = 0`, `zero_rad = 0`): gears rub more under load, so each friction parameter may be another one by 5 % of its size from the pick-up on. \
-                 Here it is not, and the mass is known less well at first.",
+                "The same runs with the default `payload_friction = 0.05` (and `friction_walk = 0`, `zero_rad = 0`): gears have more friction under load, so each friction \
+                 parameter may change by 5 % of its size at the pick-up. Here it does not, and the mass is less certain at first.",
                 trials.iter().map(|trial| &trial.guarded),
             ),
         ],
@@ -41,9 +42,10 @@ fn settings(seeds: usize) -> Section {
             format!(
                 "The simulated seven-axis arm of config/robots/seven_axis.urdf, {seeds} seeds. Each seed is another machine, whose bodies differ from the URDF by 15 %, on another motion: \
                  Fourier series of 5 harmonics within the limits of the URDF, computed torque, Dahl friction, 1 kHz. Encoders have 16 bits, torques noise of 0.5 % of the joint's \
-                 range, velocities are formed from positions over 20 ms to either side. Windows of 0.1 s, blocks of {BLOCK_S} s, the watch over payload and friction is on.",
+                 range, velocities are formed from positions over 20 ms to either side. Windows have 0.1 s, blocks {BLOCK_S} s; the detection of payloads and of changes \
+                 of friction is on.",
             ),
-            "Nothing is left out: a run in which something fails counts with what it gave.".to_owned(),
+            "Every run counts, also if something in it fails.".to_owned(),
         ],
         table: Table::default(),
     }
@@ -127,8 +129,8 @@ fn known(trials: &[RobotTrial]) -> Section {
     Section {
         heading: format!("What is known after {EMPTY_S:.0} s without a load"),
         text: vec![format!(
-            "A parameter is excited if its own standard deviation is below {} % of it. The error is beside the truth. The goals are an error of at most 0.5 % of what is excited, and 95 % intervals \
-             that hold in 90 to 98 %.",
+            "A parameter is excited if its own standard deviation is below {} % of it. The error is the difference from the truth. The goals are an error of at most 0.5 % for excited parameters, \
+             and 95 % intervals that contain the truth in 90 to 98 % of cases.",
             100.0 * EXCITED
         )],
         table,
@@ -163,7 +165,8 @@ fn alarms(trials: &[RobotTrial]) -> Section {
     Section {
         heading: "False alarms".to_owned(),
         text: vec![
-            "Changes that were found although nothing changed. The goal is at most one in 1000 blocks. A load that is there from the start is learnt as a part of the arm."
+            "The table counts changes that were found although nothing changed. The goal is at most one in 1000 blocks. A load that is carried from the start is learnt \
+             as a part of the arm."
                 .to_owned(),
         ],
         table,
@@ -227,8 +230,8 @@ fn payload<'a>(friction: &str, told: &str, runs: impl Iterator<Item = &'a Loaded
                 holds(1)
             ),
             format!(
-                "The pick-up lies at a different point of a block for each seed. The mass is the last one published within 2 s and 5 s after it; with an estimate every {BLOCK_S} s \
-                 it was learnt from {} to 2 s of motion with the load.",
+                "The pick-up is at a different point of a block for each seed. The mass is the last one published within 2 s and 5 s after it. With an estimate every {BLOCK_S} s, \
+                 the first of these was learnt from {} to 2 s of motion with the load.",
                 2.0 - BLOCK_S
             ),
         ],

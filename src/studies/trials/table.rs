@@ -243,16 +243,16 @@ pub fn trials_document(results: &[(Case, CaseResult)], seeds: u64) -> Document {
 }
 
 const EXPLANATION: [&str; 5] = [
-    "Each run goes through the identifier node of the service with the options of `config/encoder_only.toml`, the servo axis with those of `config/servo_axis.toml`; the noise of the \
-     sensors is given to it. Unless the model is wrong, the payload of the arm changes once, in the block in the middle of the run, at a place that the seed chooses. \
+    "Each run goes through the identifier node of the service with the options of `config/encoder_only.toml`, the servo axis with those of `config/servo_axis.toml`. The noise of the \
+     sensors is configured. Unless the model is wrong, the payload of the arm changes once, in the block in the middle of the run, at a time that the seed chooses. \
      `studies trials --show` prints the settings of each case.",
-    "A **dangerous block** has `use_ok = 1` and a usable parameter or a derived value that is more than 5 σ and more than 0.5 % off. An alarm is false if nothing changed in its block \
-     or in the one before. Intervals are those of values with σ below half the value, in blocks without a change, from block 6 on; usable shares count parameters in all blocks from block 6 \
-     on. A parameter is knowable while its Cramér–Rao bound is below 1 %; the bound is that of the same run without its disturbance, up to the change of the payload.",
-    "The truth is that of the block's last sample; of derived values it is what the true parameters give with the constants in the identifier's configuration, so that a winding that has become warm \
-     counts as a true change of both.",
-    "Error ÷ bound is the root mean square over seeds and three marks before the change, of the knowable parameters together and of the worst of them; the bound leaves the nine parameters and the state at the start free. \
-     The error at the end is that of the worst knowable parameter, of the worst of all if there is no bound.",
-    "A cause is named right if the status says last that it would explain the misfit or the change. An error that the motion does not show leaves no misfit: the status then says of a parameter that most of its \
-     std may be that error, unseen.",
+    "A **dangerous block** has `use_ok = 1` and a usable parameter or a derived value that is more than 5 σ and more than 0.5 % off. An alarm is false if nothing changed in its block or in \
+     the one before.\n\nThe columns of intervals count values with σ below half the value, in blocks without a change, from block 6 on. Usable shares count parameters in all blocks from \
+     block 6 on. A parameter is knowable while its Cramér–Rao bound is below 1 %. The bound is that of the same run without its disturbance, up to the change of the payload.",
+    "The truth is that of the block's last sample. The truth of a derived value is computed from the true parameters with the constants in the identifier's configuration, so a winding that has \
+     become warm counts as a true change of both.",
+    "Error ÷ bound is the root mean square over seeds and three blocks before the change, of the knowable parameters together and of the worst of them. The bound leaves the nine \
+     parameters and the state at the start free. The error at the end is that of the worst knowable parameter, or of the worst of all parameters if there is no bound.",
+    "A cause is named right if the last message of the status says that it would explain the misfit or the change. An error that the motion does not show leaves no misfit. The \
+     status then says that most of the std of a parameter may be that error, unseen.",
 ];

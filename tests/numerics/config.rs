@@ -867,7 +867,7 @@ fn regress_the_velocity_filter_has_a_time_and_recordings_of_before_keep_theirs()
         RowForm::Projected(rows) => rows.velocity_half_width,
         RowForm::Pointwise => 0,
     };
-    for (period_s, expected) in [(0.5e-3, 12), (1e-3, 6), (2e-3, 3), (0.01, 3)] {
+    for (period_s, expected) in [(0.5e-3, 16), (1e-3, 8), (2e-3, 4), (0.01, 3)] {
         let period = format!("plant.sample_period_s={period_s:?}");
         let window = "identifier.projected.window_s=0.1";
         let config = load("", &["identifier.rows=projected", &period, window]).unwrap();
@@ -876,7 +876,7 @@ fn regress_the_velocity_filter_has_a_time_and_recordings_of_before_keep_theirs()
     let text = load("", &["identifier.rows=projected", "plant.sample_period_s=0.002"])
         .unwrap()
         .to_toml()
-        .replace("velocity_half_width_s = 0.006", "velocity_half_width = 12");
+        .replace("velocity_half_width_s = 0.008", "velocity_half_width = 12");
     assert!(text.contains("velocity_half_width = 12"));
     let recorded = Source::Recorded {
         name: "the recording's configuration".to_owned(),

@@ -59,7 +59,7 @@ table! {
         stride_s: f64 = rows.stride_s, Kind::Real(POSITIVE), "s",
             "Time from a window to the next; a fifth of the window loses nothing worth having, and more than 0.02 loses much";
         velocity_half_width_s: f64 = rows.velocity_half_width as f64 * rows.sample_period_s, Kind::Real(POSITIVE), "s",
-            "Time on either side that the velocity filter uses, rounded to 3 to 100 sample periods; 0.006 serves encoders of 13 to 20 bits, more smooths away jumps of the jerk";
+            "Time on either side that the velocity filter uses, rounded to 3 to 100 sample periods; 0.008 serves encoders of 13 to 20 bits; more smooths away jumps of the jerk, less makes noise of the direction of a slow joint";
         timing: InputTiming = rows.timing, choice::<InputTiming>(), "",
             "Input between samples: held by a sampled controller, or continuous except for jumps at sample instants";
         input_delay_s: f64 = rows.input_delay_s, Kind::Real(FINITE), "s",

@@ -41,7 +41,7 @@ impl ProjectedOptions {
             sample_period_s: 1e-3,
             window_s: 0.1,
             stride_s: 0.02,
-            velocity_half_width: 6,
+            velocity_half_width: 8,
             timing: InputTiming::Held,
             input_delay_s: 0.0,
             noise: SensorNoise::encoder(16, 0.05),

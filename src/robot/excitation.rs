@@ -35,8 +35,8 @@ const LOOKS: usize = 40;
 const DRAWN: usize = 8;
 /// Length of a step relative to the shape: initial, smallest and largest.
 const STEP: (f64, f64, f64) = (0.3, 0.02, 1.0);
-/// Factor on the step length after a success; after a failure it is smaller, so that in equilibrium
-/// one step in five succeeds.
+/// Factors on the step length after a success and after a failure: in equilibrium one step in five
+/// succeeds.
 const SUCCESS: f64 = 1.5;
 const FAILURE: f64 = 0.903_6;
 /// Cost of a torque above its limit, per share of the limit \[nat\].

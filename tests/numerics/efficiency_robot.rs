@@ -1,4 +1,4 @@
-//! The Cramér–Rao bound of robots against closed forms, and the six-axis robot beside it.
+//! The Cramér–Rao bound of robots against closed forms, and the six-axis robot against the bound.
 
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! v̄ = ∫ q̇ dt / T,   d = Δq / T over pieces of some T = 0.1 s:   v̄ ≈ k d,   k = Σ v̄ d / Σ d²        (1)
-//! P_j = Σ f_j q̇_j ≥ 0 for every machine, f_j: the friction torque of joint j without its offset        (2)
+//! P_j = Σ f_j q̇_j ≥ 0 for every machine, f_j: friction torque of joint j without its offset        (2)
 //! ```
 //!
 //! Nothing here changes a number or refuses a log: suspicions are only reported, and the user, who

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! m = Δq_k − ½ (q̇_k + q̇_{k−1}) Δt                                                              (1)
-//! s = Δq_k − Δq_{k−1}        less whole turns, by which an encoder may wrap                     (2)
+//! s = Δq_k − Δq_{k−1}        less whole turns (an encoder may wrap), Δq_{k−1} less its jump     (2)
 //! l = max(LEAST, COUNTS · least |Δq| but 0)                                                    (3)
 //! jump by s:   |m| > max(l, LOUD · mean |m|),   |s| > l,   m/s > SHARE                         (4)
 //! slipped:     |Σ s| > LEAST over the jumps of a joint                                         (5)

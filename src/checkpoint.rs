@@ -1,13 +1,13 @@
-//! Checkpoints: what an identifier knows, as a file that is whole or not there.
+//! Checkpoints: the state of an identifier in a file that is either complete or absent.
 //!
 //! ```text
 //! magic 8 | version u32 | CRC-32 of what follows u32 | length u64 | bincode: identity, block, state
 //! ```
 //!
 //! Written to a temporary file, synced, renamed, and the directory synced, so that a crash or a
-//! full disk leaves the previous checkpoint. Read only if magic, version, length and CRC hold,
-//! model and configuration are the same, and the state is one that this estimator can be in.
-//! bincode 2 is no longer maintained, and no other module names it.
+//! full disk leaves the previous checkpoint. Used only if magic, version, length and CRC are right,
+//! model and configuration are the same, and the state is valid for this estimator. bincode 2 is no
+//! longer maintained; no other module uses it.
 
 use crate::estimator::EstimatorState;
 use crate::files;
@@ -20,22 +20,22 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"THETABUS";
-/// Version of the file; a change of the state's layout is a new one.
+/// Version of the file; changes with the layout of the state.
 pub const CHECKPOINT_VERSION: u32 = 6;
 /// Magic, version, CRC, length.
 const HEAD: usize = 24;
-/// No state comes near this \[bytes\]: it is 128 matrices of
+/// Largest file \[bytes\], far above any state: 128 matrices of
 /// [`MAX_PARAMS`](crate::model::MAX_PARAMS) parameters.
 const LIMIT: usize = 16 << 20;
 
-/// Whose state it is.
+/// The owner of a state.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Identity {
     /// Robot name.
     pub robot: String,
     /// Hash of the model.
     pub model_hash: u64,
-    /// Hash of the configuration that the identifier was started with.
+    /// Hash of the identifier's initial configuration.
     pub config_hash: u64,
 }
 
@@ -64,12 +64,12 @@ pub enum CheckpointError {
         /// What the system says.
         source: io::Error,
     },
-    /// Not a checkpoint, or not all of one.
+    /// Not a checkpoint, or an incomplete one.
     #[error("it is damaged: expected {expected}, got {got}")]
     Damaged {
-        /// What should be there.
+        /// What was expected.
         expected: String,
-        /// What is.
+        /// What was found.
         got: String,
     },
     /// Of another version of this program.
@@ -101,10 +101,10 @@ fn configuration() -> impl bincode::config::Config {
         .with_limit::<LIMIT>()
 }
 
-/// A state as the bytes of a file.
+/// Encodes a state as the bytes of a file.
 ///
 /// # Errors
-/// A state larger than any estimator has.
+/// If the state is larger than any estimator's.
 pub fn encode(identity: &Identity, state: &NodeState) -> Result<Vec<u8>, CheckpointError> {
     let body = Body {
         robot: identity.robot.clone(),
@@ -132,10 +132,10 @@ pub fn encode(identity: &Identity, state: &NodeState) -> Result<Vec<u8>, Checkpo
     Ok(bytes)
 }
 
-/// The state in the bytes of a file.
+/// Decodes the state from the bytes of a file.
 ///
 /// # Errors
-/// Anything that is not, bit by bit, a checkpoint of this identity and version.
+/// If the bytes are not a valid checkpoint of this identity and version.
 pub fn decode(bytes: &[u8], identity: &Identity) -> Result<NodeState, CheckpointError> {
     let damaged = |expected: &str, got: String| CheckpointError::Damaged {
         expected: expected.to_owned(),
@@ -203,10 +203,10 @@ pub fn path(dir: &Path, robot: &str) -> PathBuf {
     dir.join(format!("{robot}.checkpoint"))
 }
 
-/// Writes a checkpoint whole or not at all.
+/// Writes a checkpoint completely or not at all.
 ///
 /// # Errors
-/// A directory that cannot be written to, a full disk; the previous checkpoint stays.
+/// If the directory cannot be written to or the disk is full; the previous checkpoint then stays.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), CheckpointError> {
     files::write_synced(path, bytes).map_err(|source| CheckpointError::Io {
         path: path.to_path_buf(),
@@ -217,13 +217,13 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), CheckpointError> {
 /// The bytes of a checkpoint; `None` if there is none.
 ///
 /// # Errors
-/// A file that cannot be read, or is larger than any checkpoint.
+/// If the file cannot be read, or is larger than any checkpoint.
 pub fn read(path: &Path) -> Result<Option<Vec<u8>>, CheckpointError> {
     let failed = |source| CheckpointError::Io {
         path: path.to_path_buf(),
         source,
     };
-    // To open a pipe would wait for somebody who writes into it.
+    // Opening a pipe would wait for a writer.
     let opened = File::options()
         .read(true)
         .custom_flags(OFlag::O_NONBLOCK.bits())
@@ -307,7 +307,7 @@ mod tests {
                     let at = below(&mut random, bytes.len() - 64);
                     random.fill_bytes(&mut bytes[at..at + 64]);
                 }
-                // something behind it
+                // something appended
                 _ => bytes.extend((0..=below(&mut random, 100)).map(|i| i as u8)),
             }
             let error = decode(&bytes, &identity()).expect_err("corrupt");

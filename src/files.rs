@@ -1,21 +1,21 @@
-//! Files that appear whole or not at all, written through no link that somebody else has laid.
+//! Files that appear completely or not at all, and are never written through another user's link.
 //!
-//! Everything is written to `TARGET.PID.tmp` beside its target and renamed. The temporary file is
+//! Everything is written to `TARGET.PID.tmp` next to its target and renamed. The temporary file is
 //! opened with `O_CREAT | O_EXCL`, which POSIX lets fail on a symbolic link, dangling or not, and
-//! it is locked (`flock`) while its process lives. So what a killed process has left is told from a
-//! file in use, whatever became of the process id, and the next writer of the same target removes
-//! it.
+//! it is locked (`flock`) while its process lives. So a leftover of a killed process can be
+//! distinguished from a file in use, even if the process id is reused, and the next writer of the
+//! same target removes it.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Names that are tried: one that somebody occupies, with a link for instance, must not deny the
-/// service.
+/// Number of names to try: a name occupied by another user, for example by a link, must not block
+/// the service.
 const NAMES: u32 = 16;
 
-/// A file that has not got its name yet; removed on drop unless it gets it.
+/// A file without its final name; removed on drop unless it gets it.
 pub(crate) struct Temporary {
     file: File,
     path: PathBuf,
@@ -24,11 +24,11 @@ pub(crate) struct Temporary {
 }
 
 impl Temporary {
-    /// A new file beside `target`, after what killed processes have left of the same target has
-    /// been removed.
+    /// A new file next to `target`, after removing leftovers of killed processes for the same
+    /// target.
     ///
     /// # Errors
-    /// A directory that cannot be written to.
+    /// If the directory cannot be written to.
     pub(crate) fn beside(target: &Path) -> io::Result<Self> {
         sweep(target);
         let pid = std::process::id();
@@ -42,8 +42,8 @@ impl Temporary {
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => continue,
                 file => file?,
             };
-            // Between the two lines a sweep of another process may have taken the file for one that
-            // was left behind.
+            // Before it was locked, another process's clean-up may have taken the file for a
+            // leftover.
             let locked = !matches!(file.try_lock(), Err(TryLockError::WouldBlock));
             if locked && is_still(&path, &file) {
                 return Ok(Self {
@@ -65,10 +65,10 @@ impl Temporary {
         &self.file
     }
 
-    /// Gives the file its name, in place of what had it.
+    /// Gives the file its name, replacing an existing file.
     ///
     /// # Errors
-    /// The system refuses to rename it.
+    /// If the system refuses to rename it.
     #[cfg(feature = "report")]
     pub(crate) fn replace(mut self) -> io::Result<()> {
         fs::rename(&self.path, &self.target)?;
@@ -76,12 +76,12 @@ impl Temporary {
         Ok(())
     }
 
-    /// Gives the file its name, which nothing may have.
+    /// Gives the file its name, which must not exist.
     ///
     /// # Errors
-    /// `AlreadyExists` if something has it; whatever else the system refuses.
+    /// `AlreadyExists` if it exists; other errors of the system.
     pub(crate) fn appear(mut self) -> io::Result<()> {
-        // A link fails on an existing name, where a rename writes over it.
+        // A link fails on an existing name, while a rename would overwrite it.
         match fs::hard_link(&self.path, &self.target) {
             Ok(()) => {}
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists => return Err(e),
@@ -104,7 +104,7 @@ impl Drop for Temporary {
     }
 }
 
-/// Fails with `AlreadyExists` if anything has this name, a dangling link included.
+/// Fails with `AlreadyExists` if the name exists, including a dangling link.
 pub(crate) fn vacant(path: &Path) -> io::Result<()> {
     match fs::symlink_metadata(path) {
         Ok(_) => Err(io::ErrorKind::AlreadyExists.into()),
@@ -113,10 +113,10 @@ pub(crate) fn vacant(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Writes a file whole or not at all; one that was there before stays as it is until then.
+/// Writes a file completely or not at all; an existing one stays unchanged until then.
 ///
 /// # Errors
-/// A directory that cannot be written to, a full disk.
+/// If the directory cannot be written to or the disk is full.
 #[cfg(feature = "report")]
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let temporary = Temporary::beside(path)?;
@@ -124,7 +124,7 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     temporary.replace()
 }
 
-/// The same, and it is on the disk when this returns.
+/// The same, and the data are on the disk when this returns.
 ///
 /// # Errors
 /// As [`write`].
@@ -137,8 +137,8 @@ pub(crate) fn write_synced(path: &Path, bytes: &[u8]) -> io::Result<()> {
     File::open(directory(path))?.sync_all()
 }
 
-/// Removes what killed processes have left of a target. What cannot be removed stays: the target
-/// itself is not concerned.
+/// Removes leftovers of killed processes for a target. Errors are ignored, because they do not
+/// affect the target itself.
 fn sweep(target: &Path) {
     let Some(name) = target.file_name() else { return };
     let name = name.as_encoded_bytes();
@@ -150,7 +150,7 @@ fn sweep(target: &Path) {
             .and_then(|rest| rest.strip_prefix(b"."))
             .and_then(|rest| rest.strip_suffix(b".tmp"));
         let ours = middle.is_some_and(|m| !m.is_empty() && m.iter().all(|b| b.is_ascii_digit() || *b == b'-'));
-        // The type of the entry itself: a link is somebody else's.
+        // The type of the entry itself, because a link is not ours.
         if !ours || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
             continue;
         }
@@ -200,8 +200,7 @@ mod tests {
     fn fault_what_a_killed_process_has_left_is_removed_and_what_is_in_use_is_not() {
         let dir = tempfile::tempdir().unwrap();
         let target = dir.path().join("summary.json");
-        // of a process that is gone, of this process id in an earlier life, and files that only
-        // look similar
+        // of an ended process, of an earlier process with this id, and files with similar names
         let left = [
             "summary.json.1.tmp".to_owned(),
             format!("summary.json.{}.tmp", std::process::id()),
@@ -235,7 +234,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let victim = dir.path().join("victim");
         let target = dir.path().join("arm.checkpoint");
-        // a dangling link that would make the victim, and one that would write over it
+        // a dangling link that would create the victim, and one that would overwrite it
         for exists in [false, true] {
             if exists {
                 fs::write(&victim, "precious").unwrap();

@@ -1,5 +1,5 @@
-//! Identification in a few lines, inside your own program: a plant, what its sensors are, samples
-//! in, estimates out.
+//! Identification in a few lines inside your own program: describe the plant and its sensors, push
+//! samples, get estimates.
 //!
 //! ```
 //! use thetabus::identify::Identifier;
@@ -23,10 +23,11 @@
 //! # Ok::<(), thetabus::identify::BuildError>(())
 //! ```
 //!
-//! What is not said is chosen as `config/own_plant.toml` does: rows over windows of the positions,
-//! noise and window learnt from the signals, the estimator that forgets only where new data come,
-//! bounds by physics, changes detected. The service makes its identifier in the same way, from its
-//! configuration: both end at [`Model::identifier`](crate::node::model::Model::identifier).
+//! Settings that you leave out have the values of `config/own_plant.toml`: rows over windows of the
+//! positions, noise and window learnt from the signals, an estimator that forgets only where new
+//! data arrive, bounds from physics, and change detection. The service builds its identifier in the
+//! same way from its configuration: both call
+//! [`Model::identifier`](crate::node::model::Model::identifier).
 
 pub use crate::estimator::ParameterPrior;
 
@@ -37,7 +38,7 @@ use crate::node::identifier::{Identifier as Node, IdentifierOptions};
 use crate::node::model::{ModelError, NodeSettings, PlantModel, SharedModel};
 use crate::rows::{Considered, InputSource, ProjectedOptions, RowForm, SensorNoise, auto_window_first, priors};
 
-/// Why there is no identifier.
+/// Why an identifier could not be built.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BuildError {
@@ -54,7 +55,7 @@ pub enum BuildError {
     UnknownParameter {
         /// The name that was given.
         name: String,
-        /// The names there are.
+        /// The names that exist.
         known: String,
     },
     /// A setting is out of its range.
@@ -62,12 +63,12 @@ pub enum BuildError {
     Setting {
         /// Method of the builder.
         setting: &'static str,
-        /// What would be right.
+        /// What was expected.
         expected: &'static str,
         /// What was given.
         got: String,
     },
-    /// Settings that do not go together, or with this plant.
+    /// Settings that contradict each other or do not fit this plant.
     #[error(transparent)]
     Model(#[from] ModelError),
 }
@@ -76,7 +77,7 @@ pub enum BuildError {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "one per builder")]
 enum Signals {
-    /// Positions and inputs, with noise that is learnt unless it is known.
+    /// Positions and inputs. Their noise is learnt unless it is specified.
     Positions(Option<SensorNoise>),
     /// Positions with their exact derivatives, and inputs.
     Derivatives,
@@ -91,7 +92,7 @@ pub struct IdentifierBuilder {
     sample_period_s: f64,
     block_len: usize,
     signals: Signals,
-    /// The resolution of the positions is one of angles.
+    /// The resolution is in counts per turn, which only angles have.
     counts_per_turn: bool,
     window_s: Option<f64>,
     considered: Considered,
@@ -119,8 +120,8 @@ impl IdentifierBuilder {
 
     /// Encoders of 2^`bits` counts per turn, and white noise of this standard deviation on the
     /// input, in its unit; the same for all joints. If the sensors are not specified, their noise
-    /// is learnt from the signals. For joints that turn; of one that moves along a line
-    /// [`sensors`](Self::sensors) states the resolution.
+    /// is learnt from the signals. Only for revolute joints; use [`sensors`](Self::sensors) for the
+    /// resolution of a joint that moves along a line.
     #[must_use]
     pub fn encoder(self, bits: u32, input_noise: f64) -> Self {
         Self {
@@ -137,23 +138,23 @@ impl IdentifierBuilder {
         self
     }
 
-    /// Samples carry exact velocities, accelerations and, if the equations ask for it, jerks, as
-    /// those of a simulation do: one row per sample.
+    /// States that samples carry exact velocities, accelerations and, if the equations use it,
+    /// jerks, as those of a simulation do. There is then one row per sample.
     #[must_use]
     pub fn exact_derivatives(mut self) -> Self {
         self.signals = Signals::Derivatives;
         self
     }
 
-    /// Length of the windows that rows are made over \[s\], 8 to 2000 sample periods; chosen from
-    /// the signals by default.
+    /// Length of the windows of the rows \[s\], 8 to 2000 sample periods; chosen from the signals
+    /// by default.
     #[must_use]
     pub fn window_s(mut self, window_s: f64) -> Self {
         self.window_s = Some(window_s);
         self
     }
 
-    /// What the model does not say and standard deviations must allow for.
+    /// Errors that the model lacks and that standard deviations must allow for.
     #[must_use]
     pub fn considered(mut self, considered: Considered) -> Self {
         self.considered = considered;
@@ -167,14 +168,14 @@ impl IdentifierBuilder {
         self
     }
 
-    /// Looks for sudden changes in this way, or not at all.
+    /// Options of the detection of sudden changes; `None` turns it off.
     #[must_use]
     pub fn change_detection(mut self, change_detection: Option<ChangeDetection>) -> Self {
         self.change_detection = change_detection;
         self
     }
 
-    /// What is known of one parameter, by its name.
+    /// Sets the prior of the parameter `name`.
     #[must_use]
     pub fn prior(mut self, name: &str, prior: ParameterPrior) -> Self {
         match self.model.parameters().iter().position(|p| p.name == name) {
@@ -184,10 +185,10 @@ impl IdentifierBuilder {
         self
     }
 
-    /// An identifier that has seen nothing. The only place that allocates.
+    /// Builds an identifier that has seen no samples. Only this call allocates.
     ///
     /// # Errors
-    /// What is wrong, with the name of the setting or parameter.
+    /// An error that names the wrong setting or parameter.
     pub fn build(self) -> Result<Identifier, BuildError> {
         let definition = self.model.definition();
         definition.validate().map_err(|problem| BuildError::Plant {
@@ -231,8 +232,8 @@ impl IdentifierBuilder {
                         sample_period_s: period_s,
                         noise: noise.unwrap_or(SensorNoise::NONE),
                         learn_noise: noise.is_none(),
-                        // positions along a line have no turn that an encoder could be off its
-                        // centre in
+                        // an eccentric encoder has an error once per turn; a position along a line
+                        // has no turn
                         considered: match &*definition.position_unit {
                             "m" => self.considered.without_turns(),
                             _ => self.considered,
@@ -309,11 +310,11 @@ impl std::fmt::Debug for Identifier {
     }
 }
 
-/// Number that a stream without a publisher has.
+/// Stream id of a stream without a publisher.
 const STREAM: u64 = 1;
 
 impl Identifier {
-    /// Begins with a plant: starts and bounds of its parameters as it defines them.
+    /// A builder for this plant, with the start values and bounds that the plant defines.
     pub fn builder(plant: impl Plant + Clone + Send + Sync + 'static) -> IdentifierBuilder {
         IdentifierBuilder {
             priors: priors(&plant).collect(),
@@ -330,16 +331,16 @@ impl Identifier {
         }
     }
 
-    /// Takes the next sample in, one period after the one before. Returns the estimate that it
-    /// completes.
+    /// Takes the next sample, one period after the previous one. Returns an estimate if the sample
+    /// completes a block.
     pub fn push(&mut self, sample: &JointSample) -> Option<Estimate> {
         self.push_at(self.seq.saturating_mul(self.period_ns), sample)
     }
 
-    /// Takes the next sample in, at a stream time \[ns\] of its own.
+    /// Takes the next sample, with its own stream time \[ns\].
     ///
-    /// A sample that cannot be used, because a signal is not finite or its time goes back, is
-    /// counted in [`status`](Self::status) and left out.
+    /// A sample that cannot be used, because a signal is not finite or its time goes back, is left
+    /// out and counted in [`status`](Self::status).
     pub fn push_at(&mut self, t_ns: u64, sample: &JointSample) -> Option<Estimate> {
         let message = Sample::new(STREAM, self.seq, t_ns, self.joints, self.signals, sample);
         self.seq = self.seq.saturating_add(1);
@@ -349,7 +350,7 @@ impl Identifier {
         completed
     }
 
-    /// So many samples never came.
+    /// States that `samples` samples were lost.
     pub fn skip(&mut self, samples: u64) {
         self.seq = self.seq.saturating_add(samples);
     }
@@ -359,7 +360,7 @@ impl Identifier {
         &self.names
     }
 
-    /// Counters, state, and what was wrong last.
+    /// Counters, state, and the last error.
     pub fn status(&self) -> crate::messages::Status {
         self.node.status()
     }

@@ -6,7 +6,7 @@
 //! estimate; it starts from L. Cedro, *Model parameter on-line identification with nonlinear
 //! parametrization – manipulator model* (Technical Transactions e2022007, 2022).
 //!
-//! Without any bus it is a library. A two-joint arm, simulated and identified:
+//! It is also a library that needs no bus. This example simulates and identifies a two-joint arm:
 #![cfg_attr(feature = "sim", doc = "```")]
 #![cfg_attr(not(feature = "sim"), doc = "```ignore")]
 //! use thetabus::identify::Identifier;
@@ -29,7 +29,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! As a service it is three processes on [iceoryx2](https://docs.rs/iceoryx2) topics:
+//! The service consists of three processes on [iceoryx2](https://docs.rs/iceoryx2) topics:
 //!
 //! ```text
 //! plant_simulator ──sample──▶ identifier ──estimate──▶ monitor, adaptive controllers, anything
@@ -40,7 +40,7 @@
 //!
 //! | module | what | feature |
 //! |---|---|---|
-//! | [`model`] | what a plant's equations are; the manipulator (24)–(27), the servo axis, one of your own | |
+//! | [`model`] | the equations of a plant: the manipulator (24)–(27), the servo axis, or your own | |
 //! | [`rows`] | samples → rows | |
 //! | [`estimator`] | WRLS (2)–(4), the block recursion (6)–(11) and what lies beyond it | |
 //! | [`messages`] | the bus payloads | |
@@ -54,14 +54,14 @@
 //! | `bus` | topics on shared memory, the only place that names iceoryx2 | `bus` |
 //! | `recording` | MCAP and CSV files of a run | `recording` |
 //! | `report` | summary, figures and page of a run | `report` |
-//! | `live` | what a running identification looks like: table in the terminal, page in the browser | `live`, `web` |
-//! | `runner`, `service` | pace, wait, drain, publish, signals; the programs | `service` |
-//! | `checkpoint` | what an identifier knows, kept for its next start | `service` |
-//! | `studies` | estimators side by side, and trials of the evidence: the tables in `docs/` | `studies` |
+//! | `live` | live views of an identification: a table in the terminal, a page in the browser | `live`, `web` |
+//! | `runner`, `service` | the programs: pacing, waiting, publishing, signals | `service` |
+//! | `checkpoint` | the identifier's state, saved for its next start | `service` |
+//! | `studies` | comparisons of estimators and trials of the evidence: the tables in `docs/` | `studies` |
 //! | [`notation`] | every symbol of the paper with its name in the code | |
 //!
-//! `estimator` and `model` import nothing of ours: the estimator sees rows, never a model or the
-//! simulator, so it serves any plant and cannot peek at the truth.
+//! `estimator` and `model` import no other module: the estimator sees rows, never a model or the
+//! simulator, so it works for any plant and cannot see the truth.
 
 #[cfg(feature = "bus")]
 pub mod bus;

@@ -1,8 +1,8 @@
 //! The bus payloads: fixed size, `repr(C)`, explicit padding, one schema version.
 //!
-//! This is the only place that translates between messages and core types. The derive of
-//! `ZeroCopySend` is the one mention of iceoryx2 outside `bus/`: a trait can be derived only where
-//! its type is declared.
+//! This is the only place that translates between messages and core types. Deriving `ZeroCopySend`
+//! is the only mention of iceoryx2 outside `bus/`, because a trait must be derived where the type
+//! is declared.
 //!
 //! Each message is one [table of fields](Layout); the structure, its empty value, the schema of
 //! recordings and the layouts for other languages follow from it.
@@ -48,7 +48,7 @@ pub const MAX_DERIVED: usize = 32;
 
 /// Flags of a [`Header`].
 pub mod header_flags {
-    /// The message was sent before, and may have reached this reader then: drop it if it did.
+    /// The message was sent before: a reader that already has it drops it.
     pub const RESENT: u32 = 1 << 0;
 }
 
@@ -56,7 +56,7 @@ pub mod header_flags {
 pub mod sample_flags {
     /// The last sample of a stream.
     pub const END: u32 = 1 << 0;
-    /// A sample of a replay: what it teaches goes when its stream is over.
+    /// A sample of a replay: what is learnt from it is discarded when the stream ends.
     pub const REPLAY: u32 = 1 << 1;
 }
 
@@ -80,7 +80,7 @@ pub mod signals {
 
 /// Flags of an [`Estimate`].
 pub mod estimate_flags {
-    /// A change of the parameters was found in this block; `t_change_ns` tells when.
+    /// A change of the parameters was found in this block, at `t_change_ns`.
     pub const CHANGED: u32 = 1 << 0;
     /// Samples of this block are missing or were rejected.
     pub const INCOMPLETE: u32 = 1 << 1;

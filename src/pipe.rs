@@ -1,14 +1,15 @@
-//! Text from files that a user names; named pipes in their place are refused.
+//! Reads text from files named by the user; refuses named pipes.
 
 use std::io;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
-/// Refuses a named pipe: to open one waits for a writer, and no signal ends that wait. What a shell
-/// passes as `<(…)` is a pipe below /dev or /proc that has its writer already, and is let through.
+/// Refuses a named pipe, because opening one waits for a writer and no signal ends that wait. A
+/// shell's `<(…)` is a pipe below /dev or /proc that already has its writer, and is accepted.
 ///
 /// # Errors
-/// A named pipe elsewhere. What cannot be looked at is left to the caller, who opens it next.
+/// For a named pipe elsewhere. A path that cannot be examined is left to the caller, who opens it
+/// next.
 pub(crate) fn refuse_named_pipe(path: &Path) -> io::Result<()> {
     let is_pipe = std::fs::metadata(path).is_ok_and(|found| found.file_type().is_fifo());
     match is_pipe && !path.starts_with("/dev") && !path.starts_with("/proc") {
@@ -17,8 +18,8 @@ pub(crate) fn refuse_named_pipe(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Largest file of settings \[bytes\]: a mistyped path to a recording must not be read whole, and a
-/// parser takes up to a hundred bytes for each byte of garbage.
+/// Largest file of settings \[bytes\]: a recording named by mistake must not be read completely,
+/// and a parser uses up to a hundred bytes for each byte of garbage.
 #[cfg(feature = "config")]
 pub(crate) const MAX_SETTINGS_BYTES: u64 = 4 << 20;
 /// Largest table of a motion, or of results \[bytes\].
@@ -29,8 +30,8 @@ pub(crate) const MAX_TABLE_BYTES: u64 = 64 << 20;
 /// spreadsheets write first.
 ///
 /// # Errors
-/// A named pipe, a file that cannot be read or is larger, or bytes that are no UTF-8, with their
-/// line. The caller names the file.
+/// For a named pipe, a file that cannot be read or is too large, or invalid UTF-8, with its line.
+/// The caller adds the file name.
 #[cfg(feature = "config")]
 pub(crate) fn read_text(path: &Path, max_bytes: u64) -> io::Result<String> {
     use std::io::Read as _;
@@ -39,7 +40,7 @@ pub(crate) fn read_text(path: &Path, max_bytes: u64) -> io::Result<String> {
     let wrong = |problem: String| io::Error::new(io::ErrorKind::InvalidData, problem);
     let file = std::fs::File::open(path).map_err(|e| failed("opened", &e))?;
     let mut bytes = Vec::new();
-    // What its length states is not asked: a device has none and may never end.
+    // The stated length is not used, because a device has none and may never end.
     file.take(max_bytes.saturating_add(1))
         .read_to_end(&mut bytes)
         .map_err(|e| failed("read", &e))?;

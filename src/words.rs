@@ -1,8 +1,8 @@
-//! Short texts: what a message shows of a longer one, what a name may consist of, and a hash that
-//! is the same in every build.
+//! Short texts: truncation for messages, the characters of a name, and a hash that is the same in
+//! every build.
 
-/// The first characters, and an ellipsis if there are more than `limit`. What a terminal would obey
-/// is written out.
+/// The first characters, and an ellipsis if there are more than `limit`. Terminal control
+/// characters are escaped.
 #[cfg(any(feature = "config", feature = "recording", feature = "robot"))]
 pub(crate) fn cut(text: &str, limit: usize) -> String {
     let more = if text.chars().nth(limit).is_some() { "…" } else { "" };

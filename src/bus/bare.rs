@@ -1,5 +1,5 @@
-//! iceoryx2 alone: a message and an event to another process and back, without anything of this
-//! library between. What `thetabus bench` measures the topics against.
+//! iceoryx2 alone: a message and an event to another process and back, without this library's
+//! layers; the baseline of `thetabus bench`.
 
 use super::subscriber::wait;
 use super::{Bus, BusError, Listener, Notifier, PubSubService, PublisherPort, SubscriberPort, Topic, monotonic_ns};
@@ -26,10 +26,10 @@ pub struct BareLink {
 }
 
 impl BareLink {
-    /// Opens both directions; whoever comes first makes them.
+    /// Opens both directions; the first process creates them.
     ///
     /// # Errors
-    /// The bus fails.
+    /// If the bus fails.
     pub fn new(bus: &Bus, end: End) -> Result<Self, BusError> {
         let (to, from) = match end {
             End::Near => ("ping", "pong"),
@@ -50,7 +50,7 @@ impl BareLink {
     /// Sends and wakes.
     ///
     /// # Errors
-    /// The bus fails.
+    /// If the bus fails.
     pub fn send(&mut self, message: &Sample) -> Result<(), BusError> {
         let failed = |cause: String| BusError::Transfer {
             topic: Topic::Sample,
@@ -70,10 +70,10 @@ impl BareLink {
         Ok(())
     }
 
-    /// The next message and how long it was under way \[ns\], `None` past the limit.
+    /// The next message and its transit time \[ns\], `None` past the limit.
     ///
     /// # Errors
-    /// The bus fails.
+    /// If the bus fails.
     pub fn receive(&mut self, limit: Duration) -> Result<Option<(Sample, u64)>, BusError> {
         let start = Instant::now();
         loop {

@@ -1,7 +1,7 @@
-//! Requests to the identifier and its answers: one server, clients with a patience of their own.
+//! Requests to the identifier and its answers: one server, and clients with their own time limits.
 //!
-//! A request wakes the server by an event; a server that died or was stopped never answers, so a
-//! client waits no longer than it was told to.
+//! A request wakes the server by an event. A server that died or was stopped never answers, so a
+//! client waits only up to its limit.
 
 use super::memory;
 use super::subscriber::{listener, wait};
@@ -15,28 +15,28 @@ use iceoryx2::prelude::ipc;
 use iceoryx2::service::port_factory::PortFactory as _;
 use std::time::{Duration, Instant};
 
-/// How often a client looks for its answer.
+/// Polling period of a client.
 const POLL: Duration = Duration::from_millis(2);
 
 /// The identifier's end.
 #[derive(Debug)]
 pub struct ControlServer {
-    /// `None` for one that nobody wakes.
+    /// `None` for a polled server.
     listener: Option<Listener>,
     port: Server<ipc::Service, Request, (), Response, ()>,
     _service: ControlService,
 }
 
 impl ControlServer {
-    /// Becomes the one server of a robot.
+    /// Becomes the only server of a robot.
     ///
     /// # Errors
-    /// There is one already, or the bus fails.
+    /// If there already is one, or the bus fails.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
         Self::with(bus, true)
     }
 
-    /// The same for one who looks by the clock and is not to be woken.
+    /// The same for a server that polls and needs no wake-up.
     ///
     /// # Errors
     /// As for [`new`](Self::new).
@@ -77,7 +77,7 @@ impl ControlServer {
         }
     }
 
-    /// Answers what has arrived, at most `limit` requests; returns how many.
+    /// Answers the requests that have arrived, at most `limit`; returns their number.
     ///
     /// # Errors
     /// The bus fails.
@@ -90,7 +90,7 @@ impl ControlServer {
         Ok(limit)
     }
 
-    /// Takes the next request, to be answered later; `None` if none has arrived.
+    /// Takes the next request, to answer it later; `None` if none has arrived.
     ///
     /// # Errors
     /// The bus fails.
@@ -100,13 +100,13 @@ impl ControlServer {
     }
 }
 
-/// A request that waits for its answer. Dropped without one, it lets its client wait until the
-/// client's own limit.
+/// A request that waits for its answer. If it is dropped without one, its client waits until its
+/// own limit.
 #[derive(Debug)]
 pub struct Asked(ActiveRequest<ipc::Service, Request, (), Response, ()>);
 
 impl Asked {
-    /// What is asked.
+    /// The request.
     pub fn request(&self) -> &Request {
         self.0.payload()
     }
@@ -117,7 +117,7 @@ impl Asked {
     }
 }
 
-/// The end of whoever has something to say to the identifier.
+/// The client's end.
 #[derive(Debug)]
 pub struct ControlClient {
     bus: Bus,
@@ -130,7 +130,7 @@ impl ControlClient {
     /// Finds the identifier of the bus's robot.
     ///
     /// # Errors
-    /// [`BusError::NoIdentifier`] if none runs.
+    /// [`BusError::NoIdentifier`] if none is running.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
         let service = bus.open_control()?.ok_or_else(|| nobody(bus))?;
         if service.dynamic_config().number_of_servers() == 0 {
@@ -159,7 +159,7 @@ impl ControlClient {
     ///
     /// # Errors
     /// [`BusError::NoAnswer`] past the limit, [`BusError::NoIdentifier`] if the identifier has
-    /// gone.
+    /// ended.
     pub fn ask(&self, request: &Request, limit: Duration) -> Result<Response, BusError> {
         let start = Instant::now();
         let pending = self.begin(request)?;
@@ -178,13 +178,13 @@ impl ControlClient {
         }
     }
 
-    /// Sends a request without waiting; one at a time is under way.
+    /// Sends a request without waiting; only one may be pending.
     ///
     /// # Errors
-    /// The bus fails, or an earlier request still waits.
+    /// If the bus fails, or an earlier request is still pending.
     pub fn begin(&self, request: &Request) -> Result<Pending, BusError> {
         let pending = self.port.send_copy(*request).map_err(|e| transfer("sending", &e))?;
-        // Without a wake-up the server looks after its requests once per tick.
+        // Without a wake-up the server checks for requests once per tick.
         let _ = self.notifier.notify();
         Ok(Pending(pending))
     }
@@ -192,7 +192,7 @@ impl ControlClient {
     /// The answer, if it has come.
     ///
     /// # Errors
-    /// [`BusError::NoIdentifier`] if the identifier has gone, or the bus fails.
+    /// [`BusError::NoIdentifier`] if the identifier has ended; or if the bus fails.
     pub fn look(&self, pending: &Pending) -> Result<Option<Response>, BusError> {
         if let Some(response) = pending.0.receive().map_err(|e| transfer("receiving", &e))? {
             return Ok(Some(*response.payload()));
@@ -204,7 +204,7 @@ impl ControlClient {
     }
 }
 
-/// A request under way.
+/// A pending request.
 #[derive(Debug)]
 pub struct Pending(PendingResponse<ipc::Service, Request, (), Response, ()>);
 

@@ -1,4 +1,4 @@
-//! Domains: runs on one machine that never meet.
+//! Domains: they isolate runs on one machine.
 
 use super::BusError;
 use crate::words::is_name;
@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 
 /// Longest file name that iceoryx2 appends to root path and prefix for a socket: a decimal and
 /// `.event`. The decimal is a count of the process's ports times 2^96 plus time and process: 33
-/// digits suffice for 12 000 ports, and sockets are among the first.
+/// digits suffice for 12 000 ports, and sockets are created among the first.
 const SOCKET_NAME_LEN: usize = 33 + ".event".len();
-/// Linux keeps a socket's path in 108 bytes, the closing zero included.
+/// Linux stores a socket's path in 108 bytes, including the final zero.
 const SOCKET_PATH_MAX: usize = 107;
 
-/// The name of a domain or a robot: see [`is_name`].
+/// Checks the name of a domain or a robot: see [`is_name`].
 pub(super) fn check_name(what: &'static str, name: &str) -> Result<(), BusError> {
     match is_name(name) {
         true => Ok(()),
@@ -29,8 +29,8 @@ pub(super) fn check_name(what: &'static str, name: &str) -> Result<(), BusError>
 ///
 /// Its files, locks and sockets live in [`root`](Self::root), its shared memory under
 /// [`prefix`](Self::prefix) in /dev/shm. Both follow from the name and the user alone, so programs
-/// in any language find each other, and users do not meet. No configuration file of iceoryx2 takes
-/// part.
+/// in any language find each other, and users are isolated. No configuration file of iceoryx2 is
+/// used.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Domain {
     name: String,
@@ -39,11 +39,10 @@ pub struct Domain {
     limits: Limits,
 }
 
-/// How many can be on a topic at a time. Whoever makes a topic decides; everybody else takes it as
-/// it is.
+/// Capacities of a topic. The program that creates a topic decides; all others use it as it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Samples that a consumer may be behind in real time before it loses the oldest.
+    /// Samples by which a consumer may lag in real time before it loses the oldest.
     pub sample_buffer: usize,
     /// Subscribers of samples.
     pub sample_subscribers: usize,
@@ -69,8 +68,7 @@ impl Domain {
     /// The domain called `name`, below `$XDG_RUNTIME_DIR` if that is set and below /tmp
     /// otherwise.
     ///
-    /// Fails for a name other than `[a-z0-9_-]{1,32}` and if the paths of its sockets would not
-    /// fit into 107 bytes.
+    /// If the name is not `[a-z0-9_-]{1,32}`, or the paths of its sockets would exceed 107 bytes.
     pub fn new(name: &str) -> Result<Self, BusError> {
         let runtime_dir = std::env::var_os("XDG_RUNTIME_DIR").filter(|dir| !dir.is_empty());
         Self::below(name, runtime_dir.as_deref().map(Path::new))
@@ -85,7 +83,7 @@ impl Domain {
         let prefix = format!("thetabus_{}_{name}_", nix::unistd::geteuid());
         let len = root.as_os_str().len() + 1 + prefix.len() + SOCKET_NAME_LEN;
         if len > SOCKET_PATH_MAX {
-            // The name stands in both.
+            // Both paths contain the name.
             let shorten = (len - SOCKET_PATH_MAX).div_ceil(2);
             return Err(BusError::SocketPath {
                 domain: name.into(),
@@ -133,14 +131,14 @@ impl Domain {
         std::fs::symlink_metadata(&self.root).is_ok_and(|found| found.is_dir() && found.uid() == uid)
     }
 
-    /// The same with other limits for the topics that this program makes.
+    /// The same with other limits for the topics that this program creates.
     #[must_use]
     pub fn with_limits(mut self, limits: Limits) -> Self {
         self.limits = limits;
         self
     }
 
-    /// The limits of topics that this program makes.
+    /// The limits of topics that this program creates.
     pub fn limits(&self) -> Limits {
         self.limits
     }
@@ -155,16 +153,16 @@ impl Domain {
         &self.root
     }
 
-    /// What the names of its shared-memory objects begin with: `thetabus_<user number>_<name>_`.
+    /// Prefix of the names of its shared-memory objects: `thetabus_<user number>_<name>_`.
     pub fn prefix(&self) -> &str {
         &self.prefix
     }
 
-    /// What a program of iceoryx2 itself needs in its configuration file to see this domain, the
-    /// `iox2` command line for instance: TOML for `config/iceoryx2.toml` below the directory that
-    /// it is started in.
+    /// Configuration with which iceoryx2's own programs, such as `iox2`, see this domain: TOML for
+    /// `config/iceoryx2.toml` below the directory in which they are started.
     pub fn iceoryx2_toml(&self) -> String {
-        // A TOML string escapes what a Rust string escapes; names of domains need none of it.
+        // TOML strings escape the same characters as Rust strings; names of domains have none of
+        // them.
         format!(
             "[global]\nroot-path = {:?}\nprefix = {:?}\n",
             self.root.display().to_string(),
@@ -172,14 +170,14 @@ impl Domain {
         )
     }
 
-    /// Creates the root directory, for this user alone; refuses one that others own or may enter.
+    /// Creates the root directory, for this user only; refuses one that others own or may enter.
     pub(super) fn create_root(&self) -> Result<(), BusError> {
         let created = std::fs::DirBuilder::new()
             .recursive(true)
             .mode(0o700)
             .create(&self.root);
-        // In /tmp anybody could have put a directory or a link here first, which says more than the
-        // failure to create it.
+        // In /tmp anybody may have created a directory or a link here first; reporting that says
+        // more than the failure to create it.
         match (std::fs::symlink_metadata(&self.root), created) {
             (Ok(found), _) => self.check_root(&found),
             (Err(source), Ok(())) | (Err(_), Err(source)) => Err(BusError::Root {
@@ -190,7 +188,7 @@ impl Domain {
         }
     }
 
-    /// Refuses a root directory as [`create_root`](Self::create_root) does, but does not miss one.
+    /// Refuses a root directory like [`create_root`](Self::create_root), but accepts a missing one.
     pub(super) fn check_existing_root(&self) -> Result<(), BusError> {
         match std::fs::symlink_metadata(&self.root) {
             Ok(found) => self.check_root(&found),

@@ -1,11 +1,11 @@
-//! What can go wrong on the bus, in words for the person who has to mend it.
+//! Errors of the bus, with messages for the person who must fix them.
 
 use super::Topic;
 use std::io;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Version of iceoryx2 that this program talks; peers need the same.
+/// Version of iceoryx2 of this program; peers need the same.
 pub const ICEORYX2_VERSION: &str = "0.10.0";
 
 /// Why something on the bus failed.
@@ -17,7 +17,7 @@ pub enum BusError {
     Name {
         /// `domain` or `robot`.
         what: &'static str,
-        /// What came.
+        /// What was given.
         name: String,
     },
     /// The domain's paths are too long for sockets.
@@ -42,7 +42,7 @@ pub enum BusError {
         /// Characters that a domain name may have here.
         longest: usize,
     },
-    /// The domain's directory cannot be made or read.
+    /// The domain's directory cannot be created or read.
     #[error("domain {domain:?}: directory {} cannot be used: {source}", root.display())]
     Root {
         /// The domain.
@@ -52,7 +52,7 @@ pub enum BusError {
         /// Why.
         source: io::Error,
     },
-    /// The domain's directory belongs to somebody else.
+    /// The domain's directory belongs to another user.
     #[error(
         "domain {domain:?}: {} must be a directory of user {uid}, but it is {kind} of user {found}; \
          remove it or use another --domain",
@@ -84,7 +84,7 @@ pub enum BusError {
         /// Its permissions.
         mode: u32,
     },
-    /// Somebody else has an object under a name of this domain.
+    /// Another user has an object under a name of this domain.
     #[error(
         "domain {domain:?}: {} must be a file of user {uid}, but it is of user {found} or is not a file; have it removed, \
          or use another --domain",
@@ -100,7 +100,7 @@ pub enum BusError {
         /// Its owner.
         found: u32,
     },
-    /// Something took longer than it ever should.
+    /// An operation exceeded its time limit.
     #[error(
         "domain {domain:?}: {action} has not ended within {limit_s} s; another program in this domain may be stopped: \
          `thetabus doctor --domain {domain}` shows the programs; continue or end that one, or use another --domain"
@@ -110,10 +110,10 @@ pub enum BusError {
         domain: String,
         /// `joining`, `cleaning up`.
         action: &'static str,
-        /// How long was waited \[s\].
+        /// The time limit \[s\].
         limit_s: f64,
     },
-    /// The system gives no thread.
+    /// The system refuses to start a thread.
     #[error(
         "domain {domain:?}: {action} needs a thread of its own, and the system gives none ({source}); raise the limit of threads: \
          `ulimit -u` of this user, TasksMax of a systemd unit, --pids-limit of a container"
@@ -121,7 +121,7 @@ pub enum BusError {
     Thread {
         /// The domain.
         domain: String,
-        /// What needs it: `joining`, `cleaning up`.
+        /// The operation: `joining`, `cleaning up`.
         action: &'static str,
         /// What the system says.
         source: io::Error,
@@ -146,7 +146,7 @@ pub enum BusError {
         robot: String,
         /// The domain.
         domain: String,
-        /// The first one's process id, `?` if it could not be read.
+        /// Process id of the holder, `?` if it could not be read.
         pid: String,
     },
     /// This process could not become part of the domain.
@@ -209,13 +209,13 @@ pub enum BusError {
         /// Bytes available.
         available: u64,
     },
-    /// A machine cannot be, or cannot send, what it was asked to.
+    /// A machine cannot be opened, or cannot send, as requested.
     #[error("{problem}")]
     Machine {
         /// Expected and found.
         problem: String,
     },
-    /// Nobody serves `control`.
+    /// No process serves `control`.
     #[error(
         "no identifier of robot {robot:?} runs in domain {domain:?}; start one, or name another with --robot and --domain"
     )]
@@ -234,10 +234,10 @@ pub enum BusError {
         robot: String,
         /// The domain.
         domain: String,
-        /// How long was waited \[s\].
+        /// The time limit \[s\].
         limit_s: f64,
     },
-    /// Nobody listened in time.
+    /// No consumer attached in time.
     #[error(
         "topic {topic} of robot {robot:?} in domain {domain:?}: {attached} of {expected} consumers attached within {limit_s} s; \
          start them, or set bus.delivery = \"realtime\" to run without waiting for anybody"
@@ -249,11 +249,11 @@ pub enum BusError {
         robot: String,
         /// The domain.
         domain: String,
-        /// How many came.
+        /// How many attached.
         attached: usize,
-        /// How many were to come.
+        /// How many were expected.
         expected: usize,
-        /// How long was waited \[s\].
+        /// The time limit \[s\].
         limit_s: f64,
     },
 }

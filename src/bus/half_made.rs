@@ -1,10 +1,10 @@
-//! Half-made objects: their maker was killed or stopped before they were complete.
+//! Half-made objects: their creator was killed or stopped before they were complete.
 //!
-//! iceoryx2 makes an object in three steps: it creates it empty and closed to readers, gives it its
-//! size, opens it to readers. A program that finds the object in between waits for the maker: up to
-//! a limit while the object is closed, for ever while it is empty and can be opened (by root
-//! always). A maker that was killed never comes back. So if no process has the object open, it will
-//! stay as it is, and is removed.
+//! iceoryx2 creates an object in three steps: it creates it empty and closed to readers, sets its
+//! size, and opens it to readers. A program that finds the object in between waits for the creator:
+//! up to a limit while the object is closed, forever while it is empty and can be opened (by root
+//! always). A killed creator never continues. So if no process has the object open, it will never
+//! be completed, and is removed.
 
 use super::Domain;
 use super::lock_file::open_lock;
@@ -16,27 +16,27 @@ use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How long something must have been half-made although no process that we see has it open: a maker
-/// in another process namespace, who cannot be seen, takes microseconds.
+/// How long an object must have been half-made while no visible process has it open: a creator in
+/// another process namespace, which is not visible, needs only microseconds.
 pub(super) const GRACE: Duration = Duration::from_millis(100);
-/// How long a living maker may keep an empty object from the others: it is stopped, and whoever
-/// opens the object hangs.
+/// How long a living creator may leave an object empty: beyond this it is stopped, and every
+/// process that opens the object hangs.
 const MAKER_LIMIT: Duration = Duration::from_secs(1);
-/// The lock of the program that removes something.
+/// The lock of the program that removes objects.
 const QUEUE: &str = "sweep.lock";
-/// How long that program is left to it. It takes milliseconds, unless it is stopped, and then its
-/// lock must protect nothing.
+/// How long that lock is respected. Removing takes milliseconds, unless the program is stopped, and
+/// then its lock must not block others.
 const QUEUE_LIMIT: Duration = Duration::from_secs(1);
-/// Pause between two looks.
+/// Polling period.
 const PAUSE: Duration = Duration::from_millis(20);
 
-/// Watches a domain's half-made objects and removes those that nobody will finish.
+/// Watches a domain's half-made objects and removes those that will never be completed.
 #[derive(Debug)]
 pub(super) struct Tender {
     domain: Domain,
     /// Inode, and when it was first seen half-made.
     first_seen: HashMap<PathBuf, (u64, Instant)>,
-    /// How many it has removed.
+    /// Number of removed objects.
     removed: usize,
 }
 
@@ -49,8 +49,8 @@ impl Tender {
         }
     }
 
-    /// Looks once, and removes what is due; returns how many objects may become due within
-    /// [`GRACE`].
+    /// Checks once, and removes what is due; returns the number of objects that may become due
+    /// within [`GRACE`].
     pub(super) fn look(&mut self) -> usize {
         let found = half_made(&self.domain);
         self.first_seen
@@ -83,8 +83,8 @@ impl Tender {
     }
 }
 
-/// Removes what is half-made and will stay so; returns how many objects. Waits for [`GRACE`] if
-/// there are any, else not at all.
+/// Removes objects that will stay half-made; returns their number. Waits for [`GRACE`] only if
+/// there are any.
 pub(super) fn sweep(domain: &Domain) -> usize {
     let mut tender = Tender::new(domain);
     while tender.look() > 0 {
@@ -93,7 +93,7 @@ pub(super) fn sweep(domain: &Domain) -> usize {
     tender.removed
 }
 
-/// What is half-made at this moment, by a living process or by one that was killed.
+/// The objects that are half-made at this moment, by a living process or a killed one.
 pub(super) fn half_made(domain: &Domain) -> Vec<(PathBuf, Metadata)> {
     let memory = of_domain(domain).map(|entry| (entry, is_memory_half_made as fn(&Metadata) -> bool));
     let services = entries(&domain.root().join("services")).map(|entry| (entry, is_file_half_made as fn(&_) -> bool));
@@ -110,7 +110,7 @@ fn is_memory_half_made(metadata: &Metadata) -> bool {
     metadata.len() == 0 || metadata.mode() & 0o400 == 0
 }
 
-/// The file that describes a service is closed to writers when it is complete.
+/// The file that describes a service becomes read-only when it is complete.
 fn is_file_half_made(metadata: &Metadata) -> bool {
     metadata.mode() & 0o200 != 0
 }
@@ -118,7 +118,7 @@ fn is_file_half_made(metadata: &Metadata) -> bool {
 fn is_due(path: &Path, metadata: &Metadata, age: Duration) -> bool {
     match &holders(path)[..] {
         [] => true,
-        // Those who wait for it open it again and again, so they may be among the holders.
+        // Processes that wait for it open it repeatedly, so they may be among the holders.
         makers if metadata.len() == 0 && age > MAKER_LIMIT => {
             tracing::warn!(
                 object = %path.display(),
@@ -132,13 +132,13 @@ fn is_due(path: &Path, metadata: &Metadata, age: Duration) -> bool {
     }
 }
 
-/// Removes the object that was seen if it is due, and no other that has its name by now. Programs
-/// take turns with this, because each looks at every process for those that have the object open; a
-/// program that is stopped in its turn is passed over.
+/// Removes the object that was seen, if it is due, and not a new one with its name. Programs take
+/// turns, because each must check every process for those that have the object open; a program that
+/// is stopped in its turn is skipped.
 fn remove(domain: &Domain, path: &Path, seen: &Metadata, age: Duration) -> bool {
     let removed = open_lock(domain, QUEUE, |queue| {
         if queue.try_lock().is_err() && age < GRACE + QUEUE_LIMIT {
-            // Another program is removing it; the next look tells.
+            // Another program is removing it; the next check shows the result.
             return Ok(false);
         }
         if !is_due(path, seen, age) {
@@ -151,8 +151,8 @@ fn remove(domain: &Domain, path: &Path, seen: &Metadata, age: Duration) -> bool 
     removed.unwrap_or(false)
 }
 
-/// An empty object that somebody else has put among the domain's names cannot be removed, but with
-/// a size it makes nobody wait.
+/// An empty object of another user under the domain's names cannot be removed, but once it has a
+/// size, no process waits for it.
 fn release(domain: &Domain, path: &Path, metadata: &Metadata) {
     if metadata.len() > 0 {
         return;

@@ -1,7 +1,8 @@
-//! What is there in a domain, who lives in it, and how to remove what is dead and only that.
+//! Inspects a domain and its programs, and removes the resources of dead processes only.
 //!
-//! Dead is what belongs to no living process: nodes whose lock the kernel has released, and files
-//! and shared memory that nobody holds open. Looking changes nothing and disturbs nobody.
+//! A resource is dead if it belongs to no living process: nodes whose lock the kernel has released,
+//! and files and shared memory that no process holds open. Inspecting changes nothing and disturbs
+//! no process.
 
 use super::domain::check_name;
 use super::half_made;
@@ -20,9 +21,9 @@ use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::time::Duration;
 
-/// Younger things may still be in the making.
+/// Younger objects may still be under construction.
 const SETTLED: Duration = Duration::from_secs(10);
-/// Looking at a domain takes milliseconds, unless something half-made is in the way.
+/// Inspecting a domain takes milliseconds, unless a half-made object blocks it.
 const LOOK_LIMIT: Duration = Duration::from_secs(2);
 /// Cleaning up takes tens of milliseconds per dead program.
 const CLEAN_LIMIT: Duration = Duration::from_secs(20);
@@ -30,13 +31,13 @@ const CLEAN_LIMIT: Duration = Duration::from_secs(20);
 /// A program in a domain.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NodeReport {
-    /// What it calls itself; empty if that cannot be read.
+    /// Its own name; empty if that cannot be read.
     pub name: String,
     /// Its process.
     pub pid: Option<i32>,
-    /// Its file.
+    /// Its executable file.
     pub executable: String,
-    /// Whether it lives; `None` if that cannot be told.
+    /// Whether it is alive; `None` if unknown.
     pub alive: Option<bool>,
 }
 
@@ -60,14 +61,14 @@ pub struct LockReport {
     pub robot: String,
     /// `plant`, `identifier`, `run`, ….
     pub role: String,
-    /// Who holds it; `None` for a file that was left behind.
+    /// Its holder; `None` for a leftover file.
     pub holder: Option<String>,
 }
 
 /// Objects in /dev/shm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct MemoryReport {
-    /// How many.
+    /// Number of objects.
     pub objects: usize,
     /// Their size \[bytes\].
     pub bytes: u64,
@@ -77,7 +78,7 @@ pub struct MemoryReport {
     pub unused: usize,
 }
 
-/// Everything that is known of a domain.
+/// State of a domain.
 #[derive(Debug, Clone)]
 pub struct DomainReport {
     /// The domain.
@@ -88,21 +89,20 @@ pub struct DomainReport {
     pub services: Vec<ServiceReport>,
     /// Services whose files cannot be read: of another iceoryx2 version, or damaged.
     pub unreadable_services: usize,
-    /// Objects that somebody began to make and has not finished for longer than that takes.
+    /// Objects that have been half-made for longer than creation takes.
     pub half_made: Vec<String>,
-    /// Programs and services could not be listed, because something half-made is in the way.
+    /// Programs and services could not be listed, because of a half-made object.
     pub is_blocked: bool,
     /// Its locks.
     pub locks: Vec<LockReport>,
     /// Its shared memory.
     pub memory: MemoryReport,
-    /// Nobody lives in it.
+    /// No process lives in it.
     pub abandoned: bool,
 }
 
 impl DomainReport {
-    /// True if something dead is in it; the files of a domain that was left in good order are
-    /// none.
+    /// True if it contains dead resources; the files of a cleanly left domain do not count.
     pub fn has_dead(&self) -> bool {
         let left_behind = self.abandoned && (self.memory.objects > 0 || !self.services.is_empty());
         let half_made = self.is_blocked || !self.half_made.is_empty();
@@ -113,18 +113,18 @@ impl DomainReport {
     }
 }
 
-/// What [`clean`] has removed.
+/// The resources that [`clean`] removed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Cleaned {
     /// Dead programs whose resources were freed.
     pub nodes: usize,
-    /// Files and shared-memory objects beside these.
+    /// Further files and shared-memory objects.
     pub files: usize,
-    /// The whole domain has gone.
+    /// The whole domain was removed.
     pub domain: bool,
 }
 
-/// All domains of this user, those included of which only shared memory is left.
+/// All domains of this user, including those of which only shared memory is left.
 pub fn domains() -> Vec<Domain> {
     set_log_level_from_env_or(LogLevel::Error);
     let mut found: BTreeMap<_, Domain> = BTreeMap::new();
@@ -147,8 +147,8 @@ pub fn domains() -> Vec<Domain> {
     found.into_values().collect()
 }
 
-/// `thetabus_1000_left-arm_<40 hexadecimal digits>_…` is of `left-arm` of user 1000, whose objects
-/// begin with `ours`.
+/// `thetabus_1000_left-arm_<40 hexadecimal digits>_…` belongs to `left-arm` of user 1000, whose
+/// objects begin with `ours`.
 fn domain_of_memory<'a>(object: &'a str, ours: &str) -> Option<&'a str> {
     let rest = object.strip_prefix(ours)?;
     let name = rest.match_indices('_').map(|(at, _)| &rest[..at]).find(|name| {
@@ -158,11 +158,11 @@ fn domain_of_memory<'a>(object: &'a str, ours: &str) -> Option<&'a str> {
     check_name("domain", name).is_ok().then_some(name)
 }
 
-/// Looks at a domain.
+/// Inspects a domain.
 ///
 /// # Errors
-/// The domain's directory belongs to somebody else or cannot be named to iceoryx2, or somebody else
-/// has put an object among its names.
+/// If the domain's directory belongs to another user or cannot be passed to iceoryx2, or another
+/// user has an object under its names.
 pub fn inspect(domain: &Domain) -> Result<DomainReport, BusError> {
     set_log_level_from_env_or(LogLevel::Error);
     let config = domain.config()?;
@@ -239,7 +239,7 @@ fn services(config: &Config) -> Vec<ServiceReport> {
     services
 }
 
-/// What is half-made and still was after the time that making takes.
+/// The objects that stay half-made for longer than creation takes.
 fn settled_half_made(domain: &Domain) -> Vec<String> {
     let names = || -> Vec<String> {
         let found = half_made::half_made(domain).into_iter();
@@ -254,16 +254,16 @@ fn settled_half_made(domain: &Domain) -> Vec<String> {
     first.into_iter().filter(|name| second.contains(name)).collect()
 }
 
-/// Removes what is dead in a domain, all of it if nobody lives there.
+/// Removes the dead resources of a domain, and the whole domain if no process lives there.
 ///
 /// # Errors
-/// The domain's directory belongs to somebody else or cannot be used, or an object of its names
-/// does; a time limit has passed.
+/// If the domain's directory or an object under its names belongs to another user, the directory
+/// cannot be used, or a time limit has passed.
 pub fn clean(domain: &Domain) -> Result<Cleaned, BusError> {
     set_log_level_from_env_or(LogLevel::Error);
     domain.check_existing_root()?;
     refuse_foreign(domain)?;
-    // Frees the clean-up if another process is killed meanwhile.
+    // Keeps the clean-up from hanging if another process is killed meanwhile.
     let _watch = Watch::start(domain)?;
     let half_made = settled_half_made(domain).len();
     half_made::sweep(domain);
@@ -276,7 +276,8 @@ pub fn clean(domain: &Domain) -> Result<Cleaned, BusError> {
 
 fn clean_up(domain: &Domain) -> Result<Cleaned, BusError> {
     let config = domain.config()?;
-    // While it is held nobody joins; who waits for it finds the file gone and makes another.
+    // While it is held no process joins; one that waits for it finds the file removed and creates
+    // another.
     if domain.root().exists() {
         let lock = lock_members(domain)?;
         let held = locks(domain).iter().any(|lock| lock.holder.is_some());
@@ -301,7 +302,7 @@ fn clean_up(domain: &Domain) -> Result<Cleaned, BusError> {
         match state {
             NodeState::Dead(view) => dead.push(view),
             NodeState::Alive(view) => living.push(view.id().pid::<ipc::Service>().ok().map(|pid| pid.value())),
-            // Of an unknown kind: dead if its process is.
+            // Of unknown state: dead if its process is dead.
             NodeState::Inaccessible(id) | NodeState::Undefined(id) => {
                 match id.pid::<ipc::Service>().ok().map(|pid| pid.value()) {
                     Some(pid) if !exists(pid) => cleaned.files += remove_node(domain, &id.value().to_string()),
@@ -316,10 +317,10 @@ fn clean_up(domain: &Domain) -> Result<Cleaned, BusError> {
         if view.try_remove_stale_resources().is_ok() {
             cleaned.nodes += 1;
         }
-        // Of another version, or damaged, iceoryx2 leaves it.
+        // iceoryx2 does not remove a node of another version or a damaged one.
         cleaned.files += remove_node(domain, &id);
     }
-    // Only who can see what each living process has open can tell what nobody has.
+    // Unused objects can be determined only if the open files of every living process are visible.
     let Some(mapped) = living
         .iter()
         .copied()
@@ -354,7 +355,7 @@ fn service_files(config: &Config, domain: &Domain) -> HashSet<String> {
     names
 }
 
-/// Files of a node that iceoryx2 does not remove; returns how many there were.
+/// Removes files of a node that iceoryx2 does not remove; returns their number.
 fn remove_node(domain: &Domain, id: &str) -> usize {
     let nodes = domain.root().join("nodes");
     let mut count = 0;
@@ -379,7 +380,7 @@ fn node(state: &NodeState<ipc::Service>) -> NodeReport {
     NodeReport {
         name: details.map_or_else(String::new, |details| details.name().to_string()),
         executable: details.map_or_else(String::new, |details| details.executable().to_string()),
-        // A node in an unknown state is dead if its process is.
+        // A node in an unknown state is dead if its process is dead.
         alive: alive.or_else(|| pid.filter(|pid| !exists(*pid)).map(|_| false)),
         pid,
     }
@@ -401,7 +402,7 @@ fn locks(domain: &Domain) -> Vec<LockReport> {
     locks
 }
 
-/// A program of ours has joined, or is just about to.
+/// True if a program of this library has joined or is about to join.
 fn is_member_held(domain: &Domain) -> bool {
     RoleFile(&domain.root().join(super::membership::MEMBERS)).is_held()
 }

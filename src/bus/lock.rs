@@ -6,18 +6,18 @@ use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, Write};
 use std::time::Duration;
 
-/// Looks at a lock that is taken before it is believed.
+/// Number of attempts before a taken lock is reported.
 const LOOKS: usize = 5;
 const PAUSE: Duration = Duration::from_millis(5);
 
-/// What there can be only one of.
+/// A role, of which there can be only one per robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// Publishes samples.
     Plant,
     /// Publishes estimates and status.
     Identifier,
-    /// Launched the others.
+    /// Has launched the others.
     Run,
     /// Publishes commands to the machine.
     Controller,
@@ -45,21 +45,20 @@ impl Role {
 
 /// Holds a role of a robot for as long as it lives.
 ///
-/// The kernel releases the lock when the process ends, however it ends; a file that is left behind
-/// means nothing.
+/// The kernel releases the lock when the process ends, in any way; a leftover file has no meaning.
 #[derive(Debug)]
 pub struct RoleLock {
     _file: File,
 }
 
 impl RoleLock {
-    /// Takes the role, or tells whose it is.
+    /// Takes the role, or reports its holder.
     pub fn acquire(domain: &Domain, robot: &str, role: Role) -> Result<Self, BusError> {
         check_name("robot", robot)?;
         let name = format!("{robot}.{}.lock", role.file_stem());
         let (mut file, taken) = open_lock(domain, &name, |file| {
-            // Who looks at the domain holds the lock for an instant, so a refusal gets a second
-            // look.
+            // A process that inspects the domain holds the lock for an instant, so a refusal is
+            // checked again.
             for _ in 0..LOOKS {
                 match file.try_lock() {
                     Ok(()) => return Ok((file.try_clone()?, false)),
@@ -89,14 +88,14 @@ impl RoleLock {
     }
 }
 
-/// The process that holds a role, or held it last; `None` if nobody ever did.
+/// The process that holds a role, or held it last; `None` if there was none.
 pub(super) fn role_holder(domain: &Domain, robot: &str, role: Role) -> Option<i32> {
     let path = domain.root().join(format!("{robot}.{}.lock", role.file_stem()));
     std::fs::read_to_string(path).ok()?.strip_suffix('\n')?.parse().ok()
 }
 
-/// The process id in a lock file. Its holder writes it just after it has locked, so an empty file
-/// is worth a second look.
+/// The process id in a lock file. The holder writes it just after locking, so an empty file is read
+/// again.
 fn holder(file: &mut File) -> Option<String> {
     for _ in 0..20 {
         let mut text = String::new();

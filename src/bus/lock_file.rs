@@ -6,11 +6,11 @@ use std::fs::{File, OpenOptions};
 use std::io;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 
-/// A lock file that somebody removes just when it is opened is made anew so often.
+/// Number of attempts if a lock file is removed just when it is opened.
 const ATTEMPTS: usize = 20;
 
 /// Opens a lock file of the domain and locks it. A file that a clean-up removed in between is no
-/// lock any more, and is made anew.
+/// longer a lock, and is created again.
 pub(super) fn open_lock<T>(
     domain: &Domain,
     name: &str,

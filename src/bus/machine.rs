@@ -1,4 +1,4 @@
-//! A machine of one's own on the bus: its place, its stream, and the numbers of its samples.
+//! A user's machine on the bus: its role, its stream, and the numbering of its samples.
 
 use super::{Bus, BusError, Delivery, Domain, Role, RoleLock, SamplePublisher, monotonic_ns};
 use crate::messages::{Sample, sample_flags};
@@ -6,7 +6,7 @@ use crate::model::{JointSample, MAX_JOINTS};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Publishes the samples of a robot in the place of its plant.
+/// Publishes the samples of a robot in the role of its plant.
 ///
 /// ```no_run
 /// use thetabus::bus::{Domain, Machine, monotonic_ns};
@@ -33,16 +33,17 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Takes the place of the plant of `robot`, with 1 to 8 joints; consumers are never waited for.
+    /// Takes the role of the plant of `robot`, with 1 to 8 joints; never waits for consumers.
     ///
     /// # Errors
-    /// Another number of joints, a second plant of this robot, a bus that cannot be joined.
+    /// If the number of joints is out of range, this robot already has a plant, or the bus cannot
+    /// be joined.
     pub fn open(domain: &Domain, robot: &str, joints: usize) -> Result<Self, BusError> {
         Self::delivering(domain, robot, joints, Delivery::Realtime)
     }
 
-    /// The same with another [`Delivery`]: a simulation that is faster than real time waits for its
-    /// consumers, here for the first time.
+    /// The same with another [`Delivery`]: a simulation faster than real time waits for its
+    /// consumers, also in this call.
     ///
     /// # Errors
     /// See [`open`](Self::open).
@@ -67,12 +68,12 @@ impl Machine {
         })
     }
 
-    /// Sends what was measured at `t_ns` of stream time, CLOCK_MONOTONIC for a real machine; gives
-    /// the sample's seq. `signals` says which arrays of `joints` hold data
+    /// Sends the signals measured at stream time `t_ns`, CLOCK_MONOTONIC for a real machine;
+    /// returns the sample's seq. `signals` states which arrays of `joints` hold data
     /// ([`crate::messages::signals`]).
     ///
     /// # Errors
-    /// The last sample has been published; the bus fails.
+    /// If the last sample has been published, or the bus fails.
     pub fn publish(&mut self, t_ns: u64, signals: u32, joints: &JointSample) -> Result<u64, BusError> {
         let mut sample = Sample::new(self.stream_id, self.next_seq, t_ns, self.joints, signals, joints);
         self.send(&mut sample)
@@ -108,7 +109,7 @@ impl Machine {
         Ok(sample.seq)
     }
 
-    /// Counts samples that could not be measured, so that readers know.
+    /// Counts samples that could not be measured, so that readers see them as missing.
     pub fn skip(&mut self, samples: u64) {
         self.next_seq = self.next_seq.saturating_add(samples);
     }
@@ -128,10 +129,10 @@ impl Machine {
         self.samples.attached()
     }
 
-    /// Gives consumers a moment to take what was sent, then leaves.
+    /// Gives consumers a moment to receive the last samples, then leaves.
     ///
     /// # Errors
-    /// The bus fails.
+    /// If the bus fails.
     pub fn close(mut self) -> Result<(), BusError> {
         match self.next_seq {
             0 => Ok(()),

@@ -1,8 +1,7 @@
-//! The object that iceoryx2 keeps once per domain, made by us.
+//! The object that iceoryx2 keeps once per domain, created by this library.
 //!
-//! iceoryx2 makes it step by step and then opens it to everybody. Here it appears complete and
-//! closed to others from its first moment: it is written without a name, and linked to its name
-//! when it is done.
+//! iceoryx2 creates it in steps and then opens it to every user. Here it appears complete and
+//! private from the start: it is written without a name, and linked to its name when complete.
 
 use super::objects::{SHM, is_management, of_domain};
 use super::{Domain, ICEORYX2_VERSION};
@@ -22,7 +21,7 @@ fn path(domain: &Domain) -> PathBuf {
     Path::new(SHM).join(format!("{}{TYPE_HASH}_node.{version}.global_mgmt", domain.prefix()))
 }
 
-/// The version (16 bits each, in a word), then the number of nodes that there were.
+/// The version (16 bits each, in a word), then the number of nodes so far.
 fn contents() -> [u8; 16] {
     let version = ICEORYX2_VERSION
         .split('.')
@@ -32,8 +31,8 @@ fn contents() -> [u8; 16] {
     bytes
 }
 
-/// Makes the object if it is missing. If that fails iceoryx2 makes it, and
-/// [`close_to_others`] shuts it.
+/// Creates the object if it is missing. If that fails, iceoryx2 creates it, and [`close_to_others`]
+/// makes it private.
 pub(super) fn make(domain: &Domain) {
     let path = path(domain);
     if path.exists() {
@@ -53,14 +52,13 @@ fn link_new(path: &Path) -> io::Result<()> {
     file.write_all(&contents())?;
     let nameless = format!("/proc/self/fd/{}", file.as_raw_fd());
     match linkat(AT_FDCWD, nameless.as_str(), AT_FDCWD, path, AtFlags::AT_SYMLINK_FOLLOW) {
-        // Somebody else was first.
+        // Another process was first.
         Ok(()) | Err(nix::errno::Errno::EEXIST) => Ok(()),
         Err(e) => Err(e.into()),
     }
 }
 
-/// iceoryx2 lets everybody read and write the object; all else is the user's alone, and so becomes
-/// this.
+/// iceoryx2 lets every user read and write the object; like all other objects, it is made private.
 pub(super) fn close_to_others(domain: &Domain) {
     let uid = nix::unistd::geteuid().as_raw();
     for entry in of_domain(domain) {

@@ -1,13 +1,13 @@
-//! Joining a domain on clean ground.
+//! Joining a domain, after removing leftovers.
 //!
-//! iceoryx2 frees what dead processes of its own version leave behind, but stumbles over files that
-//! were cut off, damaged or made by another version, and would have a person remove them. Members
-//! of a domain therefore share a lock. If a program that joins finds nobody holding the lock, no
-//! living node and yet services, these are leftovers, and it removes them before it begins. The
-//! last program to leave removes what is left, too: of a process that is killed while it connects,
-//! iceoryx2 may miss the connection. Half-made objects are removed at any time, by every member.
+//! iceoryx2 frees the resources of dead processes of its own version, but fails on files that are
+//! truncated, damaged or from another version, which a person would have to remove. Members of a
+//! domain therefore share a lock. If a joining program finds the lock free, no living node and yet
+//! services, these are leftovers, and it removes them first. The last program to leave also removes
+//! leftovers, because iceoryx2 can miss a connection whose process was killed while connecting.
+//! Every member removes half-made objects at any time.
 //!
-//! Nothing here waits without a limit: neither for the lock, nor for iceoryx2.
+//! Nothing here waits without a limit, neither for the lock nor for iceoryx2.
 
 use super::half_made;
 use super::lock_file::open_lock;
@@ -28,23 +28,23 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How long a join may take at each step that depends on others. On clean ground all of it takes
-/// milliseconds.
+/// How long a join may take at each step that depends on others. Without leftovers it takes
+/// milliseconds altogether.
 const JOIN_LIMIT: Duration = Duration::from_secs(5);
-/// How often iceoryx2's refusal is believed only after another look, while others live in the
+/// Number of attempts before iceoryx2's refusal is reported, while other processes live in the
 /// domain.
 const SECOND_LOOKS: usize = 20;
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// A node, and the lock that tells others of its life. The lock goes last.
+/// A node, and the lock that shows others that it is alive. The lock is released last.
 pub(super) struct Membership {
     pub node: Node,
     _leaving: Leaving,
-    /// Last, because leaving may meet what is half-made, too.
+    /// Last, because leaving may also meet half-made objects.
     _watch: Watch,
 }
 
-/// The members' lock, with what is to be done before it is released.
+/// The members' lock, with the work to do before it is released.
 struct Leaving {
     lock: File,
     domain: Domain,
@@ -58,7 +58,7 @@ impl Drop for Leaving {
             name.to_str()
                 .is_some_and(|name| is_service_memory(name, self.domain.prefix()))
         });
-        // whoever comes meanwhile waits for the lock
+        // a process that joins meanwhile waits for the lock
         if left && self.lock.try_lock().is_ok() && living(&self.config, None) == Some(false) {
             let count = sweep(&self.domain);
             tracing::debug!(
@@ -71,7 +71,7 @@ impl Drop for Leaving {
 }
 
 impl Membership {
-    /// Creates the node; sweeps first if only rubbish is in the way.
+    /// Creates the node; first removes leftovers if there is nothing else.
     pub(super) fn new(
         domain: &Domain,
         config: &Config,
@@ -84,10 +84,10 @@ impl Membership {
         refuse_foreign(domain)?;
         let half_made = half_made::sweep(domain);
         if !alone {
-            // A process that is alone in the domain sweeps more, see below.
+            // A process alone in the domain removes more, see below.
             orphans::sweep(domain);
         }
-        // From here on iceoryx2 is called, which may wait for what is half-made.
+        // From here on iceoryx2 is called, which may wait for half-made objects.
         let watch = Watch::start(domain)?;
         management::make(domain);
         let create = Arc::new(create);
@@ -118,7 +118,7 @@ impl Membership {
                 source,
             })?;
         } else {
-            // Others are just making what it needs, or were killed over it.
+            // Other processes are creating what it needs, or were killed while doing so.
             for _ in 0..SECOND_LOOKS {
                 if node.is_ok() {
                     break;
@@ -150,17 +150,17 @@ impl Membership {
     }
 }
 
-/// The file that members of a domain share a lock on.
+/// The file on which members of a domain share a lock.
 pub(super) const MEMBERS: &str = "members.lock";
 /// The members' lock.
 pub(super) enum Lock {
-    /// Held alone: nobody else is a member.
+    /// Held exclusively: there is no other member.
     Alone(File),
     /// Shared with others.
     Shared(File),
 }
 
-/// Takes the members' lock; waits for somebody who is sweeping, but not for ever.
+/// Takes the members' lock; waits, up to a limit, for a process that is removing leftovers.
 pub(super) fn lock_members(domain: &Domain) -> Result<Lock, BusError> {
     open_lock(domain, MEMBERS, |file| {
         if file.try_lock().is_ok() {
@@ -194,8 +194,8 @@ fn held_too_long(file: &File) -> String {
     }
 }
 
-/// The process that holds a lock on this file alone. The kernel's list is read in pieces, and one
-/// that changes meanwhile may lack a line, so it is read more than once.
+/// The process that holds an exclusive lock on this file. The kernel's list is read in pieces and
+/// may lack a line if it changes meanwhile, so it is read more than once.
 fn lock_holder(file: &File) -> Option<u32> {
     (0..5).find_map(|again| {
         std::thread::sleep(Duration::from_millis(10 * again));
@@ -214,13 +214,13 @@ fn listed_holder(file: &File) -> Option<u32> {
     })
 }
 
-/// Is any node but our own alive, in whatever language it is written? In doubt, yes, if we have
-/// one of our own.
+/// True if any node other than our own is alive, in any language. If unknown, true if we have a
+/// node.
 pub(super) fn others_live(config: &Config, own: Option<&Node>) -> bool {
     living(config, own).unwrap_or(own.is_some())
 }
 
-/// Is any node but our own alive? `None` if they cannot be listed and none was seen.
+/// Whether any node other than our own is alive; `None` if they cannot be listed and none was seen.
 fn living(config: &Config, own: Option<&Node>) -> Option<bool> {
     let mut alive = false;
     let listed = Node::list(config, |state| {
@@ -241,13 +241,12 @@ pub(super) fn exists(pid: i32) -> bool {
     kill(Pid::from_raw(pid), None) != Err(nix::errno::Errno::ESRCH)
 }
 
-/// Are there services, although nobody has made any yet?
+/// True if there are services although no living process has created any.
 fn leaves_services(domain: &Domain) -> bool {
     entries(&domain.root().join("services")).next().is_some()
 }
 
-/// Removes all that iceoryx2 keeps for a domain, but not our locks; returns how many files there
-/// were.
+/// Removes all files of iceoryx2 in a domain, but not our locks; returns their number.
 fn sweep(domain: &Domain) -> usize {
     let mut count = 0;
     let mut remove = |path: &Path| count += usize::from(std::fs::remove_file(path).is_ok());
@@ -266,11 +265,12 @@ fn sweep(domain: &Domain) -> usize {
     count
 }
 
-/// Shared-memory objects of the domain's services that are ours and that no process has mapped.
+/// Shared-memory objects of the domain's services that belong to this user and that no process has
+/// mapped.
 ///
-/// The names depend on the domain alone. The same user may have another domain of this name below
-/// another root directory, in a session with $XDG_RUNTIME_DIR and in one without; what lives there
-/// is mapped.
+/// The names depend only on the domain. The same user may have another domain of this name below
+/// another root directory, from sessions with and without $XDG_RUNTIME_DIR; objects in use there
+/// are mapped.
 fn unused_memory(domain: &Domain) -> Vec<DirEntry> {
     let mapped = mapped_memory(domain, &[]).unwrap_or_default();
     entries(Path::new(SHM))
@@ -284,7 +284,7 @@ fn unused_memory(domain: &Domain) -> Vec<DirEntry> {
         .collect()
 }
 
-/// Removes what iceoryx2 keeps once per domain; to be called if nobody lives there.
+/// Removes the object that iceoryx2 keeps once per domain; call it only if no process lives there.
 fn remove_management(domain: &Domain) -> usize {
     let mapped = mapped_memory(domain, &[]).unwrap_or_default();
     let is_unused = |entry: &DirEntry| {
@@ -298,8 +298,8 @@ fn remove_management(domain: &Domain) -> usize {
         .count()
 }
 
-/// Removes a domain in which nobody lives; returns how many files there were. To be called with the
-/// members' lock held alone.
+/// Removes a domain without living processes; returns the number of its files. Call it with the
+/// members' lock held exclusively.
 pub(super) fn remove_domain(domain: &Domain) -> usize {
     let mut count = sweep(domain) + remove_management(domain);
     let mut remove = |path: &Path| count += usize::from(std::fs::remove_file(path).is_ok());
@@ -313,17 +313,17 @@ pub(super) fn remove_domain(domain: &Domain) -> usize {
     count
 }
 
-/// A role's lock file, as others see it.
+/// A role's lock file, as seen by other processes.
 pub(super) struct RoleFile<'a>(pub &'a Path);
 
 impl RoleFile<'_> {
-    /// Does anybody hold it? Asked by holding it for an instant, which
-    /// [`RoleLock`](super::RoleLock) forgives.
+    /// True if a process holds it. Tests this by holding it for an instant, which
+    /// [`RoleLock`](super::RoleLock) tolerates.
     pub fn is_held(&self) -> bool {
         File::open(self.0).is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
     }
 
-    /// The process id that its holder wrote into it; `None` if nobody holds it.
+    /// The process id that its holder wrote into it; `None` if it is not held.
     pub fn holder(&self) -> Option<String> {
         let text = std::fs::read_to_string(self.0).unwrap_or_default();
         self.is_held().then(|| text.trim().to_owned())

@@ -1,11 +1,10 @@
-//! Room in /dev/shm: asked for before a port is made, taken before it is used.
+//! Memory in /dev/shm: checked before a port is created, reserved before it is used.
 //!
-//! Shared memory is sparse: making a segment of any size succeeds, and the kernel kills (SIGBUS) at
-//! the first page that does not fit. So a port refuses to start if it could outgrow what is
-//! left, and then takes all its pages at once, so that nothing which fills /dev/shm later can take
-//! them away. Between asking and taking, programs of one domain let each other pass one by one;
-//! others who write to /dev/shm in these milliseconds are the risk that remains, and [`SPARE`] is
-//! what they may take.
+//! Shared memory is sparse: creating a segment of any size succeeds, and the kernel kills the
+//! process (SIGBUS) at the first page that does not fit. So a port refuses to start if it could
+//! exceed the free memory, and then reserves all its pages at once, so that later use of /dev/shm
+//! cannot take them. Between checking and reserving, programs of one domain take turns; other
+//! writers to /dev/shm in these milliseconds are the remaining risk, for which [`SPARE`] is kept.
 
 use super::lock_file::open_lock;
 use super::objects::{SHM, entries, is_service_memory};
@@ -17,16 +16,16 @@ use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Room that a port needs for its small objects (service, event, connections: a page each, 25 of
-/// them in all programs together), and that others may take meanwhile \[bytes\].
+/// Memory that a port needs for its small objects (service, event, connections: a page each, 25 in
+/// all programs together), and that others may take meanwhile \[bytes\].
 pub(super) const SPARE: u64 = 512 << 10;
-/// The lock that is held between asking and taking.
+/// The lock held between checking and reserving.
 const QUEUE: &str = "memory.lock";
-/// How long a program waits for others to take their memory; who takes longer is stopped, and not
-/// waited for.
+/// How long a program waits for others to reserve their memory; one that takes longer is stopped
+/// and is not awaited.
 const QUEUE_LIMIT: Duration = Duration::from_secs(1);
 
-/// Size and free room of /dev/shm \[bytes\]; `None` if it cannot be asked.
+/// Size and free space of /dev/shm \[bytes\]; `None` if unknown.
 pub fn shared_memory() -> Option<(u64, u64)> {
     let found = nix::sys::statvfs::statvfs(SHM).ok()?;
     #[allow(
@@ -37,7 +36,7 @@ pub fn shared_memory() -> Option<(u64, u64)> {
     Some((bytes(found.blocks()), bytes(found.blocks_available())))
 }
 
-/// The right to make a port's objects, until they are [taken](Claim::take).
+/// The right to create a port's objects, until they are [reserved](Claim::take).
 #[derive(Debug)]
 pub(super) struct Claim<'a> {
     bus: &'a Bus,
@@ -45,7 +44,7 @@ pub(super) struct Claim<'a> {
     _queue: Option<File>,
 }
 
-/// Waits for others who are making ports, and refuses if a port that takes `needed` bytes does
+/// Waits for other programs that are creating ports, and refuses if a port of `needed` bytes does
 /// not fit.
 pub(super) fn claim(bus: &Bus, topic: Topic, needed: u64) -> Result<Claim<'_>, BusError> {
     let start = Instant::now();
@@ -67,25 +66,25 @@ pub(super) fn claim(bus: &Bus, topic: Topic, needed: u64) -> Result<Claim<'_>, B
 }
 
 impl Claim<'_> {
-    /// Takes the pages of everything that has been made.
+    /// Reserves the pages of everything that has been created.
     pub(super) fn take(self) -> Result<(), BusError> {
         reserve(self.bus, self.topic)
     }
 }
 
-/// Refuses if `needed` bytes are more than there are.
+/// Refuses if `needed` bytes exceed the free memory.
 pub(super) fn check(bus: &Bus, topic: Topic, needed: u64) -> Result<(), BusError> {
-    // Where it cannot be asked, taking the pages will tell.
+    // If the free memory is unknown, reserving the pages will show it.
     match shared_memory() {
         Some((_, available)) if available < needed => Err(too_small(bus, topic, needed, available)),
         _ => Ok(()),
     }
 }
 
-/// Takes the pages of every segment that this user has in the domain so far.
+/// Reserves the pages of every segment that this user has in the domain so far.
 fn reserve(bus: &Bus, topic: Topic) -> Result<(), BusError> {
     for path in sparse_segments(bus.domain()) {
-        // What has gone meanwhile needs no memory.
+        // A segment removed meanwhile needs no memory.
         let Ok(file) = OpenOptions::new()
             .write(true)
             .custom_flags(OFlag::O_NOFOLLOW.bits())
@@ -105,7 +104,7 @@ fn reserve(bus: &Bus, topic: Topic) -> Result<(), BusError> {
                     let available = shared_memory().map_or(0, |(_, available)| available);
                     return Err(too_small(bus, topic, needed, available));
                 }
-                // A file system without that call keeps its sparse files.
+                // On a file system without that call, files stay sparse.
                 _ => break,
             }
         }
@@ -113,8 +112,8 @@ fn reserve(bus: &Bus, topic: Topic) -> Result<(), BusError> {
     Ok(())
 }
 
-/// Segments of this user that lack pages. One look at each: beside hundreds of robots there are
-/// thousands, and nearly all have theirs.
+/// Segments of this user that lack pages. Checks each once: with hundreds of robots there are
+/// thousands, and nearly all are complete.
 fn sparse_segments(domain: &Domain) -> Vec<std::path::PathBuf> {
     let uid = nix::unistd::geteuid().as_raw();
     let is_of_service = |entry: &std::fs::DirEntry| {

@@ -1,11 +1,11 @@
-//! Topics on shared memory; the only place that names iceoryx2.
+//! Topics on shared memory; the only module that uses iceoryx2.
 //!
 //! ```text
 //! plant ── sample ──▶ identifier ── estimate ──▶ monitor, controllers, anything
 //!                          └─────── status ────▶
 //! ```
 //!
-//! | topic | who publishes | QoS |
+//! | topic | publishers | QoS |
 //! |---|---|---|
 //! | `sample` + event | one | by [`Delivery`]; 16 subscribers; in real time buffer 4096, history 256 |
 //! | `estimate` + event | one, and a spare for bridges | overflow on, buffer 64, history 1; 32 subscribers |
@@ -16,8 +16,8 @@
 //!
 //! Numbers of subscribers and the buffer of samples are defaults: [`Limits`]. Service names are
 //! `thetabus/<robot>/<topic>`, isolated from other runs by a [`Domain`]. Every message has the user
-//! header [`Header`]. Ports belong to the thread that made them. What a killed process leaves
-//! behind is cleaned up by the next one that joins.
+//! header [`Header`]. Ports belong to the thread that created them. The next process that joins
+//! cleans up after a killed one.
 //!
 //! # Subscribing to the estimates
 //!
@@ -95,13 +95,13 @@ type ControlService =
 type PublisherPort<T> = iceoryx2::port::publisher::Publisher<ipc::Service, T, Header>;
 type SubscriberPort<T> = iceoryx2::port::subscriber::Subscriber<ipc::Service, T, Header>;
 
-/// How often a port must be looked after at least: publishers connect late joiners, consumers
-/// connect to new publishers.
+/// Longest period for servicing a port: publishers connect late joiners, consumers connect to new
+/// publishers.
 pub const IDLE_TICK: Duration = Duration::from_millis(100);
 
 /// CLOCK_MONOTONIC \[ns\], the clock of [`Header::sent_ns`].
 pub fn monotonic_ns() -> u64 {
-    // Linux always has this clock; 0 would say "unknown".
+    // Linux always has this clock; 0 would mean "unknown".
     nix::time::clock_gettime(nix::time::ClockId::CLOCK_MONOTONIC)
         .map_or(0, |now| (now.tv_sec() as u64) * 1_000_000_000 + now.tv_nsec() as u64)
 }

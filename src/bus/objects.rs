@@ -1,4 +1,4 @@
-//! A domain's objects in /dev/shm: which they are, whose they are, and who has them open.
+//! A domain's objects in /dev/shm: their names, owners, and the processes that have them open.
 
 use super::{BusError, Domain};
 use std::collections::HashSet;
@@ -7,7 +7,7 @@ use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::time::Duration;
 
-/// Where shared memory lives.
+/// Directory of shared memory.
 pub(super) const SHM: &str = "/dev/shm";
 
 pub(super) fn entries(directory: &Path) -> impl Iterator<Item = DirEntry> + use<> {
@@ -19,13 +19,13 @@ pub(super) fn is_ours(entry: &DirEntry) -> bool {
     entry.metadata().is_ok_and(|found| found.uid() == uid)
 }
 
-/// The prefix, 40 hexadecimal digits, an underscore. The digits keep domain `a` from domain `a_b`,
-/// whose prefix begins with its own.
+/// The prefix, 40 hexadecimal digits, an underscore. The digits distinguish domain `a` from domain
+/// `a_b`, whose prefix begins with that of `a`.
 pub(super) fn is_service_memory(name: &str, prefix: &str) -> bool {
     is_of_domain(name, prefix) && !name.ends_with(".global_mgmt")
 }
 
-/// What iceoryx2 keeps once per domain, and never removes.
+/// The object that iceoryx2 keeps once per domain and never removes.
 pub(super) fn is_management(name: &str, prefix: &str) -> bool {
     is_of_domain(name, prefix) && name.ends_with(".global_mgmt")
 }
@@ -36,7 +36,7 @@ pub(super) fn is_of_domain(name: &str, prefix: &str) -> bool {
         .is_some_and(|(hash, _)| hash.len() == 40 && hash.bytes().all(|b| b.is_ascii_hexdigit()))
 }
 
-/// All objects of a domain, whoever owns them.
+/// All objects of a domain, of any owner.
 pub(super) fn of_domain(domain: &Domain) -> impl Iterator<Item = DirEntry> + use<> {
     let prefix = domain.prefix().to_owned();
     entries(Path::new(SHM)).filter(move |entry| {
@@ -45,8 +45,8 @@ pub(super) fn of_domain(domain: &Domain) -> impl Iterator<Item = DirEntry> + use
     })
 }
 
-/// Refuses a domain in whose names somebody else has put an object: it could be read, damaged or
-/// never finished by its owner.
+/// Refuses a domain if another user has an object under its names: the owner could read, damage or
+/// never complete it.
 pub(super) fn refuse_foreign(domain: &Domain) -> Result<(), BusError> {
     let uid = nix::unistd::geteuid().as_raw();
     for entry in of_domain(domain) {
@@ -63,8 +63,8 @@ pub(super) fn refuse_foreign(domain: &Domain) -> Result<(), BusError> {
     Ok(())
 }
 
-/// The domain's objects that processes have mapped, by path; `None` if one of `living` does not
-/// show what it has.
+/// The domain's objects that processes have mapped, by path; `None` if the mappings of one of
+/// `living` are not visible.
 pub(super) fn mapped_memory(domain: &Domain, living: &[i32]) -> Option<HashSet<String>> {
     let path = format!("{SHM}/{}", domain.prefix());
     let mut mapped = HashSet::new();
@@ -84,12 +84,12 @@ pub(super) fn mapped_memory(domain: &Domain, living: &[i32]) -> Option<HashSet<S
     living.iter().all(|pid| seen.contains(pid)).then_some(mapped)
 }
 
-/// Looks at a file before it counts as held, and the pause between them: who waits for a maker
-/// opens the file for an instant once per millisecond.
+/// Number of checks before a file counts as held, and the pause between them: a process that waits
+/// for a creator opens the file for an instant once per millisecond.
 const LOOKS: usize = 10;
 const PAUSE: Duration = Duration::from_millis(2);
 
-/// Processes that have this file open and keep it so, as far as this user can see.
+/// Processes that keep this file open, as far as this user can see.
 pub(super) fn holders(path: &Path) -> Vec<i32> {
     let Ok(file) = std::fs::symlink_metadata(path) else {
         return Vec::new();

@@ -1,9 +1,8 @@
-//! Services that nobody has any more, and nobody will remove.
+//! Orphaned services, which no node has and no process will remove.
 //!
-//! A node that has a service keeps a tag of it: the tag is made before the service's file and goes
-//! before it. So a node that is killed in the middle of letting go leaves a file without a tag,
-//! which the clean-up of dead nodes does not know of, and which hinders whoever wants to open or
-//! make the service.
+//! A node keeps a tag for each of its services; the tag is created before the service's file and
+//! removed before it. So a node killed while releasing a service leaves a file without a tag, which
+//! the clean-up of dead nodes does not find, and which prevents opening or creating the service.
 
 use super::Domain;
 use super::half_made::GRACE;
@@ -12,14 +11,13 @@ use std::collections::{HashMap, HashSet};
 use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 
-/// Removes the files of services that no node has; waits for [`GRACE`] if there are any, else
-/// not at all.
+/// Removes the files of services that no node has; waits for [`GRACE`] only if there are any.
 pub(super) fn sweep(domain: &Domain) {
     let first = orphans(domain);
     if first.is_empty() {
         return;
     }
-    // A living node that lets go, too, has removed them by then.
+    // A living node that is releasing its services has removed them by then.
     std::thread::sleep(GRACE);
     for (path, inode) in orphans(domain) {
         if first.get(&path) == Some(&inode) && std::fs::remove_file(&path).is_ok() {
@@ -33,7 +31,7 @@ pub(super) fn sweep(domain: &Domain) {
 }
 
 fn orphans(domain: &Domain) -> HashMap<PathBuf, u64> {
-    // First the services: what is listed had its tag before.
+    // First the services: every listed one had its tag before.
     let services: Vec<_> = entries(&domain.root().join("services")).collect();
     if services.is_empty() {
         return HashMap::new();

@@ -20,12 +20,11 @@ use std::fmt;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-/// Patience with something that another process is doing at the same moment, and the pause between
-/// attempts.
+/// Time limit for retries while another process is busy, and the pause between attempts.
 const PATIENCE: Duration = Duration::from_secs(4);
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// This process in a domain, as seen by one robot. Cheap to clone; belongs to one thread.
+/// This process in a domain, for one robot. Cheap to clone; belongs to one thread.
 #[derive(Clone)]
 pub struct Bus(Rc<Inner>);
 
@@ -46,12 +45,12 @@ impl fmt::Debug for Bus {
 }
 
 impl Bus {
-    /// Joins a domain; `name` tells others who this is. Resources of dead processes are cleaned up
-    /// on the way.
+    /// Joins a domain; `name` identifies this program to others. Cleans up resources of dead
+    /// processes.
     pub fn join(domain: &Domain, robot: &str, name: &str) -> Result<Self, BusError> {
         check_name("robot", robot)?;
-        // Its messages about retries and missing files are not for users; ours name robot, domain
-        // and topic.
+        // iceoryx2's messages about retries and missing files are not useful to users; ours name
+        // robot, domain and topic.
         set_log_level_from_env_or(LogLevel::Error);
         domain.create_root()?;
         let config = domain.config()?;
@@ -76,10 +75,10 @@ impl Bus {
         })))
     }
 
-    /// The same process as seen by another robot of the domain.
+    /// The same process for another robot of the domain.
     ///
     /// # Errors
-    /// A name that is none.
+    /// If the name is invalid.
     pub fn for_robot(&self, robot: &str) -> Result<Self, BusError> {
         check_name("robot", robot)?;
         Ok(Self(Rc::new(Inner {
@@ -100,7 +99,7 @@ impl Bus {
         &self.0.robot
     }
 
-    /// Frees what dead processes hold in this domain; returns how many there were.
+    /// Frees the resources of dead processes in this domain; returns the number of processes.
     pub fn clean_up_dead(&self) -> u64 {
         self.0.membership.node.try_cleanup_dead_nodes().cleanups
     }
@@ -119,12 +118,12 @@ impl Bus {
             .map_err(|e| self.topic_error(topic, e.to_string()))
     }
 
-    /// The event service that wakes a topic's consumers; made by whoever comes first.
+    /// The event service that wakes a topic's consumers; the first process creates it.
     pub(super) fn event(&self, topic: Topic) -> Result<EventService, BusError> {
         self.event_named(topic, &self.service_name(topic)?)
     }
 
-    /// The event service by which a reader tells that it has had a message.
+    /// The event service by which a reader acknowledges messages.
     pub(super) fn receipts(&self, topic: Topic) -> Result<EventService, BusError> {
         let name = ServiceName::new(&format!("thetabus/{}/{topic}/receipts", self.0.robot))
             .map_err(|e| self.topic_error(topic, e.to_string()))?;
@@ -173,8 +172,8 @@ impl Bus {
         })
     }
 
-    /// `estimate`, `status`, `description` or `journal`; made by whoever comes first, with its
-    /// [`Limits`](super::Limits), and taken as it is by whoever comes later.
+    /// `estimate`, `status`, `description` or `journal`; the first process creates it with its
+    /// [`Limits`](super::Limits), and later ones use it as it is.
     pub(super) fn latched<T: Latched>(&self) -> Result<PubSubService<T>, BusError> {
         let name = self.service_name(T::TOPIC)?;
         let limits = self.domain().limits();
@@ -202,13 +201,13 @@ impl Bus {
         .map_err(|e| self.pub_sub_error::<T>(T::TOPIC, &e))
     }
 
-    /// `sample` as its publisher opens it. Consumers of an earlier publisher with another delivery
-    /// mode let go of the service once they notice that it is gone, so a mismatch gets a second
-    /// look.
+    /// `sample`, opened by its publisher. Consumers of an earlier publisher with another delivery
+    /// mode release the service once they notice that the publisher has ended, so a mismatch is
+    /// retried.
     pub(super) fn create_sample(&self, overflow: bool, buffer: usize) -> Result<PubSubService<Sample>, BusError> {
         let name = self.service_name(Topic::Sample)?;
         let limits = self.domain().limits();
-        // In lockstep nobody who counts comes later.
+        // In lockstep no required consumer joins later.
         let history = if overflow { sample::HISTORY.min(buffer) } else { 0 };
         self.persist(
             || {
@@ -243,7 +242,7 @@ impl Bus {
         .map_err(|e| self.pub_sub_error::<Sample>(Topic::Sample, &e))
     }
 
-    /// `sample` as its consumers open it: `None` as long as no publisher has made it.
+    /// `sample`, opened by its consumers: `None` until a publisher has created it.
     pub(super) fn open_sample(&self) -> Result<Option<PubSubService<Sample>>, BusError> {
         let name = self.service_name(Topic::Sample)?;
         let opened = self
@@ -268,8 +267,8 @@ impl Bus {
         }
     }
 
-    /// Services of iceoryx2 alone, with its own defaults but for the message; made by whoever comes
-    /// first.
+    /// Plain services of iceoryx2, with its own defaults except for the message; the first process
+    /// creates them.
     pub(super) fn bare(&self, name: &str) -> Result<(PubSubService<Sample>, EventService), BusError> {
         let failed = |e: &dyn fmt::Debug| self.topic_error(Topic::Sample, format!("{name} cannot be opened: {e:?}"));
         let name = ServiceName::new(&format!("thetabus/{}/{name}", self.0.robot)).map_err(|e| failed(&e))?;
@@ -287,7 +286,7 @@ impl Bus {
         Ok((messages, events))
     }
 
-    /// `control` as its server makes it; a leftover of one that was killed is taken over.
+    /// `control`, created by its server; the leftover of a killed server is reused.
     pub(super) fn create_control(&self) -> Result<ControlService, BusError> {
         let name = self.service_name(Topic::Control)?;
         self.persist(
@@ -307,7 +306,7 @@ impl Bus {
         .map_err(|e| self.topic_error(Topic::Control, format!("cannot be opened: {e:?}; {}", advice())))
     }
 
-    /// `control` as a client opens it: `None` as long as nobody serves it.
+    /// `control`, opened by a client: `None` while there is no server.
     pub(super) fn open_control(&self) -> Result<Option<ControlService>, BusError> {
         let name = self.service_name(Topic::Control)?;
         let opened = self.persist(
@@ -342,8 +341,8 @@ impl Bus {
             .max_nodes(control::MAX_NODES)
     }
 
-    /// Tries again as long as the failure says that somebody else is just at it, or was killed over
-    /// it.
+    /// Retries while the failure indicates that another process is doing the same, or was killed
+    /// while doing it.
     fn persist<T, E>(&self, mut attempt: impl FnMut() -> Result<T, E>, passing: impl Fn(&E) -> bool) -> Result<T, E> {
         let start = Instant::now();
         loop {
@@ -357,7 +356,7 @@ impl Bus {
         }
     }
 
-    /// Makes a topic with messages that do not belong there.
+    /// Creates a topic with messages of a wrong type.
     #[cfg(test)]
     pub(super) fn occupy(&self, topic: Topic) -> Result<PubSubService<crate::messages::Status>, BusError> {
         let name = self.service_name(topic)?;
@@ -413,7 +412,7 @@ impl Bus {
         self.topic_error(topic, problem)
     }
 
-    /// What a service that does not fit looks like.
+    /// Description of a service that does not fit.
     fn found(&self, topic: Topic) -> Found {
         let unknown = || Found {
             types: "something else".into(),
@@ -473,8 +472,8 @@ fn in_flux(error: &PublishSubscribeOpenOrCreateError) -> bool {
     )
 }
 
-/// Made by somebody with other limits. Where the topic is there already, it is taken as it is at
-/// the next attempt.
+/// True if the topic was created with other limits. The next attempt then uses the existing topic
+/// as it is.
 fn has_other_limits(error: &PublishSubscribeOpenOrCreateError) -> bool {
     matches!(
         error,

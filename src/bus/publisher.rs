@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-/// Publishes [`Latched`] messages: nobody is waited for, the last one stays for late joiners.
+/// Publishes [`Latched`] messages: never waits, and keeps the last one for late joiners.
 #[derive(Debug)]
 pub struct Publisher<T: Latched> {
     notifier: Option<Notifier>,
@@ -19,7 +19,7 @@ pub struct Publisher<T: Latched> {
     receipts: Option<ReceiptBook>,
 }
 
-/// Bytes that a publisher takes at worst.
+/// Largest number of bytes that a publisher needs.
 pub(super) const fn bytes_of<T: Latched>(subscribers: usize) -> u64 {
     latched::segment_bytes(subscribers, T::BUFFER, size_of::<T>(), T::HISTORY)
 }
@@ -52,9 +52,9 @@ impl<T: Latched> Publisher<T> {
         })
     }
 
-    /// From now on keeps fewer messages on the way than a queue holds, by the receipts of the one
+    /// From now on keeps fewer messages in transit than a queue holds, by the receipts of the one
     /// reader that [gives them](super::Subscriber::give_receipts): for runs in which nothing may be
-    /// lost. A reader silent for `limit` is not waited for again, and nobody is once `stop` is set.
+    /// lost. A reader silent for `limit` is not awaited again, and none is once `stop` is set.
     pub fn await_receipts(&mut self, bus: &Bus, limit: Duration, stop: Arc<AtomicBool>) -> Result<(), BusError> {
         self.receipts = Some(ReceiptBook::new(bus, T::TOPIC, limit, stop)?);
         Ok(())
@@ -80,13 +80,13 @@ impl<T: Latched> Publisher<T> {
             .send()
             .map_err(|e| transfer(format!("{e:?}")))?;
         if let Some(notifier) = &self.notifier {
-            // A consumer that could not be woken looks after its queue within an idle tick.
+            // A consumer that could not be woken checks its queue within an idle tick.
             let _ = notifier.notify();
         }
         Ok(())
     }
 
-    /// Gives the last message to whoever joined since; to be called once per
+    /// Sends the last message to subscribers that have joined since; call it once per
     /// [`IDLE_TICK`](super::IDLE_TICK).
     pub fn serve_late_joiners(&mut self) -> Result<(), BusError> {
         self.port.update_connections().map_err(|e| BusError::Transfer {
@@ -96,7 +96,7 @@ impl<T: Latched> Publisher<T> {
         })
     }
 
-    /// How many subscribers the topic has now.
+    /// Number of subscribers now.
     pub fn subscribers(&self) -> usize {
         use iceoryx2::service::port_factory::PortFactory as _;
         self.service.dynamic_config().number_of_subscribers()

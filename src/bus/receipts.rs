@@ -1,9 +1,9 @@
 //! Flow control for the estimates of a lockstep run.
 //!
-//! The topic `estimate` never waits for a reader, which is right beside a machine. In lockstep
-//! nothing may be lost, and short blocks at full speed give thousands of estimates a second. There
-//! the reader that counts gives a receipt for each, by an event, and the publisher keeps fewer on
-//! the way than a queue holds.
+//! The topic `estimate` never waits for a reader, which is right for a real machine. In lockstep
+//! nothing may be lost, and short blocks at full speed give thousands of estimates a second. So the
+//! required reader sends a receipt for each by an event, and the publisher keeps fewer in transit
+//! than a queue holds.
 
 use super::topic::latched;
 use super::{Bus, BusError, Listener, Notifier, Topic};
@@ -12,9 +12,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Estimates on the way at most.
+/// Largest number of estimates in transit.
 const WINDOW: u64 = (latched::BUFFER * 3 / 4) as u64;
-/// How often a wait looks whether the process was asked to stop.
+/// How often a wait checks whether the process was asked to stop.
 const POLL: Duration = Duration::from_millis(20);
 
 /// The reader's end.
@@ -31,7 +31,7 @@ impl Receipts {
     }
 
     pub(super) fn give(&self) {
-        // The publisher's patience has a limit, so a receipt that got lost costs time, no more.
+        // The publisher's wait has a limit, so a lost receipt only costs time.
         let _ = self.0.notify();
     }
 }
@@ -62,8 +62,8 @@ impl ReceiptBook {
         })
     }
 
-    /// Waits until one more may be on the way, then counts it. A reader that stays silent past the
-    /// limit is not waited for again.
+    /// Waits until one more may be in transit, then counts it. A reader that stays silent past the
+    /// limit is not awaited again.
     pub(super) fn before_send(&mut self) -> Result<(), BusError> {
         if self.given_up {
             return Ok(());

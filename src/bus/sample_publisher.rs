@@ -1,16 +1,16 @@
 //! Publishing samples, in real time or in lockstep.
 //!
-//! In lockstep a full queue makes the publisher wait, and three things must not make it wait for
-//! ever or lose a sample:
-//! - A consumer that died: its queue is full for good until somebody cleans up, so this port does
+//! In lockstep a full queue makes the publisher wait. Three situations must not make it wait
+//! forever or lose a sample:
+//! - A consumer that died: its queue stays full until it is cleaned up, so this port cleans up
 //!   while it waits.
-//! - A consumer that is stuck: it is cut off when the limit has passed, and counted.
-//! - A consumer that has registered but not yet connected its end, because it was there before this
-//!   publisher: once its queue is full, iceoryx2 drops the sample and merely reports one receiver
+//! - A consumer that is stuck: it is cut off after the limit, and counted.
+//! - A consumer that has registered but not yet connected, because it started before this
+//!   publisher: once its queue is full, iceoryx2 drops the sample and only reports one receiver
 //!   less.
 //!
-//! A sample that did not reach everybody is sent again with the header flag `RESENT`; who had it
-//! already drops it.
+//! A sample that did not reach every consumer is sent again with the header flag `RESENT`;
+//! consumers that already have it drop it.
 
 use super::memory;
 use super::topic::sample;
@@ -25,24 +25,24 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tracing::warn;
 
-/// How long one attempt waits for a full queue before the port looks for dead consumers.
+/// How long one attempt waits for a full queue before the port checks for dead consumers.
 const ATTEMPT: Duration = Duration::from_millis(50);
 /// Pause between attempts if an attempt does not wait by itself.
 const PAUSE: Duration = Duration::from_millis(1);
-/// How much patience is left for consumers once this process was asked to stop.
+/// Time limit for consumers once this process was asked to stop.
 const STOPPING_LIMIT: Duration = Duration::from_secs(2);
 
 /// What happens when a consumer does not keep up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delivery {
-    /// A live machine: nobody is waited for, a consumer further behind than the buffer loses the
-    /// oldest samples.
+    /// A live machine: never waits; a consumer that lags by more than the buffer loses the oldest
+    /// samples.
     Realtime,
     /// Simulation and replay: the publisher waits, nothing is lost.
     Lockstep {
         /// Consumers that must be attached.
         consumers: usize,
-        /// Patience with consumers that are missing or stuck.
+        /// Time limit for missing or stuck consumers.
         limit: Duration,
     },
 }
@@ -60,7 +60,7 @@ impl Delivery {
 /// How waiting for consumers ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Attached {
-    /// All are there, or nobody has to be.
+    /// All required consumers are attached.
     Yes,
     /// The process was asked to stop.
     Stopped,
@@ -76,16 +76,16 @@ pub struct Loss {
 }
 
 impl Loss {
-    /// True if everybody got everything.
+    /// True if nothing was lost.
     pub fn is_none(self) -> bool {
         self == Self::default()
     }
 }
 
-/// What the backpressure handler and the port tell each other.
+/// State shared by the backpressure handler and the port.
 #[derive(Debug, Default)]
 struct Pressure {
-    /// Ports that get nothing any more.
+    /// Ports that are cut off.
     cut: Vec<u128>,
     /// Port whose queue was full in the last attempt.
     full: Option<u128>,
@@ -101,15 +101,15 @@ pub struct SamplePublisher {
     delivery: Delivery,
     stop: Arc<AtomicBool>,
     pressure: Arc<Mutex<Pressure>>,
-    /// Consumers that must be there: fewer once one has left for good.
+    /// Number of required consumers; decreases if one leaves for good.
     required: usize,
-    /// Subscribers that never connected and were given up.
+    /// Number of subscribers that never connected and were abandoned.
     given_up: usize,
     loss: Loss,
 }
 
 impl SamplePublisher {
-    /// Makes the topic; `stop` shortens every wait once it is set.
+    /// Creates the topic; `stop` shortens every wait once it is set.
     pub fn new(bus: &Bus, delivery: Delivery, stop: Arc<AtomicBool>) -> Result<Self, BusError> {
         let limits = bus.domain().limits();
         let (buffer, required) = match delivery {
@@ -121,8 +121,8 @@ impl SamplePublisher {
             + subscribers as u64 * sample::connection_bytes(subscribers, buffer);
         memory::check(bus, Topic::Sample, needed + memory::SPARE)?;
         let service = bus.create_sample(delivery == Delivery::Realtime, buffer)?;
-        // Consumers of a publisher that has gone let go within an idle tick and come back to this
-        // one, connected from the start.
+        // Consumers of an ended publisher release the topic within an idle tick and then connect to
+        // this one from the start.
         let start = Instant::now();
         while service.dynamic_config().number_of_subscribers() > 0 && start.elapsed() < 3 * IDLE_TICK {
             std::thread::sleep(PAUSE);
@@ -158,7 +158,7 @@ impl SamplePublisher {
             .create()
             .map_err(|e| bus.topic_error(Topic::Sample, format!("cannot wake consumers: {e:?}")))?;
         claim.take()?;
-        // Whoever waits for the topic looks at once.
+        // Processes that wait for the topic check at once.
         let _ = notifier.notify();
         Ok(Self {
             notifier,
@@ -179,12 +179,12 @@ impl SamplePublisher {
         self.service.dynamic_config().number_of_subscribers()
     }
 
-    /// What could not be delivered so far.
+    /// Losses so far.
     pub fn loss(&self) -> Loss {
         self.loss
     }
 
-    /// In lockstep: waits for the consumers, and fails when they have not come within the limit.
+    /// In lockstep: waits for the consumers, and fails if they do not attach within the limit.
     pub fn wait_for_consumers(&mut self) -> Result<Attached, BusError> {
         let Delivery::Lockstep { consumers, limit } = self.delivery else {
             return Ok(Attached::Yes);
@@ -221,8 +221,7 @@ impl SamplePublisher {
         Ok(Attached::Yes)
     }
 
-    /// Gives `consumers` the chance to be there from the first sample on, in any delivery mode, for
-    /// `limit` at most.
+    /// Waits for `consumers` before the first sample, in any delivery mode, for at most `limit`.
     pub fn hold_for(&mut self, consumers: usize, limit: Duration) {
         let start = Instant::now();
         while self.attached() < consumers && start.elapsed() < limit && !self.stop.load(Ordering::Relaxed) {
@@ -231,8 +230,8 @@ impl SamplePublisher {
         }
     }
 
-    /// Sends a copy. In real time it never waits; in lockstep it returns when everybody has it or
-    /// was given up.
+    /// Sends a copy. In real time it never waits; in lockstep it returns when every consumer has it
+    /// or was abandoned.
     pub fn send(&mut self, message: &Sample) -> Result<(), BusError> {
         let sent = self.attempt(message, 0)?;
         match self.delivery {
@@ -247,17 +246,17 @@ impl SamplePublisher {
         }
     }
 
-    /// Wakes the consumers. After one sample or after many; before a pause it is due.
+    /// Wakes the consumers, after one or more samples; required before a pause.
     pub fn wake(&mut self) {
-        // A consumer that could not be woken looks after its queue within an idle tick.
+        // A consumer that could not be woken checks its queue within an idle tick.
         let _ = self.notifier.notify();
     }
 
-    /// Stays for two ticks after the last sample, so that a consumer which has only just attached
-    /// can map the queue while its publisher lives.
+    /// Stays for two ticks after the last sample, so that a consumer that has just attached can map
+    /// the queue while its publisher is alive.
     ///
     /// # Errors
-    /// The bus fails.
+    /// If the bus fails.
     pub fn linger(&mut self) -> Result<(), BusError> {
         let start = Instant::now();
         while start.elapsed() < 2 * IDLE_TICK {
@@ -268,7 +267,7 @@ impl SamplePublisher {
         Ok(())
     }
 
-    /// Connects to whoever joined since; to be called once per [`IDLE_TICK`].
+    /// Connects to consumers that have joined since; call it once per [`IDLE_TICK`].
     pub fn serve_late_joiners(&mut self) -> Result<(), BusError> {
         self.port
             .update_connections()
@@ -290,12 +289,12 @@ impl SamplePublisher {
         }
     }
 
-    /// Has everybody who counts got it?
+    /// True if every required consumer has it.
     fn complete(&self, sent: Option<usize>) -> bool {
         sent.is_some_and(|reached| reached >= self.required && reached + self.not_counted() >= self.attached())
     }
 
-    /// Attached subscribers that need not be reached.
+    /// Number of attached subscribers that need not be reached.
     fn not_counted(&self) -> usize {
         if self.loss.cut_off == 0 {
             return 0;
@@ -309,7 +308,7 @@ impl SamplePublisher {
         cut + self.given_up
     }
 
-    /// Repeats a sample until everybody has it or the limit has passed.
+    /// Repeats a sample until every consumer has it or the limit has passed.
     fn insist(&mut self, message: &Sample, limit: Duration) -> Result<(), BusError> {
         let mut start = Instant::now();
         let mut told = false;
@@ -343,7 +342,7 @@ impl SamplePublisher {
         }
     }
 
-    /// Goes on without those that are holding everybody up.
+    /// Continues without the consumers that block the others.
     fn give_up(&mut self, sent: Option<usize>, patience: Duration) {
         let patience_s = patience.as_secs_f64();
         let Some(reached) = sent else {

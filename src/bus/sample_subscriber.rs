@@ -1,4 +1,4 @@
-//! Receiving samples, from whichever publisher there is.
+//! Receiving samples from the present publisher.
 
 use super::memory;
 use super::strangers::ForeignSchemas;
@@ -11,18 +11,18 @@ use std::time::{Duration, Instant};
 
 /// Receives [`Sample`]s.
 ///
-/// Only the publisher makes the service, because the delivery mode is its choice: this one opens it
-/// when it exists, in whatever mode, and lets go of it when the publisher is gone, so that the next
-/// one may choose again.
+/// Only the publisher creates the service, because it chooses the delivery mode. The subscriber
+/// opens it when it exists, in any mode, and releases it when the publisher has ended, so that the
+/// next one may choose again.
 #[derive(Debug)]
 pub struct SampleSubscriber {
     bus: Bus,
-    /// `None` for one that nobody wakes.
+    /// `None` for a polled subscriber.
     listener: Option<Listener>,
     connection: Option<Connection>,
-    /// That there is too little shared memory to connect has been said.
+    /// True if a lack of shared memory has been reported.
     is_told: bool,
-    /// stream_id and seq of the last sample handed over.
+    /// stream_id and seq of the last sample passed on.
     last: Option<(u64, u64)>,
     schemas: ForeignSchemas,
 }
@@ -34,7 +34,7 @@ struct Connection {
 }
 
 impl SampleSubscriber {
-    /// Gets ready to receive; connects now if there is a publisher, else later.
+    /// Prepares to receive; connects now if there is a publisher, otherwise later.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
         let claim = memory::claim(bus, Topic::Sample, 0)?;
         let listener = listener(bus, Topic::Sample)?;
@@ -42,7 +42,7 @@ impl SampleSubscriber {
         Self::with(bus, Some(listener))
     }
 
-    /// The same for one who looks by the clock and is not to be woken, which saves the publisher a
+    /// The same for a subscriber that polls and needs no wake-up, which saves the publisher a
     /// system call per sample.
     pub fn polled(bus: &Bus) -> Result<Self, BusError> {
         Self::with(bus, None)
@@ -66,13 +66,13 @@ impl SampleSubscriber {
         self.connection.is_some()
     }
 
-    /// Connects when a publisher has appeared, lets go when it has disappeared; to be called once
-    /// per [`IDLE_TICK`](super::IDLE_TICK), with an empty queue.
+    /// Connects when a publisher has appeared, and disconnects when it has disappeared; call it
+    /// once per [`IDLE_TICK`](super::IDLE_TICK), with an empty queue.
     pub fn refresh(&mut self) -> Result<(), BusError> {
         match &self.connection {
             Some(connection) if connection.service.dynamic_config().number_of_publishers() == 0 => {
-                // Between looking into the queue and here a publisher may have put its last samples
-                // in and gone.
+                // Since the queue was checked, a publisher may have sent its last samples and
+                // ended.
                 let waiting = connection.port.has_samples().map_err(|e| receiving(&e))?;
                 if !waiting {
                     self.connection = None;
@@ -80,7 +80,7 @@ impl SampleSubscriber {
             }
             Some(_) => {}
             None => match self.connect() {
-                // Who runs already goes on, and connects when there is room.
+                // A running process continues, and connects when there is memory.
                 Err(e @ BusError::SharedMemory { .. }) => {
                     if !self.is_told {
                         tracing::error!("not connected to the samples: {e}");
@@ -101,8 +101,8 @@ impl SampleSubscriber {
         let Some(service) = self.bus.open_sample()? else {
             return Ok(());
         };
-        // Subscribing after the publisher connects both ends at once; before it, samples could fall
-        // between.
+        // Subscribing after the publisher exists connects both ends at once; before it, samples
+        // could be lost.
         if service.dynamic_config().number_of_publishers() == 0 {
             return Ok(());
         }
@@ -130,20 +130,19 @@ impl SampleSubscriber {
         }
     }
 
-    /// Messages of another schema, which were left out.
+    /// Number of ignored messages of another schema.
     pub fn left_out(&self) -> u64 {
         self.schemas.count()
     }
 
-    /// Hands over what has arrived, at most `limit` samples; returns how many.
+    /// Passes the samples that have arrived to `take`, at most `limit`; returns their number.
     ///
-    /// A sample that its publisher had to send again, because another consumer missed it, is handed
-    /// over once.
+    /// A sample that was sent again, because another consumer missed it, is passed on only once.
     pub fn drain(&mut self, limit: usize, mut take: impl FnMut(&Sample)) -> Result<usize, BusError> {
         self.drain_timed(limit, |sample, _| take(sample))
     }
 
-    /// As [`drain`](Self::drain), with the time of sending \[ns of CLOCK_MONOTONIC\] beside each
+    /// As [`drain`](Self::drain), with the time of sending \[ns of CLOCK_MONOTONIC\] of each
     /// sample.
     pub fn drain_timed(&mut self, limit: usize, mut take: impl FnMut(&Sample, u64)) -> Result<usize, BusError> {
         let Some(connection) = &self.connection else {
@@ -167,11 +166,11 @@ impl SampleSubscriber {
         Ok(limit)
     }
 
-    /// Waits for the next sample, at most for `limit`; gives a copy with the time of sending \[ns
-    /// of CLOCK_MONOTONIC\], `None` past the limit. [Connects](Self::refresh) on the way.
+    /// Waits for the next sample, at most for `limit`; returns a copy with the time of sending \[ns
+    /// of CLOCK_MONOTONIC\], `None` past the limit. [Connects](Self::refresh) if needed.
     ///
     /// # Errors
-    /// The bus fails.
+    /// If the bus fails.
     pub fn next(&mut self, limit: Duration) -> Result<Option<(Sample, u64)>, BusError> {
         let start = Instant::now();
         let mut found = None;
@@ -181,7 +180,7 @@ impl SampleSubscriber {
                 return Ok(found);
             }
             if seen > 0 {
-                // one that was not for this reader
+                // one that this reader ignores
                 continue;
             }
             self.refresh()?;

@@ -1,9 +1,9 @@
-//! Messages of strangers: of another schema, or of a second publisher beside the identifier. They
-//! are left out, counted, and told once.
+//! Messages of strangers: of another schema, or of a second publisher besides the identifier. They
+//! are ignored, counted, and reported once.
 //!
-//! Topics of the identifier have room for a second publisher, because bridges need one. A reader
-//! that took both in would show two truths as one, so it listens to the process that holds the
-//! identifier's role, and if none does, to the first publisher until that has gone.
+//! Topics of the identifier admit a second publisher, because bridges need one. A reader of both
+//! would mix two sources, so it listens to the process that holds the identifier's role or, if none
+//! does, to the first publisher until that has ended.
 
 use super::lock::role_holder;
 use super::membership::exists;
@@ -13,7 +13,7 @@ use iceoryx2::prelude::{CallbackProgression, ipc};
 use iceoryx2::service::port_factory::PortFactory as _;
 use std::time::{Duration, Instant};
 
-/// How long it is remembered that a publisher is a stranger.
+/// How long a publisher is remembered as a stranger.
 const REMEMBERED: Duration = Duration::from_millis(100);
 
 /// Counts messages of another schema.
@@ -23,7 +23,7 @@ pub(super) struct ForeignSchemas {
 }
 
 impl ForeignSchemas {
-    /// True for a message of our schema; the first other one is told.
+    /// True for a message of our schema; reports the first other one.
     pub(super) fn admits(&mut self, topic: Topic, found: u32) -> bool {
         if found == SCHEMA_VERSION {
             return true;
@@ -45,7 +45,7 @@ impl ForeignSchemas {
     }
 }
 
-/// Whom a reader of one of the identifier's topics listens to.
+/// The publisher to which a reader of one of the identifier's topics listens.
 #[derive(Debug, Default)]
 pub(super) struct Speaker {
     current: Option<u128>,
@@ -58,7 +58,7 @@ pub(super) struct Speaker {
 type Port = (u128, Option<i32>);
 
 impl Speaker {
-    /// True for a message of whom is listened to; the first one of a stranger is told.
+    /// True for a message of that publisher; reports the first one of a stranger.
     pub(super) fn admits<T: Latched>(&mut self, bus: &Bus, service: &PubSubService<T>, publisher: u128) -> bool {
         if self.current == Some(publisher) {
             return true;
@@ -115,7 +115,7 @@ fn choose(ports: &[Port], holder: Option<i32>, current: Option<u128>, publisher:
         .copied()
 }
 
-/// The publishers of a topic whose processes live, as far as that can be seen.
+/// The publishers of a topic whose processes are alive, as far as visible.
 fn ports<T: Latched>(service: &PubSubService<T>) -> Vec<Port> {
     let mut ports = Vec::new();
     service.dynamic_config().list_publishers(|details| {
@@ -138,19 +138,19 @@ mod tests {
         const OTHER: Port = (2, Some(200));
         const THIRD: Port = (3, Some(300));
         let cases: [(&[Port], Option<i32>, Option<u128>, u128, Option<Port>); 9] = [
-            // the identifier, whoever was there first
+            // the identifier, in any starting order
             (&[IDENTIFIER, OTHER], Some(100), None, 1, None),
             (&[IDENTIFIER, OTHER], Some(100), Some(2), 1, None),
             (&[IDENTIFIER, OTHER], Some(100), None, 2, Some(IDENTIFIER)),
             (&[IDENTIFIER, OTHER], Some(100), Some(1), 2, Some(IDENTIFIER)),
-            // one that published and left at once
+            // one that published and left immediately
             (&[IDENTIFIER], Some(100), Some(1), 2, Some(IDENTIFIER)),
-            // nobody holds the role, or its holder publishes nothing here
+            // the role is free, or its holder does not publish here
             (&[OTHER], None, None, 2, None),
             (&[OTHER, THIRD], Some(100), Some(2), 3, Some(OTHER)),
-            // the first one has gone
+            // the first one has ended
             (&[THIRD], None, Some(2), 3, None),
-            // of one that has gone itself: what is left in the queue
+            // messages left in the queue by a publisher that has ended
             (&[], None, None, 2, None),
         ];
         for (i, (ports, holder, current, publisher, instead)) in cases.into_iter().enumerate() {

@@ -9,11 +9,11 @@ use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::prelude::ipc;
 use std::time::{Duration, Instant};
 
-/// How often one who waits for a message looks, on a topic whose messages wake nobody.
+/// Polling period on a topic whose messages do not wake readers.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// Receives [`Latched`] messages, the last one before it joined included. Works in any order of
-/// starting.
+/// Receives [`Latched`] messages, including the last one before it joined. Works in any starting
+/// order.
 #[derive(Debug)]
 pub struct Subscriber<T: Latched> {
     listener: Option<Listener>,
@@ -26,7 +26,7 @@ pub struct Subscriber<T: Latched> {
 }
 
 impl<T: Latched> Subscriber<T> {
-    /// Subscribes, whether or not anybody publishes yet.
+    /// Subscribes, whether or not there is a publisher yet.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
         let claim = memory::claim(bus, T::TOPIC, 0)?;
         let listener = match T::WAKES {
@@ -50,8 +50,8 @@ impl<T: Latched> Subscriber<T> {
         })
     }
 
-    /// From now on tells the publisher of each message that was taken; for the one reader that it
-    /// [waits for](super::Publisher::await_receipts).
+    /// From now on acknowledges each received message; for the one reader that the publisher [waits
+    /// for](super::Publisher::await_receipts).
     pub fn give_receipts(&mut self, bus: &Bus) -> Result<(), BusError> {
         self.receipts = Some(Receipts::new(bus, T::TOPIC)?);
         Ok(())
@@ -59,7 +59,7 @@ impl<T: Latched> Subscriber<T> {
 
     /// Waits until a message may be there; at most `timeout`. Signals end the wait early.
     ///
-    /// Status does not wake: there this is a pause of length `timeout`.
+    /// Status does not wake readers: there this is a pause of length `timeout`.
     pub fn wait(&self, timeout: Duration) -> Result<(), BusError> {
         match &self.listener {
             Some(listener) => wait(listener, T::TOPIC, timeout),
@@ -70,20 +70,21 @@ impl<T: Latched> Subscriber<T> {
         }
     }
 
-    /// Messages left out: of another schema, or of a second publisher beside the identifier.
+    /// Number of ignored messages: of another schema, or of a second publisher besides the
+    /// identifier.
     pub fn left_out(&self) -> u64 {
         self.schemas.count().saturating_add(self.speaker.count())
     }
 
-    /// Hands over everything that has arrived; returns how many.
+    /// Passes all messages that have arrived to `take`; returns their number.
     ///
     /// # Errors
-    /// The bus fails.
+    /// If the bus fails.
     pub fn drain(&mut self, mut take: impl FnMut(&T)) -> Result<usize, BusError> {
         self.drain_timed(|message, _| take(message))
     }
 
-    /// As [`drain`](Self::drain), with the time of sending \[ns of CLOCK_MONOTONIC\] beside each
+    /// As [`drain`](Self::drain), with the time of sending \[ns of CLOCK_MONOTONIC\] of each
     /// message.
     pub fn drain_timed(&mut self, mut take: impl FnMut(&T, u64)) -> Result<usize, BusError> {
         let mut count = 0;
@@ -93,11 +94,11 @@ impl<T: Latched> Subscriber<T> {
         Ok(count)
     }
 
-    /// Waits for the next message, at most for `limit`; gives a copy with the time of sending \[ns
-    /// of CLOCK_MONOTONIC\], `None` past the limit.
+    /// Waits for the next message, at most for `limit`; returns a copy with the time of sending
+    /// \[ns of CLOCK_MONOTONIC\], `None` past the limit.
     ///
     /// # Errors
-    /// The bus fails.
+    /// If the bus fails.
     pub fn next(&mut self, limit: Duration) -> Result<Option<(T, u64)>, BusError> {
         let start = Instant::now();
         let mut found = None;
@@ -113,7 +114,7 @@ impl<T: Latched> Subscriber<T> {
         }
     }
 
-    /// Hands one message over that is for this reader; false if none is left.
+    /// Passes on one message for this reader; false if none is left.
     fn take_one(&mut self, take: &mut impl FnMut(&T, u64)) -> Result<bool, BusError> {
         loop {
             let message = self.port.receive().map_err(|e| BusError::Transfer {
@@ -137,7 +138,7 @@ impl<T: Latched> Subscriber<T> {
     }
 }
 
-/// Why a subscriber cannot be made; `key` sets how many there can be.
+/// Why a subscriber cannot be created; `key` sets the largest number.
 pub(super) fn no_place(error: &SubscriberCreateError, key: &str) -> String {
     match error {
         SubscriberCreateError::ExceedsMaxSupportedSubscribers => format!(
@@ -154,10 +155,10 @@ pub(super) fn listener(bus: &Bus, topic: Topic) -> Result<Listener, BusError> {
         .map_err(|e| bus.topic_error(topic, format!("cannot listen: {e:?}")))
 }
 
-/// Waits on an event; a signal, SIGCONT included, is no failure but a reason to look around.
+/// Waits on an event; a signal, including SIGCONT, is not a failure but ends the wait.
 pub(super) fn wait(listener: &ListenerPort<ipc::Service>, topic: Topic, timeout: Duration) -> Result<(), BusError> {
     use iceoryx2::port::listener::ListenerWaitError::InterruptSignal;
-    // A timeout of zero means for ever to the socket below.
+    // The socket treats a timeout of zero as infinite.
     let waited = match timeout.is_zero() {
         true => listener.try_wait(|_| {}),
         false => listener.timed_wait(|_| {}, timeout),

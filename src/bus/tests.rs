@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::thread;
 use std::time::Instant;
 
-/// A domain of its own, removed on drop.
+/// A separate domain, removed on drop.
 pub(super) struct TestDomain(pub Domain);
 
 impl TestDomain {
@@ -51,7 +51,7 @@ fn status(estimates: u64) -> Status {
     }
 }
 
-/// Receives until `count` samples are there or the watchdog bites; returns their numbers.
+/// Receives until `count` samples have arrived or the watchdog fires; returns their numbers.
 fn receive(subscriber: &mut SampleSubscriber, count: usize) -> Vec<u64> {
     let start = Instant::now();
     let mut seqs = Vec::new();
@@ -91,8 +91,8 @@ fn lockstep_fills_the_startup_hole_of_a_consumer_that_was_there_before_the_publi
     let domain = TestDomain::new();
     const COUNT: u64 = 5_000;
     let bus = Bus::join(&domain.0, "arm", "test").expect("join");
-    // Two consumers of a first publisher outlive it; only one of them listens at once when the
-    // second one comes.
+    // Two consumers outlive their first publisher; only one of them listens immediately when the
+    // second publisher starts.
     let first = SamplePublisher::new(&bus, lockstep(2, 20_000), never()).expect("publish");
     let (attached, is_attached) = std::sync::mpsc::channel();
     let (go, may_go) = std::sync::mpsc::channel::<()>();
@@ -112,8 +112,7 @@ fn lockstep_fills_the_startup_hole_of_a_consumer_that_was_there_before_the_publi
             let bus = Bus::join(domain, "arm", "sleepy").expect("join");
             let mut subscriber = SampleSubscriber::new(&bus).expect("subscribe");
             attached.send(()).expect("main waits");
-            // More than the buffer's worth of samples is sent in this time, were they not held
-            // back.
+            // Without back pressure, more samples than the buffer holds would be sent in this time.
             thread::sleep(Duration::from_millis(1_500));
             receive(&mut subscriber, COUNT as usize)
         });
@@ -144,8 +143,8 @@ fn lockstep_cuts_off_a_stuck_consumer_once_and_counts_it() {
         publisher.send(&sample(seq)).expect("send");
     }
     assert_eq!(publisher.loss().cut_off, 1);
-    // Once cut off it costs nothing: paying the limit for each of the 3 000 samples would take ten
-    // minutes.
+    // Once cut off, the consumer costs nothing: waiting the limit for each of the 3 000 samples
+    // would take ten minutes.
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
     assert!(stuck.is_connected());
 }
@@ -211,7 +210,7 @@ fn samples_in_the_queue_of_a_publisher_that_has_gone_still_arrive() {
         publisher.send(&sample(seq)).expect("send");
     }
     drop(publisher);
-    // Refreshing before looking must not throw the queue away.
+    // Refreshing before reading must not drop the queue.
     subscriber.refresh().expect("refresh");
     assert_eq!(receive(&mut subscriber, 500), (0..500).collect::<Vec<_>>());
     subscriber.refresh().expect("refresh");
@@ -296,7 +295,7 @@ fn with_receipts_no_message_is_lost_to_a_reader_slower_than_its_publisher() {
             subscriber.give_receipts(&bus).expect("receipts");
             let (mut seen, start) = (Vec::new(), Instant::now());
             while seen.len() < COUNT as usize && start.elapsed() < Duration::from_secs(20) {
-                // A queue's worth of messages could be sent in this time many times over.
+                // In this time, many times as many messages as the queue holds could be sent.
                 thread::sleep(Duration::from_millis(5));
                 subscriber.drain(|status| seen.push(status.estimates)).expect("drain");
             }
@@ -323,7 +322,7 @@ fn a_reader_that_gives_no_receipts_is_waited_for_once() {
     for count in 0..1_000 {
         publisher.send(&status(count)).expect("send");
     }
-    // Paying the limit for each of the 950 messages beyond the window would take three minutes.
+    // Waiting the limit for each of the 950 messages beyond the window would take three minutes.
     assert!(start.elapsed() >= limit && start.elapsed() < Duration::from_secs(20));
 }
 
@@ -341,7 +340,7 @@ fn too_little_shared_memory_is_refused_with_the_numbers() {
     super::memory::check(&bus, Topic::Sample, 0).expect("nothing is needed");
 }
 
-/// Messages with a schema in their headers that is not ours, between others.
+/// Messages with another schema in their headers, mixed with others.
 #[test]
 fn fault_messages_of_another_schema_are_left_out_and_counted() {
     let domain = TestDomain::new();
@@ -385,7 +384,7 @@ fn fault_messages_of_another_schema_are_left_out_and_counted() {
     assert_eq!((subscriber.left_out(), statuses.left_out()), (3, 3));
 }
 
-/// Bytes of the domain's objects whose names end so.
+/// Bytes of the domain's objects whose names have this ending.
 fn bytes(domain: &Domain, ending: &str) -> u64 {
     super::objects::of_domain(domain)
         .filter(|entry| entry.file_name().to_string_lossy().ends_with(ending))
@@ -427,13 +426,13 @@ fn prop_what_a_port_asks_for_is_what_it_takes_at_most_and_not_much_more() {
     let connection = bytes(&domain.0, ".connection") - connections;
     let asked = sample::connection_bytes(limits.sample_subscribers, limits.sample_buffer);
     assert!(connection <= asked && asked < 2 * connection, "{connection} of {asked}");
-    // What is left is small beside what every port asks for in addition.
+    // The rest is small compared with the extra that every port requests.
     let small: u64 = [".dynamic", ".event_mgmt"]
         .map(|ending| bytes(&domain.0, ending))
         .iter()
         .sum();
     assert!(4 * small < super::memory::SPARE, "{small}");
-    // And nothing is left to be taken later.
+    // No page remains to be reserved later.
     for entry in super::objects::of_domain(&domain.0) {
         use std::os::unix::fs::MetadataExt as _;
         let found = entry.metadata().expect("there");

@@ -1,15 +1,15 @@
-//! Calls that may hang, with a limit.
+//! Time limit for calls that may hang.
 
 use super::{BusError, Domain};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
-/// Calls `f` on a thread of its own; `action` says what it does. Past the limit the thread is left
-/// to itself, and what it may still return is dropped there.
+/// Calls `f` on a separate thread; `action` describes it. Past the limit the thread is abandoned,
+/// and its result is dropped.
 ///
 /// # Errors
 /// [`BusError::TimeLimit`] if `f` has not returned within `limit`, [`BusError::Thread`] if the
-/// system gives no thread.
+/// system refuses a thread.
 pub(super) fn within<T: Send + 'static>(
     domain: &Domain,
     action: &'static str,

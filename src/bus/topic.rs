@@ -44,15 +44,15 @@ impl fmt::Display for Topic {
     }
 }
 
-/// What stays readable after it was sent: a late joiner gets the last one at once.
+/// Messages that stay readable after sending: a late joiner gets the last one at once.
 pub trait Latched: ZeroCopySend + fmt::Debug + Copy + 'static {
     /// Its topic.
     const TOPIC: Topic;
     /// How many of the last messages a late joiner gets.
     const HISTORY: usize = latched::HISTORY;
-    /// How many messages a reader may be behind.
+    /// How many messages a reader may lag.
     const BUFFER: usize = latched::BUFFER;
-    /// Whether a message wakes its readers; they look once per tick if it does not.
+    /// Whether a message wakes its readers; otherwise they poll once per tick.
     const WAKES: bool = true;
 }
 
@@ -67,14 +67,14 @@ impl Latched for Status {
 
 impl Latched for Description {
     const TOPIC: Topic = Topic::Description;
-    // 40 KB each, and only the last one says anything
+    // 40 KB each, and only the last one matters
     const BUFFER: usize = 1;
     const WAKES: bool = false;
 }
 
 impl Latched for MachineCommand {
     const TOPIC: Topic = Topic::Command;
-    // the newest one counts
+    // only the newest one matters
     const BUFFER: usize = 16;
 }
 
@@ -84,25 +84,26 @@ impl Latched for Journal {
     const WAKES: bool = false;
 }
 
-/// Sizes of `sample`; how many subscribers there can be, and the buffer in real time, is in
+/// Sizes of `sample`; the numbers of subscribers and the buffer in real time are in
 /// [`Limits`](super::Limits).
 pub(super) mod sample {
     use super::Sample;
 
     pub const MAX_PUBLISHERS: usize = 1;
     pub const MAX_BORROWED: usize = 2;
-    /// Realtime: what a consumer gets that connects later, 256 ms at 1 kHz.
+    /// Realtime: samples for a consumer that connects later, 256 ms at 1 kHz.
     pub const HISTORY: usize = 256;
-    /// Lockstep: the publisher waits, so this needs only to bridge the scheduler's pauses; small
-    /// enough to stay in the cache.
+    /// Lockstep: the publisher waits, so this only needs to bridge pauses of the scheduler; small
+    /// enough for the cache.
     pub const LOCKSTEP_BUFFER: usize = 1024;
-    /// Bytes of a publisher's data segment at worst.
+    /// Largest size of a publisher's data segment \[bytes\].
     pub const fn segment_bytes(subscribers: usize, buffer: usize) -> u64 {
         // Headers and alignment take less than 128 bytes.
         (chunks(subscribers, buffer) * (size_of::<Sample>() + 128)) as u64
     }
-    /// Bytes of the connection of a publisher and a subscriber at worst: a word per place in the
-    /// queues to and fro, a byte per sample that may be on loan, and a page for what describes it.
+    /// Largest size of the connection of a publisher and a subscriber \[bytes\]: a word per entry
+    /// in the queues in both directions, a byte per sample that may be on loan, and a page for its
+    /// description.
     pub const fn connection_bytes(subscribers: usize, buffer: usize) -> u64 {
         (2 * 8 * (buffer + MAX_BORROWED + 2) + chunks(subscribers, buffer) + 4096) as u64
     }
@@ -117,14 +118,14 @@ pub(super) mod control {
 
     pub const MAX_CLIENTS: usize = 8;
     pub const MAX_NODES: usize = 12;
-    /// iceoryx2's own limits: responses that a client holds, messages that a port fills at a time.
+    /// iceoryx2's own limits: responses held by a client, messages filled by a port at a time.
     const BORROWED_AND_LOANED: usize = 4;
-    /// Bytes of the server's data segment at worst: each client has a request under way, and one
-    /// that it has dropped.
+    /// Largest size of the server's data segment \[bytes\]: each client has a pending request, and
+    /// a dropped one.
     pub const fn server_bytes() -> u64 {
         (2 * MAX_CLIENTS * (1 + BORROWED_AND_LOANED) * (size_of::<Response>() + 128)) as u64
     }
-    /// Bytes of a client's data segment at worst.
+    /// Largest size of a client's data segment \[bytes\].
     pub const fn client_bytes() -> u64 {
         ((2 + BORROWED_AND_LOANED) * (size_of::<Request>() + 128)) as u64
     }
@@ -136,8 +137,8 @@ pub(super) mod latched {
     pub const BUFFER: usize = 64;
     pub const HISTORY: usize = 1;
     pub const MAX_BORROWED: usize = 2;
-    /// Bytes of a publisher's data segment at worst, for so many subscribers with this buffer,
-    /// messages of this size and so many of them for late joiners.
+    /// Largest size of a publisher's data segment \[bytes\], for these numbers of subscribers,
+    /// buffered messages, bytes per message, and messages for late joiners.
     pub const fn segment_bytes(subscribers: usize, buffer: usize, message: usize, history: usize) -> u64 {
         ((subscribers * (buffer + MAX_BORROWED) + history + 2) * (message + 128)) as u64
     }

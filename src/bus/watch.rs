@@ -1,11 +1,12 @@
-//! A thread that frees this process from waiting for what nobody will finish.
+//! A thread that keeps this process from waiting for objects that will never be completed.
 //!
-//! A program that opens an empty object hangs inside iceoryx2 until the object is finished or gone,
-//! signals or not, whether it joins, makes or opens a service or a port, connects to a new port
-//! while it runs, or leaves. No such call can be given up from outside, so its limit is set here:
-//! each member looks after the domain's half-made objects from a thread of its own, from before its
-//! first call until after its last. What nobody has open goes after 0.1 s, what a stopped maker has
-//! open after 1 s, and after 1 s more if the program whose turn it is to remove it is stopped, too.
+//! A program that opens an empty object hangs inside iceoryx2 until the object is completed or
+//! removed, regardless of signals: when it joins, creates or opens a service or a port, connects to
+//! a new port at run time, or leaves. Such a call cannot be cancelled, so the time limit is set
+//! here: each member watches the domain's half-made objects from a separate thread, from before its
+//! first call until after its last. Objects that no process has open are removed after 0.1 s, those
+//! that a stopped creator has open after 1 s, and 1 s later if the program whose turn it is to
+//! remove them is stopped too.
 
 use super::half_made::Tender;
 use super::{BusError, Domain};
@@ -13,14 +14,14 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How often it looks. A look at 25 objects takes 0.1 ms.
+/// Polling period. A check of 25 objects takes 0.1 ms.
 const PERIOD: Duration = Duration::from_millis(100);
-/// How often it looks while something is in the making.
+/// Polling period while an object is half-made.
 const CLOSELY: Duration = Duration::from_millis(10);
 /// The thread reads directories and writes a line of the log.
 const STACK: usize = 512 * 1024;
 
-/// Watches as long as it lives.
+/// Watches until dropped.
 #[derive(Debug)]
 pub(super) struct Watch {
     stop: Option<Sender<()>>,
@@ -31,7 +32,7 @@ impl Watch {
     /// Begins to watch.
     ///
     /// # Errors
-    /// [`BusError::Thread`] if the system gives no thread: without it any later call could hang.
+    /// [`BusError::Thread`] if the system refuses a thread: without it any later call could hang.
     pub(super) fn start(domain: &Domain) -> Result<Self, BusError> {
         let (stop, stopped) = channel::<()>();
         let mut tender = Tender::new(domain);
@@ -60,7 +61,7 @@ impl Drop for Watch {
     fn drop(&mut self) {
         drop(self.stop.take());
         if let Some(thread) = self.thread.take() {
-            // A panic there has been printed, and must not become a second one here.
+            // A panic there has already been printed, and must not cause a second one here.
             let _ = thread.join();
         }
     }

@@ -1,5 +1,5 @@
-//! From the form of the file to the core types, with the checks that concern several keys, and the
-//! defaults the other way.
+//! Converts the form of the file to the core types, with the checks that involve several keys, and
+//! the defaults in the other direction.
 
 use super::catalog::{self, Catalog};
 use super::check::Check;
@@ -19,7 +19,7 @@ use super::setpoint;
 use super::timing;
 use std::path::PathBuf;
 
-/// Builds and checks; on failure everything that is wrong.
+/// Builds and checks; on failure returns all problems.
 pub(super) fn config(mut form: FileForm, catalog: &Catalog, layers: &Layers) -> Result<Config, Vec<Problem>> {
     let mut check = Check {
         layers,
@@ -32,7 +32,7 @@ pub(super) fn config(mut form: FileForm, catalog: &Catalog, layers: &Layers) -> 
     timing::decide_on_timing(&mut form, &mut check);
     let own = catalog.is_own(&form.model.kind);
     let model = catalog.build(&form, &mut check);
-    // what is wrong with them has been reported with the model
+    // their problems have been reported with the model
     let known = model.as_ref().and_then(|_| catalog::known(&form, &mut check)).flatten();
     let plant = plant::plant(&form, model.as_ref(), &mut check);
     let identifier = identifier::identifier(&form, model.as_ref(), &mut check);
@@ -101,8 +101,8 @@ pub(super) fn config(mut form: FileForm, catalog: &Catalog, layers: &Layers) -> 
     }
 }
 
-/// Without a word on the model, a program with models of its own means the first of them, and
-/// without one on the machine, its equations simulated.
+/// If no model is stated, a program with its own models uses the first of them; if no machine is
+/// stated, it simulates the model's equations.
 fn prefer(catalog: &Catalog, form: &mut FileForm, check: &Check<'_>) {
     if let Some(name) = catalog.preferred().filter(|_| !check.stated("model.kind")) {
         form.model.kind = name.to_owned();

@@ -1,5 +1,4 @@
-//! Which models `model.kind` may name: those of this library, and those that a program brings
-//! along.
+//! The models that `model.kind` may name: those of this library and those of a user's program.
 
 use super::check::{Check, joints};
 use super::schema::{FileForm, RowsKind};
@@ -9,14 +8,13 @@ use crate::model::{
 };
 use crate::node::model::{PlantModel, SharedModel};
 
-/// From the keys of a configuration to a model; `None` with a problem reported.
+/// Builds a model from the keys of a configuration; `None` after reporting a problem.
 type Build = fn(&FileForm, &mut Check<'_>) -> Option<SharedModel>;
 
-/// The models of this library, by the name in `model.kind`. A model that everybody should have is a
-/// line here.
+/// The models of this library, by the name in `model.kind`. A new built-in model is one line here.
 const BUILT_IN: &[(&str, Build)] = &[("manipulator", manipulator), ("servo_axis", servo_axis)];
 
-/// The models that `model.kind` may name: those of this library, and a program's own.
+/// The models that `model.kind` may name: those of this library and a program's own.
 ///
 /// ```
 /// # use thetabus::model::{Equation, Parameter, Plant, Scalar};
@@ -49,24 +47,23 @@ pub struct Catalog {
 }
 
 impl Catalog {
-    /// With one more model, under the name of the plant. The first one is what a configuration
-    /// without `model.kind` means.
+    /// Adds a model under the name of the plant. The first one added is the default if `model.kind`
+    /// is not stated.
     ///
-    /// A definition that breaks a rule, or a name that is taken, is an error when a configuration
-    /// is loaded.
+    /// An invalid definition or a duplicate name is reported when a configuration is loaded.
     #[must_use]
     pub fn with(self, plant: impl Plant + Clone + Send + Sync + 'static) -> Self {
         self.with_model(SharedModel::new(PlantModel::new(plant)))
     }
 
-    /// With one more model.
+    /// Adds a model.
     #[must_use]
     pub fn with_model(mut self, model: SharedModel) -> Self {
         self.own.push(model);
         self
     }
 
-    /// With one more model, in the place of one of the same name: as with keys, the last file wins.
+    /// Adds a model, replacing one of the same name: as with keys, the last file wins.
     #[cfg(feature = "service")]
     #[must_use]
     pub(crate) fn with_latest(mut self, model: SharedModel) -> Self {
@@ -74,23 +71,23 @@ impl Catalog {
         self.with_model(model)
     }
 
-    /// All names, those of this library first.
+    /// All names, with those of this library first.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         let own = self.own.iter().map(|model| model.name());
         BUILT_IN.iter().map(|(name, _)| *name).chain(own)
     }
 
-    /// The model that a configuration without `model.kind` means, if this library does not say.
+    /// The default model if `model.kind` is not stated; `None` for this library's default.
     pub fn preferred(&self) -> Option<&str> {
         self.own.first().map(|model| model.name())
     }
 
-    /// True if the name is that of a program's own model.
+    /// True if the name is that of a program's model.
     pub fn is_own(&self, name: &str) -> bool {
         self.own.iter().any(|model| model.name() == name)
     }
 
-    /// The model that a configuration asks for.
+    /// The model named in a configuration.
     pub(super) fn build(&self, form: &FileForm, check: &mut Check<'_>) -> Option<SharedModel> {
         let kind = form.model.kind.as_str();
         self.validate(check)?;
@@ -103,7 +100,7 @@ impl Catalog {
         let names: Vec<&str> = self.names().collect();
         let hint = super::words::nearest(kind, names.iter().copied()).map(|name| format!("; did you mean \"{name}\"?"));
         let hint = match kind {
-            // known to each program, but not from here
+            // known to every program, but not available here
             "robot" => "; a robot from its URDF is a file of its own, see config/robots/six_axis.toml".to_owned(),
             _ => hint.unwrap_or_default(),
         };
@@ -115,7 +112,7 @@ impl Catalog {
         None
     }
 
-    /// Tells what is wrong with the models that a program brings along.
+    /// Reports errors of a program's own models.
     fn validate(&self, check: &mut Check<'_>) -> Option<()> {
         let before = check.problems.len();
         for (index, model) in self.own.iter().enumerate() {
@@ -197,7 +194,7 @@ fn manipulator(form: &FileForm, check: &mut Check<'_>) -> Option<SharedModel> {
     let extended = ExtendedManipulator::new(plant, terms);
     let derived = derived.map(|derived| ExtendedDerived::new(derived, ExtendedManipulator::places(terms)));
     Some(match delay(form) {
-        // the paper's arm has derivatives of its own, faster than the automatic ones
+        // the paper's arm has hand-written derivatives, which are faster than the automatic ones
         None if terms.is_none() => shared(PlantModel::new(plant).with_pointwise(plant), derived),
         None => shared(PlantModel::new(extended), derived),
         Some((start_s, limit_s)) => shared(PlantModel::new(Delayed::new(extended, start_s, limit_s)), derived),
@@ -217,7 +214,7 @@ fn servo_axis(form: &FileForm, check: &mut Check<'_>) -> Option<SharedModel> {
     })
 }
 
-/// A model with what its known constants derive.
+/// A model with the values derived from its known constants.
 fn shared<P, M>(model: PlantModel<P, M>, derived: Option<ExtendedDerived>) -> SharedModel
 where
     PlantModel<P, M>: crate::node::model::Model + 'static,
@@ -228,7 +225,7 @@ where
     }
 }
 
-/// Start and limit of a delay that is to be identified \[s\].
+/// Start and limit of a delay to be identified \[s\].
 fn delay(form: &FileForm) -> Option<(f64, f64)> {
     let section = &form.projected;
     let wanted = form.identifier.rows == RowsKind::Projected && section.estimate_input_delay;

@@ -1,10 +1,10 @@
-//! What is wrong or suspicious with a configuration, collected while it is built.
+//! Errors and suspicious settings of a configuration, collected while it is built.
 
 use super::error::Problem;
 use super::layers::Layers;
 use crate::sim::ARM_JOINTS;
 
-/// What is found while a configuration is built, with the place of each key.
+/// The findings while a configuration is built, with the origin of each key.
 pub(super) struct Check<'a> {
     pub(super) layers: &'a Layers,
     pub(super) problems: Vec<Problem>,
@@ -16,7 +16,7 @@ impl Check<'_> {
         self.problems.push(Problem::new(self.layers.origin(key), key, message));
     }
 
-    /// Of keys that contradict each other, the first one that somebody wrote.
+    /// Of contradicting keys, the first one that was stated.
     pub(super) fn culprit<'k>(&self, keys: &[&'k str]) -> &'k str {
         let stated = keys.iter().copied().find(|key| self.stated(key));
         stated.or(keys.first().copied()).unwrap_or("")
@@ -35,7 +35,7 @@ impl Check<'_> {
         self.layers.entries().contains_key(key)
     }
 
-    /// Whether the value in force was stated by a recording.
+    /// True if the present value was stated by a recording.
     pub(super) fn recorded(&self, key: &str) -> bool {
         self.layers.entries().get(key).is_some_and(|entry| entry.recorded)
     }

@@ -1,9 +1,9 @@
-//! Keys that hold one of a few words: each is an enum, so that the compiler sees every place that
-//! decides on it.
+//! Keys with one of a few words: each is an enum, so the compiler checks every place that depends
+//! on it.
 //!
-//! Words stand in one place only, beside their variants. Choices of the configuration alone are
-//! made by [`choices!`]; those that the core types have keep their own names, and are read and
-//! written by them.
+//! Words are defined in one place only, next to their variants. Choices that exist only in the
+//! configuration are defined by [`choices!`]; those of core types are read and written by the core
+//! types' names.
 
 use crate::estimator::{Bound, Forgetting};
 use crate::model::{DriveInput, Motion};
@@ -11,7 +11,7 @@ use crate::rows::InputTiming;
 use crate::sim::{ControllerKind, FaultSignal, Interpolation, MoveProfile, PositionFeedback};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 
-/// A value that a file states as one of a few words.
+/// A value that a file states as one of several words.
 pub trait Choice: Copy + PartialEq + 'static {
     /// Every value with its word.
     const NAMES: &'static [(Self, &'static str)];
@@ -66,7 +66,7 @@ macro_rules! named {
     }};
 }
 
-/// Choices of the core types, which know nothing of serde.
+/// Choices of the core types, which do not use serde.
 macro_rules! by_their_names {
     ($( $name:ty = $names:expr; )*) => { $(
         impl Choice for $name {

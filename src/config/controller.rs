@@ -1,4 +1,4 @@
-//! Section `[controller]`: from its keys to what the controller is made from.
+//! Section `[controller]`: converts its keys to the settings of the controller.
 
 use super::check::{Check, joints};
 use super::schema::{FileForm, MachineKind};
@@ -7,7 +7,7 @@ use crate::control::AdaptiveOptions;
 use crate::model::MAX_JOINTS;
 use crate::node::model::SharedModel;
 
-/// Checked against the model; `None` with a problem reported.
+/// Checks against the model; `None` after reporting a problem.
 pub(super) fn controller(
     form: &FileForm,
     model: &SharedModel,

@@ -1,4 +1,4 @@
-//! What can be wrong with a configuration, said so that it can be mended without a manual.
+//! Errors of a configuration, with messages that suffice to fix them without a manual.
 
 use std::fmt;
 
@@ -9,9 +9,9 @@ pub enum Origin {
     Default,
     /// In a file, at this line (counted from 1).
     File {
-        /// The file's name as it was given.
+        /// The file's name as given.
         name: String,
-        /// Line of the key, 0 if the whole file is meant.
+        /// Line of the key, 0 for the whole file.
         line: usize,
     },
     /// In a `--set` argument, quoted as given.
@@ -29,21 +29,21 @@ impl fmt::Display for Origin {
     }
 }
 
-/// One thing that is wrong, or merely suspicious.
+/// One error or suspicious setting.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {
     /// Where it was written.
     pub origin: Origin,
-    /// Full key, `estimator.block_len`; empty if no key is concerned.
+    /// Full key, `estimator.block_len`; empty if it concerns no key.
     pub key: String,
-    /// What was expected and what came, with a hint if there is one.
+    /// What was expected and what was given, with a hint if there is one.
     pub message: String,
-    /// The value is legal and changes nothing, since it belongs to a choice that was not made.
+    /// The value is legal but has no effect, because it belongs to a choice that was not made.
     pub is_without_effect: bool,
 }
 
 impl Problem {
-    /// The usual shape: expected this, got that.
+    /// The usual form: expected this, got that.
     pub(super) fn expected(origin: Origin, key: &str, expected: impl fmt::Display, got: impl fmt::Display) -> Self {
         Self {
             origin,
@@ -53,7 +53,7 @@ impl Problem {
         }
     }
 
-    /// A problem in free words.
+    /// A problem with a free message.
     pub(super) fn new(origin: Origin, key: &str, message: impl Into<String>) -> Self {
         Self {
             origin,
@@ -82,9 +82,9 @@ impl fmt::Display for Problem {
     }
 }
 
-/// Everything that is wrong with a configuration, one line each.
+/// All errors of a configuration, one line each.
 ///
-/// A program ends with exit code 2 on it.
+/// A program then ends with exit code 2.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{}", lines(.problems))]
 pub struct ConfigError {

@@ -16,7 +16,7 @@ pub(super) fn estimator(form: &FileForm, model: &SharedModel, check: &mut Check<
     let parameters = model.parameters();
     let structure = model.structure();
     let (params, equations) = (parameters.len(), structure.equations.len());
-    // a plant of any size may have a floor in a file that knows nothing of it
+    // one value applies to a plant of any size, because the file may not know the plant
     let floors = match section.noise_floor.as_slice() {
         [one] => vec![*one; equations],
         floors => floors.to_vec(),
@@ -107,7 +107,7 @@ pub(super) fn estimator(form: &FileForm, model: &SharedModel, check: &mut Check<
         max_iterations: section.max_iterations as usize,
         step_factor: section.step_factor,
         noise_floor_relative: section.noise_floor_relative,
-        // as all considered errors, for projected rows
+        // like all considered errors, only for projected rows
         drift_per_s: match form.identifier.rows {
             RowsKind::Projected => form.considered.drift_per_s,
             RowsKind::Pointwise => 0.0,
@@ -119,7 +119,7 @@ pub(super) fn estimator(form: &FileForm, model: &SharedModel, check: &mut Check<
         },
         change_detection: section.change_detection.then(|| ChangeDetection {
             false_alarm_rate: section.false_alarm_rate,
-            // Rows state their span in nanoseconds.
+            // Rows have their span in nanoseconds.
             margin: nanoseconds(section.change_margin_s),
         }),
     };
@@ -141,7 +141,7 @@ pub(super) fn estimator(form: &FileForm, model: &SharedModel, check: &mut Check<
     })
 }
 
-/// Key and message for what the estimator refuses.
+/// Key and message for an error of the estimator.
 fn estimator_problem(error: &EstimatorError, names: &[&str], section: &Estimator) -> (String, String) {
     let name = |index: usize| names.get(index).copied().unwrap_or("?");
     let (option, message) = match error {

@@ -1,4 +1,4 @@
-//! Section `[identifier]` and those below it: how samples become rows.
+//! Section `[identifier]` and its subsections: how samples become rows.
 
 use super::check::Check;
 use super::schema::{Automatic, FileForm, InputKind, RealOr, RowsKind};
@@ -10,8 +10,8 @@ use crate::rows::{
     auto_window_lengths,
 };
 
-/// A list with one number per joint of the model, or one for all. A longer one is taken, so that
-/// the files of an arm serve a single axis.
+/// A list with one number per joint of the model, or one for all. A longer one is accepted, so that
+/// an arm's files work for a single axis.
 fn per_joint(key: &str, list: &[f64], otherwise: f64, joints: usize, check: &mut Check<'_>) -> [f64; MAX_JOINTS] {
     if (2..joints).contains(&list.len()) {
         let message = format!("expected one number, or {joints}, one per joint, got {}", list.len());
@@ -23,8 +23,8 @@ fn per_joint(key: &str, list: &[f64], otherwise: f64, joints: usize, check: &mut
     })
 }
 
-/// A gain for each joint of the model, 0 beyond them: a missing one would make inputs of 0 V. A
-/// longer list is taken, so that the files of an arm serve a single axis.
+/// A gain for each joint of the model, 0 for further ones: a missing gain would give inputs of 0 V.
+/// A longer list is accepted, so that an arm's files work for a single axis.
 fn gains(name: &str, list: &[f64], joints: usize, check: &mut Check<'_>) -> Option<[f64; MAX_JOINTS]> {
     let Some(own) = list.get(..joints) else {
         let message = format!(
@@ -39,7 +39,7 @@ fn gains(name: &str, list: &[f64], joints: usize, check: &mut Check<'_>) -> Opti
     Some(gains)
 }
 
-/// What the model does not say. Positions along a line have no period of one turn.
+/// The considered errors. Positions along a line have no period of one turn.
 fn considered(form: &FileForm, linear: bool) -> Considered {
     let section = &form.considered;
     let all = Considered {
@@ -58,9 +58,9 @@ fn considered(form: &FileForm, linear: bool) -> Considered {
     if linear { all.without_turns() } else { all }
 }
 
-/// Samples on either side of the velocity filter. Its time is what matters: a filter of as many
-/// samples at a lower rate smooths away the fastest motion. The polynomial of order 5 needs 3,
-/// however slow the samples are.
+/// Samples on either side of the velocity filter. Its duration matters: with the same number of
+/// samples at a lower rate, it would smooth away the fastest motion. The polynomial of order 5
+/// needs 3 at any rate.
 fn velocity_half_width(half_width_s: f64, sample_period_s: f64, check: &mut Check<'_>) -> Option<usize> {
     let periods = (half_width_s / sample_period_s).round();
     if periods > 100.0 {
@@ -71,9 +71,8 @@ fn velocity_half_width(half_width_s: f64, sample_period_s: f64, check: &mut Chec
     Some((periods as usize).max(3))
 }
 
-/// Says whether the noise is learnt, which the levels that are set decide if the key does not. In a
-/// configuration that is written out the decision stands, so that it is the same wherever it is
-/// read again.
+/// Decides whether the noise is learnt; if the key is not stated, this depends on which levels are
+/// set. A written configuration contains the decision, so it is the same when read again.
 pub(super) fn decide_on_noise(form: &mut FileForm, check: &mut Check<'_>) {
     if form.identifier.rows == RowsKind::Pointwise {
         return;
@@ -106,7 +105,7 @@ pub(super) fn decide_on_noise(form: &mut FileForm, check: &mut Check<'_>) {
     check.wrong(&key, message);
 }
 
-/// The projected rows' options; `None` with a problem if they do not go together.
+/// The options of projected rows; `None` with a problem if they contradict each other.
 fn projected(form: &FileForm, linear: bool, joints: usize, check: &mut Check<'_>) -> Option<ProjectedOptions> {
     let section = &form.projected;
     let mut level = |name: &str, list: &Option<Vec<f64>>| {
@@ -135,7 +134,7 @@ fn projected(form: &FileForm, linear: bool, joints: usize, check: &mut Check<'_>
     };
     let checked = match section.window_s {
         RealOr::Real(_) => options,
-        // what is checked of the shortest one holds for all
+        // a check of the shortest one covers all
         RealOr::Word(Automatic::Auto) => {
             let shortest = auto_window_lengths(form.plant.sample_period_s).last();
             options.with_window(shortest.unwrap_or(options.window_s))
@@ -148,7 +147,7 @@ fn projected(form: &FileForm, linear: bool, joints: usize, check: &mut Check<'_>
             field => format!("identifier.projected.{field}"),
         };
         let got = match field {
-            // ranges of these are in sample periods
+            // the ranges of these are in sample periods
             "window_s" | "stride_s" => {
                 let periods = (got / form.plant.sample_period_s).round();
                 format!("{got} s, which are {periods}")
@@ -159,7 +158,7 @@ fn projected(form: &FileForm, linear: bool, joints: usize, check: &mut Check<'_>
         let message = format!("expected {expected}, got {got}");
         match check.culprit(&[&key, "plant.sample_period_s"]) {
             stated if stated == key => check.wrong(&key, message),
-            // a default that another period does not suit
+            // the default does not suit this period
             period => check.wrong(period, format!("{key} must be stated, too: {message}")),
         }
         return None;

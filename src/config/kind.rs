@@ -1,5 +1,4 @@
-//! A key of the configuration and what it may hold: type, range, and how both are shown to a
-//! reader.
+//! A key of the configuration and its values: type, range, and how both are shown.
 
 use crate::sim::ARM_JOINTS;
 use crate::words::is_name;
@@ -10,17 +9,17 @@ use toml::de::DeValue;
 /// One key of the configuration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Key {
-    /// Section that it stands in, `plant.arm`.
+    /// Its section, `plant.arm`.
     pub section: &'static str,
-    /// Its name there.
+    /// Its name in the section.
     pub name: &'static str,
-    /// What it may hold.
+    /// Its kind of value.
     pub kind: Kind,
     /// SI unit, empty if there is none.
     pub unit: &'static str,
-    /// What it is.
+    /// Its meaning.
     pub meaning: &'static str,
-    /// It may be left out altogether, which is its default.
+    /// It may be left out, which is its default.
     pub optional: bool,
 }
 
@@ -104,7 +103,7 @@ impl fmt::Display for Interval {
     }
 }
 
-/// A number as people write it: 1e9, not 1000000000.
+/// A number in short form: 1e9, not 1000000000.
 pub(crate) struct Short(pub f64);
 
 impl fmt::Display for Short {
@@ -118,7 +117,7 @@ impl fmt::Display for Short {
     }
 }
 
-/// How many entries a list has.
+/// Number of entries of a list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Len {
     /// One per joint of the arm.
@@ -145,7 +144,7 @@ impl Len {
 }
 
 impl Len {
-    /// "a list of 2 numbers above 0 \[m\], one per joint", around what the items are.
+    /// "a list of 2 numbers above 0 \[m\], one per joint", around the description of the items.
     fn of(self, items: &str) -> String {
         match self {
             Self::Joints => format!("a list of {} {items}, one per joint", ARM_JOINTS),
@@ -162,7 +161,7 @@ impl Len {
 pub enum Kind {
     /// `true` or `false`.
     Flag,
-    /// A short name that can stand in file and service names.
+    /// A short name that can be part of file and service names.
     Name,
     /// Text, for a path.
     Path,
@@ -186,13 +185,13 @@ pub enum Kind {
     Words,
     /// One list of finite numbers for each joint.
     RealsPerJoint(Len, Interval),
-    /// Any number of tables with these keys, `[[section.key]]`; keys without a default must stand
+    /// Any number of tables with these keys, `[[section.key]]`; keys without a default are required
     /// in each.
     Tables(&'static [Key]),
 }
 
 impl Kind {
-    /// True for keys whose value is text, so that an unquoted `--set` argument is meant literally.
+    /// True for keys whose value is text, so that an unquoted `--set` argument is taken literally.
     pub(super) fn is_text(&self) -> bool {
         matches!(
             self,
@@ -233,7 +232,7 @@ impl Kind {
         }
     }
 
-    /// The value in the shape that the file structures take, or `None` if it does not fit.
+    /// The value in the form of the file structures, or `None` if it does not fit.
     pub(super) fn check(&self, value: &DeValue<'_>) -> Option<Value> {
         match self {
             Self::Flag => value.as_bool().map(Value::Boolean),
@@ -256,7 +255,7 @@ impl Kind {
             Self::RealsPerJoint(len, interval) => {
                 list(value, Len::Joints, |inner| list(inner, *len, |v| number(v, interval)))
             }
-            // Checked key by key where they are read, so that a message can name the key.
+            // Checked key by key when read, so that a message can name the key.
             Self::Tables(_) => None,
         }
     }
@@ -266,7 +265,7 @@ impl Kind {
 const MAX_LABEL_BYTES: usize = 256;
 /// Longest path: PATH_MAX of Linux.
 const MAX_PATH_BYTES: usize = 4096;
-/// Longest table of setpoints; with it a configuration stays below the size up to which it is read.
+/// Longest table of setpoints; with it a configuration stays below the size limit for reading.
 pub(super) const MAX_ROWS_BYTES: usize = 3 << 20;
 
 fn is_text(s: &str, longest: usize) -> bool {
@@ -297,7 +296,7 @@ fn whole_within(value: &DeValue<'_>, low: u64, high: u64) -> Option<Value> {
     (u64::try_from(n).is_ok_and(|n| (low..=high).contains(&n))).then_some(Value::Integer(n))
 }
 
-/// Whole numbers are numbers, too: `duration_s = 170` is what people write.
+/// Whole numbers are accepted as numbers: `duration_s = 170`.
 fn number(value: &DeValue<'_>, interval: &Interval) -> Option<Value> {
     let x = match value {
         DeValue::Integer(_) => whole(value)? as f64,

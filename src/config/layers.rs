@@ -1,4 +1,4 @@
-//! Sources of settings laid over each other: built-in defaults, files in order, `--set` arguments.
+//! Layers of settings: built-in defaults, files in order, `--set` arguments.
 
 use super::error::{Origin, Problem};
 use super::kind::Key;
@@ -11,27 +11,28 @@ use std::path::{Path, PathBuf};
 use toml::Value;
 use toml::de::{DeTable, DeValue};
 
-/// Longest text of settings, wherever it comes from \[bytes\].
+/// Longest text of settings from any source \[bytes\].
 pub(super) const MAX_BYTES: u64 = crate::pipe::MAX_SETTINGS_BYTES;
 
-/// More problems than this are counted, not told: a file of garbage has one in each line.
+/// More problems than this are only counted: a file of garbage has one in each line.
 const MAX_PROBLEMS: usize = 100;
 
-/// Longest part of a key that a message repeats \[characters\].
+/// Longest part of a key shown in a message \[characters\].
 const MAX_KEY: usize = 100;
 
-/// Of a larger text that is no TOML the first error alone is told.
+/// For a larger text that is not TOML, only the first error is reported.
 const MAX_BYTES_RECOVERED: usize = 1 << 18;
 
-/// A file that is no TOML at all has a syntax error in each line; a few tell enough.
+/// A file that is not TOML has a syntax error in each line; a few suffice.
 const MAX_SYNTAX_ERRORS: usize = 5;
 
-/// Where settings come from.
+/// A source of settings.
 #[derive(Debug, Clone)]
 pub enum Source {
     /// A file on disk; relative paths inside it are relative to its directory.
     File(PathBuf),
-    /// What all robots of a file with `[[robot]]` entries share: everything but these entries.
+    /// The settings shared by all robots of a file with `[[robot]]` entries: everything except
+    /// these entries.
     Shared(PathBuf),
     /// A text built into the program.
     Embedded {
@@ -40,9 +41,9 @@ pub enum Source {
         /// TOML.
         text: String,
     },
-    /// The configuration in a recording, which may come from anywhere: it makes the program open no
-    /// file. Paths for results and checkpoints are those of another machine and do not count, and
-    /// setpoints stand in it as rows.
+    /// The configuration in a recording, which may come from anywhere, so it must not make the
+    /// program open files. Its paths for results and checkpoints, of another machine, are ignored,
+    /// and it contains setpoints as rows.
     Recorded {
         /// Shown in messages.
         name: String,
@@ -51,60 +52,60 @@ pub enum Source {
     },
 }
 
-/// A checked value and where it was written.
+/// A checked value and its origin.
 #[derive(Debug, Clone)]
 pub(super) struct Entry {
     pub value: Value,
     pub origin: Origin,
-    /// Directory that a relative path starts from.
+    /// Base directory of a relative path.
     pub base: Option<PathBuf>,
-    /// It comes from a recording.
+    /// True if it comes from a recording.
     pub recorded: bool,
     layer: usize,
 }
 
-/// The values in force while sources are laid over each other.
+/// The present values while sources are applied.
 #[derive(Debug, Default)]
 pub(super) struct Layers {
     entries: BTreeMap<String, Entry>,
     layer: usize,
-    /// The source being read is a recording.
+    /// True if the source being read is a recording.
     recorded: bool,
-    /// The `[[robot]]` entries of the source being read are somebody else's.
+    /// True if the `[[robot]]` entries of the source being read are handled elsewhere.
     shared: bool,
     pub problems: Vec<Problem>,
     /// Problems beyond [`MAX_PROBLEMS`].
     untold: usize,
-    /// What a recording of before says of the velocity filter.
+    /// Setting of the velocity filter in an old recording.
     velocity_samples: Option<u32>,
 }
 
 /// The entries of a file for many robots.
 const ROBOTS: &str = "robot";
 
-/// A key that recordings of before have; it means a time at their own sample period.
+/// A key of old recordings; it gives a time together with their sample period.
 const SAMPLES_OF_THE_VELOCITY_FILTER: &str = "identifier.projected.velocity_half_width";
 
 impl Layers {
-    /// The values that were stated, by full key.
+    /// The stated values, by full key.
     pub fn entries(&self) -> &BTreeMap<String, Entry> {
         &self.entries
     }
 
-    /// Where a key was stated, or the built-in default.
+    /// Origin of a key: where it was stated, or the built-in default.
     pub fn origin(&self, key: &str) -> Origin {
         self.entries
             .get(key)
             .map_or(Origin::Default, |entry| entry.origin.clone())
     }
 
-    /// Where a key was stated if that was in a recording.
+    /// Origin of a key, if it was stated in a recording.
     pub fn recorded_origin(&self, key: &str) -> Option<Origin> {
         let entry = self.entries.get(key).filter(|entry| entry.recorded)?;
         Some(entry.origin.clone())
     }
 
-    /// Lays one source over what is there.
+    /// Applies one source on top.
     pub fn source(&mut self, source: &Source) {
         match source {
             Source::Embedded { name, text } => self.text(name, text, None),
@@ -129,7 +130,7 @@ impl Layers {
         }
     }
 
-    /// Puts the time that a recording of before means in the place of its number of samples.
+    /// Replaces the number of samples in an old recording by the corresponding time.
     fn translate_velocity_filter(&mut self) {
         const KEY: &str = "identifier.projected.velocity_half_width_s";
         let period = self.entries.get("plant.sample_period_s").cloned();
@@ -142,7 +143,7 @@ impl Layers {
         }
     }
 
-    /// Lays `section.key=value` arguments over what is there; a later one wins over an earlier one.
+    /// Applies `section.key=value` arguments on top; later ones win.
     pub fn arguments(&mut self, arguments: &[String]) {
         self.layer += 1;
         for argument in arguments {
@@ -166,7 +167,7 @@ impl Layers {
         let Some(key) = key(path) else {
             return Err(Problem::new(origin, &cut(path, MAX_KEY), unknown(path)));
         };
-        // A bare word is a string, so that nobody has to quote quotes in a shell.
+        // A bare word is a string, so that no quotes need escaping in a shell.
         let bare = DeValue::String(text.into());
         let parsed = match DeValue::parse(text) {
             Ok(value) if !key.kind.is_text() || value.get_ref().is_str() => value.into_inner(),
@@ -216,7 +217,7 @@ impl Layers {
                 format!("and {more} more; is this a TOML file?"),
             ));
         }
-        // What a parser guesses behind a syntax error would only mislead.
+        // A parser's guesses after a syntax error would only mislead.
         if errors.is_empty() {
             self.table(&file, "", table.get_ref());
         }
@@ -227,7 +228,7 @@ impl Layers {
         }
     }
 
-    /// Whether one more problem is only counted.
+    /// True if a further problem is only counted.
     fn enough(&mut self) -> bool {
         let enough = self.problems.len() >= MAX_PROBLEMS;
         self.untold += usize::from(enough);
@@ -292,8 +293,7 @@ impl Layers {
         for group in EXCLUSIVE.iter().filter(|group| group.contains(&path)) {
             for other in group.iter().filter(|other| **other != path) {
                 match self.entries.get(*other) {
-                    // Stated side by side they contradict each other; a later source just decides
-                    // anew.
+                    // Stated in one source they contradict each other; a later source overrides.
                     Some(entry) if entry.layer == self.layer => self.problems.push(Problem::expected(
                         origin.clone(),
                         path,
@@ -304,7 +304,7 @@ impl Layers {
                 }
             }
         }
-        // Where results and checkpoints go is for whoever reads a recording to say.
+        // The reader of a recording decides where results and checkpoints go.
         if self.recorded && key.kind == Kind::Path && path != "plant.setpoint.csv.path" {
             return;
         }
@@ -320,7 +320,7 @@ impl Layers {
 }
 
 impl Layers {
-    /// A list of tables; `None` after telling what is wrong with them.
+    /// A list of tables; `None` after reporting their problems.
     fn tables(&mut self, keys: &[Key], path: &str, items: &[&DeValue<'_>], origin: &Origin) -> Option<Value> {
         let before = self.problems.len();
         let mut tables = Vec::new();

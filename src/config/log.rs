@@ -1,4 +1,4 @@
-//! Section `[log]`: what the columns of a log file mean.
+//! Section `[log]`: the meaning of a log file's columns.
 
 use super::check::Check;
 use super::choice::Choice;
@@ -8,7 +8,7 @@ use crate::node::model::SharedModel;
 
 pub(super) fn log(form: &FileForm, model: Option<&SharedModel>, check: &mut Check<'_>) -> LogColumns {
     let section = &form.log;
-    // Metres taken for radians would be used as they are, and nothing in the result would show it.
+    // Metres taken for radians would be used unchanged, and nothing in the result would show it.
     if let Some(model) = model.filter(|_| !section.q.is_empty()) {
         let linear = model.definition().position_unit == "m";
         if linear != section.position_unit.is_length() {

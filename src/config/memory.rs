@@ -1,14 +1,14 @@
-//! The memory that a configuration asks for, as far as a recording may decide on it.
+//! Limits the memory that the configuration in a recording may request.
 //!
-//! A recording is somebody else's file: to read it must not take gigabytes unasked. What the user
-//! states takes what it takes.
+//! A recording may be from anyone, so reading it must not take gigabytes unexpectedly. Settings
+//! stated by the user are not limited.
 
 use super::error::{ConfigError, Origin, Problem};
 use super::layers::Layers;
 use super::sections::Config;
 use crate::rows::RowForm;
 
-/// The keys that the size of a block's rows depends on.
+/// The keys on which the size of a block's rows depends.
 const KEYS: [&str; 5] = [
     "estimator.block_len",
     "identifier.projected.stride_s",
@@ -16,8 +16,8 @@ const KEYS: [&str; 5] = [
     "identifier.projected.velocity_half_width_s",
     "plant.sample_period_s",
 ];
-/// What the rows of a recorded configuration may take \[bytes\]. The default blocks of the arm take
-/// 2 MB.
+/// Largest memory for the rows of a recorded configuration \[bytes\]. The default blocks of the arm
+/// take 2 MB.
 const LIMIT: u64 = 512 << 20;
 
 /// Those of [`KEYS`] that a recording states.
@@ -27,12 +27,11 @@ pub(super) fn recorded(layers: &Layers) -> Vec<(&'static str, Origin)> {
 }
 
 impl Config {
-    /// Refuses a configuration out of a recording whose blocks take more memory than a reader of
-    /// somebody else's file should spend unasked.
+    /// Refuses a configuration from a recording whose blocks take too much memory.
     ///
     /// # Errors
-    /// Rows of more than 512 MiB by a key that only the recording states; the command line may
-    /// state it again.
+    /// If the rows take more than 512 MiB because of a key that only the recording states; the
+    /// command line may state it again.
     pub fn limit_recorded_memory(&self) -> Result<(), ConfigError> {
         let bytes = self.rows_bytes();
         let Some((key, origin)) = self.recorded.first().filter(|_| bytes > LIMIT) else {
@@ -59,9 +58,9 @@ impl Config {
         })
     }
 
-    /// Memory for the rows of a block \[bytes\], rather too much than too little: signals and
-    /// features of each sample, columns of each window, and three bands of the windows' covariance,
-    /// as wide as a window reaches.
+    /// Upper estimate of the memory for the rows of a block \[bytes\]: signals and features of each
+    /// sample, columns of each window, and three bands of the windows' covariance, as wide as a
+    /// window reaches.
     fn rows_bytes(&self) -> u64 {
         let definition = self.model.definition();
         let (joints, equations) = (definition.joints as u64, definition.equations.len() as u64);
@@ -149,7 +148,7 @@ mod tests {
             let stride = format!("identifier.projected.stride_s={stride}");
             let config = recorded(&[], &["estimator.block_len=500000", &stride]);
             let mb = config.rows_bytes() / 1_000_000;
-            // Resident is what was written to; room is made for more.
+            // Only memory written to is resident; more is allocated.
             assert!((measured_mb..4 * measured_mb).contains(&mb), "{stride}: {mb} MB");
         }
     }

@@ -1,9 +1,8 @@
-//! Configuration files: TOML ⇄ validated core types. The only place that translates between the
-//! two.
+//! Configuration files: TOML ⇄ validated core types. Only this module translates between the two.
 //!
-//! Sources are laid over each other: built-in defaults, then files in the order given, then
-//! `section.key=value` arguments. A file states only what differs. Every problem is reported
-//! with its place, key, what was expected and what came, and all of them at once:
+//! Sources are applied in layers: built-in defaults, then files in the order given, then
+//! `section.key=value` arguments. A file states only what differs. All problems are reported at
+//! once, each with its origin, key, what was expected and what was given:
 //!
 //! ```text
 //! config/arm.toml:12: estimator.block_len: expected a whole number from 1 to 10000000 [samples], got "abc" (a string)
@@ -64,26 +63,26 @@ const EMBEDDED: &[(&str, &str)] = &[
 ];
 
 impl Config {
-    /// Lays files over the built-in defaults in the order given, then `section.key=value` arguments
-    /// over these.
+    /// Applies files to the built-in defaults in the order given, then `section.key=value`
+    /// arguments.
     ///
     /// # Errors
-    /// Everything that is wrong with any of them.
+    /// All errors in any of them.
     pub fn load(sources: &[Source], arguments: &[String]) -> Result<Self, ConfigError> {
         Self::load_for(&Catalog::default(), sources, arguments)
     }
 
-    /// The same with models of the caller's own, by name in `model.kind`; without that key the
-    /// first of them is meant.
+    /// The same with the caller's own models, by name in `model.kind`; the first of them is the
+    /// default.
     ///
     /// # Errors
-    /// Everything that is wrong with any of them, and with the models.
+    /// All errors in any of them, and of the models.
     pub fn load_for(catalog: &Catalog, sources: &[Source], arguments: &[String]) -> Result<Self, ConfigError> {
         let mut layers = Layers::default();
         sources.iter().for_each(|source| layers.source(source));
         layers.arguments(arguments);
         let mut problems = std::mem::take(&mut layers.problems);
-        // What is right so far is checked on, so that one run of a program tells everything.
+        // Continue checking the valid part, so that one run of a program reports everything.
         let config = resolve(&layers).and_then(|form| build::config(form, catalog, &layers));
         match config {
             Ok(config) if problems.is_empty() => Ok(config),
@@ -95,10 +94,10 @@ impl Config {
         }
     }
 
-    /// The configuration in a text, under a name for messages.
+    /// Parses a text, with a name for messages.
     ///
     /// # Errors
-    /// Everything that is wrong with it.
+    /// All errors in it.
     pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
         Self::load(
             &[Source::Embedded {
@@ -109,8 +108,8 @@ impl Config {
         )
     }
 
-    /// A configuration that is built in, `cedro2022` for instance; the same as the file of that
-    /// name in `config/`.
+    /// A built-in configuration, such as `cedro2022`; the same as the file of that name in
+    /// `config/`.
     pub fn embedded(name: &str) -> Option<Source> {
         let (name, text) = EMBEDDED.iter().find(|(known, _)| *known == name)?;
         Some(Source::Embedded {
@@ -119,15 +118,15 @@ impl Config {
         })
     }
 
-    /// Names of the configurations that are built in.
+    /// Names of the built-in configurations.
     pub fn embedded_names() -> impl Iterator<Item = &'static str> {
         EMBEDDED.iter().map(|(name, _)| *name)
     }
 
-    /// The same with one key set to a number, as while an identifier runs.
+    /// The same with one key set to a number, as at run time.
     ///
     /// # Errors
-    /// What is wrong with it, with the key; also if the key would have no effect.
+    /// The error, with the key; also if the key would have no effect.
     pub fn with_number(&self, path: &str, value: f64) -> Result<Self, ConfigError> {
         let whole = matches!(schema::key(path).map(|key| key.kind), Some(Kind::Whole(..)));
         let value = if whole && value.fract() == 0.0 && value.abs() < 1e18 {
@@ -159,18 +158,17 @@ impl Config {
         }
     }
 
-    /// The models that it was chosen from.
+    /// The available models.
     pub fn catalog(&self) -> &Catalog {
         &self.catalog
     }
 
-    /// What is legal but suspicious.
+    /// Legal but suspicious settings.
     pub fn warnings(&self) -> &[Problem] {
         &self.warnings
     }
 
-    /// A number that changes with whatever determines the estimates: model, rows, estimator, sample
-    /// period.
+    /// A hash of everything that determines the estimates: model, rows, estimator, sample period.
     ///
     /// 64-bit FNV-1a over the settings' text, the same in every build and on every machine.
     pub fn config_hash(&self) -> u64 {
@@ -193,7 +191,7 @@ impl Config {
         fnv1a(text.bytes())
     }
 
-    /// The whole configuration as a file that loads to the same.
+    /// The whole configuration as a file that loads to the same configuration.
     pub fn to_toml(&self) -> String {
         render(&self.file, false)
     }
@@ -203,7 +201,7 @@ impl Config {
         render(&FileForm::default(), true)
     }
 
-    /// The settings in the form of their file.
+    /// The settings in the form of the file.
     pub fn file_form(&self) -> &FileForm {
         &self.file
     }
@@ -218,7 +216,7 @@ impl Default for Config {
     }
 }
 
-/// Defaults with what was stated laid over them.
+/// Defaults with the stated values applied.
 fn resolve(layers: &Layers) -> Result<FileForm, Vec<Problem>> {
     let broken = |e: &dyn std::fmt::Display| vec![Problem::new(Origin::Default, "", format!("{e}"))];
     let mut table = toml::Table::try_from(FileForm::default()).map_err(|e| broken(&e))?;
@@ -252,7 +250,7 @@ fn section_of<'a>(table: &'a mut toml::Table, section: &str) -> Option<&'a mut t
 
 /// Section, name and value of every key that is set, in the order of the schema.
 fn settings(form: &FileForm) -> impl Iterator<Item = (String, String, Value)> {
-    // Serialising plain structures of numbers, words and lists has no way to fail.
+    // Serialising plain structures of numbers, words and lists cannot fail.
     let table = toml::Table::try_from(form).unwrap_or_default();
     keys().filter_map(move |key| {
         let value = table.get(key.section)?.get(key.name)?.clone();
@@ -309,7 +307,7 @@ fn render(form: &FileForm, comments: bool) -> String {
     text
 }
 
-/// A value as people write it: `1e-9`, not `0.000000001`.
+/// A value in short form: `1e-9`, not `0.000000001`.
 fn literal(value: &Value) -> String {
     match value {
         Value::Float(x) => format!("{x:?}"),

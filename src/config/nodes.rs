@@ -1,4 +1,4 @@
-//! From a configuration to an identifier, and to what it says of itself.
+//! Creates an identifier and its description from a configuration.
 
 use super::Config;
 use crate::messages::{DerivedInfo, Description, JointInfo, ParameterInfo, nanoseconds};
@@ -9,7 +9,7 @@ impl Config {
     /// The identifier of the configured model, as a value: samples in, estimates out.
     ///
     /// # Errors
-    /// A setting that the model does not take.
+    /// If a setting does not fit the model.
     pub fn identifier(&self) -> Result<Box<dyn Identifier>, ModelError> {
         let period_s = self.plant.sim.sample_period_s;
         self.model.identifier(&NodeSettings {
@@ -28,7 +28,7 @@ impl Config {
         })
     }
 
-    /// Names, units, meanings, bounds and start values, as topic `description` carries them.
+    /// Names, units, meanings, bounds and start values, for topic `description`.
     pub fn description(&self) -> Description {
         let model = self.model.definition();
         let priors = &self.estimator.options.parameters;

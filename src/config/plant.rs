@@ -1,4 +1,4 @@
-//! Section `[plant]` and those below it: the simulation's options.
+//! Section `[plant]` and its subsections: the simulation's options.
 
 use super::check::{Check, joints};
 use super::choice::Choice;
@@ -155,8 +155,7 @@ pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Ch
     Some(PlantConfig { sim, speed })
 }
 
-/// True values are this much above the start values unless the configuration has others: a machine
-/// with something to find out.
+/// Default ratio of true values to start values, so that there is something to identify.
 const TRUE_SHARE: f64 = 1.25;
 
 /// The machine of the model's own equations.
@@ -210,7 +209,7 @@ fn own_machine(form: &FileForm, definition: &PlantDefinition, check: &mut Check<
     })
 }
 
-/// A fault with what its table leaves out.
+/// A fault with defaults for keys that its table leaves out.
 fn fault(form: &FaultForm) -> Fault {
     let period_s = form.period_s.unwrap_or(0.0);
     let kind = match form.kind {

@@ -24,7 +24,7 @@ pub struct BusConfig {
     pub lockstep_consumers: usize,
     /// Longest wait for a consumer \[s\].
     pub lockstep_limit_s: f64,
-    /// Samples that a consumer may be behind in real time.
+    /// Samples by which a consumer may lag in real time.
     pub sample_buffer: usize,
     /// Subscribers of samples.
     pub max_sample_subscribers: usize,
@@ -68,14 +68,14 @@ pub struct PlantConfig {
 pub struct IdentifierConfig {
     /// Form of the rows.
     pub rows: RowForm,
-    /// Whether the window of projected rows is chosen from the signals; the stride and the velocity
-    /// filter of `rows` are upper limits then, and its window is the one to begin with.
+    /// True if the window of projected rows is chosen from the signals; then the stride and the
+    /// velocity filter of `rows` are upper limits, and its window is the initial one.
     pub auto_window: bool,
     /// Source of u.
     pub input: InputSource,
-    /// Magnitude from which on each joint's measured input is saturated; `inf` for none.
+    /// Magnitude at which each joint's measured input is saturated; `inf` for none.
     pub input_limit: [f64; MAX_JOINTS],
-    /// How long a signal may stand still that must move \[s\]; 0 for ever.
+    /// How long a signal that should move may be constant \[s\]; 0 for no limit.
     pub frozen_after_s: f64,
 }
 
@@ -84,20 +84,20 @@ pub struct IdentifierConfig {
 pub struct EstimatorConfig {
     /// N, samples per block.
     pub block_len: usize,
-    /// Everything else, checked against the model.
+    /// All other options, checked against the model.
     pub options: EstimatorOptions,
 }
 
 /// Section `[controller]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControllerConfig {
-    /// Where the feed-forward comes from.
+    /// Source of the feed-forward.
     pub feed_forward: FeedForward,
-    /// Parameters to begin with, one per parameter of the model.
+    /// Initial parameters, one per parameter of the model.
     pub theta: Vec<f64>,
     /// How estimates become feed-forward.
     pub options: AdaptiveOptions,
-    /// Stream time for which a command holds \[s\].
+    /// Stream time for which a command is valid \[s\].
     pub deadline_s: f64,
 }
 
@@ -106,11 +106,11 @@ pub struct ControllerConfig {
 pub struct MonitorConfig {
     /// Directory for the results, if one is stated.
     pub out_dir: Option<PathBuf>,
-    /// A file of a recording that has this size is followed by another \[bytes\]; 0 for no limit.
+    /// Size at which a recording continues in a new file \[bytes\]; 0 for no limit.
     pub record_file_bytes: u64,
     /// Files of a recording that are kept; 0 for all.
     pub record_files: usize,
-    /// Samples are recorded as joint states, too.
+    /// True if samples are also recorded as joint states.
     pub record_joint_states: bool,
 }
 
@@ -132,11 +132,11 @@ pub struct SupervisionConfig {
     pub backoff_s: f64,
     /// Longest pause \[s\].
     pub backoff_limit_s: f64,
-    /// Restarts are forgiven after so long without a failure \[s\].
+    /// Time without a failure after which the count of restarts is reset \[s\].
     pub healthy_s: f64,
 }
 
-/// What a role asks of the system's scheduler and memory.
+/// Scheduler and memory settings of a role.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RealtimeSettings {
     /// Priority of SCHED_FIFO, 1 to 99; `None` for the system's default policy.
@@ -158,10 +158,10 @@ pub struct RealtimeConfig {
     pub monitor: RealtimeSettings,
 }
 
-/// Section `[log]`: what the columns of a log file mean.
+/// Section `[log]`: the meaning of a log file's columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogColumns {
-    /// Column of the time; rows follow each other at the sample period if there is none.
+    /// Column of the time; without one, rows are one sample period apart.
     pub time: Option<String>,
     /// One unit of the time column \[s\].
     pub time_unit_s: f64,
@@ -194,15 +194,15 @@ pub struct Config {
     pub controller: ControllerConfig,
     /// What is kept.
     pub monitor: MonitorConfig,
-    /// What the identifier keeps for its next start.
+    /// The identifier's checkpoints.
     pub checkpoint: CheckpointConfig,
-    /// What is done about processes that fail.
+    /// Restarting of failed processes.
     pub supervision: SupervisionConfig,
-    /// What each role asks of the system.
+    /// Real-time settings of each role.
     pub realtime: RealtimeConfig,
     /// How a log file is read.
     pub log: LogColumns,
-    /// Constants of the built-in arm from which physical values follow, if they are known.
+    /// Known constants of the built-in arm, from which physical values are derived.
     pub known: Option<KnownConstants>,
     pub(super) file: FileForm,
     pub(super) catalog: Catalog,

@@ -1,5 +1,5 @@
-//! Section `[plant.setpoint]` and those below it: commanded positions, drawn, computed or read from
-//! a file.
+//! Section `[plant.setpoint]` and its subsections: commanded positions, drawn, computed or read
+//! from a file.
 
 use super::check::Check;
 use super::schema::{FileForm, SetpointKind};
@@ -8,7 +8,7 @@ use super::words::cut;
 use crate::sim::{ARM_JOINTS, Moves, Setpoint, Tone};
 use std::path::Path;
 
-/// The setpoint of each joint; `None` with a problem reported.
+/// The setpoint of each joint; `None` after reporting a problem.
 pub(super) fn setpoint(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint; ARM_JOINTS]> {
     let each = |setpoint: &dyn Fn(usize) -> Setpoint| Some(std::array::from_fn(setpoint));
     match form.setpoint.kind {
@@ -93,8 +93,8 @@ fn sines(form: &FileForm, check: &mut Check<'_>) -> Option<[Setpoint; ARM_JOINTS
     }))
 }
 
-/// Puts the rows of a file of setpoints in the place of its path, so that a configuration that is
-/// written out, into a recording or for the processes of a run, needs no other file.
+/// Replaces the path of a setpoint file by its rows, so that a configuration written to a recording
+/// or for the processes of a run needs no other file.
 pub(super) fn inline_setpoints(form: &mut FileForm, check: &mut Check<'_>) {
     const KEY: &str = "plant.setpoint.csv.path";
     let Some(path) = form.csv.path.take_if(|_| form.setpoint.kind == SetpointKind::Csv) else {

@@ -1,4 +1,4 @@
-//! Setpoints from a CSV file: columns `t_s`, `q1_rad`, `q2_rad`, times rising.
+//! Setpoints from a CSV file: columns `t_s`, `q1_rad`, `q2_rad`, with increasing times.
 
 use super::kind::MAX_ROWS_BYTES;
 use super::words::cut;
@@ -16,11 +16,11 @@ pub(super) struct Columns {
 
 const HEADER: [&str; 1 + ARM_JOINTS] = ["t_s", "q1_rad", "q2_rad"];
 
-/// What a message shows of a file.
+/// Longest part of a file shown in a message.
 const SHOWN: usize = 60;
 
 impl Columns {
-    /// As lines of numbers with all their digits.
+    /// Converts to lines of numbers with all digits.
     pub(super) fn to_rows(&self) -> String {
         let mut text = String::new();
         for (row, t_s) in self.t_s.iter().enumerate() {
@@ -33,7 +33,7 @@ impl Columns {
         text
     }
 
-    /// From what [`to_rows`](Self::to_rows) gives.
+    /// Parses the output of [`to_rows`](Self::to_rows).
     ///
     /// The error is a sentence that names the row.
     pub(super) fn from_rows(text: &str) -> Result<Self, String> {
@@ -81,7 +81,7 @@ pub(super) fn read(path: &Path) -> Result<Columns, String> {
     let name = path.display();
     let unreadable = |e: &dyn std::fmt::Display| format!("{name} cannot be read: {e}");
     let found = std::fs::metadata(path).map_err(|e| unreadable(&e))?;
-    // A pipe would wait for somebody to write, a device never ends.
+    // A pipe would wait for a writer, and a device never ends.
     if !found.is_file() {
         return Err(format!("{name}: expected a file, got a directory, pipe or device"));
     }

@@ -1,4 +1,4 @@
-//! What is legal in a configuration but probably not meant.
+//! Settings that are legal but probably not intended.
 
 use super::check::Check;
 use super::error::Origin;
@@ -25,7 +25,7 @@ impl Check<'_> {
             );
             self.warn(self.culprit(&["plant.duration_s", "estimator.block_len"]), message);
         }
-        // Whoever shortens a run on the command line knows what is cut off.
+        // A user who shortens a run on the command line knows what is cut off.
         let shortened = matches!(self.layers.origin("plant.duration_s"), Origin::Argument(_));
         if let Some(late) = sim
             .mass_2
@@ -95,7 +95,7 @@ impl Check<'_> {
         self.without_effect(form, own);
     }
 
-    /// Keys that were set to something of their own but belong to a choice that was not made.
+    /// Keys with a non-default value that belong to a choice that was not made.
     fn without_effect(&mut self, form: &FileForm, own: bool) {
         let kind = &form.model.kind;
         let [default, form] = [&FileForm::default(), form].map(|form| toml::Table::try_from(form).unwrap_or_default());
@@ -115,7 +115,7 @@ impl Check<'_> {
                 let got = key
                     .rsplit_once('.')
                     .and_then(|(section, name)| form.get(section)?.get(name))?;
-                // as they stand in a file: words in quotes, flags and numbers without
+                // as in a file: words in quotes, flags and numbers without
                 let wanted = match got {
                     Value::String(_) => format!("{wanted:?}"),
                     _ => wanted.to_owned(),

@@ -1,9 +1,8 @@
-//! How the input runs between samples, which the identifier and the simulated controller must agree
-//! on.
+//! Behaviour of the input between samples, on which identifier and simulated controller must agree.
 //!
-//! Either mistaken for the other acts half a sample period early or late, 0.5 ms at 1 kHz. Under
-//! `config/encoder_only.toml`, one mass, that costs 435 % of θ₃ and 18 % of θ₉ if the analog
-//! controller is taken for a sampled one, all of θ₃ and 19 % of θ₉ the other way round.
+//! Confusing the two shifts the input by half a sample period, 0.5 ms at 1 kHz. With
+//! `config/encoder_only.toml`, one mass, the errors are 435 % of θ₃ and 18 % of θ₉ if the analog
+//! controller is taken for a sampled one, and all of θ₃ and 19 % of θ₉ the other way round.
 
 use super::check::Check;
 use super::choice::Choice;
@@ -14,9 +13,9 @@ use crate::sim::ControllerKind;
 const KIND: &str = "plant.controller.kind";
 const TIMING: &str = "identifier.projected.timing";
 
-/// The timing follows a stated controller if it is not stated itself; if both are, they must agree.
-/// Without a word on the controller the identifier may stand beside a machine that nobody
-/// simulates. A machine of the model's own equations has another controller.
+/// If the timing is not stated, it follows a stated controller; if both are stated, they must
+/// agree. If the controller is not stated, the identifier may be used with a real machine. A
+/// machine of the model's own equations has another controller.
 pub(super) fn decide_on_timing(form: &mut FileForm, check: &mut Check<'_>) {
     let simulated = matches!(form.plant.machine, MachineKind::Arm | MachineKind::ServoAxis);
     let Some(kind) = form.controller.kind else { return };
@@ -31,7 +30,7 @@ pub(super) fn decide_on_timing(form: &mut FileForm, check: &mut Check<'_>) {
         form.projected.timing = timing;
         return;
     }
-    // What a recording says is there to be read, whatever was simulated then.
+    // A recording's settings are accepted regardless of what was simulated.
     if [KIND, TIMING, "identifier.rows"].iter().all(|key| check.recorded(key)) {
         form.controller.kind = None;
         return;

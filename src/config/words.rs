@@ -1,4 +1,4 @@
-//! Words for what is wrong with a key or a value: what it is, and what was probably meant.
+//! Messages about wrong keys and values: what is wrong, and what was probably intended.
 
 use super::kind::Key;
 use super::schema::{RETIRED, keys};
@@ -11,7 +11,7 @@ pub(super) fn is_section(path: &str) -> bool {
     keys().any(|key| key.section == path || key.section.strip_prefix(path).is_some_and(|rest| rest.starts_with('.')))
 }
 
-/// What to say of a key that there is not.
+/// Message about an unknown key.
 pub(super) fn unknown(path: &str) -> String {
     let known: Vec<String> = keys().map(Key::path).collect();
     if is_section(path) {
@@ -25,7 +25,7 @@ pub(super) fn unknown(path: &str) -> String {
         return (*what).to_owned();
     }
     let name = path.rsplit('.').next().unwrap_or(path);
-    // The right key in the wrong section is the commonest slip.
+    // The right key in the wrong section is the most common mistake.
     let moved = known
         .iter()
         .find(|key| key.rsplit('.').next() == Some(name))
@@ -37,10 +37,10 @@ pub(super) fn unknown(path: &str) -> String {
     }
 }
 
-/// Longest word that is compared: what is longer is no slip of the finger.
+/// Longest word to compare: a longer one is not a typing error.
 const LONGEST: usize = 64;
 
-/// The word that differs least, if that is little enough to be a slip of the finger.
+/// The most similar word, if similar enough to be a typing error.
 pub(super) fn nearest<'a>(word: &str, words: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     words
         .filter(|_| word.len() <= LONGEST)
@@ -50,11 +50,11 @@ pub(super) fn nearest<'a>(word: &str, words: impl Iterator<Item = &'a str>) -> O
         .map(|(_, candidate)| candidate)
 }
 
-/// The value as it was written, and what it is.
+/// The value as written, and its type.
 pub(super) fn describe(value: &DeValue<'_>, text: &str) -> String {
     let what = match value {
         DeValue::String(s) => {
-            // Enough for what is shown; a string may be as long as a file.
+            // Enough for display; a string may be as long as a file.
             let beginning: String = s.chars().take(100).collect();
             return format!("{} (a string)", shorten(&format!("{beginning:?}")));
         }
@@ -74,7 +74,7 @@ pub(super) fn describe(value: &DeValue<'_>, text: &str) -> String {
 /// In one line, the first characters.
 pub(super) fn shorten(text: &str) -> String {
     const LIMIT: usize = 60;
-    // Words up to the limit are all that can be shown, however long the text is.
+    // Only words up to the limit can be shown.
     let words = text.split_whitespace().take(LIMIT).map(|word| cut(word, LIMIT + 1));
     cut(&words.collect::<Vec<_>>().join(" "), LIMIT)
 }

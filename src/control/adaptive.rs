@@ -8,14 +8,15 @@
 //! ```
 //!
 //! The machine's own loop is u = K_p (q_d − q) − K_d q̇ + u_ff, so that K_d q̇_d turns its damping
-//! into damping of the error. T_b is the time in which (2) carries a parameter over its own size: a
-//! new estimate never steps the input. Silence of the identifier changes nothing: the last θ_t that
-//! passed (3) is the best that is known, and the loop below works without any.
+//! into damping of the error. T_b is the time in which (2) moves a parameter by its own size, so a
+//! new estimate never steps the input. If the identifier falls silent, nothing changes: the last
+//! θ_t that passed (3) is still the best available, and the machine's own loop works without
+//! feed-forward.
 //!
-//! (3) asks less of a parameter than [`Estimate::is_usable`], which is for whoever takes a value by
-//! itself: here the values act together, the loop below corrects what is left of their errors, and
-//! one known to 20 % is better than the one of the start. A parameter that an operator has fixed,
-//! σ_i = 0, is taken as it is.
+//! (3) is weaker than [`Estimate::is_usable`], which is meant for values used one at a time. Here
+//! the parameters act together, the machine's own loop corrects their remaining errors, and a
+//! parameter known to 20 % is better than its start value. A parameter that an operator has fixed
+//! (σ_i = 0) is accepted as it is.
 
 use crate::messages::Estimate;
 use crate::model::{JointSample, MAX_JOINTS};
@@ -24,7 +25,7 @@ use crate::node::model::SharedModel;
 /// How estimates become feed-forward.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AdaptiveOptions {
-    /// ρ: largest standard deviation of a parameter that is taken, as a share of it, above 0.
+    /// ρ: largest relative standard deviation of a parameter that is accepted, above 0.
     pub max_std: f64,
     /// T_b \[s\], above 0: time in which a parameter may move by its own size.
     pub blend_s: f64,
@@ -32,13 +33,13 @@ pub struct AdaptiveOptions {
     pub derivative_gain: [f64; MAX_JOINTS],
     /// u_max of each joint, in the input's unit, above 0; `inf` for none.
     pub input_limit: [f64; MAX_JOINTS],
-    /// An identifier that has not been heard for so long is [silent](Knowledge::Silent) \[s\],
+    /// Time without an estimate after which the identifier is [silent](Knowledge::Silent) \[s\],
     /// above 0.
     pub silence_s: f64,
 }
 
 impl Default for AdaptiveOptions {
-    /// 20 % of standard deviation, 0.2 s, no damping to make up for, no limit, 10 s.
+    /// 20 % standard deviation, 0.2 s, no damping to compensate, no limit, 10 s.
     fn default() -> Self {
         Self {
             max_std: 0.2,
@@ -53,17 +54,17 @@ impl Default for AdaptiveOptions {
 /// What the feed-forward is made from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Knowledge {
-    /// The values that it began with: no estimate has passed yet.
+    /// The start values: no estimate has passed yet.
     Initial,
     /// Estimates that passed.
     Estimated,
-    /// The last estimates that passed; the newest ones do not, `use_ok` is 0.
+    /// The last estimates that passed; the newest have `use_ok` 0.
     Held,
-    /// The last estimates that passed; no other has come for a while.
+    /// The last estimates that passed; none has arrived for `silence_s`.
     Silent,
 }
 
-/// Computes feed-forward from the newest estimates that may be used. Allocates at its start only.
+/// Computes feed-forward from the newest estimates that may be used. Allocates only in `new`.
 #[derive(Debug, Clone)]
 pub struct AdaptiveFeedForward {
     model: SharedModel,
@@ -77,11 +78,10 @@ pub struct AdaptiveFeedForward {
 }
 
 impl AdaptiveFeedForward {
-    /// For a model, from values that hold until estimates come.
+    /// Feed-forward for a model; `theta` is used until estimates arrive.
     ///
     /// # Errors
-    /// Another number of values than the model has parameters, or an option out of its range, in
-    /// words.
+    /// If the number of values is not that of the model's parameters, or an option is out of range.
     pub fn new(model: SharedModel, theta: &[f64], options: AdaptiveOptions) -> Result<Self, String> {
         let params = model.parameters().len();
         if theta.len() != params || theta.iter().any(|x| !x.is_finite()) {
@@ -113,7 +113,8 @@ impl AdaptiveFeedForward {
         })
     }
 
-    /// Takes an estimate in, if it passes (3). One of another model is left out; false says so.
+    /// Takes an estimate if it passes (3). Returns false, and ignores it, if it is of another
+    /// model.
     pub fn on_estimate(&mut self, estimate: &Estimate) -> bool {
         if estimate.model_hash != self.model_hash || estimate.params as usize != self.target.len() {
             return false;
@@ -140,10 +141,10 @@ impl AdaptiveFeedForward {
     /// Feed-forward along a trajectory: `motion` has the desired q, q̇, q̈ and q⃛, `dt_s` is the
     /// time since the last call \[s\].
     ///
-    /// A time that is negative or no number counts as 0: no time has passed as far as is known.
+    /// A time that is negative or not a number counts as 0.
     ///
-    /// In the input's unit, one value per joint; 0 for a joint whose value is not finite, so that
-    /// its own loop carries it alone.
+    /// In the input's unit, one value per joint; 0 for a joint whose value is not finite, so only
+    /// its own loop acts on it.
     pub fn next(&mut self, motion: &JointSample, dt_s: f64) -> [f64; MAX_JOINTS] {
         let dt_s = if dt_s.is_finite() { dt_s.max(0.0) } else { 0.0 };
         self.silent_for_s += dt_s;
@@ -185,7 +186,7 @@ mod tests {
     use crate::model::Manipulator;
     use crate::node::model::PlantModel;
 
-    /// The parameters move no way in a time that is none.
+    /// The parameters do not move in an invalid time step.
     #[test]
     fn fault_a_time_that_is_negative_or_no_number_changes_nothing() {
         let model = SharedModel::new(PlantModel::new(Manipulator::default()));

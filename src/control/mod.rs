@@ -1,4 +1,4 @@
-//! The loop that the method is for: a controller that uses θ̂.
+//! A controller that uses θ̂: the loop that the method is for.
 //!
 //! ```text
 //! estimates ─▶ gate (use_ok, σ) ─▶ bumpless θ ─▶ u_ff ─▶ machine, on top of its PD loop

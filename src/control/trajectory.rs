@@ -1,5 +1,5 @@
-//! The motion that a simulator is asked for, with its derivatives: what feed-forward follows. A
-//! robot's motion has its own; those of setpoints are central differences over seven points, h the
+//! The desired motion of a simulator with its derivatives, for feed-forward. The motion of a robot
+//! has exact derivatives; those of setpoints are central differences over seven points, h the
 //! sample period; the error of q⃛ is 7/120 h⁴ q⁽⁷⁾, below 1e-4 of it up to 10 Hz at 1 kHz:
 //!
 //! ```text
@@ -18,8 +18,8 @@ const FIRST: [f64; POINTS] = [-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0];
 const SECOND: [f64; POINTS] = [2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0];
 const THIRD: [f64; POINTS] = [1.0, -8.0, 13.0, 0.0, -13.0, 8.0, -1.0];
 
-/// Samples that a trajectory of setpoints goes on by at once \[samples\]: some 10 ms of work, so
-/// that a sample number that is wrong cannot hold its caller up.
+/// Largest advance of a trajectory of setpoints in one call \[samples\]: about 10 ms of work, so a
+/// wrong sample number cannot block the caller.
 pub const CATCH_UP: u64 = 100_000;
 
 /// Desired motion of a simulated machine, sample by sample.
@@ -39,8 +39,8 @@ enum Motion {
 }
 
 impl Trajectory {
-    /// Along the motion of a model's simulator, or the setpoints of a simulation that has none of
-    /// its own, beginning with sample 0.
+    /// The motion of a model's simulator, or else the setpoints of the simulation, beginning with
+    /// sample 0.
     ///
     /// # Errors
     /// Setpoints that jump: no input follows them. Options that do not fit the model.
@@ -55,7 +55,7 @@ impl Trajectory {
         }
     }
 
-    /// Along the setpoints of a simulation, beginning with sample 0.
+    /// The setpoints of a simulation, beginning with sample 0.
     ///
     /// # Errors
     /// Setpoints that jump: no input follows them.
@@ -82,8 +82,8 @@ impl Trajectory {
         motion
     }
 
-    /// Goes on to a later sample, or [`CATCH_UP`] samples towards it; true if it is there. What
-    /// lies behind cannot be had again.
+    /// Advances to a later sample, by at most [`CATCH_UP`] samples; true if it has arrived there.
+    /// It cannot go back.
     pub fn advance_to(&mut self, k: u64) -> bool {
         match self.motion {
             Motion::Smooth(_) => self.k = self.k.max(k),
@@ -103,8 +103,8 @@ impl Trajectory {
 struct Setpoints {
     paths: Vec<SetpointPath>,
     sample_period_s: f64,
-    /// q of the samples k − 3 … k + 3, a half-period on: a command is held from one sample to the
-    /// next, and right in the middle.
+    /// q at samples k − 3 … k + 3, half a period later: a command is held from one sample to the
+    /// next, so its mean time is the middle.
     window: [[f64; POINTS]; MAX_JOINTS],
 }
 

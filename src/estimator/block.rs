@@ -1,9 +1,9 @@
 //! The block recursion (6)–(11) and what goes beyond it: one estimate with its evidence per block
 //! of samples.
 //!
-//! Each independent [`Group`](super::Group) of parameters is a least squares problem of its own; a
-//! change of the plant is looked for in all of them together. See `group.rs`, `fit.rs` and
-//! `change.rs` for the equations.
+//! Each independent [`Group`](super::Group) of parameters is a separate least-squares problem; a
+//! change of the plant is sought in all of them together. See `group.rs`, `fit.rs` and `change.rs`
+//! for the equations.
 
 use super::change_search::ChangeSearch;
 use super::drift_watch::DriftWatch;
@@ -29,17 +29,17 @@ pub struct BlockEstimator {
     options: EstimatorOptions,
     groups: Groups,
     theta: Vec<f64>,
-    /// θ̂ before the block, and of the last fit while the time of a change is sought.
+    /// θ̂ before the block; while the time of a change is sought, θ̂ of the last fit.
     before: Vec<f64>,
     later: Vec<f64>,
     /// The stream that θ̂ was learnt from, 0 for none.
     stream_id: u64,
-    /// Blocks since the last change that was no drift.
+    /// Blocks since the last change other than a drift.
     since_change: u32,
     drift: DriftWatch,
     score_test: ScoreTest,
     published: Published,
-    /// Rows of the block that the estimate is of.
+    /// Rows of the block that the estimate uses.
     used: Range<usize>,
     regressor: Vec<f64>,
     report: Report,
@@ -77,7 +77,7 @@ impl BlockEstimator {
         Ok(estimator)
     }
 
-    /// The structure that the estimator was made for.
+    /// The structure of the plant.
     pub fn structure(&self) -> &Structure {
         &self.structure
     }
@@ -87,14 +87,14 @@ impl BlockEstimator {
         &self.options
     }
 
-    /// θ̂ as the recursion carries it, before relations are imposed: what the next block begins
-    /// with. What is published is [`Report::theta`].
+    /// θ̂ of the recursion, before relations are imposed; the next block begins with it.
+    /// [`Report::theta`] is what is published.
     pub fn theta(&self) -> &[f64] {
         &self.theta
     }
 
-    /// True while it is asked what the last change was: the next rows should know columns of
-    /// all errors that may come up while a machine runs.
+    /// True while the cause of the last change is sought: the next rows should then have columns
+    /// for all errors that can arise while a machine runs.
     pub fn inquires(&self) -> bool {
         self.groups.inquest.is_open(&self.groups)
     }
@@ -104,13 +104,13 @@ impl BlockEstimator {
         &self.report
     }
 
-    /// Back to the start values and to knowing nothing. Allocates nothing.
+    /// Resets to the start values, without any data. Allocates nothing.
     pub fn reset(&mut self) {
         starts(&self.options.parameters, &mut self.theta);
         self.forget();
     }
 
-    /// Forgets everything and starts at θ, clamped to the bounds; options stay. Allocates nothing.
+    /// Resets and starts at `theta`, clamped to the bounds; keeps the options. Allocates nothing.
     pub fn restart(&mut self, theta: &[f64]) {
         for ((own, value), prior) in self.theta.iter_mut().zip(theta).zip(&self.options.parameters) {
             *own = prior.clamp(*value);
@@ -136,8 +136,9 @@ impl BlockEstimator {
         self.describe();
     }
 
-    /// Rows from now on are of this stream, not 0. If θ̂ was learnt from another one, the machine
-    /// may have changed between them: nothing is usable until rows of this stream confirm it.
+    /// Following rows belong to this stream; its id is not 0. If θ̂ was learnt from another one,
+    /// the machine may have changed between them: nothing is usable until rows of this stream
+    /// confirm it.
     pub fn enter_stream(&mut self, stream_id: u64) {
         let before = std::mem::replace(&mut self.stream_id, stream_id);
         if before != 0 && before != stream_id {
@@ -146,7 +147,7 @@ impl BlockEstimator {
         }
     }
 
-    /// What goes from block to block; see `persist.rs`.
+    /// State kept from block to block; see `persist.rs`.
     fn visit(&mut self, v: &mut impl Visit) {
         v.reals(&mut self.theta);
         v.count(&mut self.stream_id);
@@ -159,8 +160,8 @@ impl BlockEstimator {
         self.score_test.visit(v);
     }
 
-    /// Copies out what the estimator and its judge need to go on exactly as they would have;
-    /// allocates only if `into` has no room.
+    /// Saves the state of the estimator and its state machine, so that both can continue bit for
+    /// bit; allocates only if `into` is too small.
     pub fn save(&mut self, judge: &mut StateMachine, into: &mut EstimatorState) {
         into.reals.clear();
         into.counts.clear();
@@ -169,24 +170,24 @@ impl BlockEstimator {
         judge.visit(&mut save);
     }
 
-    /// Copies out what [`go_back`](Self::go_back) needs; allocates only if `into` has no room.
+    /// Saves the state for [`go_back`](Self::go_back); allocates only if `into` is too small.
     pub(crate) fn remember(&mut self, into: &mut EstimatorState) {
         into.reals.clear();
         into.counts.clear();
         self.visit(&mut Save(into));
     }
 
-    /// Goes back to what this estimator has [remembered](Self::remember).
+    /// Returns to a state that this estimator has [remembered](Self::remember).
     pub(crate) fn go_back(&mut self, state: &EstimatorState) {
         self.visit(&mut Load::new(state));
         self.describe();
     }
 
-    /// Goes on from a state that was [saved](Self::save).
+    /// Continues from a [saved](Self::save) state.
     ///
     /// # Errors
-    /// A state of another estimator, or one that no estimator can be in. Estimator and judge are as
-    /// at their start then.
+    /// If the state is of another estimator or is invalid. Estimator and state machine are then as
+    /// at their start.
     pub fn load(&mut self, judge: &mut StateMachine, state: &EstimatorState) -> Result<(), StateError> {
         let loaded = self.try_load(judge, state);
         if loaded.is_err() {
@@ -219,8 +220,8 @@ impl BlockEstimator {
         outcome
     }
 
-    /// Takes over what may be chosen anew while it runs, and nothing else: λ, ε, iterations, step
-    /// limit, limits of outliers, rate of false alarms and margin. Allocates nothing.
+    /// Adopts the options that may change at run time, and no others: λ, ε, iterations, step limit,
+    /// outlier limits, false-alarm rate and margin. Allocates nothing.
     pub fn retune(&mut self, options: &EstimatorOptions) {
         let own = &mut self.options;
         own.forgetting_factor = options.forgetting_factor;
@@ -240,9 +241,9 @@ impl BlockEstimator {
         self.groups.information_figures()
     }
 
-    /// Holds parameter `index` at `value`, clamped to its bounds, or sets it free with the
-    /// deviation of the start; false if there is no such parameter or the value is not finite.
-    /// What the others know of each other stays.
+    /// Holds parameter `index` at `value`, clamped to its bounds, or frees it with the standard
+    /// deviation of its start value; false if there is no such parameter or the value is not
+    /// finite. The information on the other parameters stays.
     pub fn fix(&mut self, index: usize, value: Option<f64>) -> bool {
         if index >= self.structure.params || value.is_some_and(|v| !v.is_finite()) {
             return false;
@@ -271,8 +272,8 @@ impl BlockEstimator {
         self.published.covariance(&self.groups, i, j)
     }
 
-    /// Writes the correlation matrix, P × P and row-major; 1 on the diagonal, 0 for what has no
-    /// deviation.
+    /// Writes the correlation matrix, P × P and row-major; 1 on the diagonal, 0 for parameters
+    /// whose standard deviation is 0.
     pub fn correlation(&self, out: &mut [f64]) {
         self.published.correlation(&self.groups, out);
     }
@@ -280,16 +281,16 @@ impl BlockEstimator {
     /// How well θ_a θ_b = θ_c θ_d holds: θ_a θ_b/(θ_c θ_d) − 1 and its standard deviation to first
     /// order.
     ///
-    /// The arm has θ₁θ₄ = θ₂θ₃, for both are products with the same winding: nine parameters, eight
-    /// degrees of freedom. This is of θ̂ before [`EstimatorOptions::relations`] are imposed, so
-    /// that it tells whether the data agree. `NaN` if the right side is 0.
+    /// The arm has θ₁θ₄ = θ₂θ₃, because both are products with the same winding: nine parameters,
+    /// eight degrees of freedom. Uses θ̂ before [`EstimatorOptions::relations`] are imposed, so it
+    /// shows whether the data agree. `NaN` if the right side is 0.
     pub fn product_ratio(&self, [a, b]: [usize; 2], [c, d]: [usize; 2]) -> (f64, f64) {
         self.groups.product_ratio(&self.theta, [a, b], [c, d])
     }
 
     /// Takes a block and returns the estimate with its evidence.
     ///
-    /// An empty block, and one whose rows are not finite, leaves everything as it is and says so in
+    /// An empty block, or one whose rows are not finite, changes nothing and is reported in
     /// [`Report::held`].
     pub fn update<R: Residuals>(&mut self, rows: &R) -> &Report {
         self.learn(rows)
@@ -297,7 +298,7 @@ impl BlockEstimator {
 
     fn learn(&mut self, rows: &dyn Summable) -> &Report {
         self.begin(rows);
-        // all groups or none: half a block would be no estimate of the plant
+        // all groups or none: the estimates of all groups must be of the same block
         if rows.is_empty() || !self.groups.look(rows, &self.theta) {
             let held = if rows.is_empty() { Held::Empty } else { Held::NotFinite };
             self.report.hold(held);
@@ -317,7 +318,7 @@ impl BlockEstimator {
                 self.give_up_the_line();
             }
         }
-        // the sums of a single step belong to θ̄
+        // the sums of a single step are taken at θ̄
         let before = self.is_single() && self.report.change.is_none();
         self.judge_fit(rows, lines, before);
         self.conclude(rows, lines, before);
@@ -330,9 +331,9 @@ impl BlockEstimator {
         self.options.max_iterations == 1
     }
 
-    /// The next block comes.
+    /// Begins a block.
     fn begin(&mut self, rows: &dyn Summable) {
-        // a block without rows, or one that was held, leaves the start still to be found
+        // the start point stays to be chosen until a block with rows has been used
         let unseen = !rows.is_empty() && self.groups.iter().all(|group| group.blocks == 0);
         if let (true, Some(start), 2..) = (unseen, rows.start(), self.options.max_iterations) {
             self.begin_at(start);
@@ -343,7 +344,7 @@ impl BlockEstimator {
         self.before.copy_from_slice(&self.theta);
     }
 
-    /// What each group knows before the block is its prior.
+    /// Makes the prior of each group from its state before the block.
     fn begin_groups(&mut self, rows: &dyn Summable) {
         let (priors, drift) = (&self.options.parameters, self.options.drift_per_s);
         let drift = |i: usize| if priors[i].fixed { 0.0 } else { drift };
@@ -356,7 +357,7 @@ impl BlockEstimator {
         }
     }
 
-    /// Fits the groups that follow no line, and compares what they find with what was known.
+    /// Fits the groups that follow no line, and compares the results with their priors.
     fn fit(&mut self, rows: &dyn Summable, lines: u64) {
         let single = self.is_single();
         for (k, group) in self.groups.iter_mut().enumerate() {
@@ -367,7 +368,7 @@ impl BlockEstimator {
                 group.single_step(&mut self.theta);
                 self.report.iterations = 1;
             } else {
-                // a line that was tried and refused may have left other priors
+                // a rejected line fit may have changed the priors
                 let fit = group.fit(rows, 0..rows.len(), &mut self.theta, &self.options);
                 self.report.note(fit);
             }
@@ -393,8 +394,7 @@ impl BlockEstimator {
         self.groups.doubt(&self.theta);
     }
 
-    /// Information, noise and evidence of each group after the block; `before`: the sums were taken
-    /// at θ̄.
+    /// Updates information, noise and evidence of each group; `before`: the sums were taken at θ̄.
     fn conclude(&mut self, rows: &dyn Summable, lines: u64, before: bool) {
         let end_ns = rows.span(rows.len() - 1).1;
         let changed = self.report.change.is_some();
@@ -406,7 +406,7 @@ impl BlockEstimator {
             if lines >> k & 1 == 1 {
                 group.suspect_line(rows, &mut self.later);
                 group.conclude_line(&self.theta, &self.options);
-                // what moves is known only by the block itself
+                // only this block informs on a moving parameter
                 group.confirmation.restart(&self.theta[own]);
                 if fits {
                     group.confirmation.take(&group.equations, &group.at, None, 1.0);
@@ -417,7 +417,7 @@ impl BlockEstimator {
             if changed {
                 group.suspect(rows, self.used.clone(), &self.theta);
             }
-            // a single step has its sums at θ̄ (9); the residual after it is evidence
+            // the sums of a single step are at θ̄ (9), but the evidence needs the residual after it
             let stepped = before && group.try_at(rows, 0..rows.len(), &self.theta);
             group.conclude(&self.theta, stepped, end_ns, &self.options);
             if fits {
@@ -443,7 +443,7 @@ impl BlockEstimator {
         self.groups.allow_for(self.score_test.moments());
     }
 
-    /// Moves the free parameters of an estimator that has seen nothing.
+    /// Moves the free parameters of an estimator without data to a better start point.
     fn begin_at(&mut self, start: &[f64]) {
         for ((theta, value), prior) in self.theta.iter_mut().zip(start).zip(&self.options.parameters) {
             if !prior.fixed {
@@ -490,8 +490,8 @@ impl BlockEstimator {
         (self.report.fit_probability, self.report.misfit) = whole.judge(equations);
     }
 
-    /// Tests the groups that follow no line, and if one raises an alarm, finds out what happened
-    /// and fits anew. Returns the groups that now follow a line.
+    /// Tests the groups that follow no line. If one raises an alarm, finds what changed and fits
+    /// again. Returns the groups that now follow a line.
     fn watch(&mut self, rows: &dyn Summable, lines: u64, detection: ChangeDetection) -> u64 {
         let alarm = self.search(rows).alarm(lines, detection);
         let joined = alarm.joined;
@@ -527,7 +527,7 @@ impl BlockEstimator {
         started
     }
 
-    /// What finds and follows a change, on this block.
+    /// The search for a change in this block.
     fn search<'a>(&'a mut self, rows: &'a dyn Summable) -> ChangeSearch<'a> {
         ChangeSearch {
             rows,
@@ -544,7 +544,7 @@ impl BlockEstimator {
         (self.report.iterations, self.report.converged) = (fit.iterations, fit.converged);
     }
 
-    /// Publishes what is known now.
+    /// Fills the report.
     fn describe(&mut self) {
         for group in self.groups.iter_mut() {
             group.publish(&self.theta);

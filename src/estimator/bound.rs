@@ -4,12 +4,12 @@
 //! Γ = ε⁻¹ G(ε Π),    x ≤ G(x) ≤ 1 on [0, 1],    G(1) = 1,    G′(0) = 1/λ
 //! ```
 //!
-//! G acts on the eigenvalues of εΠ. Near 0, where information abounds, it is the straight line x/λ:
-//! exponential forgetting. At 1 it stays: with Π⁻¹ = εI nothing is left to forget, hence Γ⁻¹ ≥ εI
-//! for ever.
+//! G acts on the eigenvalues of εΠ. Near 0, where information is plentiful, it is the straight line
+//! x/λ: exponential forgetting. 1 is a fixed point: with Π⁻¹ = εI nothing is left to forget, hence
+//! Γ⁻¹ ≥ εI always.
 //!
-//! The estimators keep information, not covariance, so each G also states its closed form Π⁻¹ →
-//! Γ⁻¹, which needs no eigenvectors.
+//! The estimators carry information, not covariance, so each G also has a closed form Π⁻¹ → Γ⁻¹
+//! without eigenvectors.
 
 use super::linalg::Cholesky;
 
@@ -20,16 +20,16 @@ pub trait CovarianceBound {
     /// Γ⁻¹ from Π⁻¹ (n × n, row-major, symmetric positive definite) in place, with ε the floor;
     /// `work` has n² entries.
     ///
-    /// False if Π⁻¹ is not positive definite enough for G, and nothing has been changed then.
+    /// Returns false and changes nothing if Π⁻¹ is not sufficiently positive definite for G.
     fn information(&self, n: usize, floor: f64, matrix: &mut [f64], factor: &mut Factor, work: &mut [f64]) -> bool;
 }
 
-/// Room for the factors that a [`CovarianceBound`] may need.
+/// Workspace for the factors that a [`CovarianceBound`] may need.
 #[derive(Debug, Clone)]
 pub struct Factor(Cholesky);
 
 impl Factor {
-    /// Room for problems up to n × n.
+    /// Workspace for problems up to n × n.
     pub fn new(n: usize) -> Self {
         Self(Cholesky::new(n))
     }
@@ -76,7 +76,7 @@ impl CovarianceBound for Polynomial {
 
 /// G(x) = x/(λ + (1 − λ) x): within [x, 1] for every λ in (0, 1].
 ///
-/// Its matrix form is the plainest there is, Γ⁻¹ = λ Π⁻¹ + (1 − λ) ε I.
+/// Its matrix form is the simplest of all, Γ⁻¹ = λ Π⁻¹ + (1 − λ) ε I.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rational {
     /// λ in (0, 1].

@@ -10,12 +10,11 @@
 //! G(x)  = λ⁻¹ (x − (1 − λ) x²)                                                                   (11)
 //! ```
 //!
-//! θ is P × 1 with all parameters of the plant, Γ is P × P without the noise variance. Where the
-//! print slips (the exponent, the sign of v, the interval α(m), the λ of (10)) this page follows
-//! docs/errata.md. It allocates and inverts as the formulas do and serves as an oracle:
-//! [`BlockEstimator`](super::BlockEstimator) with
-//! [`EstimatorOptions::paper`](super::EstimatorOptions::paper) computes the same and is the one to
-//! use.
+//! θ is P × 1 with all parameters of the plant, Γ is P × P without the noise variance. For the
+//! printing errors of the paper (the exponent, the sign of v, the interval α(m), the λ of (10))
+//! this file follows docs/errata.md. It allocates and inverts as the formulas do and serves as a
+//! reference for tests: [`BlockEstimator`](super::BlockEstimator) with
+//! [`EstimatorOptions::paper`](super::EstimatorOptions::paper) computes the same; use that one.
 
 use super::{Residuals, Structure};
 use nalgebra::{DMatrix, DVector};

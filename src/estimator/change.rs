@@ -1,28 +1,31 @@
-//! Has the plant changed in this block, when, and what may still be believed.
+//! Decides whether and when the plant changed in this block, and which prior information is still
+//! valid.
 //!
-//! **Test.** With d = θ_block − θ̄ the difference between what the block alone says and what was
-//! believed before,
+//! **Test.** With d = θ_block − θ̄ the difference between the block's own estimate and the one
+//! before it,
 //!
 //! ```text
 //! T = dᵀ (P + A⁻¹)⁻¹ d,    A = Σ_e S_e/σ_e²,    T/r ~ F(r, ν) if nothing changed
 //! ```
 //!
-//! P is the honest covariance of θ̄ (not the inverse information, which forgetting makes 1 + λ too
-//! large), r the number of directions that the block informs on, ν the degrees of freedom of σ².
-//! A⁻¹ does not exist if the block is silent, so T is formed from A d = A (θ_m − θ̄) + g(θ_m), g
-//! the score, which needs no block fit: with P = L Lᵀ and (b_k, q_k) the eigenpairs of LᵀAL,
+//! P is the true error covariance of θ̄ (not the inverse information, which forgetting makes too
+//! large by the factor 1 + λ), r the number of directions that the block informs on, ν the degrees
+//! of freedom of σ². A⁻¹ does not exist if the block informs on nothing, so T is formed from A d =
+//! A (θ_m − θ̄) + g(θ_m), g the score, which needs no block fit: with P = L Lᵀ and (b_k, q_k) the
+//! eigenpairs of LᵀAL,
 //!
 //! ```text
 //! T = Σ_k (q_kᵀ Lᵀ A d)² / (b_k (1 + b_k))
 //! ```
 //!
-//! (less what considered errors explain of it, `considered.rs`,) a sum of squares without
-//! cancellation, in which a direction without excitation (b_k = 0) has no part. The start value is
-//! only a guess and enters P a hundredfold: to be wrong about it is not a change of the plant.
+//! less the part that considered errors explain (`considered.rs`). This is a sum of squares without
+//! cancellation, to which a direction without excitation (b_k = 0) does not contribute. The start
+//! value is only a guess, so its variance enters P multiplied by 100: a wrong guess is not a change
+//! of the plant.
 //!
-//! **Kind.** On an alarm the block is fitted alone. Where that fit leaves no more than noise,
-//! nothing changed inside the block: all of it is used, and the prior is widened by the difference
-//! found. Else the block is cut at the row τ that minimises
+//! **Kind.** On an alarm the block is fitted alone. If that fit leaves only noise, nothing changed
+//! inside the block: all rows are used, and the prior is widened by the difference found. Otherwise
+//! the block is cut at the row τ that minimises
 //!
 //! ```text
 //! J(τ) = min_θ [prior + Σ_{rows ending before τ} f²/σ²]
@@ -33,10 +36,10 @@
 //! that they inform on widened to 100 %. Two common alternatives fail: scaling Λ by a factor, and
 //! widening only the excited combinations. Both keep a wrong, overconfident prior in the other
 //! directions (measured: θ₁ off by 10 standard deviations after a payload jump, because an open
-//! combination of θ₁ and θ₂ stayed what it had been). Each side is linearised at its own estimate,
-//! the later one anew until τ stays. Where a straight line θ(t) through the block costs less than
-//! the cut, the plant drifts: the block is used as a whole and its movement is expected of the next
-//! ones.
+//! combination of θ₁ and θ₂ kept its old value). Each side is linearised at its own estimate, the
+//! later one again until τ settles. If a straight line θ(t) through the block costs less than the
+//! cut, the plant drifts: the whole block is used, and the next blocks are expected to continue the
+//! line.
 
 use super::Forward;
 use super::equation::{EquationState, TINY};
@@ -48,20 +51,20 @@ use super::pass::{Loss, Summable, Sums, used};
 use super::stats::f_tail;
 use std::ops::Range;
 
-/// How much wider than stated the start value is taken to be, in variance.
+/// Factor on the variance of the start value.
 const GUESS: f64 = 100.0;
-/// A block fit whose residuals are less probable than this holds more than noise.
+/// If the residuals of a block fit are less probable than this, they contain more than noise.
 pub const CONSISTENT: f64 = 1e-4;
-/// Degrees of freedom of a variance that is known.
+/// Degrees of freedom of a known variance.
 pub const MANY: f64 = 1e6;
-/// Share of gated rows beyond which they are no outliers but another plant.
+/// Share of gated rows above which they are not outliers but a changed plant.
 pub const GATED: f64 = 0.1;
 /// Boundaries per level of the search for τ.
 const GRID: usize = 64;
 
 impl GroupState {
-    /// Probability of a T as large as this block's, were the plant unchanged; 1 if there is
-    /// nothing to compare with. `at` holds the sums at `theta`.
+    /// Probability of T at least this large if the plant is unchanged; 1 if there is nothing to
+    /// compare with. `at` holds the sums at `theta`.
     pub fn change_probability(&mut self, theta: &[f64]) -> f64 {
         let freedom: f64 = self.equations.iter().map(|e| e.freedom).sum();
         if self.blocks == 0 || freedom < 1.0 {
@@ -79,7 +82,7 @@ impl GroupState {
         }
     }
 
-    /// A into `total` and A d into `gradient`.
+    /// Writes A to `total` and A d to `gradient`.
     fn weigh_the_block(&mut self, theta: &[f64]) {
         let n = self.n;
         let room = &mut self.room;
@@ -87,7 +90,7 @@ impl GroupState {
         room.gradient.fill(0.0);
         for (e, sums) in self.equations.iter().zip(&self.at) {
             let p = sums.params;
-            // the block's own noise, as long as it is of the size known so far
+            // the block's own noise, if it is consistent with the level known so far
             let own = own_variance(sums, &mut self.cholesky, &mut room.a);
             let variance = e.variance.max(own.min(4.0 * e.variance)).max(TINY);
             for i in 0..p {
@@ -105,7 +108,7 @@ impl GroupState {
         }
     }
 
-    /// L into `a`: P = L Lᵀ from the eigenvectors of the correlation matrix; zero for fixed
+    /// Writes L to `a`: P = L Lᵀ from the eigenvectors of the correlation matrix; zero for fixed
     /// parameters.
     fn root_of_the_prior(&mut self) {
         let n = self.n;
@@ -128,7 +131,7 @@ impl GroupState {
         }
     }
 
-    /// The eigenpairs of B = LᵀAL into `eigen`, and Lᵀ A d into `offset`.
+    /// Writes the eigenpairs of B = LᵀAL to `eigen` and Lᵀ A d to `offset`.
     fn turn_to_directions(&mut self) {
         let n = self.n;
         let room = &mut self.room;
@@ -148,8 +151,8 @@ impl GroupState {
         self.eigen.decompose(n, &room.transition);
     }
 
-    /// T, and the number of directions that the block informs on. A considered error moves the
-    /// estimate with the motion, and that is no change: T is less what one explains.
+    /// T, and the number of directions that the block informs on. A considered error makes the
+    /// estimate vary with the motion, which is no change, so its share is subtracted from T.
     fn squares(&mut self) -> (f64, usize) {
         let n = self.n;
         let room = &mut self.room;
@@ -201,13 +204,13 @@ impl GroupState {
         (t, rank)
     }
 
-    /// True if a gate dropped more rows than outliers can be.
+    /// True if a gate dropped more rows than outliers can explain.
     pub fn is_another_plant(&self, options: &EstimatorOptions) -> bool {
         let gated = |s: &Sums| s.outliers as f64 > GATED * s.rows as f64;
         matches!(options.outliers, Outliers::Gate(_)) && self.blocks > 0 && self.at.iter().any(gated)
     }
 
-    /// Prior of a fit that is to follow the rows alone: centred at θ̄, 100 % of each parameter.
+    /// Sets a weak prior, for a fit to the rows alone: centred at θ̄, 100 % of each parameter.
     pub fn prior_weak(&mut self) {
         let n = self.n;
         let variance = self.variance().max(TINY);
@@ -219,7 +222,7 @@ impl GroupState {
         }
     }
 
-    /// Fits the rows alone from the present θ.
+    /// Fits the rows alone, from the present θ.
     pub fn fit_alone(
         &mut self,
         rows: &dyn Summable,
@@ -249,8 +252,8 @@ impl GroupState {
         }) && !self.is_another_plant(options)
     }
 
-    /// Largest variance of the residuals in `at` of any equation, over that of the noise known so
-    /// far.
+    /// Largest ratio, over the equations, of the residual variance in `at` to the noise variance
+    /// known so far.
     pub fn excess(&self) -> f64 {
         let of = |(e, sums): (&EquationState, &Sums)| {
             let freedom = (sums.rows - sums.outliers) as f64 - sums.params as f64;
@@ -262,8 +265,8 @@ impl GroupState {
     /// Widens the covariance of the parameters that `at` informs on, alone or in combination:
     /// parameter i by `sizes`[i], or by its whole size.
     ///
-    /// Where a combination remains open, all its members are widened alike: what was known of it
-    /// was known of the old plant.
+    /// If a combination remains open, all its members are widened alike, because what was known of
+    /// it was known of the old plant.
     pub fn widen(&mut self, theta: &[f64], sizes: Option<&[f64]>) {
         let n = self.n;
         self.excite(theta);
@@ -287,8 +290,9 @@ impl GroupState {
         self.total_covariance();
     }
 
-    /// Adds to `costs`[k] the least cost, in units of the noise, of the rows before (`after` false)
-    /// or from (`after` true) boundary k on, with the prior as it is and linearised at `theta`.
+    /// Adds to `costs`[k] the least cost, in units of the noise, of the rows before boundary k
+    /// (`after` false) or from it on (`after` true), with the present prior and linearised at
+    /// `theta`.
     pub fn segment_costs(
         &mut self,
         rows: &dyn Summable,
@@ -356,7 +360,7 @@ impl GroupState {
         }
     }
 
-    /// Takes every row in full, or limits them at the noise known so far.
+    /// Weights every row fully, or limits outliers by the noise known so far.
     pub fn set_losses(&mut self, robust: bool, options: &EstimatorOptions) {
         for e in &mut self.equations {
             e.loss = if robust {
@@ -395,8 +399,7 @@ impl Boundary {
     }
 }
 
-// What the residuals of one equation would leave if it were fitted alone, over its degrees of
-// freedom.
+// Residual variance of one equation if it were fitted alone: cost over degrees of freedom.
 fn own_variance(sums: &Sums, factor: &mut super::linalg::Cholesky, work: &mut [f64]) -> f64 {
     let p = sums.params;
     let freedom = sums.rows as f64 - p as f64;
@@ -416,9 +419,8 @@ fn own_variance(sums: &Sums, factor: &mut super::linalg::Cholesky, work: &mut [f
 /// Finds the cut of `whole` that costs least, for the groups in `joined` together; returns it with
 /// its cost.
 ///
-/// `before` and `later` are the points of linearisation of either side. The earlier side is held by
-/// what was known before the block, unless it is `free` of it because an earlier cut separates
-/// them.
+/// `before` and `later` are the points of linearisation of either side. The earlier side uses the
+/// prior of the block, unless it is `free` because an earlier cut separates them.
 pub fn locate(
     groups: &mut [GroupState],
     joined: u64,

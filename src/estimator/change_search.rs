@@ -1,5 +1,5 @@
-//! What happened in a block that raised an alarm, and the fit of the rows that may still be
-//! believed. See `change.rs` for the equations.
+//! Finds what changed in a block that raised an alarm, and fits the rows that remain valid. See
+//! `change.rs` for the equations.
 
 use super::change::locate;
 use super::fit::Fit;
@@ -9,28 +9,29 @@ use super::pass::Summable;
 use super::report::{Change, ChangeKind};
 use std::ops::Range;
 
-/// Changes looked for in one block, and repetitions until the place of one settles.
+/// Largest number of changes sought in one block, and of repetitions until the position of one
+/// settles.
 const CUTS: usize = 3;
 const PASSES: usize = 6;
-/// Share of the residuals' excess over the noise that a further cut may at most leave.
+/// Largest share of the residuals' excess over the noise that may remain after a further cut.
 const EXPLAINS: f64 = 0.5;
 
-/// A group that gave no alarm follows one that did if its own test is below this.
+/// A group without an alarm joins a group with one if its own test probability is below this.
 const JOINS: f64 = 1e-2;
 /// Alarms at most this many blocks apart are a drift.
 const DRIFT_BLOCKS: u32 = 8;
 
-/// What the groups' tests say of a block.
+/// Result of the groups' tests on a block.
 #[derive(Debug, Clone, Copy)]
 pub struct Alarm {
-    /// Smallest probability of a block as different from the past as this one, were nothing
-    /// changed.
+    /// Smallest probability of any group that an unchanged plant gives a block as different as this
+    /// one.
     pub probability: f64,
-    /// A test raised an alarm …
+    /// A test raised an alarm.
     pub raised: bool,
-    /// … of a group whose parameters were known by then.
+    /// The alarm came from a group whose parameters were known by then.
     pub known: bool,
-    /// Groups that take part in what happened.
+    /// Groups that take part in the change.
     pub joined: u64,
 }
 
@@ -40,26 +41,26 @@ struct Cut {
     /// First row after it.
     row: usize,
     cost: f64,
-    /// What follows it leaves no more than noise …
+    /// The fit of the rows after it leaves only noise.
     consistent: bool,
-    /// … and this much of it, in units of the noise's variance.
+    /// Residual variance of that fit, in units of the noise variance.
     excess: f64,
 }
 
-/// The search in one block, with what it works on. Sets of groups are masks of a bit each.
+/// The search in one block, with its data. Sets of groups are bit masks.
 pub struct ChangeSearch<'a> {
     pub rows: &'a dyn Summable,
     pub groups: &'a mut [GroupState],
     pub options: &'a EstimatorOptions,
-    /// θ̂ as it becomes.
+    /// θ̂, updated by the search.
     pub theta: &'a mut [f64],
-    /// Points of linearisation of what lies before a cut and behind it.
+    /// Points of linearisation before and after a cut.
     pub before: &'a mut [f64],
     pub later: &'a mut [f64],
 }
 
 impl ChangeSearch<'_> {
-    /// The alarm of the groups that follow none of the `lines`.
+    /// Tests the groups that follow no line; `lines` marks those that do.
     pub fn alarm(&self, lines: u64, detection: ChangeDetection) -> Alarm {
         let level = detection.false_alarm_rate / self.groups.len() as f64;
         let mut alarm = Alarm {
@@ -85,8 +86,8 @@ impl ChangeSearch<'_> {
         alarm
     }
 
-    /// Says what happened: a block that one fit explains differs from those before it, another one
-    /// is to be cut. Alarms soon after each other are a drift.
+    /// Classifies the change: if one fit explains the block, the plant changed before it; otherwise
+    /// the block is cut. Alarms in quick succession are a drift.
     pub fn explain(&mut self, joined: u64, margin: u64) -> Change {
         let consistent = self.fit_alone(joined);
         let mut again = false;
@@ -103,7 +104,7 @@ impl ChangeSearch<'_> {
         Change::over_the_block(kind, self.rows)
     }
 
-    /// Fits the block alone; true if that leaves no more than noise in the groups of `joined`.
+    /// Fits the block alone; true if only noise remains in the groups of `joined`.
     pub fn fit_alone(&mut self, joined: u64) -> bool {
         let mut consistent = true;
         for (k, group) in self.groups.iter_mut().enumerate() {
@@ -115,8 +116,7 @@ impl ChangeSearch<'_> {
         consistent
     }
 
-    /// The cut of the block, the last one if there are several, or a drift where a line through
-    /// the block explains it better.
+    /// The last cut of the block, or a drift if a line through the block explains it better.
     fn find(&mut self, joined: u64, margin: u64) -> Change {
         let rows = self.rows;
         let end = rows.len();
@@ -124,7 +124,7 @@ impl ChangeSearch<'_> {
         let mut straight = true;
         for (k, group) in self.groups.iter_mut().enumerate() {
             if joined >> k & 1 == 1 {
-                // two more per parameter: Akaike's price of the slopes
+                // plus two per parameter: Akaike's penalty for the slopes
                 group.set_losses(true, self.options);
                 line += group.line_cost(rows, self.theta) + 2.0 * group.n as f64;
                 straight &= group.line_is_consistent();
@@ -134,13 +134,13 @@ impl ChangeSearch<'_> {
         let mut excess = f64::INFINITY;
         self.later.copy_from_slice(self.theta);
         for cut in 0..CUTS {
-            // after the first cut, what lies before the next is free of the past
+            // after the first cut, the rows before the next one are independent of the past
             let found = self.cut(joined, start..end, cut > 0, margin);
             if cut == 0 && straight && line < found.cost {
                 return Change::over_the_block(ChangeKind::Drift, rows);
             }
             if found.excess > EXPLAINS * excess {
-                // noise that is larger here than it was learnt to be, and no second change
+                // the noise is larger here than the learnt level; this is no second change
                 break;
             }
             (start, excess) = (found.row, found.excess);
@@ -162,10 +162,10 @@ impl ChangeSearch<'_> {
         }
     }
 
-    /// The best single cut of `whole`; `later` becomes the fit of what follows it.
+    /// The best single cut of `whole`; `later` becomes the fit of the rows after it.
     ///
-    /// Rows within `margin` after the cut have no say in that fit: if rows overlap, the first of
-    /// them may still touch what was before.
+    /// That fit excludes rows within `margin` after the cut, because overlapping rows there may
+    /// still depend on samples before it.
     fn cut(&mut self, joined: u64, whole: Range<usize>, free: bool, margin: u64) -> Cut {
         let rows = self.rows;
         let (mut row, mut cost) = (whole.start, f64::INFINITY);
@@ -184,7 +184,7 @@ impl ChangeSearch<'_> {
             let from = first_after(rows, row..whole.end, margin);
             for (k, group) in self.groups.iter_mut().enumerate() {
                 if joined >> k & 1 == 1 {
-                    // from θ̄: a fit to both plants at once may have gone astray
+                    // start from θ̄: a fit to both plants at once may have diverged
                     let own = group.parameters.clone();
                     self.later[own.clone()].copy_from_slice(&group.centre);
                     group.fit_alone(rows, from..whole.end, self.later, self.options);
@@ -192,7 +192,7 @@ impl ChangeSearch<'_> {
                     excess = group.excess().max(excess);
                     if free && row > whole.start {
                         self.before[own.clone()].copy_from_slice(&group.centre);
-                        // the sums that count are those of the later part
+                        // `at` must hold the sums of the later part, so it is fitted last
                         group.fit_alone(rows, whole.start..row, self.before, self.options);
                     }
                 }
@@ -206,8 +206,8 @@ impl ChangeSearch<'_> {
         }
     }
 
-    /// Fits the rows that may still be believed with a prior that allows for the change; gives
-    /// these rows, and how the fit ended.
+    /// Fits the rows that remain valid, with a prior that allows for the change; returns these rows
+    /// and how the fit ended.
     pub fn refit(&mut self, joined: u64, lines: u64, change: Change, margin: u64) -> (Range<usize>, Fit) {
         let rows = self.rows;
         let from = match change.kind {
@@ -226,8 +226,8 @@ impl ChangeSearch<'_> {
         for (k, group) in self.groups.iter_mut().enumerate() {
             let range = from..rows.len();
             if joined >> k & 1 == 0 {
-                // the plant changed for this group as well, even if it shows no sign of it: earlier
-                // rows no longer count
+                // the plant may have changed for this group too, even without a sign of it, so
+                // earlier rows are dropped
                 if change.kind == ChangeKind::Within && lines >> k & 1 == 0 {
                     group.evaluate_at(rows, range.clone(), self.theta);
                     let fit = group.fit(rows, range, self.theta, self.options);
@@ -255,8 +255,8 @@ impl ChangeSearch<'_> {
     }
 }
 
-/// The first row that begins `margin` after the first of `range` does, or the first if none is
-/// left then.
+/// The first row that begins at least `margin` after the first of `range`, or the first of `range`
+/// if there is none.
 fn first_after(rows: &dyn Summable, range: Range<usize>, margin: u64) -> usize {
     let usable = rows.span(range.start).0.saturating_add(margin);
     range

@@ -1,26 +1,27 @@
-//! Repeats: do the blocks, seconds of rows each, agree as well as σ says?
+//! Checks whether the estimates of separate blocks agree as well as σ says, and widens σ if they do
+//! not.
 //!
 //! ```text
-//! d_m   = what an honest Kalman step would move θ̂ by in block m,   Var d_m = V_m from P and the block's information
-//! t     = d_i/√V_ii                       N(0, 1) for each parameter i if the rows are what they are taken for
+//! d_m   = the move of θ̂ by a Kalman step in block m,   Var d_m = V_m from P and the block's information
+//! t     = d_i/√V_ii                       N(0, 1) for each parameter i if the assumed noise is right
 //! κ_i   = π/2 (Σ w |t|/Σ w)²              w: the share of a parameter's size that the block informs on
 //! b_i   = Σ ρ^k d_i / Σ ρ^k g_i           g = V_ii/P_ii, the share of the way from θ̂ to what the block says
 //! P_ij  ← √(κ_i κ_j) P_ij,  P_ii ← P_ii + b_i²
 //! ```
 //!
-//! Residuals that are correlated over a second (friction that hangs on the place, a sensor that
-//! warms up) give σ² times the number of rows too much information, and no row tells. Another block
-//! does: each block is one cluster, and its innovation, taken before the block has a say, needs no
-//! correction for the parameters that were fitted to it, unlike J′r r′J of residuals (K.-Y. Liang
-//! and S. L. Zeger 1986; R. T. Birge's ratio of 1932 is the same for one parameter). Magnitudes (C.
-//! A. F. Peters 1856) let one odd block among a dozen weigh a third of what squares do. A parameter
-//! that moves while λ still remembers shows otherwise: the d_m have one sign. b_i is how far θ̂
-//! lags behind, its mean over some five blocks.
+//! Residuals that are correlated over a second (position-dependent friction, a sensor that warms
+//! up) make the information too large by up to the number of rows, and the rows of one block cannot
+//! show it. Other blocks can: each block is one cluster, and its innovation, taken before the
+//! update, needs no correction for the parameters that were fitted to it, unlike J′r r′J of
+//! residuals (K.-Y. Liang and S. L. Zeger 1986; R. T. Birge's ratio of 1932 is the same for one
+//! parameter). Magnitudes (C. A. F. Peters 1856) give one odd block among a dozen a third of the
+//! weight that squares would. A parameter that moves within the memory of λ shows differently: all
+//! d_m have the same sign. b_i is how far θ̂ lags behind, its mean over some five blocks.
 //!
-//! By chance κ and b are neither 1 nor 0. P is widened only by what chance does not explain: κ by
-//! more than four of its own standard deviations if the sensors are configured, two if the noise
-//! is learnt from the residuals; b by three and a half. Learnt noise knows nothing of correlation,
-//! so that two repeats are enough there, and two that agree are added to them.
+//! By chance κ differs from 1 and b from 0. P is widened only if they exceed what chance explains:
+//! κ by more than four of its own standard deviations if the sensor noise is configured, two if it
+//! is learnt from the residuals; b by three and a half. Learnt noise ignores correlation, so two
+//! repeats are enough there, and two that agree are added to them.
 
 use super::persist::Visit;
 
@@ -28,22 +29,22 @@ use super::persist::Visit;
 const MEAN: f64 = 0.797_884_560_802_865_4;
 /// ρ of the lag: five blocks.
 const RECENT: f64 = 0.8;
-/// Standard deviations that κ may reach by chance, with configured and with learnt noise; and those
-/// of the lag.
+/// Limits on chance, in standard deviations: κ with configured noise, κ with learnt noise, and the
+/// lag.
 const CHANCE: f64 = 4.0;
 const CHANCE_LEARNT: f64 = 2.0;
 const LAG: f64 = 3.5;
-/// Repeats that κ needs at least, and those that agree and are added.
+/// Smallest number of repeats for κ, and the number of agreeing repeats that are added.
 const ENOUGH: f64 = 3.0;
 const ENOUGH_LEARNT: f64 = 1.5;
 const AGREED: f64 = 2.0;
-/// κ's memory per block if the estimate has a longer one.
+/// Upper limit of the forgetting factor of κ per block.
 const MEMORY: f64 = 0.98;
 
-/// What a group's innovations said so far.
+/// Statistics of a group's innovations so far.
 #[derive(Debug, Clone)]
 pub struct Clusters {
-    /// d, V_ii and P_ii of the block at hand.
+    /// d, V_ii and P_ii of the present block.
     moved: Vec<f64>,
     expected: Vec<f64>,
     known: Vec<f64>,
@@ -60,7 +61,7 @@ pub struct Clusters {
 }
 
 impl Clusters {
-    /// Room for n parameters.
+    /// Workspace for n parameters.
     pub fn new(n: usize) -> Self {
         let zero = vec![0.0; n];
         Self {
@@ -78,7 +79,7 @@ impl Clusters {
         }
     }
 
-    /// What goes from block to block.
+    /// State kept from block to block.
     pub fn visit(&mut self, v: &mut impl Visit) {
         for list in [
             &mut self.magnitude,
@@ -93,7 +94,7 @@ impl Clusters {
         v.flag(&mut self.told);
     }
 
-    /// Forgets what was said of parameter i.
+    /// Forgets the statistics of parameter i.
     pub fn forget_parameter(&mut self, i: usize) {
         for list in [&mut self.magnitude, &mut self.weight, &mut self.weight_square] {
             list[i] = 0.0;
@@ -113,8 +114,8 @@ impl Clusters {
         self.pending = true;
     }
 
-    /// Adds a direction with entries `along`(i) for which P is 1: the block's information b on it
-    /// and its score c.
+    /// Adds a direction with entries `along`(i), scaled so that P is 1 along it: `b` is the block's
+    /// information on it, `c` its score.
     pub fn add(&mut self, b: f64, c: f64, along: impl Fn(usize) -> f64) {
         for i in 0..self.moved.len() {
             let x = along(i);
@@ -124,8 +125,8 @@ impl Clusters {
         }
     }
 
-    /// Ends a block: `changed` if the plant is another one, so that the block is no repeat;
-    /// `share` of the parameters' sizes that it informed on.
+    /// Ends a block. `changed`: the plant changed, so the block is no repeat; `share`: the share of
+    /// each parameter's size that it informed on.
     pub fn end(&mut self, changed: bool, told: bool, share: impl Fn(usize) -> f64) {
         self.told = told;
         let pending = std::mem::take(&mut self.pending);
@@ -148,7 +149,7 @@ impl Clusters {
         }
     }
 
-    /// κ_i: what P_ii is too small by.
+    /// κ_i: the factor by which P_ii is too small.
     pub fn ratio(&self, i: usize) -> f64 {
         let (magnitude, weight) = (self.magnitude[i], self.weight[i]);
         if self.weight_square[i] <= 0.0 {
@@ -199,7 +200,7 @@ impl Clusters {
 mod tests {
     use super::*;
 
-    /// One parameter, each block worth as much as all before it.
+    /// One parameter; each block carries as much information as all before it together.
     fn after(blocks: &[f64], told: bool) -> Clusters {
         let mut clusters = Clusters::new(1);
         for c in blocks {

@@ -1,13 +1,13 @@
-//! Keeps information and covariance matrices within what doubles can hold.
+//! Keeps information and covariance matrices within the range of double precision.
 
 use super::linalg::{Eigen, RANK_TOLERANCE};
 
-/// Condition of the column-scaled information that a matrix of doubles can still hold.
+/// Largest condition number of the column-scaled information that double precision can represent.
 pub const LARGEST_CONDITION: f64 = 0.01 / RANK_TOLERANCE;
 
 /// Keeps a matrix positive definite to rounding and returns the condition number of its
 /// column-scaled form: a block of identical samples adds 1e12 in one direction to 1e-6 in the
-/// others, of which a sum of doubles keeps nothing.
+/// others, which rounding would erase.
 pub fn repair(n: usize, matrix: &mut [f64], eigen: &mut Eigen, work: &mut [f64], scale: &mut [f64]) -> f64 {
     for i in 0..n {
         scale[i] = matrix[i * n + i].max(f64::MIN_POSITIVE).sqrt();
@@ -34,9 +34,9 @@ pub fn repair(n: usize, matrix: &mut [f64], eigen: &mut Eigen, work: &mut [f64],
     }
 }
 
-/// Inverts a covariance over the parameters that are not fixed, in place; directions known a
-/// million times better than others are taken as a million times better. Rows and columns of fixed
-/// parameters become zero.
+/// Inverts a covariance over the parameters that are not fixed, in place; the ratio of standard
+/// deviations between directions is limited to a million. Rows and columns of fixed parameters
+/// become zero.
 pub fn invert(n: usize, matrix: &mut [f64], fixed: &[bool], eigen: &mut Eigen, work: &mut [f64], scale: &mut [f64]) {
     for i in 0..n {
         let d = matrix[i * n + i];

@@ -1,45 +1,42 @@
-//! What the data since the last change say by themselves: nothing older may make a parameter
-//! usable.
+//! Evidence from the data since the last change alone: only this can make a parameter usable.
 //!
 //! ```text
 //! I ← λ I + Σ_e S_e/σ_e²,  b ← λ b + Σ_e (S_e (θ_m − θ_r) + g_e)/σ_e²     rows since the change
 //! C = (I + D⁻¹)⁻¹, D = diag(size²)                                         what they leave open
-//! e = C (b − I (θ̂ − θ_r))                                                  how far they alone would move θ̂
+//! e = C (b − I (θ̂ − θ_r))                                                  how far these rows alone would move θ̂
 //! V = P + M (C + e eᵀ) M, M = diag(m_i), m_i = 1 until parameter i is confirmed
 //!
 //! θ_m: where block m's rows were linearised;  θ_r: θ̂ at the change;  size: the prior's, of each parameter
 //! ```
 //!
-//! θ̂ and P of the recursion keep what was known before the change, for a group that shows no sign
-//! of a change is probably right, and its accuracy is worth keeping. Probably is not evidence,
-//! however: a payload that is picked up while the arm rests changes the inertia at a joint that
-//! does not feel it. So what is published has the covariance V, as if every parameter might have
-//! changed by its size, until the rows since then say otherwise. Parameter i is confirmed as soon
-//! as
+//! θ̂ and P of the recursion keep what was known before the change, because a group without a sign
+//! of a change is probably right, and its accuracy is worth keeping. That is not evidence, however:
+//! a payload picked up while the arm rests changes the inertia at a joint whose signals do not show
+//! it. So the published covariance is V, as if every parameter might have changed by its size,
+//! until the rows since then show otherwise. Parameter i is confirmed as soon as
 //!
-//! * C_ii + e_i² ≤ 3 P_ii: the rows since the change know it nearly as well as P claims, or
-//! * 3 √(C_ii + e_i²) < 0.5 % of it: a change that these rows would not have shown is one that
-//!   nobody minds.
+//! * C_ii + e_i² ≤ 3 P_ii: the rows since the change determine it nearly as well as P claims, or
+//! * 3 √(C_ii + e_i²) < 0.5 % of it: a change too small for these rows to show is negligible.
 //!
-//! Both hold for a parameter, not for a direction: a combination that the rows leave open leaves
-//! all its members open, because C is inverted as a whole. e keeps it honest if the rows
-//! contradict θ̂ a little, but in no block so much that it raises an alarm.
+//! Both apply to a parameter, not a direction: a combination that the rows leave open leaves all
+//! its members open, because C is inverted as a whole. e accounts for rows that contradict θ̂
+//! slightly, but in no block enough to raise an alarm.
 //!
-//! The same sums tell whether the data have ever informed on more than half of the directions of
-//! the free parameters: a machine that has not moved shows one or two of them. To ask for all of
-//! them would be to stay silent for ever on smooth motion, which never shows an inductance; what it
-//! does not show is not confirmed, and that says it parameter by parameter.
+//! The same sums show whether the data have ever informed on more than half of the directions of
+//! the free parameters: a machine that has not moved shows one or two. Requiring all of them would
+//! mean never publishing on smooth motion, which does not show an inductance; a parameter that the
+//! motion does not show simply stays unconfirmed.
 
 use super::equation::{EquationState, TINY};
 use super::linalg::{Eigen, mul_vec};
 use super::pass::Sums;
 use super::persist::Visit;
 
-/// Ratio to the variance of the recursion up to which the variance from the rows since the change
-/// confirms it.
+/// Largest ratio of the variance from the rows since the change to that of the recursion at which
+/// they confirm a parameter.
 const RATIO: f64 = 3.0;
-/// Three standard deviations from the rows since the change, relative to the parameter, that
-/// confirm it whatever the recursion claims.
+/// Three standard deviations from the rows since the change, relative to the parameter, below which
+/// they confirm it whatever the recursion claims.
 const NOTABLE: f64 = 0.005;
 /// Eigenvalues of the scaled information below this share of the largest are rounding.
 const ROUNDING: f64 = 1e-13;
@@ -65,7 +62,7 @@ pub struct Confirmation {
 }
 
 impl Confirmation {
-    /// Of a group of n parameters that nothing is known of.
+    /// A group of n parameters without data.
     pub fn new(n: usize) -> Self {
         let (matrix, vector) = (vec![0.0; n * n], vec![0.0; n]);
         Self {
@@ -93,7 +90,8 @@ impl Confirmation {
         v.flag(&mut self.informed);
     }
 
-    /// The plant may have changed: nothing is confirmed any more. `theta` is θ̂ of the group.
+    /// Call this if the plant may have changed: nothing remains confirmed. `theta` is θ̂ of the
+    /// group.
     pub fn restart(&mut self, theta: &[f64]) {
         self.information.fill(0.0);
         self.vector.fill(0.0);
@@ -101,26 +99,26 @@ impl Confirmation {
         self.confirmed.fill(false);
     }
 
-    /// The parameters themselves are others, because one was fixed or set free: the data must
-    /// determine them anew, too.
+    /// Call this if a parameter was fixed or freed: the data must determine the new set of
+    /// parameters again.
     pub fn begin(&mut self, theta: &[f64]) {
         self.restart(theta);
         self.informed = false;
     }
 
     /// True once the data have informed on more than half of the directions of the free parameters:
-    /// the rows alone know them to within the parameters' size.
+    /// the rows alone determine these to within the parameters' size.
     pub fn is_informed(&self) -> bool {
         self.informed
     }
 
-    /// True while nothing more can be learnt here.
+    /// True if nothing remains to be confirmed.
     pub fn is_settled(&self) -> bool {
         self.informed && self.confirmed.iter().all(|&confirmed| confirmed)
     }
 
-    /// Adds the sums of a block, which were taken at `theta` of the group; of a block that a line
-    /// was fitted to, only the information.
+    /// Adds the sums of a block, taken at `theta` of the group; without `theta` (a line was
+    /// fitted), only the information.
     pub fn take(&mut self, equations: &[EquationState], sums: &[Sums], theta: Option<&[f64]>, forgetting_factor: f64) {
         if self.is_settled() {
             return;

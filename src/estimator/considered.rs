@@ -9,22 +9,21 @@
 //! ```
 //!
 //! The errors are constant, so T_s accumulates over the blocks instead of averaging out. If the
-//! data say nothing about an error, M stays at its prior σ_s² and no number of blocks takes σ below
-//! what the error could do: a delay of 150 µs and smooth motion shift θ₉ by 5 % and leave a perfect
-//! residual. If the motion does show the error, M shrinks to what the data leave open, and σ is
-//! what it would be without it. (d) is exact for linear rows: the part of e that noise causes is
-//! uncorrelated with the innovations, and a is learnt from nothing else.
+//! data do not inform on an error, M stays at its prior σ_s², and no number of blocks reduces σ
+//! below the effect of the error: with smooth motion, a delay of 150 µs shifts θ₉ by 5 % and leaves
+//! a perfect residual. If the motion does show the error, M shrinks to the remaining uncertainty,
+//! and σ to what it would be without the error. (d) is exact for linear rows: the part of e that
+//! noise causes is uncorrelated with the innovations, and a is learnt only from these.
 //!
-//! **No change of the plant.** The estimate moves with the motion if there is such an error, and a
-//! change is looked for against it: the test of `change.rs` counts d_s − φᵀT_s, the share of the
-//! innovation that the error causes, as noise of covariance M. **No noise.** What an error leaves
-//! in the residuals is counted as noise if the noise level is learnt, which widens σ further and
-//! never narrows it.
+//! **No change of the plant.** Such an error makes the estimate vary with the motion, so the test
+//! of `change.rs` counts d_s − φᵀT_s, the share of the innovation that the error causes, as noise
+//! of covariance M. **No noise.** If the noise level is learnt, the residuals that an error causes
+//! count as noise, which widens σ further and never narrows it.
 //!
 //! # Drift
 //! Parameters may move while they are averaged: θ(t) = θ(t_end) + ρ (t − t_end) leaves f = n + φᵀρ
-//! (t − t_end). The rates are constant errors like the others, with size_i (1/s) for unit, and what
-//! T says is how far θ̂ lags behind the parameters at the end of the block:
+//! (t − t_end). The rates are constant errors like the others, with unit size_i (1/s), and T is how
+//! far θ̂ lags behind the parameters at the end of the block:
 //!
 //! ```text
 //! d_i = φ_i size_i (t − t_end),   T_i ← T_i − size_i Δt e_i at the start of each block    (f)
@@ -33,8 +32,8 @@
 //! A moving parameter is a change of the plant, so the test for changes does not allow for it.
 //!
 //! # Scores
-//! Under the errors a the innovation is ν = n + (D − Φ T) a with T of before the block, of
-//! covariance V = I + Φ Λ⁻¹ Φᵀ in units of σ². With H = D − Φ T
+//! With the errors a the innovation is ν = n + (D − Φ T) a, T as before the block, of covariance V
+//! = I + Φ Λ⁻¹ Φᵀ in units of σ². With H = D − Φ T
 //!
 //! ```text
 //! u = Hᵀ V⁻¹ ν,  I = Hᵀ V⁻¹ H,   V⁻¹ = I − Φ K Φᵀ                                              (e)
@@ -50,19 +49,19 @@ use super::pass::{Summable, Sums};
 use super::persist::Visit;
 use std::ops::Range;
 
-/// Errors of each equation that there is room for.
+/// Largest number of errors per equation.
 pub const PER_EQUATION: usize = 12;
 
-/// Errors of the rows that there is room for: one of the whole machine and those of each equation.
-/// The drifts of the parameters, one each, follow.
+/// Largest number of errors of the rows: one of the whole machine and those of each equation. The
+/// drifts of the parameters, one each, follow.
 pub const fn room_for(equations: usize) -> usize {
     1 + PER_EQUATION * equations
 }
 
-/// Longest time \[s\] between two blocks' ends over which a rate is taken to have been the same.
+/// Longest time \[s\] between the ends of two blocks over which a rate is assumed constant.
 const LONGEST: f64 = 60.0;
 
-/// Share of Σ d² below which what the parameters leave of a column is rounding.
+/// Share of Σ d² below which the part of a column that the parameters do not explain is rounding.
 const RESOLVED: f64 = 1e-9;
 
 /// Added to the diagonal of a correlation matrix that may be singular.
@@ -72,18 +71,18 @@ const ROUNDING: f64 = 1e-9;
 #[derive(Debug, Clone)]
 pub struct Considered {
     n: usize,
-    /// Errors that the last block had columns for: those that the rows know, and with the drifts
-    /// all that there is room for.
+    /// Number of errors of the last block: those with columns, and the size of all lists, drifts
+    /// included.
     count: usize,
     known: usize,
-    /// Where the drifts of this group's parameters begin and end; empty if none is considered.
+    /// Indices of the drifts of this group's parameters; empty if none is considered.
     drifts: Range<usize>,
-    /// What a drift of 1/s is of each parameter; 0 for one that is fixed.
+    /// Change of each parameter by a drift of 1/s; 0 for a fixed one.
     sizes: Vec<f64>,
     /// End of the block before, in ns; 0 before the first.
     end_ns: u64,
-    /// M of (d), room × room; rows and columns of errors without a prior that nothing was found of
-    /// are 0.
+    /// M of (d), room × room; 0 in rows and columns of errors that have no prior and of which no
+    /// evidence was found.
     pub moments: Vec<f64>,
     /// T_s at s n.
     sensitivity: Vec<f64>,
@@ -95,7 +94,7 @@ pub struct Considered {
     pub scores: Vec<f64>,
     /// I of the last block, room × room.
     pub information: Vec<f64>,
-    /// Errors that the parameters imitate: they count in the sums after a change, and nowhere else.
+    /// Errors that the parameters imitate: they count only in the sums after a change.
     imitated: Vec<bool>,
     // scratch
     columns: Vec<f64>,
@@ -110,7 +109,7 @@ pub struct Considered {
     right: Vec<f64>,
 }
 
-/// How a block has moved the estimate of a group.
+/// The update of a group's estimate by a block.
 #[derive(Clone, Copy)]
 pub struct Update<'a> {
     /// K, n × n.
@@ -119,14 +118,14 @@ pub struct Update<'a> {
     pub transition: &'a [f64],
     /// Σ S_e, n × n.
     pub total: &'a [f64],
-    /// The group's equations, and their sums at the θ that was accumulated at.
+    /// The group's equations, and their sums at the θ of [`Considered::accumulate`].
     pub equations: &'a [EquationState],
     pub sums: &'a [Sums],
     /// Distance of that θ from θ̄.
     pub moved: &'a [f64],
 }
 
-/// How a line through a block has moved it.
+/// The update of a group's estimate by a line through a block.
 #[derive(Clone, Copy)]
 pub struct LineUpdate<'a> {
     /// The group's equations.
@@ -135,15 +134,15 @@ pub struct LineUpdate<'a> {
     pub line: &'a LineFit,
     /// C⁻¹ of its start, n × n.
     pub start_information: &'a [f64],
-    /// Parameters of the group that are held.
+    /// Fixed parameters of the group.
     pub fixed: &'a [bool],
     /// The group's first parameter among all.
     pub first: usize,
 }
 
 impl Considered {
-    /// Room for a group with these of the `params` parameters of a plant of `equations` equations;
-    /// with `drift`, for the drift of each.
+    /// Workspace for a group with `parameters` of the `params` parameters of a plant of `equations`
+    /// equations; with `drift`, also for the drift of each.
     pub fn new(parameters: &Range<usize>, params: usize, equations: usize, drift: bool) -> Self {
         let (n, first) = (parameters.len(), room_for(equations));
         let (room, drifts) = match drift {
@@ -185,14 +184,14 @@ impl Considered {
         v.count(&mut self.end_ns);
     }
 
-    /// Back to knowing nothing.
+    /// Resets to a state without data.
     pub fn forget(&mut self) {
         self.end_ns = 0;
         self.sensitivity.fill(0.0);
         self.moments.fill(0.0);
     }
 
-    /// Parameter i owes nothing to any error: it is back to its start value.
+    /// Clears the sensitivities of parameter i, which is back at its start value.
     pub fn forget_parameter(&mut self, i: usize) {
         self.sensitivity
             .iter_mut()
@@ -201,7 +200,7 @@ impl Considered {
             .for_each(|t| *t = 0.0);
     }
 
-    /// Takes over what the rows know of errors.
+    /// Adopts the errors of the rows.
     pub fn begin(&mut self, rows: &dyn Summable) {
         self.known = rows.suspects().min(self.drifts.start).min(self.scores.len());
         self.count = if self.drifts.is_empty() {
@@ -215,12 +214,12 @@ impl Considered {
         self.clear_scores();
     }
 
-    /// A drift of 1/s is so much of the parameters; 0 of one that is fixed.
+    /// Sets the change of each parameter by a drift of 1/s; 0 for a fixed one.
     pub fn set_sizes(&mut self, sizes: &[f64]) {
         self.sizes.copy_from_slice(sizes);
     }
 
-    /// Second half of (f). A line through the block is referred to its start, and needs none.
+    /// Second half of (f). Not needed for a line through the block, which refers to its start.
     fn refer_to_end(&mut self, end_ns: u64) {
         let before = std::mem::replace(&mut self.end_ns, end_ns);
         if before == 0 {
@@ -237,8 +236,8 @@ impl Considered {
         self.information.fill(0.0);
     }
 
-    /// Sums over the rows of `range` at θ, weighted as the fit weights them.
-    /// `changed`: of errors that the parameters imitate, too.
+    /// Sums over the rows of `range` at θ, weighted as in the fit. `changed`: also of errors that
+    /// the parameters imitate.
     pub fn accumulate(
         &mut self,
         rows: &dyn Summable,
@@ -296,7 +295,7 @@ impl Considered {
         }
     }
 
-    /// Goes on to the estimate after the block, which ends at `end_ns`: scores, then T.
+    /// Updates scores, then T, to the estimate after the block, which ends at `end_ns`.
     pub fn step(&mut self, end_ns: u64, update: &Update<'_>) {
         let Update {
             gain,
@@ -343,7 +342,7 @@ impl Considered {
             }
         }
         for s in 0..self.count {
-            // what the parameters leave of a column is rounding
+            // the part of the column that the parameters do not explain is rounding
             if self.imitated[s] || self.information[s * room + s] <= RESOLVED * self.gram[s * room + s] {
                 self.scores[s] = 0.0;
                 for r in 0..self.count {
@@ -370,7 +369,8 @@ impl Considered {
     /// T ← (I, ½ I) Cov(c, v) (Σ w (φ, sφ) d + (I, −½ I) C⁻¹ T)
     /// ```
     ///
-    /// `theta` is room for all parameters; those of the group are at the line's end afterwards.
+    /// `theta` is workspace for all parameters; afterwards those of the group are at the line's
+    /// end.
     pub fn step_line(&mut self, rows: &dyn Summable, update: &LineUpdate<'_>, theta: &mut [f64]) {
         let LineUpdate {
             equations,
@@ -389,7 +389,7 @@ impl Considered {
                 let pull = dot(&start_information[i * n..(i + 1) * n], t);
                 (self.doubled[i], self.doubled[n + i]) = (pull, -0.5 * pull);
             }
-            // a line has the drifts in its slopes
+            // the slopes of a line contain the drifts
             for e in equations.iter().filter(|_| s < self.known) {
                 let weight = 1.0 / (e.divisor * e.divisor * e.variance.max(super::equation::TINY));
                 for index in 0..rows.len() {
@@ -429,7 +429,7 @@ impl Considered {
         (&self.cross, &self.gram, &self.score)
     }
 
-    /// The error that widens parameter i most, and by how much in variance all errors do.
+    /// The error that widens parameter i most, and the variance that all errors add together.
     pub fn leading(&self, i: usize) -> Option<(usize, f64)> {
         let room = self.scores.len();
         let widening = |s: usize| self.moments[s * room + s] * self.sensitivity[s * self.n + i].powi(2);
@@ -442,7 +442,7 @@ impl Considered {
         !self.drifts.is_empty()
     }
 
-    /// Adds T M Tᵀ of (d) over the errors that the rows know.
+    /// Adds T M Tᵀ of (d) over the errors of the rows, without drifts.
     pub fn widen_by_errors(&mut self, covariance: &mut [f64]) {
         self.widen_by(self.known, covariance);
     }
@@ -476,9 +476,9 @@ impl Considered {
         }
     }
 
-    /// What the errors explain of Σ c_k², where c = `values` are uncorrelated, of variance 1 and
-    /// made from A (θ_block − θ̄): c = `image`(w) for w = (Σ φ d − S T)/σ², the part of the
-    /// innovation's score that an error brings. Woodbury's formula.
+    /// The part of Σ c_k² that the errors explain. c = `values` are uncorrelated, of variance 1,
+    /// and made from A (θ_block − θ̄); `image`(w) is the c of w = (Σ φ d − S T)/σ², the score that
+    /// an error contributes. Woodbury's formula.
     pub fn explained(
         &mut self,
         values: &[f64],
@@ -491,7 +491,7 @@ impl Considered {
         for s in 0..count {
             let (t, cross) = (&self.sensitivity[s * n..(s + 1) * n], &self.cross[s * n..(s + 1) * n]);
             for i in 0..n {
-                // `total` is in units of the noise already
+                // `total` is already in units of the noise
                 self.vector[i] = cross[i] / variance - dot(&total[i * n..(i + 1) * n], t);
             }
             image(&self.vector, &mut self.seen[s * n..(s + 1) * n]);

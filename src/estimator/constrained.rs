@@ -5,13 +5,12 @@
 //! ```
 //!
 //! by the primal active set method from δ = 0 (Nocedal and Wright, Numerical Optimization, 2nd ed.,
-//! section 16.5), which for bounds alone only needs factors of the free submatrix. Every iterate is
-//! feasible and lowers the cost, so that the step is one of descent wherever it stops. Fixed
-//! parameters are bounds that coincide.
+//! section 16.5), which for simple bounds only needs factors of the free submatrix. Every iterate
+//! is feasible and lowers the cost, so the step is a descent step even if it stops early. The two
+//! bounds of a fixed parameter coincide.
 //!
-//! A singular H (a parameter, or a combination, that the data do not inform on and no prior holds)
-//! gives the step of least length in units of the columns: nothing moves if there is no
-//! information.
+//! If H is singular (neither data nor prior inform on some parameter or combination), the step of
+//! least length in the scaled columns is taken: parameters without information do not move.
 
 use super::linalg::{Cholesky, Eigen, RANK_TOLERANCE};
 
@@ -63,8 +62,8 @@ impl ConstrainedStep {
                 down && up
             };
         }
-        // each round fixes or frees one; a handful is usual, the limit guards against cycling on
-        // rounding
+        // each round fixes or frees one parameter; a few rounds are usual, the limit prevents
+        // cycling on rounding
         for _ in 0..4 * n + 4 {
             self.solve_free(h, g);
             let mut fraction = 1.0;
@@ -89,8 +88,8 @@ impl ConstrainedStep {
                 self.free[i] = false;
                 continue;
             }
-            // optimal in the free ones: free the bound whose multiplier has the wrong sign most, in
-            // units of the column
+            // optimal in the free parameters: free the bound whose scaled multiplier violates its
+            // sign most
             let mut worst = 0.0;
             let mut release = None;
             for i in 0..n {

@@ -1,9 +1,9 @@
-//! Parameters of a group that move: the line that they are followed along from block to block.
+//! The line along which the moving parameters of a group are followed from block to block.
 //!
-//! A drift begins with a line through the block that shows it (`line.rs`). Each next line is
-//! expected to go on from the end of the last, with its slope, and may bend a little. The line's
-//! end is the estimate. How a group follows it: `drifting_group.rs`. How long a drift is followed:
-//! `drift_watch.rs`.
+//! A drift begins with a line through the block that shows it (`line.rs`). Each further line is
+//! expected to continue from the end of the last with the same slope, and may bend slightly. The
+//! line's end is the estimate. `drifting_group.rs` follows the line; `drift_watch.rs` decides for
+//! how long.
 
 use super::line::LineFit;
 use super::persist::Visit;
@@ -13,7 +13,7 @@ use super::persist::Visit;
 pub struct Drift {
     /// True while the parameters move along a line.
     pub active: bool,
-    /// Slope per block of the line that is followed, and the variance of that.
+    /// Slope per block of the line that is followed, and its variance.
     pub slope: Vec<f64>,
     pub slope_variance: Vec<f64>,
     /// The line that was fitted last.
@@ -21,7 +21,7 @@ pub struct Drift {
 }
 
 impl Drift {
-    /// No drift of a group of n of all `params` parameters with so many equations.
+    /// No drift, for a group of n of all `params` parameters with `equations` equations.
     pub fn new(n: usize, params: usize, equations: usize) -> Self {
         Self {
             active: false,
@@ -31,7 +31,7 @@ impl Drift {
         }
     }
 
-    /// What goes from block to block but for `active`; see `persist.rs`.
+    /// State kept from block to block, except `active`; see `persist.rs`.
     pub fn visit(&mut self, v: &mut impl Visit) {
         v.reals(&mut self.slope);
         v.reals(&mut self.slope_variance);
@@ -45,22 +45,22 @@ impl Drift {
         self.slope_variance.fill(0.0);
     }
 
-    /// True if the line that was fitted moves by more than three standard deviations.
+    /// True if the fitted line moves by more than three standard deviations.
     pub fn moves(&self) -> bool {
         (0..self.slope.len()).any(|i| self.line.slope[i].powi(2) > 9.0 * self.line.slope_variance(i))
     }
 
-    /// Begin of the line that was fitted.
+    /// Start of the fitted line.
     pub fn start(&self, i: usize) -> f64 {
         self.line.middle[i] - 0.5 * self.line.slope[i]
     }
 
-    /// End of the line that was fitted.
+    /// End of the fitted line.
     pub fn end(&self, i: usize) -> f64 {
         self.line.middle[i] + 0.5 * self.line.slope[i]
     }
 
-    /// The line that was fitted is the one that is followed; false if its end is no estimate.
+    /// Adopts the fitted line as the one to follow; false if its end is not a valid estimate.
     pub fn take(&mut self) -> bool {
         let n = self.slope.len();
         if (0..n).any(|i| !(self.end(i).is_finite() && self.line.end_covariance(i, i) >= 0.0)) {

@@ -1,5 +1,5 @@
-//! How long a drift is followed: from the block that shows one until its line no longer explains a
-//! block, or no longer moves.
+//! Decides how long a drift is followed: from the block that shows it until its line no longer
+//! explains a block or no longer moves.
 
 use super::group::GroupState;
 use super::options::EstimatorOptions;
@@ -14,7 +14,7 @@ const STILL_BLOCKS: u32 = 4;
 /// The drift that is followed, in all groups or none.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct DriftWatch {
-    /// Blocks in a row in which the line that is followed did not move for sure.
+    /// Consecutive blocks in which the followed line did not move significantly.
     still: u32,
 }
 
@@ -24,9 +24,9 @@ impl DriftWatch {
         v.small(&mut self.still);
     }
 
-    /// Goes on with the lines of a drift while they explain the block and any of them moves;
-    /// returns the groups that do, all or none, and whether a line ended because it does not
-    /// explain the block.
+    /// Continues the lines of a drift while they explain the block and any of them moves. Returns
+    /// the groups that continue, all or none, and whether a line ended because it does not explain
+    /// the block.
     pub fn follow(
         &mut self,
         rows: &dyn Summable,
@@ -55,8 +55,8 @@ impl DriftWatch {
         (lines, !explained && bends)
     }
 
-    /// Begins to follow a drift in every group: a group left at a constant would turn the drift
-    /// into errors of its weak parameters. Returns the groups that could.
+    /// Begins to follow a drift in every group, because a constant fitted to a drifting group would
+    /// have errors in its poorly excited parameters. Returns the groups that could.
     pub fn start(
         &mut self,
         rows: &dyn Summable,

@@ -1,4 +1,4 @@
-//! A group that follows a drift: its lines are fitted with what was known before the block.
+//! A group that follows a drift: its lines are fitted with the prior of the block.
 
 use super::change::{CONSISTENT, GATED, MANY};
 use super::equation::TINY;
@@ -11,8 +11,8 @@ use super::stats::f_tail;
 const BEND: f64 = 1e-3;
 
 impl GroupState {
-    /// Fits a line to the whole block, see `line.rs`; its cost in units of the noise, infinite if
-    /// there is none to be had.
+    /// Fits a line to the whole block, see `line.rs`; returns its cost in units of the noise,
+    /// infinite if the fit fails.
     pub fn line_cost(&mut self, rows: &dyn Summable, theta: &[f64]) -> f64 {
         let own = self.parameters.clone();
         self.drift
@@ -37,9 +37,9 @@ impl GroupState {
         noise && outliers as f64 <= GATED * rows as f64
     }
 
-    /// After [`line_cost`](Self::line_cost): the shares of their sizes by which the parameters
-    /// surely move within the block, and by which the line's start is surely off what was known;
-    /// what does not exceed three standard deviations is not sure.
+    /// After [`line_cost`](Self::line_cost): the relative amounts by which the parameters move
+    /// within the block, and by which the line's start differs from the prior; only what exceeds
+    /// three standard deviations counts.
     pub fn line_rates(&self, theta: &[f64]) -> (f64, f64) {
         let (mut rate, mut off) = (0.0f64, 0.0f64);
         let sure = |value: f64, variance: f64| {
@@ -58,9 +58,8 @@ impl GroupState {
         (rate, off)
     }
 
-    /// Begins to follow a drift: fits the line again with what was known before the block, where
-    /// every parameter may be off by the share `off` of its size and move by the share `rate`, and
-    /// takes its end.
+    /// Begins to follow a drift: fits the line again with the prior, in which every parameter may
+    /// be off by the share `off` of its size and move by the share `rate`, and adopts its end.
     pub fn start_line(&mut self, rows: &dyn Summable, theta: &mut [f64], rate: f64, off: f64) -> bool {
         for i in 0..self.n {
             let size = self.size(theta, i);
@@ -82,9 +81,8 @@ impl GroupState {
             .fold(0.0, f64::max)
     }
 
-    /// Fits the line that goes on from the last; true if it leaves no more than noise and is
-    /// near what was expected of it. `change` is the share of their sizes by which slopes may have
-    /// changed.
+    /// Fits the continuation of the last line; true if it leaves only noise and is close to what
+    /// was expected. `change` is the share of their sizes by which slopes may have changed.
     pub fn follow_line(&mut self, rows: &dyn Summable, theta: &[f64], change: f64) -> bool {
         for i in 0..self.n {
             self.drift.slope_variance[i] += (change * self.size(theta, i)).powi(2);
@@ -123,7 +121,7 @@ impl GroupState {
             .is_some()
     }
 
-    /// The line's end is the estimate, with its covariance and the information that belongs to it.
+    /// Adopts the line's end as the estimate, with its covariance and information.
     pub fn end_line(&mut self, theta: &mut [f64]) -> bool {
         let n = self.n;
         if !self.drift.take() {

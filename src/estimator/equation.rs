@@ -1,18 +1,18 @@
 //! An equation of a group: its noise, its residuals, and what it adds to the normal equations.
 //!
 //! σ_e² is the residuals' sum of squares over their degrees of freedom, rows less tr(K S_e), both
-//! forgotten with λ: a block that a strong prior holds is charged less than one parameter per
-//! parameter. It never goes below the floor of the options.
+//! forgotten with λ: with a strong prior, a block uses less than one degree of freedom per
+//! parameter. It never falls below the floor of the options.
 
 use super::options::{EstimatorOptions, Outliers};
 use super::pass::{Loss, Pass, Summable, Sums};
 use super::persist::Visit;
 use std::ops::Range;
 
-/// Noise variances are kept above this, so that they may divide.
+/// Lower limit of noise variances, which serve as divisors.
 pub const TINY: f64 = 1e-200;
 
-/// Surprise of a block that counts in the mean: a block that shows a change is none of the others.
+/// Largest surprise of a block in the mean, so that a block with a change does not dominate it.
 const LARGEST: f64 = 10.0;
 
 /// An equation as its group sees it.
@@ -26,16 +26,16 @@ pub struct EquationState {
     pub offset: usize,
     pub divisor: f64,
     pub floor: f64,
-    /// Forgotten sum of squares of the residuals and its degrees of freedom.
+    /// Exponentially weighted sum of squares of the residuals, and its degrees of freedom.
     pub spread: f64,
     pub freedom: f64,
     /// Noise variance of the divided rows: learnt, and never below the floor.
     pub variance: f64,
-    /// Σ f² at θ̄ and the rows it is of.
+    /// Σ f² at θ̄, and its number of rows.
     pub innovation: (f64, usize),
     /// Mean square by which innovations exceeded residuals in the last blocks, in noise variances.
     pub surprise: f64,
-    /// Robust standard deviation of the residuals and the loss that follows from it.
+    /// Robust standard deviation of the residuals, and the loss that follows from it.
     pub scale: f64,
     pub loss: Loss,
     /// Covariance caused by this equation's noise of unit variance, n × n.
@@ -43,7 +43,7 @@ pub struct EquationState {
 }
 
 impl EquationState {
-    /// The pass over some of its rows.
+    /// The pass over the rows of `range`.
     pub fn pass(&self, range: Range<usize>) -> Pass {
         Pass {
             equation: self.index,
@@ -54,8 +54,7 @@ impl EquationState {
         }
     }
 
-    /// Equation `index` with parameters `own`, in a group of `parameters`; nothing is known of its
-    /// noise.
+    /// Equation `index` with parameters `own`, in a group of `parameters`; its noise is unknown.
     pub fn new(index: usize, own: Range<usize>, parameters: &Range<usize>, options: &EstimatorOptions) -> Self {
         let n = parameters.len();
         Self {
@@ -84,13 +83,13 @@ impl EquationState {
         v.reals(&mut self.noise_covariance);
     }
 
-    /// Forgets the level of the noise, and the last block.
+    /// Forgets the noise level and the last block.
     pub fn forget(&mut self) {
         (self.innovation, self.surprise) = ((0.0, 0), 0.0);
         (self.spread, self.freedom, self.variance, self.scale) = (0.0, 0.0, 0.0, 0.0);
     }
 
-    /// True if nothing is negative that cannot be.
+    /// True if no sum or variance is negative.
     pub fn is_sound(&self) -> bool {
         let n = self.noise_covariance.len().isqrt();
         let numbers = [self.spread, self.freedom, self.variance, self.scale];
@@ -125,9 +124,9 @@ impl EquationState {
         (excess / self.variance.max(TINY)).max(0.0)
     }
 
-    /// Learns the noise from residuals of `cost` of which the parameters took `taken` degrees of
-    /// freedom. A block raises the noise variance by at most a factor of four: a larger jump is not
-    /// noise, and a real one is learnt in two blocks.
+    /// Learns the noise from residuals with sum of squares `cost`, of which the parameters took
+    /// `taken` degrees of freedom. A block raises the noise variance by at most a factor of four: a
+    /// larger jump is not noise, and a real one is learnt in two blocks.
     pub fn learn(&mut self, sums: &Sums, cost: f64, taken: f64, options: &EstimatorOptions) {
         let freedom = (sums.rows - sums.outliers) as f64 - taken;
         self.surprise += (1.0 - options.forgetting_factor) * (self.excess(sums).min(LARGEST) - self.surprise);
@@ -146,7 +145,7 @@ impl EquationState {
     }
 }
 
-/// Smallest noise variance that is believed.
+/// Lower limit of the noise variance.
 fn floor_variance(e: &EquationState, sums: &Sums, options: &EstimatorOptions) -> f64 {
     let size = if sums.rows > 0 {
         sums.size / sums.rows as f64
@@ -206,8 +205,8 @@ pub fn mean_variance(equations: &[EquationState], sums: &[Sums]) -> f64 {
     if rows > 0.0 { sum / rows } else { 0.0 }
 }
 
-/// χ² of the residuals and its degrees of freedom, in units of the noise that was told, or else of
-/// the learnt one; and that unit.
+/// χ² of the residuals and its degrees of freedom, in units of the specified noise variance if
+/// `told`, else of the learnt one; and that variance.
 pub fn chi_square(equations: &[EquationState], sums: &[Sums], told: bool) -> (f64, f64, f64) {
     let (mut misfit, mut freedom, mut unit, mut rows) = (0.0, 0.0, 0.0, 0.0);
     for (e, sums) in equations.iter().zip(sums) {

@@ -1,38 +1,37 @@
-//! Covariance of the error of θ̂, by what caused it.
+//! Covariance of the error of θ̂, split by its causes.
 //!
-//! θ̂ is a linear function of what came before: with K = Γ_m and A = I − K S the error obeys e_m =
-//! A e_{m−1} + K Σ φ n, whatever the forgetting rule. So its covariance is carried along as it is
-//! (Joseph's form):
+//! θ̂ is a linear function of the past data: with K = Γ_m and A = I − K S the error obeys e_m = A
+//! e_{m−1} + K Σ φ n, whatever the forgetting rule. So its covariance propagates as (Joseph's form)
 //!
 //! ```text
 //! P ← A P Aᵀ + K (Σ_e σ_e² S_e) K
 //! ```
 //!
 //! For exponential forgetting this is the sandwich Γ M Γ with M ← λ² M + S. It is kept per equation
-//! for noise of unit variance, so that the noise level may still be learnt, and apart for what the
-//! start value (or a change since) leaves unknown.
+//! for noise of unit variance, so that the noise level may still be learnt, and separately for the
+//! uncertainty of the start value and of changes since.
 
 use super::equation::EquationState;
 use super::linalg::Congruence;
 use super::persist::Visit;
 use super::workspace::Workspace;
 
-/// The covariances of a group, n × n each. What an equation's noise of unit variance causes is the
-/// equation's own ([`EquationState::noise_covariance`]).
+/// The covariances of a group, n × n each. The part that an equation's noise of unit variance
+/// causes is in [`EquationState::noise_covariance`].
 #[derive(Debug, Clone)]
 pub struct ErrorCovariance {
     n: usize,
-    /// Of the error that the start value left.
+    /// Of the error of the start value.
     pub guess: Vec<f64>,
-    /// Of the error that changes of the plant since then brought.
+    /// Of the error from changes of the plant since then.
     pub change: Vec<f64>,
-    /// P, all of it, weighted with the noise variances.
+    /// P: the sum of all parts, weighted with the noise variances.
     pub total: Vec<f64>,
     congruence: Congruence,
 }
 
 impl ErrorCovariance {
-    /// No error of n parameters.
+    /// Zero covariances for n parameters.
     pub fn new(n: usize) -> Self {
         Self {
             n,
@@ -56,14 +55,14 @@ impl ErrorCovariance {
         diagonal(&self.guess) && diagonal(&self.change) && diagonal(&self.total)
     }
 
-    /// Puts parameter i back to a guess of this variance.
+    /// Resets parameter i to a guess with this variance.
     pub fn forget_parameter(&mut self, i: usize, variance: f64) {
         clear_entries(self.n, &mut self.guess, i, variance);
         clear_entries(self.n, &mut self.change, i, 0.0);
         clear_entries(self.n, &mut self.total, i, variance);
     }
 
-    /// P ← A P Aᵀ of guess and change; `room` holds A as `transition`.
+    /// P ← A P Aᵀ for guess and change; `room` holds A as `transition`.
     pub fn carry(&mut self, room: &mut Workspace) {
         for covariance in [&mut self.guess, &mut self.change] {
             self.congruence.apply(self.n, &room.transition, covariance, &mut room.b);
@@ -71,7 +70,7 @@ impl ErrorCovariance {
         }
     }
 
-    /// P ← A P Aᵀ + K S K of one equation's noise; `room` holds A as `transition`, K as `gain`, S
+    /// P ← A P Aᵀ + K S K for one equation's noise; `room` holds A as `transition`, K as `gain`, S
     /// as `total`.
     pub fn carry_noise(&mut self, room: &mut Workspace, noise: &mut [f64]) {
         self.congruence.apply(self.n, &room.transition, noise, &mut room.b);
@@ -80,7 +79,7 @@ impl ErrorCovariance {
         noise.iter_mut().zip(&room.b).for_each(|(p, v)| *p += v);
     }
 
-    /// Makes the total of its parts.
+    /// Sums the parts into the total.
     pub fn add_up(&mut self, equations: &[EquationState]) {
         for (k, c) in self.total.iter_mut().enumerate() {
             *c = self.guess[k] + self.change[k];
@@ -93,8 +92,7 @@ impl ErrorCovariance {
     }
 }
 
-/// Forgets what an n × n matrix holds of parameter i, and puts `diagonal` in the place of its own
-/// entry.
+/// Clears row and column i of an n × n matrix and sets its diagonal entry to `diagonal`.
 pub fn clear_entries(n: usize, matrix: &mut [f64], i: usize, diagonal: f64) {
     for k in 0..n {
         matrix[i * n + k] = 0.0;

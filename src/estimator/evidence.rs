@@ -1,8 +1,8 @@
-//! What must be shown before θ̂ may be used as a whole, beyond having predicted the last blocks.
+//! Evidence required before θ̂ as a whole may be used, besides having predicted the last blocks.
 //!
 //! ```text
 //! informed     rows so far inform on more than half of the directions of each group    confirmation.rs
-//! explained_e  1 − Σ f_n(θ̂)²/Σ (v_n − v̄)², v = f + φᵀθ̂, in its last block with a signal         here
+//! explained_e  1 − Σ f_n(θ̂)²/Σ (v_n − v̄)², v = f + φᵀθ̂, in the last block with a signal         here
 //! fits         the whitened residuals are noise, in the whole block and at its end      fit_statistic.rs
 //! at ease      no parameter sits on a bound that the data push it against               here
 //! ```
@@ -10,7 +10,7 @@
 //! A noise level that is learnt from the rows cannot tell a bad model from a noisy machine: on
 //! white noise, or with the input's sign the wrong way round, it simply becomes as large as the
 //! signal. The share of the signal's power that the model explains can. It is judged only if the
-//! signal stands out of the noise by 20 dB, or 30 dB if the level was learnt, so that a rest
+//! signal exceeds the noise by 20 dB, or 30 dB if the level was learnt, so that a machine at rest
 //! neither confirms nor refutes a model; before the first such block nothing is explained.
 //!
 //! A bound is at odds with the data if the optimum without bounds lies more than [`PRESSED`]
@@ -20,31 +20,31 @@
 //! θ* = θ̂ + H⁻¹ g,   g = −½ ∂J/∂θ,   H = Λ + S        beyond by more than 4 σ √(H⁻¹)_ii
 //! ```
 //!
-//! The step of a fit is limited to a factor, so that a parameter which the data want to be negative
-//! only comes ever nearer to its bound at 0.
+//! Because a step of a fit is limited to a factor, a parameter that the data push below 0 only
+//! approaches its bound at 0 and need not sit on it.
 
 use super::equation::{TINY, add_grams, add_scores};
 use super::fit_statistic::{EquationFit, NoiseLevel};
 use super::group::GroupState;
 use super::linalg::{gather, mul_vec};
 
-/// Power of an equation's signal over that of the noise that was told from which on a block shows
-/// what the model explains …
+/// Ratio of signal power to specified noise power above which a block shows what the model
+/// explains.
 const STANDS_OUT: f64 = 100.0;
-/// … and over a level that was learnt, which is not known apart from what is unexplained: it alone
-/// then leaves less than 0.1 %.
+/// The same for a learnt noise level, which includes what is unexplained: the noise alone is then
+/// below 0.1 %.
 const STANDS_OUT_OF_LEARNT: f64 = 1000.0;
-/// Share of the signal's power that a model has to explain: residuals of at most a fourteenth of
-/// the signal.
+/// Share of the signal's power that a model must explain: residuals of at most a fourteenth of the
+/// signal.
 pub const LEAST_EXPLAINED: f64 = 0.995;
 /// Standard deviations by which the optimum may lie beyond a bound: by chance once in 30 000
 /// blocks.
 const PRESSED: f64 = 4.0;
-/// Distance to a bound, as a share of the parameter's size, from which on a parameter is looked at.
+/// Distance to a bound, as a share of the parameter's size, within which a parameter is checked.
 const NEAR: f64 = 0.1;
 
-/// Share of the signal's power that `fit` explains, beyond the noise if that was told; `None` if
-/// the signal does not stand out of the noise.
+/// Share of the signal's power that `fit` explains, beyond the noise if that was specified; `None`
+/// if the signal does not exceed the noise enough.
 pub fn explained(fit: &EquationFit, level: NoiseLevel) -> Option<f64> {
     let noise = fit.rows as f64 * level.variance;
     let (least, told) = match level.freedom.is_infinite() {

@@ -5,11 +5,11 @@
 //! δ    = argmin ½ δᵀ (Λ + S) δ − (g − Λ (θ − θ̄))ᵀ δ       in a box
 //! ```
 //!
-//! With one iteration from θ = θ̄, (8) as it stands. With more, θ is linearised anew at each
-//! iteration while the prior stays frozen, so that an old linearisation at a bad estimate leaves
+//! One iteration from θ = θ̄ is exactly (8). With more, the rows are linearised again at each
+//! iteration while the prior stays frozen, so an early linearisation at a bad estimate leaves
 //! nothing in the information. The box is the bounds and a factor `step_factor` per positive
-//! parameter and iteration: without it a far start walks along the curved valley of the products
-//! θ₆θ₉ and θ₇θ₉, in 15 steps when 6 do. A step is halved until the cost falls.
+//! parameter and iteration: without it, a far start follows the curved valley of the products θ₆θ₉
+//! and θ₇θ₉ and takes 15 steps instead of 6. A step is halved until the cost falls.
 
 use super::equation::{add_grams, add_scores};
 use super::group::GroupState;
@@ -21,14 +21,14 @@ use std::ops::Range;
 /// How a fit ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fit {
-    /// Iterations made.
+    /// Number of iterations.
     pub iterations: u32,
     /// False if the iterations ran out.
     pub converged: bool,
 }
 
 impl Fit {
-    /// Both of two fits.
+    /// Combines two fits.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self {
@@ -42,7 +42,7 @@ impl Fit {
 const HALVINGS: usize = 20;
 
 impl GroupState {
-    /// (8) as it stands: δ = Γ_m Σ φ f, with Γ_m of the forgetting rule.
+    /// Exactly (8): δ = Γ_m Σ φ f, with Γ_m of the forgetting rule.
     pub fn single_step(&mut self, theta: &mut [f64]) {
         let n = self.n;
         self.room.total.copy_from_slice(&self.prior);
@@ -59,8 +59,8 @@ impl GroupState {
         }
     }
 
-    /// Minimises the cost over the rows of `range` from the present θ; `at` holds the sums there,
-    /// and at the result afterwards.
+    /// Minimises the cost over the rows of `range`, starting from the present θ. `at` holds the
+    /// sums there before, and at the result afterwards.
     pub fn fit(
         &mut self,
         rows: &dyn Summable,
@@ -75,7 +75,8 @@ impl GroupState {
             iterations: 0,
             converged: false,
         };
-        // a gate has many optima: it closes only where Huber's function, which has one, has led
+        // a gate has many optima: it closes only near the optimum of Huber's function, which has
+        // one
         let mut closed = !matches!(options.outliers, Outliers::Gate(_));
         while (fit.iterations as usize) < options.max_iterations {
             if options.outliers != Outliers::Keep {
@@ -83,8 +84,8 @@ impl GroupState {
                 cost = self.cost(&self.at, theta);
             }
             if self.blocks == 0 {
-                // before the first block nothing is known: ε keeps silent directions in place, as
-                // Levenberg's method does, but the guess itself has no pull
+                // before the first block there is no knowledge: ε keeps unexcited directions in
+                // place, as in Levenberg's method, but the guess itself does not attract
                 self.centre.copy_from_slice(&theta[self.parameters.clone()]);
                 cost = self.cost(&self.at, theta);
             }
@@ -122,7 +123,7 @@ impl GroupState {
                 fraction *= 0.5;
             }
             if !accepted {
-                // no descent to be had beyond rounding
+                // no descent beyond rounding
                 theta[self.parameters.clone()].copy_from_slice(&self.room.scale);
                 if !closed {
                     closed = true;
@@ -150,7 +151,8 @@ impl GroupState {
         add_scores(&self.equations, &self.at, &mut room.gradient);
     }
 
-    // a step that is small beside every parameter, or beside the deviation of the estimate
+    // true if the step is small relative to every parameter, or to the standard deviation of the
+    // estimate
     fn is_small(&self, theta: &[f64]) -> bool {
         let delta = self.step.delta();
         let own = &theta[self.parameters.clone()];
@@ -163,7 +165,7 @@ impl GroupState {
         dot(self.step.delta(), &self.room.gradient)
     }
 
-    // what the cost can change by rounding alone: some fifty units of it per residual
+    // change of the cost by rounding alone: about fifty rounding units per residual
     fn rounding(&self) -> f64 {
         self.at.iter().map(|s| 1e-28 * s.size).sum()
     }
@@ -181,14 +183,14 @@ impl GroupState {
             .sum()
     }
 
-    // the room of a step from the point in `scale`
+    // the box of a step from the point in `scale`
     fn set_box(&mut self, factor: f64) {
         for i in 0..self.n {
             let (from, lower, upper) = (self.room.scale[i], self.lower[i], self.upper[i]);
             let (mut down, mut up) = (lower - from, upper - from);
             if lower >= 0.0 && from > 0.0 && factor.is_finite() {
                 down = down.max(from / factor - from);
-                // a parameter that noise has driven to zero finds back to its usual size in one
+                // a parameter that noise has driven to zero can return to its usual size in one
                 // step
                 up = up.min((from * factor).max(self.centre[i]).max(self.start_std[i]) - from);
             }

@@ -1,4 +1,4 @@
-//! Does the block fit: χ² of its whitened residuals, as a whole and over its last parts.
+//! Goodness of fit of a block: χ² of its whitened residuals, as a whole and over its last parts.
 //!
 //! ```text
 //! χ²_k = Σ_{last k rows} f_n(θ̂)²/σ²        k = 1, 2, 4, … rows and all N of them
@@ -6,25 +6,24 @@
 //! p    = min(1, tests · min_k P(F > χ²_k/(k (1 + slack))))                          over all equations: Bonferroni
 //! ```
 //!
-//! A plant that changes near the end of a block leaves its residuals in the last rows, where they
-//! drown in the mean over the block and are too few for the test of `change.rs` against what was
-//! known before. A change in the last tenth of a second shows only in the windows that end with the
-//! block ([`Residuals::tail`]), each of which is one more test. Because the rows are whitened
-//! backwards, a sum over the last k of them is the cost of these windows alone.
+//! A plant that changes near the end of a block leaves residuals in the last rows only, which
+//! vanish in the mean over the block and are too few for the test of `change.rs`. A change in the
+//! last tenth of a second shows only in the windows that end with the block ([`Residuals::tail`]),
+//! each of which is one more test. Because the rows are whitened backwards, a sum over the last k
+//! of them is the cost of these windows alone.
 //!
 //! σ² is the variance that the user has specified (`noise_floor`, 1 for rows that are whitened by
 //! the sensors' noise), ν = ∞. If none was specified, it is the level that the blocks before have
-//! learnt, ν their degrees of freedom: what a block does not fit must not be learnt from the same
-//! block. A level that was learnt holds what the model leaves out, too, which is no white noise, so
-//! the slack is larger there, and residuals within [`SHARE`] of the equation's signal are never a
-//! misfit.
+//! learnt, ν their degrees of freedom: a block must not raise the level that it is compared with. A
+//! learnt level also includes what the model leaves out, which is not white noise, so the slack is
+//! larger there, and residuals within [`SHARE`] of the equation's signal are never a misfit.
 
 use super::pass::{Pass, Summable, Sums};
 use super::stats::f_tail;
 
-/// A block whose p is below this does not fit: a right model does so once in five thousand blocks,
-/// if the noise is what it is said to be. That costs two blocks; a change that is overlooked costs
-/// wrong values.
+/// A block whose p is below this does not fit: with a right model and the specified noise this
+/// happens once in five thousand blocks. It costs two blocks; an overlooked change costs wrong
+/// values.
 pub const MISFIT: f64 = 2e-4;
 /// Share by which the variance may exceed the specified one: sensors are never known better.
 const SLACK: f64 = 0.25;
@@ -33,9 +32,10 @@ const LEARNT_SLACK: f64 = 3.0;
 /// Root mean square of residuals, relative to the equation's signal, that a learnt noise level
 /// never calls a misfit.
 const SHARE: f64 = 2e-3;
-/// Degrees of freedom of a variance that is known.
+/// Degrees of freedom of a known variance.
 const MANY: f64 = 1e5;
-/// Rows at the end of a block that do not show what is explained: backward whitening begins there.
+/// Rows at the end of a block that are left out of the explained share, because backward whitening
+/// begins there.
 const EDGE: usize = 16;
 /// Lengths of the last parts are powers of two below this.
 const LONGEST: usize = 1 << 20;
@@ -49,7 +49,7 @@ pub struct NoiseLevel {
     pub freedom: f64,
 }
 
-/// What the equations of a block say together.
+/// The combined result of the equations of a block.
 #[derive(Debug, Clone)]
 pub struct BlockFit {
     tests: usize,
@@ -67,7 +67,7 @@ impl Default for BlockFit {
 }
 
 impl BlockFit {
-    /// Takes an equation in.
+    /// Adds an equation.
     pub fn take(&mut self, equation: usize, fit: &EquationFit) {
         self.tests += fit.tests;
         self.tails[equation % 64] = fit.tail;
@@ -93,20 +93,20 @@ pub struct EquationFit {
     pub ratio: f64,
     /// Smallest tail probability of the block or of one of its last parts.
     pub tail: f64,
-    /// Number of parts that were tested.
+    /// Number of parts tested.
     pub tests: usize,
-    /// Σ f² over the rows that show what the model explains: all but the last few, whose whitening
-    /// has not settled.
+    /// Σ f² over the rows that show what the model explains: all except the last few, whose
+    /// whitening has not settled.
     pub residual: f64,
     /// Σ (v − v̄)² over the same rows, v = f + φᵀθ̂ the signal of the linear form (1): for a model
     /// that is linear in θ, the input. The mean is left out, because a constant explains it.
     pub signal: f64,
-    /// Their number; outliers do not count.
+    /// Number of these rows, without outliers.
     pub rows: usize,
 }
 
 impl EquationFit {
-    /// Of a block that a line was fitted to, by the residuals that it leaves in all of it.
+    /// For a block with a fitted line: from its residuals over the whole block.
     pub fn of_line(sums: &Sums, level: NoiseLevel) -> Self {
         let rows = sums.rows - sums.outliers.min(sums.rows);
         let (slack, freedom) = slack_and_freedom(level);
@@ -139,7 +139,7 @@ struct LastRows {
     /// Σ v² of the signal.
     power: f64,
     mean: f64,
-    /// Numbers of rows, powers of two and all of them, with Σ f² over so many.
+    /// Numbers of rows (powers of two, and all), each with Σ f² over the last that many rows.
     parts: [(usize, f64); 21],
     count: usize,
 }
@@ -156,8 +156,8 @@ impl LastRows {
         }
     }
 
-    /// Takes the row before those so far, its residual f and signal v; what the model explains goes
-    /// into `fit` if the row shows it.
+    /// Adds the next row towards the start of the block, with residual f and signal v; `shows`: the
+    /// row also counts in `fit`.
     fn take(&mut self, f: f64, v: f64, shows: bool, fit: &mut EquationFit) {
         self.sum += f * f;
         self.power += v * v;
@@ -180,7 +180,7 @@ impl LastRows {
         self.count += 1;
     }
 
-    /// All rows are in.
+    /// Ends the rows.
     fn end(&mut self) {
         if !self.rows.is_power_of_two() {
             self.keep();
@@ -189,8 +189,7 @@ impl LastRows {
 }
 
 impl EquationFit {
-    /// Judges the rows of an equation at θ, the last row first; `regressor` is room for one of its
-    /// rows.
+    /// Tests the rows of an equation at θ, last row first; `regressor` is workspace for one row.
     pub fn of_rows(
         rows: &dyn Summable,
         pass: &Pass,
@@ -216,7 +215,8 @@ impl EquationFit {
         }
         if last.rows > 0 {
             last.end();
-            // rows weight the middle of their windows and say little about the end of the block
+            // rows weight the middle of their windows, so they inform little on the end of the
+            // block
             let short = (0..).map_while(|k| rows.tail(equation, k, theta));
             fit.compare(&last, level, short);
         }

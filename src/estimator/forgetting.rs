@@ -1,4 +1,5 @@
-//! What is left of the information when a block begins, and what the bounded rules do when it ends.
+//! Forgetting rules: the information that remains when a block begins, and the bound that is
+//! applied when it ends.
 //!
 //! ```text
 //! exponential         Λ = λ Γ⁻¹                                        Γ_m⁻¹ = Λ + S                 (9)
@@ -9,9 +10,9 @@
 //! ```
 //!
 //! U spans the directions that the block excites strongly, in units of the parameters themselves.
-//! With all directions excited `directional` is `exponential`; with none it forgets nothing. To
-//! replace what was known to a thousandth by what a block finds to within its own size is no gain,
-//! so that it takes more to be forgotten than to be informed on.
+//! With all directions excited `directional` is `exponential`; with none it forgets nothing.
+//! Replacing knowledge good to 0.1 % by a block estimate good to 100 % is a loss, so the threshold
+//! for forgetting a direction is stricter than the one for calling it excited.
 
 use super::bound::{CovarianceBound, Factor, Polynomial, Rational};
 use super::linalg::{Eigen, dot};
@@ -31,7 +32,8 @@ pub struct Excitation {
     n: usize,
     /// Number of excited directions.
     pub rank: usize,
-    /// How many of them, the first ones, the block tells enough about to replace what was known.
+    /// Number of strongly excited directions, which come first: the block replaces what was known
+    /// of them.
     pub strong: usize,
     directions: Vec<f64>,
     shares: Vec<f64>,
@@ -44,7 +46,7 @@ impl Excitation {
     /// %.
     const STRONG: f64 = 100.0;
 
-    /// Back to nothing excited.
+    /// Resets to no excited direction.
     pub fn clear(&mut self) {
         (self.rank, self.strong) = (0, 0);
         self.shares.fill(0.0);
@@ -112,7 +114,7 @@ impl Excitation {
         self.shares[i]
     }
 
-    /// True if parameter i has a part of at least a tenth in an excited direction.
+    /// True if parameter i has a component of at least a tenth in an excited direction.
     pub fn touches(&self, i: usize) -> bool {
         self.directions[i * self.n..i * self.n + self.rank]
             .iter()
@@ -151,7 +153,7 @@ impl Rule {
         }
     }
 
-    /// Takes over λ and ε.
+    /// Adopts λ and ε.
     pub fn retune(&mut self, options: &EstimatorOptions) {
         (self.lambda, self.floor) = (options.forgetting_factor, options.information_floor);
     }
@@ -185,8 +187,8 @@ impl Rule {
         let lambda = self.lambda;
         let lower = &mut self.work[..n * n];
         if !plain_cholesky(n, prior, lower) {
-            // cannot be: the information is kept positive definite; forgetting all of it is the
-            // safe side
+            // cannot happen, because the information is kept positive definite; forgetting all
+            // directions is the safe choice
             prior.iter_mut().for_each(|v| *v *= lambda);
             return;
         }
@@ -223,8 +225,8 @@ impl Rule {
         }
     }
 
-    /// Γ_m⁻¹ from Λ + S in place. False, and nothing changed, if G cannot be applied because Π⁻¹
-    /// is singular to rounding.
+    /// Γ_m⁻¹ from Λ + S, in place. Returns false and changes nothing if Π⁻¹ is singular to
+    /// rounding.
     pub fn posterior(&mut self, n: usize, matrix: &mut [f64]) -> bool {
         if !self.forgetting.is_bounded() {
             return true;
@@ -311,8 +313,8 @@ mod tests {
     fn val_directional_with_full_excitation_is_exponential_and_with_none_forgets_nothing() {
         let mut excitation = Excitation::new(3);
         let mut prior = [0.0; 9];
-        // the least eigenvalue is above 1, so that all directions are informed on, and a
-        // hundredfold strongly so
+        // the smallest eigenvalue is above 1, so all directions are excited; a hundred times the
+        // information excites all strongly
         excitation.analyse(&INFORMATION, &[1.0; 3], &[true; 3]);
         assert_eq!((excitation.rank, excitation.strong), (3, 0));
         rule(Forgetting::Directional, 0.8, 1e-6).prior(3, &INFORMATION, &excitation, &mut prior);

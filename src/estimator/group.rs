@@ -1,5 +1,5 @@
-//! One independent least squares problem: the parameters of a connected group of equations, and
-//! what is known about them.
+//! One independent least-squares problem: the parameters of a connected group of equations, with
+//! their information and covariance.
 //!
 //! ```text
 //! Λ       from Γ_{m−1}⁻¹ by the forgetting rule                       begin
@@ -7,8 +7,8 @@
 //! Γ_m⁻¹   = Λ + S, S = Σ w φφᵀ at θ̂_m                                 conclude, (9)
 //! ```
 //!
-//! The covariance of θ̂ is carried along whatever the forgetting rule (`error_covariance.rs`); each
-//! equation learns its noise (`equation.rs`).
+//! The covariance of θ̂ is propagated independently of the forgetting rule (`error_covariance.rs`);
+//! each equation learns its noise (`equation.rs`).
 
 use super::clusters::Clusters;
 use super::conditioning::{LARGEST_CONDITION, invert, repair};
@@ -29,7 +29,7 @@ use super::workspace::Workspace;
 use super::{Group, Structure};
 use std::ops::Range;
 
-/// The state of a group, with room for every step.
+/// The state of a group, with its workspace.
 #[derive(Debug, Clone)]
 pub struct GroupState {
     pub parameters: Range<usize>,
@@ -39,31 +39,30 @@ pub struct GroupState {
     pub information: Vec<f64>,
     /// Covariance of the error of θ̂.
     pub errors: ErrorCovariance,
-    /// What is published: the total, widened by repeats that disagree and by considered errors, n ×
-    /// n.
+    /// The total, widened by disagreement between blocks and by considered errors, n × n.
     pub honest: Vec<f64>,
-    /// The covariance that may be published, without what drifts widen it by: what relations are
-    /// imposed with. Empty if no drifts are considered, n × n.
+    /// The covariance that may be published, without the widening by drifts, n × n; used to impose
+    /// relations. Empty if no drifts are considered.
     pub undrifted: Vec<f64>,
-    /// Probability of the last block, were the plant unchanged.
+    /// Probability of the last block if the plant is unchanged.
     pub probability: f64,
     pub clusters: Clusters,
     pub considered: Considered,
     /// A change with all rows since.
     pub inquiry: Inquiry,
     pub drift: Drift,
-    /// Blocks that this group was updated with, and how many since its last alarm.
+    /// Number of updates of this group, and those since its last alarm.
     pub blocks: u64,
     pub since_alarm: u32,
-    /// Blocks since the last one that did not fit in one of its equations.
+    /// Blocks since the last one that one of its equations did not fit.
     pub since_misfit: u32,
     pub fixed: Vec<bool>,
     pub lower: Vec<f64>,
     pub upper: Vec<f64>,
     pub start_std: Vec<f64>,
-    /// What the last block informed on.
+    /// Directions that the last block informed on.
     pub excitation: Excitation,
-    /// What the data since the last change say, and the covariance that may be published.
+    /// Evidence since the last change, and the covariance that may be published.
     pub confirmation: Confirmation,
     /// Condition number of the column-scaled information.
     pub condition: f64,
@@ -160,7 +159,7 @@ impl GroupState {
         self.equations.iter_mut().for_each(|e| e.visit(v));
     }
 
-    /// Back to knowing nothing, in place; `theta` holds all parameters of the plant.
+    /// Resets in place to a state without data; `theta` holds all parameters of the plant.
     pub fn forget(&mut self, theta: &[f64], options: &EstimatorOptions) {
         for i in 0..self.n {
             self.fixed[i] = options.parameters[self.parameters.start + i].fixed;
@@ -175,12 +174,12 @@ impl GroupState {
         self.confirmation.begin(&theta[self.parameters.clone()]);
     }
 
-    /// Takes over what may be chosen anew at run time: λ and ε of the rule.
+    /// Adopts the options that may change at run time: λ and ε of the rule.
     pub fn retune(&mut self, options: &EstimatorOptions) {
         self.rule.retune(options);
     }
 
-    /// True for a state that this could be in: positive information, no negative variance.
+    /// True for a valid state: positive information, no negative variance.
     pub fn is_sound(&mut self) -> bool {
         let n = self.n;
         let equations_hold = self.equations.iter().all(EquationState::is_sound);
@@ -188,7 +187,7 @@ impl GroupState {
         self.errors.is_sound() && equations_hold && symmetric && self.cholesky.factor(n, &self.information)
     }
 
-    /// Puts parameter i back to what is known at the start: information ε, no correlation.
+    /// Resets parameter i to its state at the start: information ε, no correlation.
     pub fn forget_parameter(&mut self, i: usize, floor: f64) {
         let n = self.n;
         clear_entries(n, &mut self.information, i, floor);
@@ -205,8 +204,7 @@ impl GroupState {
         self.considered.forget_parameter(i);
     }
 
-    /// Looks at the block from the present estimate: innovation and sums at θ̄. False if the
-    /// rows are not finite there.
+    /// Computes innovation and sums at θ̄. False if the rows are not finite there.
     pub fn look(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
         self.equations.iter_mut().for_each(|e| e.loss = Loss::Square);
         let finite = self.evaluate_at(rows, 0..rows.len(), theta);
@@ -240,7 +238,7 @@ impl GroupState {
     }
 
     /// Sets the losses from the residuals at θ and renews the sums there; an open gate is Huber's
-    /// function. Does nothing if every row counts in full.
+    /// function. Does nothing if outliers are not limited.
     pub fn limit_outliers(
         &mut self,
         rows: &dyn Summable,
@@ -277,7 +275,7 @@ impl GroupState {
         );
         self.invert_free();
         let room = &mut self.room;
-        // A = I − K S, which is K Λ, and without cancellation, if Γ⁻¹ is Λ + S as it stands
+        // A = I − K S; if Γ⁻¹ is exactly Λ + S, this is K Λ, which avoids cancellation
         if options.forgetting.is_bounded() || self.condition > LARGEST_CONDITION {
             room.total.fill(0.0);
             add_grams(n, &self.equations, &self.at, &mut room.total);
@@ -307,7 +305,7 @@ impl GroupState {
             room.total.fill(0.0);
             add_gram(n, e, sums, &mut room.total);
             self.errors.carry_noise(room, &mut e.noise_covariance);
-            // tr(K S_e): what the parameters take of the rows
+            // tr(K S_e): degrees of freedom that the parameters take
             let taken: f64 = room.gain.iter().zip(&room.total).map(|(k, s)| k * s).sum();
             e.learn(sums, if stepped { after.cost } else { sums.cost }, taken, options);
         }
@@ -317,7 +315,7 @@ impl GroupState {
         self.total_covariance();
     }
 
-    /// Concludes a block that a line was fitted to: the covariance is the line's.
+    /// Concludes a block with a fitted line: the covariance is the line's.
     pub fn conclude_line(&mut self, theta: &[f64], options: &EstimatorOptions) {
         let n = self.n as f64;
         self.errors.guess.fill(0.0);
@@ -380,8 +378,7 @@ impl GroupState {
         );
         for i in 0..n {
             for j in 0..n {
-                // a fixed parameter keeps its own information and has none in common with the
-                // others
+                // a fixed parameter keeps its own information, uncorrelated with the others
                 if !self.fixed[i] && !self.fixed[j] {
                     self.information[i * n + j] = room.gain[i * n + j];
                 }
@@ -402,21 +399,21 @@ impl GroupState {
         mean_variance(&self.equations, &self.at)
     }
 
-    /// Size of parameter i: what a change of 100 % means.
+    /// Size of parameter i: a change of 100 %.
     pub fn size(&self, theta: &[f64], i: usize) -> f64 {
         let size = theta[self.parameters.start + i].abs().max(self.start_std[i]);
         if size > 0.0 { size } else { 1.0 }
     }
 
-    /// True if a free parameter is known to no better than half its size, which `theta` is close
-    /// to.
+    /// True if a free parameter has a standard deviation above half its size, which is evaluated at
+    /// `theta`.
     pub fn is_open(&self, theta: &[f64]) -> bool {
         let wide = |i: usize| self.errors.total[i * self.n + i] > (0.5 * self.size(theta, i)).powi(2);
         (0..self.n).any(|i| !self.fixed[i] && wide(i))
     }
 
-    /// Makes the covariance that may be published: P, widened by what the model may lack, of what
-    /// the data since the last change confirm.
+    /// Computes the covariance that may be published: P widened by considered errors, and by what
+    /// the data since the last change have not confirmed.
     pub fn publish(&mut self, theta: &[f64]) {
         self.honest.copy_from_slice(&self.errors.total);
         self.clusters.widen(&mut self.honest);
@@ -462,7 +459,7 @@ impl GroupState {
         self.errors.add_up(&self.equations);
     }
 
-    /// Sums over the columns of considered errors, at `theta` and over the rows that the fit used.
+    /// Sums over the columns of considered errors, at `theta` and over the rows of the fit.
     pub fn suspect(&mut self, rows: &dyn Summable, range: Range<usize>, theta: &[f64]) {
         for i in 0..self.n {
             self.room.scale[i] = if self.fixed[i] { 0.0 } else { self.size(theta, i) };
@@ -472,7 +469,7 @@ impl GroupState {
         self.considered.accumulate(rows, range, theta, &self.equations, changed);
     }
 
-    /// The same if a line was fitted; `theta` is room for all parameters.
+    /// The same for a fitted line; `theta` is workspace for all parameters.
     pub fn suspect_line(&mut self, rows: &dyn Summable, theta: &mut [f64]) {
         let update = LineUpdate {
             equations: &self.equations,
@@ -484,18 +481,18 @@ impl GroupState {
         self.considered.step_line(rows, &update, theta);
     }
 
-    /// True if no residual taught the noise level: it stands at the floor that the options tell.
+    /// True if the noise level is not learnt from residuals but equals the floor of the options.
     pub fn noise_is_told(&self) -> bool {
         self.equations.iter().all(|e| e.floor > 0.0)
     }
 
-    /// χ² of the residuals in `at` and its degrees of freedom, in units of the configured noise,
-    /// or else of the learnt one; and that unit.
+    /// χ² of the residuals in `at` and its degrees of freedom, in units of the configured noise
+    /// variance, or else of the learnt one; and that variance.
     pub fn misfit(&self) -> (f64, f64, f64) {
         chi_square(&self.equations, &self.at, self.noise_is_told())
     }
 
-    /// Λ = σ² P⁻¹ from the covariance as it is, for a fit whose prior is the honest one.
+    /// Λ = σ² P⁻¹ from the present covariance, for a fit with the true prior.
     pub fn prior_from_covariance(&mut self) {
         let n = self.n;
         let variance = self.variance().max(TINY);

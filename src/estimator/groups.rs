@@ -1,4 +1,4 @@
-//! All independent groups of parameters: what is asked of them together.
+//! All independent groups of parameters, and the operations on all of them.
 
 use super::Structure;
 use super::group::GroupState;
@@ -12,7 +12,7 @@ use std::ops::{Deref, DerefMut};
 #[derive(Debug, Clone)]
 pub struct Groups {
     pub states: Vec<GroupState>,
-    /// What the last change was.
+    /// The inquest into the last change.
     pub inquest: Inquest,
 }
 
@@ -53,15 +53,16 @@ impl Groups {
         self.inquest.close(&mut self.states);
     }
 
-    /// The plant may have changed in this block. Rows without columns of errors have nothing to
-    /// hold against that.
+    /// Begins an inquest: the plant may have changed in this block. Does nothing if the rows have
+    /// no columns of errors to test.
     pub fn begin_inquest(&mut self, rows: &dyn Summable) {
         if rows.suspects() > 0 {
             self.inquest.begin(&mut self.states);
         }
     }
 
-    /// True if nothing of a parameter's group may be used before it is clear what has changed.
+    /// True if no parameter of this parameter's group may be used until the cause of the change is
+    /// clear.
     pub fn withholds(&self, parameter: usize) -> bool {
         let holds = |group: &GroupState| group.parameters.contains(&parameter);
         self.iter().position(holds).is_some_and(|k| self.inquest.withholds(k))
@@ -72,22 +73,22 @@ impl Groups {
         self.iter().find(|g| g.parameters.contains(&parameter))
     }
 
-    /// Looks at the block from θ, see [`GroupState::look`]: all groups or none, for half a block
-    /// would be no estimate of the plant. False if any row is not finite there.
+    /// Evaluates the block at θ, see [`GroupState::look`], for all groups or none, because their
+    /// estimates must be of the same block. False if any row is not finite there.
     pub fn look(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
         self.iter_mut()
             .map(|g| g.look(rows, theta))
             .fold(true, |all, finite| all & finite)
     }
 
-    /// Begins at θ: nothing is confirmed yet.
+    /// Starts at θ: nothing is confirmed yet.
     pub fn begin(&mut self, theta: &[f64]) {
         for group in self.iter_mut() {
             group.confirmation.begin(&theta[group.parameters.clone()]);
         }
     }
 
-    /// The plant has changed: nothing is confirmed any more, in no group.
+    /// Call this if the plant has changed: nothing remains confirmed in any group.
     pub fn doubt(&mut self, theta: &[f64]) {
         for group in self.iter_mut() {
             let own = group.parameters.clone();
@@ -95,15 +96,14 @@ impl Groups {
         }
     }
 
-    /// σ allows for errors with these second moments.
+    /// Makes σ allow for errors with these second moments.
     pub fn allow_for(&mut self, moments: &[f64]) {
         for group in self.iter_mut() {
             group.considered.moments.copy_from_slice(moments);
         }
     }
 
-    /// Fixes a parameter, or sets it free; either way nothing is known of it but θ and the floor of
-    /// the information.
+    /// Fixes or frees a parameter; either way only θ and the floor of the information remain of it.
     pub fn fix(&mut self, index: usize, fixed: bool, theta: &[f64], floor: f64) {
         if let Some(k) = self.iter().position(|g| g.parameters.contains(&index)) {
             let group = &mut self.states[k];
@@ -115,7 +115,8 @@ impl Groups {
         }
     }
 
-    /// Entry of the matrix that `of` gives for a group, of two parameters of all; 0 between groups.
+    /// Entry (i, j) of the matrix that `of` returns for a group; 0 between groups. i and j count
+    /// over all parameters.
     pub fn entry<'a>(&self, i: usize, j: usize, of: impl Fn(usize) -> &'a Vec<f64>) -> f64 {
         let holds = |g: &GroupState| g.parameters.contains(&i) && g.parameters.contains(&j);
         self.iter().position(holds).map_or(0.0, |k| {

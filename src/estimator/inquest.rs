@@ -1,33 +1,33 @@
-//! What a change was, by all rows since: is the plant another one, or what it is measured with?
+//! Finds the cause of a change from all rows since: the plant, or a drive or sensor.
 //!
 //! ```text
 //! X_0 = Σ_g (J_0 − J_θ)                nothing has changed                (b) to (d) of inquiry.rs, per group g
 //! X_s = X_0′ − (Σ_g u_s)²/Σ_g i_s      error s, of one amplitude, with the parameters as they were
-//! X ≤ 30 + number of parameters        explains the rows as well as other parameters do
+//! X ≤ 30 + number of parameters        explains the rows as well as changed parameters do
 //! ```
 //!
-//! A drive that gives 5 % less from some time on moves every parameter of its equation by 5 %, and
-//! leaves no residual: the estimate follows, exactly and wrongly. A plant that changes moves some
-//! parameters and leaves others. So after a change each hypothesis of an error that may come up
-//! while a machine runs is held against (b) and (c), over all groups together: two causes at once
-//! are unlikely. Nothing may be used
+//! A drive that suddenly gives 5 % less moves every parameter of its equation by 5 % and leaves no
+//! residual: the estimate follows, precisely and wrongly. A change of the plant moves some
+//! parameters and leaves others. So after a change, each error that can arise while a machine runs
+//! is compared with (b) and (c), over all groups together, because two causes at once are unlikely.
+//! Nothing may be used
 //!
-//! * while some error explains the rows as well as other parameters do,
+//! * while some error explains the rows as well as changed parameters do,
 //! * while all parameters of a group seem to have changed, or
-//! * while the estimate has moved although the rows say that nothing has changed:
+//! * while the estimate has moved although the rows show no change:
 //!
-//! until the rows refute that, which most motion does within a block or two, or for as long as they
-//! do not. Groups that are what they were may be used meanwhile. A change back is seen the same
-//! way, because θ₀ stays that of before the first of them.
+//! until the rows refute that. With most motion this takes a block or two; it may also never
+//! happen. Groups that have not moved may be used meanwhile. A change back is recognised in the
+//! same way, because θ₀ stays the estimate before the first change.
 //!
-//! Rows of the block that raised the alarm do not count, for the change may lie within it, nor do
-//! those of a group whose estimate is still on its way (`inquiry_step.rs`).
+//! Rows of the block that raised the alarm do not count, because the change may lie within it; nor
+//! do rows of a group whose estimate is still converging (`inquiry_step.rs`).
 //!
-//! An error is named if no other one explains the rows about as well, and either the rows tell a
-//! change of this size from none in more than half of the directions, for a machine that rests
-//! shows one, which every cause explains, or it has explained some blocks of motion. Once it has
-//! explained more of these, a further change leaves nothing to compare its groups with, and only
-//! (c) clears them up.
+//! An error is named if no other explains the rows about as well, and if either the rows
+//! distinguish a change of this size from none in more than half of the directions (a machine at
+//! rest shows one direction, which every cause explains), or the error has explained some blocks of
+//! motion. Once it has explained more of these, a further change leaves its groups without a
+//! reference, and only (c) clears them.
 
 use super::group::GroupState;
 use super::inquiry::{Comparison, REFUTED};
@@ -38,21 +38,21 @@ use super::score_test::Suspicion;
 /// another change leaves nothing to compare with.
 const LONG: u32 = 2;
 const SURE: u32 = 4;
-/// Standard deviations of an error's amplitude from which on it is what has changed.
+/// Standard deviations of an error's amplitude above which it counts as the cause of the change.
 const SEEN: f64 = 5.0;
 /// χ² by which an error must explain more than any other to be named.
 const ALONE: f64 = 10.0;
 
-/// What is known of the last change.
+/// State of the inquest into the last change.
 #[derive(Debug, Clone)]
 pub struct Inquest {
     /// A change was found in this block.
     begun: bool,
-    /// Groups, a bit each, of which nothing may be used: it is not clear what has changed, or an
-    /// error explained a change and there was another since.
+    /// Groups, a bit each, that must not be used: the cause is unclear, or a further change
+    /// followed one that an error explained.
     withheld: u64,
     lost: u64,
-    /// Blocks for which an error has explained the change, and whether one is named.
+    /// Number of blocks for which an error has explained the change, and whether one is named.
     blocks: u32,
     named: bool,
     cause: Option<Suspicion>,
@@ -60,7 +60,7 @@ pub struct Inquest {
     compared: Vec<Option<Comparison>>,
 }
 
-/// Groups, a bit each, whose estimate is not what it was before the change.
+/// Groups, a bit each, whose estimate differs from that before the change.
 fn moved(groups: &[GroupState]) -> u64 {
     let moved = groups.iter().enumerate().filter(|(_, group)| group.inquiry.has_moved());
     moved.fold(0, |mask, (k, _)| mask | 1 << k)
@@ -68,17 +68,17 @@ fn moved(groups: &[GroupState]) -> u64 {
 
 /// Which hypothesis explains the rows since a change.
 enum Found {
-    /// None; surely, or as far as the rows tell.
+    /// No change: true if certain, false if the rows are merely consistent with it.
     Nothing(bool),
-    /// Other parameters alone.
+    /// Changed parameters alone.
     Plant,
-    /// Other parameters alone, but all of a group.
+    /// Changed parameters alone, but all of a group.
     Everything,
     Error(Suspicion, bool),
 }
 
 impl Inquest {
-    /// Nothing has changed, in so many groups.
+    /// No change, for a number of groups.
     pub fn new(groups: usize) -> Self {
         Self {
             begun: false,
@@ -99,12 +99,12 @@ impl Inquest {
         v.flag(&mut self.named);
     }
 
-    /// True if nothing of group k may be used.
+    /// True if no parameter of group k may be used.
     pub fn withholds(&self, k: usize) -> bool {
         (self.withheld | self.lost) >> k & 1 == 1
     }
 
-    /// True if nothing of some group may be used.
+    /// True if some group must not be used.
     pub fn is_unclear(&self) -> bool {
         self.withheld | self.lost != 0
     }
@@ -114,14 +114,15 @@ impl Inquest {
         self.cause
     }
 
-    /// Ends it, whatever came out.
+    /// Ends the inquest without a result.
     pub fn close(&mut self, groups: &mut [GroupState]) {
         groups.iter_mut().for_each(|group| group.inquiry.close());
         (self.begun, self.withheld, self.lost) = (false, 0, 0);
         (self.blocks, self.named, self.cause) = (0, false, None);
     }
 
-    /// The plant may have changed from θ̄ of this block, which is known as was published last.
+    /// Begins the inquest: the plant may have changed from θ̄ of this block, whose covariance is
+    /// the one published last.
     pub fn begin(&mut self, groups: &mut [GroupState]) {
         if self.blocks >= SURE {
             self.lost |= self.withheld;
@@ -133,26 +134,26 @@ impl Inquest {
         }
     }
 
-    /// True while it is asked what the last change was.
+    /// True while the cause of the last change is sought.
     pub fn is_open(&self, groups: &[GroupState]) -> bool {
         groups.iter().any(|group| group.inquiry.is_open())
     }
 
-    /// True if the rows of this block count: a change is asked about that was found before it.
+    /// True if the rows of this block count, because the change was found before it.
     pub fn counts(&mut self, groups: &[GroupState]) -> bool {
         let begun = std::mem::replace(&mut self.begun, false);
         !begun && self.is_open(groups)
     }
 
-    /// Group k is another one now: nothing is asked of it.
+    /// Leaves out group k, because its set of parameters has changed.
     pub fn leave_out(&mut self, k: usize, groups: &mut [GroupState]) {
         groups[k].inquiry.close();
         self.withheld &= !(1 << k);
         self.lost &= !(1 << k);
     }
 
-    /// Judges the rows so far, if some were `added`. Groups that are `on_its_way`, a bit each, may
-    /// not be used before it is clear what has changed.
+    /// Judges the rows so far, if some were `added`. Groups `on_its_way`, a bit each, must not be
+    /// used until the cause is clear.
     pub fn judge(&mut self, groups: &mut [GroupState], added: bool, on_its_way: u64) {
         if added {
             self.compare(groups, on_its_way);
@@ -195,14 +196,14 @@ impl Inquest {
         }
     }
 
-    /// Groups that can be compared with what they were, and of which this holds.
+    /// Groups that can be compared with their reference and for which `holds` is true.
     fn asked(&self, holds: impl Fn(&Comparison) -> bool) -> u64 {
         let compared = self.compared.iter().enumerate();
         let asked = compared.filter(|(k, c)| self.lost >> k & 1 == 0 && c.as_ref().is_some_and(&holds));
         asked.fold(0, |mask, (k, _)| mask | 1 << k)
     }
 
-    /// What explains the rows; `None` if they cannot be compared.
+    /// The hypothesis that explains the rows; `None` if they cannot be compared.
     fn find(&self, groups: &[GroupState]) -> Option<Found> {
         let asked = self.asked(|_| true);
         let of = |k: &usize| asked >> k & 1 == 1;
@@ -252,7 +253,7 @@ impl Inquest {
         Some(if plausible { Found::Plant } else { Found::Everything })
     }
 
-    /// An error explains the rows, `alone` or not.
+    /// Records that an error explains the rows, `alone` or not.
     fn suspect(&mut self, error: Suspicion, alone: bool) {
         let changed = self.asked(|c| !c.is_nothing());
         self.withheld &= !self.asked(|_| true);
@@ -264,7 +265,7 @@ impl Inquest {
         self.cause = self.named.then_some(error);
     }
 
-    /// The plant has changed, or nothing has.
+    /// Clears all groups: the plant has changed, or nothing has.
     fn clear(&mut self, groups: &mut [GroupState]) {
         let cleared = groups.iter_mut().enumerate().filter(|(k, _)| self.lost >> k & 1 == 0);
         cleared.for_each(|(_, group)| group.inquiry.close());

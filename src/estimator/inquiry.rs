@@ -1,5 +1,5 @@
-//! A change of one group with all its rows since: what other parameters would explain of it, and
-//! what errors of a drive or a sensor would. `inquest.rs` judges over all groups.
+//! A change of one group with all its rows since: how well changed parameters explain them, and how
+//! well errors of a drive or a sensor do. `inquest.rs` judges over all groups.
 //!
 //! ```text
 //! J(δ, a) = Σ (f − φᵀδ − a d)²/σ²     rows since the change, at θ₀ of before it                  (a)
@@ -10,16 +10,16 @@
 //! δ_θ: the shift of (b);  C: its covariance;  r² = δ_θᵀ Σφφᵀ δ_θ/θ₀ᵀ Σφφᵀ θ₀
 //! ```
 //!
-//! P₀ is the covariance that was published before the change, so what was not known then tells
-//! nothing now; but without what considered errors may do, for these have not changed. Rows are
-//! linearised at θ₀, where (d) holds, however far the estimate has gone since; ρ allows for an
-//! error that is so large that its column is curved. σ² is larger than the noise if the rows leave
-//! more than noise behind.
+//! P₀ is the covariance published before the change, so parameters unknown then do not count now;
+//! it excludes the widening by considered errors, because these have not changed. Rows are
+//! linearised at θ₀, where (d) holds, however far the estimate has moved since; ρ allows for an
+//! error so large that its column is nonlinear. σ² exceeds the noise if the rows leave more than
+//! noise.
 //!
 //! **A plant that has changed** differs from before in some parameters, and others, such as the
 //! back EMF of a motor, are what they were. Parameter i stays if |δ_i| < 3 √(C_ii + V_ii), and the
-//! rows tell of it if r θ₀_i is at least twice as much. What moves all parameters that the rows
-//! tell of, two or more, is more likely an error of the measurement.
+//! rows can show a change of it if r θ₀_i is at least twice that. A cause that moves all parameters
+//! whose change the rows can show, two or more, is more likely an error of the measurement.
 
 use super::equation::{EquationState, TINY};
 use super::linalg::{Cholesky, Eigen, dot, gather, mul_vec};
@@ -27,23 +27,23 @@ use super::pass::{Summable, Sums};
 use super::persist::Visit;
 use std::ops::Range;
 
-/// ρ: share of the change that columns are off by because they are not linear.
+/// ρ: relative error of the columns due to nonlinearity.
 const CURVED: f64 = 0.05;
-/// ε: change of a parameter that nobody minds.
+/// ε: negligible relative change of a parameter.
 const NOTABLE: f64 = 1e-3;
-/// χ² beyond which (c) or (d) is refuted beside (b), beside one per parameter.
+/// χ² above that of (b), in excess of one per parameter, that refutes (c) or (d).
 pub const REFUTED: f64 = 30.0;
-/// Share by which parameters would have to change for the rows to tell: these know more than half
-/// of the directions.
+/// Relative change of the parameters that the rows must be able to show in more than half of the
+/// directions.
 const KNOWN: f64 = 0.5;
-/// Standard deviations by which the rows must tell a change of so much from none, in more than half
-/// of the directions.
+/// Standard deviations by which the rows must distinguish such a change from none, in more than
+/// half of the directions.
 const TOLD: f64 = 5.0;
-/// Standard deviations within which a parameter stays what it was, and by which the rows must tell
-/// that it has changed.
+/// Standard deviations within which a parameter counts as unchanged, and by which the rows must be
+/// able to show a change.
 const STAYS: f64 = 3.0;
 
-/// A change with all that has come since, of one group.
+/// A change of one group, with all rows since.
 #[derive(Debug, Clone)]
 pub struct Inquiry {
     n: usize,
@@ -65,7 +65,7 @@ pub struct Inquiry {
     cross: Vec<f64>,
     gram: Vec<f64>,
     score: Vec<f64>,
-    /// What δ leaves of the score and of the square of each column, in units of the residuals.
+    /// Score and square of each column after δ has taken its part, in units of the residuals.
     pulls: Vec<[f64; 2]>,
     // scratch
     matrix: Vec<f64>,
@@ -77,7 +77,7 @@ pub struct Inquiry {
     image: Vec<f64>,
 }
 
-/// What a block adds: its sums, and those over the columns of errors, both taken at θ₀.
+/// The contribution of a block: its sums, and those over the columns of errors, both at θ₀.
 pub struct BlockSums<'a> {
     /// The group's parameters among all.
     pub parameters: Range<usize>,
@@ -91,7 +91,7 @@ pub struct BlockSums<'a> {
     pub variance: f64,
 }
 
-/// What the rows of a group say of the change.
+/// Comparison of the hypotheses for a group.
 #[derive(Debug, Clone, Copy)]
 pub struct Comparison {
     /// Free parameters.
@@ -100,23 +100,24 @@ pub struct Comparison {
     pub nothing: f64,
     /// The same with the V of (d), which is wider.
     pub base: f64,
-    /// The rows know more than half of the directions.
+    /// The rows inform on more than half of the directions.
     pub moves: bool,
-    /// They tell a change of the size in question from none, in more than half of the directions.
+    /// The rows distinguish a change of the size in question from none, in more than half of the
+    /// directions.
     pub tells: bool,
-    /// A plant may have changed like that: some parameter has stayed.
+    /// A change of the plant is plausible, because some parameter has stayed.
     pub plausible: bool,
 }
 
 impl Comparison {
-    /// True if the parameters may be what they were.
+    /// True if the parameters may be unchanged.
     pub fn is_nothing(&self) -> bool {
         self.nothing <= REFUTED + self.count as f64
     }
 }
 
 impl Inquiry {
-    /// Room for a group of n parameters and so many errors.
+    /// Workspace for a group of n parameters and `errors` errors.
     pub fn new(n: usize, errors: usize) -> Self {
         let (matrix, vector) = (vec![0.0; n * n], vec![0.0; n]);
         Self {
@@ -158,7 +159,7 @@ impl Inquiry {
         v.real(&mut self.rows);
     }
 
-    /// Ends it, whatever came out.
+    /// Ends the inquiry without a result.
     pub fn close(&mut self) {
         self.open = false;
     }
@@ -168,18 +169,18 @@ impl Inquiry {
         &self.reference
     }
 
-    /// χ² per row that blocks had before, and the square by which innovations exceeded it.
+    /// χ² per row of the blocks before, and the mean square by which innovations exceeded it.
     pub fn usual(&self) -> [f64; 2] {
         self.usual
     }
 
-    /// True while it goes on.
+    /// True while the inquiry is open.
     pub fn is_open(&self) -> bool {
         self.open
     }
 
-    /// Compares θ̂, known with covariance P, with θ₀: if nothing has changed, they agree, as nearly
-    /// as (c) is asked to.
+    /// Compares θ̂ (covariance P) with θ₀: if nothing has changed, they agree as closely as (c)
+    /// requires.
     pub fn look_at(&mut self, theta: &[f64], covariance: &[f64]) {
         let n = self.n;
         let limit = REFUTED + n as f64;
@@ -195,13 +196,13 @@ impl Inquiry {
         self.moved
     }
 
-    /// Score and information of each error beside (c), after [`compare`](Self::compare).
+    /// Score and information of each error relative to (c), after [`compare`](Self::compare).
     pub fn pulls(&self) -> &[[f64; 2]] {
         &self.pulls
     }
 
-    /// A change: what was known before it was θ₀ with the covariance P₀. One that is not cleared up
-    /// yet keeps its own.
+    /// Begins with a change from θ₀, of covariance P₀. An unresolved change keeps its own θ₀ and
+    /// P₀.
     pub fn begin(&mut self, theta: &[f64], covariance: &[f64], size: &[f64], usual: [f64; 2]) {
         if !self.open {
             self.usual = usual;
@@ -214,7 +215,7 @@ impl Inquiry {
         self.sums_mut().into_iter().for_each(|sums| sums.fill(0.0));
     }
 
-    /// Adds a block, after the rows so far were forgotten by `forgetting_factor`.
+    /// Adds a block, after multiplying the earlier sums by `forgetting_factor`.
     pub fn take(&mut self, rows: &dyn Summable, block: &BlockSums<'_>, forgetting_factor: f64) {
         let n = self.n;
         self.forget(forgetting_factor);
@@ -246,7 +247,8 @@ impl Inquiry {
         }
     }
 
-    /// Sums over the column Σ_i φ_i θ₀_i r_i of an error that changes the parameters so.
+    /// Sums over the column Σ_i φ_i θ₀_i r_i of an error that looks like these relative `changes`
+    /// of the parameters.
     fn imitate(&mut self, s: usize, changes: &[f64]) {
         let n = self.n;
         for i in 0..n {
@@ -276,13 +278,13 @@ impl Inquiry {
         self.rows *= forgetting_factor;
     }
 
-    /// Holds (b) to (d) against each other; `None` if the rows cannot be compared.
+    /// Compares (b) to (d); `None` if the rows cannot be compared.
     pub fn compare(&mut self, fixed: &[bool]) -> Option<Comparison> {
         let n = self.n;
         if !self.open || !(self.rows > 0.0) {
             return None;
         }
-        // (b), and what it leaves beyond the noise
+        // (b), and its residual beyond the noise
         self.matrix.copy_from_slice(&self.information);
         for i in 0..n {
             self.matrix[i * n + i] += self.size[i].powi(-2);
@@ -301,7 +303,7 @@ impl Inquiry {
         for s in 0..self.gram.len() {
             self.pulls[s] = [0.0; 2];
             if self.gram[s] > 0.0 {
-                // (d): what δ leaves of the column, and of its score
+                // (d): the column and its score after δ has taken its part
                 let cross = s * n..(s + 1) * n;
                 self.solve(fixed, Side::Error(s));
                 let left = self.gram[s] - dot(&self.cross[cross], &self.shift);
@@ -321,8 +323,8 @@ impl Inquiry {
         })
     }
 
-    /// min J(δ, 0) + δᵀV⁻¹δ, where `share` has changed of what the equations balance; `factor` is
-    /// then that of Σφφᵀ + V⁻¹.
+    /// min J(δ, 0) + δᵀV⁻¹δ, with `share` the relative change of what the equations balance;
+    /// `factor` is then that of Σφφᵀ + V⁻¹.
     fn unchanged(&mut self, share: f64, excess: f64, fixed: &[bool]) -> Option<f64> {
         let n = self.n;
         self.matrix.copy_from_slice(&self.known);
@@ -344,13 +346,13 @@ impl Inquiry {
         Some(-self.solve(fixed, Side::Rows))
     }
 
-    /// By how much parameter i may be off although nothing has changed, beside P₀.
+    /// Tolerance of parameter i under no change, in addition to P₀.
     fn slack(&self, share: f64, i: usize) -> f64 {
         (CURVED * share).hypot(NOTABLE) * self.reference[i]
     }
 
-    /// True if a parameter that the rows tell of stays what it was by (b), whose shift is `shift`
-    /// and whose covariance is `inverse`, or if they tell of fewer than two.
+    /// True if some parameter whose change the rows could show has stayed according to (b), with
+    /// `shift` and covariance `inverse`, or if they could show fewer than two.
     fn some_stay(&self, excess: f64, share: f64, fixed: &[bool]) -> bool {
         let free = (0..self.n).filter(|&i| !fixed[i]);
         let count = free.clone().count();
@@ -367,7 +369,7 @@ impl Inquiry {
         stay > 0 || told < 2
     }
 
-    /// r: how much of what the equations balance has changed.
+    /// r: the relative change of what the equations balance.
     fn share_changed(&mut self) -> f64 {
         let n = self.n;
         mul_vec(n, &self.information, &self.shift, &mut self.image);
@@ -376,8 +378,8 @@ impl Inquiry {
         (changed / dot(&self.reference, &self.image).max(TINY)).max(0.0).sqrt()
     }
 
-    /// True if the rows tell a change of all parameters by this share from none, in more than half
-    /// of the directions.
+    /// True if the rows distinguish a change of all parameters by this share from none, in more
+    /// than half of the directions.
     fn tell(&mut self, share: f64, fixed: &[bool]) -> bool {
         let n = self.n;
         for i in 0..n {

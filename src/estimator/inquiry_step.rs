@@ -1,4 +1,4 @@
-//! What a block adds to the inquiry into the last change, see `inquest.rs`.
+//! Adds a block to the inquiry into the last change, see `inquest.rs`.
 
 use super::group::GroupState;
 use super::groups::Groups;
@@ -7,17 +7,17 @@ use super::options::EstimatorOptions;
 use super::pass::Summable;
 use std::ops::Range;
 
-/// χ² per row, beside that before the change, beyond which a block is left out: nothing explains
-/// its rows yet.
+/// χ² per row, relative to that before the change, above which a block is left out because no
+/// hypothesis explains its rows yet.
 const ROUGH: f64 = 1.4;
-/// Noise variances by which the innovation may exceed the residual, beside twice what it did before
-/// the change. Rows are smoothed with the estimate before the block, and agree with it: one that is
-/// still on its way would be confirmed.
+/// Noise variances by which the innovation may exceed the residual, in addition to twice the excess
+/// before the change. Rows are smoothed with the estimate before the block and agree with it, so an
+/// estimate that is still converging would be confirmed.
 const MOVED: f64 = 1.0;
 
 impl Groups {
-    /// Adds the rows of `range` to what is asked about the last change, see `inquest.rs`; not those
-    /// of a block that does not `fit`. `theta` holds all parameters, and is room afterwards.
+    /// Adds the rows of `range` to the inquiry into the last change, see `inquest.rs`, unless the
+    /// block does not `fit`. `theta` holds all parameters; it is used as workspace.
     pub fn inquire(
         &mut self,
         rows: &dyn Summable,
@@ -42,7 +42,8 @@ impl Groups {
 }
 
 impl GroupState {
-    /// The plant may have changed from θ̄ of this block, which is known as was published last.
+    /// Begins the inquiry: the plant may have changed from θ̄ of this block, whose covariance is
+    /// the one published last.
     pub fn begin_inquiry(&mut self) {
         for i in 0..self.n {
             let size = self.centre[i].abs().max(self.start_std[i]);
@@ -51,7 +52,7 @@ impl GroupState {
         let levels = self.equations.iter().filter(|e| e.floor > 0.0);
         let level = levels.map(|e| e.variance / (e.floor * e.floor)).fold(1.0, f64::max);
         let surprise = self.equations.iter().map(|e| e.surprise).fold(0.0, f64::max);
-        // without what considered errors may do: they have not changed
+        // without the widening by considered errors, because these have not changed
         let published = self.confirmation.covariance.iter().zip(&self.honest);
         let known = self.room.a.iter_mut().zip(&self.errors.total);
         known
@@ -61,8 +62,8 @@ impl GroupState {
             .begin(&self.centre, &self.room.a, &self.room.scale, [level, surprise]);
     }
 
-    /// True if the estimate was so far off before the block, or is so now, that its rows tell
-    /// nothing of the change.
+    /// True if the estimate was before the block, or is now, so far off that the rows are no
+    /// evidence about the change.
     fn is_on_its_way(&self, fit: &[f64]) -> bool {
         let [level, surprise] = self.inquiry.usual();
         let equations = self.equations.iter().zip(&self.at);
@@ -71,8 +72,8 @@ impl GroupState {
             .any(|(e, sums)| fit[e.index] >= ROUGH * level || e.excess(sums) > MOVED + 2.0 * surprise)
     }
 
-    /// Adds the rows of `range` to the inquiry, if there is one. `theta` holds all parameters, and
-    /// those of the group are θ₀ of the inquiry afterwards. True if there are more rows now.
+    /// Adds the rows of `range` to the inquiry, if there is one. `theta` holds all parameters;
+    /// afterwards those of the group are θ₀ of the inquiry. True if rows were added.
     fn add_to_inquiry(
         &mut self,
         rows: &dyn Summable,

@@ -1,9 +1,9 @@
 //! Dense kernels for the small symmetric problems of the estimators, on slices, without allocation.
 //!
 //! Matrices are n × n, row-major. A symmetric matrix is always stored in full. Factoring is
-//! column-scaled: with D = diag(1/√a_ii) the matrix D A D has a unit diagonal, so that parameters
-//! of very different units (jerk times 0.004, velocity times 23) meet on equal terms, which is van
-//! der Sluis's nearly optimal scaling.
+//! column-scaled: with D = diag(1/√a_ii) the matrix D A D has a unit diagonal, so parameters of
+//! very different units (jerk times 0.004, velocity times 23) are treated alike. This scaling is
+//! nearly optimal (van der Sluis).
 
 /// Scaled pivots below this are rounding, not information: with n ≤
 /// [`MAX_PARAMS`](super::MAX_PARAMS) the rounding of a Gram matrix, (n + 1) · 1.1e-16 = 1.4e-14,
@@ -31,12 +31,12 @@ pub fn mul(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
     }
 }
 
-/// A S Aᵀ for a positive semidefinite S, by way of S = G Gᵀ.
+/// A S Aᵀ for a positive semidefinite S, computed from S = G Gᵀ.
 ///
-/// The product of the three matrices as they stand loses more than an answer can bear: where A maps
-/// a direction that S knows to 1e-11 of its size onto one that is wide open, as after a block in
-/// which a joint stood still, rounding leaves negative variances. (A G)(A G)ᵀ has none, and its
-/// error is that of G, which is small beside S in every direction.
+/// Multiplying the three matrices directly loses too many digits: if A maps a direction that S
+/// knows to 1e-11 of its size onto an undetermined one, as after a block in which a joint stood
+/// still, rounding leaves negative variances. (A G)(A G)ᵀ has none, and its error is that of G,
+/// which is small beside S in every direction.
 #[derive(Debug, Clone)]
 pub struct Congruence {
     factor: Vec<f64>,
@@ -46,7 +46,7 @@ pub struct Congruence {
 }
 
 impl Congruence {
-    /// Room for n × n.
+    /// Workspace for n × n matrices.
     pub fn new(n: usize) -> Self {
         Self {
             factor: vec![0.0; n * n],
@@ -73,7 +73,7 @@ impl Congruence {
         }
     }
 
-    // G of S = G Gᵀ: Cholesky's method with column scaling and complete pivoting, which ends where
+    // G of S = G Gᵀ: Cholesky's method with column scaling and complete pivoting, which ends when
     // only rounding is left
     fn split(&mut self, n: usize, s: &[f64]) -> usize {
         for i in 0..n {
@@ -82,7 +82,7 @@ impl Congruence {
         }
         self.factor[..n * n].fill(0.0);
         for k in 0..n {
-            // what is left of the unit diagonal
+            // the remainder of the unit diagonal
             let rest = |i: usize| -> f64 {
                 let row = &self.factor[i * n..i * n + k];
                 if self.scale[i] > 0.0 { 1.0 - dot(row, row) } else { 0.0 }
@@ -128,8 +128,8 @@ impl Congruence {
     }
 }
 
-/// Copies the rows and columns of `a` that are not `dropped` to the head of `out`; returns how many
-/// they are.
+/// Copies the rows and columns of `a` that are not `dropped` to the head of `out`; returns their
+/// number.
 pub fn gather(n: usize, a: &[f64], dropped: &[bool], out: &mut [f64]) -> usize {
     let mut at = 0;
     for i in (0..n).filter(|&i| !dropped[i]) {
@@ -163,7 +163,7 @@ pub struct Cholesky {
 }
 
 impl Cholesky {
-    /// Room for matrices up to n × n.
+    /// Workspace for matrices up to n × n.
     pub fn new(n: usize) -> Self {
         Self {
             n,
@@ -242,8 +242,8 @@ impl Cholesky {
         }
     }
 
-    /// out ← A⁻¹ = D L⁻ᵀ L⁻¹ D, symmetric by construction. A third of what a solution for each
-    /// column of the unit matrix takes.
+    /// out ← A⁻¹ = D L⁻ᵀ L⁻¹ D, symmetric by construction. Takes a third of the time of solving for
+    /// each column of the unit matrix.
     pub fn inverse(&self, out: &mut [f64]) {
         let n = self.n;
         // L⁻¹, its columns as the rows of the upper triangle: L (L⁻¹)_j = e_j
@@ -254,8 +254,8 @@ impl Cholesky {
                 out[j * n + i] = (unit - done) / self.lower[i * n + i];
             }
         }
-        // products of its columns into the lower triangle; the diagonal's own comes last, since
-        // no later row needs what stood there
+        // products of its columns into the lower triangle; the diagonal entry comes last, because
+        // no later row needs the old value
         for i in 0..n {
             for j in 0..=i {
                 let v = dot(&out[i * n + i..(i + 1) * n], &out[j * n + i..(j + 1) * n]);
@@ -282,7 +282,7 @@ pub struct Eigen {
 }
 
 impl Eigen {
-    /// Room for matrices up to n × n.
+    /// Workspace for matrices up to n × n.
     pub fn new(n: usize) -> Self {
         Self {
             values: vec![0.0; n],
@@ -291,7 +291,8 @@ impl Eigen {
         }
     }
 
-    /// Decomposes the n × n matrix `a`. A matrix that is not finite gives eigenvalues that are not.
+    /// Decomposes the n × n matrix `a`. A matrix that is not finite gives eigenvalues that are not
+    /// finite.
     pub fn decompose(&mut self, n: usize, a: &[f64]) {
         let w = &mut self.work[..n * n];
         let v = &mut self.vectors[..n * n];

@@ -5,9 +5,9 @@
 //! minimise Σ_e Σ f_n(θ(s_n))²/σ_e² + (c − v/2 − θ̄)ᵀ C⁻¹ (c − v/2 − θ̄) + Σ_i (v_i − v̄_i)²/V_i
 //! ```
 //!
-//! by Gauss–Newton over (c, v), each row at its own θ. A constant fitted to a drifting block is
-//! worse than late: the movement of a strong parameter turns up in the weak ones, by a hundred
-//! times its size. The estimate is the line's end, c + v/2.
+//! by Gauss–Newton over (c, v), each row at its own θ. Fitting a constant to a drifting block does
+//! not merely lag: the drift of a well-excited parameter leaks into poorly excited ones, amplified
+//! a hundredfold. The estimate is the line's end, c + v/2.
 
 use super::equation::{EquationState, TINY};
 use super::linalg::{Cholesky, dot};
@@ -15,7 +15,7 @@ use super::pass::Summable;
 use super::persist::Visit;
 use std::ops::Range;
 
-/// What is known of a line before the block.
+/// The prior of a line.
 #[derive(Debug, Clone, Copy)]
 pub struct LinePrior<'a> {
     /// θ̄, where the line is expected to start.
@@ -28,7 +28,7 @@ pub struct LinePrior<'a> {
     pub slope_variance: &'a [f64],
 }
 
-/// A line with its covariance, and the room to fit it.
+/// A line with its covariance, and the workspace to fit it.
 #[derive(Debug, Clone)]
 pub struct LineFit {
     n: usize,
@@ -36,12 +36,12 @@ pub struct LineFit {
     pub middle: Vec<f64>,
     /// v.
     pub slope: Vec<f64>,
-    /// What the fit costs against its prior: χ² with at most 2n degrees of freedom if the line
-    /// goes on as expected.
+    /// χ² of the fit relative to its prior, with at most 2n degrees of freedom if the line
+    /// continues as expected.
     pub surprise: f64,
     /// Covariance of (c, v), 2n × 2n.
     pub covariance: Vec<f64>,
-    /// Σ f² per equation of the group, and how many rows are not in it because they are outliers.
+    /// Σ f² per equation of the group, without outliers.
     pub costs: Vec<f64>,
     pub outliers: Vec<usize>,
     matrix: Vec<f64>,
@@ -56,7 +56,7 @@ impl LineFit {
     /// Gauss–Newton converges quadratically from the constant fit; the fourth step is at rounding.
     const ITERATIONS: usize = 4;
 
-    /// Room for a group of n of all `params` parameters and `equations` equations.
+    /// Workspace for a group of n of all `params` parameters and `equations` equations.
     pub fn new(n: usize, params: usize, equations: usize) -> Self {
         let m = 2 * n;
         Self {
@@ -76,15 +76,15 @@ impl LineFit {
         }
     }
 
-    /// The last line: a drift goes on from it.
+    /// State kept from block to block: the last line, from which a drift continues.
     pub fn visit(&mut self, v: &mut impl Visit) {
         v.reals(&mut self.middle);
         v.reals(&mut self.slope);
         v.reals(&mut self.covariance);
     }
 
-    /// Fits a line to the rows, from θ and no slope. Returns Σ ρ(f)/σ², `None` if it cannot be
-    /// fitted.
+    /// Fits a line to the rows, starting at θ with slope 0. Returns Σ ρ(f)/σ², `None` if it cannot
+    /// be fitted.
     pub fn fit(
         &mut self,
         rows: &dyn Summable,
@@ -112,7 +112,7 @@ impl LineFit {
                     }
                     self.vector[i] = 0.0;
                 }
-                // a touch of weight keeps what the data are silent about where it is
+                // a small weight keeps directions without information in place
                 let d = self.matrix[i * m + i];
                 self.matrix[i * m + i] = if d > 0.0 { d * (1.0 + 1e-11) } else { 1.0 };
             }
@@ -133,7 +133,7 @@ impl LineFit {
         None
     }
 
-    // Σ over the rows of the outer products of (φ, s φ), of these times f, and of f²
+    // sums over the rows: the outer products of (φ, s φ), these times f, and f²
     fn sums(&mut self, rows: &dyn Summable, equations: &[EquationState], first: usize) -> f64 {
         let (n, m) = (self.n, 2 * self.n);
         let length = rows.len().max(2) as f64 - 1.0;
@@ -188,7 +188,7 @@ impl LineFit {
         total
     }
 
-    // the start of the line is c − v/2; returns what the prior costs
+    // the start of the line is c − v/2; returns the cost of the prior
     fn add_prior(&mut self, prior: LinePrior<'_>, fixed: &[bool]) -> f64 {
         let (n, m) = (self.n, 2 * self.n);
         for i in 0..n {

@@ -1,5 +1,5 @@
-//! Estimators. They see rows, never a model or the simulator, so they serve any plant and cannot
-//! peek at the truth.
+//! Estimators. They see rows, never a model or the simulator, so they work for any plant and cannot
+//! see the truth.
 //!
 //! ```text
 //! f_n(θ)                residual of a scalar equation at sample n, (5); f = s·u − Σ_d (d/dt)^d g_d
@@ -10,7 +10,7 @@
 //! | module | estimator | equations |
 //! |---|---|---|
 //! | [`Wrls`] | sample by sample, linear in θ, exponential forgetting | (2)–(4) |
-//! | [`batch_least_squares`] | a whole record at once, linear or not, with its rank | the least squares of section 1 |
+//! | [`batch_least_squares`] | a whole record at once, linear or nonlinear, with its rank | the least squares of section 1 |
 //! | [`cedro`] | the paper's block recursion on one page, for readers and as an oracle | (5)–(11) |
 //! | [`BlockEstimator`] | block by block, nonlinear in θ, every forgetting rule | (6)–(11) and beyond |
 
@@ -75,7 +75,7 @@ pub use wrls::{Wrls, WrlsError};
 
 use std::ops::Range;
 
-/// The most parameters that an estimator can have: masks are 64 bits wide.
+/// Largest number of parameters of an estimator.
 pub const MAX_PARAMS: usize = 128;
 
 /// Which parameters each equation depends on; the estimator's whole knowledge of a plant.
@@ -91,7 +91,7 @@ pub struct Structure {
 /// of the graph of equations and parameters, and a least squares problem of its own.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Group {
-    /// The parameters: overlapping ranges unite to one range.
+    /// The parameters: overlapping ranges merge into one.
     pub parameters: Range<usize>,
     /// The equations that depend on them.
     pub equations: Vec<usize>,
@@ -133,7 +133,7 @@ pub trait Residuals {
     /// Number of rows per equation in the block: the sample instants of the pointwise form, the
     /// windows of the projected one.
     fn len(&self) -> usize;
-    /// True if the block holds nothing.
+    /// True if the block has no rows.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -142,31 +142,30 @@ pub trait Residuals {
     /// `theta` holds all parameters of the plant, `regressor` has the length of the equation's
     /// range in [`Structure`].
     fn row(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64;
-    /// First and last instant that the row depends on, in the unit that a located change is to be
-    /// reported in (stream time in ns). Both are the sample's own time in the pointwise form. The
+    /// First and last instant that the row depends on, in the unit in which a located change is
+    /// reported (stream time in ns). Both are the sample's own time in the pointwise form. The
     /// default counts rows.
     fn span(&self, index: usize) -> (u64, u64) {
         (index as u64, index as u64)
     }
-    /// Where an estimator that has seen nothing had better begin than at its configured start;
-    /// `None`, the default, if the rows know no better place. All parameters of the plant.
+    /// A better starting point than the configured one, for an estimator without data: all
+    /// parameters of the plant. `None`, the default, if the rows have no better one.
     fn start(&self) -> Option<&[f64]> {
         None
     }
-    /// False for a row that says nothing about its equation, because the equation does not hold
-    /// there: a joint that friction holds at rest, for one. Such a row reads residual 0 and
-    /// regressor 0, and counts neither as a row nor as a degree of freedom. All are used by
-    /// default.
+    /// False for a row at which its equation does not hold, such as for a joint that friction holds
+    /// at rest. Such a row has residual 0 and regressor 0, and counts neither as a row nor as a
+    /// degree of freedom. By default all rows are used.
     fn is_used(&self, _equation: usize, _index: usize) -> bool {
         true
     }
-    /// The row of a whitening that runs forwards in time, for sums over the start of a block.
+    /// The row whitened forwards in time, for sums over the start of a block.
     ///
-    /// Overlapping rows are whitened: row `index` of [`row`](Self::row) depends on the windows
-    /// `index..len()` only, so that a sum from any row to the end is the cost of these windows
-    /// alone, with nothing from before a change. Here row `index` depends on the windows
-    /// `0..=index` only, so that a sum from the start up to any row is theirs alone. Sums over the
-    /// whole block are equal. The same as `row` if rows do not overlap.
+    /// Overlapping rows are whitened: row `index` of [`row`](Self::row) depends only on the windows
+    /// `index..len()`, so a sum from any row to the end is the cost of these windows alone, with
+    /// nothing from before a change. Here row `index` depends only on the windows `0..=index`, so a
+    /// sum from the start to any row is the cost of these windows alone. Sums over the whole block
+    /// are equal. The same as `row` if rows do not overlap.
     fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {
         self.row(equation, index, theta, regressor)
     }
@@ -176,27 +175,28 @@ pub trait Residuals {
     fn tail(&self, _equation: usize, _k: usize, _theta: &[f64]) -> Option<f64> {
         None
     }
-    /// Number of errors of the model that the rows know a column for, at most 1 and
+    /// Number of errors of the model for which the rows have a column, at most 1 and
     /// [`ERRORS_PER_EQUATION`] per equation; any beyond that are ignored.
     fn suspects(&self) -> usize {
         0
     }
-    /// Standard deviation of an error's amplitude; 0 for one that is tested for and does not widen
-    /// the covariance.
+    /// Standard deviation of an error's amplitude; 0 for an error that is tested for but does not
+    /// widen the covariance.
     fn suspect_std(&self, _suspect: usize) -> f64 {
         0.0
     }
-    /// True for an error that may come up while the machine runs: a change of the plant is held
-    /// against it (`inquest.rs`).
+    /// True for an error that can arise while the machine runs, and may be the cause of a change
+    /// (`inquest.rs`).
     fn is_sudden(&self, _suspect: usize) -> bool {
         false
     }
-    /// True for an error that the parameters imitate, so that its column tells nothing but after a
+    /// True for an error that the parameters imitate, so its column is informative only after a
     /// change.
     fn is_imitated(&self, _suspect: usize) -> bool {
         false
     }
-    /// Relative changes of the parameters that an error of 1 is seen as, if it is nothing else.
+    /// The relative changes of the parameters that an error of 1 is equivalent to, if it has no
+    /// column of its own.
     fn imitation(&self, _suspect: usize) -> Option<&[f64]> {
         None
     }

@@ -6,9 +6,9 @@
 //!
 //! Each linear problem is solved by Householder QR with column pivoting of the column-scaled Φ
 //! (Golub and Van Loan, Matrix Computations, 4th ed., section 5.4.2). Unlike the Gram matrix of the
-//! on-line estimators it does not square the condition number, and its diagonal shows the rank. A
-//! deficient problem gets the basic solution: parameters that the data do not determine beside the
-//! others keep their start value, and nothing becomes NaN.
+//! on-line estimators, QR does not square the condition number, and its diagonal shows the rank. A
+//! rank-deficient problem gets the basic solution: parameters that the data do not determine keep
+//! their start value, and nothing becomes NaN.
 
 use super::Residuals;
 use super::Structure;
@@ -16,25 +16,25 @@ use super::options::EstimatorError;
 use super::pass::used;
 use nalgebra::{DMatrix, DVector, RowDVector};
 
-/// The answer of [`batch_least_squares`].
+/// The result of [`batch_least_squares`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct BatchReport {
     /// θ̂, all parameters.
     pub theta: Vec<f64>,
-    /// Standard deviation from the residuals, `inf` for what the data do not determine.
+    /// Standard deviation from the residuals, `inf` for parameters that the data do not determine.
     pub theta_std: Vec<f64>,
     /// Number of parameters, or combinations of them, that the data determine.
     pub rank: usize,
     /// Root mean square of the residual over all rows and equations.
     pub residual_rms: f64,
-    /// Linearisations made.
+    /// Number of linearisations.
     pub iterations: usize,
     /// False if the iterations ran out before the step became small.
     pub converged: bool,
 }
 
-/// Diagonal entries of R below this share of the first are rounding: some hundred units of it for
-/// thousands of rows.
+/// Diagonal entries of R below this share of the first are rounding: about a hundred rounding units
+/// for thousands of rows.
 const RANK_TOLERANCE: f64 = 1e-11;
 
 /// Minimises the sum of squares over all rows from `theta_start`, by at most `max_iterations`
@@ -109,7 +109,7 @@ pub fn batch_least_squares<R: Residuals>(
             fraction *= 0.5;
         }
         if !accepted {
-            // at rounding: keep the best
+            // only rounding is left: keep the best
             theta = start;
             cost = stack.fill(structure, rows, &theta);
             let solution = stack.solve();

@@ -1,4 +1,4 @@
-//! What can be chosen about an estimator, as plain data that is validated once.
+//! Options of an estimator: plain data that is validated once.
 //!
 //! The names of the variants are those of the configuration files.
 
@@ -8,8 +8,8 @@ use std::str::FromStr;
 
 /// How the information of earlier blocks is forgotten.
 ///
-/// Γ_m⁻¹ is the information after block m, S = Σ φφᵀ what block m adds, Λ what is left of Γ_{m−1}⁻¹
-/// when block m is fitted.
+/// Γ_m⁻¹ is the information after block m, S = Σ φφᵀ what block m adds, Λ the part of Γ_{m−1}⁻¹
+/// that remains when block m is fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Forgetting {
     /// Λ = λ Γ⁻¹, Γ_m⁻¹ = Λ + S: (9).
@@ -134,15 +134,15 @@ impl Default for ChangeDetection {
     }
 }
 
-/// Everything that can be chosen about a [`BlockEstimator`](super::BlockEstimator).
+/// The options of a [`BlockEstimator`](super::BlockEstimator).
 #[derive(Debug, Clone, PartialEq)]
 pub struct EstimatorOptions {
-    /// What is known of each parameter.
+    /// Prior of each parameter.
     pub parameters: Vec<ParameterPrior>,
-    /// What is known of the noise of each equation.
+    /// Prior of the noise of each equation.
     pub equations: Vec<EquationNoise>,
-    /// What the published estimate satisfies whatever the data say: \[i, j, k, l\] for θ_i/θ_j =
-    /// θ_k/θ_l. All four belong to one group of equations and differ.
+    /// Relations imposed on the published estimate: \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l. All four
+    /// belong to one group of equations and differ.
     pub relations: Vec<[usize; 4]>,
     /// The forgetting rule.
     pub forgetting: Forgetting,
@@ -167,13 +167,13 @@ pub struct EstimatorOptions {
     pub drift_per_s: f64,
     /// Treatment of outliers.
     pub outliers: Outliers,
-    /// Change detection, if wanted.
+    /// Change detection; `None` turns it off.
     pub change_detection: Option<ChangeDetection>,
 }
 
 impl EstimatorOptions {
     /// The paper's recursion (8), (9) from the given start: exponential forgetting, one iteration,
-    /// no bounds but those of `parameters`, which may be mere numbers, nothing beyond.
+    /// no bounds except those of `parameters` (plain numbers have none), no extensions.
     pub fn paper(parameters: impl IntoIterator<Item: Into<ParameterPrior>>, equations: usize) -> Self {
         Self {
             parameters: parameters.into_iter().map(Into::into).collect(),
@@ -192,8 +192,8 @@ impl EstimatorOptions {
         }
     }
 
-    /// Re-linearised and self-aware: ten damped iterations limited to a factor of 3, directional
-    /// forgetting, change detection.
+    /// With relinearisation and change detection: ten damped iterations limited to a factor of 3,
+    /// directional forgetting, change detection.
     pub fn recommended(parameters: impl IntoIterator<Item: Into<ParameterPrior>>, equations: usize) -> Self {
         Self {
             forgetting: Forgetting::Directional,
@@ -205,13 +205,13 @@ impl EstimatorOptions {
         }
     }
 
-    /// Bit i for a parameter i that is fixed. There are at most 128.
+    /// Bit i is set if parameter i is fixed. There are at most 128.
     pub(super) fn fixed(&self) -> u128 {
         let priors = self.parameters.iter().enumerate();
         priors.fold(0, |bits, (i, prior)| bits | u128::from(prior.fixed) << i)
     }
 
-    /// Fixes what [`fixed`](Self::fixed) has told, and sets the others free.
+    /// Fixes the parameters in a mask of [`fixed`](Self::fixed), and frees the others.
     pub(super) fn set_fixed(&mut self, bits: u128) {
         for (i, prior) in self.parameters.iter_mut().enumerate() {
             prior.fixed = bits >> i & 1 != 0;
@@ -226,7 +226,7 @@ impl EstimatorOptions {
     /// Checks every value and that the lists fit the structure.
     ///
     /// # Errors
-    /// The first offending option with what was expected and what came.
+    /// The first invalid option, with the expected and the given value.
     pub fn validate(&self, structure: &Structure) -> Result<(), EstimatorError> {
         let params = structure.params;
         let equations = structure.equations.len();
@@ -297,7 +297,7 @@ impl EstimatorOptions {
         Ok(())
     }
 
-    /// What is forgotten, and how much of it stays.
+    /// The forgetting rule and its numbers are valid.
     fn validate_forgetting(&self) -> Result<(), EstimatorError> {
         let lambda = self.forgetting_factor;
         one(
@@ -319,7 +319,7 @@ impl EstimatorOptions {
         )
     }
 
-    /// How a block is fitted.
+    /// The options of the fit are valid.
     fn validate_fit(&self) -> Result<(), EstimatorError> {
         one(
             "max_iterations",
@@ -337,7 +337,7 @@ impl EstimatorOptions {
         one("drift_per_s", "a number in [0, 1]", drift, (0.0..=1.0).contains(&drift))
     }
 
-    /// What is expected of the rows: their noise, their outliers, and false alarms.
+    /// The options of noise, outliers and false alarms are valid.
     fn validate_rows(&self) -> Result<(), EstimatorError> {
         let relative = self.noise_floor_relative;
         one(
@@ -458,7 +458,7 @@ pub enum EstimatorError {
         option: &'static str,
         /// Index of the entry, counted from 0.
         index: usize,
-        /// What would be right.
+        /// What was expected.
         expected: &'static str,
         /// Value given.
         got: f64,
@@ -468,7 +468,7 @@ pub enum EstimatorError {
     Value {
         /// Name of the option.
         option: &'static str,
-        /// What would be right.
+        /// What was expected.
         expected: &'static str,
         /// Value given.
         got: f64,
@@ -496,11 +496,11 @@ pub enum EstimatorError {
     /// A name that is not in the list of choices.
     #[error("{what}: expected {expected}, got \"{got}\"")]
     UnknownName {
-        /// What was to be chosen.
+        /// The option.
         what: &'static str,
         /// Name given.
         got: String,
-        /// The names there are.
+        /// The valid names.
         expected: &'static str,
     },
 }

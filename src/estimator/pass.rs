@@ -4,9 +4,9 @@
 //! S = Σ w φφᵀ    g = Σ w φ f    cost = Σ ρ(f)       rows divided by the equation's noise_std
 //! ```
 //!
-//! This is where the time goes: 1900 rows of two equations several times per block. Up to eight
-//! parameters per equation, which covers the arm and the servo axis, the sums live in arrays whose
-//! size the compiler knows.
+//! Most of the time is spent here: 1900 rows of two equations, several times per block. For up to
+//! eight parameters per equation, which covers the arm and the servo axis, the sums are in arrays
+//! of a size known at compile time.
 
 use super::Residuals;
 use std::ops::Range;
@@ -22,7 +22,7 @@ pub struct Sums {
     pub score: Vec<f64>,
     /// Σ ρ(f), which is Σ f² if nothing is an outlier.
     pub cost: f64,
-    /// Σ Σ_i (φ_i θ_i)²: the size of the terms that f is the difference of.
+    /// Σ Σ_i (φ_i θ_i)²: the size of the terms whose sum is f.
     pub size: f64,
     /// Rows treated as outliers.
     pub outliers: usize,
@@ -55,7 +55,7 @@ impl Sums {
 pub enum Loss {
     /// f².
     Square,
-    /// f² up to the limit, then as steep as there.
+    /// f² up to the limit, then linear with the slope at the limit.
     Huber(f64),
     /// f² up to the limit, then constant.
     Gate(f64),
@@ -67,7 +67,8 @@ impl Loss {
     pub fn at(self, f: f64) -> (f64, f64, bool) {
         match self {
             Self::Square => (f * f, 1.0, false),
-            // what pulls less is no outlier yet: at k = 1.345 these are 18 % of clean rows
+            // a row with a reduced weight is not yet an outlier: at k = 1.345 these are 18 % of
+            // clean rows
             Self::Huber(limit) if f.abs() > limit => {
                 (limit * (2.0 * f.abs() - limit), limit / f.abs(), f.abs() > 3.0 * limit)
             }
@@ -92,8 +93,8 @@ pub struct Pass {
     pub loss: Loss,
 }
 
-/// Rows of any kind. The estimator is built once for all of them and calls them through a table;
-/// the sums, which are most of its work, are built for each kind.
+/// Rows of any kind. The estimator is compiled once and calls them dynamically; the sums, which are
+/// most of its work, are compiled for each kind.
 pub trait Summable: Residuals {
     /// Writes the sums of a pass at θ.
     fn sum(&self, pass: &Pass, theta: &[f64], sums: &mut Sums);
@@ -105,7 +106,7 @@ impl<R: Residuals> Summable for R {
             return general(self, pass, theta, sums);
         }
         sums.rows = used(self, pass.equation, pass.range.clone());
-        // All that is built for each kind of rows; the loops over them are built once for all.
+        // Only this is compiled for each kind of rows; the loops over them are compiled once.
         let (n, inverse) = (pass.own.len(), 1.0 / pass.divisor);
         let mut gather = |rows: Range<usize>, chunk: &mut Chunk| {
             for (at, index) in rows.enumerate() {
@@ -120,10 +121,9 @@ impl<R: Residuals> Summable for R {
     }
 }
 
-/// Parameters of an equation up to which the sums live in arrays.
+/// Largest number of parameters of an equation whose sums are in arrays.
 const MOST: usize = 8;
-/// Rows that are summed side by side, so that each product of two regressor entries is one vector
-/// operation.
+/// Rows summed in parallel, so that each product of two regressor entries is one vector operation.
 const LANES: usize = 4;
 /// Rows that are gathered at a time.
 const CHUNK: usize = 8 * LANES;
@@ -134,7 +134,7 @@ struct Chunk {
     f: [f64; CHUNK],
 }
 
-/// The sums under the plain loss, in loops without branches of each length that equations have.
+/// The sums for the square loss, in branch-free loops for each number of parameters.
 fn plain(pass: &Pass, theta: &[f64], sums: &mut Sums, gather: &mut dyn FnMut(Range<usize>, &mut Chunk)) {
     macro_rules! sized {
         ($($n:literal)*) => {
@@ -164,7 +164,7 @@ fn fixed<const N: usize>(
         let rows = start..pass.range.end.min(start + CHUNK);
         let count = rows.len();
         gather(rows, &mut chunk);
-        // What the last chunk leaves of its last lanes is nothing.
+        // the unused lanes of the last chunk are zero
         let filled = count.next_multiple_of(LANES);
         chunk.f[count..filled].fill(0.0);
         for phi in &mut chunk.phi[..N] {

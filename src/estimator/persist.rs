@@ -1,9 +1,9 @@
-//! What an estimator must keep to go on as if it had never stopped, visited field by field in one
-//! order.
+//! The state that an estimator needs to continue as if it had never stopped, visited field by field
+//! in one order.
 //!
-//! One definition serves to count, to copy out and to copy in, so the three cannot disagree. What
-//! is not visited is workspace that each block fills anew. A test stops and continues estimators
-//! amid jumps and drifts and wants the same bits.
+//! One definition serves to count, to save and to load, so the three cannot disagree. Fields that
+//! are not visited are workspace, which each block fills again. A test stops and continues
+//! estimators during jumps and drifts and requires identical bits.
 
 /// Visits the numbers and counts of a state in their order.
 pub trait Visit {
@@ -32,8 +32,8 @@ pub trait Visit {
     }
 }
 
-/// The state of an estimator and of its judgement, as plain lists: what a checkpoint holds. The
-/// first numbers are θ̂.
+/// The state of an estimator and its state machine as plain lists, as in a checkpoint. The first
+/// numbers are θ̂.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct EstimatorState {
     /// The real numbers.
@@ -42,11 +42,11 @@ pub struct EstimatorState {
     pub counts: Vec<u64>,
 }
 
-/// A state that does not belong to this estimator, or is none.
+/// Why a state cannot be loaded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StateError {
-    /// Another model, or another version of the estimator.
+    /// It is of another model, or of another version of the estimator.
     #[error("expected {expected} numbers and counts, got {got}")]
     Length {
         /// Of this estimator.
@@ -66,12 +66,12 @@ pub enum StateError {
         /// Which one, counted from 0.
         index: usize,
     },
-    /// The information, or a variance, is not one.
+    /// The information is not positive definite, or a variance is negative.
     #[error("the information is not positive definite, or a variance is negative")]
     NotPositive,
 }
 
-/// Copies a state out; allocates only if the lists have no room yet.
+/// Saves a state; allocates only if the lists are too small.
 #[derive(Debug)]
 pub struct Save<'a>(pub &'a mut EstimatorState);
 
@@ -84,7 +84,7 @@ impl Visit for Save<'_> {
     }
 }
 
-/// Copies a state in; `fits` tells at the end whether it had the right length.
+/// Loads a state.
 #[derive(Debug)]
 pub struct Load<'a> {
     reals: &'a [f64],
@@ -102,10 +102,10 @@ impl<'a> Load<'a> {
         }
     }
 
-    /// Everything was there and nothing is left.
+    /// Checks that the state had exactly the right length.
     ///
     /// # Errors
-    /// Otherwise.
+    /// If it had not.
     pub fn finish(&self, state: &EstimatorState) -> Result<(), StateError> {
         let got = state.reals.len() + state.counts.len();
         if self.wanted == got && self.reals.is_empty() && self.counts.is_empty() {

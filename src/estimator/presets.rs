@@ -17,13 +17,13 @@ pub const CEDRO2022_BLOCK_LEN: usize = 1900;
 /// block again (docs/paper-results.md).
 pub const CEDRO2022_START: [f64; PARAMS] = [0.01, 0.01, 0.1, 0.1, 10.0, 0.01, 0.1, 10.0, 1.0];
 
-/// The paper's recursion with (10) without its λ, as `config/cedro2022.toml` has it. λ and ε are
-/// our choice:
+/// The paper's recursion, with (10) without its λ, as in `config/cedro2022.toml`. λ and ε are our
+/// choice:
 ///
-/// - λ = 0.9, the low end of the paper's 0.9 to 0.99, because the payload changes and nothing is
-///   noisy;
-/// - ε = 10⁻³, within the 10⁻³ to 10⁻⁶ that the paper's "10³ to 10⁶" has to mean; within it the
-///   value makes no difference.
+/// - λ = 0.9, the low end of the paper's 0.9 to 0.99, because the payload changes and there is no
+///   noise;
+/// - ε = 10⁻³, within the 10⁻³ to 10⁻⁶ that the paper's "10³ to 10⁶" must mean; within this range
+///   the value makes no difference.
 pub fn cedro2022_estimator() -> EstimatorOptions {
     EstimatorOptions {
         forgetting: Forgetting::Bounded,

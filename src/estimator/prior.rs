@@ -1,31 +1,31 @@
-//! What is known before any data: of a parameter, and of the noise of an equation.
+//! Prior knowledge of a parameter, and of the noise of an equation.
 
-/// What is known of one parameter before any data.
+/// Prior knowledge of one parameter.
 ///
-/// Errors name its fields as the lists of the configuration files: `theta_start`, `start_std`,
+/// Errors name its fields like the lists in the configuration files: `theta_start`, `start_std`,
 /// `lower`, `upper`, `random_walk`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct ParameterPrior {
     /// Start value θ̂₀, in the parameter's unit; finite and within the bounds.
     pub start: f64,
-    /// Standard deviation of the start value, in the parameter's unit; finite, ≥ 0. It is the
-    /// deviation reported until data come, not the weight of the start value, which is
+    /// Standard deviation of the start value, in the parameter's unit; finite, ≥ 0. It is reported
+    /// until data arrive, and is not the weight of the start value, which is
     /// [`information_floor`](super::EstimatorOptions::information_floor).
     pub std: f64,
     /// Lower bound, in the parameter's unit; `-inf` for none.
     pub lower: f64,
     /// Upper bound, in the parameter's unit; `inf` for none.
     pub upper: f64,
-    /// The start value holds: it is not estimated.
+    /// The parameter is not estimated and keeps its start value.
     pub fixed: bool,
-    /// Standard deviation of its random walk per block, as a share of the parameter; finite, ≥ 0.
-    /// For drifting plants; 0 for a constant.
+    /// Standard deviation of its random walk per block, relative to the parameter; finite, ≥ 0; 0
+    /// for a constant parameter.
     pub random_walk: f64,
 }
 
 impl ParameterPrior {
-    /// A start as uncertain as it is large, without bounds.
+    /// A start value with a standard deviation of 100 %, without bounds.
     pub fn new(start: f64) -> Self {
         Self {
             start,
@@ -56,14 +56,14 @@ impl ParameterPrior {
         self
     }
 
-    /// Held at its start.
+    /// Fixed at its start value.
     #[must_use]
     pub fn fixed(mut self) -> Self {
         self.fixed = true;
         self
     }
 
-    /// Walking at random by this share of the parameter per block, a standard deviation.
+    /// With a random walk of this relative standard deviation per block.
     #[must_use]
     pub fn walking(mut self, share_per_block: f64) -> Self {
         self.random_walk = share_per_block;
@@ -94,23 +94,24 @@ impl From<f64> for ParameterPrior {
     }
 }
 
-/// What is known of the noise of an equation's rows before any data.
+/// Prior knowledge of the noise of an equation's rows.
 ///
-/// Errors name its fields as the lists of the configuration files: `noise_std`, `noise_floor`.
+/// Errors name its fields like the lists in the configuration files: `noise_std`, `noise_floor`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EquationNoise {
     /// Standard deviation by which the rows are divided, in the equation's unit, so that equations
-    /// that share parameters weigh what they are worth; finite, > 0. 1 leaves the rows as they are.
+    /// that share parameters have the right relative weights; finite, > 0. 1 leaves the rows
+    /// unchanged.
     pub std: f64,
-    /// Smallest standard deviation of the divided rows that is believed; finite, ≥ 0. Noise-free
-    /// data would otherwise alarm on rounding.
+    /// Lower limit of the noise standard deviation of the divided rows; finite, ≥ 0. Prevents
+    /// rounding errors in noise-free data from raising alarms.
     pub floor: f64,
 }
 
 impl EquationNoise {
-    /// Nothing is known: rows as they are, their noise learnt from the residuals.
+    /// Unknown noise: the rows are unchanged, and their noise is learnt from the residuals.
     pub const LEARNT: Self = Self { std: 1.0, floor: 0.0 };
-    /// Rows that are divided by their noise already, as those over windows are: less than it is
-    /// luck, much more a misfit.
+    /// Rows that are already divided by their noise, such as those over windows: residuals below 1
+    /// are chance, residuals far above it are a misfit.
     pub const WHITENED: Self = Self { std: 1.0, floor: 1.0 };
 }

@@ -1,44 +1,44 @@
-//! What parameters must satisfy whatever the data say: equal ratios, imposed on the estimate that
-//! is published.
+//! Relations between parameters: equal ratios, imposed on the published estimate.
 //!
 //! ```text
 //! ρ(θ) = θ_i θ_l − θ_j θ_k = 0                     θ_i/θ_j = θ_k/θ_l
 //! θ*   = argmin (θ − θ̂)ᵀ P⁻¹ (θ − θ̂) with ρ(θ) = 0
-//!      : θ ← θ̂ − P a (ρ(θ) + aᵀ(θ̂ − θ)) / (aᵀ P a), a = ∂ρ/∂θ, until it rests
+//!      : θ ← θ̂ − P a (ρ(θ) + aᵀ(θ̂ − θ)) / (aᵀ P a), a = ∂ρ/∂θ, until it converges
 //! P*   = P − P a aᵀ P / (aᵀ P a)
 //! ```
 //!
 //! The arm's θ₁/θ₃ and θ₂/θ₄ are both L/R of one winding, so nine parameters have eight degrees of
-//! freedom. θ̂ and P hold all that the data said, so the constrained estimate follows from them
-//! alone, and the recursion, its test for changes and its weights never hear of it: whether the
-//! data agree with the relation stays to be seen
-//! ([`product_ratio`](super::BlockEstimator::product_ratio)).
+//! freedom. θ̂ and P contain all information from the data, so the constrained estimate follows
+//! from them alone. The recursion, its test for changes and its weights do not use the relation, so
+//! [`product_ratio`](super::BlockEstimator::product_ratio) still shows whether the data agree with
+//! it.
 //!
-//! If drifts are considered, (θ* − θ̂) is weighed by the covariance W without them, because how far
-//! a moving parameter may lag is no measure of what the data say of a resting one; with G = I − W a
-//! aᵀ/(aᵀ W a), P* = G P Gᵀ.
+//! If drifts are considered, (θ* − θ̂) is weighted by the covariance W without them, because the
+//! possible lag of a moving parameter is no measure of the information on a constant one; with G =
+//! I − W a aᵀ/(aᵀ W a), P* = G P Gᵀ.
 //!
-//! Nothing is imposed if ρ is not known to half the size of its products, if it is more than
-//! [`CONTRADICTION`] standard deviations from 0, so that the data speak against it, or if the
-//! answer would leave the bounds.
+//! Nothing is imposed if ρ is not known to within half the size of its products, if it is more than
+//! [`CONTRADICTION`] standard deviations from 0 (the data contradict the relation), or if the
+//! result would leave the bounds.
 
 use super::group::GroupState;
 use super::groups::Groups;
 use super::linalg::dot;
 
-/// Deviations of ρ from which on the data contradict the relation: once in 16 000 blocks by chance.
+/// Standard deviations of ρ above which the data contradict the relation: once in 16 000 blocks by
+/// chance.
 const CONTRADICTION: f64 = 4.0;
-/// Deviation of ρ, relative to its products, from which on nothing is imposed.
+/// Standard deviation of ρ, relative to its products, above which nothing is imposed.
 const OPEN: f64 = 0.5;
 const ITERATIONS: usize = 20;
 
-/// The estimate as it is published: θ̂ and P of each group, with the relations imposed.
+/// The published estimate: θ̂ and P of each group, with the relations imposed.
 #[derive(Debug, Clone)]
 pub struct Published {
     pub theta: Vec<f64>,
     /// P of each group, in the order of the groups.
     covariance: Vec<Vec<f64>>,
-    /// W of each group, if it is another one.
+    /// W of each group, if it differs from P.
     weights: Vec<Vec<f64>>,
     gradient: Vec<f64>,
     image: Vec<f64>,
@@ -46,7 +46,7 @@ pub struct Published {
 }
 
 impl Published {
-    /// Room for groups of these sizes.
+    /// Workspace for groups of these sizes.
     pub fn new(theta: &[f64], groups: &[GroupState]) -> Self {
         let largest = groups.iter().map(|g| g.n).max().unwrap_or(0);
         Self {
@@ -59,8 +59,8 @@ impl Published {
         }
     }
 
-    /// Takes over θ̂ and P and imposes the relations, each \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l,
-    /// one after the other.
+    /// Copies θ̂ and P and imposes the relations, each \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l, one
+    /// after the other.
     pub fn take(&mut self, theta: &[f64], groups: &[GroupState], relations: &[[usize; 4]]) {
         self.theta.copy_from_slice(theta);
         for ((own, weights), group) in self.covariance.iter_mut().zip(&mut self.weights).zip(groups) {
@@ -80,8 +80,8 @@ impl Published {
         groups.entry(i, j, |k| &self.covariance[k])
     }
 
-    /// Writes the correlation matrix, P × P and row-major; 1 on the diagonal, 0 for what has no
-    /// deviation.
+    /// Writes the correlation matrix, P × P and row-major; 1 on the diagonal, 0 for parameters
+    /// whose standard deviation is 0.
     pub fn correlation(&self, groups: &Groups, out: &mut [f64]) {
         let params = self.theta.len();
         for i in 0..params {

@@ -1,4 +1,4 @@
-//! What a block gives: the estimate with its evidence.
+//! The result of a block: the estimate with its evidence.
 
 use super::Structure;
 use super::fit::Fit;
@@ -11,10 +11,10 @@ use super::score_test::Suspicion;
 
 /// Three relative standard deviations below which a parameter counts as usable.
 const USABLE: f64 = 0.05;
-/// Share of variance removed from which a parameter counts as excited: the block alone knows it to
-/// within 10 %, so that some dozens of such blocks make it usable.
+/// Share of variance removed above which a parameter counts as excited: the block alone determines
+/// it to within 10 %, so some dozens of such blocks make it usable.
 const EXCITED: f64 = 0.99;
-/// Share of the variance that considered errors must have to be told of as what limits it, and
+/// Share of the variance above which considered errors are reported as the limit, and number of
 /// blocks before which they are not.
 const LEADING: f64 = 0.5;
 const SETTLED: u64 = 10;
@@ -28,10 +28,10 @@ pub enum Held {
     NotFinite,
 }
 
-/// What an alarm turned out to be.
+/// Kinds of changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ChangeKind {
-    /// Nothing changed inside the block, but the plant is another one than before it.
+    /// The plant changed before the block; all rows are of the new plant.
     Between,
     /// The plant changed at [`Change::row`]; only rows from there on were used.
     Within,
@@ -44,14 +44,14 @@ pub enum ChangeKind {
 pub struct Change {
     /// What kind of change.
     pub kind: ChangeKind,
-    /// First row of the block that belongs to the plant as it is now.
+    /// First row of the block that belongs to the present plant.
     pub row: usize,
     /// First instant of that row, in the unit of [`span`](super::Residuals::span).
     pub time: u64,
 }
 
 impl Change {
-    /// One that all rows of a block come after.
+    /// A change before the first row of a block.
     pub(super) fn over_the_block(kind: ChangeKind, rows: &dyn Summable) -> Self {
         Self {
             kind,
@@ -61,8 +61,8 @@ impl Change {
     }
 }
 
-/// The answer to a block with its evidence. Parameters in the plant's units and order, equations in
-/// the structure's order.
+/// The result of a block with its evidence. Parameters are in the plant's units and order,
+/// equations in the structure's order.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Report {
     /// θ̂, with [`EstimatorOptions::relations`](super::EstimatorOptions::relations) imposed.
@@ -76,34 +76,33 @@ pub struct Report {
     pub residual_rms: Vec<f64>,
     /// Estimated noise standard deviation per equation, in the equation's unit.
     pub noise_std: Vec<f64>,
-    /// Root mean square of √Σ(φ_i θ_i)² per equation, in the equation's unit: the size of what the
-    /// equation balances.
+    /// Root mean square of √Σ(φ_i θ_i)² per equation, in the equation's unit: the size of the terms
+    /// that the equation balances.
     pub signal_rms: Vec<f64>,
-    /// Per parameter the share of the variance of a parameter known to within 100 % that this block
-    /// alone would remove, 0 to 1.
+    /// Per parameter: the share of the variance that this block alone would remove from a parameter
+    /// known to within 100 %, 0 to 1.
     pub excitation: Vec<f64>,
-    /// Bit i: the block informed on parameter i, to a third of its size at least.
+    /// Bit i: the block informed on parameter i, to within at least a third of its size.
     pub excited: u128,
-    /// Bit i: parameter i is known from data. Three standard deviations of it are below 5 %, by
-    /// what the data since the last change say; its group of equations showed no change in this
-    /// block or the one before, and both fit in each of its equations; its last change is clear; no
-    /// parameter of its group is held by a bound against the data. A fixed parameter is nobody's
-    /// finding and never usable.
+    /// Bit i: parameter i is known from data. Three standard deviations of it are below 5 %,
+    /// according to the data since the last change; its group of equations showed no change in this
+    /// block or the one before, and both fit in each of its equations; the cause of the last change
+    /// is clear; the data push no parameter of its group against a bound. A fixed parameter is not
+    /// estimated and never usable.
     pub usable: u128,
     /// χ² of the whitened residuals over their number, per equation, see `fit_statistic.rs`: 1 on
     /// average if the block fits. Relative to the configured noise, otherwise to the level that
     /// was learnt before the block.
     pub fit: Vec<f64>,
-    /// Probability of residuals as large as these, in the block or in its last part, if the model
-    /// is right; below 1e-4 the block does not fit.
+    /// Probability of residuals this large, in the block or in its last part, if the model is
+    /// right; below `MISFIT` of `fit_statistic.rs` the block does not fit.
     pub fit_probability: f64,
     /// Bit e: the block does not fit in equation e.
     pub misfit: u64,
-    /// Share of the power of the equation's signal that the model explains, of the last block in
-    /// which it stood out of the noise; 0 before.
+    /// Share of the power of the equation's signal that the model explains, in the last block in
+    /// which it exceeded the noise; 0 before.
     pub explained: Vec<f64>,
-    /// Bit i: parameter i sits on a bound and the data push it outwards, or another one of its
-    /// group does.
+    /// Bit i: the data push parameter i, or another parameter of its group, against a bound.
     pub pressed: u128,
     /// True once the data have informed on more than half of the directions of the free parameters,
     /// in every group of equations.
@@ -126,19 +125,19 @@ pub struct Report {
     /// Condition number of the column-scaled information, the largest of any group, `inf` if
     /// singular.
     pub condition: f64,
-    /// Probability of a block as different from the past as this one, were the plant unchanged; the
-    /// smallest of any group.
+    /// Probability of a block this different from the past if the plant is unchanged; the smallest
+    /// of any group.
     pub change_probability: f64,
     /// The change found in this block.
     pub change: Option<Change>,
-    /// The likeliest term that the model lacks, if the residuals speak for one.
+    /// The likeliest term that the model lacks, if the residuals indicate one.
     pub suspicion: Option<Suspicion>,
-    /// The parameter that the data inform on and that is not usable, for most of its variance is
-    /// what considered errors could do that the motion does not show; and the first of them, an
-    /// index of [`Residuals::suspects`](super::Residuals::suspects).
+    /// A parameter that the data inform on but that is not usable, because most of its variance
+    /// comes from considered errors that the motion does not show; and the largest of these errors,
+    /// an index of [`Residuals::suspects`](super::Residuals::suspects).
     pub limited: Option<(usize, usize)>,
     /// True if the last change may be one of a drive or a sensor and not of the plant, see
-    /// `inquest.rs`: nothing of the groups that it was seen in is usable.
+    /// `inquest.rs`: no parameter of the groups that showed it is usable.
     pub unclear: bool,
     /// The error of a drive or a sensor that explains the last change.
     pub fault: Option<Suspicion>,
@@ -147,7 +146,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// Nothing but the start values is known.
+    /// Only the start values are known.
     pub(super) fn new(structure: &Structure, options: &EstimatorOptions) -> Self {
         let (params, equations) = (structure.params, structure.equations.len());
         Self {
@@ -184,14 +183,15 @@ impl Report {
         }
     }
 
-    /// An equation without parameters has nothing to explain; the others have explained nothing.
+    /// Resets `explained`: 1 for an equation without parameters, which has nothing to explain; 0
+    /// for the others.
     pub(super) fn explain_nothing(&mut self, structure: &Structure) {
         for (explained, own) in self.explained.iter_mut().zip(&structure.equations) {
             *explained = if own.is_empty() { 1.0 } else { 0.0 };
         }
     }
 
-    /// Back to knowing nothing.
+    /// Resets to a state without data.
     pub(super) fn forget(&mut self) {
         (self.blocks, self.change, self.change_probability) = (0, None, 1.0);
         (self.misfit, self.pressed, self.fit_probability) = (0, 0, 1.0);
@@ -209,21 +209,21 @@ impl Report {
         (self.misfit, self.pressed, self.fit_probability) = (0, 0, 1.0);
     }
 
-    /// The block gives no new estimate.
+    /// Records that the block gives no new estimate.
     pub(super) fn hold(&mut self, held: Held) {
         self.held = Some(held);
         (self.excited, self.rank) = (0, 0);
         self.excitation.fill(0.0);
     }
 
-    /// Takes the fit of a group in.
+    /// Adds the fit of a group.
     pub(super) fn note(&mut self, fit: Fit) {
         self.iterations = self.iterations.max(fit.iterations);
         self.converged &= fit.converged;
     }
 
-    /// Takes the estimate in as it is published, and what of it may be used; `since_change` counts
-    /// the blocks since the last change.
+    /// Fills in the published estimate and the usable parameters; `since_change` counts the blocks
+    /// since the last change.
     pub(super) fn take_parameters(
         &mut self,
         groups: &Groups,
@@ -238,14 +238,14 @@ impl Report {
             let variance = published.covariance(groups, i, i);
             let group = groups.holding(i);
             let known = group.is_some();
-            // a group that took no part in a change needs no further block to confirm it
+            // a group without a part in a change needs no further block to confirm it
             let quiet = since_change > 1 || since_change == 1 && group.is_some_and(|g| g.since_alarm > 1);
-            // rows that did not fit are in the estimate: the next block has to show that they did
+            // the estimate contains rows that did not fit: the next block must show that they did
             // no harm
             let fits = group.is_none_or(|g| g.since_misfit > 1);
             let clear = !groups.withholds(i);
             let free = self.pressed >> i & 1 == 0 && !options.parameters[i].fixed;
-            // a parameter of no equation stays what it was
+            // a parameter of no equation keeps its value
             let std = if known {
                 variance.max(0.0).sqrt()
             } else {
@@ -269,7 +269,7 @@ impl Report {
         self.usable = usable;
     }
 
-    /// Takes what the groups know of the block in: excitation, condition and residuals.
+    /// Fills in the groups' results: excitation, condition and residuals.
     pub(super) fn take_groups(&mut self, groups: &[GroupState], options: &EstimatorOptions) {
         (self.excited, self.rank, self.condition, self.outliers) = (0, 0, 1.0, 0);
         self.fixed = options.fixed();

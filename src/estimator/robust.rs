@@ -1,19 +1,19 @@
-//! Rows that lie far outside the noise: at which residual a row starts to count less.
+//! Treatment of outliers: the residual above which a row has a reduced weight.
 //!
 //! ```text
 //! limit = k · max(s, floor),   s = median |f| / 0.6745
 //! ```
 //!
 //! The scale s is taken from the block itself at the present θ (median absolute deviation of the
-//! residuals, whose mean is zero): it resists up to half the rows being wrong, and it is large
-//! while θ is still far off, so that a bad start throws nothing away. Between the halvings of one
-//! step the limit stays, so that the falling cost is that of one function.
+//! residuals, whose mean is zero): it tolerates up to half of the rows being wrong, and it is large
+//! while θ is still far off, so a bad start discards nothing. The limit stays constant between the
+//! halvings of one step, so that the costs compared are of one function.
 //!
 //! The median comes from a histogram of log |f|, because a step must not allocate: 16 bins per
 //! octave, interpolated.
 //!
 //! Huber's function (Robust Estimation of a Location Parameter, 1964) bounds a row's pull; a gate
-//! drops it. Both count the rows they touch.
+//! drops it. Both count the rows they affect.
 
 use super::options::Outliers;
 use super::pass::{Loss, Summable};
@@ -36,8 +36,8 @@ impl Magnitudes {
         Self { bins: vec![0; BINS] }
     }
 
-    /// The median of |f| over the rows of an equation at θ; `regressor` is room for the equation's
-    /// regressor.
+    /// The median of |f| over the rows of an equation at θ; `regressor` is workspace for the
+    /// equation's regressor.
     pub fn median(
         &mut self,
         rows: &dyn Summable,
@@ -59,7 +59,7 @@ impl Magnitudes {
         for (k, &n) in self.bins.iter().enumerate() {
             let n = f64::from(n);
             if n > 0.0 && below + n >= half {
-                // the lowest bin stands for everything down to zero
+                // the lowest bin covers everything down to zero
                 if k == 0 {
                     return 0.0;
                 }

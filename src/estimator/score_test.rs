@@ -1,4 +1,5 @@
-//! Which term that the model lacks would explain the misfit: score tests, added up over the blocks.
+//! Finds which missing term of the model would explain the misfit: score tests, accumulated over
+//! the blocks.
 //!
 //! ```text
 //! U_s = Σ_m λ^(M−m) u,  I_s = Σ_m λ^(M−m) i        u, i of each block from considered.rs, in units of the noise
@@ -12,51 +13,52 @@
 //! score test). It is reported as a share of the misfit: of χ² beyond the rows if the noise was
 //! specified, of all χ² if it was learnt from the residuals themselves.
 //!
-//! A term is named if z exceeds [`NAMED`] and y [`REPEATED`]. With a dozen terms and some hundred
-//! blocks in memory a right model names one once in 1e6 runs by chance; the rest of the margin is
-//! for quadrature and filters. If several pass, the one that explains most is the likeliest.
+//! A term is named if z exceeds [`NAMED`] and y [`REPEATED`]. With a dozen terms and about a
+//! hundred blocks in memory, a right model has one named by chance once in 1e6 runs; the rest of
+//! the margin is for errors of quadrature and filters. If several pass, the one that explains most
+//! is the likeliest.
 //!
-//! **Posterior.** Before anything is named, σ allows for what the terms may be. With the prior N(0,
-//! Σ), Σ = diag(σ_s²), U and I over all terms at once, and X the larger of x and the scatter's
-//! ratio to what noise would give,
+//! **Posterior.** Even before a term is named, σ allows for the possible terms. With the prior N(0,
+//! Σ), Σ = diag(σ_s²), U and I over all terms at once, and X the larger of x and the ratio of the
+//! scatter to that of white noise,
 //!
 //! ```text
 //! C = (Σ⁻¹ + I/X)⁻¹,  m = C U/X,  M = C + m mᵀ                                (d) of considered.rs
 //! ```
 //!
-//! A term without a prior counts with its amplitude â once z exceeds [`BELIEVED`]. The estimate is
-//! not corrected by either: that is what a term of the model is for.
+//! A term without a prior counts with its amplitude â once z exceeds [`BELIEVED`]. Neither corrects
+//! the estimate; for that, the term must be added to the model.
 
 use super::considered::room_for;
 use super::linalg::Cholesky;
 use super::persist::Visit;
 use std::ops::Range;
 
-/// Standard deviations from which on a term is named.
+/// Standard deviations above which a term is named.
 const NAMED: f64 = 6.0;
-/// Ratio of a term's sum to the scatter of the blocks about it from which on it is one amplitude
-/// and no accident of some blocks.
+/// Ratio of a term's sum to the scatter of the blocks about it above which it is a constant
+/// amplitude, not an accident of some blocks.
 const REPEATED: f64 = 3.0;
-/// Standard deviations, and that ratio, from which on σ allows for a term.
+/// Standard deviations, and ratio as above, above which σ allows for a term.
 const BELIEVED: f64 = 4.0;
 const REPEATED_BELIEVED: f64 = 2.0;
 /// Share of all χ² that a term must explain if the noise was learnt.
 const OF_ALL: f64 = 0.2;
-/// Blocks that a scatter needs.
+/// Number of blocks that the scatter needs.
 const ENOUGH: f64 = 2.5;
-/// λ per block: what a term was thirty blocks ago still tells what it is.
+/// λ per block: a memory of about fifty blocks.
 const MEMORY: f64 = 0.98;
 
-/// A term that the model lacks, by its evidence.
+/// A term that the model lacks, with its evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Suspicion {
-    /// Which error of [`Residuals::suspects`](super::Residuals::suspects); beyond these if a
+    /// Which error of [`Residuals::suspects`](super::Residuals::suspects); larger than these if a
     /// parameter drifts.
     pub suspect: usize,
-    /// The parameter that drifts, if that is the cause; the amplitude is its rate \[1/s\], relative
-    /// to the parameter.
+    /// The drifting parameter, if that is the cause; the amplitude is then its relative rate
+    /// \[1/s\].
     pub drifting: Option<usize>,
-    /// Its amplitude, were it there and alone.
+    /// Its amplitude if it is the only missing term.
     pub amplitude: f64,
     /// |z|: standard deviations that the amplitude is from 0.
     pub deviations: f64,
@@ -64,7 +66,7 @@ pub struct Suspicion {
     pub share: f64,
 }
 
-/// Forgotten sums of one term.
+/// Exponentially weighted sums of one term.
 #[derive(Debug, Clone, Copy, Default)]
 struct Term {
     score: f64,
@@ -88,7 +90,7 @@ impl Term {
 #[derive(Debug, Clone)]
 pub struct ScoreTest {
     terms: Vec<Term>,
-    /// Where the drifts begin.
+    /// Index of the first drift.
     drifts: usize,
     /// U and I of the block so far; I over all blocks, room × room.
     pending: Vec<f64>,
@@ -108,7 +110,7 @@ pub struct ScoreTest {
 }
 
 impl ScoreTest {
-    /// Room for a plant of `equations` equations, and for the drifts of so many parameters.
+    /// Workspace for a plant of `equations` equations and the drifts of `drifts` parameters.
     pub fn new(equations: usize, drifts: usize) -> Self {
         let first = room_for(equations);
         let room = first + drifts;
@@ -166,8 +168,8 @@ impl ScoreTest {
         v.flag(&mut self.told);
     }
 
-    /// M for the block to come: the prior `std(s)` of an error, and `drift(i)` of a parameter,
-    /// until a block has been seen. Returns it, room × room.
+    /// M for the next block: the prior `std(s)` of an error, and `drift(i)` of a parameter, until a
+    /// block has been seen. Returns it, room × room.
     pub fn prepare(&mut self, count: usize, std: impl Fn(usize) -> f64, drift: impl Fn(usize) -> f64) -> &[f64] {
         let room = self.std.len();
         for s in 0..room {
@@ -258,7 +260,7 @@ impl ScoreTest {
     fn learn(&mut self) {
         let room = self.std.len();
         self.moments.fill(0.0);
-        // drifts apart: many that agree would hide other terms that do not
+        // drifts are averaged separately: many that agree would hide other terms that do not
         let scatter = self
             .scatter_ratio(0..self.drifts)
             .max(self.scatter_ratio(self.drifts..room));
@@ -330,7 +332,7 @@ impl ScoreTest {
     fn believed(&self, suspect: usize) -> f64 {
         let judged = self.judge(suspect);
         judged.map_or(0.0, |j| {
-            // if the noise was told, the first block may speak for itself
+            // if the noise was specified, the first block alone may count
             let one = j.repeated > REPEATED_BELIEVED || self.told && j.blocks < ENOUGH;
             match j.suspicion.deviations > BELIEVED && one && self.counts(&j.suspicion) {
                 true => j.suspicion.amplitude.abs(),
@@ -339,8 +341,8 @@ impl ScoreTest {
         })
     }
 
-    /// Residuals that taught the noise level hold all sorts of things: a term that explains little
-    /// of them is one of many.
+    /// If the noise level was learnt from the residuals, these contain many effects, so a term that
+    /// explains little of them does not count.
     fn counts(&self, suspicion: &Suspicion) -> bool {
         self.told || suspicion.share > OF_ALL
     }
@@ -379,7 +381,7 @@ impl ScoreTest {
 struct Judged {
     /// χ² that it would take away.
     explained: f64,
-    /// Blocks that spoke, forgotten.
+    /// Exponentially weighted number of informative blocks.
     blocks: f64,
     /// y.
     repeated: f64,
@@ -407,7 +409,8 @@ mod tests {
 
     #[test]
     fn prop_one_amplitude_over_the_blocks_is_named_with_its_share() {
-        // amplitude 2, information 10 a block: each block is 6.3 deviations and explains 40 of χ²
+        // amplitude 2, information 10 a block: each block is 6.3 standard deviations and explains
+        // 40 of χ²
         let test = after(&[(20.0, 10.0), (21.0, 10.0), (19.0, 10.0), (20.0, 10.0)], 50.0, 0.0);
         let suspicion = test.likeliest().expect("four blocks of one kind");
         assert_eq!(suspicion.suspect, 2);
@@ -418,7 +421,7 @@ mod tests {
 
     #[test]
     fn prop_blocks_that_disagree_or_chance_name_nothing() {
-        // as large, but of either sign
+        // as large, but of alternating sign
         assert_eq!(
             after(&[(80.0, 10.0), (-60.0, 10.0), (70.0, 10.0), (-40.0, 10.0)], 50.0, 0.0).likeliest(),
             None
@@ -445,7 +448,7 @@ mod tests {
         let room = room_for(1);
         let moment = test.moments()[2 * room + 2];
         assert!((moment - (variance + mean * mean)).abs() < 1e-12, "{moment}");
-        // an error that no block says anything about keeps its prior
+        // an error that no block informs on keeps its prior
         assert!((test.moments()[0] - 9.0).abs() < 1e-12);
         assert_eq!(test.moments()[2], 0.0);
     }

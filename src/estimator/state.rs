@@ -1,4 +1,4 @@
-//! What an estimate is good for: the states of a stream of reports, with hysteresis.
+//! Judges whether an estimate may be used: the states of a stream of reports, with hysteresis.
 //!
 //! | state | entered | left |
 //! |---|---|---|
@@ -12,16 +12,15 @@
 //! | `Invalid` | a block that cannot be evaluated at θ̂ | the next that can |
 //!
 //! *Predicted* means that the innovation is within 1.5 standard deviations of the noise, or 2 % of
-//! the size of the equation's terms, in every equation; to fall from `Converged` it takes twice the
-//! former and 5 %. This judges θ̂ as a whole: a direction that hardly acts on the plant need not be
-//! known for the plant to be predicted. *Moved little* means by less than three standard deviations
-//! or 1 %.
+//! the size of the equation's terms, in every equation; `Converged` is left only at twice the
+//! former and 5 %. This judges θ̂ as a whole: a direction that hardly affects the plant need not be
+//! known to predict the plant. *Moved little* means by less than three standard deviations or 1 %.
 //!
 //! Controllers may use θ̂ (`use_ok`) in `Converged`, and in `PoorlyExcited` if it had converged
 //! before and no change was seen since; in both only with the evidence of `evidence.rs`: the data
 //! have informed on more than half of the directions of every group, the block fits, the model
-//! explains the signals of every equation, no parameter is held by a bound against the data, and at
-//! least one parameter is usable.
+//! explains the signals of every equation, the data push no parameter against a bound, and at least
+//! one parameter is usable.
 
 use super::evidence::LEAST_EXPLAINED;
 use super::persist::Visit;
@@ -83,7 +82,7 @@ impl StateMachine {
     const LOST: f64 = 0.05;
     const CLEAN: f64 = 0.01;
 
-    /// At the start, for the estimator's start value.
+    /// The state at the start, for the estimator's start value.
     pub fn new(theta_start: &[f64]) -> Self {
         Self {
             theta: theta_start.to_vec(),
@@ -100,15 +99,14 @@ impl StateMachine {
         }
     }
 
-    /// The same for a machine of which a model can be expected to explain this share of each
-    /// signal's power, 0 to 1.
+    /// With another share of each signal's power that the model is required to explain, 0 to 1.
     #[must_use]
     pub fn explaining(mut self, share: f64) -> Self {
         self.least_explained = share;
         self
     }
 
-    /// Back to the start, for the estimator's start value.
+    /// Resets to the start, for the estimator's start value.
     pub fn reset(&mut self, theta_start: &[f64]) {
         self.theta.copy_from_slice(theta_start);
         (self.predicted, self.poor, self.clean) = (0, 0, 0);
@@ -134,7 +132,7 @@ impl StateMachine {
         }
     }
 
-    /// Takes the next report; `lost` is the share of the block's samples that are missing or were
+    /// Judges the next report; `lost` is the share of the block's samples that are missing or were
     /// refused, 0 to 1.
     pub fn step(&mut self, report: &Report, lost: f64) -> Verdict {
         let equations = report.residual_rms.len().max(1);
@@ -171,7 +169,7 @@ impl StateMachine {
         } else {
             Phase::Converging
         };
-        // a block that gave nothing is no evidence
+        // a block without an estimate is no evidence
         let use_ok = self.converged
             && self.informed
             && report.held.is_none()
@@ -194,7 +192,7 @@ impl StateMachine {
             let moved = (report.theta[i] - self.theta[i]).abs();
             moved <= (3.0 * report.theta_std[i]).max(Self::MOVED * report.theta[i].abs())
         });
-        // the first block has no estimate before it that could have predicted anything
+        // the first block has no earlier estimate that could have predicted it
         let predicted = self.seen && settled && within(Self::NOISE, Self::SIGNAL);
         self.predicted = if predicted { self.predicted.saturating_add(1) } else { 0 };
         self.converged = if self.converged {
@@ -208,10 +206,9 @@ impl StateMachine {
         } else if self.predicted > 0 && !report.unclear {
             self.changing = false;
         }
-        // before θ̂ predicts anything, a model that explains little is one that is still being
-        // learnt
+        // before θ̂ predicts a block, a model that explains little is still being learnt
         let explains = report.explained.iter().all(|&share| share >= self.least_explained);
-        // a machine at rest neither bears its model out nor refutes it
+        // a machine at rest neither confirms nor refutes its model
         let refuted = self.converged && report.informed && !(explains && report.pressed == 0);
         self.misfit = report.misfit != 0 || refuted || report.fault.is_some();
         self.informed = report.informed && report.usable != 0;
@@ -265,19 +262,19 @@ mod tests {
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converged, true));
-        // 4 % of the signal does not suffice to enter, but to stay
+        // 4 % of the signal is too much to enter `Converged`, but not to stay
         let wavering = |r: &mut Report| r.innovation_rms[0] = 4.0;
         assert_eq!(drive(&mut m, wavering), (Phase::Converged, true));
         assert_eq!(drive(&mut m, |r| r.innovation_rms[0] = 6.0), (Phase::Converging, false));
         assert_eq!(drive(&mut m, wavering), (Phase::Converging, false));
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converged, true));
-        // one poor block is no reason yet; θ̂ stays usable while nothing else happens
+        // one poor block has no effect; θ̂ stays usable while nothing else happens
         let poor = |r: &mut Report| r.rank = 1;
         assert_eq!(drive(&mut m, poor), (Phase::Converged, true));
         assert_eq!(drive(&mut m, poor), (Phase::PoorlyExcited, true));
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converged, true));
-        // lost rows: in at once, out after two clean blocks
+        // lost rows: entered at once, left after two clean blocks
         assert_eq!(drive(&mut m, |r| r.rows = 97), (Phase::Converged, true));
         assert_eq!(drive(&mut m, |r| r.rows = 90), (Phase::Degraded, false));
         assert_eq!(drive(&mut m, |_| ()), (Phase::Degraded, false));

@@ -5,8 +5,8 @@
 //! ```
 //!
 //! by Lentz's continued fraction (NIST Digital Library of Mathematical Functions, 8.17.22); χ² is
-//! the limit of many d₂. No table of quantiles is kept: the degrees of freedom change with every
-//! lost sample.
+//! the limit of many d₂. No table of quantiles is used, because the degrees of freedom change with
+//! every lost sample.
 
 /// ln Γ(x) for x > 0, Lanczos's approximation (g = 7, nine terms), 15 digits.
 fn ln_gamma(x: f64) -> f64 {
@@ -39,7 +39,7 @@ fn incomplete_beta(a: f64, b: f64, x: f64) -> f64 {
     if x >= 1.0 {
         return 1.0;
     }
-    // the fraction converges fast on this side
+    // the continued fraction converges fast on this side
     if x > (a + 1.0) / (a + b + 2.0) {
         return 1.0 - incomplete_beta(b, a, 1.0 - x);
     }

@@ -1,6 +1,6 @@
-//! Room for the steps of a group, taken once.
+//! Workspace of a group, allocated once.
 
-/// Matrices (n × n) and vectors (n) that hold nothing between two calls.
+/// Matrices (n × n) and vectors (n) that carry nothing from one call to the next.
 #[derive(Debug, Clone)]
 pub struct Workspace {
     pub total: Vec<f64>,

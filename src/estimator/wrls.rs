@@ -6,7 +6,7 @@
 //! ```
 //!
 //! minimises Σ λ^(n−i) (v_i − φ_iᵀθ)² + λⁿ (θ − θ̂₀)ᵀ Γ₀⁻¹ (θ − θ̂₀), which is (2) with its weight
-//! put right. `v` is the signal of (1), `φ` the regressor, `λ` the forgetting factor per sample, Γ
+//! corrected. `v` is the signal of (1), `φ` the regressor, `λ` the forgetting factor per sample, Γ
 //! the covariance without the noise variance.
 //!
 //! The matrix inversion lemma makes (4) a rank-one update of Γ without inversion. Written out as P
@@ -17,7 +17,7 @@
 //! positive ratio, and no square roots. Potter's square root costs roots and n² more operations; an
 //! information square root needs a back-substitution for every θ̂.
 
-/// What a [`Wrls`] cannot start from.
+/// Why a [`Wrls`] cannot start.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum WrlsError {
@@ -40,16 +40,14 @@ pub struct Wrls {
     // row-major, unit upper triangular; the diagonal is not read
     upper: Vec<f64>,
     diagonal: Vec<f64>,
-    // without excitation D grows by 1/λ a sample; beyond this it stays, long before it would
-    // overflow
+    // without excitation D grows by 1/λ per sample; this limit stops it long before overflow
     limit: f64,
     f: Vec<f64>,
     gain: Vec<f64>,
 }
 
 impl Wrls {
-    /// How many times the initial covariance an unexcited direction can reach; then it grows no
-    /// more.
+    /// Largest growth of the covariance of an unexcited direction, relative to the initial one.
     pub const GROWTH_LIMIT: f64 = 1e20;
 
     /// Starts at `theta_start` with Γ₀ = I/ε, ε = `information_floor` > 0 and λ =

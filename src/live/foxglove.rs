@@ -1,7 +1,7 @@
 //! The topics of a recording over the Foxglove protocol, for Foxglove and Lichtblick.
 //!
-//! What is sent is what a recording holds, byte for byte: same topics, schemas and encoding.
-//! Nothing can be asked for by it.
+//! The messages are those of a recording, byte for byte: same topics, schemas and encoding. Clients
+//! cannot send requests.
 
 use crate::messages::{Estimate, Sample, Status};
 use crate::recording::{Encoder, NameCollision, RunInfo};
@@ -10,10 +10,10 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use thiserror::Error;
 
-/// Messages that wait for a client at most; the oldest go first.
+/// Largest number of messages waiting for a client; the oldest are dropped first.
 const WAITING: usize = 1024;
 
-/// Why there is no server.
+/// Why the server could not start.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum FoxgloveStartError {
@@ -25,20 +25,20 @@ pub enum FoxgloveStartError {
     Server(#[from] FoxgloveError),
 }
 
-/// A server that clients of the Foxglove protocol connect to; it ends with the process.
+/// A server for clients of the Foxglove protocol; it ends with the process.
 pub struct FoxgloveServer {
     encoder: Encoder,
     channels: Vec<Arc<RawChannel>>,
     handle: foxglove::WebSocketServerHandle,
-    /// Server and channels know it weakly: without it nothing is advertised.
+    /// Server and channels hold weak references to it: without it nothing is advertised.
     _context: Arc<Context>,
 }
 
 impl FoxgloveServer {
-    /// Listens; port 0 for any that is free.
+    /// Listens; port 0 for any free port.
     ///
     /// # Errors
-    /// The address is in use or not of this machine, or names of the plant collide.
+    /// If the address is in use or not one of this machine, or names of the plant collide.
     pub fn start(info: &RunInfo, address: SocketAddr) -> Result<Self, FoxgloveStartError> {
         let encoder = Encoder::new(info)?;
         let context = Context::new();

@@ -1,11 +1,10 @@
-//! The estimates so far, in bounded memory: the newest all, the older ones the thinner the older
-//! they are.
+//! The estimates so far, in bounded memory: all of the newest, and fewer of the older ones.
 
 use std::collections::VecDeque;
 
-/// Numbers kept in all; divided by the quantities this is the number of points.
+/// Total of numbers kept; divided by the number of quantities this is the number of points.
 const NUMBERS: usize = 12_000;
-/// Points kept at least and at most.
+/// Smallest and largest number of points.
 const POINTS: (usize, usize) = (200, 1000);
 
 /// The estimates of one block: values in the order of the quantities.
@@ -21,11 +20,11 @@ pub struct Point {
     pub stds: Vec<f64>,
     /// Whether each may be used.
     pub usable: Vec<bool>,
-    /// The true values; empty if nobody knows them.
+    /// The true values; empty if unknown.
     pub truth: Vec<f64>,
 }
 
-/// Points in the order of time.
+/// Points in order of time.
 #[derive(Debug, Clone)]
 pub struct History {
     points: VecDeque<Point>,
@@ -33,7 +32,7 @@ pub struct History {
 }
 
 impl History {
-    /// A history of so many quantities.
+    /// A history of `quantities` quantities.
     pub fn new(quantities: usize) -> Self {
         Self {
             points: VecDeque::new(),
@@ -41,13 +40,13 @@ impl History {
         }
     }
 
-    /// The same with no more than so many points, at least 2.
+    /// Limits the number of points, at least 2.
     pub(super) fn at_most(mut self, points: usize) -> Self {
         self.limit = self.limit.min(points.max(2));
         self
     }
 
-    /// The most points that are kept.
+    /// Largest number of points.
     pub fn limit(&self) -> usize {
         self.limit
     }
@@ -67,7 +66,7 @@ impl History {
         self.points.clear();
     }
 
-    /// Adds a point; if there is no room, every second one of the older half goes.
+    /// Adds a point; if the history is full, drops every second one of the older half.
     pub(super) fn push(&mut self, point: Point) {
         if self.points.len() >= self.limit {
             let half = self.points.len() / 2;

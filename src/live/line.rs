@@ -1,13 +1,13 @@
-//! One readable line: per block if lines are kept, or in place if there is one line.
+//! One line of text: per block in a log, or in place on a terminal.
 
 use super::view::View;
 use std::fmt::Write as _;
 
-/// Columns after which a line names no more values.
+/// Column after which a line shows no more values.
 const COLUMNS: usize = 150;
 
-/// A line of a log: block, time, state, how many parameters may be used, values, what is wrong.
-/// What may not be used stands behind the rest, with a question mark.
+/// A line of a log: block, time, state, number of usable parameters, values, problems. Values that
+/// are not usable come last, with a question mark.
 pub fn block_line(view: &View, changed_t_s: Option<f64>) -> String {
     let mut line = format!(
         "block {:>4}  {:>9.3} s  {:<14}{}/{} usable",
@@ -16,7 +16,7 @@ pub fn block_line(view: &View, changed_t_s: Option<f64>) -> String {
     if let Some(t_s) = changed_t_s {
         let _ = write!(line, "  changed at {t_s:.3} s");
     }
-    // Derived values first: they are what people know by name.
+    // Derived values first, because users know them by name.
     let of = |derived: bool, usable: bool| {
         let rows = view.rows.iter();
         rows.filter(move |row| row.derived == derived && (row.usable || row.fixed) == usable)
@@ -55,7 +55,7 @@ pub fn block_line(view: &View, changed_t_s: Option<f64>) -> String {
     line
 }
 
-/// State and headline in at most so many columns.
+/// State and headline in at most `columns` columns.
 pub fn progress_line(view: &View, columns: usize) -> String {
     let text = format!("{}  {}", view.state, view.headline);
     cut(&text, columns)

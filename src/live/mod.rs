@@ -1,13 +1,13 @@
-//! What a running identification looks like, for people who watch it.
+//! Live views of a running identification.
 //!
 //! ```text
-//! estimates, status, samples ─▶ LiveState ─┬─ line      one readable line per block
+//! estimates, status, samples ─▶ LiveState ─┬─ line      one line of text per block
 //!                                          ├─ table     in place on a terminal
 //!                                          └─ web       a page in a browser (feature `web`)
 //! ```
 //!
-//! [`LiveState`] is plain: messages in, a [`View`] out, no I/O and no clock. All views show the
-//! same words and numbers.
+//! [`LiveState`] takes messages and returns a [`View`], without I/O or clock. All views show the
+//! same texts and numbers.
 
 #[cfg(feature = "foxglove")]
 mod foxglove;

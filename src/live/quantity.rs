@@ -1,4 +1,4 @@
-//! What is shown: names, units, meanings.
+//! The quantities shown: names, units, meanings.
 
 /// A parameter or a derived value.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,7 +27,7 @@ impl Quantity {
         }
     }
 
-    /// The same within bounds, infinite if there is none.
+    /// Sets the bounds, infinite for none.
     #[must_use]
     pub fn within(mut self, lower: f64, upper: f64) -> Self {
         (self.lower, self.upper) = (lower, upper);
@@ -35,7 +35,7 @@ impl Quantity {
     }
 }
 
-/// Whose identification it is.
+/// The machine and model of an identification.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct About {
     /// Name of the machine.

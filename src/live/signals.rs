@@ -1,15 +1,15 @@
-//! The last seconds of the joints' signals, thinned to what an eye can follow.
+//! The last seconds of the joints' signals, thinned out for display.
 
 use crate::messages::{Sample, signals};
 use crate::model::MAX_JOINTS;
 use std::collections::VecDeque;
 
-/// Stream time that is kept \[ns\].
+/// Stream time kept \[ns\].
 const SPAN_NS: u64 = 10_000_000_000;
-/// Least time between two points \[ns\].
+/// Smallest time between two points \[ns\].
 const STEP_NS: u64 = 25_000_000;
 
-/// The signals of one instant; the first joints of each array count.
+/// The signals of one instant; only the first joints of each array are used.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SignalPoint {
     /// Stream time \[ns\].
@@ -44,7 +44,7 @@ impl Signals {
         self.points.range(from..)
     }
 
-    /// Takes a sample in; `predicted` is asked for its input only if it is kept.
+    /// Takes a sample; calls `predicted` for its input only if the sample is kept.
     pub(super) fn push(&mut self, sample: &Sample, predicted: impl FnOnce() -> [f64; MAX_JOINTS]) {
         let last = self.points.back().map(|point| point.t_ns);
         if self.stream_id != sample.stream_id || last.is_some_and(|last| sample.t_ns < last) {

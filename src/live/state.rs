@@ -1,4 +1,4 @@
-//! The state that all views share: fed by messages, of bounded size.
+//! The state shared by all views: updated by messages, of bounded size.
 
 use super::history::{History, Point};
 use super::quantity::{About, Quantity};
@@ -11,18 +11,18 @@ use crate::node::predicted_input::PredictedInput;
 use crate::report::{DERIVED_USABLE, Known, Rounded, headline, pretty_unit};
 use std::collections::VecDeque;
 
-/// An identifier that was silent for so long is gone; it speaks twice a second.
+/// An identifier silent for this long has ended; it normally sends twice a second.
 const GONE_NS: u64 = 2_500_000_000;
-/// Statuses that a rate is taken over.
+/// Number of statuses for a rate.
 const RATE_OVER: usize = 8;
-/// Blocks that a trend is taken over.
+/// Number of blocks for a trend.
 const TREND_OVER: usize = 8;
-/// Blocks that a state for text keeps.
+/// Number of blocks in a state for text.
 const POINTS_FOR_TEXT: usize = 32;
-/// Changes that are kept.
+/// Number of changes kept.
 const CHANGES: usize = 64;
 
-/// What an identification looks like. Times called `now_ns` and `sent_ns` are of CLOCK_MONOTONIC.
+/// The state of an identification. Times called `now_ns` and `sent_ns` are of CLOCK_MONOTONIC.
 #[derive(Debug, Clone)]
 pub struct LiveState {
     about: About,
@@ -32,7 +32,7 @@ pub struct LiveState {
     history: History,
     is_for_text: bool,
     signals: Signals,
-    /// None if the model is not known: a foreign one, or nobody looks at signals.
+    /// `None` if the model is unknown or no view shows signals.
     prediction: Option<PredictedInput>,
     estimate: Option<(Estimate, u64)>,
     status: Option<(Status, u64)>,
@@ -40,18 +40,18 @@ pub struct LiveState {
     counts: VecDeque<(u64, u64, u64)>,
     /// Located times \[s\].
     changes: VecDeque<f64>,
-    /// Of each quantity, before the last change.
+    /// Value and standard deviation of each quantity before the last change.
     before: Vec<Option<(f64, f64)>>,
     lost_estimates: u64,
     generation: u64,
-    /// What the model lacks, in the identifier's words.
+    /// The identifier's text about an error that the model lacks.
     lacks: String,
-    /// Share of the signals' power that the model is expected to explain, if that is known.
+    /// Share of the signals' power that the model is expected to explain, if known.
     least_explained: Option<f64>,
 }
 
 impl LiveState {
-    /// A state that knows names and units only.
+    /// A state with names and units only.
     pub fn new(about: About, parameters: Vec<Quantity>, derived: Vec<Quantity>) -> Self {
         let count = parameters.len();
         let quantities: Vec<Quantity> = parameters.into_iter().chain(derived).collect();
@@ -83,7 +83,7 @@ impl LiveState {
         self
     }
 
-    /// The same without the past that plots need: for lines of text the newest blocks are enough.
+    /// The same without the history for plots; text needs only the newest blocks.
     #[must_use]
     pub fn for_text(mut self) -> Self {
         self.history = self.history.at_most(POINTS_FOR_TEXT);
@@ -91,14 +91,14 @@ impl LiveState {
         self
     }
 
-    /// The same with what predicts the joints' inputs.
+    /// The same with a prediction of the joints' inputs.
     #[must_use]
     pub fn predicting(mut self, prediction: PredictedInput) -> Self {
         self.prediction = Some(prediction);
         self
     }
 
-    /// Forgets everything: what comes is of another model, whose inputs nobody predicts.
+    /// Resets the state for another model, whose inputs are not predicted.
     pub fn rename(&mut self, about: About, parameters: Vec<Quantity>, derived: Vec<Quantity>) {
         let generation = self.generation + 1;
         let new = Self::new(about, parameters, derived);
@@ -106,7 +106,7 @@ impl LiveState {
         *self = Self { generation, ..new };
     }
 
-    /// Takes an estimate in, each of them once; `truth` if somebody knows it.
+    /// Takes an estimate, each one only once; `truth` if known.
     pub fn on_estimate(&mut self, estimate: &Estimate, truth: Option<&dyn Truth>, sent_ns: u64) {
         match self.estimate.as_ref().map(|(last, _)| (last.stream_id, last.block)) {
             Some((stream_id, block)) if stream_id == estimate.stream_id && block < estimate.block => {
@@ -142,7 +142,7 @@ impl LiveState {
         self.estimate = Some((*estimate, sent_ns));
     }
 
-    /// Takes a status in.
+    /// Takes a status.
     pub fn on_status(&mut self, status: &Status, sent_ns: u64) {
         if self
             .status
@@ -164,7 +164,7 @@ impl LiveState {
         self.status = Some((*status, sent_ns));
     }
 
-    /// Takes a sample in. With a prediction it is shown once its neighbours are there, some
+    /// Takes a sample. With a prediction it is shown once its neighbours have arrived, some
     /// hundredths of a second later.
     pub fn on_sample(&mut self, sample: &Sample) {
         let signals = &mut self.signals;
@@ -179,7 +179,7 @@ impl LiveState {
         self.prediction.is_some()
     }
 
-    /// Whose it is.
+    /// The machine and model.
     pub fn about(&self) -> &About {
         &self.about
     }
@@ -199,12 +199,12 @@ impl LiveState {
         &self.signals
     }
 
-    /// Counts the streams: what was shown of another generation is of another run.
+    /// Counts the streams: data of another generation are of another run.
     pub fn generation(&self) -> u64 {
         self.generation
     }
 
-    /// Everything as it is now.
+    /// The present view.
     pub fn view(&self, now_ns: u64) -> View {
         let estimate = self.estimate.as_ref().map(|(estimate, _)| estimate);
         let status = self.status.as_ref().map(|(status, _)| status);
@@ -251,7 +251,7 @@ impl LiveState {
         }
     }
 
-    /// A new stream: what is known is of the one before.
+    /// Begins a new stream.
     fn begin(&mut self) {
         self.history.clear();
         self.changes.clear();
@@ -260,7 +260,7 @@ impl LiveState {
         self.generation += 1;
     }
 
-    /// Remembers what was known before: of each quantity the last value that could be used.
+    /// Remembers the last usable value of each quantity before the change.
     fn on_change(&mut self, t_s: f64) {
         for (index, before) in self.before.iter_mut().enumerate() {
             let last = self.history.points().rev().filter(|point| point.t_s <= t_s);
@@ -320,7 +320,7 @@ impl LiveState {
         self.quantities.iter().enumerate().map(row).collect()
     }
 
-    /// Over the last blocks, against the standard deviations at both ends.
+    /// The trend over the last blocks, relative to the standard deviations at both ends.
     fn trend(&self, index: usize) -> Trend {
         let at = |point: &Point| (point.values[index], point.stds[index]);
         let mut points = self.history.points().rev().take(TREND_OVER);
@@ -374,7 +374,7 @@ impl LiveState {
         }
     }
 
-    /// The newer of what estimate and status say.
+    /// The newer state of estimate and status.
     fn state(&self) -> State {
         let estimate = self.estimate.as_ref().map(|(e, sent_ns)| (*sent_ns, e.state));
         let status = self.status.as_ref().map(|(s, sent_ns)| (*sent_ns, s.state));

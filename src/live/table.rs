@@ -1,4 +1,4 @@
-//! The table in a terminal: 80 columns by 24 lines or more, drawn anew in place.
+//! The table in a terminal: 80 columns by 24 lines or more, redrawn in place.
 
 use super::line::cut;
 use super::quantity::{About, Quantity};
@@ -13,25 +13,25 @@ use ratatui::widgets::{Cell, Paragraph, Row as TableRow, Table};
 const ABOVE: u16 = 4;
 /// Lines below it: empty line, samples, identifier, keys.
 const BELOW: u16 = 4;
-/// From this width on there is room for meanings.
+/// Width from which there is room for meanings.
 const WIDE: u16 = 100;
 
-/// What a table needs beside the view.
+/// Context of a table besides the view.
 #[derive(Debug, Clone, Copy)]
 pub struct TableContext<'a> {
-    /// Whose it is.
+    /// The machine and model.
     pub about: &'a About,
     /// Meanings, in the order of the rows.
     pub quantities: &'a [Quantity],
-    /// Rows that lie above the window, when it is too low for all.
+    /// Number of rows above the visible part, if not all fit.
     pub scroll: usize,
-    /// Whether colours may be used; `NO_COLOR` asks for none.
+    /// Whether colours may be used; `NO_COLOR` disables them.
     pub colours: bool,
     /// The answer to the last key; empty if there was none.
     pub answer: &'a str,
 }
 
-/// Draws a view; returns the most rows that it makes sense to scroll by.
+/// Draws a view; returns the largest useful number of rows to scroll by.
 pub fn draw(frame: &mut Frame<'_>, view: &View, about: &TableContext<'_>) -> usize {
     let area = frame.area();
     let paint = Paint(about.colours);
@@ -234,7 +234,7 @@ mod tests {
 
     const S: u64 = 1_000_000_000;
 
-    /// What stands on a screen of this size.
+    /// The text on a screen of this size.
     fn screen(
         state: &LiveState,
         (width, height): (u16, u16),
@@ -263,7 +263,7 @@ mod tests {
         (lines, terminal)
     }
 
-    /// As many quantities as an estimate can have, with the longest names and units.
+    /// The largest number of quantities of an estimate, with the longest names and units.
     fn crowd() -> LiveState {
         let quantity = |index: usize| {
             let meaning = "viscous friction of the joint's gear and motor, seen from the joint";
@@ -320,7 +320,7 @@ mod tests {
             let (lines, _) = screen(&state, size, 0, true);
             assert_eq!(lines.len(), size.1 as usize);
             if size.0 >= 80 && size.1 >= 24 {
-                // Each row ends with its note, none runs into the next column.
+                // Each row ends with its note, and no value runs into the next column.
                 let rows: Vec<&String> = lines
                     .iter()
                     .skip(4)
@@ -332,7 +332,7 @@ mod tests {
                 }
             }
         }
-        // What does not fit is reached by scrolling, and no further.
+        // Rows that do not fit are reached by scrolling, but no further.
         let (lines, _) = screen(&state, (80, 24), 1000, true);
         assert!(
             lines

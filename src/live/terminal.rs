@@ -1,4 +1,4 @@
-//! The terminal: taken over and given back, whatever ends the program.
+//! The terminal: taken over, and restored however the program ends.
 
 use super::table::{TableContext, draw};
 use super::view::View;
@@ -8,21 +8,20 @@ use ratatui::crossterm::terminal::size;
 use std::io::{self, IsTerminal};
 use std::time::Duration;
 
-/// A key that means something.
+/// A key with a function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Key {
     /// End the program.
     Quit,
     /// Stop the identifier.
     Pause,
-    /// Let it go on.
+    /// Resume the identifier.
     Resume,
-    /// The window or the place in the table is another one: draw again.
+    /// The window or the scroll position has changed: draw again.
     Redraw,
 }
 
-/// A terminal that shows the table in place of what was there, which comes back on drop and after a
-/// panic.
+/// A terminal that shows the table; its previous content is restored on drop and after a panic.
 #[derive(Debug)]
 pub struct Screen {
     terminal: DefaultTerminal,
@@ -41,7 +40,7 @@ impl Screen {
     /// Takes the terminal over.
     ///
     /// # Errors
-    /// It is none, or it has gone.
+    /// If it is not a terminal, or has been closed.
     pub fn open() -> io::Result<Self> {
         let colours = std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
         Ok(Self {
@@ -55,7 +54,7 @@ impl Screen {
     /// Draws a view.
     ///
     /// # Errors
-    /// The terminal has gone.
+    /// If the terminal has been closed.
     pub fn draw(&mut self, view: &View, about: TableContext<'_>) -> io::Result<()> {
         let about = TableContext {
             scroll: self.scroll,
@@ -68,10 +67,10 @@ impl Screen {
         Ok(())
     }
 
-    /// The next key that was pressed, without waiting.
+    /// The next key pressed, without waiting.
     ///
     /// # Errors
-    /// The terminal has gone.
+    /// If the terminal has been closed.
     pub fn key(&mut self) -> io::Result<Option<Key>> {
         while poll(Duration::ZERO)? {
             let event = read()?;
@@ -84,7 +83,7 @@ impl Screen {
             if key.kind == KeyEventKind::Release {
                 continue;
             }
-            // In raw mode Ctrl-C is a key like any other.
+            // In raw mode Ctrl-C is an ordinary key.
             let control = key.modifiers.contains(KeyModifiers::CONTROL);
             let page = 10;
             let scroll = match key.code {
@@ -107,14 +106,14 @@ impl Screen {
     }
 }
 
-/// Columns of the terminal, 80 if it does not say.
+/// Columns of the terminal, 80 if unknown.
 pub fn columns() -> usize {
     size().map_or(80, |(columns, _)| usize::from(columns))
 }
 
 impl Drop for Screen {
     fn drop(&mut self) {
-        // Says nothing: whoever is left to read it has lost the terminal.
+        // Silent, because the terminal is lost anyway.
         let _ = ratatui::try_restore();
     }
 }

@@ -1,26 +1,26 @@
-//! What all views show at one instant: words and numbers, ready to be drawn.
+//! The content of all views at one instant: texts and numbers, ready to draw.
 
 use serde::Serialize;
 
-/// How things are, as a colour would tell it.
+/// Overall condition, shown as a colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Health {
     /// Estimates may be used.
     Good,
-    /// Nothing is wrong; the answer is not there yet.
+    /// Nothing is wrong, but there is no result yet.
     Wait,
-    /// Something asks for attention.
+    /// Something needs attention.
     Warn,
-    /// Nobody estimates, or what is estimated must not be used.
+    /// No identifier is running, or its estimates must not be used.
     Bad,
 }
 
-/// Where an estimate moves, beyond its standard deviation.
+/// Trend of an estimate, beyond its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Trend {
-    /// Too few estimates to tell.
+    /// Too few estimates.
     Unknown,
     /// It stays.
     Steady,
@@ -57,21 +57,21 @@ pub struct Row {
     pub value_text: String,
     /// The standard deviation as text; empty if there is none.
     pub std_text: String,
-    /// Where it moves.
+    /// Its trend.
     pub trend: Trend,
     /// Whether controllers may use it.
     pub usable: bool,
     /// Whether the last block informed on it.
     pub excited: bool,
-    /// Whether it is held by configuration or command.
+    /// Whether it is fixed by configuration or command.
     pub fixed: bool,
     /// Whether it is computed from the parameters.
     pub derived: bool,
 }
 
 impl Row {
-    /// What to know about it in a word: `usable`; `fixed`; `not excited` if the motion leaves it
-    /// open; `uncertain` if it is known, but not well enough.
+    /// A short note: `usable`; `fixed`; `not excited` if the motion leaves it open; `uncertain` if
+    /// it is known, but not well enough.
     pub fn note(&self) -> &'static str {
         let known = 3.0 * self.std < self.value.abs();
         match (self.fixed, self.usable, self.excited || known) {
@@ -89,13 +89,13 @@ impl Row {
 pub struct Times {
     /// Mean.
     pub mean_us: f64,
-    /// 99 of 100 took at most this.
+    /// 99th percentile.
     pub p99_us: f64,
     /// Longest.
     pub max_us: f64,
 }
 
-/// Everything at one instant. What is not known is `NaN`, which JSON shows as null.
+/// Everything at one instant. Unknown values are `NaN`, which JSON shows as null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct View {
     /// The result in a sentence.
@@ -106,7 +106,7 @@ pub struct View {
     pub state: String,
     /// The state as a colour.
     pub health: Health,
-    /// Whether an identifier is heard.
+    /// Whether an identifier is alive.
     pub alive: bool,
     /// Whether a command has stopped it.
     pub paused: bool,
@@ -138,17 +138,17 @@ pub struct View {
     pub estimates_per_s: f64,
     /// χ² of the residuals over their number, per equation: 1 on average if the block fits.
     pub fit: Vec<f64>,
-    /// Probability of residuals as large as these if the model is right.
+    /// Probability of residuals this large if the model is right.
     pub fit_probability: f64,
-    /// A sample taken in.
+    /// Time to process a sample.
     pub step: Times,
-    /// A block estimated.
+    /// Time to estimate a block.
     pub block_step: Times,
     /// Memory of the identifier in use \[bytes\], 0 if it is not known.
     pub resident_bytes: u64,
-    /// What the model lacks, in the identifier's words; empty if the residuals speak for nothing.
+    /// The identifier's text about an error that the model lacks; empty if the residuals show none.
     pub lacks: String,
-    /// What went wrong last, in words.
+    /// The last error, in words.
     pub error: String,
     /// Located times of the last changes \[s\].
     pub changes: Vec<f64>,

@@ -20,7 +20,7 @@ pub const MAX_PARTS: u32 = 1024;
 /// Most items that a [`Response`] describes: 128 parameters, tunables, positions and inputs.
 pub const MAX_ITEMS: usize = 160;
 
-/// What an identifier can be told.
+/// Commands that an identifier accepts.
 #[repr(u32)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Command {
@@ -38,11 +38,11 @@ pub enum Command {
     Free = 6,
     /// Write a checkpoint.
     Save = 7,
-    /// Tell names, units, bounds, tunables.
+    /// Report names, units, bounds and tunables.
     Describe = 8,
-    /// Go on from a state, in parts of [`DATA`] bytes: what a warm start does, for replays.
+    /// Continue from a state, sent in parts of [`DATA`] bytes: a warm start for replays.
     Restore = 9,
-    /// A recorder tells how many samples it lost.
+    /// A recorder reports how many samples it lost.
     Recorder = 10,
     /// What the flange of a robot carries from now on: nothing, or a known load.
     Payload = 11,
@@ -64,7 +64,7 @@ impl Command {
     ];
 
     /// True for commands that consist of a name and a value alone: pause, resume, reset, set, fix,
-    /// free, save and describe. The others carry data of their own, or are a program's.
+    /// free, save and describe. The others carry other data, or are sent only by programs.
     pub fn is_plain(self) -> bool {
         !matches!(self, Self::Restore | Self::Recorder | Self::Payload)
     }
@@ -95,8 +95,8 @@ pub mod request_flags {
     pub const VALUE: u32 = 1 << 0;
 }
 
-/// What a [`Request`] knows a stream by; never 0. Two of some 10⁵ streams would have to meet for
-/// two tags to agree by chance.
+/// The tag by which a [`Request`] names a stream; never 0. Two tags agree by chance only among
+/// about 10⁵ streams.
 pub fn stream_tag(stream_id: u64) -> u32 {
     ((stream_id ^ (stream_id >> 32)) as u32).max(1)
 }
@@ -114,8 +114,8 @@ message! {
         part: u32, One, "", "Number of this part of a state, from 0";
         parts: u32, One, "", "Parts of the state";
         data_len: u32, One, "bytes", "Length of this part; of a payload 80, or 0 for none";
-        /// See [`stream_tag`]. It waits for that stream, and what it did is undone when another one
-        /// begins.
+        /// See [`stream_tag`]. The request waits for that stream, and its effect is undone when
+        /// another stream begins.
         stream: u32, One, "", "Tag of the only stream that this is for; 0: for whichever is open, and to stay";
         data: [u8; DATA], Byte, "", "The part; of a payload m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the flange as float64";
     }
@@ -145,8 +145,8 @@ impl Request {
         self
     }
 
-    /// A request that says what the flange carries: nothing, or ten parameters about the flange, m,
-    /// hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+    /// A request that sets the payload at the flange: nothing, or ten parameters about the flange,
+    /// m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
     pub fn payload(body: Option<&[f64; PAYLOAD]>) -> Self {
         let mut request = Self::new(Command::Payload);
         for (bytes, x) in request.data.chunks_exact_mut(8).zip(body.into_iter().flatten()) {
@@ -156,10 +156,10 @@ impl Request {
         request
     }
 
-    /// A request that says what the flange carries in the words of people: mass \[kg\], 0 for
+    /// A request that sets the payload at the flange by physical values: mass \[kg\], 0 for
     /// nothing, centre of mass in the flange's frame \[m\], inertia about it in the flange's axes,
-    /// xx, xy, yy, xz, yz, zz \[kg m²\], or that of a ball of light metal. What no body can have is
-    /// refused by the identifier.
+    /// xx, xy, yy, xz, yz, zz \[kg m²\], or that of an aluminium ball. The identifier refuses
+    /// values that no body can have.
     pub fn load(mass: f64, center: [f64; 3], inertia: Option<[f64; 6]>) -> Self {
         match mass == 0.0 {
             true => Self::payload(None),
@@ -167,10 +167,10 @@ impl Request {
         }
     }
 
-    /// What a request of [`payload`](Self::payload) says.
+    /// The payload of a request made by [`payload`](Self::payload).
     ///
     /// # Errors
-    /// A length that is neither of nothing nor of a body, in words.
+    /// If the length is neither 0 nor that of a body.
     pub fn payload_body(&self) -> Result<Option<[f64; PAYLOAD]>, String> {
         match self.data_len as usize {
             0 => Ok(None),
@@ -214,7 +214,7 @@ impl Request {
     }
 }
 
-/// Puts the parts of a state together again.
+/// Reassembles a state from its parts.
 #[derive(Debug, Clone, Default)]
 pub struct Parts {
     bytes: Vec<u8>,
@@ -222,8 +222,8 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// Takes the next part; gives the state with the last one, an error if a part is missing or
-    /// out of its range.
+    /// Takes the next part and returns the state with the last one; an error if a part is missing
+    /// or out of range.
     pub fn take(&mut self, part: &Request) -> Result<Option<Vec<u8>>, String> {
         if part.part == 0 {
             *self = Self::default();
@@ -250,12 +250,12 @@ pub mod item_kind {
     pub const POSITION: u32 = 3;
     /// A joint's input.
     pub const INPUT: u32 = 4;
-    /// A figure in force that the identifier chooses itself.
+    /// A figure that the identifier chooses itself, as it is now.
     pub const FIGURE: u32 = 5;
 }
 
 message! {
-    /// What `describe` tells of a parameter, a tunable or a signal.
+    /// What `describe` reports about a parameter, a tunable or a signal.
     pub struct Item = "ThetabusItemV3" {
         /// See [`item_kind`].
         kind: u32, One, "", "1 parameter, 2 tunable, 3 position, 4 input, 5 figure";
@@ -286,11 +286,11 @@ impl Item {
 
 /// Codes of a [`Response`].
 pub mod response_code {
-    /// Done, or ordered for `from_seq`.
+    /// Done, or scheduled for `from_seq`.
     pub const DONE: u32 = 0;
-    /// Refused; `text` tells why.
+    /// Refused; `text` says why.
     pub const REFUSED: u32 = 1;
-    /// Could not be done; `text` tells why.
+    /// Could not be done; `text` says why.
     pub const FAILED: u32 = 2;
 }
 
@@ -330,8 +330,8 @@ impl Response {
 }
 
 message! {
-    /// Topic `journal`: a command that took effect, with the place where it did. A recording keeps
-    /// them, so that a replay repeats them.
+    /// Topic `journal`: a command that took effect, with its border. A recording keeps these, so a
+    /// replay repeats them.
     pub struct Journal = "ThetabusJournalV3" {
         stream_id: u64, One, "", "The sample stream; 0 before the first one";
         block: u64, One, "", "Number of the first block to which the command applies";
@@ -351,7 +351,7 @@ mod tests {
             assert_eq!(command.name(), name);
         }
         assert_eq!((Command::from_wire(0), Command::from_wire(12)), (None, None));
-        // As the clients' messages say.
+        // the list in the clients' messages
         let plain: Vec<u32> = (1..=11)
             .filter(|c| Command::from_wire(*c).is_some_and(Command::is_plain))
             .collect();

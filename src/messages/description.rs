@@ -169,7 +169,7 @@ impl Description {
         &self.derived[..(self.derived_len as usize).min(MAX_DERIVED)]
     }
 
-    /// Puts joints, parameters and derived values in, as many as there is room for.
+    /// Sets joints, parameters and derived values, as many as there is room for.
     #[must_use]
     pub fn with(
         mut self,
@@ -183,7 +183,8 @@ impl Description {
         self
     }
 
-    /// The same with the name of a model and the kind of input that the joints' input unit means.
+    /// Sets the model's name and hash, and the kind of input that follows from the joints' input
+    /// unit.
     #[must_use]
     pub fn of_model(mut self, model: &str, model_hash: u64, input_unit: &str) -> Self {
         put_text(&mut self.model, model);
@@ -193,7 +194,7 @@ impl Description {
     }
 }
 
-/// Writes to the head of a list; how many there was room for.
+/// Fills a list from its head; returns how many values fitted.
 fn fill<T>(target: &mut [T], values: impl IntoIterator<Item = T>) -> u32 {
     let mut count = 0;
     for (slot, value) in target.iter_mut().zip(values) {
@@ -203,7 +204,7 @@ fn fill<T>(target: &mut [T], values: impl IntoIterator<Item = T>) -> u32 {
     count
 }
 
-/// What an input in this unit is: voltage \[V\], current \[A\], torque \[N m\], force \[N\];
+/// The kind of input with this unit: voltage \[V\], current \[A\], torque \[N m\], force \[N\];
 /// `input` for any other unit.
 pub fn input_kind_of(unit: &str) -> &'static str {
     match unit {
@@ -251,7 +252,7 @@ mod tests {
             (derived.name(), derived.unit(), derived.meaning()),
             ("mass_2", "kg", "of link 2")
         );
-        // counts out of a foreign process are not believed
+        // counts from another process are not trusted
         (description.joints, description.params, description.derived_len) = (u32::MAX, u32::MAX, u32::MAX);
         assert_eq!(description.joints().len(), MAX_JOINTS);
         assert_eq!(description.parameters().len(), MAX_PARAMS);

@@ -29,8 +29,8 @@ pub enum State {
     Invalid = 7,
     /// The stream ended and everything received has been processed (status only).
     Ended = 8,
-    /// The model does not fit the block: residuals beyond the noise, signals that it does not
-    /// explain, or a bound that the data push against.
+    /// The model does not fit the block: residuals exceed the noise, signals are unexplained, or
+    /// the data push a parameter against a bound.
     Misfit = 9,
 }
 
@@ -72,7 +72,7 @@ message! {
         missing: u64, One, "", "Samples lost since the start of the stream, gaps in seq";
         rejected: u64, One, "", "Samples refused since the start of the stream: not finite, out of range, out of order";
         excited: ParameterSet, One, "", "Parameters about which the block's data are informative";
-        /// What both mean stands at [`Self::is_usable`].
+        /// [`Self::is_usable`] explains both.
         usable: ParameterSet, One, "", "Parameters known from data well enough to be used, if use_ok is 1, too";
         fixed: ParameterSet, One, "", "Parameters held by configuration or command";
         t_change_ns: u64, One, "ns", "Located stream time of the last change, 0 if none was found";

@@ -6,7 +6,8 @@ use crate::model::MAX_JOINTS;
 use iceoryx2::prelude::ZeroCopySend;
 
 message! {
-    /// Topic `command`: what a controller adds to the machine's own loop, in answer to a sample.
+    /// Topic `command`: the input that a controller adds to the machine's own loop in response to a
+    /// sample.
     pub struct MachineCommand = "ThetabusCommandV3" {
         stream_id: u64, One, "", "stream_id of the sample that is answered; a command for another stream does not count";
         seq: u64, One, "", "seq of that sample; the command holds from the next one on";

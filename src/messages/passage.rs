@@ -1,11 +1,11 @@
-//! What may happen to a sample between machine and topic.
+//! Faults of a sample's transport from the machine to the topic.
 
-/// What becomes of a sample on its way to the topic.
+/// How a sample travels to the topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Passage {
     /// It never arrives.
     pub lost: bool,
-    /// It is sent so much later than its time \[ns\].
+    /// Delay of its sending after its time \[ns\].
     pub late_ns: u64,
 }
 

@@ -37,7 +37,7 @@ message! {
     }
 }
 
-/// A time as messages have it \[ns\]; a negative one and NaN are 0, `inf` the last there is.
+/// Converts a time to \[ns\]; a negative time and NaN become 0, `inf` the largest value.
 pub(crate) fn nanoseconds(time_s: f64) -> u64 {
     (time_s * 1e9).round() as u64
 }
@@ -49,7 +49,7 @@ pub struct Signal {
     pub name: &'static str,
     /// Its bit of [`Sample::signals`].
     pub flag: u32,
-    /// Its unit, with `{position}` or `{input}` for what the description says.
+    /// Its unit; `{position}` and `{input}` stand for the units in the description.
     pub unit: &'static str,
 }
 
@@ -74,7 +74,7 @@ impl Sample {
         [&self.q, &self.dq, &self.ddq, &self.dddq, &self.setpoint, &self.input]
     }
 
-    /// The values of [`SIGNALS`], in their order, to be changed.
+    /// The values of [`SIGNALS`] in their order, mutable.
     pub fn arrays_mut(&mut self) -> [&mut [f64; MAX_JOINTS]; 6] {
         [
             &mut self.q,

@@ -1,4 +1,4 @@
-//! Topic `status`: what the identifier does, has seen, costs and was granted.
+//! Topic `status`: the identifier's state, counters, timing and real-time settings.
 
 use super::estimate::State;
 use super::table::message;
@@ -18,11 +18,11 @@ pub mod status_flags {
     pub const PAUSED: u32 = 1 << 1;
     /// A stream is open, but no sample has come for a second or more.
     pub const SILENT: u32 = 1 << 2;
-    /// Tunables, or what is fixed, are no longer as configured.
+    /// Commands have changed tunables, or fixed or freed parameters.
     pub const COMMANDED: u32 = 1 << 3;
     /// Checkpoints are written.
     pub const CHECKPOINTS: u32 = 1 << 4;
-    /// The stream is a replay: the next one goes on from what was known before it.
+    /// The stream is a replay: the next stream continues from the state before it.
     pub const REPLAY: u32 = 1 << 5;
 }
 
@@ -47,7 +47,7 @@ message! {
 }
 
 impl StreamFaults {
-    /// Counts a refused sample; a reason that is no fault of the stream is counted nowhere.
+    /// Counts a refused sample, unless the reason is no fault of the stream.
     pub fn count(&mut self, reason: ErrorCode) {
         let count = match reason {
             ErrorCode::Duplicate => &mut self.duplicates,
@@ -87,7 +87,7 @@ impl fmt::Display for StreamFaults {
 }
 
 message! {
-    /// How long something took, since the process began.
+    /// Durations of one activity since the process began.
     #[derive(Eq)]
     pub struct Timing = "ThetabusTimingV3" {
         count: u64, One, "", "How often";
@@ -143,9 +143,9 @@ pub enum ErrorCode {
     ClockJump = 4,
     /// Another number of joints.
     WrongJoints = 5,
-    /// A signal that is needed is not there.
+    /// A required signal is missing.
     WrongSignals = 6,
-    /// NaN, infinity, or a number that no machine has.
+    /// NaN, infinity, or an implausibly large number.
     NotFinite = 7,
     /// An input at the limit of its measurement.
     Saturated = 8,
@@ -153,7 +153,7 @@ pub enum ErrorCode {
     Frozen = 9,
     /// No sample for a second or more.
     Silent = 10,
-    /// A block that cannot be evaluated at θ̂.
+    /// A block whose rows cannot be evaluated at θ̂.
     NotEvaluable = 11,
     /// A checkpoint was found and not used.
     CheckpointUnused = 12,
@@ -221,7 +221,7 @@ impl ErrorCode {
 }
 
 message! {
-    /// The last thing that went wrong; it stays until something else does.
+    /// The last error; it stays until another one occurs.
     #[derive(Eq)]
     pub struct LastError = "ThetabusLastErrorV3" {
         /// See [`ErrorCode`].
@@ -233,12 +233,12 @@ message! {
 }
 
 impl LastError {
-    /// An error with its code's own words.
+    /// An error with the text of its code.
     pub fn new(code: ErrorCode, seq: u64) -> Self {
         Self::with_text(code, seq, code.describe())
     }
 
-    /// An error with words of its own, cut if they do not fit.
+    /// An error with its own text, truncated if it does not fit.
     pub fn with_text(code: ErrorCode, seq: u64, words: &str) -> Self {
         let mut text = [0; ERROR_TEXT];
         put_text(&mut text, words);
@@ -289,7 +289,7 @@ message! {
 }
 
 impl Status {
-    /// Why blocks of samples have given no estimate so far, in words, if the identifier says so.
+    /// Why no block has given an estimate so far, if the identifier has published a reason.
     pub fn no_estimate(&self) -> Option<&str> {
         let ended_without = self.state == State::Ended as u32 && self.fit == 0.0;
         let none_yet = self.state == State::Collecting as u32 || ended_without;

@@ -1,11 +1,11 @@
-//! One table of fields per message, and what follows from it.
+//! One table of fields per message, and the code generated from it.
 //!
 //! `message!` takes the table: name, type, what an array runs over, unit, meaning. From it come the
 //! `repr(C)` structure with its documentation, an empty value, the [`Layout`] that programs can
 //! read at run time, and a walk through the values. Recordings take their schema from the walk; the
 //! C header and the Python dtype are written from the layout.
 
-/// What the values of a field are numbered by.
+/// What the index of a field's values means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Per {
     /// A single value, or a set.
@@ -18,7 +18,7 @@ pub enum Per {
     Parameter,
     /// Derived values, in the order of the description.
     Derived,
-    /// Entries of a list whose length another field tells.
+    /// Entries of a list whose length is in another field.
     Item,
     /// Bytes of a text: UTF-8, filled up with zeros.
     Text,
@@ -66,9 +66,9 @@ pub struct Field {
     pub len: usize,
     /// Whether the field is an array, even of one value.
     pub is_array: bool,
-    /// What the values are numbered by.
+    /// What the index of the values means.
     pub per: Per,
-    /// SI unit; empty for none. In braces if the [`Description`](super::Description) tells it:
+    /// SI unit; empty for none. In braces if the [`Description`](super::Description) has it:
     /// `{position}`, `{input}`, `{parameter}`, `{derived}`.
     pub unit: &'static str,
     /// What it is, in a few words.
@@ -82,7 +82,8 @@ pub struct Field {
 pub struct Layout {
     /// Name of the structure.
     pub name: &'static str,
-    /// Name of the type on the bus, with the schema version; empty for what is only in files.
+    /// Name of the type on the bus, with the schema version; empty for structures that only files
+    /// contain.
     pub type_name: &'static str,
     /// Size \[bytes\].
     pub size: usize,
@@ -97,7 +98,7 @@ pub trait Message: Copy + 'static {
     /// The table.
     const LAYOUT: &'static Layout;
 
-    /// Hands every field to `visitor`, in order; what lies in a structure between
+    /// Passes every field to `visitor`, in order; those of a nested structure between
     /// [`enter`](Visit::enter) and [`leave`](Visit::leave).
     ///
     /// # Errors
@@ -135,20 +136,20 @@ pub trait Visit {
     fn leave(&mut self) {}
 }
 
-/// What can stand in an array.
+/// A type that an array can have.
 pub trait Element: Copy {
     /// Zero.
     const ZERO: Self;
     /// Its type.
     const KIND: Kind;
-    /// Hands the values of one field over.
+    /// Passes the values of one field to the visitor.
     ///
     /// # Errors
     /// The visitor's.
     fn visit_all<V: Visit>(values: &mut [Self], field: &Field, visitor: &mut V) -> Result<(), V::Error>;
 }
 
-/// What can be a field.
+/// A type that a field can have.
 pub trait Value: Copy {
     /// Zeros.
     const ZERO: Self;
@@ -158,7 +159,7 @@ pub trait Value: Copy {
     const LEN: usize;
     /// Whether it is an array.
     const IS_ARRAY: bool;
-    /// Hands the values over.
+    /// Passes the values to the visitor.
     ///
     /// # Errors
     /// The visitor's.

@@ -12,7 +12,7 @@ pub fn put_text(target: &mut [u8], words: &str) {
     target[len..].fill(0);
 }
 
-/// The text up to the first zero; what is no UTF-8 ends it, too.
+/// The text up to the first zero; invalid UTF-8 also ends it.
 pub fn text_of(bytes: &[u8]) -> &str {
     let end = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
     match std::str::from_utf8(&bytes[..end]) {
@@ -48,8 +48,8 @@ impl<const N: usize> FixedText<N> {
 }
 
 impl<const N: usize> Write for FixedText<N> {
-    /// Text beyond N bytes is dropped at a character boundary, which is an error, so that nothing
-    /// follows it.
+    /// Text beyond N bytes is dropped at a character boundary, which is an error, so nothing can
+    /// follow.
     fn write_str(&mut self, text: &str) -> fmt::Result {
         let room = &mut self.bytes[self.len..];
         put_text(room, text);

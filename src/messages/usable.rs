@@ -1,4 +1,4 @@
-//! What a reader may take from an estimate: one rule, by index or by name.
+//! Which values of an estimate may be used: one rule, by index or by name.
 
 use super::{Description, Estimate};
 use crate::model::MAX_PARAMS;
@@ -14,8 +14,8 @@ pub struct Usable {
 
 impl Estimate {
     /// True if parameter `index`, counted from 0, may be used: `use_ok` is 1 and its bit in
-    /// `usable` is set. This is the one rule for whoever takes a value by itself; a feed-forward,
-    /// in which all of them act together above a loop of its own, asks less of each:
+    /// `usable` is set. Use this rule for values used one at a time. A feed-forward, in which all
+    /// parameters act together above a loop of its own, has a weaker one:
     /// [`AdaptiveFeedForward`](crate::control::AdaptiveFeedForward).
     ///
     /// | | says | needs |
@@ -23,8 +23,8 @@ impl Estimate {
     /// | `use_ok` | the model with θ̂ describes the machine | the last blocks were predicted; this one fits; the signals are explained; the data since the start have determined more than half of the directions; no bound is at odds with the data; no change in this block, few samples lost |
     /// | bit i of `usable` | parameter i is known | three standard deviations below 5 % of it, by the data since the last change; no change of its group of equations in this block or the one before, and both fit; no bound of the group is at odds with the data; it is not fixed |
     ///
-    /// A parameter that is fixed is not usable in this sense: its value is the operator's, see
-    /// `fixed`. False for an index that the model does not have.
+    /// A fixed parameter is never usable in this sense: its value is the operator's, see `fixed`.
+    /// False for an index that the model does not have.
     pub fn is_usable(&self, index: usize) -> bool {
         index < (self.params as usize).min(MAX_PARAMS) && self.use_ok == 1 && self.usable.contains(index)
     }
@@ -39,8 +39,8 @@ impl Estimate {
 
     /// The parameter of this name with its standard deviation, if it [may be
     /// used](Self::is_usable). `None` for a name that is not among `names`, and for an estimate of
-    /// another model than theirs, too: ask [`ParameterNames::index`] once at the start to tell a
-    /// misspelt name, and [`ParameterNames::fit`] to tell another model.
+    /// another model. To detect a misspelt name, call [`ParameterNames::index`] once at the start;
+    /// to detect another model, call [`ParameterNames::fit`].
     pub fn usable(&self, names: &ParameterNames, name: &str) -> Option<Usable> {
         names.fit(self).then(|| self.usable_at(names.index(name)?))?
     }
@@ -53,7 +53,7 @@ impl Estimate {
 /// use thetabus::model::Manipulator;
 /// let names = ParameterNames::of(&Manipulator::default());
 /// assert_eq!(names.index("theta_7"), Some(6));
-/// // of an estimate that says nothing, nothing may be used
+/// // an empty estimate has no usable parameter
 /// assert_eq!(Estimate::EMPTY.usable(&names, "theta_7"), None);
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -64,8 +64,8 @@ pub struct ParameterNames {
 }
 
 impl ParameterNames {
-    /// These names, in the order of θ: of a recording, for example. Which model they are of is not
-    /// known, so that they [fit](Self::fit) every estimate.
+    /// These names, in the order of θ: those of a recording, for example. Their model is unknown,
+    /// so they [fit](Self::fit) every estimate.
     pub fn new(names: impl IntoIterator<Item = impl Into<String>>) -> Self {
         Self {
             names: names.into_iter().map(Into::into).collect(),
@@ -73,7 +73,7 @@ impl ParameterNames {
         }
     }
 
-    /// The names that an identifier has published, for its estimates alone.
+    /// The names that an identifier has published; they fit only its estimates.
     pub fn described(description: &Description) -> Self {
         Self {
             model_hash: description.model_hash,
@@ -81,7 +81,7 @@ impl ParameterNames {
         }
     }
 
-    /// The names of a plant, for its own estimates alone.
+    /// The names of a plant; they fit only estimates of that plant.
     pub fn of(plant: &impl crate::model::Plant) -> Self {
         Self {
             model_hash: crate::model::PlantDefinition::of(plant).hash(),
@@ -89,7 +89,7 @@ impl ParameterNames {
         }
     }
 
-    /// False if the estimate is of another model: its θ has other names. An estimate without a
+    /// False if the estimate is of another model, whose θ has other names. An estimate without a
     /// `model_hash` (0) fits every model.
     pub fn fit(&self, estimate: &Estimate) -> bool {
         self.model_hash == 0 || estimate.model_hash == 0 || self.model_hash == estimate.model_hash
@@ -126,7 +126,7 @@ mod tests {
         );
         assert_eq!(estimate.usable(&names, "mass"), None);
         assert_eq!(estimate.usable(&names, "Friction"), None);
-        // a bit beyond the parameters, and an index beyond the mask
+        // a bit beyond the parameters; an index beyond the mask
         assert!(!estimate.is_usable(2) && !estimate.is_usable(MAX_PARAMS + 1) && !estimate.is_usable(usize::MAX));
         estimate.use_ok = 0;
         assert!(!estimate.is_usable(1));

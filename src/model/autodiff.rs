@@ -4,10 +4,10 @@
 //! f_e(θ) = s_e u_e − Σ_d (d/dt)^d g_{e,d}(q, q̇; θ)      φ_e = −∂f_e/∂θ = Σ_d (d/dt)^d ∂g_{e,d}/∂θ
 //! ```
 //!
-//! Time derivatives by numbers that carry a value with its first and second derivative: q = (q, q̇,
-//! q̈) and q̇ = (q̇, q̈, q⃛) go in, so every term comes out with (d/dt)² at most. Derivatives in θ
-//! by dual numbers inside these, one parameter at a time: no size has to be known when compiling,
-//! and nothing is allocated.
+//! Time derivatives come from numbers that carry a value with its first and second derivative: the
+//! arguments are q = (q, q̇, q̈) and q̇ = (q̇, q̈, q⃛), so every term has derivatives up to
+//! (d/dt)². Derivatives in θ come from dual numbers inside these, one parameter at a time, so sizes
+//! need not be known at compile time and nothing is allocated.
 
 use super::{AutoDiff, JointSample, MAX_JOINTS, MAX_PARAMS, Plant, PointwiseModel};
 use num_dual::{Dual2, Dual64};
@@ -15,7 +15,7 @@ use num_dual::{Dual2, Dual64};
 /// A value with its first two time derivatives, each with its derivative in one parameter.
 type Series = Dual2<Dual64>;
 
-/// Highest time derivative that a sample with q, q̇, q̈, q⃛ can give.
+/// Highest time derivative available from a sample with q, q̇, q̈, q⃛.
 const MAX_ORDER: usize = 2;
 
 fn constant(value: f64) -> Series {
@@ -29,7 +29,7 @@ impl<P: Plant> PointwiseModel for AutoDiff<P> {
         *sample
     }
 
-    /// See [`PointwiseModel::row`]. The equation's order must be at most 2: samples carry no
+    /// See [`PointwiseModel::row`]. The equation's order must be at most 2: samples have no
     /// derivative beyond the jerk.
     fn row(&self, equation: usize, sample: &JointSample, theta: &[f64], regressor: &mut [f64]) -> f64 {
         let plant = &self.0;

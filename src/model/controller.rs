@@ -1,6 +1,6 @@
 //! The PD controllers, equation (13): u = K_p (φ_z − q) − K_d q̇.
 //!
-//! Part of the model because (27) writes the input u in this form: an identifier that knows
+//! It is part of the model because (27) writes the input u in this form: an identifier that knows
 //! setpoint and gains needs no measured voltage.
 
 /// One controller.

@@ -1,13 +1,13 @@
-//! Any plant with one parameter more: the delay of its input.
+//! Any plant with one additional parameter: the delay of its input.
 //!
 //! ```text
 //! f_e(t; θ, δ) = s_e u_e(t − δ) − Σ_d (d/dt)^d g_{e,d}(q, q̇; θ)
 //! ```
 //!
-//! u is the recorded input, δ \[s\] the time that it takes to act on the plant; negative if the
-//! record is late. Half a sample of delay that nobody modelled biases an inertia by 10 % at 1 kHz,
-//! so if it is not known it is estimated. Projected rows only: a delay needs the input's
-//! derivatives, which no pointwise row has.
+//! u is the recorded input, δ \[s\] its delay until it acts on the plant; negative if the record is
+//! late. An unmodelled delay of half a sample biases an inertia by 10 % at 1 kHz, so an unknown
+//! delay is estimated. Only for projected rows: a delay needs the input's derivatives, which
+//! pointwise rows do not have.
 
 use super::{DerivedQuantity, Equation, Parameter, Plant, Scalar};
 

@@ -76,13 +76,13 @@ mod tests {
         let mut gradient = [0.0; 2];
         let derived = PlantDerived(Disc);
         assert_eq!(derived.value_and_gradient(0, &[j, m], &mut gradient), radius);
-        // dr/dJ = r/(2 J), dr/dm = −r/(2 m); three operations, rounding alone
+        // dr/dJ = r/(2 J), dr/dm = −r/(2 m); three operations, so only rounding
         assert!((gradient[0] - radius / (2.0 * j)).abs() < 1e-15);
         assert!((gradient[1] + radius / (2.0 * m)).abs() < 1e-15);
         let (value, std) = derived.value_and_std(0, &[j, m], &|a, b| if a == b { 1e-4 } else { 0.0 });
         assert_eq!(value, radius);
         assert!((std - 0.01 * gradient[0].hypot(gradient[1])).abs() < 1e-15);
-        // a mass that is known to 5.6 % leaves the radius open
+        // a mass known only to 5.6 % leaves the radius open
         let (value, std) = derived.value_and_std(0, &[j, m], &|a, b| if a == b { [1e-4, 0.05][a] } else { 0.0 });
         assert!(value == radius && std.is_nan());
         assert!(derived.value_and_gradient(0, &[j, 0.0], &mut gradient).is_nan());

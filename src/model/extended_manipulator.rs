@@ -1,4 +1,5 @@
-//! The paper's arm with what (24) leaves out: Coulomb friction and a constant torque at each joint.
+//! The paper's arm with terms that (24) lacks: Coulomb friction and a constant torque at each
+//! joint.
 //!
 //! ```text
 //! k_m i = τ + F sign q̇ + τ₀        the motor overcomes friction F and an offset τ₀ besides the torque τ of (24)
@@ -10,13 +11,13 @@
 //!
 //! | symbol | parameter | meaning | unit |
 //! |---|---|---|---|
-//! | c_j | `coulomb_friction_j` | voltage that holds the current against friction | V |
-//! | κ_j | `coulomb_inductance_j` | half the voltage-time area that turns this current round at a reversal | V s |
+//! | c_j | `coulomb_friction_j` | voltage of the current that overcomes friction | V |
+//! | κ_j | `coulomb_inductance_j` | half the voltage-time area that reverses this current | V s |
 //! | o_j | `offset_j` | voltage for a constant torque | V |
 //!
-//! As θ₁ and θ₃ belong to one inertia, κ and c belong to one friction: κ₁/c₁ = θ₁/θ₃ and κ₂/c₂ =
-//! θ₆/θ₇ are both L/R of a winding. Both enter linearly. sign 0 = 0, so rows over a standstill of
-//! the joint are left out. The parameters of joint 1 come first, then those of joint 2.
+//! Like θ₁ and θ₃ of one inertia, κ and c belong to one friction: κ₁/c₁ = θ₁/θ₃ and κ₂/c₂ = θ₆/θ₇
+//! are both L/R of a winding. Both enter linearly. sign 0 = 0, so rows over a standstill of the
+//! joint are left out. The parameters of joint 1 come first, then those of joint 2.
 
 use super::{Equation, MANIPULATOR_PARAMS, Manipulator, Parameter, Plant, Scalar};
 
@@ -25,7 +26,7 @@ const JOINT_1: usize = 5;
 /// Factor of (26).
 const TWELVE: f64 = 12.0;
 
-/// Which terms an arm has beyond the paper's.
+/// Terms of an arm in addition to the paper's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ExtraTerms {
     /// Coulomb friction at each joint, two parameters each.
@@ -138,7 +139,7 @@ impl ExtendedManipulator {
         }
     }
 
-    /// Where θ₁ to θ₉ stand among the parameters, counted from 0.
+    /// Indices of θ₁ to θ₉ among the parameters, counted from 0.
     pub fn places(terms: ExtraTerms) -> [usize; MANIPULATOR_PARAMS] {
         std::array::from_fn(|index| Self::place(terms, index))
     }

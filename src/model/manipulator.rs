@@ -1,6 +1,6 @@
 //! The paper's two-joint arm with DC motors, equations (24) to (27).
 //!
-//! Both equations of (26) multiplied by 12, written as terms that are differentiated in time:
+//! Both equations of (26), multiplied by 12 and written as terms differentiated in time:
 //!
 //! ```text
 //! joint 1   12 u₁ = 12 θ₅ q̇₁ + d/dt [(θ₃ + 3 θ₄ cos²q₂) q̇₁] + d²/dt² [(θ₁ + 3 θ₂ cos²q₂) q̇₁]
@@ -24,8 +24,8 @@ use super::{Equation, JointSample, Parameter, Plant, PointwiseModel, Scalar};
 /// Number of parameters of the arm.
 pub const MANIPULATOR_PARAMS: usize = 9;
 
-/// θ₁…θ₉ of (25). All are positive for every physical arm; the starts are orders of magnitude, and
-/// a round number for the length.
+/// θ₁…θ₉ of (25). All are positive for every physical arm; the start values are orders of
+/// magnitude, with a round number for the length.
 pub static PARAMETERS: [Parameter; MANIPULATOR_PARAMS] = [
     Parameter::positive(
         "theta_1",
@@ -76,7 +76,7 @@ static EQUATIONS: [Equation; 2] = [
 /// θ₁/θ₃ = θ₂/θ₄ = L₁/R₁.
 static RELATIONS: [[usize; 4]; 1] = [[0, 2, 1, 3]];
 
-/// The paper's two-joint arm; the only thing it takes as known is gravity.
+/// The paper's two-joint arm; only gravity is taken as known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Manipulator {
     gravity_m_s2: f64,
@@ -148,7 +148,7 @@ impl Plant for Manipulator {
     }
 }
 
-/// What (27) takes from one sample; everything else is θ.
+/// The part of (27) that depends on one sample; the rest is θ.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ManipulatorFeatures {
     /// Regressor φ₁ of (27), over θ₁…θ₅.
@@ -168,9 +168,10 @@ pub struct ManipulatorFeatures {
 }
 
 impl ManipulatorFeatures {
-    /// The row as (1) has it, v = φᵀβ, for estimators that are linear in their parameters: (φ, v).
+    /// The row in the form (1), v = φᵀβ, for estimators that are linear in their parameters: (φ,
+    /// v).
     ///
-    /// Equation 0: β = θ₁…θ₅. Equation 1 is linear in five numbers that hold θ₆…θ₉ with their
+    /// Equation 0: β = θ₁…θ₅. Equation 1 is linear in five numbers made of θ₆…θ₉ and their
     /// products: β = θ₆, θ₇, θ₈, θ₆θ₉, θ₇θ₉.
     pub fn linear_row(&self, equation: usize) -> ([f64; 5], f64) {
         if equation == 0 {
@@ -234,7 +235,7 @@ impl PointwiseModel for Manipulator {
             let (theta_6, theta_7, theta_8, theta_9) = (theta[5], theta[6], theta[7], theta[8]);
             let (phi_6, phi_7) = (b_6 + theta_9 * a_6, b_7 + theta_9 * a_7);
             regressor[..4].copy_from_slice(&[phi_6, phi_7, b_8, theta_6 * a_6 + theta_7 * a_7]);
-            // (5) of (26), second equation; θ₉ stands inside φ₆ and φ₇ already
+            // (5) of (26), second equation; φ₆ and φ₇ already contain θ₉
             v_2 - (theta_6 * phi_6 + theta_7 * phi_7 + theta_8 * b_8)
         }
     }

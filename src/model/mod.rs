@@ -1,6 +1,6 @@
-//! What a plant's equations are.
+//! The equations of a plant.
 //!
-//! Every equation `e` of a plant is written once, as terms that are differentiated in time:
+//! Every equation `e` of a plant is defined once, as terms differentiated in time:
 //!
 //! ```text
 //! f_e(t; θ) = s_e u_e(t) − Σ_d (d/dt)^d g_{e,d}(q, q̇; θ)        f_n(θ) = 0 is the paper's (5)
@@ -8,9 +8,9 @@
 //! ```
 //!
 //! with `q` the joint positions \[rad or m\], `u_e` the drive's input (voltage, current, torque or
-//! force), `s_e` a constant scale and `θ` the parameters to be identified. From this one definition
-//! follow the pointwise form (each sample gives one row per equation, the derivatives expanded by
-//! the chain rule) and the projected form (integrals against a smooth window).
+//! force), `s_e` a constant scale and `θ` the parameters to be identified. This definition gives
+//! both the pointwise form (one row per sample and equation, with the derivatives expanded by the
+//! chain rule) and the projected form (integrals against a smooth window).
 
 mod autodiff;
 mod controller;
@@ -37,21 +37,20 @@ use crate::words::fnv1a;
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// The most joints that a sample, and so a plant, can have.
+/// Largest number of joints of a sample, and so of a plant.
 pub const MAX_JOINTS: usize = 8;
-/// The most parameters that an estimate, and so a plant, can have.
+/// Largest number of parameters of an estimate, and so of a plant.
 pub const MAX_PARAMS: usize = 128;
 
-/// The numbers that a plant's equations are written in: `f64` itself, dual numbers, truncated
+/// The number types in which a plant's equations are evaluated: `f64`, dual numbers, truncated
 /// series in time.
 pub trait Scalar: num_dual::DualNum<Primitive = f64> + Copy {}
 impl<T: num_dual::DualNum<Primitive = f64> + Copy> Scalar for T {}
 
-/// Everything that is known about the joints at one instant; SI units, the first `joints` entries
-/// count.
+/// All signals of the joints at one instant; SI units, only the first `joints` entries are used.
 ///
-/// A signal that was not measured is zero here; which signals are valid is stated by the message
-/// that carries them.
+/// A signal that was not measured is zero here; the message that carries the sample states which
+/// signals are valid.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct JointSample {
     /// Joint position q \[rad or m\].
@@ -110,7 +109,7 @@ impl Parameter {
         }
     }
 
-    /// A parameter that physics keeps from being negative: a mass, an inertia, a friction.
+    /// A parameter that cannot be negative: a mass, an inertia, a friction.
     pub const fn positive(name: &'static str, unit: &'static str, meaning: &'static str, start: f64) -> Self {
         Self::within(name, unit, meaning, start, 0.0, f64::INFINITY)
     }
@@ -154,18 +153,18 @@ impl Equation {
         }
     }
 
-    /// The same, for an equation with a term that jumps where joint `joint` reverses, such as
-    /// Coulomb friction F sign q̇ or Stribeck's.
+    /// For an equation with a term that jumps when joint `joint` reverses, such as Coulomb friction
+    /// F sign q̇ or Stribeck friction.
     ///
-    /// Such a term does not say what friction does at rest: a joint that sticks carries any force
-    /// up to the friction's, while sign 0 = 0. So rows over a standstill of that joint are left out
-    /// of this equation; a reversal, which passes through zero without resting, stays in. Terms
-    /// that jump at q̇ = 0 are found without being told; a term that is merely steep there,
-    /// tanh(q̇/v) for one, is not. `joint` is counted from 0; call it once for each joint that the
-    /// equation needs moving.
+    /// Such a term does not describe friction at rest: a sticking joint balances any force up to
+    /// that of friction, while sign 0 = 0. So rows over a standstill of that joint are left out of
+    /// this equation; a reversal, which passes through zero without resting, is kept. Terms that
+    /// jump at q̇ = 0 are also found automatically; a term that is merely steep there, such as
+    /// tanh(q̇/v), is not. `joint` is counted from 0; call this once for each joint that must move
+    /// for the equation to hold.
     ///
     /// # Panics
-    /// `joint` is not below [`MAX_JOINTS`].
+    /// If `joint` is not below [`MAX_JOINTS`].
     #[must_use]
     pub const fn needing_motion(mut self, joint: usize) -> Self {
         assert!(joint < MAX_JOINTS, "a joint is below MAX_JOINTS");
@@ -174,7 +173,7 @@ impl Equation {
     }
 }
 
-/// What is known of a plant besides its terms: everything that names, checks and describes it.
+/// A plant without its terms: everything that names, checks and describes it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlantDefinition {
     /// See [`Plant::name`].
@@ -210,7 +209,7 @@ impl PlantDefinition {
         }
     }
 
-    /// A number that changes with whatever gives θ its meaning: names, units, equations. 64-bit
+    /// A hash of everything that determines the meaning of θ: names, units, equations. 64-bit
     /// FNV-1a of their text, the same on every machine; estimates and recordings carry it as
     /// `model_hash`.
     pub fn hash(&self) -> u64 {
@@ -225,10 +224,10 @@ impl PlantDefinition {
         fnv1a(text.flat_map(|line| line.into_bytes().into_iter().chain([b'\n'])))
     }
 
-    /// Checks what every plant must keep to.
+    /// Checks the rules for every plant.
     ///
     /// # Errors
-    /// The first rule that is broken, in words.
+    /// The first rule that is violated.
     pub fn validate(&self) -> Result<(), String> {
         let (joints, params) = (self.joints, self.parameters.len());
         if !(1..=MAX_JOINTS).contains(&joints) {
@@ -320,8 +319,8 @@ pub trait Plant {
     fn parameters(&self) -> &[Parameter];
     /// The equations.
     fn equations(&self) -> &[Equation];
-    /// What θ satisfies by its meaning: \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l, indices from 0. None
-    /// by default.
+    /// Relations that θ satisfies by definition: \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l, indices from
+    /// 0. None by default.
     fn relations(&self) -> &[[usize; 4]] {
         &[]
     }
@@ -331,12 +330,12 @@ pub trait Plant {
     fn input_delay(&self) -> Option<usize> {
         None
     }
-    /// Values that follow from θ, such as a mass from two parameters. None by default.
+    /// Values derived from θ, such as a mass from two parameters. None by default.
     fn derived(&self) -> &[DerivedQuantity] {
         &[]
     }
-    /// The derived value `index`, in the order of [`derived`](Self::derived); its gradient, and so
-    /// its standard deviation, follows from it. Never called by default, for there is none.
+    /// The derived value `index`, in the order of [`derived`](Self::derived); its gradient and
+    /// standard deviation are computed from it. Never called if there are no derived values.
     fn derived_value<D: Scalar>(&self, index: usize, theta: &[D]) -> D {
         let _ = (index, theta);
         D::from(f64::NAN)
@@ -348,10 +347,10 @@ pub trait Plant {
 
 /// A plant evaluated sample by sample from q, q̇, q̈, q⃛ and u.
 ///
-/// [`AutoDiff`] gives this for any [`Plant`]; a plant may bring a faster one of its own, tested
+/// [`AutoDiff`] implements this for any [`Plant`]; a plant may have a faster implementation, tested
 /// equal.
 pub trait PointwiseModel {
-    /// What a sample contributes independently of θ, computed once per sample.
+    /// The part of a sample that does not depend on θ, computed once per sample.
     type Features: Copy + Default;
     /// Extracts the features of a sample.
     fn features(&self, sample: &JointSample) -> Self::Features;
@@ -367,7 +366,7 @@ pub trait PointwiseModel {
 #[derive(Debug, Clone)]
 pub struct AutoDiff<P>(pub P);
 
-/// A value that follows from θ once some constants are known.
+/// A value derived from θ and, possibly, known constants.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DerivedQuantity {
     /// Short name as in messages, files and tables: `mass_2`.
@@ -379,7 +378,7 @@ pub struct DerivedQuantity {
 }
 
 impl DerivedQuantity {
-    /// A value under a name, with its SI unit and what it is in a few words.
+    /// A value with its name, SI unit and a short meaning.
     pub const fn new(name: &'static str, unit: &'static str, meaning: &'static str) -> Self {
         Self {
             name: Cow::Borrowed(name),
@@ -389,23 +388,22 @@ impl DerivedQuantity {
     }
 }
 
-/// Standard deviation of a parameter, relative to it, up to which the delta method holds for what
-/// is made of it: a quotient is then off by a twentieth of its own standard deviation.
+/// Relative standard deviation of a parameter up to which the delta method is valid: a quotient is
+/// then off by a twentieth of its own standard deviation.
 const LINEAR: f64 = 0.05;
 
-/// Values that follow from θ̂, with their standard deviations.
+/// Values derived from θ̂, with their standard deviations.
 pub trait DerivedValues {
     /// Names and units, at most [`MAX_DERIVED`](crate::messages::MAX_DERIVED).
     fn quantities(&self) -> &[DerivedQuantity];
-    /// One value; writes its gradient over all parameters. `NaN` if θ̂ does not allow the value.
+    /// One value; writes its gradient over all parameters. `NaN` if the value is undefined at θ̂.
     fn value_and_gradient(&self, index: usize, theta: &[f64], gradient: &mut [f64]) -> f64;
 
     /// One value and its standard deviation by the delta method, √(∇ᵀ P ∇).
     ///
-    /// `covariance(i, j)` is the covariance P of θ̂. The standard deviation is `NaN`, not known, if
-    /// P is not finite, and if a parameter that the value is made of has a standard deviation of
-    /// more than a twentieth of its size: first order says nothing about a quotient whose
-    /// denominator may be anything.
+    /// `covariance(i, j)` is the covariance P of θ̂. The standard deviation is `NaN` (unknown) if P
+    /// is not finite, or if a parameter of the value has a standard deviation above a twentieth of
+    /// its size, because first order is not valid for a quotient with an uncertain denominator.
     fn value_and_std(&self, index: usize, theta: &[f64], covariance: &dyn Fn(usize, usize) -> f64) -> (f64, f64) {
         let mut gradient = [0.0; MAX_PARAMS];
         let gradient = &mut gradient[..theta.len()];

@@ -1,8 +1,9 @@
-//! Between the physical parameters of the arm and θ, equation (25), in both directions.
+//! Converts the physical parameters of the arm to θ by equation (25), and back.
 //!
-//! Forward is (25) itself. Backward, nine numbers cannot give twelve: θ fixes k_e1 = θ₅, k_e2 = θ₈,
-//! l₂ = θ₉, the electrical time constants L₁/R₁ = θ₂/θ₄ and L₂/R₂ = θ₆/θ₇, and products of masses
-//! with R/k_m. With the resistances, the torque constants and l₁ known, the rest follows:
+//! The forward direction is (25) itself. Backward, nine numbers cannot give twelve: θ determines
+//! k_e1 = θ₅, k_e2 = θ₈, l₂ = θ₉, the electrical time constants L₁/R₁ = θ₂/θ₄ and L₂/R₂ = θ₆/θ₇,
+//! and products of masses with R/k_m. With the resistances, the torque constants and l₁ known, the
+//! rest follows:
 //!
 //! ```text
 //! m₂ = θ₇ k_m2 / (θ₉ R₂)     m₁ = θ₃ k_m1 / (l₁² R₁)     L₁ = R₁ θ₂/θ₄     L₂ = R₂ θ₆/θ₇
@@ -36,7 +37,7 @@ pub struct PhysicalParameters {
     pub back_emf_constant_v_s_per_rad: [f64; 2],
 }
 
-/// What has to be known beforehand to get physical parameters back from θ; all must be > 0.
+/// Constants that must be known to compute physical parameters from θ; all must be > 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownConstants {
     /// l₁ \[m\].
@@ -98,7 +99,7 @@ impl KnownConstants {
     /// Checks that every constant is a positive finite number.
     ///
     /// # Errors
-    /// The first constant that is not.
+    /// The first constant that is not positive and finite.
     pub fn validate(&self) -> Result<(), UnknownConstant> {
         let [r1, r2] = self.winding_resistance_ohm;
         let [km1, km2] = self.torque_constant_n_m_per_a;
@@ -115,11 +116,11 @@ impl KnownConstants {
     }
 }
 
-/// Physical values of the arm that follow from θ̂ once the motor constants are known, with
-/// deviations by the delta method.
+/// Physical values of the arm from θ̂ and known motor constants, with standard deviations by the
+/// delta method.
 ///
-/// The inverse of (25), at the head of this file. Values are `NaN` if θ̂ does not allow them (θ₉ =
-/// 0, for instance).
+/// The inverse of (25), see the head of this file. Values are `NaN` if they are undefined at θ̂
+/// (for example, θ₉ = 0).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ManipulatorDerived {
     known: KnownConstants,
@@ -133,10 +134,10 @@ static QUANTITIES: [DerivedQuantity; 4] = [
 ];
 
 impl ManipulatorDerived {
-    /// Derived values on the ground of known motor constants.
+    /// Derived values for known motor constants.
     ///
     /// # Errors
-    /// A constant is not a positive finite number.
+    /// If a constant is not a positive finite number.
     pub fn new(known: KnownConstants) -> Result<Self, UnknownConstant> {
         known.validate().map(|()| Self { known })
     }
@@ -179,12 +180,12 @@ impl DerivedValues for ManipulatorDerived {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExtendedDerived {
     arm: ManipulatorDerived,
-    /// Where θ₁ to θ₉ stand.
+    /// Indices of θ₁ to θ₉.
     places: [usize; MANIPULATOR_PARAMS],
 }
 
 impl ExtendedDerived {
-    /// Derived values of an arm whose θ₁ to θ₉ stand at `places`, see
+    /// Derived values of an arm with θ₁ to θ₉ at the indices `places`, see
     /// [`ExtendedManipulator::places`](super::ExtendedManipulator::places).
     pub fn new(arm: ManipulatorDerived, places: [usize; MANIPULATOR_PARAMS]) -> Self {
         Self { arm, places }

@@ -1,10 +1,10 @@
-//! The arm (24) in its raw physical parameters: the parametrization that Section 4 of the paper
-//! names as not identifiable.
+//! The arm (24) in its raw physical parameters, which Section 4 of the paper describes as not
+//! identifiable.
 //!
 //! The equations are those of [`Manipulator`](super::Manipulator) with (25) inserted. Twelve
 //! parameters act through eight combinations, so four directions of θ leave every residual
-//! unchanged (scale m₁, R₁, L₁ or k_m1 against each other, for instance). An estimator has to
-//! report the rank, keep what the data do not determine, and stay finite.
+//! unchanged (for example, scaling m₁, R₁, L₁ or k_m1 against each other). An estimator must report
+//! the rank, keep the start values of undetermined parameters, and stay finite.
 
 use super::{Equation, Manipulator, Parameter, Plant, Scalar};
 

@@ -9,10 +9,10 @@
 //! | q | position | m | rad |
 //! | u | the drive's input: voltage, current, force or torque | V, A, N | V, A, N m |
 //! | k | force per unit of input | N/V, N/A, 1 | N m/V, N m/A, 1 |
-//! | M | `mass`: mass or moment of inertia, everything that moves | kg | kg m² |
+//! | M | `mass`: mass or moment of inertia of all moving parts | kg | kg m² |
 //! | F_v | `viscous_friction` | N s/m | N m s/rad |
 //! | F_c | `coulomb_friction` | N | N m |
-//! | b | `offset`: what pulls or pushes constantly | N | N m |
+//! | b | `offset`: constant force or torque | N | N m |
 //!
 //! The model and its names are those of the EMPS benchmark: A. Janot, M. Gautier, M. Brunot, Data
 //! Set and Reference Models of EMPS, Workshop on Nonlinear System Identification Benchmarks, 2019.
@@ -23,7 +23,7 @@ use super::{Equation, Parameter, Plant, Scalar};
 /// Number of parameters of a servo axis.
 pub const SERVO_PARAMS: usize = 4;
 
-/// How the axis moves, which decides on its units.
+/// Motion of the axis, which determines its units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Motion {
     /// Along a line.
@@ -38,7 +38,7 @@ impl Motion {
     pub const NAMES: [(Self, &'static str); 2] = [(Self::Linear, "linear"), (Self::Rotary, "rotary")];
 }
 
-/// What the drive's input is.
+/// Kind of the drive's input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DriveInput {
     /// Control voltage of a current-controlled drive \[V\].
@@ -73,7 +73,7 @@ static ROTARY: [Parameter; SERVO_PARAMS] = [
     Parameter::new("offset", "N m", "constant torque on the axis", 0.0),
 ];
 
-/// One servo axis; known is what its input does.
+/// One servo axis; the gain of its input is known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServoAxis {
     motion: Motion,
@@ -82,13 +82,13 @@ pub struct ServoAxis {
 }
 
 impl ServoAxis {
-    /// An axis whose drive gives `gain` \[N or N m per unit of input\]; must be finite and not 0,
-    /// otherwise `None`.
+    /// An axis whose drive produces `gain` \[N or N m per unit of input\]; must be finite and not
+    /// 0, otherwise `None`.
     pub fn new(motion: Motion, input: DriveInput, gain: f64) -> Option<Self> {
         (gain.is_finite() && gain != 0.0).then_some(Self {
             motion,
             input,
-            // a carriage that friction holds carries any force up to F_c
+            // static friction balances any force up to F_c
             equations: [Equation::new("axis", 0, gain, 1, 0..SERVO_PARAMS).needing_motion(0)],
         })
     }

@@ -1,6 +1,6 @@
-//! Blocks cut by `seq`: block = seq div N + 1, the paper's α(m), whatever is lost.
+//! Blocks cut by `seq`: block = seq div N + 1, the paper's α(m), independent of losses.
 
-/// How `seq` is cut into blocks.
+/// The division of `seq` into blocks.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BlockGrid {
     /// First sample of the grid, and the block that it begins.
@@ -28,7 +28,7 @@ impl BlockGrid {
             .is_some_and(|behind| behind % self.len == self.len - 1)
     }
 
-    /// First border at or behind `seq`, and the block that begins there.
+    /// First border at or after `seq`, and the block that begins there.
     pub fn border(&self, seq: u64) -> (u64, u64) {
         match self.block(seq) {
             None => (self.seq, self.block),
@@ -43,7 +43,7 @@ impl BlockGrid {
 pub(super) struct OpenBlock {
     pub block: u64,
     pub t_first_ns: u64,
-    /// Samples taken in; rows may be fewer.
+    /// Samples received; rows may be fewer.
     pub samples: u64,
     /// A signal was frozen.
     pub spoilt: bool,

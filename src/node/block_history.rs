@@ -1,52 +1,52 @@
-//! What the monitor remembers of the blocks of a stream, and the changes of the plant that they
-//! announced.
+//! The monitor's memory of the blocks of a stream, and of the changes of the plant that they
+//! reported.
 
-/// What the monitor remembers of a block.
+/// The monitor's record of a block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BlockRecord {
     /// Block number, from 1.
     pub block: u64,
     /// Stream time of the last sample \[s\].
     pub t_s: f64,
-    /// Time of a change that this block announced \[s\].
+    /// Time of a change that this block reported \[s\].
     pub change_s: Option<f64>,
     /// Largest relative error over the judged parameters, if the truth is known.
     ///
-    /// Judged are the parameters that the estimate marks usable; all of them if it marks none.
+    /// The judged parameters are those that the estimate marks usable, or all of them if it marks
+    /// none.
     pub worst_relative_error: Option<f64>,
 }
 
-/// A change that was found, as the summary tells it.
+/// A change, as reported in the summary.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Change {
-    /// Block that announced the change.
+    /// Block that reported the change.
     pub block: u64,
     /// Located time of the change \[s\].
     pub t_s: f64,
-    /// Stream time of the last sample of the announcing block \[s\].
+    /// Stream time of the last sample of the reporting block \[s\].
     pub detected_t_s: f64,
-    /// Blocks from the one holding the change (0) to the first from which on the judged parameters
-    /// stay within 1 % of the truth, up to the next change; `None` if the truth is unknown or
-    /// they do not.
+    /// Number of blocks from the one with the change (0) to the first after which the judged
+    /// parameters stay within 1 % of the truth until the next change; `None` if the truth is
+    /// unknown or they do not.
     pub blocks_to_1_percent: Option<u64>,
 }
 
-/// Blocks remembered at least; the memory of a monitor that follows a machine for months stays
-/// within twice that.
+/// Smallest number of blocks remembered; even after months the memory stays within twice that.
 pub(super) const REMEMBERED: usize = 8192;
 
 /// The last blocks of a stream.
 #[derive(Debug, Clone, Default)]
 pub(super) struct BlockHistory {
     records: Vec<BlockRecord>,
-    /// Changes announced by blocks before these.
+    /// Changes reported by earlier blocks.
     settled: Vec<Change>,
-    /// All blocks of the stream.
+    /// Number of all blocks of the stream.
     blocks: u64,
 }
 
 impl BlockHistory {
-    /// Takes a block in.
+    /// Adds a block.
     pub fn push(&mut self, record: BlockRecord) {
         self.records.push(record);
         self.blocks += 1;
@@ -55,7 +55,7 @@ impl BlockHistory {
         }
     }
 
-    /// Drops the older half of the records, after settling what they announced.
+    /// Drops the older half of the records, after keeping the changes that they reported.
     fn forget(&mut self) {
         let border = self.records[REMEMBERED].block;
         let changes = self.recent_changes();
@@ -69,7 +69,7 @@ impl BlockHistory {
         *self = Self::default();
     }
 
-    /// Number of blocks taken in.
+    /// Number of blocks received.
     pub fn blocks(&self) -> u64 {
         self.blocks
     }
@@ -79,7 +79,7 @@ impl BlockHistory {
         &self.records
     }
 
-    /// The changes announced so far.
+    /// The changes reported so far.
     pub fn changes(&self) -> Vec<Change> {
         let mut changes = self.settled.clone();
         changes.extend(self.recent_changes());
@@ -97,8 +97,8 @@ impl BlockHistory {
             .iter()
             .enumerate()
             .map(|(k, &(index, t_s))| {
-                // The block that holds the change ends at or after it; it can lie before the one
-                // that announced it.
+                // The block with the change ends at or after it; it can be earlier than the one
+                // that reported it.
                 let holding = self.records[..=index]
                     .iter()
                     .position(|r| r.t_s >= t_s)
@@ -115,7 +115,7 @@ impl BlockHistory {
     }
 }
 
-/// Index of the first block from which on the worst relative error stays within `limit`.
+/// Index of the first block after which the worst relative error stays within `limit`.
 fn blocks_to_settle(records: &[BlockRecord], limit: f64) -> Option<u64> {
     let within = |r: &BlockRecord| r.worst_relative_error.is_some_and(|error| error <= limit);
     let settled = records.iter().rev().take_while(|r| within(r)).count();

@@ -1,4 +1,4 @@
-//! The learner of a plant: rows of whatever form before the estimator of the paper.
+//! The learner of a plant: rows of any form, and the block estimator.
 
 use super::bound::exchange_tunables;
 use super::command::Change;
@@ -13,7 +13,11 @@ use crate::model::{DerivedValues, MAX_PARAMS};
 use crate::rows::{FirstBlocks, SampleBlock, Suspect};
 use std::any::Any;
 
-/// Rows, estimator, judge of its states, derived values.
+/// Standard deviation, relative to that of the start, below which the data have told something of
+/// a parameter.
+const TOLD: f64 = 0.5;
+
+/// Rows, estimator, state machine and derived values.
 pub struct BlockLearner<B> {
     rows: B,
     estimator: BlockEstimator,
@@ -24,12 +28,8 @@ pub struct BlockLearner<B> {
     first_theta: Vec<f64>,
 }
 
-/// Standard deviation, relative to that of the start, below which the data have told something of
-/// a parameter.
-const TOLD: f64 = 0.5;
-
 impl<B: SampleBlock + Send + 'static> BlockLearner<B> {
-    /// A learner that has seen nothing; `derived` goes into its estimates.
+    /// A learner without data; `derived` values are added to its estimates.
     pub fn new(rows: B, estimator: BlockEstimator, derived: Option<Box<dyn DerivedValues + Send>>) -> Self {
         Self {
             judge: StateMachine::new(estimator.theta()),
@@ -79,7 +79,7 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
     fn take(&mut self, sample: &Sample) -> bool {
         let joints = sample.joint_sample();
         self.first.push(sample.t_ns, &joints);
-        // Rows have room for N samples, and a block has no more.
+        // Rows have capacity for N samples, and a block has no more.
         self.rows.push(sample.t_ns, &joints)
     }
 
@@ -171,7 +171,7 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
     }
 
     fn free(&mut self, index: usize) {
-        // What is known of a parameter that is free already must not be forgotten.
+        // The information on a parameter that is already free must not be dropped.
         if self.estimator.options().parameters[index].fixed {
             self.estimator.fix(index, None);
         }

@@ -1,11 +1,11 @@
-//! Orders that are for one stream alone: a replay repeats what its recording holds, and none of it
-//! is left to the machine that comes next.
+//! Orders for one stream only: a replay repeats the commands of its recording, and their effects
+//! must not remain for the next machine.
 //!
-//! An order with a tag waits for the stream with this tag. What it changes is remembered as it was
-//! before the first such order of the stream, and put back when the stream is over: at its END, or
-//! when another stream begins without one. Pause, held parameters and tunables are put back here;
-//! what was learnt, and an estimator that was exchanged, by `replayed.rs`. A command without a tag
-//! makes what it touches stay.
+//! An order with a tag waits for the stream with this tag. The state before the first such order of
+//! the stream is remembered, and restored when the stream is over: at its END, or when another
+//! stream begins without one. Pause, fixed parameters and tunables are restored here; estimates,
+//! and an exchanged estimator, by `replayed.rs`. A command without a tag makes the setting that it
+//! changes permanent.
 
 use super::command::{Change, Fate, Order};
 use super::learner::Learner;
@@ -13,10 +13,10 @@ use crate::estimator::{BlockEstimator, EstimatorOptions};
 use crate::messages::status_flags;
 use crate::model::MAX_PARAMS;
 
-/// Most orders that [`BoundEffects`] hands back when a stream is over.
+/// Largest number of orders that [`BoundEffects`] returns when a stream is over.
 pub(super) const KEPT: usize = 2;
 
-/// How a parameter was held before.
+/// Whether a parameter was fixed before.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Previous {
     Untouched,
@@ -24,7 +24,7 @@ enum Previous {
     HeldAt(f64),
 }
 
-/// What the orders of a stream have changed, as it was before.
+/// The previous state of everything that the orders of a stream have changed.
 #[derive(Debug)]
 pub(super) struct BoundEffects {
     /// The stream; 0 if nothing was changed.
@@ -33,13 +33,13 @@ pub(super) struct BoundEffects {
     /// [`status_flags::COMMANDED`], if it was set.
     commanded: Option<u32>,
     held: [Previous; MAX_PARAMS],
-    /// The first change of tunables, with those of before inside.
+    /// The first change of tunables, which contains the previous ones.
     tuned: Option<Order>,
-    /// The first change of N if that is another one, with the rows of before inside.
+    /// The first change of N, if different, which contains the previous rows.
     resized: Option<Order>,
 }
 
-/// What has to be put back.
+/// The state to restore.
 #[derive(Debug)]
 pub(super) struct Before {
     pub(super) paused: Option<bool>,
@@ -61,12 +61,12 @@ impl BoundEffects {
         }
     }
 
-    /// Does something of a stream other than this one last? 0 for a stream that is over.
+    /// True if effects of another stream than this one remain; 0 for a stream that is over.
     pub(super) fn are_foreign_to(&self, tag: u32) -> bool {
         self.tag != 0 && self.tag != tag
     }
 
-    /// To be called before an order is carried out.
+    /// Call this before an order is carried out.
     pub(super) fn note(&mut self, order: &Order, paused: bool, flags: u32, learner: &impl Learner) {
         let bound = order.tag != 0;
         if bound {
@@ -93,8 +93,8 @@ impl BoundEffects {
         }
     }
 
-    /// To be called after an order was carried out: keeps its contents if they are needed later.
-    /// Gives back what a command without a tag makes superfluous.
+    /// Call this after an order was carried out: keeps its contents if they are needed later.
+    /// Returns orders that a command without a tag makes superfluous.
     pub(super) fn keep(&mut self, order: &mut Order) -> [Option<Order>; KEPT] {
         let Change::Tune { rows, .. } = &order.change else {
             return [None, None];
@@ -117,7 +117,7 @@ impl BoundEffects {
         [None, None]
     }
 
-    /// Everything that has to be put back; nothing is remembered any more.
+    /// Everything to restore; afterwards nothing is remembered.
     pub(super) fn take(&mut self) -> Before {
         let BoundEffects {
             paused,
@@ -138,7 +138,7 @@ impl BoundEffects {
 }
 
 impl Before {
-    /// Puts back what is held and what is free.
+    /// Restores which parameters are fixed and free.
     pub(super) fn hold(&self, learner: &mut impl Learner) {
         for (index, was) in self.held.iter().enumerate() {
             match was {
@@ -154,7 +154,7 @@ fn resizes_rows(order: &Order) -> bool {
     matches!(order.change, Change::Tune { rows: Some(_), .. })
 }
 
-/// Gives the estimator other tunables, and the caller those of before.
+/// Exchanges the estimator's tunables; the caller gets the previous ones.
 pub(super) fn exchange_tunables(estimator: &mut BlockEstimator, options: &mut EstimatorOptions) {
     let own = estimator.options();
     let before = (
@@ -214,7 +214,7 @@ mod tests {
         }
     }
 
-    /// Feeds a stream and gives its estimates.
+    /// Feeds a stream and returns its estimates.
     fn feed(
         node: &mut IdentifierNode<BlockLearner<Spring>>,
         stream_id: u64,
@@ -233,8 +233,8 @@ mod tests {
         estimates
     }
 
-    /// What commands can change: flags, λ, what is fixed, and by the estimates N, configuration and
-    /// pause.
+    /// Everything that commands can change: flags, λ, fixed parameters, and, through the estimates,
+    /// N, configuration and pause.
     fn shape(
         status: &Status,
         node: &IdentifierNode<BlockLearner<Spring>>,
@@ -260,7 +260,7 @@ mod tests {
         let mut below = |n: u64| random.next_u64() % n;
         for case in 0..300 {
             let mut node = node(N);
-            // In some cases an operator has already told it something, which stays.
+            // In some cases an operator has already sent a command, which must stay.
             if below(3) == 0 {
                 assert!(
                     node.offer(Order::new(
@@ -282,8 +282,8 @@ mod tests {
             let estimate = feed(&mut node, 2, 0..3 * N, true)[2];
             let before = shape(&node.status(), &node, &estimate);
 
-            // A replay tells in advance what it will repeat, and is broken off anywhere, or not at
-            // all, or before its first sample.
+            // A replay sends its commands in advance, and ends anywhere, or completely, or before
+            // its first sample.
             let tag = stream_tag(3);
             let (mut offered, mut returned) = (0, 0);
             let mut len = N;

@@ -1,18 +1,18 @@
-//! Orders on their way: waiting for their border, and given back with what became of them.
+//! Queue of orders: waiting for their border, or done and ready to be returned.
 
 use super::bound::KEPT;
 use super::command::{Change, Fate, MAX_ORDERS, Order, RESERVED_ORDERS};
 use std::collections::VecDeque;
 
-/// Orders that wait, and orders that are done; in the order in which they came. Allocates nothing
-/// after construction.
+/// Waiting orders and finished ones, each in order of arrival. Allocates nothing after
+/// construction.
 pub(super) struct CommandQueue {
     waiting: VecDeque<Order>,
     done: VecDeque<Order>,
 }
 
 impl CommandQueue {
-    /// An empty queue with room for all that it may hold.
+    /// An empty queue with its full capacity.
     pub fn new() -> Self {
         Self {
             waiting: VecDeque::with_capacity(MAX_ORDERS + RESERVED_ORDERS),
@@ -20,13 +20,13 @@ impl CommandQueue {
         }
     }
 
-    /// True if nothing waits.
+    /// True if no order waits.
     pub fn is_empty(&self) -> bool {
         self.waiting.is_empty()
     }
 
-    /// True if there is room for one more; some is reserved for orders that need nothing but the
-    /// next border.
+    /// True if there is room for this order; some is reserved for orders that need only the next
+    /// border.
     pub fn has_room_for(&self, order: &Order) -> bool {
         let waits = order.from_seq != 0 || order.tag != 0;
         let room = if waits {
@@ -37,7 +37,7 @@ impl CommandQueue {
         self.waiting.len() + self.done.len() < room
     }
 
-    /// True if an order that waits will make N this long.
+    /// True if a waiting order will change N to this length.
     pub fn will_resize_to(&self, len: u64) -> bool {
         self.waiting.iter().any(|order| match order.change {
             Change::Tune {
@@ -49,7 +49,7 @@ impl CommandQueue {
         })
     }
 
-    /// Lets an order wait.
+    /// Adds a waiting order.
     pub fn push(&mut self, order: Order) {
         self.waiting.push_back(order);
     }
@@ -60,19 +60,19 @@ impl CommandQueue {
         self.waiting.remove(at)
     }
 
-    /// Gives back undone the orders that `gone` picks.
+    /// Returns the waiting orders for which `gone` is true, dropped.
     pub fn drop_all(&mut self, gone: impl Fn(&Order) -> bool) {
         while let Some(order) = self.take_due(&gone) {
             self.give_back(order, Fate::Dropped);
         }
     }
 
-    /// Gives an order back with what became of it.
+    /// Returns an order with its outcome.
     pub fn give_back(&mut self, order: Order, fate: Fate) {
         self.done.push_back(order.with_fate(fate));
     }
 
-    /// The next order that was given back.
+    /// The next returned order.
     pub fn take_done(&mut self) -> Option<Order> {
         self.done.pop_front()
     }

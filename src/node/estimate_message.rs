@@ -1,10 +1,10 @@
-//! From the estimator's report to the message.
+//! Converts the estimator's report to the message.
 
 use crate::estimator::{BlockEstimator, Phase, Report, Verdict};
 use crate::messages::{Estimate, MAX_DERIVED, ParameterSet, State, estimate_flags};
 use crate::model::DerivedValues;
 
-/// The estimator's answer as a message; what only the stream knows is zero.
+/// The estimator's report as a message; fields of the stream are zero.
 pub(super) fn message(report: &Report, verdict: Verdict) -> Estimate {
     let state = match verdict.phase {
         Phase::Collecting => State::Collecting,

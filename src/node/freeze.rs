@@ -1,18 +1,16 @@
-//! Signals that do not move although they must: a sensor that hangs gives perfect, perfectly
-//! consistent and perfectly wrong data.
+//! Detects frozen signals: a sensor that hangs gives consistent but wrong data.
 //!
-//! A value that repeats to the bit is nothing yet: an encoder at rest does that, and a commanded
-//! voltage may be constant for long. With M samples of patience a joint's signal counts as frozen
-//! while
+//! A repeated value alone is no evidence: an encoder at rest repeats, and a commanded voltage may
+//! be constant for long. With a patience of M samples, a joint's signal counts as frozen while
 //!
-//! | rule | signal | frozen where |
+//! | rule | signal | frozen if |
 //! |---|---|---|
 //! | A | position | after M samples of standstill the input, smoothed over M/4, moved by a fifth of its largest magnitude and by more than its noise does, or the measured velocity has passed a thousandth of the range of motion, and M samples later it still stands |
 //! | B | input | it was constant for M samples, changed with every sample before, is not at its largest magnitude (a drive at its limit), and the position has moved by 5 % of its range |
 //! | C | both | both were constant for 5 M samples, and the input changed with every sample before |
 //!
-//! A joint held by friction against a growing input looks like rule A; M is a configuration key for
-//! that reason, and 0 turns all of it off.
+//! A joint held by friction against a growing input also satisfies rule A; therefore M is a
+//! configuration key, and 0 turns the detection off.
 
 use crate::model::{JointSample, MAX_JOINTS};
 
@@ -29,29 +27,29 @@ struct Joint {
     seen: bool,
     q: f64,
     u: f64,
-    /// Samples that the value has been the same for.
+    /// Number of samples with the same value.
     q_run: u64,
     u_run: u64,
-    /// The input without its noise and spikes, its largest magnitude, and its range in a standstill
-    /// of M samples and more.
+    /// The input without noise and spikes, its largest magnitude, and its range in a standstill of
+    /// at least M samples.
     smooth: f64,
     smooth_peak: f64,
     u_least: f64,
     u_most: f64,
-    /// Mean |u_k − u_{k−1}|: what the input's noise is taken from.
+    /// Mean |u_k − u_{k−1}|, from which the input's noise is estimated.
     jitter: f64,
     samples: f64,
-    /// Range of the position since the input is constant.
+    /// Range of the position since the input has been constant.
     q_least: f64,
     q_most: f64,
-    /// ∫|q̇| since the position stands still.
+    /// ∫|q̇| since the position has been constant.
     path: f64,
-    /// Samples since the position had reason to move.
+    /// Samples since the position should have moved.
     driven: u64,
-    /// Over the stream.
+    /// Over the whole stream.
     peak: f64,
     range: (f64, f64),
-    /// Share of the last thousand samples, or so, in which the input changed.
+    /// Share of about the last thousand samples in which the input changed.
     lively: f64,
 }
 
@@ -92,7 +90,7 @@ impl FreezeWatch {
     /// Rule C: patience of M times this.
     const STILL: u64 = 5;
 
-    /// With M = `patience` samples, 0 for none of this, every `period_s`.
+    /// With M = `patience` samples, 0 to turn it off, every `period_s`.
     pub(super) fn new(patience: u64, period_s: f64) -> Self {
         Self {
             patience,
@@ -106,8 +104,8 @@ impl FreezeWatch {
         self.joints = [Joint::NEW; MAX_JOINTS];
     }
 
-    /// Looks at a sample of finite numbers; true if a signal of one of the first `joints` is
-    /// frozen. `dq` is looked at if it is measured, and so is the input.
+    /// Checks a sample of finite numbers; true if a signal of one of the first `joints` is frozen.
+    /// `dq` and the input are used only if they are measured.
     pub(super) fn look(&mut self, sample: &JointSample, joints: usize, measured: bool, driven: bool) -> bool {
         if self.patience == 0 {
             return false;
@@ -153,20 +151,19 @@ impl Joint {
             self.u_run = 0;
             (self.q_least, self.q_most) = (q, q);
         }
-        // an input that stops changing keeps its name until it has been seen to be constant by
-        // nature
+        // an input that stops changing still counts as lively until it has been constant for long
         if u_same && self.u_run > 20 * FreezeWatch::STILL * patience {
             self.lively *= 0.999;
         }
         if q_same {
             self.q_run += 1;
             self.path += step;
-            // the input of a joint that comes to rest settles first
+            // the input of a joint that comes to rest first settles
             (self.u_least, self.u_most) = match self.q_run <= patience {
                 true => (self.smooth, self.smooth),
                 false => (self.u_least.min(self.smooth), self.u_most.max(self.smooth)),
             };
-            // noise alone is no drive: √(2/M) of white noise passes the filter
+            // noise alone must not count as drive: √(2/M) of white noise passes the filter
             let noise = FreezeWatch::NOISE * self.jitter * (2.0 / patience as f64).sqrt();
             let drive = self.u_most - self.u_least > noise.max(FreezeWatch::DRIVE * self.smooth_peak);
             let slides = range > 0.0 && self.path > FreezeWatch::PATH * range;
@@ -190,8 +187,8 @@ mod tests {
 
     const M: u64 = 200;
 
-    /// A joint that swings and rests, its encoder and its noisy input; `spoil` comes between them
-    /// and the watch.
+    /// A joint that swings and rests, with its encoder and noisy input; `spoil` modifies them
+    /// before the watch.
     fn frozen_samples(spoil: impl Fn(u64, &mut f64, &mut f64)) -> Vec<u64> {
         let mut watch = FreezeWatch::new(M, 1e-3);
         let mut frozen = Vec::new();
@@ -223,7 +220,7 @@ mod tests {
     #[test]
     fn fault_a_joint_that_moves_and_rests_is_not_frozen_and_each_rule_sees_its_fault() {
         assert_eq!(frozen_samples(|_, _, _| ()).first(), None, "a healthy joint");
-        // the encoder hangs in motion: the input goes on
+        // the encoder hangs in motion while the input continues
         let hung = frozen_samples(|k, q, _| {
             if k >= 8_500 {
                 *q = 0.01;
@@ -245,7 +242,7 @@ mod tests {
             }
         });
         assert!((7_999..8_300).contains(&hung[0]), "{:?}", hung.first());
-        // and is back
+        // and recovers
         let hung = frozen_samples(|k, q, _| {
             if (8_500..9_900).contains(&k) {
                 *q = 0.01;
@@ -257,7 +254,7 @@ mod tests {
     #[test]
     fn fault_a_joint_that_rests_from_the_beginning_under_a_noisy_input_is_not_frozen() {
         let resting = frozen_samples(|k, q, u| {
-            // while it rests nothing but noise of ±0.05 is on the input
+            // at rest the input is only noise of ±0.05
             if k < 15_000 {
                 let mixed = k.wrapping_mul(0x9E37_79B9_7F4A_7C15);
                 let mixed = (mixed ^ mixed >> 29).wrapping_mul(0xBF58_476D_1CE4_E5B9);

@@ -1,25 +1,24 @@
 //! The identifier as a value: sample → validate → rows → block of N → estimate.
 //!
 //! Blocks are cut by `seq`: block = seq div N + 1 (the paper's α(m)), also after a late join, so
-//! that a lost sample does not shift the borders. A block that was joined half-way is skipped, a
-//! partial last block gives no estimate, a block with lost or refused samples is estimated from the
-//! rest of it, a block that was lost as a whole gives none. After construction a step neither
-//! allocates nor locks, and the same input gives the same bits.
+//! that a lost sample does not shift the borders. A block joined part-way is skipped, a partial
+//! last block gives no estimate, a block with lost or refused samples is estimated from the rest,
+//! and a completely lost block gives none. After construction a step neither allocates nor locks,
+//! and the same input gives the same bits.
 //!
 //! # What is refused
 //! Each sample passes, in this order: its place in the stream (`stream.rs`), number of joints,
 //! signals, finite numbers, its time, the limit of the input's measurement, and the watch for
-//! frozen signals (`freeze.rs`). What fails is counted in
-//! [`StreamFaults`](crate::messages::StreamFaults) and reaches no row. A block in which a signal
-//! was frozen is left out as a whole, because what came before the fault was noticed is spoilt,
-//! too.
+//! frozen signals (`freeze.rs`). A sample that fails is counted in
+//! [`StreamFaults`](crate::messages::StreamFaults) and enters no row. A block with a frozen signal
+//! is left out as a whole, because samples before the detection are also invalid.
 //!
 //! # Commands
-//! An [`Order`] takes effect at the next border between two blocks and as a whole; if no block
-//! is open, at once. Another N begins a new grid there: with s the first sample behind the border
-//! and b the number of the block that would have begun there, block = b + (seq − s) div N, so that
-//! numbers go on rising by one. A new stream begins with the plain grid again. An order for a
-//! sample of a stream goes with that stream; `bound.rs` has those whose effects go, too.
+//! An [`Order`] takes effect as a whole at the next border between two blocks, or at once if no
+//! block is open. Another N begins a new grid there: with s the first sample after the border and b
+//! the number of the block that would have begun there, block = b + (seq − s) div N, so numbers
+//! still increase by one. A new stream begins with the plain grid again. An order for a sample of a
+//! stream ends with that stream; `bound.rs` has those whose effects end too.
 
 use super::block_grid::{BlockGrid, OpenBlock};
 use super::bound::BoundEffects;
@@ -40,7 +39,7 @@ use crate::messages::{
 pub use super::identifier_object::Identifier;
 pub use super::identifier_options::IdentifierOptions;
 
-/// Consumes samples, gives an estimate per block; what it learns, and how, is its learner's.
+/// Consumes samples and gives one estimate per block; its learner does the estimation.
 pub struct IdentifierNode<L> {
     options: IdentifierOptions,
     learner: L,
@@ -49,8 +48,8 @@ pub struct IdentifierNode<L> {
     cursor: SampleCursor,
     gate: SampleGate,
     grid: BlockGrid,
-    /// `seq` of the first sample of the stream that this process received, or from which on time
-    /// goes on after a clock was set back.
+    /// `seq` of the first sample of the stream that this process received, or of the first one
+    /// after a clock was set back.
     first_seq: u64,
     open: Option<OpenBlock>,
     commands: CommandQueue,
@@ -60,7 +59,7 @@ pub struct IdentifierNode<L> {
 }
 
 impl<L: Learner> IdentifierNode<L> {
-    /// A node that has seen nothing; `pid` goes into its status.
+    /// A node without data; `pid` is shown in its status.
     ///
     /// # Panics
     /// If `block_len` is 0.
@@ -90,8 +89,8 @@ impl<L: Learner> IdentifierNode<L> {
         node
     }
 
-    /// Takes a sample in; calls `emit` for each estimate that this completes: none, one, or two
-    /// if the end of the previous block was lost and this sample ends the next.
+    /// Takes a sample and calls `emit` for each estimate that it completes: none, one, or two if
+    /// the end of the previous block was lost and this sample ends the next.
     pub fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate)) {
         match self.cursor.advance(sample.stream_id, sample.seq) {
             SamplePlace::First => self.start_stream(sample),
@@ -102,7 +101,7 @@ impl<L: Learner> IdentifierNode<L> {
                 return;
             }
             SamplePlace::Late => {
-                // it was counted as missing, and rows are made in the order of time
+                // it was counted as missing; rows need samples in order of time, so it is not used
                 self.tracker.status.missing = self.tracker.status.missing.saturating_sub(1);
                 self.tracker.refuse(sample.seq, ErrorCode::Reordered);
                 return;
@@ -135,23 +134,23 @@ impl<L: Learner> IdentifierNode<L> {
         }
     }
 
-    /// The heartbeat.
+    /// The status message.
     pub fn status(&self) -> Status {
         self.tracker.status
     }
 
-    /// What learns, for its evidence beyond the message.
+    /// The learner, for evidence beyond the message.
     pub fn learner(&self) -> &L {
         &self.learner
     }
 
-    /// What has learnt, of a node that has no other use.
+    /// The learner of a node that is no longer needed.
     pub(super) fn into_learner(self) -> L {
         self.learner
     }
 
-    /// Takes an order for the next border, and carries it out at once if no block is open.
-    /// Returns the border as far as it is known now: lost samples may move it by blocks.
+    /// Accepts an order for the next border, and carries it out at once if no block is open.
+    /// Returns the border as known now: lost samples may move it by blocks.
     ///
     /// # Errors
     /// The order, if [`MAX_ORDERS`](super::command::MAX_ORDERS) are waiting, or
@@ -161,7 +160,7 @@ impl<L: Learner> IdentifierNode<L> {
         let fits = match &order.change {
             Change::Pause | Change::Resume => true,
             Change::Fix { index, .. } | Change::Free { index } => *index < self.learner.report().theta.len(),
-            // N as it is, or as an order that waits will have made it
+            // N as it is, or as a waiting order will make it
             Change::Tune {
                 block_len, rows: None, ..
             } if *block_len != self.grid.len && !self.commands.will_resize_to(*block_len) => false,
@@ -202,15 +201,14 @@ impl<L: Learner> IdentifierNode<L> {
         })
     }
 
-    /// Gives an order back that took effect, with the place where it did and with what was
-    /// exchanged.
+    /// Returns an order that took effect, with its border and the exchanged parts.
     pub fn take_done(&mut self) -> Option<Order> {
         self.commands.take_done()
     }
 
-    /// Copies out what another process needs to go on; allocates only if `into` has no room.
-    /// Between two calls of [`on_sample`](Self::on_sample) the state is always whole. During a
-    /// replay, and after it up to the next stream, this is the state from before it.
+    /// Saves the state that another process needs to continue; allocates only if `into` is too
+    /// small. Between two calls of [`on_sample`](Self::on_sample) the state is always consistent.
+    /// During a replay, and after it up to the next stream, this is the state from before it.
     pub fn save(&mut self, into: &mut NodeState) {
         match self.before_replay.kept() {
             None => copy_out(&mut self.learner, &self.tracker.status, into),
@@ -218,11 +216,10 @@ impl<L: Learner> IdentifierNode<L> {
         }
     }
 
-    /// Goes on from a state that was [saved](Self::save); to be called before the first sample.
+    /// Continues from a [saved](Self::save) state; call it before the first sample.
     ///
     /// # Errors
-    /// A state of another model, or one that no estimator can be in. The node is as if nothing had
-    /// been tried then.
+    /// If the state is of another model or is invalid. The node is then unchanged.
     pub fn load(&mut self, state: &NodeState) -> Result<(), StateError> {
         self.learner.load(&state.estimator)?;
         self.tracker.set_warm(true);
@@ -230,9 +227,9 @@ impl<L: Learner> IdentifierNode<L> {
         Ok(())
     }
 
-    /// A new stream: counters start over. θ̂ and its information stay, because the machine is likely
-    /// to be the same, but nothing is usable until the new stream confirms it. What a replay has
-    /// taught goes with the replay.
+    /// A new stream: counters start over. θ̂ and its information stay, because the machine is
+    /// likely to be the same, but nothing is usable until the new stream confirms it. What was
+    /// learnt from a replay is dropped.
     fn start_stream(&mut self, sample: &Sample) {
         self.enter_stream(stream_tag(sample.stream_id));
         self.change_teacher(sample);
@@ -246,8 +243,7 @@ impl<L: Learner> IdentifierNode<L> {
         self.tracker.begin_stream(sample.stream_id, self.cursor.streams());
     }
 
-    /// Goes back to what was known before a replay that is over, and keeps it while another one is
-    /// open.
+    /// Restores the state before a finished replay, and keeps it while another one is open.
     fn change_teacher(&mut self, sample: &Sample) {
         let given_back = self.before_replay.give_back(&mut self.learner);
         if given_back != Ok(false) {
@@ -266,17 +262,17 @@ impl<L: Learner> IdentifierNode<L> {
         }
     }
 
-    /// Counts a sample and, if its block is wanted, makes rows of it.
+    /// Counts a sample and, if its block is used, adds it to the rows.
     fn take(&mut self, sample: &Sample) {
         let judgement = self.gate.judge(sample);
         if judgement.set_back {
-            // rows are ordered in time: what is there belongs to another time
+            // rows are ordered in time: the present ones belong to another time
             self.open = None;
             self.learner.restart_rows();
             self.first_seq = sample.seq;
         }
         let verdict = judgement.result;
-        // A block that was joined half-way stays closed.
+        // A block joined part-way stays closed.
         let wanted = self
             .grid
             .block(sample.seq)
@@ -380,8 +376,8 @@ impl<L: Learner> IdentifierNode<L> {
         }
     }
 
-    /// Carries out what is due between two blocks; `begin` is the first sample behind the border,
-    /// `next` the next one to be taken in.
+    /// Carries out the orders due between two blocks; `begin` is the first sample after the border,
+    /// `next` the next one to be taken.
     fn at_border(&mut self, begin: u64, next: u64) {
         let (streams, open_tag) = (self.cursor.streams(), self.tracker.open_tag());
         let is_due = |order: &Order| {
@@ -408,34 +404,34 @@ impl<L: Learner> IdentifierNode<L> {
         }
     }
 
-    /// At the END of a stream: what was for it alone goes with it.
+    /// At the END of a stream: drops and undoes the orders for this stream only.
     fn leave_stream(&mut self) {
         let over = stream_tag(self.tracker.status.stream_id);
         self.drop_orders(self.cursor.streams() + 1, |order| order.tag == over);
         self.undo_for(0);
     }
 
-    /// At the first sample of a stream, which may have come without the END of another.
+    /// At the first sample of a stream, which may arrive without the END of the previous one.
     fn enter_stream(&mut self, tag: u32) {
         self.drop_orders(self.cursor.streams(), |order| order.tag != 0 && order.tag != tag);
         self.undo_for(tag);
     }
 
-    /// Gives back the orders that `gone` picks, and those for a sample of a stream before the one
-    /// with this number.
+    /// Returns the orders for which `gone` is true, and those for a sample of a stream before the
+    /// one with this number.
     fn drop_orders(&mut self, stream: u64, gone: impl Fn(&Order) -> bool) {
         self.commands
             .drop_all(|order| gone(order) || order.tag == 0 && order.from_seq != 0 && order.stream < stream);
     }
 
-    /// Puts back what orders have changed for streams other than this one.
+    /// Undoes the effects of orders for streams other than this one.
     fn undo_for(&mut self, tag: u32) {
         if !self.bound.are_foreign_to(tag) {
             return;
         }
         let before = self.bound.take();
         before.hold(&mut self.learner);
-        // the older change last: its tunables are those of before
+        // the older change last: it holds the original tunables
         for mut order in [before.resized, before.tuned].into_iter().flatten() {
             self.carry_out(&mut order.change, 0);
             self.commands.give_back(order, Fate::Undone);
@@ -449,7 +445,7 @@ impl<L: Learner> IdentifierNode<L> {
             Change::Pause => self.tracker.pause(),
             Change::Resume => {
                 self.tracker.resume();
-                // windows must not reach back over the pause
+                // windows must not extend back over the pause
                 self.learner.restart_rows();
             }
             Change::Replace { .. } | Change::Restart { .. } => {

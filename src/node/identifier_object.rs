@@ -1,4 +1,4 @@
-//! An identifier node of whatever model, as an object.
+//! An identifier node of any model, as a trait object.
 
 use super::command::{Border, NodeState, Order};
 use super::identifier::IdentifierNode;
@@ -7,7 +7,7 @@ use crate::estimator::StateError;
 use crate::messages::{Estimate, Sample, Status};
 use std::any::Any;
 
-/// An identifier node of whatever model.
+/// An identifier node of any model.
 pub trait Identifier: Send {
     /// See [`IdentifierNode::on_sample`].
     fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate));
@@ -18,18 +18,18 @@ pub trait Identifier: Send {
     /// See [`IdentifierNode::offer`].
     ///
     /// # Errors
-    /// The order, if there is no room for it or it is for other rows.
+    /// The order, if there is no room for it or it is for rows of another type.
     fn offer(&mut self, order: Order) -> Result<Border, Order>;
     /// See [`IdentifierNode::take_done`].
     fn take_done(&mut self) -> Option<Order>;
-    /// The rows of a node that has no other use, for a command that tunes another one.
+    /// The rows of a node that is no longer needed, for a command that tunes another node.
     fn into_rows(self: Box<Self>) -> Box<dyn Any + Send>;
     /// See [`IdentifierNode::save`].
     fn save(&mut self, into: &mut NodeState);
     /// See [`IdentifierNode::load`].
     ///
     /// # Errors
-    /// A state that does not belong here.
+    /// If the state does not fit.
     fn load(&mut self, state: &NodeState) -> Result<(), StateError>;
 }
 

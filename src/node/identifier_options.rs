@@ -1,8 +1,8 @@
-//! What the identifier node needs to know beside its rows and its estimator.
+//! Options of the identifier node, besides its rows and its estimator.
 
 use crate::model::MAX_JOINTS;
 
-/// What the identifier node needs to know beside its rows and its estimator.
+/// Options of the identifier node, besides its rows and its estimator.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdentifierOptions {
     /// N, samples per block; at least 1.
@@ -15,12 +15,12 @@ pub struct IdentifierOptions {
     pub model_hash: u64,
     /// Identifies the configuration in every estimate.
     pub config_hash: u64,
-    /// Time between two samples \[ns\]; 0 if it is not known, and then a clock that was set
-    /// forward is not noticed.
+    /// Time between two samples \[ns\]; 0 if unknown; a clock that was set forward is then not
+    /// detected.
     pub sample_period_ns: u64,
-    /// Magnitude from which on a measured input is saturated, per joint; `inf` for none.
+    /// Magnitude at which a measured input is saturated, per joint; `inf` for none.
     pub input_limit: [f64; MAX_JOINTS],
-    /// Patience of the watch for frozen signals \[samples\]; 0 for no watch.
+    /// Patience of the detection of frozen signals \[samples\]; 0 turns it off.
     pub frozen_after: u64,
 }
 

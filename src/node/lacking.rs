@@ -1,5 +1,5 @@
-//! What a refused sample lacks, in words that fit into a status: the signal, its joint, and what
-//! would do with the signals that are there.
+//! Status text for a refused sample: the missing signal, its joint, and settings that would work
+//! with the signals present.
 
 use crate::messages::{ERROR_TEXT, ErrorCode, FixedText, LastError, SIGNALS, Sample, signals};
 use crate::model::MAX_JOINTS;
@@ -22,12 +22,12 @@ impl fmt::Display for Names {
     }
 }
 
-/// A sample of `seq` that has the signals `has` of those that are `needed`.
+/// For a sample `seq` that has the signals `has` of those `needed`.
 pub(super) fn signal(seq: u64, needed: u32, has: u32) -> LastError {
     const DERIVATIVES: u32 = signals::DQ | signals::DDQ | signals::DDDQ;
     let lacks = needed & !has;
     let mut words = Words::default();
-    // What no longer fits is left out as a whole: the most important comes first.
+    // Parts that no longer fit are left out as a whole; the most important comes first.
     let _ = write!(words, "the sample lacks {} and has {}", Names(lacks), Names(has));
     let all = |mask: u32| has & mask == mask;
     if lacks & !DERIVATIVES == 0 && all(signals::Q | signals::INPUT) {
@@ -38,14 +38,14 @@ pub(super) fn signal(seq: u64, needed: u32, has: u32) -> LastError {
     LastError::with_text(ErrorCode::WrongSignals, seq, words.as_str())
 }
 
-/// A sample of which a needed signal is not a number, or one that no machine has: beyond `limit` of
-/// the signal.
+/// For a sample with a needed signal that is not a number or is implausibly large: beyond `limit`
+/// of the signal.
 pub(super) fn number(sample: &Sample, needed: u32, joints: usize, limit: impl Fn(u32) -> f64) -> LastError {
     let mut words = Words::default();
     let arrays = SIGNALS.iter().zip(sample.arrays());
     for (signal, values) in arrays.filter(|(signal, _)| needed & signal.flag != 0) {
         let most = limit(signal.flag);
-        // false for NaN, too
+        // NaN also counts as bad
         let bad = values[..joints.min(MAX_JOINTS)].iter().position(|v| !(v.abs() <= most));
         if let Some(joint) = bad {
             let value = values[joint];
@@ -82,7 +82,7 @@ mod tests {
             "the sample lacks input and has q, dq, setpoint; identifier.input = \"controller\" does without"
         );
         assert_eq!(signal(5, signals::Q, 0).words(), "the sample lacks q and has none");
-        // every pair of masks gives words that are whole and fit
+        // every pair of masks gives a complete text that fits
         for needed in 1..64 {
             for has in 0..64 {
                 let words = signal(0, needed, has);

@@ -1,4 +1,4 @@
-//! What a model lacks, in words that fit a status.
+//! Status texts about errors that a model lacks.
 
 use crate::estimator::Suspicion;
 use crate::messages::{ERROR_TEXT, ErrorCode, FixedText, LastError};
@@ -6,7 +6,7 @@ use crate::rows::{Suspect, SuspectKind};
 use std::fmt::{self, Write as _};
 
 /// "Coulomb friction at joint 1 would explain 80 % of the misfit (0.33 V)". Rounded, so that the
-/// words change only with the matter.
+/// text does not change with every block.
 pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
     let share = 10.0 * (10.0 * suspicion.share).round();
     let what = format_args!("{:.0} % of the misfit", share.max(10.0));
@@ -29,19 +29,19 @@ pub fn limit(parameter: &str, suspect: &Suspect, seq: u64) -> LastError {
 
 fn explanation(suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq: u64) -> LastError {
     let mut words = FixedText::<ERROR_TEXT>::default();
-    // longer words than fit are cut, which is what an error means here
+    // an error only means that the text was truncated
     let cause = suspect.write(amplitude, &mut words);
     let _cut = cause
         .and_then(|()| write!(words, " would explain {what}"))
         .and_then(|()| match suspect.kind {
             SuspectKind::InputDelay => write!(words, " ({:.0} us)", 1e6 * amplitude),
-            // two masses of unknown ratio: the amplitude is no frequency; a spring's has a long
-            // unit
+            // with two masses of unknown ratio the amplitude gives no frequency; that of a spring
+            // has a long unit
             SuspectKind::Resonance | SuspectKind::Spring => Ok(()),
             SuspectKind::Gain | SuspectKind::Scale | SuspectKind::Clock => {
                 write!(words, " ({:+.1} %)", 100.0 * amplitude)
             }
-            // one digit, so that the words change only with the matter
+            // one digit, so that the text does not change with every block
             SuspectKind::Drift => write!(words, " ({amplitude:.0e} per second)"),
             SuspectKind::Coulomb
             | SuspectKind::Stribeck
@@ -53,8 +53,8 @@ fn explanation(suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq:
     LastError::with_text(ErrorCode::Misfit, seq, words.as_str())
 }
 
-/// What a model lacks, in the identifier's words; without the state `misfit` the residuals show it,
-/// but are not larger than they may be.
+/// The identifier's text about an error that the model lacks; outside the state `misfit` the
+/// residuals show the error but are within their limit.
 pub fn lacking_words(words: &str, is_misfit: bool) -> String {
     match words.split_once(" of the misfit") {
         Some((cause, size)) if !is_misfit => format!("too little for a misfit: {cause} of it{size}"),

@@ -1,12 +1,12 @@
-//! A model as the programs see it: one value behind one trait, whatever the equations.
+//! A model for the programs: one value behind one trait, independent of its equations.
 //!
 //! ```text
 //! Plant (generic, statically dispatched) ──PlantModel──▶ dyn Model ──identifier()──▶ dyn Identifier
 //! ```
 //!
-//! Generics end here: a configuration holds a [`SharedModel`], and what it gives, an identifier or
-//! a simulator, is one boxed value per robot. The step from sample to row stays compiled for its
-//! plant; one virtual call per sample leads there.
+//! Generics end here: a configuration holds a [`SharedModel`], whose identifier or simulator is one
+//! boxed value per robot. The step from sample to row is still compiled for its plant; it takes one
+//! virtual call per sample.
 
 use super::block_learner::BlockLearner;
 use super::identifier::{Identifier, IdentifierNode, IdentifierOptions};
@@ -20,21 +20,21 @@ use crate::rows::{AutoWindowBlock, InputSource, PointwiseBlock, RowForm, SampleB
 use std::fmt;
 use std::sync::Arc;
 
-/// What an identifier is built from beside its model.
+/// Settings of an identifier, besides its model.
 #[derive(Debug, Clone)]
 pub struct NodeSettings {
     /// Form of the rows.
     pub rows: RowForm,
-    /// Whether the window of projected rows is chosen from the signals.
+    /// True if the window of projected rows is chosen from the signals.
     pub auto_window: bool,
     /// Source of u.
     pub input: InputSource,
-    /// The recursion; its block length is that of `options`.
+    /// The estimator; its block length is that of `options`.
     pub estimator: EstimatorOptions,
-    /// Streams and their faults. Joints, signals and model hash are the model's own and need not be
-    /// set.
+    /// Options about streams and their faults. Joints, signals and model hash come from the model
+    /// and need not be set.
     pub options: IdentifierOptions,
-    /// Process that the status names.
+    /// Process id for the status.
     pub pid: u32,
 }
 
@@ -42,12 +42,12 @@ pub struct NodeSettings {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ModelError {
-    /// A setting does not fit: the configuration's section or key, and what is wrong.
+    /// A setting does not fit.
     #[error("{section}: {problem}")]
     Setting {
         /// Section or key of the configuration.
         section: &'static str,
-        /// What is wrong, in words.
+        /// The problem, in words.
         problem: String,
     },
     /// There is no simulator of this model.
@@ -62,22 +62,22 @@ impl ModelError {
     }
 }
 
-/// A model: what its numbers mean, and how its identifier is made.
+/// A model: the meaning of its numbers, and the construction of its identifier.
 pub trait Model: fmt::Debug + Send + Sync {
     /// Names, units, bounds, equations.
     fn definition(&self) -> &PlantDefinition;
 
-    /// Values that follow from θ, if there are any.
+    /// Values derived from θ, if there are any.
     fn derived(&self) -> Option<Arc<dyn DerivedValues + Send + Sync>>;
 
-    /// An identifier that has seen nothing. The only place that allocates.
+    /// An identifier without data. Only this call allocates.
     ///
     /// # Errors
     /// The setting that does not fit this model.
     fn identifier(&self, settings: &NodeSettings) -> Result<Box<dyn Identifier>, ModelError>;
 
-    /// The input at which the equations hold along a motion: q, q̇, q̈ and, if they ask for it, q⃛
-    /// of `motion`, in the input's unit per joint. 0 for a joint that no equation drives.
+    /// The input at which the equations hold along a motion, per joint and in the input's unit,
+    /// from q, q̇, q̈ and, if used, q⃛ of `motion`. 0 for a joint without an equation.
     fn input_for(&self, motion: &JointSample, theta: &[f64], input: &mut [f64; MAX_JOINTS]);
 
     /// Share of each joint's or equation's signal power that the model is expected to explain, 0 to
@@ -86,13 +86,12 @@ pub trait Model: fmt::Debug + Send + Sync {
         LEAST_EXPLAINED
     }
 
-    /// True if the machine may carry a load that is among the parameters, and that a command may
-    /// declare.
+    /// True if the parameters include a payload, which a command may declare.
     fn takes_payload(&self) -> bool {
         false
     }
 
-    /// True if its identifier has no estimator that could be exchanged: it begins anew by
+    /// True if its identifier has no exchangeable estimator: it restarts by
     /// [`Change::Restart`](super::command::Change::Restart) and has no tunables.
     fn restarts_itself(&self) -> bool {
         false
@@ -108,7 +107,7 @@ pub trait Model: fmt::Debug + Send + Sync {
         &self.definition().parameters
     }
 
-    /// Which equation has which parameters.
+    /// The parameters of each equation.
     fn structure(&self) -> Structure {
         let definition = self.definition();
         Structure {
@@ -117,19 +116,19 @@ pub trait Model: fmt::Debug + Send + Sync {
         }
     }
 
-    /// The machine of these equations, simulated: samples k = 0, 1, 2, … without end.
+    /// A simulation of the machine: samples k = 0, 1, 2, … without end.
     ///
     /// # Errors
-    /// The model cannot be simulated with these options.
+    /// If the model cannot be simulated with these options.
     #[cfg(feature = "sim")]
     fn simulator(&self, _options: &crate::sim::SimOptions) -> Result<SampleSource, ModelError> {
         Err(ModelError::NotSimulated(self.name().to_owned()))
     }
 
-    /// The motion that its simulator is asked for, if that is not the setpoints of the options.
+    /// The desired motion of its simulator, if that differs from the setpoints of the options.
     ///
     /// # Errors
-    /// The model cannot be simulated with these options.
+    /// If the model cannot be simulated with these options.
     #[cfg(feature = "sim")]
     fn desired_motion(
         &self,
@@ -143,12 +142,13 @@ pub trait Model: fmt::Debug + Send + Sync {
 #[cfg(feature = "sim")]
 pub type SampleSource = Box<dyn crate::sim::Commanded + Send>;
 
-/// A model that a configuration and all that is made of it share; equal if the definitions are.
+/// A model shared by a configuration and everything built from it; equal if the definitions are
+/// equal.
 #[derive(Debug, Clone)]
 pub struct SharedModel(Arc<dyn Model>);
 
 impl SharedModel {
-    /// Of any model.
+    /// Shares a model.
     pub fn new(model: impl Model + 'static) -> Self {
         Self(Arc::new(model))
     }
@@ -191,7 +191,7 @@ impl<P: Plant + Clone + Send + Sync + 'static> PlantModel<P> {
 }
 
 impl<P, M> PlantModel<P, M> {
-    /// The same with a faster pointwise form of its own, tested equal.
+    /// The same with a faster pointwise form, which must be tested equal.
     pub fn with_pointwise<N>(self, pointwise: N) -> PlantModel<P, N> {
         PlantModel {
             plant: self.plant,
@@ -201,7 +201,7 @@ impl<P, M> PlantModel<P, M> {
         }
     }
 
-    /// The same with values that need more than θ, known constants for instance.
+    /// The same with derived values that need more than θ, such as known constants.
     #[must_use]
     pub fn deriving(mut self, derived: impl DerivedValues + Send + Sync + 'static) -> Self {
         self.definition.derived = derived.quantities().to_vec();
@@ -262,7 +262,7 @@ where
         let features = self.pointwise.features(&still);
         let mut regressor = [0.0; MAX_PARAMS];
         for (e, equation) in self.definition.equations.iter().enumerate() {
-            // f = s u − Σ …, so that u = −f(u = 0)/s
+            // f = s u − Σ …, so u = −f(u = 0)/s
             let own = &mut regressor[..equation.parameters.len()];
             input[equation.input] = -self.pointwise.row(e, &features, theta, own) / equation.input_scale;
         }
@@ -303,8 +303,8 @@ impl<P: Plant, M> PlantModel<P, M> {
     }
 }
 
-/// Signals that pointwise rows need: derivatives up to one more than the equations' terms are
-/// differentiated, for these hold q̇.
+/// Signals that pointwise rows need: derivatives up to one order more than the terms are
+/// differentiated, because the terms contain q̇.
 fn pointwise_signals(input: InputSource, definition: &PlantDefinition) -> u32 {
     let source = match input {
         InputSource::Measured => signals::INPUT,

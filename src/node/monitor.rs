@@ -1,4 +1,4 @@
-//! The monitor as a value: estimates in, readable lines and a record of the run out.
+//! The monitor as a value: estimates in, text lines and a record of the run out.
 
 use super::block_history::BlockHistory;
 use super::stream::{Place, StreamCursor};
@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 pub use super::block_history::{BlockRecord, Change};
 pub use super::misfit::lacking_words;
 
-/// Share of an estimate below which a truth is a sum that cancels but for rounding.
+/// Share of an estimate below which a true value is only rounding of a sum that cancels.
 const NOTHING: f64 = 1e-12;
 
 /// Name and unit of a column: a parameter or a derived value.
@@ -31,7 +31,7 @@ impl Label {
     }
 }
 
-/// What the values really are, if somebody knows: the simulator's configuration.
+/// The true values, if known from the simulator's configuration.
 pub trait Truth {
     /// The parameters at a stream time \[s\].
     fn theta(&self, t_s: f64) -> Vec<f64>;
@@ -48,14 +48,14 @@ pub struct MonitorNode {
     history: BlockHistory,
     last: Option<Estimate>,
     status: Option<Status>,
-    /// The last word on what the model lacks.
+    /// The last report of an error that the model lacks.
     misfit: Option<LastError>,
     lost_estimates: u64,
-    /// The model that the labels belong to; 0 if it is not known.
+    /// The model of the labels; 0 if unknown.
     model_hash: u64,
-    /// Of the first estimate that the labels do not belong to.
+    /// The model of the first estimate that does not fit the labels.
     foreign: Option<u64>,
-    /// Share of the signals' power that the model is expected to explain, if that is known.
+    /// Share of the signals' power that the model is expected to explain, if known.
     least_explained: Option<f64>,
 }
 
@@ -86,30 +86,29 @@ impl MonitorNode {
         self
     }
 
-    /// The same for estimates of one model alone, by its
-    /// [hash](crate::model::PlantDefinition::hash): under these labels the numbers of another one
-    /// would be wrong.
+    /// The same for estimates of one model only, by its
+    /// [hash](crate::model::PlantDefinition::hash), because the labels would be wrong for another
+    /// one.
     #[must_use]
     pub fn of_model(mut self, model_hash: u64) -> Self {
         self.model_hash = model_hash;
         self
     }
 
-    /// Whether the labels are those of a description: the same model, the same derived values.
+    /// True if the labels match a description: the same model and derived values.
     pub fn is_described_by(&self, description: &Description) -> bool {
         let (own, its) = (self.model_hash, description.model_hash);
         let derived = description.derived().iter().map(|d| (d.name(), d.unit()));
         (own == 0 || its == 0 || own == its) && self.derived.iter().map(|d| (&*d.name, &*d.unit)).eq(derived)
     }
 
-    /// The model of the first estimate that was left out because the labels are not its own.
+    /// The model of the first estimate that was ignored because it does not fit the labels.
     pub fn foreign_model(&self) -> Option<u64> {
         self.foreign
     }
 
-    /// Takes an estimate in; false if it is one that was seen already (a late joiner gets the
-    /// last one again), or one of [another model](Self::foreign_model) than the labels, which is
-    /// left out.
+    /// Takes an estimate; false if it was already received (a late joiner gets the last one again),
+    /// or is of [another model](Self::foreign_model) and is ignored.
     pub fn on_estimate(&mut self, estimate: &Estimate) -> bool {
         let (own, its) = (self.model_hash, estimate.model_hash);
         if own != 0 && its != 0 && own != its {
@@ -118,13 +117,13 @@ impl MonitorNode {
         }
         match self.cursor.advance(estimate.stream_id, estimate.block) {
             Place::Duplicate => return false,
-            // A new stream: what the record says of the previous one no longer belongs to this run.
+            // A new stream: the record of the previous one no longer belongs to this run.
             Place::First => {
                 self.history.clear();
                 self.lost_estimates = 0;
             }
             // Estimates are numbered by block, so a block without an estimate looks like a lost
-            // one; both deserve a count.
+            // one; both are counted.
             Place::Gap { missing } => self.lost_estimates = self.lost_estimates.saturating_add(missing),
             Place::Next => {}
         }
@@ -142,7 +141,7 @@ impl MonitorNode {
         true
     }
 
-    /// Takes a status in.
+    /// Takes a status.
     pub fn on_status(&mut self, status: &Status) {
         if self.status.is_some_and(|last| last.stream_id != status.stream_id) {
             self.misfit = None;
@@ -161,7 +160,7 @@ impl MonitorNode {
         })
     }
 
-    /// One readable line: block, time, state, then each value with its deviation and unit.
+    /// One line of text: block, time, state, then each value with its standard deviation and unit.
     pub fn line(&self, estimate: &Estimate) -> String {
         let mut line = format!(
             "block {:>4}  {:>9.3} s  {:<14}",
@@ -216,7 +215,7 @@ impl MonitorNode {
         &self.derived
     }
 
-    /// What the values really are, if known.
+    /// The true values, if known.
     pub fn truth(&self) -> Option<&dyn Truth> {
         self.truth.as_deref()
     }
@@ -236,7 +235,7 @@ impl MonitorNode {
         self.last.as_ref()
     }
 
-    /// What the model lacks, in the identifier's words, if the residuals spoke for something.
+    /// The identifier's text about an error that the model lacks, if the residuals showed one.
     pub fn misfit(&self) -> Option<&str> {
         self.misfit.as_ref().map(|error| error.words())
     }
@@ -251,7 +250,7 @@ impl MonitorNode {
         self.lost_estimates
     }
 
-    /// The changes announced so far.
+    /// The changes reported so far.
     pub fn changes(&self) -> Vec<Change> {
         self.history.changes()
     }
@@ -271,7 +270,7 @@ fn worst_relative_error(estimate: &Estimate, truth: &[f64]) -> f64 {
         )
 }
 
-/// Why an estimate is in the state `misfit`, as far as it tells; `least_explained` is the share of
+/// Why an estimate is in the state `misfit`, as far as it shows; `least_explained` is the share of
 /// each signal's power that the model is [expected](super::model::Model::least_explained) to
 /// explain, if that is known.
 pub fn misfit_words(estimate: &Estimate, least_explained: Option<f64>) -> String {
@@ -297,13 +296,13 @@ pub fn misfit_words(estimate: &Estimate, least_explained: Option<f64>) -> String
     }
 }
 
-/// What the state `poorly_excited` means for a model of `all` parameters, of which `usable` may be
+/// Explains the state `poorly_excited` for a model of `all` parameters, of which `usable` may be
 /// used.
 pub fn poorly_excited_words(usable: usize, all: usize) -> String {
     format!("the motion leaves some parameters open; {usable} of {all} may be used all the same")
 }
 
-/// (estimate − truth) / truth; none beside a truth of 0, or of what rounding has left of one.
+/// (estimate − truth) / truth; `None` if the truth is 0 or only rounding.
 pub fn relative_error(estimate: f64, truth: f64) -> Option<f64> {
     let is_nothing = truth == 0.0 || truth.abs() < NOTHING * estimate.abs();
     (!is_nothing).then(|| (estimate - truth) / truth)
@@ -368,7 +367,7 @@ pub(crate) mod tests {
     #[test]
     fn prop_blocks_to_1_percent_count_from_the_block_that_holds_the_change() {
         let mut monitor = monitor();
-        // Block 3 holds the change (2 s … 3 s), block 4 announces it, block 5 is the first that is
+        // Block 3 contains the change (2 s … 3 s), block 4 reports it, block 5 is the first that is
         // right and stays right.
         for (block, theta) in [(1, 10.0), (2, 10.0), (3, 15.0), (4, 19.0), (5, 20.1), (6, 20.0)] {
             let mut message = estimate(block, theta);
@@ -480,7 +479,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// p, the share that is explained and the share that is expected decide, not each other.
+    /// p, the explained share and the expected share decide independently.
     #[test]
     fn regress_a_misfit_is_explained_by_what_the_estimate_tells_and_by_the_limit_of_its_model() {
         for (p, explained, least, said) in [

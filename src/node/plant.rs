@@ -16,9 +16,9 @@ pub struct PlantNode<S> {
     lost: Option<Box<dyn FnMut() -> bool + Send>>,
     faults: Option<Box<dyn FnMut(&mut Sample) -> Passage + Send>>,
     stamps: Option<Box<dyn FnMut() -> i64 + Send>>,
-    /// When the last sample given is due \[ns of stream time\].
+    /// Due time of the last sample \[ns of stream time\].
     due_ns: u64,
-    /// Stream time up to which the last command holds \[ns\]; none if none does.
+    /// Stream time until which the last command is valid \[ns\]; `None` if there is none.
     #[cfg(feature = "sim")]
     commanded_until_ns: Option<u64>,
 }
@@ -45,7 +45,7 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
         }
     }
 
-    /// Loses the samples for which `lost` says so: their `seq` never appears. The last one is
+    /// Loses the samples for which `lost` returns true: their `seq` never appears. The last one is
     /// always sent.
     #[must_use]
     pub fn with_losses(mut self, lost: impl FnMut() -> bool + Send + 'static) -> Self {
@@ -53,15 +53,15 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
         self
     }
 
-    /// Stamps each sample so many nanoseconds behind its place on the grid; less than half a period
-    /// either way.
+    /// Shifts each time stamp from its place on the grid by less than half a period either way
+    /// \[ns\].
     #[must_use]
     pub fn with_stamps(mut self, offset_ns: impl FnMut() -> i64 + Send + 'static) -> Self {
         self.stamps = Some(Box::new(offset_ns));
         self
     }
 
-    /// Lets `faults` change, lose or hold up each sample. The last one is always sent.
+    /// Lets `faults` change, lose or delay each sample. The last one is always sent.
     #[must_use]
     pub fn with_faults(mut self, faults: impl FnMut(&mut Sample) -> Passage + Send + 'static) -> Self {
         self.faults = Some(Box::new(faults));
@@ -77,7 +77,8 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
             let mut sample = Sample::new(self.stream_id, self.seq, t_ns, self.joints, self.signals, &joints);
             self.seq += 1;
             let is_last = self.seq == self.samples;
-            // Both draw for every sample but the last, so that neither changes the other's.
+            // Both draw for every sample except the last, so that neither affects the other's
+            // random numbers.
             let lost = !is_last && self.lost.as_mut().is_some_and(|lost| lost());
             let passage = self
                 .faults
@@ -88,29 +89,29 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
             } else if lost || passage.lost {
                 continue;
             }
-            // What comes late holds up what follows it.
+            // A late sample delays the following ones.
             self.due_ns = self.due_ns.max(t_ns.saturating_add(passage.late_ns));
             return Some(sample);
         }
         None
     }
 
-    /// When the last sample given is due \[ns of stream time\], whatever its time stamp says.
+    /// Due time of the last sample \[ns of stream time\], independent of its time stamp.
     pub fn due_ns(&self) -> u64 {
         self.due_ns
     }
 
-    /// Makes the next sample the last one, so that every consumer learns of the end.
+    /// Makes the next sample the last one, so that every consumer receives the end.
     pub fn end_early(&mut self) {
         self.samples = self.samples.min(self.seq + 1);
     }
 
-    /// Samples given so far.
+    /// Number of samples so far.
     pub fn position(&self) -> u64 {
         self.seq
     }
 
-    /// Samples of the whole stream.
+    /// Number of samples of the whole stream.
     pub fn len(&self) -> u64 {
         self.samples
     }
@@ -123,7 +124,7 @@ impl<S: Iterator<Item = JointSample>> PlantNode<S> {
 
 #[cfg(feature = "sim")]
 impl<S: crate::sim::Commanded> PlantNode<S> {
-    /// Takes a controller's command for the samples that come; false if it is for another stream,
+    /// Applies a controller's command to the following samples; false if it is for another stream,
     /// late, or not a number.
     pub fn command(&mut self, command: &crate::messages::MachineCommand) -> bool {
         let now_ns = self.seq * self.period_ns;
@@ -137,7 +138,7 @@ impl<S: crate::sim::Commanded> PlantNode<S> {
         fits
     }
 
-    /// Lets go of a command that nothing newer has followed: the machine's own loop goes on alone.
+    /// Drops a command that is too old, so that only the machine's own loop acts.
     pub fn forget_late_command(&mut self) {
         let now_ns = self.seq * self.period_ns;
         if self

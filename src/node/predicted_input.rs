@@ -1,16 +1,16 @@
-//! The input at which a model's equations hold along the measured motion, to be shown beside the
+//! The input at which a model's equations hold along the measured motion, for display next to the
 //! measured input.
 //!
 //! ```text
 //! û(t) = u(q, q̇, q̈, q⃛; θ̂)  f(t; θ̂) = 0 solved for u, θ̂ of the last block that ended before t
 //! ```
 //!
-//! So û is predicted: θ̂ has not learnt from the instant that it is compared at. Derivatives that
-//! samples carry are taken as they are. Where only positions are measured, they come from a
-//! polynomial of order 5 through the neighbours on both sides, over half the window that projected
-//! rows begin with: 50 ms at 1 kHz, which takes 1.5 % from the jerk of 13 Hz, and gives one of 42
-//! rad/s³ to the noise of 16 bits. What is shown is late by half of that: it is for the eye, and no
-//! estimate uses it.
+//! So û is a prediction: θ̂ does not use the samples that it is compared with. Derivatives that
+//! samples carry are used directly. If only positions are measured, they come from a polynomial of
+//! order 5 through the neighbours on both sides, over half the initial window of projected rows: 50
+//! ms at 1 kHz, which reduces the jerk at 13 Hz by 1.5 %, and turns the noise of 16 bits into a
+//! jerk of 42 rad/s³. The result is late by half of that; it is only displayed, and no estimate
+//! uses it.
 
 use super::model::SharedModel;
 use crate::messages::{Estimate, Sample, signals};
@@ -20,10 +20,11 @@ use std::collections::VecDeque;
 
 /// Order of the polynomial.
 const ORDER: usize = 5;
-/// Neighbours on either side: the polynomial needs three, and more than the upper limit only cost
-/// time.
+/// Smallest and largest number of neighbours on either side: the polynomial needs three, and more
+/// than the upper limit only cost time.
 const NEIGHBOURS: (usize, usize) = (3, 500);
-/// Estimates that are remembered: samples wait for their neighbours while the next estimate comes.
+/// Number of estimates remembered: the next estimate may arrive while samples wait for their
+/// neighbours.
 const ESTIMATES: usize = 4;
 
 /// Follows samples and estimates of one stream, and predicts the input.
@@ -33,8 +34,7 @@ pub struct PredictedInput {
     period_ns: f64,
     /// Bit j: an equation gives the input of joint j.
     driven: u32,
-    /// Signals without which nothing can be predicted, and those with which nothing needs to be
-    /// differentiated.
+    /// Signals required for a prediction, and those with which no differentiation is needed.
     needed: u32,
     complete: u32,
     half: usize,
@@ -42,33 +42,33 @@ pub struct PredictedInput {
     weights: [Vec<f64>; 4],
     /// The last samples without a hole between them, at most 2 `half` + 1.
     samples: VecDeque<Sample>,
-    /// Samples at the end of these that have not been passed on.
+    /// Number of samples at the end of these that have not been passed on.
     waiting: usize,
     stream_id: u64,
     /// End of the block \[ns\] and θ̂, the newest last.
     estimates: VecDeque<(u64, [f64; MAX_PARAMS])>,
 }
 
-/// A sample that is passed on, when all is there to predict its input.
+/// A sample passed on, with the data to predict its input.
 #[derive(Debug)]
 pub struct Passed<'a> {
     /// The sample.
     pub sample: &'a Sample,
-    /// Its place among the neighbours; none if there are too few.
+    /// Its position among the neighbours; `None` if there are too few.
     at: Option<usize>,
     by: &'a PredictedInput,
 }
 
 impl Passed<'_> {
-    /// The predicted input of each joint, in the input's unit; `NaN` before an estimate, of a joint
-    /// that no equation drives, and without neighbours.
+    /// The predicted input of each joint, in the input's unit; `NaN` before the first estimate, for
+    /// a joint without an equation, and without neighbours.
     pub fn input(&self) -> [f64; MAX_JOINTS] {
         self.by.input_at(self.sample, self.at)
     }
 }
 
 impl PredictedInput {
-    /// Nothing is known yet; `sample_period_s` \[s\], > 0, is the time from one sample to the next.
+    /// Starts without data; `sample_period_s` \[s\], > 0, is the time from one sample to the next.
     pub fn new(model: SharedModel, sample_period_s: f64) -> Self {
         let definition = model.definition();
         let order = definition.equations.iter().map(|e| e.order).max().unwrap_or(0);
@@ -78,7 +78,7 @@ impl PredictedInput {
         let half = half.clamp(NEIGHBOURS.0, NEIGHBOURS.1);
         let weights = [0, 1, 2, 3].map(|derivative: usize| {
             let scale = sample_period_s.powi(derivative as i32);
-            // six neighbours at least determine a polynomial of order 5
+            // at least six neighbours determine a polynomial of order 5
             let weights = savitzky_golay(half, ORDER, derivative).unwrap_or_default();
             weights.iter().map(|w| w / scale).collect()
         });
@@ -97,13 +97,13 @@ impl PredictedInput {
         }
     }
 
-    /// Time over which derivatives are taken from the positions \[s\]; `None` if the samples carry
-    /// them.
+    /// Time over which derivatives are computed from the positions \[s\]; `None` if the samples
+    /// carry them.
     pub fn smoothed_s(&self) -> Option<f64> {
         (!self.samples.is_empty()).then(|| 2.0 * self.half as f64 * self.period_ns / 1e9)
     }
 
-    /// Takes an estimate in; one of another model is left out.
+    /// Takes an estimate; ignores one of another model.
     pub fn on_estimate(&mut self, estimate: &Estimate) {
         let definition = self.model.definition();
         if estimate.model_hash != definition.hash() || estimate.params as usize != definition.parameters.len() {
@@ -118,8 +118,8 @@ impl PredictedInput {
         self.estimates.push_back((estimate.t_last_ns, estimate.theta));
     }
 
-    /// Takes a sample in, and passes on what has its neighbours now: every sample once, in the
-    /// order of time.
+    /// Takes a sample, and passes on the samples whose neighbours are complete: every sample once,
+    /// in order of time.
     pub fn push(&mut self, sample: &Sample, mut pass: impl FnMut(Passed<'_>)) {
         if self.stream_id != sample.stream_id {
             self.flush(&mut pass);
@@ -146,7 +146,7 @@ impl PredictedInput {
         }
         self.samples.push_back(*sample);
         self.waiting += 1;
-        // The first ones have too few neighbours before them, whatever comes.
+        // The first samples never get enough neighbours before them.
         while self.waiting > self.half {
             let index = self.samples.len() - self.waiting;
             self.waiting -= 1;
@@ -158,7 +158,7 @@ impl PredictedInput {
         }
     }
 
-    /// Passes on what will have no neighbours any more: after a hole, or at the end.
+    /// Passes on the samples whose neighbours will not arrive: after a hole, or at the end.
     pub fn flush(&mut self, mut pass: impl FnMut(Passed<'_>)) {
         for index in self.samples.len() - self.waiting..self.samples.len() {
             pass(Passed {
@@ -252,9 +252,9 @@ mod tests {
         (model, estimate)
     }
 
-    /// Measured derivatives are exact. Of the sine, a polynomial of order 5 over ±T misses x⁶
-    /// first, whose projection onto lower orders has the second derivative −0.91 at the centre: the
-    /// acceleration is off by 0.91 (ω T)⁴/6! = 5e-6 of itself at ω T = 0.25.
+    /// Measured derivatives are exact. The first term of the sine that a polynomial of order 5 over
+    /// ±T lacks is x⁶, whose projection onto lower orders has the second derivative −0.91 at the
+    /// centre: the acceleration is off by 0.91 (ω T)⁴/6! = 5e-6 of itself at ω T = 0.25.
     #[test]
     fn val_the_input_of_a_known_motion_is_predicted_with_and_without_measured_derivatives() {
         for (mask, tolerance) in [(signals::ALL, 1e-12), (signals::Q | signals::INPUT, 1e-5)] {
@@ -293,7 +293,7 @@ mod tests {
         predicted.on_estimate(&estimate);
         let mut passed_on = Vec::new();
         let mut take = |passed: Passed<'_>| passed_on.push((passed.sample.seq, passed.input()[0].is_finite()));
-        // Every second sample is lost behind 500, so that no sample has its neighbours.
+        // Every second sample after 500 is lost, so no sample there has its neighbours.
         let seqs: Vec<u64> = (200..500).chain((500..700).step_by(2)).collect();
         for &k in &seqs {
             predicted.push(&sample(k, signals::Q | signals::INPUT), &mut take);
@@ -304,7 +304,7 @@ mod tests {
         let known: Vec<u64> = passed_on.iter().filter(|p| p.1).map(|p| p.0).collect();
         // 500 still follows 499 and is the last neighbour of 475.
         assert_eq!(known, (225..=475).collect::<Vec<u64>>());
-        // Another stream knows no estimate.
+        // Another stream has no estimate yet.
         let mut other = sample(700, signals::ALL);
         other.stream_id = 8;
         predicted.push(&other, |passed| assert!(passed.input()[0].is_nan()));

@@ -1,15 +1,15 @@
-//! What is known of the machine, kept while a replay teaches the identifier something else.
+//! Keeps the state of the identifier during a replay.
 //!
 //! The samples of a replay come from the past: from another payload, other tuning, perhaps another
-//! machine. What they teach must not reach the controller of the machine that comes next, however
-//! the replay ends. So the state of the estimator is copied out at the first sample of a replay
-//! ([`sample_flags::REPLAY`](crate::messages::sample_flags::REPLAY)) and copied back at the first
-//! sample of the next stream: a machine goes on from what was known before the replay, and a second
-//! replay gives the estimates of the first. Checkpoints hold the kept state meanwhile.
+//! machine. Estimates from them must not reach the controller of the next machine, however the
+//! replay ends. So the state of the estimator is saved at the first sample of a replay
+//! ([`sample_flags::REPLAY`](crate::messages::sample_flags::REPLAY)) and restored at the first
+//! sample of the next stream: a machine continues from the state before the replay, and a second
+//! replay gives the same estimates as the first. Meanwhile checkpoints contain the saved state.
 //!
-//! Commands are another matter, see `bound.rs`: those of the replay are undone, those of an
-//! operator stay. Thus a parameter that an operator has fixed or freed during the replay stays so,
-//! and a reset during the replay resets the kept state, too.
+//! Commands are treated differently, see `bound.rs`: those of the replay are undone, those of an
+//! operator stay. So a parameter that an operator fixes or frees during the replay stays so, and a
+//! reset during the replay also resets the saved state.
 
 use super::command::{NodeState, Order};
 use super::learner::Learner;
@@ -24,40 +24,40 @@ pub(super) struct BeforeReplay {
 }
 
 impl BeforeReplay {
-    /// Nothing is kept, but there is room for the state: what follows allocates nothing.
+    /// Allocates space for the state without saving one; later calls allocate nothing.
     pub(super) fn new(learner: &mut impl Learner) -> Self {
         let mut state = NodeState::default();
         learner.save(&mut state.estimator);
         Self { state, is_kept: false }
     }
 
-    /// The kept state while a replay is open, or was the last stream.
+    /// The saved state, while a replay is open or was the last stream.
     pub(super) fn kept(&self) -> Option<&NodeState> {
         self.is_kept.then_some(&self.state)
     }
 
-    /// Copies the state out.
+    /// Saves the state.
     pub(super) fn keep(&mut self, learner: &mut impl Learner, status: &Status) {
         self.is_kept = true;
         copy_out(learner, status, &mut self.state);
     }
 
-    /// Keeps the state that was just [given back](Self::give_back): another replay follows.
+    /// Keeps the state that was just [restored](Self::give_back), because another replay follows.
     pub(super) fn keep_on(&mut self) {
         self.is_kept = true;
     }
 
-    /// To be called after an order was carried out: a reset by an operator is one for good.
+    /// Call this after an order was carried out: a reset by an operator is permanent.
     pub(super) fn follow(&mut self, order: &Order, learner: &mut impl Learner, status: &Status) {
         if self.is_kept && order.tag == 0 && order.change.replaces() {
             self.keep(learner, status);
         }
     }
 
-    /// Copies the state back if one is kept; parameters stay held or free as they are now.
+    /// Restores the saved state, if there is one; parameters stay fixed or free as they are now.
     ///
     /// # Errors
-    /// A state with numbers that none can have; the learner is at its start then.
+    /// If the state is invalid; the learner is then at its start.
     pub(super) fn give_back(&mut self, learner: &mut impl Learner) -> Result<bool, StateError> {
         if !std::mem::take(&mut self.is_kept) {
             return Ok(false);
@@ -66,7 +66,7 @@ impl BeforeReplay {
     }
 }
 
-/// Copies out what another process needs to go on; allocates only if `into` has no room.
+/// Saves the state that another process needs to continue; allocates only if `into` is too small.
 pub(super) fn copy_out(learner: &mut impl Learner, status: &Status, into: &mut NodeState) {
     into.blocks = learner.save(&mut into.estimator);
     into.stream_id = status.stream_id;
@@ -128,7 +128,7 @@ mod tests {
                     assert_ne!(with.status().flags & status_flags::REPLAY, 0);
                     let known_now = state(&mut with);
                     assert_eq!(known_now, known, "a checkpoint holds what is known of the machine");
-                    // Each replay begins with the same knowledge.
+                    // Each replay begins with the same state.
                     let thetas = |estimates: &[Estimate]| estimates.iter().map(|e| e.theta).collect::<Vec<_>>();
                     let first = first.get_or_insert_with(|| replayed.clone());
                     assert_eq!(thetas(first), thetas(&replayed));

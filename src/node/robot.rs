@@ -1,7 +1,7 @@
 //! The learner of a robot: drives → torque, velocity → rows → information → estimate.
 //!
-//! Rows reach over the border of a block, for their windows are not cut by it; what is within half
-//! a window of the end is learnt with the next block. Tunables and another N are declined.
+//! Windows extend over the border of a block; data within half a window of the end are used with
+//! the next block. Tunables and another N are refused.
 
 use super::command::Change;
 use super::identifier::IdentifierNode;
@@ -18,7 +18,7 @@ use std::any::Any;
 /// The identifier of a robot as a value.
 pub type RobotNode = IdentifierNode<RobotLearner>;
 
-/// What a robot's samples teach.
+/// Learner of a robot.
 pub struct RobotLearner {
     drives: Drives,
     robot: RobotIdentifier,
@@ -28,7 +28,7 @@ pub struct RobotLearner {
 }
 
 impl RobotLearner {
-    /// A learner that has seen nothing. `velocities` is for samples without velocities.
+    /// A learner without data. `velocities` is for samples without velocities.
     pub fn new(drives: Drives, robot: RobotIdentifier, velocities: Option<Velocities>) -> Self {
         Self {
             evidence: RobotEvidence::new(&robot),
@@ -39,12 +39,12 @@ impl RobotLearner {
         }
     }
 
-    /// What was learnt, for its evidence beyond the message.
+    /// The identification, for evidence beyond the message.
     pub fn robot(&self) -> &RobotIdentifier {
         &self.robot
     }
 
-    /// What is known now goes into the report; no block has said it.
+    /// Copies the present estimates to the report outside a block.
     fn note(&mut self) {
         self.evidence.note(&self.robot);
     }
@@ -107,8 +107,8 @@ impl Learner for RobotLearner {
         }
     }
 
-    /// The payload as robot controllers take it: zeros if nothing is carried, `NaN` while it cannot
-    /// be told.
+    /// The payload in the form that robot controllers use: zeros if nothing is carried, `NaN` while
+    /// unknown.
     fn derive(&self, estimate: &mut Estimate) {
         if !self.robot.estimates_payload() {
             return;
@@ -128,7 +128,7 @@ impl Learner for RobotLearner {
         self.evidence.report()
     }
 
-    /// Nothing yet: its information is kept per joint, and has no single condition.
+    /// Writes nothing: a robot's information is kept per joint and has no single condition number.
     fn describe(&self, _: &mut Status) {}
 
     fn window_s(&self) -> Option<f64> {
@@ -194,7 +194,7 @@ impl Learner for RobotLearner {
         loaded
     }
 
-    /// Parameters of the payload are as the state has them: held at zero while nothing is carried.
+    /// Parameters of the payload are as in the state: fixed at zero while nothing is carried.
     fn load_kept(&mut self, state: &EstimatorState) -> Result<(), StateError> {
         let arm = self.robot.model().parameters().len();
         let mut held = [None; MAX_PARAMS];

@@ -1,5 +1,5 @@
-//! A robot's figures of a block as the report that every model gives, so that states and messages
-//! mean the same.
+//! Converts a robot's figures of a block to the report common to all models, so that states and
+//! messages have the same meaning.
 
 use super::estimate_message::message;
 use crate::estimator::{Change, ChangeKind, Held, Report, StateMachine};
@@ -7,15 +7,15 @@ use crate::messages::{ERROR_TEXT, ErrorCode, Estimate, FixedText, LastError};
 use crate::robot::{ChangeCause, Impossible, LEAST_EXPLAINED, RobotChange, RobotIdentifier};
 use std::fmt::{self, Write as _};
 
-/// Part of the prior's variance below which a parameter is known from data.
+/// Share of the prior variance below which a parameter is known from data.
 const INFORMED: f64 = 1.0 / 9.0;
-/// Three standard deviations below this part of a parameter make it usable.
+/// Three standard deviations, relative to a parameter, below which it is usable.
 const USABLE: f64 = 0.05;
-/// Share of the variance of a parameter known to within its size that a block must remove to have
+/// Share of the variance that a block must remove from a parameter known to within its size to have
 /// informed on it.
 const EXCITED: f64 = 0.9;
 
-/// What a robot's estimates are worth after each block, on line as off line.
+/// Evidence about a robot's estimates after each block, on line and off line.
 pub struct RobotEvidence {
     judge: StateMachine,
     report: Report,
@@ -23,7 +23,7 @@ pub struct RobotEvidence {
 }
 
 impl RobotEvidence {
-    /// Of an identifier that has learnt nothing.
+    /// For an identifier without data.
     pub fn new(robot: &RobotIdentifier) -> Self {
         let (parameters, joints) = (robot.theta().len(), robot.model().robot().len());
         let mut evidence = Self {
@@ -40,18 +40,18 @@ impl RobotEvidence {
         &self.report
     }
 
-    /// What is known now goes into the report; no block has said it.
+    /// Copies the present estimates to the report outside a block.
     pub(super) fn note(&mut self, robot: &RobotIdentifier) {
         fill(&mut self.report, robot, false, false);
     }
 
-    /// The identifier begins anew, or goes on from a state.
+    /// Call this if the identifier restarts or continues from a state.
     pub(super) fn reset(&mut self, robot: &RobotIdentifier) {
         self.judge.reset(robot.theta());
         self.note(robot);
     }
 
-    /// After a block: its estimate with state and evidence. `learnt` is what closing it gave,
+    /// Judges a block: its estimate with state and evidence. `learnt` is the result of closing it,
     /// `lost` the share of its samples that are missing, 0 to 1.
     pub fn judge(&mut self, robot: &RobotIdentifier, learnt: bool, lost: f64) -> Estimate {
         fill(&mut self.report, robot, learnt, self.changed_before);
@@ -60,7 +60,7 @@ impl RobotEvidence {
     }
 }
 
-/// A report of nothing, with room for these parameters and joints.
+/// An empty report for these numbers of parameters and joints.
 fn empty(parameters: usize, joints: usize) -> Report {
     let (theta, joint) = (vec![0.0; parameters], vec![0.0; joints]);
     Report {
@@ -89,7 +89,7 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
     report.held = (!learnt).then_some(Held::Empty);
     let change = robot.change().filter(|_| learnt);
     let unexplained = change.is_some_and(|change| change.cause == ChangeCause::Unexplained);
-    // a model without a term of friction takes motion for changes
+    // if a friction term is missing, motion looks like a change
     let left_out = robot.left_out_cause().is_some();
     report.change = change.filter(|_| !unexplained && !left_out).map(|change| Change {
         kind: ChangeKind::Within,
@@ -112,7 +112,8 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
         || robot.contradiction().is_some();
     report.misfit = u64::from(unfit || left_out || refuted || robot.doubt().is_some());
     for j in 0..joints {
-        // Friction's misfit is correlated: whole blocks are off by more than rows are.
+        // The misfit of friction is correlated, so the error of whole blocks is larger than that of
+        // rows.
         report.noise_std[j] = robot.torque_std(j) * robot.inflation(j);
     }
     report.rows = figures.rows[..joints].iter().copied().max().unwrap_or(0);
@@ -149,12 +150,12 @@ fn mark(mask: &mut u128, i: usize) {
 /// A misfit in words.
 fn misfit(what: fmt::Arguments<'_>, seq: u64) -> LastError {
     let mut words = FixedText::<ERROR_TEXT>::default();
-    // longer words than fit are cut, which is what an error means here
+    // an error only means that the text was truncated
     let _cut = words.write_fmt(what);
     LastError::with_text(ErrorCode::Misfit, seq, words.as_str())
 }
 
-/// What no machine has, in words.
+/// An impossible estimate, in words.
 pub(super) fn impossible(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     Some(match robot.impossible()? {
         Impossible::Inertia(joint) => misfit(
@@ -187,12 +188,12 @@ pub(super) fn unexplained(robot: &RobotIdentifier, seq: u64) -> Option<LastError
     ))
 }
 
-/// A gravity or a zero that is not the URDF's, in words.
+/// A gravity or a zero that contradicts the URDF, in words.
 pub(super) fn contradiction(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     Some(misfit(format_args!("{}", robot.contradiction()?), seq))
 }
 
-/// A torque that stops at a limit, in words.
+/// A clipped torque, in words.
 pub(super) fn clipped(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     let (joint, limit) = robot.clipped()?;
     Some(misfit(
@@ -204,7 +205,7 @@ pub(super) fn clipped(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     ))
 }
 
-/// What the model leaves out, in words.
+/// A term missing in the model, in words.
 pub(super) fn left_out(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     Some(misfit(format_args!("{}", robot.left_out_cause()?), seq))
 }
@@ -214,7 +215,7 @@ pub(super) fn doubt(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     Some(misfit(format_args!("{}", robot.doubt()?), seq))
 }
 
-/// A change that is no payload, in words.
+/// A change other than of the payload, in words.
 pub(super) fn words(change: &RobotChange, seq: u64) -> Option<LastError> {
     match change.cause {
         ChangeCause::Payload => None,

@@ -1,5 +1,5 @@
-//! A robot from its URDF as a [`Model`]: what programs need to identify it, to simulate it and to
-//! name its values.
+//! A robot from its URDF as a [`Model`], for programs that identify it, simulate it and name its
+//! values.
 
 use super::identifier::{Identifier, IdentifierOptions};
 use super::model::{Model, ModelError, NodeSettings};
@@ -18,20 +18,20 @@ use crate::robot::{
 use crate::words::fnv1a;
 use std::sync::Arc;
 
-/// Largest part of a name that is the robot's own; the rest tells robots of one name apart.
+/// Characters of a name taken from the robot; the rest distinguishes robots with the same name.
 const LONGEST_NAME: usize = 20;
 
-/// What a robot's identifier and its simulation are made from.
+/// Settings of a robot's identifier and simulation.
 #[derive(Debug, Clone)]
 pub struct RobotSettings {
     /// The arm with its friction.
     pub model: RobotModel,
-    /// From inputs to torques.
+    /// Conversion of inputs to torques.
     pub drives: Drives,
-    /// How it is identified.
+    /// Options of the identification.
     pub options: IdentifyOptions,
-    /// Time to either side over which velocities are formed from positions \[s\]; `None` if samples
-    /// hold them.
+    /// Time on either side over which velocities are computed from positions \[s\]; `None` if
+    /// samples carry them.
     pub velocity_s: Option<f64>,
     /// The simulated robot; sample period and seed are those of the simulation.
     pub simulation: RobotSimOptions,
@@ -43,15 +43,15 @@ pub struct RobotPlant {
     settings: RobotSettings,
     definition: PlantDefinition,
     payload: Option<Arc<PayloadValues>>,
-    /// Whose parameters stand behind the arm's.
+    /// The payload, whose parameters follow the arm's.
     group: Option<Payload>,
 }
 
 impl RobotPlant {
-    /// Of these settings.
+    /// A robot with these settings.
     ///
     /// # Errors
-    /// Options that do not fit, in words; more parameters than an estimate holds.
+    /// If options do not fit, or there are more parameters than an estimate can hold.
     pub fn new(settings: RobotSettings) -> Result<Self, String> {
         let identifier = RobotIdentifier::new(settings.model.clone(), settings.options)?;
         let robot = settings.model.robot();
@@ -101,7 +101,7 @@ impl RobotPlant {
         })
     }
 
-    /// What it was made from.
+    /// Its settings.
     pub fn settings(&self) -> &RobotSettings {
         &self.settings
     }
@@ -114,8 +114,8 @@ pub fn robot_units(model: &RobotModel, drives: &Drives) -> (&'static str, &'stat
     (if turns { "rad" } else { "m" }, if is_torque { "N m" } else { "A" })
 }
 
-/// The robot's name, with a digest of what gives its parameters their meaning: combinations that
-/// follow from the URDF, terms of friction, windows.
+/// The robot's name, with a digest of everything that determines the meaning of its parameters:
+/// combinations from the URDF, friction terms, windows.
 fn name(settings: &RobotSettings) -> String {
     let model = &settings.model;
     let mut own: String = model
@@ -152,7 +152,7 @@ impl Model for RobotPlant {
             Some(payload) => payload.effective(theta, &mut effective[..arm]),
             None => effective[..arm].copy_from_slice(&theta[..arm]),
         }
-        // A joint that rests has an engagement that a motion alone does not tell.
+        // The engagement of a resting joint does not follow from the motion alone.
         let state = FilteredSample {
             q: motion.q,
             dq: motion.dq,
@@ -201,7 +201,7 @@ impl Model for RobotPlant {
             model_hash: self.definition.hash(),
             joints: self.definition.joints,
             signals: signals::Q | signals::INPUT | speed,
-            // A joint that sticks under torque is no sensor that hangs.
+            // A joint that sticks under torque must not count as a frozen sensor.
             frozen_after: 0,
             ..settings.options
         };
@@ -246,7 +246,7 @@ fn not_simulated(problem: String) -> ModelError {
     }
 }
 
-/// What the joints of a simulated robot are asked for; nothing asks for its third derivative.
+/// The desired motion of a simulated robot; its third derivative is not used.
 #[cfg(feature = "sim")]
 #[derive(Debug, Clone)]
 struct Wanted(Reference);
@@ -295,7 +295,7 @@ impl crate::sim::Commanded for Driven {
     }
 }
 
-/// The payload of θ as robot controllers take it.
+/// The payload of θ in the form that robot controllers use.
 #[derive(Debug)]
 struct PayloadValues {
     quantities: Vec<DerivedQuantity>,

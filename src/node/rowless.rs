@@ -1,22 +1,22 @@
-//! Why the samples of a robot give no rows, in words that fit into a status.
+//! Status text that explains why the samples of a robot give no rows.
 
 use crate::messages::{ERROR_TEXT, ErrorCode, FixedText, LastError};
 use crate::robot::{TooFarApart, WindowOptions};
 use std::fmt::Write as _;
 
-/// The samples of the open block, as far as they decide whether windows can hold them.
+/// The spacing of the samples of the open block, which decides whether windows can use them.
 #[derive(Debug, Clone)]
 pub(super) struct Spacing {
     windows: WindowOptions,
     last_s: Option<f64>,
     steps: u32,
-    /// Those that are longer than windows bridge.
+    /// Those longer than windows bridge.
     gaps: u32,
     shortest_gap_s: f64,
 }
 
 impl Spacing {
-    /// For rows of these windows.
+    /// For these windows.
     pub fn new(windows: WindowOptions) -> Self {
         Self {
             windows,
@@ -27,7 +27,7 @@ impl Spacing {
         }
     }
 
-    /// Takes the time of a sample \[s\].
+    /// Adds the time of a sample \[s\].
     pub fn note(&mut self, t_s: f64) {
         let step_s = self.last_s.map_or(0.0, |last_s| t_s - last_s);
         if step_s > 0.0 {
@@ -40,15 +40,15 @@ impl Spacing {
         self.last_s = Some(t_s);
     }
 
-    /// The next block begins.
+    /// Begins the next block.
     pub fn next_block(&mut self) {
         (self.steps, self.gaps, self.shortest_gap_s) = (0, 0, f64::INFINITY);
     }
 
-    /// Why a block that ended with the sample `seq` gave no row; `None` of a block without samples.
+    /// Why a block that ended with sample `seq` gave no row; `None` for a block without samples.
     pub fn reason(&self, seq: u64) -> Option<LastError> {
         let mut words = FixedText::<ERROR_TEXT>::default();
-        // longer words than fit are cut, which is what an error means here
+        // an error only means that the text was truncated
         let _cut = match (self.steps, 2 * self.gaps > self.steps) {
             (0, _) => return None,
             (_, true) => write!(

@@ -1,17 +1,17 @@
-//! What a sample that is in its place in the stream must be to reach the rows: the right joints and
-//! signals, finite numbers, a time that goes on, an input within its limit, and no frozen signal.
+//! Checks before a sample enters the rows: joints and signals, finite numbers, increasing time, an
+//! input within its limit, and no frozen signal.
 
 use super::freeze::FreezeWatch;
 use super::stream::{StreamClock, Tick};
 use crate::messages::{ErrorCode, SIGNALS, Sample, signals};
 use crate::model::MAX_JOINTS;
 
-/// Positions, velocities, setpoints and inputs beyond this are no machine's \[SI units\].
+/// Largest plausible position, velocity, setpoint and input \[SI units\].
 const LARGEST: f64 = 1e9;
 /// The same for accelerations and jerks.
 const LARGEST_DERIVATIVE: f64 = 1e12;
 
-/// The checks with what they remember of the stream.
+/// The checks with their memory of the stream.
 pub(super) struct SampleGate {
     joints: usize,
     signals: u32,
@@ -20,18 +20,18 @@ pub(super) struct SampleGate {
     freeze: FreezeWatch,
 }
 
-/// What the gate says of a sample.
+/// Result of the checks on a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Judgement {
     /// Why the sample is refused.
     pub result: Result<(), ErrorCode>,
-    /// The clock was set back: what came before belongs to another time.
+    /// True if the clock was set back: earlier samples belong to another time.
     pub set_back: bool,
 }
 
 impl SampleGate {
     /// For samples of `joints` joints that carry `signals`, `period_ns` apart; `frozen_after` is
-    /// the patience of the watch for frozen signals \[samples\].
+    /// the patience of the detection of frozen signals \[samples\].
     pub fn new(joints: usize, signals: u32, input_limit: [f64; MAX_JOINTS], period_ns: u64, frozen_after: u64) -> Self {
         Self {
             joints,
@@ -42,13 +42,13 @@ impl SampleGate {
         }
     }
 
-    /// A new stream.
+    /// Begins a new stream.
     pub fn reset(&mut self) {
         self.clock.reset();
         self.freeze.reset();
     }
 
-    /// What a sample that is in its place is good for.
+    /// Judges a sample that is at its place in the stream.
     pub fn judge(&mut self, sample: &Sample) -> Judgement {
         let mut set_back = false;
         let result = self.check(sample, &mut set_back);
@@ -83,10 +83,10 @@ impl SampleGate {
         Ok(())
     }
 
-    /// True for a sample whose needed signals hold numbers that a machine can have.
+    /// True if the needed signals of a sample are plausible numbers.
     fn are_numbers(&self, sample: &Sample) -> bool {
         let joints = self.joints.min(MAX_JOINTS);
-        // false for NaN, too
+        // NaN also fails
         let needed = |flag: u32| self.signals & flag != 0;
         let within = |flag: u32, values: &[f64]| values.iter().all(|value| value.abs() <= largest(flag));
         let mut signals = SIGNALS.iter().zip(sample.arrays());

@@ -6,20 +6,20 @@ use crate::messages::nanoseconds;
 use crate::model::JointSample;
 use crate::sim::{Faults, Losses, Machine, MachineSimulator, SampleInstants, SimError, SimOptions};
 
-/// All samples of a run of a machine that this library knows, from seq 0 to END; `stream_id` names
-/// the stream.
+/// All samples of a run of a built-in machine, from seq 0 to END; `stream_id` identifies the
+/// stream.
 ///
 /// # Errors
-/// The options are not valid, see [`SimOptions::validate`].
+/// If the options are invalid, see [`SimOptions::validate`].
 pub fn sample_stream(options: &SimOptions, stream_id: u64) -> Result<PlantNode<MachineSimulator>, SimError> {
     Ok(with_sensor_faults(MachineSimulator::new(options)?, options, stream_id))
 }
 
-/// The same of whichever machine the options name; `model` has the equations if they are what is
+/// The same for any machine that the options name; `model` has the equations if these are
 /// simulated.
 ///
 /// # Errors
-/// The options are not valid, or the model cannot be simulated, in words.
+/// If the options are invalid, or the model cannot be simulated.
 pub fn sample_stream_of(
     model: &dyn Model,
     options: &SimOptions,
@@ -32,7 +32,7 @@ pub fn sample_stream_of(
     Ok(with_sensor_faults(source, options, stream_id))
 }
 
-/// What the samples of a machine go through on their way.
+/// Applies sensor and transport faults to the samples of a machine.
 fn with_sensor_faults<S: Iterator<Item = JointSample>>(
     source: S,
     options: &SimOptions,

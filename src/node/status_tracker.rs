@@ -1,20 +1,20 @@
-//! What is said of an identifier and of its stream: the status, and the flags of the next estimate.
+//! Tracks the status of an identifier and its stream, and the flags of the next estimate.
 
 use crate::messages::{
     ErrorCode, Estimate, LastError, State, Status, StreamFaults, estimate_flags, status_flags, stream_tag,
 };
 
-/// The status, with what becomes of it when something happens.
+/// The status, updated by events.
 pub(super) struct StatusTracker {
     pub status: Status,
-    /// Estimates are held until somebody says resume.
+    /// True while estimation is paused until a resume command.
     pub paused: bool,
     /// Flags of the next estimate.
     next_flags: u32,
 }
 
 impl StatusTracker {
-    /// Before the first sample.
+    /// The status before the first sample.
     pub fn new(pid: u32) -> Self {
         Self {
             status: Status {
@@ -27,7 +27,7 @@ impl StatusTracker {
         }
     }
 
-    /// A new stream: its counters start at 0.
+    /// Begins a new stream, with counters at 0.
     pub fn begin_stream(&mut self, stream_id: u64, streams: u64) {
         self.status = Status {
             stream_id,
@@ -52,7 +52,7 @@ impl StatusTracker {
         self.status.stream_id == 0 || self.is_ended()
     }
 
-    /// Tag of the stream that is open; 0 between two.
+    /// Tag of the open stream; 0 between two.
     pub fn open_tag(&self) -> u32 {
         if self.is_between_streams() {
             0
@@ -61,7 +61,7 @@ impl StatusTracker {
         }
     }
 
-    /// Counts samples that never came.
+    /// Counts lost samples.
     pub fn miss(&mut self, seq: u64, missing: u64) {
         self.status.missing = self.status.missing.saturating_add(missing);
         self.status.faults.gaps += 1;
@@ -75,7 +75,7 @@ impl StatusTracker {
         self.status.error = LastError::new(code, seq);
     }
 
-    /// Counts an estimate, gives it the flags that wait for it, and takes over what it says.
+    /// Counts an estimate, sets its pending flags, and copies its state to the status.
     pub fn publish(&mut self, estimate: &mut Estimate) {
         estimate.flags |= std::mem::take(&mut self.next_flags);
         self.status.estimates += 1;
@@ -85,7 +85,7 @@ impl StatusTracker {
         self.status.fit_probability = estimate.fit_probability;
     }
 
-    /// Holds estimates.
+    /// Pauses estimation.
     pub fn pause(&mut self) {
         self.paused = true;
         self.status.flags |= status_flags::PAUSED;
@@ -94,7 +94,7 @@ impl StatusTracker {
         }
     }
 
-    /// Goes on with estimates.
+    /// Resumes estimation.
     pub fn resume(&mut self) {
         if std::mem::take(&mut self.paused) && !self.is_ended() {
             self.status.state = State::Collecting as u32;
@@ -102,37 +102,37 @@ impl StatusTracker {
         self.status.flags &= !status_flags::PAUSED;
     }
 
-    /// Says whether the identifier goes on from a checkpoint.
+    /// Sets whether the identifier continued from a checkpoint.
     pub fn set_warm(&mut self, warm: bool) {
         set(&mut self.next_flags, estimate_flags::WARM, warm);
         set(&mut self.status.flags, status_flags::WARM, warm);
     }
 
-    /// Says whether the samples are those of a recording.
+    /// Sets whether the samples are those of a recording.
     pub fn set_replay(&mut self, replay: bool) {
         set(&mut self.status.flags, status_flags::REPLAY, replay);
     }
 
-    /// A command has changed the configuration.
+    /// Records that a command has changed the configuration.
     pub fn set_commanded(&mut self) {
         self.status.flags |= status_flags::COMMANDED;
     }
 
-    /// A command took effect: the next estimate says so.
+    /// Records that a command took effect, for the next estimate.
     pub fn count_command(&mut self) {
         self.status.process.commands += 1;
         self.next_flags |= estimate_flags::COMMANDED;
     }
 
-    /// Goes back to what held before commands that are gone with their stream: `paused`, if one of
-    /// them changed that, and the flag `COMMANDED` as it was.
+    /// Restores the state before commands that ended with their stream: `paused`, if one of them
+    /// changed it, and the previous flag `COMMANDED`.
     pub fn undo_commands(&mut self, paused: Option<bool>, commanded: u32) {
         if let Some(paused) = paused {
             self.paused = paused;
             set(&mut self.status.flags, status_flags::PAUSED, paused);
         }
         set(&mut self.status.flags, status_flags::COMMANDED, commanded != 0);
-        // the next stream has not been changed by them
+        // they do not affect the next stream
         self.next_flags &= !estimate_flags::COMMANDED;
     }
 

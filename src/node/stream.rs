@@ -1,16 +1,16 @@
-//! Order of a stream: which sample comes next, what is missing, where a new stream begins.
+//! Order of a stream: detects the next sample, missing samples, and a new stream.
 
-/// What a message's `stream_id` and `seq` say about its place in the stream.
+/// Place of a message in its stream, from `stream_id` and `seq`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
-    /// The first message of a stream: of all that this consumer sees, or of a publisher that was
-    /// started again.
+    /// The first message of a stream: the first that this consumer receives, or the first of a
+    /// restarted publisher.
     First,
     /// The one after the previous one.
     Next,
-    /// Messages between the previous one and this one are missing.
+    /// Messages are missing between the previous one and this one.
     Gap {
-        /// How many.
+        /// Their number.
         missing: u64,
     },
     /// The same `seq` again.
@@ -19,8 +19,8 @@ pub enum Place {
 
 /// Follows `stream_id` and `seq` of a stream.
 ///
-/// A new `stream_id`, or a `seq` that goes back, starts a new stream and is never taken for a huge
-/// gap. What was sent before the first message that this consumer received is not missing.
+/// A new `stream_id`, or a `seq` that goes back, starts a new stream and is never treated as a huge
+/// gap. Messages before the first one received do not count as missing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct StreamCursor {
     last: Option<(u64, u64)>,
@@ -28,12 +28,12 @@ pub struct StreamCursor {
 }
 
 impl StreamCursor {
-    /// A cursor that has seen nothing.
+    /// A cursor at its start.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Places the next message and moves on to it.
+    /// Returns the place of the next message and moves to it.
     pub fn advance(&mut self, stream_id: u64, seq: u64) -> Place {
         let ahead = self
             .last
@@ -57,51 +57,52 @@ impl StreamCursor {
     }
 }
 
-/// What `stream_id` and `seq` of a sample say about its place in the stream.
+/// Place of a sample in its stream, from `stream_id` and `seq`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SamplePlace {
     /// The first sample of a stream.
     First,
     /// The one after the previous one.
     Next,
-    /// Samples between the previous one and this one are missing.
+    /// Samples are missing between the previous one and this one.
     Gap {
-        /// How many.
+        /// Their number.
         missing: u64,
     },
-    /// It was there before.
+    /// The sample was already received.
     Duplicate,
-    /// One that was missing, behind its successor.
+    /// A missing sample that arrives after its successor.
     Late,
 }
 
-/// Follows the samples of a stream; tells a late sample from a new stream by the holes that were
-/// seen.
+/// Follows the samples of a stream; distinguishes a late sample from a new stream by the holes so
+/// far.
 ///
-/// `seq` that goes back under the same `stream_id` is a late sample if that one was missing, a
-/// new stream if it is 0 or goes on and on, and otherwise a sample that came again.
+/// If `seq` goes back under the same `stream_id`, it is a late sample if that one was missing, a
+/// new stream if it is 0 or continues for long, and otherwise a duplicate.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SampleCursor {
     last: Option<(u64, u64)>,
     streams: u64,
-    /// Holes seen last, from one `seq` up to another, which is not in it.
+    /// The last holes, each from one `seq` up to another, exclusive.
     holes: [(u64, u64); Self::HOLES],
     next_hole: usize,
-    /// What would follow the last sample that went back, and how many in a row have.
+    /// Expected `seq` after the last sample that went back, and the number of such samples in a
+    /// row.
     back: (u64, u32),
 }
 
 impl SampleCursor {
     const HOLES: usize = 8;
-    /// So many samples in a row, each behind the last of the stream, are a stream of their own.
+    /// Number of consecutive samples before the last of the stream that count as a new stream.
     const RUN: u32 = 16;
 
-    /// A cursor that has seen nothing.
+    /// A cursor at its start.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Places the next sample and moves on to it.
+    /// Returns the place of the next sample and moves to it.
     pub fn advance(&mut self, stream_id: u64, seq: u64) -> SamplePlace {
         let Some((own, last)) = self.last else {
             return self.begin(stream_id, seq);
@@ -130,7 +131,7 @@ impl SampleCursor {
         match hole {
             _ if self.back.1 > Self::RUN => self.begin(stream_id, seq),
             Some(hole) => {
-                // of a hole with a sample in its middle the later part is kept
+                // if a sample fills the middle of a hole, the later part is kept
                 *hole = if seq + 1 == hole.1 {
                     (hole.0, seq)
                 } else {
@@ -158,23 +159,23 @@ impl SampleCursor {
     }
 }
 
-/// What the time of a sample says.
+/// Judgement on the time of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tick {
     /// It follows from the one before.
     Good,
-    /// It does not: refuse the sample, and see what comes next.
+    /// It does not: the sample is refused, and the next one decides.
     Jump,
-    /// The clock was set, or the machine stood still: time goes on from the sample before, which
-    /// was refused.
+    /// The clock was set, or the machine paused: time continues from the previous sample, which was
+    /// refused.
     Set {
         /// It was set back.
         back: bool,
     },
 }
 
-/// Follows the time of a stream. A single wrong time is refused; time that goes on from it is
-/// believed.
+/// Follows the time of a stream. A single wrong time is refused; if time continues from it, it is
+/// accepted.
 #[derive(Debug, Clone, Copy)]
 pub struct StreamClock {
     period_ns: u64,
@@ -183,11 +184,11 @@ pub struct StreamClock {
 }
 
 impl StreamClock {
-    /// How far time may be from what `seq` says \[ns\]: what a driver's scheduling may do to time
-    /// stamps.
+    /// Largest deviation of the time from that expected from `seq` \[ns\]: possible effect of a
+    /// driver's scheduling on time stamps.
     const JITTER_NS: u64 = 100_000_000;
 
-    /// For samples every `period_ns`; 0 if that is not known, and then time need only rise.
+    /// For samples every `period_ns`; 0 if unknown; time must then only increase.
     pub fn new(period_ns: u64) -> Self {
         Self {
             period_ns,
@@ -243,7 +244,7 @@ mod tests {
             // seq goes back under the same stream_id
             (1, 0, Place::First),
             (1, 1, Place::Next),
-            // the publisher was started again
+            // the publisher was restarted
             (2, 500, Place::First),
             (2, 501, Place::Next),
         ];
@@ -269,7 +270,7 @@ mod tests {
             (0, First),
             (1, Next),
             (5, Gap { missing: 3 }),
-            // two of the missing come late, one of them twice
+            // two of the missing samples arrive late, one of them twice
             (3, Late),
             (3, Duplicate),
             (6, Next),
@@ -288,7 +289,7 @@ mod tests {
         for seq in 2..200 {
             cursor.advance(1, seq);
         }
-        // one that begins in the middle is believed after a while
+        // one that begins in the middle is accepted after a while
         let places: Vec<_> = (50..70).map(|seq| cursor.advance(1, seq)).collect();
         assert_eq!(&places[..16], &[Duplicate; 16]);
         assert_eq!(&places[16..18], &[First, Next]);
@@ -315,7 +316,7 @@ mod tests {
             (10, 3 * ms, Tick::Jump),
             (11, 4 * ms, Tick::Set { back: true }),
             (12, 5 * ms, Tick::Good),
-            // lost samples take their time with them
+            // the time of lost samples has passed
             (1012, 1005 * ms, Tick::Good),
         ];
         for (seq, t_ns, tick) in cases {

@@ -1,4 +1,4 @@
-//! The identifier node on streams of every kind, with a plant of one parameter.
+//! The identifier node with streams of every kind and a plant of one parameter.
 
 use super::block_learner::BlockLearner;
 use super::identifier::{IdentifierNode, IdentifierOptions};
@@ -52,7 +52,7 @@ pub(super) fn sample(stream_id: u64, seq: u64) -> Sample {
     Sample::new(stream_id, seq, seq * 1_000_000, 1, signals::Q | signals::INPUT, &joints)
 }
 
-/// Feeds samples and gives (block, accepted, missing, rejected, flags) of every estimate.
+/// Feeds samples and returns (block, accepted, missing, rejected, flags) of every estimate.
 fn run(node: &mut IdentifierNode<BlockLearner<Spring>>, samples: &[Sample]) -> Vec<(u64, u64, u64, u64, u32)> {
     let mut estimates = Vec::new();
     for sample in samples {
@@ -161,7 +161,7 @@ fn fault_refused_samples_are_counted_and_never_reach_an_estimate() {
             "{name}"
         );
     }
-    // NaN in a joint or signal that nobody needs is nobody's business.
+    // NaN in a joint or signal that is not needed has no effect.
     let mut samples = stream(1, 0..10);
     samples[3].q[5] = f64::NAN;
     samples[3].dddq[0] = f64::NAN;
@@ -194,7 +194,7 @@ fn fault_a_restarted_publisher_is_a_new_stream_that_keeps_what_was_learnt() {
         "the open block of the old stream gives nothing, its counters are gone"
     );
     assert_eq!((node.status().stream_id, node.status().streams), (2, 2));
-    // seq goes back under the same stream_id: a new stream, too
+    // seq goes back under the same stream_id: also a new stream
     assert_eq!(run(&mut node, &stream(2, 0..10)), [(1, 10, 0, 0, 0)]);
     assert_eq!(node.status().streams, 3);
 }

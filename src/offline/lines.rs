@@ -1,11 +1,11 @@
-//! A text file line by line, in bounded memory whatever the file is.
+//! Reads any text file line by line, in bounded memory.
 //!
-//! A row is a line: a quote that is not closed spoils its own row and not the rest of the file, as
-//! it would for a reader that lets fields go on over lines.
+//! A row is a line: an unclosed quote spoils only its own row, not the rest of the file as in a
+//! reader that permits fields over several lines.
 
 use std::io::{self, BufRead, BufReader, Read};
 
-/// The longest line that is believed \[bytes\].
+/// Longest accepted line \[bytes\].
 pub(super) const MAX_LINE_BYTES: usize = 1 << 16;
 
 /// Why there is no next line.
@@ -20,7 +20,7 @@ pub enum LineError {
         /// What the system says.
         source: io::Error,
     },
-    /// A line without an end.
+    /// A line that is too long.
     #[error(
         "line {line}: expected lines of at most {MAX_LINE_BYTES} bytes, got a longer one; is this a text file with one row per line?"
     )]
@@ -56,10 +56,10 @@ impl<R: Read> Lines<R> {
         &self.line
     }
 
-    /// Goes on to the next line that is neither empty nor a comment; false at the end of the file.
+    /// Advances to the next line that is neither empty nor a comment; false at the end of the file.
     ///
     /// # Errors
-    /// A file that cannot be read, a line without an end.
+    /// If the file cannot be read, or a line is too long.
     pub(super) fn advance(&mut self) -> Result<bool, LineError> {
         loop {
             self.line.clear();
@@ -74,7 +74,7 @@ impl<R: Read> Lines<R> {
             if !ended && self.line.len() > MAX_LINE_BYTES {
                 return Err(LineError::TooLong { line });
             }
-            // The mark that spreadsheets begin UTF-8 with.
+            // The byte-order mark that spreadsheets write before UTF-8.
             if line == 1 && self.line.starts_with(b"\xef\xbb\xbf") {
                 self.line.drain(..3);
             }
@@ -86,8 +86,8 @@ impl<R: Read> Lines<R> {
     }
 }
 
-/// Cuts a line at its commas, which may stand inside quotes; blanks around a field do not count.
-/// False if a quote is not closed.
+/// Splits a line at commas outside quotes; ignores blanks around a field. False if a quote is not
+/// closed.
 pub(super) fn fields<'a>(line: &'a str, into: &mut Vec<&'a str>) -> bool {
     into.clear();
     let mut rest = line;
@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn fault_a_line_without_end_is_refused_in_bounded_memory() {
-        // A device that gives zeros for ever.
+        // An endless source of zeros.
         let mut lines = Lines::new(io::repeat(0));
         let error = lines.advance().unwrap_err().to_string();
         assert!(error.contains("line 1") && error.contains("65536"), "{error}");

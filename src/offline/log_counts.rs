@@ -1,9 +1,9 @@
-//! What was read of a log: how many rows of each kind, and the line of the first one.
+//! Counts of a log's rows by kind, with the line of the first one.
 
-/// Rows that are looked at to tell the period of a log.
+/// Number of rows used to find the period of a log.
 pub(super) const LOOK: usize = 200;
 
-/// How many rows of each kind, and the line of the first one.
+/// Counts of rows by kind, with the line of the first one.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct LogCounts {
     /// Rows of data read.
@@ -14,16 +14,15 @@ pub struct LogCounts {
     pub not_finite: u64,
     /// Rows of the same sample period as the row before.
     pub duplicated: u64,
-    /// Rows that are earlier than the row before, or later than those behind.
+    /// Rows that are earlier than the row before, or later than those after.
     pub out_of_order: u64,
-    /// Rows that were used though they are more than a quarter of a period off the grid.
+    /// Rows that were used although they are more than a quarter of a period off the grid.
     pub irregular: u64,
     /// Line of the first refused row.
     pub first_refused: Option<u64>,
     /// Line of the first irregular row.
     pub first_irregular: Option<u64>,
-    /// Number of pairs of consecutive rows without a hole between them, and the time \[ns\] that
-    /// they span together.
+    /// Number of pairs of consecutive rows without a gap, and their total time span \[ns\].
     pub pairs: u64,
     /// See `pairs`.
     pub pairs_span_ns: u64,
@@ -41,7 +40,7 @@ impl LogCounts {
     pub fn other_period_ns(&self) -> Option<f64> {
         let mean_ns = self.pairs_span_ns as f64 / self.pairs as f64;
         let off = (mean_ns / self.period_ns as f64 - 1.0).abs();
-        // a few rows say nothing; NaN of none is not above
+        // a few rows are not enough; NaN for no rows is not above
         (self.pairs >= LOOK as u64 / 2 && off > 0.01).then_some(mean_ns)
     }
 }

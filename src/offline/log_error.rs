@@ -4,28 +4,28 @@ use super::lines::LineError;
 use super::log_counts::LogCounts;
 use super::suspicion::Suspicion;
 
-/// What an error shows of names and fields \[characters\].
+/// Longest part of names and fields shown in an error \[characters\].
 const SHOWN: usize = 40;
-/// Columns that an error lists.
+/// Largest number of columns listed in an error.
 const LISTED: usize = 30;
 
 /// A log that cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LogError {
-    /// A column that the configuration names is not there.
+    /// A column named in the configuration is missing.
     #[error("{key}: expected a column out of {columns}, got \"{name}\"{}", hint(.likely))]
     Column {
         /// Key of the configuration.
         key: &'static str,
-        /// Name that it gives.
+        /// The configured name.
         name: String,
-        /// Names that the file has, as far as they can be listed.
+        /// Names in the file, as many as can be listed.
         columns: String,
         /// The likely mistake.
         likely: Option<Box<Suspicion>>,
     },
-    /// The header is no text.
+    /// The header is not valid text.
     #[error(
         "line {line}: expected a header with the names of the columns as UTF-8 text, got other bytes or a quote that is not closed"
     )]
@@ -63,7 +63,7 @@ pub enum LogError {
     /// Most rows cannot be used.
     #[error("expected a log of numbers, got {counts}{}", hint(.likely))]
     Unusable {
-        /// What came.
+        /// The counts of rows.
         counts: Box<LogCounts>,
         /// The likely mistake.
         likely: Option<Box<Suspicion>>,

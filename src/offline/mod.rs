@@ -1,4 +1,4 @@
-//! Identification off line, from what users have: log files with columns of their own.
+//! Off-line identification from users' log files.
 
 mod lines;
 mod log;

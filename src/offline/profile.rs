@@ -1,13 +1,13 @@
-//! What was read of a log: range of each column, distance of the rows, length. In words for people,
-//! in numbers for `suspicion.rs`.
+//! Profile of a log: range of each column, distance of the rows, length; as text for users and as
+//! numbers for `suspicion.rs`.
 
 use crate::messages::Sample;
 use std::fmt;
 
-/// Share of the mean distance that rounding makes of its standard deviation.
+/// Standard deviation, relative to the mean distance, that counts as rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// What a column was read as, with the joint counted from 0.
+/// Signal of a column, with the joint counted from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signal {
     /// A position.
@@ -23,7 +23,7 @@ pub enum Signal {
 pub struct ColumnProfile {
     /// Its name in the file.
     pub name: String,
-    /// What it was read as.
+    /// Its signal.
     pub signal: Signal,
     /// Values.
     pub count: u64,
@@ -52,7 +52,7 @@ pub struct Steps {
 }
 
 impl Steps {
-    /// Standard deviation \[s\]; 0 if it is but the rounding of the times.
+    /// Standard deviation \[s\]; 0 if it is only rounding of the times.
     pub fn std_s(&self) -> f64 {
         let std_s = (self.sum_of_squares / self.count.max(1) as f64).sqrt();
         if std_s > ROUNDING * self.mean_s.abs() {
@@ -74,7 +74,7 @@ impl Steps {
     }
 }
 
-/// What was read of a log, over the rows that became samples.
+/// Profile of a log, over the rows that became samples.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct LogProfile {
     /// Position, input and setpoint columns.
@@ -83,9 +83,9 @@ pub struct LogProfile {
     pub rows: u64,
     /// Time from the first to the last \[s\].
     pub length_s: f64,
-    /// Distances of rows that follow each other without a hole.
+    /// Distances of consecutive rows without a gap.
     pub steps: Steps,
-    /// First line from which on time goes on from an earlier instant.
+    /// First line after which time continues from an earlier instant.
     pub restart_line: Option<u64>,
 }
 
@@ -107,7 +107,7 @@ impl LogProfile {
         }
     }
 
-    /// Of rows at these times alone \[s\].
+    /// The distances of rows at these times \[s\].
     pub fn of_times(times: impl Iterator<Item = f64>) -> Self {
         let mut profile = Self::default();
         let mut first_and_last: Option<(f64, f64)> = None;
@@ -122,8 +122,8 @@ impl LogProfile {
         profile
     }
 
-    /// Takes a row in; `t_s` from the first one on, `step_s` to the one before if none is
-    /// missing between them.
+    /// Adds a row; `t_s` is the time since the first row, `step_s` that since the previous one, if
+    /// none is missing between them.
     pub(super) fn take(&mut self, sample: &Sample, t_s: f64, step_s: Option<f64>) {
         self.rows += 1;
         self.length_s = t_s;

@@ -1,15 +1,15 @@
-//! Whether a positive input accelerates the machine forwards, told from the samples alone.
+//! Determines from the samples alone whether a positive input accelerates the machine forwards.
 //!
 //! ```text
 //! u_j = a q̈_j + Σ_{k≠j} c_k q̈_k + b q̇_j + f sign q̇_j + d + g sin q_j + h cos q_j + rest
 //! r = cov(u_j, q̈_j | the others) / √(var(u_j | others) · var(q̈_j | others))
 //! ```
 //!
-//! Of every drive a > 0: an inertia. So the partial correlation r tells the sign of the input
-//! without a model of the machine, as long as inertia is seen at all: r is near 0 if friction or
-//! noise is everything, and then it says nothing. Positions are averaged over neighbouring samples
-//! before they are differenced. Noise in q̈ draws r to zero and does not turn its sign, so that of
-//! several lengths of the average the one with the largest |r| counts.
+//! For every drive a > 0, because it is an inertia. So the partial correlation r gives the sign of
+//! the input without a model of the machine, if inertia is visible: if friction or noise dominates,
+//! r is near 0 and inconclusive. Positions are averaged over neighbouring samples before they are
+//! differenced. Noise in q̈ reduces r but does not change its sign, so of several averaging lengths
+//! the one with the largest |r| is used.
 
 use crate::messages::Sample;
 use crate::model::MAX_JOINTS;
@@ -17,16 +17,16 @@ use nalgebra::{DMatrix, DVector};
 
 /// Samples in an average.
 const LENGTHS: [usize; 4] = [3, 10, 30, 100];
-/// Fewer triples of averages say nothing.
+/// Smallest number of triples of averages.
 const ENOUGH: u64 = 50;
 /// Regressors that do not belong to other joints: q̇, sign q̇, 1, sin q, cos q.
 const OWN: usize = 5;
 
-/// Collects what tells the sign of each joint's input.
+/// Accumulates the statistics for the sign of each joint's input.
 pub struct InputSign {
     joints: usize,
     scales: Vec<Scale>,
-    /// `seq` that continues the stretch without a hole.
+    /// `seq` that continues the present stretch without a gap.
     next_seq: Option<u64>,
 }
 
@@ -41,7 +41,7 @@ impl InputSign {
         }
     }
 
-    /// Takes the next sample in.
+    /// Takes the next sample.
     pub fn take(&mut self, sample: &Sample) {
         if self.next_seq != Some(sample.seq) {
             self.scales.iter_mut().for_each(Scale::begin);
@@ -52,7 +52,7 @@ impl InputSign {
         }
     }
 
-    /// r of a joint's input, counted from 0; `None` if the samples do not tell.
+    /// r of a joint's input, counted from 0; `None` if the samples are inconclusive.
     pub fn correlation(&self, joint: usize) -> Option<f64> {
         let of = |scale: &Scale| scale.correlation(joint);
         let all = self.scales.iter().filter_map(of);
@@ -152,7 +152,7 @@ impl Scale {
             .ok()?;
         let cross = unit.view((0, 2), (2, others));
         let partial = unit.view((0, 0), (2, 2)) - cross * inverse * cross.transpose();
-        // What the others explain but for a millionth leaves rounding only.
+        // If the others explain all but a millionth, only rounding remains.
         let known = partial[(0, 0)] > 1e-6 && partial[(1, 1)] > 1e-6;
         let r = partial[(0, 1)] / (partial[(0, 0)] * partial[(1, 1)]).sqrt();
         (known && r.is_finite()).then_some(r)
@@ -165,7 +165,7 @@ mod tests {
     use crate::config::Config;
     use crate::sim::MachineSimulator;
 
-    /// r of each joint over 15 s of a simulated machine, with the input as it is and turned round.
+    /// r of each joint over 15 s of a simulated machine, with the original and the reversed input.
     fn correlations(name: &str, sets: &[&str]) -> [Vec<Option<f64>>; 2] {
         let source = Config::embedded(name).expect("built in");
         let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
@@ -200,7 +200,7 @@ mod tests {
             let [right, wrong] = correlations(name, sets);
             for (joint, (right, wrong)) in right.iter().zip(&wrong).enumerate() {
                 let (right, wrong) = (right.unwrap_or(0.0), wrong.unwrap_or(0.0));
-                // The limit of a suspicion: a machine that is right is never accused.
+                // The limit of a suspicion: a correct machine must never raise one.
                 assert!(right > -0.5, "{name} {sets:?}, joint {joint}: {right}");
                 assert!((right + wrong).abs() < 1e-6, "{name}: {right} and {wrong}");
                 assert!(joint >= told || right > 0.5, "{name} {sets:?}, joint {joint}: {right}");

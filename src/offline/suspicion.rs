@@ -1,10 +1,8 @@
-//! What is probably wrong with a log that was read as configured: the usual mistakes of those who
-//! write logs and configurations.
+//! Finds probable mistakes in a log as configured: the usual mistakes in logs and configurations.
 //!
-//! A judgement here never changes a number and never refuses a log. Each finding is reported with
-//! the key that would correct it; the user decides. The limits are those beyond which hardly any
-//! machine is and within which the mistake nearly always puts it: joints that turn three times,
-//! axes longer than ten metres.
+//! Nothing here changes a number or refuses a log. Each finding is reported with the key that would
+//! correct it, and the user decides. Hardly any real machine exceeds the limits, but the mistakes
+//! nearly always do: joints that turn three times, axes longer than ten metres.
 
 use super::profile::{ColumnProfile, LogProfile, Signal, short};
 use std::fmt;
@@ -13,28 +11,27 @@ use std::fmt;
 const LARGEST_SPAN_RAD: f64 = 6.0 * std::f64::consts::PI;
 /// Axes are seldom longer \[m\]; lengths in millimetres span more.
 const LARGEST_SPAN_M: f64 = 10.0;
-/// Joints seldom turn less \[rad\]: 3.4°, what 3.4 rad are if they are read as degrees.
+/// Joints seldom turn less \[rad\]: 3.4°, which is 3.4 rad read as degrees.
 const SMALLEST_SPAN_RAD: f64 = 0.06;
-/// Axes seldom move less \[m\], which is what 1 m is if it is read as millimetres.
+/// Axes seldom move less \[m\]: this is 1 m read as millimetres.
 const SMALLEST_SPAN_M: f64 = 0.001;
-/// Partial correlation of input and acceleration that is no accident: noise alone gives 50 samples
-/// ±0.14.
+/// Significant partial correlation of input and acceleration: noise alone gives ±0.14 for 50
+/// samples.
 const SURE_CORRELATION: f64 = 0.5;
-/// A spread of the steps of this share of the period is more than rounding and scheduling of time
+/// Spread of the steps, relative to the period, that exceeds rounding and scheduling of time
 /// stamps.
 const LARGEST_SPREAD: f64 = 0.1;
-/// Steps between rows that are this share of a turn are not motion.
+/// Steps between rows of this share of a turn are wraps, not motion.
 const WRAP: std::ops::Range<f64> = 0.9..1.1;
 
-/// What was configured, beside what was read.
+/// The relevant configuration.
 #[derive(Debug, Clone)]
 pub struct Configured<'a> {
     /// The joints turn; otherwise they move along a line.
     pub turns: bool,
     /// Word for the unit of the position columns: `rad`, `deg`, `turn`, `m`, `mm` or `um`.
     pub position_unit: &'a str,
-    /// Sign of the acceleration that a positive input gives by the model, 1 or −1; 0 if the
-    /// model does not say.
+    /// Sign of the acceleration due to a positive input in the model, 1 or −1; 0 if unknown.
     pub input_sign: f64,
 }
 
@@ -45,28 +42,28 @@ pub enum Suspicion {
     Degrees {
         /// The column.
         column: String,
-        /// What it spans \[rad\].
+        /// Its span \[rad\].
         span_rad: f64,
     },
     /// Angles in radians, read as degrees.
     Radians {
         /// The column.
         column: String,
-        /// What it spans \[rad\].
+        /// Its span \[rad\].
         span_rad: f64,
     },
     /// Lengths in millimetres or less, read as metres.
     Millimetres {
         /// The column.
         column: String,
-        /// What it spans \[m\].
+        /// Its span \[m\].
         span_m: f64,
     },
     /// Lengths in metres, read as something smaller.
     Metres {
         /// The column.
         column: String,
-        /// What it spans \[m\].
+        /// Its span \[m\].
         span_m: f64,
     },
     /// A column that never changes.
@@ -76,12 +73,12 @@ pub enum Suspicion {
         /// Its value, in SI units.
         value: f64,
     },
-    /// A position that is brought back into one turn.
+    /// A position wrapped into one turn.
     Wraps {
         /// The column.
         column: String,
     },
-    /// The input acts against what the model takes for its direction.
+    /// The input acts against the direction in the model.
     InputSign {
         /// The column.
         column: String,
@@ -95,12 +92,12 @@ pub enum Suspicion {
         /// Standard deviation \[s\].
         std_s: f64,
     },
-    /// Time begins anew within the log.
+    /// Time restarts within the log.
     Restarts {
         /// First line of the later part.
         line: u64,
     },
-    /// An estimate that a bound holds.
+    /// An estimate at a bound.
     AtBound {
         /// The parameter.
         parameter: String,
@@ -111,21 +108,21 @@ pub enum Suspicion {
     Dates {
         /// Name of the column.
         column: String,
-        /// Such a field.
+        /// An example of such a field.
         field: String,
     },
     /// Something else where numbers were expected.
     NoNumber {
         /// Name of the column.
         column: String,
-        /// Such a field.
+        /// An example of such a field.
         field: String,
     },
     /// Numbers where the names of the columns were expected.
     NoHeader,
     /// A comma for the decimal point.
     DecimalComma {
-        /// Such a field.
+        /// An example of such a field.
         field: String,
     },
     /// Another character between the columns.
@@ -138,7 +135,7 @@ pub enum Suspicion {
         /// The unit that gives the configured period.
         unit: &'static str,
     },
-    /// The configured period is another.
+    /// The configured period differs.
     Period {
         /// The log's \[s\].
         period_s: f64,
@@ -220,7 +217,7 @@ impl fmt::Display for Suspicion {
             }
             Self::TimeUnit { unit } => write!(f, "if time is in {unit}, set log.time_unit = \"{unit}\""),
             Self::Period { period_s } => {
-                // a median of differences carries rounding that nobody would write
+                // round off the rounding errors of a median of differences
                 let period_s = format!("{period_s:.6e}").parse().unwrap_or(*period_s);
                 write!(f, "if that is right, set plant.sample_period_s = {period_s}")
             }
@@ -228,8 +225,8 @@ impl fmt::Display for Suspicion {
     }
 }
 
-/// What is suspicious about the values of a log; `correlations` of each joint's input with its
-/// acceleration, if they are known.
+/// Suspicions about the values of a log; `correlations` are those of each joint's input with its
+/// acceleration, if known.
 pub fn judge_profile(
     profile: &LogProfile,
     configured: &Configured<'_>,
@@ -296,10 +293,10 @@ fn judge_position(column: &ColumnProfile, configured: &Configured<'_>) -> Option
     }
 }
 
-/// Estimates that rest at a bound: name, start, lower and upper bound, estimate.
+/// Estimates at a bound: name, start, lower and upper bound, estimate.
 pub fn judge_bounds<'a>(parameters: impl Iterator<Item = (&'a str, f64, [f64; 2], f64)>) -> Vec<Suspicion> {
     let held = |(name, start, bounds, estimate): (&str, f64, [f64; 2], f64)| {
-        // As near as no data would bring it: a thousandth of the way that was gone.
+        // Closer than data would bring it: a thousandth of the distance moved.
         let at = bounds.into_iter().find(|bound| {
             bound.is_finite() && start != *bound && (estimate - bound).abs() <= 1e-3 * (start - bound).abs()
         });
@@ -311,7 +308,7 @@ pub fn judge_bounds<'a>(parameters: impl Iterator<Item = (&'a str, f64, [f64; 2]
     parameters.filter_map(held).collect()
 }
 
-/// What a header without the expected columns looks like.
+/// The likely mistake in a header without the expected columns.
 pub fn judge_header(line: &str) -> Option<Suspicion> {
     let count = |c: char| line.matches(c).count();
     let separator = [';', '\t'].into_iter().find(|c| count(*c) > count(','));
@@ -322,7 +319,7 @@ pub fn judge_header(line: &str) -> Option<Suspicion> {
         .or(numbers.then_some(Suspicion::NoHeader))
 }
 
-/// What a field of a column that should be a number looks like.
+/// The likely mistake in a field that should be a number.
 pub fn judge_field(column: &str, field: &str) -> Option<Suspicion> {
     let digits = |text: &str, n: usize| text.len() >= n && text.bytes().take(n).all(|b| b.is_ascii_digit());
     let told = || crate::words::cut(field, 40);
@@ -350,7 +347,8 @@ pub fn judge_field(column: &str, field: &str) -> Option<Suspicion> {
     })
 }
 
-/// Why rows may be `got_s` apart by a column in `unit`, where `expected_s` is configured.
+/// Why rows may be `got_s` apart, by a time column with this unit, although `expected_s` is
+/// configured.
 pub fn judge_period(got_s: f64, expected_s: f64, unit_s: f64) -> Option<Suspicion> {
     let units = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
     let fits = |seconds: f64| (got_s / unit_s * seconds / expected_s - 1.0).abs() < 0.2;

@@ -1,4 +1,4 @@
-//! Time stamps with all their digits: 1795305600.123456789 s has more than an `f64` holds.
+//! Time stamps with all digits: 1795305600.123456789 s has more than an `f64` can hold.
 
 /// A time stamp in the unit of its column.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -8,10 +8,10 @@ pub(super) struct Stamp {
 }
 
 impl Stamp {
-    /// Reads a number; `None` if it is none.
+    /// Parses a number; `None` if it is not one.
     pub(super) fn parse(text: &str) -> Option<Self> {
-        // A plain decimal is cut at its point, so that nothing is rounded before the first time
-        // stamp is taken off.
+        // A plain decimal is split at its point, so that nothing is rounded before the first time
+        // stamp is subtracted.
         let (integer, fraction) = text.split_once('.').unwrap_or((text, ""));
         let exact = integer.len() <= 19 && fraction.bytes().all(|b| b.is_ascii_digit());
         if let Some(whole) = integer.parse().ok().filter(|_| exact) {
@@ -23,7 +23,7 @@ impl Stamp {
         Some(Self { whole: 0, rest })
     }
 
-    /// A time that is counted, not read.
+    /// A computed time.
     pub(super) fn of(value: f64) -> Self {
         Self { whole: 0, rest: value }
     }

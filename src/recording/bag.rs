@@ -1,5 +1,4 @@
-//! The messages of one type in an MCAP file, whoever wrote it: plain, or in chunks that are
-//! compressed with lz4 or zstd.
+//! The messages of one type in any MCAP file: plain, or in chunks compressed with lz4 or zstd.
 
 use super::record_file::decompress;
 use mcap::McapError;
@@ -7,10 +6,10 @@ use mcap::read::LinearReader;
 use mcap::records::{MessageHeader, Record};
 use std::collections::{HashMap, HashSet};
 
-/// Hands the messages whose schema has this name to `take`: topic, header, data.
+/// Passes the messages whose schema has this name to `take`: topic, header, data.
 ///
 /// # Errors
-/// What the file has in the place of what is expected, in words; the first error of `take`.
+/// What was expected and found in the file; or the first error of `take`.
 pub(super) fn messages_of(
     bytes: &[u8],
     schema: &str,
@@ -45,7 +44,7 @@ fn in_words(error: McapError) -> String {
     format!("{error}; expected an MCAP file, as `ros2 bag record` writes it")
 }
 
-/// What the file has defined so far.
+/// Definitions in the file so far.
 struct Bag<'a> {
     schema: &'a str,
     /// Schemas of that name.

@@ -7,7 +7,7 @@ use crate::messages::{Field, Per, Visit, put_text, text_of};
 /// Encapsulation: plain CDR, little-endian, no options.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 
-/// Appends messages to a buffer that is kept between them.
+/// Appends messages to a reused buffer.
 pub(super) struct CdrWriter<'a> {
     buffer: &'a mut Vec<u8>,
     counts: &'a Counts,
@@ -32,7 +32,7 @@ impl Visit for CdrWriter<'_> {
     fn u8s(&mut self, field: &Field, values: &mut [u8]) -> Result<(), Self::Error> {
         if field.per == Per::Text {
             let text = text_of(values);
-            // The length counts the closing zero.
+            // The length includes the final zero.
             self.put((text.len() as u32 + 1).to_le_bytes());
             self.buffer.extend_from_slice(text.as_bytes());
             self.buffer.push(0);
@@ -68,7 +68,7 @@ impl Visit for CdrWriter<'_> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct NotThisMessage;
 
-/// Fills messages; what is not in the file stays as it is.
+/// Fills messages; fields that are not in the file stay unchanged.
 pub(super) struct CdrReader<'a> {
     body: &'a [u8],
     position: usize,
@@ -229,7 +229,7 @@ mod tests {
             assert_eq!((got.theta[8], got.theta[9], got.derived[0]), (1.5, 0.0, 2.5));
             lengths.push(buffer.len());
         }
-        // Three sets: a word more each, then 9 bools in the place of 16 bytes, and padding.
+        // Three sets: one more word each, then 9 bools instead of 16 bytes, and padding.
         assert_eq!(lengths[1] - lengths[0], 3 * 8);
         assert_eq!(lengths[1] - lengths[2], 3 * 16 - 32);
     }

@@ -1,14 +1,14 @@
-//! Time of day in recordings, as every tool of ROS 2 expects it: what stream times and the clock at
-//! sending have to be shifted by.
+//! Time of day in recordings, as ROS 2 tools expect it: the shifts of stream times and of the clock
+//! at sending.
 //!
 //! A stream's time is CLOCK_MONOTONIC on a machine and simulated time in a simulation. The time of
-//! day at which it was 0 is its epoch; a metadata record `thetabus_clock` tells it before the first
-//! message that was shifted by it.
+//! day at which it was 0 is its epoch; a metadata record `thetabus_clock` states it before the
+//! first message shifted by it.
 
 use crate::messages::Sample;
 use std::collections::BTreeMap;
 
-/// A sample that was sent so soon after its time has the time of CLOCK_MONOTONIC \[ns\].
+/// If a sample is sent within this time of its own time, its time is CLOCK_MONOTONIC \[ns\].
 const SAME_CLOCK_NS: u64 = 2_000_000_000;
 
 /// Shifts the times of messages to the time of day.
@@ -31,7 +31,7 @@ impl WallClock {
         }
     }
 
-    /// Follows the stream of a sample; true if times are shifted by something else from here on.
+    /// Follows the stream of a sample; true if the shift changes from here on.
     pub(super) fn follow(&mut self, sample: &Sample, sent_ns: u64) -> bool {
         if self.stream_id == Some(sample.stream_id) {
             return false;

@@ -1,4 +1,4 @@
-//! Messages as a recording has them, for whoever streams them on.
+//! Encodes messages as in a recording, for streaming.
 
 use super::cdr::CdrWriter;
 use super::info::RunInfo;
@@ -18,7 +18,7 @@ impl Encoder {
     /// An encoder for a plant with these names.
     ///
     /// # Errors
-    /// Two parameters have the same name in the form that ROS 2 wants.
+    /// If two parameters have the same name in ROS 2 form.
     pub fn new(info: &RunInfo) -> Result<Self, NameCollision> {
         check_names(info)?;
         Ok(Self {

@@ -4,8 +4,8 @@
 //! name, then each `<name>_std`; then the evidence: `residual_<e>` and `fit_<e>` per equation,
 //! counted from 1, `fit_probability`, each `<name>_excited` and `<name>_usable` (0 or 1); then each
 //! derived value and its `_std`. `<name>_usable` is the parameter's own bit: it may be used if
-//! `use_ok` is 1, too. Numbers are written with as many digits as bring the same bits back. A
-//! deviation that the estimator does not give is an empty cell.
+//! `use_ok` is also 1. Numbers are written with enough digits to restore the same bits. A missing
+//! standard deviation is an empty cell.
 
 use crate::messages::{Estimate, State, estimate_flags};
 use crate::node::monitor::{Label, seconds};
@@ -17,12 +17,12 @@ pub struct EstimatesCsv<W: Write> {
     parameters: usize,
     equations: usize,
     derived: usize,
-    /// The last line of a file that is gone on with.
+    /// The last line of a continued file.
     before: Option<String>,
 }
 
 impl<W: Write> EstimatesCsv<W> {
-    /// Starts a file by its header.
+    /// Starts a file with its header.
     ///
     /// # Errors
     /// If the sink cannot be written.
@@ -56,9 +56,8 @@ impl<W: Write> EstimatesCsv<W> {
         })
     }
 
-    /// Goes on with a file that has its header already and ends with the line `before`. The bus
-    /// gives a late joiner the last estimate again; if that is this line, it is not written
-    /// twice.
+    /// Continues a file that already has its header and ends with the line `before`. The bus gives
+    /// a late joiner the last estimate again; if that is this line, it is not written twice.
     pub fn resume(sink: W, parameters: &[Label], equations: usize, derived: &[Label], before: &str) -> Self {
         Self {
             writer: csv::Writer::from_writer(sink),
@@ -69,8 +68,8 @@ impl<W: Write> EstimatesCsv<W> {
         }
     }
 
-    /// Appends one estimate and hands it to the operating system, so that a killed process leaves
-    /// whole lines.
+    /// Appends one estimate and passes it to the operating system, so that a killed process leaves
+    /// complete lines.
     ///
     /// # Errors
     /// If the sink cannot be written.
@@ -133,7 +132,7 @@ mod tests {
         drop(csv);
         let text = String::from_utf8(sink).unwrap();
         let blocks: Vec<&str> = text.lines().filter_map(|line| line.split(',').next()).collect();
-        // Only what the earlier writer ended with is a repetition.
+        // Only the last line of the earlier writer is a repetition.
         assert_eq!(blocks, ["block", "7", "8", "8"]);
     }
 

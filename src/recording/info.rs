@@ -1,5 +1,4 @@
-//! What a recording says of its run beside the messages: enough to read, identify again and report
-//! without any other file.
+//! Metadata of a recording: sufficient to read, identify again and report without any other file.
 
 use crate::messages::{MAX_DERIVED, SCHEMA_VERSION};
 use crate::model::{MAX_JOINTS, MAX_PARAMS};
@@ -10,12 +9,12 @@ use std::collections::BTreeMap;
 /// The metadata of a recording.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RunInfo {
-    /// Schema version of the messages; a recorder writes its own, whatever stands here.
+    /// Schema version of the messages; a recorder replaces it with its own.
     pub schema: u32,
-    /// Tells recordings apart; all files of one recording have the same.
+    /// Identifies a recording; the same in all its files.
     pub recording_id: String,
-    /// Number of this file in its recording, from 0; a recorder writes its own, whatever stands
-    /// here. `None` of recordings that did not tell yet.
+    /// Number of this file in its recording, from 0; a recorder replaces it with its own. `None` in
+    /// old recordings.
     pub file_number: Option<u32>,
     /// Robot name.
     pub robot: String,
@@ -25,7 +24,7 @@ pub struct RunInfo {
     pub model_hash: u64,
     /// Hash of the configuration that determines estimates.
     pub config_hash: u64,
-    /// The configuration's plant is what was recorded, so its true values are known.
+    /// True if the configured plant was recorded, so its true values are known.
     pub simulated: bool,
     /// The whole configuration, TOML.
     pub config_toml: String,
@@ -41,24 +40,23 @@ pub struct RunInfo {
     pub parameters: Vec<Label>,
     /// Derived values, in the order of the message.
     pub derived: Vec<Label>,
-    /// Time of day at which CLOCK_MONOTONIC was 0, since 1970 \[ns\]; 0 if recordings did not tell
-    /// yet.
+    /// Time of day at which CLOCK_MONOTONIC was 0, since 1970 \[ns\]; 0 in old recordings.
     pub clock_epoch_ns: u64,
-    /// Samples stand as `sensor_msgs/msg/JointState`, too.
+    /// True if samples are also recorded as `sensor_msgs/msg/JointState`.
     pub joint_states: bool,
-    /// The first form of a recording: sets of parameters are words in the place of a bool for each
+    /// The first form of a recording: sets of parameters are words instead of one bool per
     /// parameter, and log times are stream times.
     pub first_form: bool,
 }
 
-/// Schema versions that this program reads. In 2 a set of parameters has one word, everything else
-/// is the same.
+/// Schema versions that this program reads. In version 2 a set of parameters has one word;
+/// everything else is the same.
 const READABLE: [u32; 2] = [2, SCHEMA_VERSION];
-/// Longest configuration in a recording \[bytes\]: what a configuration may be with its setpoints.
+/// Longest configuration in a recording \[bytes\]: the limit of a configuration with its setpoints.
 const MAX_CONFIG_BYTES: usize = 4 << 20;
-/// Longest other value \[bytes\]: 128 names with their units are far below.
+/// Longest other value \[bytes\]: 128 names with their units are far shorter.
 const MAX_VALUE_BYTES: usize = 1 << 16;
-/// What an error shows of a value \[characters\].
+/// Longest part of a value shown in an error \[characters\].
 const SHOWN: usize = 60;
 /// Longest name or unit \[bytes\].
 const MAX_NAME_BYTES: usize = 128;
@@ -80,14 +78,14 @@ pub enum InfoError {
         /// Version of the program that wrote it.
         writer: String,
     },
-    /// A value is not what its key needs.
+    /// A value does not fit its key.
     #[error("metadata `{key}`: expected {expected}, got {got:?}")]
     Invalid {
         /// The key.
         key: &'static str,
-        /// What it needs.
+        /// What was expected.
         expected: &'static str,
-        /// What is there.
+        /// What was found.
         got: String,
     },
 }
@@ -221,7 +219,7 @@ impl RunInfo {
                 return Err(InfoError::invalid(key, expected, &count.to_string()));
             }
         }
-        // They are shown on terminals and pages, and name columns of files.
+        // They are shown on terminals and pages, and are column names of files.
         let labels = |labels: &'_ [Label]| -> Vec<String> {
             let words = labels.iter().flat_map(|label| [&label.name, &label.unit]);
             words.cloned().collect()

@@ -1,29 +1,28 @@
-//! Bags of ROS 2 with `sensor_msgs/msg/JointState`: what a driver publishes of an arm, whoever
-//! recorded it.
+//! ROS 2 bags with `sensor_msgs/msg/JointState`: an arm's signals as published by a driver.
 //!
 //! ```text
 //! JointState = stamp (int32 s, uint32 ns), frame_id string, name string[],
 //!              position float64[], velocity float64[], effort float64[]
 //! ```
 //!
-//! in CDR, little-endian, each scalar aligned to its size behind the four bytes of encapsulation. A
-//! driver may publish arm and gripper in turn on one topic: messages that do not hold all joints
-//! are passed over.
+//! in CDR, little-endian, each scalar aligned to its size after the four bytes of encapsulation. A
+//! driver may publish arm and gripper alternately on one topic: messages without all joints are
+//! skipped.
 
 use super::bag::messages_of;
 use std::path::{Path, PathBuf};
 
 /// Name of the schema in MCAP files of ROS 2.
 pub(super) const SCHEMA: &str = "sensor_msgs/msg/JointState";
-/// Largest file that is read \[bytes\].
+/// Largest file \[bytes\].
 const LARGEST: u64 = 4 << 30;
-/// Longest list of a message that is believed.
+/// Longest accepted list of a message.
 const LONGEST: usize = 1 << 16;
 
-/// The joints of one message, in the order that was asked for.
+/// The joints of one message, in the requested order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointState {
-    /// Stamp of the header; time of logging if the driver leaves the stamp empty \[ns\].
+    /// Stamp of the header; time of logging if the stamp is empty \[ns\].
     pub t_ns: u64,
     /// Positions \[rad or m\].
     pub position: Vec<f64>,
@@ -33,12 +32,11 @@ pub struct JointState {
     pub effort: Vec<f64>,
 }
 
-/// The states of these joints in a bag: an MCAP file, or a directory of ROS 2 with such files. Of
-/// several topics the first one with all joints is taken.
+/// The states of these joints in a bag: an MCAP file, or a directory of such files. Of several
+/// topics the first one with all joints is used.
 ///
 /// # Errors
-/// A file that cannot be read, or without a message that holds all joints, in words with the file's
-/// name.
+/// If a file cannot be read or no message has all joints; with the file's name.
 pub fn read_joint_states(path: &Path, joints: &[&str]) -> Result<Vec<JointState>, String> {
     let mut states: Vec<JointState> = Vec::new();
     let mut topic: Option<String> = None;
@@ -141,7 +139,7 @@ impl All {
         })
     }
 
-    /// These joints; `None` if one of them is not there, or without its position.
+    /// These joints; `None` if one of them is missing or has no position.
     fn of(&self, joints: &[&str]) -> Option<JointState> {
         let places: Vec<usize> = joints
             .iter()
@@ -176,7 +174,7 @@ impl Reader<'_> {
         (count <= LONGEST).then_some(count)
     }
 
-    /// The length counts the closing zero.
+    /// The length includes the final zero.
     fn text(&mut self) -> Option<String> {
         let len = self.count()?;
         let bytes = self.body.get(self.position..self.position + len)?;
@@ -191,7 +189,7 @@ mod tests {
     use super::*;
     use std::collections::BTreeMap;
 
-    /// CDR by hand: two joints, a frame name that shifts the alignment.
+    /// Hand-written CDR: two joints, and a frame name that shifts the alignment.
     fn message(second: i32, names: &[&str], lists: [&[f64]; 3]) -> Vec<u8> {
         let mut body: Vec<u8> = Vec::new();
         body.extend(second.to_le_bytes());
@@ -265,8 +263,8 @@ mod tests {
         );
     }
 
-    /// The file with each chunk compressed by zstd, which the `mcap` crate has from the C library
-    /// only. Indexes are left as they are, for nobody here reads them.
+    /// The file with each chunk compressed by zstd, which the `mcap` crate supports only with the C
+    /// library. Indexes stay unchanged, because they are not read here.
     fn with_zstd(bytes: &[u8]) -> Vec<u8> {
         let mut out = mcap::MAGIC.to_vec();
         let mut at = out.len();
@@ -312,7 +310,7 @@ mod tests {
         assert!(zstd.len() < bytes.len());
         std::fs::write(&path, &zstd).unwrap();
         assert_eq!(read_joint_states(&path, &["a", "b"]).unwrap(), plain);
-        // Chunks that say zstd and are none, and a compression that nobody knows.
+        // Chunks with a wrong zstd label, and an unknown compression.
         let magic = [0x28, 0xb5, 0x2f, 0xfd];
         for (wanted, other) in [(&magic[..], &[0_u8; 4][..]), (b"zstd", b"what")] {
             let at = zstd.windows(4).position(|four| four == wanted).unwrap();

@@ -1,8 +1,8 @@
-//! Samples as `sensor_msgs/msg/JointState`, which every tool of ROS 2 knows: `joint_state.rs` has
+//! Samples as `sensor_msgs/msg/JointState`, which all ROS 2 tools support; `joint_state.rs` lists
 //! the fields.
 //!
-//! Names and frame are the same in every message, so they are laid out once. Signals that a sample
-//! does not have are empty lists, as the message's own definition asks for.
+//! Names and frame are the same in every message, so they are encoded once. Signals that a sample
+//! lacks are empty lists, as the message's definition requires.
 
 use super::info::RunInfo;
 use super::joint_state::SCHEMA;
@@ -10,7 +10,7 @@ use super::layout::{Channel, field_name};
 use super::names::channel;
 use crate::messages::{Sample, signals};
 
-/// The fields of the message and of the two that lie in it.
+/// The fields of the message and of its two nested messages.
 const DEFINITION: &str = "\
 std_msgs/Header header
 string[] name
@@ -28,20 +28,20 @@ uint32 nanosec
 ";
 /// Plain CDR, little-endian.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
-/// Behind the encapsulation: seconds and nanoseconds.
+/// After the encapsulation: seconds and nanoseconds.
 const STAMP: std::ops::Range<usize> = 4..12;
 
 /// Writes samples as joint states.
 #[derive(Debug)]
 pub(super) struct JointStates {
     joints: usize,
-    /// The message up to its lists, which differ from sample to sample as the stamp does.
+    /// The message up to its lists; the stamp is replaced for each sample.
     head: Vec<u8>,
 }
 
 impl JointStates {
-    /// Of the machine that `info` describes. The joints have the names of the equations if there is
-    /// one for each joint, as robots have; else `joint_1` ….
+    /// For the machine that `info` describes. The joints have the names of the equations if there
+    /// is one per joint, as for robots; otherwise `joint_1` ….
     pub(super) fn new(info: &RunInfo) -> Self {
         let mut head = ENCAPSULATION.to_vec();
         head.resize(STAMP.end, 0);
@@ -97,13 +97,13 @@ impl JointStates {
     }
 }
 
-/// Zeros up to a place that is a multiple of `size` behind the encapsulation.
+/// Appends zeros up to a multiple of `size` after the encapsulation.
 fn align(buffer: &mut Vec<u8>, size: usize) {
     let body = buffer.len() - ENCAPSULATION.len();
     buffer.resize(ENCAPSULATION.len() + body.next_multiple_of(size), 0);
 }
 
-/// The length counts the closing zero.
+/// The length includes the final zero.
 fn text(buffer: &mut Vec<u8>, text: &str) {
     align(buffer, 4);
     buffer.extend((text.len() as u32 + 1).to_le_bytes());

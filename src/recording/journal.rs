@@ -1,5 +1,4 @@
-//! What an identifier was told, as metadata of a recording: readable for people, exact for a
-//! replay.
+//! Commands to an identifier as metadata of a recording: readable, and exact for a replay.
 
 use crate::messages::{Command, DATA, Journal, Request};
 use std::collections::BTreeMap;
@@ -27,7 +26,7 @@ pub(super) fn journal_to_map(entry: &Journal) -> BTreeMap<String, String> {
         pairs.push(("part", request.part.to_string()));
         pairs.push(("parts", request.parts.to_string()));
     }
-    // A payload has data without being a part of a state.
+    // A payload has data but is not part of a state.
     if request.parts > 0 || request.data_len > 0 {
         let bytes = &request.data[..(request.data_len as usize).min(DATA)];
         let hex = bytes
@@ -41,7 +40,7 @@ pub(super) fn journal_to_map(entry: &Journal) -> BTreeMap<String, String> {
     pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
-/// The entry of a metadata record; `None` if it is none.
+/// The entry in a metadata record; `None` if it is invalid.
 pub(super) fn journal_from_map(map: &BTreeMap<String, String>) -> Option<Journal> {
     let number = |key: &str| map.get(key)?.parse::<u64>().ok();
     let small = |key: &str| u32::try_from(number(key)?).ok();
@@ -67,7 +66,7 @@ pub(super) fn journal_from_map(map: &BTreeMap<String, String>) -> Option<Journal
         }
     }
     Some(Journal {
-        // schema 2 called it so
+        // its name in schema 2
         stream_id: number("stream_id").or_else(|| number("boot_id"))?,
         block: number("block")?,
         request,

@@ -1,10 +1,10 @@
-//! What a plant's messages have in a recording: the tables of `messages`, with a scalar per joint,
+//! Layout of a plant's messages in a recording: the tables of `messages`, with a scalar per joint,
 //! equation, parameter and derived value.
 //!
-//! `cdr` with a `ros2msg` schema is what PlotJuggler, Foxglove and rerun all read, and named
-//! scalars (`theta_1`, `theta_1_std`) give their legends a meaning that the elements of one array
-//! do not have. ROS 2 wants field names `^(?!.*__)(?!.*_$)[a-z][a-z0-9_]*$`, so names are brought
-//! into that form, and two names that meet there are refused.
+//! `cdr` with a `ros2msg` schema can be read by PlotJuggler, Foxglove and rerun, and named scalars
+//! (`theta_1`, `theta_1_std`) give meaningful legends, unlike the elements of an array. ROS 2
+//! requires field names `^(?!.*__)(?!.*_$)[a-z][a-z0-9_]*$`, so names are converted to that form,
+//! and two names that become equal are refused.
 
 use super::info::RunInfo;
 use super::names::channel;
@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 use std::convert::Infallible;
 use std::fmt::Write as _;
 
-/// Two names of a plant that are the same one in a recording.
+/// Two names of a plant that become equal in a recording.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("two fields of {message} would have the name `{field}` in a recording; rename one of the parameters")]
 pub struct NameCollision {
@@ -25,7 +25,7 @@ pub struct NameCollision {
 }
 
 message! {
-    /// What a recorder says of itself, about once a second.
+    /// Status of a recorder, about once a second.
     #[derive(Eq)]
     pub struct RecorderStatus {
         samples: u64, One, "", "Samples written since the recording began, over all its files";
@@ -36,28 +36,28 @@ message! {
     }
 }
 
-/// How many values of an array are in a file.
+/// Numbers of values of the arrays in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Counts {
     joints: usize,
     equations: usize,
     parameters: usize,
     derived: usize,
-    /// How a set of parameters stands in a message.
+    /// Representation of a set of parameters in a message.
     sets: Sets,
 }
 
-/// How a set of parameters stands in a message.
+/// Representation of a set of parameters in a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Sets {
     /// Words of 64 parameters: one up to schema 2, two in the first recordings of schema 3.
     Words(usize),
-    /// A bool for each parameter, in the order of θ.
+    /// One bool per parameter, in the order of θ.
     Bools,
 }
 
 impl Counts {
-    /// So many of each, in the schema of this program.
+    /// These numbers, in the schema of this program.
     pub(super) fn new(joints: usize, equations: usize, parameters: usize, derived: usize) -> Self {
         Self {
             joints,
@@ -68,7 +68,7 @@ impl Counts {
         }
     }
 
-    /// Of a plant's recording, in the schema of this program.
+    /// For a plant's recording, in the schema of this program.
     pub(super) fn of(info: &RunInfo) -> Self {
         Self {
             joints: info.joints,
@@ -83,8 +83,8 @@ impl Counts {
         }
     }
 
-    /// Number of bools that stand for a set of parameters; `None` if `field` is no set, or its
-    /// words stand there.
+    /// Number of bools that represent a set of parameters; `None` if `field` is not a set, or is
+    /// stored as words.
     pub(super) fn bools(&self, field: &Field) -> Option<usize> {
         (field.per == Per::One && field.is_array && self.sets == Sets::Bools).then_some(self.parameters)
     }
@@ -110,7 +110,7 @@ impl Counts {
 /// Checks that no two fields of a plant's messages have the same name.
 ///
 /// # Errors
-/// Two do.
+/// If two have.
 pub(super) fn check_names(info: &RunInfo) -> Result<(), NameCollision> {
     for (message, schema) in [
         ("Estimate", schema::<Estimate>(info)),
@@ -181,7 +181,7 @@ pub(super) fn channels(info: &RunInfo) -> [Channel; 4] {
     })
 }
 
-/// Names for the values of a field that counts kinds, in the form that ROS 2 wants of constants.
+/// Names for the values of an enumeration field, in the form of ROS 2 constants.
 fn constants(field: &str) -> Vec<(String, u32)> {
     let states = || (0..).map_while(State::from_wire);
     match field {
@@ -195,7 +195,7 @@ fn constants(field: &str) -> Vec<(String, u32)> {
     }
 }
 
-/// A name in the form that ROS 2 wants of a field, or of a part of a topic.
+/// A name in the form of a ROS 2 field or topic part.
 pub(super) fn field_name(name: &str) -> String {
     let mut field = String::with_capacity(name.len());
     for c in name.chars() {
@@ -218,7 +218,7 @@ pub(super) fn field_name(name: &str) -> String {
 struct SchemaText<'a> {
     info: &'a RunInfo,
     counts: Counts,
-    /// Names of the structures that the field lies in.
+    /// Names of the structures that contain the field.
     prefix: String,
     text: String,
 }
@@ -229,7 +229,7 @@ impl SchemaText<'_> {
         let _ = writeln!(self.text, "{kind} {name}  # {comment}");
     }
 
-    /// One line, or one for each joint, equation, parameter or derived value.
+    /// One line, or one per joint, equation, parameter or derived value.
     fn lines(&mut self, kind: &str, field: &Field, len: usize) -> Result<(), Infallible> {
         let info = self.info;
         let comment = |unit: &str| match unit {
@@ -250,7 +250,7 @@ impl SchemaText<'_> {
             }
             return Ok(());
         }
-        // theta_1 and theta_1_std: the part behind the name of the array
+        // theta_1 and theta_1_std: the part after the name of the array
         let suffix = if field.name.ends_with("_std") { "_std" } else { "" };
         for i in 0..self.counts.values(field, len) {
             match field.per {
@@ -347,7 +347,7 @@ mod tests {
         assert!(text.contains("uint64 step_p99_ns  # 99 of"), "{text}");
     }
 
-    /// Every field of the table but padding is in the schema, in the table's order.
+    /// Every field of the table except padding is in the schema, in the table's order.
     #[test]
     fn prop_the_schema_has_every_field_of_the_message_in_its_order() {
         fn expected(info: &RunInfo, prefix: &str, layout: &crate::messages::Layout, names: &mut Vec<String>) {
@@ -444,7 +444,7 @@ mod tests {
                 field: "theta_9_excited".into()
             })
         );
-        // A parameter cannot take the name of a field that every estimate has, nor of another's
+        // A parameter cannot have the name of a field of every estimate, nor of another's standard
         // deviation.
         for name in ["block", "theta_2_std", "theta_2_fixed"] {
             let mut info = arm();

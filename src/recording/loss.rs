@@ -1,21 +1,20 @@
-//! What reading a recording may lose, and why it may fail.
+//! Losses when reading a recording, and errors.
 
 use std::io;
 use std::path::PathBuf;
 
-/// What a recording has lost.
+/// Losses of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Loss {
-    /// Files that do not end as a recorder ends them: cut, or its process was killed.
+    /// Files without a proper end: truncated, or the recorder was killed.
     pub unfinished_files: u64,
-    /// Chunks whose checksum or compression does not hold.
+    /// Chunks with a wrong checksum or damaged compression.
     pub damaged_chunks: u64,
-    /// Messages that are known to be missing: counted by the index behind a damaged chunk, or not
-    /// decodable.
+    /// Messages known to be missing: counted by the index after a damaged chunk, or not decodable.
     pub messages: u64,
     /// Bytes that could not be read as records.
     pub bytes: u64,
-    /// Samples that never reached the recorder, as it says itself.
+    /// Samples that did not reach the recorder, by its own count.
     pub samples_not_recorded: u64,
 }
 

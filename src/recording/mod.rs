@@ -1,9 +1,9 @@
-//! Runs as files, in and out.
+//! Reads and writes runs as files.
 //!
 //! A recording is an MCAP file with `cdr` messages and `ros2msg` schemas: PlotJuggler, Foxglove,
 //! rerun and the Python packages `mcap` and `mcap-ros2-support` open it with the plant's own
-//! parameter names. It holds what is needed to identify again to the same bits: every sample, the
-//! configuration, and what the identifier was told meanwhile.
+//! parameter names. It contains everything needed to identify again to the same bits: every sample,
+//! the configuration, and the commands to the identifier.
 
 mod bag;
 mod cdr;

@@ -11,9 +11,9 @@ pub(super) mod channel {
 
 /// Name of the metadata record with [`RunInfo`](super::info::RunInfo).
 pub(super) const RUN_METADATA: &str = "thetabus_run";
-/// Name of the metadata records with what the identifier was told.
+/// Name of the metadata records with commands to the identifier.
 pub(super) const JOURNAL_METADATA: &str = "thetabus_journal";
-/// Name of the metadata records with the clock of the streams behind them.
+/// Name of the metadata records with the clock of the following streams.
 pub(super) const CLOCK_METADATA: &str = "thetabus_clock";
-/// Name of the metadata record that a finished file ends with.
+/// Name of the metadata record at the end of a finished file.
 pub(super) const END_METADATA: &str = "thetabus_end";

@@ -1,8 +1,8 @@
-//! Reads a recording front to back, as far as it goes: files cut by a kill, chunks that are
-//! damaged, with a count of what was lost.
+//! Reads a recording from front to back as far as possible, including truncated files and damaged
+//! chunks, and counts the losses.
 //!
-//! A chunk counts only if its checksum holds, except for the last one of a file that was cut, of
-//! which every whole message is taken. How records are found in a damaged file is `record_file.rs`.
+//! A chunk is used only if its checksum is right, except for the last one of a truncated file, of
+//! which every complete message is used. `record_file.rs` finds records in a damaged file.
 
 use super::cdr::CdrReader;
 use super::clock::stream_epoch;
@@ -42,7 +42,7 @@ pub enum Entry<'a> {
         /// CLOCK_MONOTONIC at sending \[ns\].
         sent_ns: u64,
     },
-    /// What the recorder said of itself.
+    /// Status of the recorder.
     Recorder(RecorderStatus),
 }
 
@@ -65,8 +65,8 @@ impl Default for Span {
     }
 }
 
-/// Reads the messages of a recording in the order of the file; a recording that was rotated goes on
-/// in the next file.
+/// Reads the messages of a recording in the order of the file; a rotated recording continues in the
+/// next file.
 pub struct RecordingReader {
     info: RunInfo,
     counts: Counts,
@@ -74,15 +74,15 @@ pub struct RecordingReader {
     file: RecordFile,
     /// Time of day at which CLOCK_MONOTONIC was 0.
     clock_epoch_ns: u64,
-    /// Time of day at which the stream's time was 0; `None` as long as the file has not told it.
+    /// Time of day at which the stream's time was 0; `None` until the file has stated it.
     stream_epoch_ns: Option<u64>,
     /// Number of the file in `file`.
     number: u32,
     first: PathBuf,
-    /// Of all files, as they are now, and of those that have been read.
+    /// Bytes of all files, as they are now, and of those already read.
     bytes: u64,
     bytes_read: u64,
-    /// Messages of the chunk being read, and how far.
+    /// Messages of the present chunk, and the position in it.
     chunk: Vec<u8>,
     position: usize,
     /// Damaged chunks are counted by the index that follows them.
@@ -96,10 +96,10 @@ pub struct RecordingReader {
 }
 
 impl RecordingReader {
-    /// Opens a recording; of a rotated one the first file that shall be read.
+    /// Opens a recording; `path` is the first file to read of a rotated one.
     ///
     /// # Errors
-    /// If the file cannot be read, or nothing in it tells what was recorded.
+    /// If the file cannot be read, or has no metadata.
     pub fn open(path: &Path, span: Span) -> Result<Self, ReadError> {
         let mut file = RecordFile::open(path)?;
         let info = file.find_info()?;
@@ -132,22 +132,22 @@ impl RecordingReader {
         })
     }
 
-    /// What was recorded.
+    /// The metadata of the recording.
     pub fn info(&self) -> &RunInfo {
         &self.info
     }
 
-    /// How much of its bytes has been read, from 0 to 1.
+    /// Share of its bytes read so far, 0 to 1.
     pub fn share_read(&self) -> f64 {
         (self.bytes_read + self.file.position()) as f64 / self.bytes.max(1) as f64
     }
 
-    /// What was lost, as far as the recording has been read.
+    /// Losses so far.
     pub fn loss(&self) -> Loss {
         self.loss
     }
 
-    /// The next message; `None` at the end of all that can be read.
+    /// The next message; `None` at the end of the readable data.
     ///
     /// # Errors
     /// If the file system fails; damage is no error but counted in [`Self::loss`].
@@ -178,7 +178,7 @@ impl RecordingReader {
                             Err(e) => Err(e),
                         }
                     }
-                    // Channels of a later version: not ours, not lost.
+                    // Channels of a later version are ignored and not lost.
                     _ => continue,
                 };
                 if decoded.is_err() {
@@ -215,7 +215,7 @@ impl RecordingReader {
         }
     }
 
-    /// Bytes of the next message record in the chunk, behind its opcode and length.
+    /// Bytes of the next message record in the chunk, after its opcode and length.
     fn next_message_of_chunk(&mut self) -> Option<std::ops::Range<usize>> {
         loop {
             let rest = &self.chunk[self.position..];
@@ -243,12 +243,12 @@ impl RecordingReader {
                         self.file.resynchronise(&mut self.loss)?;
                         continue;
                     };
-                    // Without the clock, which is damaged then, every chunk is looked at.
+                    // Without the clock record, if it is damaged, every chunk is examined.
                     let outside = self.stream_epoch_ns.is_some_and(|epoch| {
                         header.message_end_time < self.span.from_ns.saturating_add(epoch)
                             || header.message_start_time > self.span.to_ns.saturating_add(epoch)
                     });
-                    // A chunk of definitions alone states 0 for both times.
+                    // A chunk with only definitions states 0 for both times.
                     if outside && header.message_end_time != 0 {
                         continue;
                     }
@@ -304,12 +304,12 @@ impl RecordingReader {
             return Ok(false);
         }
         let mut file = RecordFile::open(&path)?;
-        // Another recording that happens to have such a name is not the continuation.
+        // Another recording with such a name is not the continuation.
         let info = file.find_info()?;
         if info.recording_id != self.info.recording_id {
             return Ok(false);
         }
-        // Another program may have gone on with the recording, after a restart of the machine.
+        // Another program may have continued the recording, after a restart of the machine.
         self.counts = Counts::of(&info);
         self.clock_epoch_ns = info.clock_epoch_ns;
         self.stream_epoch_ns = info.first_form.then_some(0);
@@ -321,15 +321,15 @@ impl RecordingReader {
     }
 }
 
-/// Bytes of the files of a rotated recording behind this one.
+/// Bytes of the files of a rotated recording after this one.
 fn rest_of_series(first: &Path, number: u32) -> u64 {
     let later = (number..u32::MAX).map(|number| number + 1);
     let files = later.map(|number| std::fs::metadata(numbered(first, number)).ok());
     files.map_while(|file| file.map(|file| file.len())).sum()
 }
 
-/// What the identifier was told while a recording was made, in the order in which it took effect;
-/// of a rotated one from this file on.
+/// The commands to the identifier during a recording, in the order in which they took effect; for a
+/// rotated one from this file on.
 ///
 /// # Errors
 /// If a file cannot be read.
@@ -338,7 +338,7 @@ pub fn read_journal(path: &Path) -> Result<Vec<Journal>, ReadError> {
     let info = file.find_info()?;
     let (first, mut number) = first_file(path, &info);
     let mut entries = Vec::new();
-    // What is damaged is counted where the messages are read.
+    // Damage is counted when the messages are read.
     let mut ignored = Loss::default();
     loop {
         loop {

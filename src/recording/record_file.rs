@@ -1,8 +1,7 @@
-//! A file as a sequence of MCAP records, whatever has happened to it.
+//! Reads a possibly damaged file as a sequence of MCAP records.
 //!
-//! The records are framed here and not by the `mcap` crate's readers because these stop at the
-//! first error. A damaged record is left out, and reading goes on at the next chunk that can be
-//! found.
+//! The records are framed here and not by the `mcap` crate's readers, because these stop at the
+//! first error. A damaged record is skipped, and reading continues at the next chunk found.
 
 use super::info::RunInfo;
 use super::loss::{Loss, ReadError};
@@ -13,17 +12,17 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// The longest record that is believed \[bytes\]; a recorder's chunks are near 1 MiB, its metadata
-/// below 5 MiB.
+/// Longest accepted record \[bytes\]; a recorder's chunks are about 1 MiB, its metadata below 5
+/// MiB.
 const RECORD_LIMIT: u64 = 64 << 20;
 /// Opcode and length of a record.
 const RECORD_HEAD: u64 = 9;
 /// From the start of a chunk record to the length of the name of its compression.
 const TO_COMPRESSION: u64 = RECORD_HEAD + 3 * 8 + 4;
-/// How that name stands in the file.
+/// That name as stored in the file.
 const LZ4_NAME: &[u8] = b"\x03\x00\x00\x00lz4";
 
-/// Decompresses what there is; true if it is all there and the checksum holds.
+/// Decompresses the available data; true if they are complete and the checksum is right.
 pub(super) fn decompress(header: &ChunkHeader, data: &[u8], out: &mut Vec<u8>) -> bool {
     out.clear();
     let Ok(size) = usize::try_from(header.uncompressed_size) else {
@@ -38,16 +37,16 @@ pub(super) fn decompress(header: &ChunkHeader, data: &[u8], out: &mut Vec<u8>) -
             true
         }
         "lz4" => {
-            // A header may promise anything; lz4 makes at most 255 bytes of one.
+            // A header may state any size; lz4 expands a byte to at most 255.
             out.reserve(size.min(data.len().saturating_mul(255)));
-            // A damaged stream must not grow beyond what the header promised.
+            // A damaged stream must not grow beyond the size in the header.
             match lz4::Decoder::new(data) {
                 Ok(decoder) => decoder.take(size as u64).read_to_end(out).is_ok(),
                 Err(_) => false,
             }
         }
         "zstd" => {
-            // As above; the window is a part of what comes out.
+            // As above; the window is part of the output.
             match ruzstd::decoding::StreamingDecoder::new_with_max_window_size(data, RECORD_LIMIT) {
                 Ok(decoder) => decoder.take(size as u64).read_to_end(out).is_ok(),
                 Err(_) => false,
@@ -58,7 +57,7 @@ pub(super) fn decompress(header: &ChunkHeader, data: &[u8], out: &mut Vec<u8>) -
     whole && out.len() == size && (header.uncompressed_crc == 0 || crc32fast::hash(out) == header.uncompressed_crc)
 }
 
-/// As many bytes as the length before them says.
+/// A length, and as many bytes.
 fn sized<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
     let (length, behind) = rest.split_first_chunk::<4>()?;
     let (taken, left) = behind.split_at_checked(u32::from_le_bytes(*length) as usize)?;
@@ -70,11 +69,11 @@ fn text(rest: &mut &[u8]) -> Option<String> {
     Some(std::str::from_utf8(sized(rest)?).ok()?.to_owned())
 }
 
-/// What comes next in a file.
+/// The next item in a file.
 pub(super) enum Next {
     /// A record with this opcode; its body is in `body`.
     Record(u8),
-    /// The file ends inside this chunk; what there is of it is in `body`.
+    /// The file ends inside this chunk; the available part is in `body`.
     CutChunk,
     End,
 }
@@ -204,9 +203,9 @@ impl RecordFile {
         }
     }
 
-    /// Name and pairs of the metadata record in `body`; `None` if its lengths contradict each
-    /// other. The `mcap` crate's parser reserves what a length promises, gigabytes of a damaged
-    /// one.
+    /// Name and pairs of the metadata record in `body`; `None` if its lengths are inconsistent. The
+    /// `mcap` crate's parser allocates the stated length, which may be gigabytes in a damaged
+    /// record.
     pub(super) fn metadata(&self) -> Option<(String, BTreeMap<String, String>)> {
         let mut rest = self.body.as_slice();
         let name = text(&mut rest)?;
@@ -227,13 +226,13 @@ impl RecordFile {
         Some((u16::from_le_bytes(*channel), entries.len() as u64 / 16))
     }
 
-    /// Header and data of the chunk in `body`; `None` if its lengths contradict each other.
+    /// Header and data of the chunk in `body`; `None` if its lengths are inconsistent.
     pub(super) fn chunk(&self) -> Option<(ChunkHeader, &[u8])> {
         let (header, data) = self.chunk_head()?;
         (header.compressed_size == data.len() as u64).then_some((header, data))
     }
 
-    /// The same for a chunk that may be cut.
+    /// The same for a chunk that may be truncated.
     pub(super) fn chunk_head(&self) -> Option<(ChunkHeader, &[u8])> {
         let body = &self.body;
         let u64_at = |at: usize| Some(u64::from_le_bytes(*body.get(at..)?.first_chunk::<8>()?));
@@ -251,8 +250,8 @@ impl RecordFile {
         Some((header, &body[40 + name_len..]))
     }
 
-    /// Goes on at the next place that looks like a chunk, behind the start of the record that
-    /// failed.
+    /// Continues at the next position that looks like a chunk, after the start of the failed
+    /// record.
     pub(super) fn resynchronise(&mut self, loss: &mut Loss) -> Result<(), ReadError> {
         let failed_at = self.start;
         let mut from = failed_at + 1;
@@ -276,7 +275,7 @@ impl RecordFile {
                 loss.bytes += self.length - failed_at;
                 return self.seek(self.length);
             }
-            // A chunk's head may straddle two windows.
+            // A chunk's head may extend over two windows.
             from += window.len() as u64 - (TO_COMPRESSION + LZ4_NAME.len() as u64);
         }
     }

@@ -1,7 +1,7 @@
 //! Samples as CSV, the unit in each column's name: `seq,t_ns,flags,signals,q_1_rad,…,input_2_v`.
 //!
-//! Numbers are written with as many digits as bring the same bits back; a signal that was not
-//! measured is an empty cell.
+//! Numbers are written with enough digits to restore the same bits; an unmeasured signal is an
+//! empty cell.
 
 use super::info::RunInfo;
 use super::layout::field_name;
@@ -22,22 +22,22 @@ pub enum CsvSampleError {
     /// Not CSV, or the source fails.
     #[error(transparent)]
     Csv(#[from] csv::Error),
-    /// Another header.
+    /// A different header.
     #[error("line 1: expected the columns {expected}, got {got}")]
     Header {
         /// The columns of this plant.
         expected: String,
-        /// Those of the file.
+        /// The columns of the file.
         got: String,
     },
-    /// A cell that is no number.
+    /// A cell that is not a number.
     #[error("line {line}, column {column}: expected a number, got {got:?}")]
     Cell {
         /// Line of the file, from 1.
         line: u64,
         /// Name of the column.
         column: String,
-        /// What stands there.
+        /// Its content.
         got: String,
     },
 }
@@ -56,7 +56,7 @@ fn header(joints: usize, position_unit: &str, input_unit: &str) -> Vec<String> {
 }
 
 impl<W: Write> SamplesCsv<W> {
-    /// Starts a file by its header.
+    /// Starts a file with its header.
     ///
     /// # Errors
     /// If the sink cannot be written.
@@ -94,7 +94,7 @@ impl<W: Write> SamplesCsv<W> {
         Ok(self.writer.write_byte_record(&self.record)?)
     }
 
-    /// Writes everything out.
+    /// Flushes the output.
     ///
     /// # Errors
     /// If the sink cannot be written.
@@ -103,12 +103,12 @@ impl<W: Write> SamplesCsv<W> {
     }
 }
 
-/// Most bytes that are read for one row: a line without end must not fill the memory.
+/// Largest number of bytes read for one row, so that an endless line cannot fill the memory.
 const MAX_ROW_BYTES: usize = 1 << 20;
-/// What an error shows of a file \[characters\].
+/// Longest part of a file shown in an error \[characters\].
 const SHOWN: usize = 300;
 
-/// A source that fails if so much is read for one row.
+/// A source that fails if too much is read for one row.
 struct Bounded<R> {
     source: R,
     since_row: usize,
@@ -142,12 +142,12 @@ impl<R: Read> SamplesCsvReader<R> {
     /// Reads the header.
     ///
     /// # Errors
-    /// The header is that of another plant.
+    /// If the header is that of another plant.
     pub fn new(source: R, info: &RunInfo) -> Result<Self, CsvSampleError> {
         Self::of_units(source, info.joints, &info.position_unit, &info.input_unit)
     }
 
-    /// The same for a plant of so many joints with these units.
+    /// The same for a plant with this number of joints and these units.
     ///
     /// # Errors
     /// See [`new`](Self::new).
@@ -172,7 +172,7 @@ impl<R: Read> SamplesCsvReader<R> {
     /// The next sample; `None` at the end.
     ///
     /// # Errors
-    /// A row with another number of cells, or a cell that is no number, with line and column.
+    /// If a row has a wrong number of cells, or a cell is not a number; with line and column.
     pub fn next_sample(&mut self) -> Result<Option<Sample>, CsvSampleError> {
         self.reader.get_mut().since_row = 0;
         if !self.reader.read_record(&mut self.record)? {
@@ -206,7 +206,7 @@ impl<R: Read> SamplesCsvReader<R> {
     }
 }
 
-/// Whether a file that begins so was written by [`SamplesCsv`].
+/// True if a file with this beginning was written by [`SamplesCsv`].
 pub fn is_samples_csv(beginning: &[u8]) -> bool {
     beginning.starts_with(b"seq,t_ns,flags,signals,")
 }

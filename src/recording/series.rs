@@ -1,4 +1,4 @@
-//! The files that a recording consists of: their names and numbers.
+//! The files of a recording: names and numbers.
 
 use super::info::RunInfo;
 use super::record_file::RecordFile;
@@ -19,13 +19,13 @@ pub(super) fn numbered(first: &Path, number: u32) -> PathBuf {
     first.with_file_name(name)
 }
 
-/// The first file of a recording that is still there: the oldest ones are removed if their
-/// number is limited.
+/// The oldest existing file of a recording; if their number is limited, older ones have been
+/// removed.
 pub fn oldest_file(first: &Path) -> Option<PathBuf> {
     existing_files(first).into_iter().next().map(|(_, path)| path)
 }
 
-/// The files of a recording that are there, with their numbers.
+/// The existing files of a recording, with their numbers.
 pub(super) fn existing_files(first: &Path) -> Vec<(u32, PathBuf)> {
     let directory = match first.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -41,10 +41,10 @@ pub(super) fn existing_files(first: &Path) -> Vec<(u32, PathBuf)> {
     found
 }
 
-/// Number of a file in the recording whose first file is `first`; `None` of other files.
+/// Number of a file in the recording whose first file is `first`; `None` for other files.
 ///
-/// `run_20260801.mcap` has a name of the recording `run.mcap`, but may be the first file of its
-/// own: the file itself tells, and one that cannot be read or does not tell is taken by its name.
+/// `run_20260801.mcap` could belong to the recording `run.mcap`, but may also be the first file of
+/// another one: its metadata decide, and if they are missing or unreadable, its name.
 fn number_within(first: &Path, path: &Path) -> Option<u32> {
     if path.file_name() == first.file_name() {
         return Some(0);
@@ -60,13 +60,12 @@ fn number_within(first: &Path, path: &Path) -> Option<u32> {
     }
 }
 
-/// The first file of the recording that the file at `path` belongs to, and the number of the file
-/// in it.
+/// The first file of the recording to which the file at `path` belongs, and its number.
 pub(super) fn first_file(path: &Path, info: &RunInfo) -> (PathBuf, u32) {
     let alone = (path.to_path_buf(), 0);
     match (info.file_number, split_number(path)) {
         (Some(0), _) | (_, None) => alone,
-        // Recordings of earlier versions do not tell, only their names do.
+        // Recordings of earlier versions do not state a number, so the name decides.
         (None, Some(_)) if numbered(path, 1).exists() => alone,
         (None, Some(by_name)) => by_name,
         // A file with another name than the recorder's is read alone.

@@ -1,4 +1,4 @@
-//! Recordings written, read, cut and damaged.
+//! Recordings: written, read, truncated and damaged.
 
 use super::info::tests::arm;
 use super::names::RUN_METADATA;
@@ -8,7 +8,7 @@ use crate::messages::{ErrorCode, Estimate, LastError, ParameterSet, Sample, Stat
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A sample with values that differ from each other and do not compress away.
+/// A sample with different values that do not compress well.
 fn sample(seq: u64) -> Sample {
     let mut s = Sample::EMPTY;
     (s.stream_id, s.seq, s.t_ns) = (77, seq, seq * 1_000_000);
@@ -46,7 +46,7 @@ fn estimate(block: u64) -> Estimate {
     e
 }
 
-/// Messages as bits: NaN compares, too.
+/// Messages as bits, so that NaN compares equal.
 fn bits(e: &Estimate) -> Vec<u64> {
     let scalars = [
         e.stream_id,
@@ -125,14 +125,14 @@ fn write(path: &Path, samples: u64, flush: u64, limits: RecordingLimits, finish:
     if finish {
         assert_eq!(recorder.finish().unwrap().samples, samples);
     } else {
-        // What a kill does: nothing is written any more, not even what lies in buffers.
+        // Like a kill: nothing more is written, not even buffered data.
         std::mem::forget(recorder);
     }
     paths
 }
 
-/// Everything in a recording: seq of the samples, blocks of the estimates, count of status, loss.
-/// Checks values on the way.
+/// Reads a whole recording: seq of the samples, blocks of the estimates, number of statuses, loss.
+/// Also checks values.
 fn read(path: &Path, span: Span) -> (Vec<u64>, Vec<u64>, u64, Loss) {
     let mut reader = RecordingReader::open(path, span).unwrap();
     // Each file states its own number.
@@ -210,7 +210,7 @@ fn fault_of_a_killed_recorder_everything_flushed_is_read() {
     assert_eq!(loss.unfinished_files, 1);
 }
 
-/// A small generator, so that the places differ and are the same in every run.
+/// A small random generator, so that the places vary but are the same in every run.
 fn places(count: usize, below: u64) -> impl Iterator<Item = u64> {
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
     (0..count).map(move |_| {
@@ -237,11 +237,11 @@ fn fault_a_file_cut_at_20_random_places_is_read_up_to_the_cut() {
         let (seqs, _, _, loss) = read(&cut, Span::default());
         let flushed = 500 * chunk_ends[..10].iter().filter(|&&end| end <= at).count() as u64;
         assert!(seqs.len() as u64 >= flushed, "cut at {at}: {} of {flushed}", seqs.len());
-        // Whatever is read of the chunk at the cut is in order and without a hole.
+        // Samples read from the truncated chunk are in order and without a gap.
         assert_eq!(seqs, (0..seqs.len() as u64).collect::<Vec<_>>(), "cut at {at}");
         assert_eq!(loss.unfinished_files, 1, "cut at {at}: {loss}");
     }
-    // Cut inside the metadata nothing tells what was recorded.
+    // If the file is cut inside the metadata, it cannot be read.
     fs::write(&cut, &bytes[..100]).unwrap();
     let error = RecordingReader::open(&cut, Span::default()).err().unwrap().to_string();
     assert!(error.contains("no metadata"), "{error}");
@@ -269,7 +269,7 @@ fn fault_a_damaged_chunk_is_left_out_and_its_messages_are_counted() {
     let bytes = fs::read(&path).unwrap();
     let whole: Vec<u64> = (0..500).chain(1_000..5_000).collect();
     let (start, end) = chunks(&bytes)[2];
-    // Each byte stands for a kind of damage: opcode, length, checksum, name and size, data.
+    // Each byte represents a kind of damage: opcode, length, checksum, name and size, data.
     for at in [
         start,
         start + 3,
@@ -323,7 +323,7 @@ fn prop_a_rotated_recording_is_read_as_one_and_keeps_to_its_limits() {
     let paths = write(&path, 5_000, 100, limits, true);
     assert!(paths.len() > 3, "{paths:?}");
     for path in &paths {
-        // One flush beyond the limit at most, and the index of the file.
+        // At most one flush beyond the limit, plus the index of the file.
         assert!(fs::metadata(path).unwrap().len() < 120_000);
     }
     let (seqs, _, _, loss) = read(&path, Span::default());
@@ -357,13 +357,13 @@ fn regress_a_recording_whose_own_name_ends_in_digits_is_read_and_resumed_as_one(
         assert!(loss.is_none(), "{loss}");
         let (seqs, ..) = read(&paths[2], Span::default());
         assert_eq!(*seqs.last().unwrap(), 4_999, "{name}");
-        // A recorder that goes on takes the next number, and counts no file of another recording.
+        // A recorder that continues takes the next number, and ignores files of other recordings.
         let existing: Vec<_> = existing_files(&at(name)).into_iter().map(|(_, path)| path).collect();
         assert_eq!(existing, paths);
         let resumed = Recorder::resume(&at(name), arm(), limits).unwrap();
         assert_eq!(resumed.path(), numbered(&at(name), paths.len() as u32));
     }
-    // Beside the others, too.
+    // Also next to the others.
     let own = existing_files(&at("run.mcap"));
     assert!(own.iter().all(|(number, _)| *number < 1_000), "{own:?}");
     fs::remove_file(at("run_20260801.mcap")).unwrap();
@@ -397,7 +397,7 @@ fn val_the_mcap_crate_reads_every_message_with_its_checksums() {
         .filter(|m| m.channel.topic == "/thetabus/arm/sample");
     assert_eq!(samples.count(), 3_000);
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
-    // Samples twice: as they are, and as joint states.
+    // Samples twice: as samples and as joint states.
     assert_eq!(summary.stats.unwrap().message_count, 2 * 3_000 + 30 + 30 + 7);
     let index = summary
         .metadata_indexes
@@ -408,8 +408,8 @@ fn val_the_mcap_crate_reads_every_message_with_its_checksums() {
     assert_eq!(metadata["config_toml"], arm().config_toml);
 }
 
-/// The Python with the packages that recordings are read with; `None`, with a word why, if there
-/// is none and none is required.
+/// A Python with the packages to read recordings; `None`, with a message, if there is none and none
+/// is required.
 fn peer_python() -> Option<String> {
     let named = std::env::var("THETABUS_PEERS_PYTHON").ok();
     let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/ci-venv/bin/python");
@@ -428,7 +428,7 @@ fn peer_python() -> Option<String> {
     found
 }
 
-/// What a script of `tests/peers` finds in a recording.
+/// The result of a script of `tests/peers` for a recording.
 fn peer(python: &str, script: &str, path: &Path) -> serde_json::Value {
     let scripts = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers");
     let output = std::process::Command::new(python)
@@ -546,7 +546,7 @@ fn val_rosbags_reads_every_topic_by_its_own_definition_at_the_time_of_day() {
         wall_ns
     );
 
-    // What is not measured is no number; sets are a bool for each parameter; states have names.
+    // Unmeasured signals are NaN; sets are one bool per parameter; states have names.
     let last = &found["last"]["/thetabus/arm/sample"];
     assert_eq!(
         (&last["q_1"], &last["dq_1"], &last["setpoint_2"]),
@@ -568,7 +568,7 @@ fn val_rosbags_reads_every_topic_by_its_own_definition_at_the_time_of_day() {
     );
     assert_eq!(found["constants"]["/thetabus/arm/sample"]["SIGNAL_INPUT"], 32);
 
-    // Nothing of this is in the way of reading it again.
+    // None of this prevents reading it again.
     let mut reader = RecordingReader::open(&path, Span::default()).unwrap();
     let mut read = 0;
     while let Some(entry) = reader.next_entry().unwrap() {

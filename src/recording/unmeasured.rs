@@ -1,16 +1,16 @@
-//! What a machine does not measure is NaN in recordings, where a 0 would be taken for a value; on
-//! the bus it is anything and mostly 0.
+//! Unmeasured signals are NaN in recordings, where 0 would look like a value; on the bus they may
+//! have any value, usually 0.
 
 use crate::messages::{SIGNALS, Sample};
 
-/// The sample as a recording has it.
+/// The sample as in a recording.
 pub(super) fn marked(sample: &Sample) -> Sample {
     let mut marked = *sample;
     fill(&mut marked, f64::NAN);
     marked
 }
 
-/// Makes it what it was on the bus, with 0 for what is not measured.
+/// Converts back to the form on the bus, with 0 for unmeasured signals.
 pub(super) fn clear(sample: &mut Sample) {
     fill(sample, 0.0);
 }

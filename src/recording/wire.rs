@@ -1,9 +1,8 @@
-//! Messages of the bus as CDR outside of files: to other hosts, with the encoding that recordings
-//! have.
+//! Messages of the bus as CDR for other hosts, with the encoding of recordings.
 //!
 //! An array has as many values as the sender's machine needs, so the numbers of joints, equations,
-//! parameters and derived values travel beside the bytes: [`Dimensions`]. Texts, bytes and lists of
-//! structures have their full number.
+//! parameters and derived values are sent along with the bytes: [`Dimensions`]. Texts, bytes and
+//! lists of structures have their full length.
 
 use super::cdr::{CdrReader, CdrWriter};
 use super::info::RunInfo;
@@ -15,7 +14,7 @@ use crate::messages::{
 use crate::model::{MAX_JOINTS, MAX_PARAMS};
 use crate::node::monitor::Label;
 
-/// How many values each array of a message has on the wire.
+/// Number of values of each array of a message on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Dimensions {
     /// Joints, 0 to 8.
@@ -29,7 +28,7 @@ pub struct Dimensions {
 }
 
 impl Dimensions {
-    /// As many as a message has room for.
+    /// The capacity of a message.
     pub const ALL: Self = Self {
         joints: MAX_JOINTS as u8,
         equations: MAX_JOINTS as u8,
@@ -47,19 +46,19 @@ impl Dimensions {
     }
 }
 
-/// A message that other hosts get.
+/// A message that can be sent to other hosts.
 pub trait OnWire: Message {
-    /// What the arrays of this message hold.
+    /// The dimensions of this message.
     fn dimensions(&self) -> Dimensions {
         Dimensions::ALL
     }
 
-    /// The message as it is written.
+    /// The message in written form.
     fn outgoing(&self) -> Self {
         *self
     }
 
-    /// The message as it was before it was written.
+    /// The message in its original form.
     fn incoming(self) -> Self {
         self
     }
@@ -105,7 +104,7 @@ impl OnWire for Estimate {
     }
 }
 
-/// Bytes that are not the message they were taken for.
+/// Bytes that are not the expected message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
     "not a {message} in little-endian CDR of schema {SCHEMA_VERSION}: the {bytes} bytes are too few, or their dimensions are not its own"
@@ -113,11 +112,11 @@ impl OnWire for Estimate {
 pub struct NotOnWire {
     /// The message.
     pub message: &'static str,
-    /// Length of what came.
+    /// Number of bytes.
     pub bytes: usize,
 }
 
-/// A message as CDR, byte for byte what a recording of this machine holds.
+/// A message as CDR, byte for byte as in a recording of this machine.
 pub fn to_cdr<M: OnWire>(message: &M) -> Vec<u8> {
     let mut buffer = Vec::new();
     let counts = message.dimensions().counts();
@@ -125,10 +124,10 @@ pub fn to_cdr<M: OnWire>(message: &M) -> Vec<u8> {
     buffer
 }
 
-/// The message that `bytes` hold; what is not on the wire is zero.
+/// Decodes a message; fields that are not on the wire are zero.
 ///
 /// # Errors
-/// The bytes are too few, not little-endian CDR, or of a message with other dimensions.
+/// If the bytes are too few, not little-endian CDR, or of a message with other dimensions.
 pub fn from_cdr<M: OnWire>(bytes: &[u8], dimensions: Dimensions) -> Result<M, NotOnWire> {
     let failed = NotOnWire {
         message: M::LAYOUT.name,
@@ -143,11 +142,10 @@ pub fn from_cdr<M: OnWire>(bytes: &[u8], dimensions: Dimensions) -> Result<M, No
     }
 }
 
-/// What a recording would say of a machine of which nothing but its description is known: enough
-/// for the names in a schema.
+/// Metadata of a machine of which only the description is known: enough for the names in a schema.
 ///
-/// A description does not name the equations: they are called `joint_1` … if there is one for each
-/// joint, as those of the built-in models are, and `equation_1` … if not.
+/// A description does not name the equations: they are called `joint_1` … if there is one per
+/// joint, as in the built-in models, and otherwise `equation_1` ….
 pub fn described(robot: &str, description: &Description) -> RunInfo {
     let joints = description.joints();
     let unit = |of: fn(&crate::messages::JointInfo) -> &str| joints.first().map_or("", of).to_owned();
@@ -261,7 +259,7 @@ mod tests {
             ..Sample::EMPTY
         };
         let bytes = to_cdr(&sample);
-        // One joint fits into the bytes of two, and is not what the message says of itself.
+        // One joint would fit into the bytes of two, but contradicts the message.
         let other = Dimensions {
             joints: 1,
             ..Dimensions::default()

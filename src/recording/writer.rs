@@ -2,7 +2,7 @@
 //! first.
 //!
 //! The log time of a message is its stream time and the publish time the clock at sending, both as
-//! time of day (`clock.rs`). Messages are in the file, readable after a kill, from the next
+//! time of day (`clock.rs`). Messages are in the file, and readable after a kill, from the next
 //! [`Recorder::flush`] on.
 
 use super::cdr::CdrWriter;
@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Messages of a chunk before compression \[bytes\].
+/// Size of a chunk before compression \[bytes\].
 const CHUNK_BYTES: u64 = 1 << 20;
 
 /// How large a recording may become.
@@ -34,7 +34,7 @@ const CHUNK_BYTES: u64 = 1 << 20;
 pub struct RecordingLimits {
     /// A file of this size is closed and the next one begun \[bytes\]; 0 for no limit.
     pub file_bytes: u64,
-    /// So many files are kept, the oldest is removed for a new one; 0 for no limit.
+    /// Number of files kept, the oldest is removed for a new one; 0 for no limit.
     pub files: usize,
 }
 
@@ -88,8 +88,8 @@ impl Recorder {
     /// Begins a recording at `path`, which must not exist.
     ///
     /// # Errors
-    /// If the file exists or cannot be made, or if the plant's names cannot be told apart in
-    /// a recording.
+    /// If the file exists or cannot be created, or if the plant's names become equal in a
+    /// recording.
     pub fn create(path: &Path, info: RunInfo, limits: RecordingLimits) -> Result<Self, RecordError> {
         Self::begin(path, 0, info, limits)
     }
@@ -124,9 +124,9 @@ impl Recorder {
         })
     }
 
-    /// Goes on with the recording at `path` in a file of its own, after the recorder that wrote it
-    /// has died: readers join the two if `info` has the `recording_id` of the first. As
-    /// [`create`](Self::create) if there is none yet.
+    /// Continues the recording at `path` in a separate file, after its recorder has died: readers
+    /// join the two if `info` has the `recording_id` of the first. Like [`create`](Self::create) if
+    /// there is none yet.
     ///
     /// # Errors
     /// As [`create`](Self::create).
@@ -154,7 +154,7 @@ impl Recorder {
             Place::First | Place::Next | Place::Duplicate => {}
         }
         if self.clock.follow(sample, sent_ns) {
-            // What was written so far has another clock, or none.
+            // The data written so far have another clock, or none.
             let begun = self.file.writer.flush();
             self.file.check(begun)?;
             self.file.tell_clock(&self.clock)?;
@@ -193,12 +193,12 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes what the identifier was told, and where it took effect.
+    /// Writes a command to the identifier, and the border at which it took effect.
     ///
     /// # Errors
     /// If the file cannot be written.
     pub fn journal(&mut self, entry: &Journal) -> Result<(), RecordError> {
-        // A record of its own between the chunks: found without decompressing a recording.
+        // A separate record between the chunks, which is found without decompressing a recording.
         let put = self.file.writer.write_metadata(&Metadata {
             name: JOURNAL_METADATA.into(),
             metadata: journal_to_map(entry),
@@ -206,8 +206,8 @@ impl Recorder {
         self.file.check(put)
     }
 
-    /// Hands everything written so far to the operating system, with a word on what was written and
-    /// what never arrived; to be called about once a second.
+    /// Passes everything written so far to the operating system, with counts of written and lost
+    /// messages; call it about once a second.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -219,7 +219,7 @@ impl Recorder {
         self.file.check(flushed)
     }
 
-    /// Ends the recording: index, statistics, and the mark of a file that is whole.
+    /// Ends the recording: index, statistics, and the mark of a complete file.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -229,7 +229,7 @@ impl Recorder {
         Ok(self.written)
     }
 
-    /// What was written so far.
+    /// Counts of the messages written so far.
     pub fn written(&self) -> &RecorderStatus {
         &self.written
     }
@@ -286,7 +286,7 @@ impl Recorder {
     }
 }
 
-/// The number after that of a file.
+/// The number of the next file.
 fn following(first: &Path, number: u32) -> Result<u32, RecordError> {
     number.checked_add(1).ok_or_else(|| RecordError::Io {
         path: numbered(first, number),
@@ -297,8 +297,8 @@ fn following(first: &Path, number: u32) -> Result<u32, RecordError> {
 }
 
 impl OpenFile {
-    /// The file gets its name once its definitions are in it, so that a recorder killed at any time
-    /// leaves files that can be read, or none.
+    /// The file gets its name once its definitions are written, so that a recorder killed at any
+    /// time leaves only readable files.
     fn create(path: &Path, info: &RunInfo) -> Result<Self, RecordError> {
         let bytes = Arc::new(AtomicU64::new(0));
         let failed = |source| RecordError::Io {
@@ -345,11 +345,11 @@ impl OpenFile {
             self.writer
                 .add_channel_with_id(id, id, &channel.topic, "cdr", &BTreeMap::new())?;
         }
-        // The definitions in a chunk of their own: small, so seldom hit by damage.
+        // The definitions in a separate chunk, which is small and so rarely damaged.
         self.writer.flush()
     }
 
-    /// By what times are shifted from here on.
+    /// Writes the shift of times from here on.
     fn tell_clock(&mut self, clock: &WallClock) -> Result<(), RecordError> {
         let Some(metadata) = clock.to_map() else {
             return Ok(());
@@ -397,7 +397,7 @@ fn io_error(error: McapError) -> io::Error {
     }
 }
 
-/// A file that counts what was written to it.
+/// A file that counts the bytes written to it.
 struct CountingFile {
     file: BufWriter<File>,
     bytes: Arc<AtomicU64>,

@@ -1,4 +1,4 @@
-//! Strokes and scales that the figures share.
+//! Strokes and scales shared by the figures.
 
 use super::layers::{BLUE, GREY, Layer, ORANGE, Scale, Stroke};
 
@@ -6,10 +6,10 @@ pub(super) const SMALL_PANEL: f64 = 170.0;
 pub(super) const FIRST: Stroke = Stroke::solid(BLUE, 1.6);
 pub(super) const SECOND: Stroke = Stroke::dashed(ORANGE, 1.8, "5 3");
 const BOUND: Stroke = Stroke::dashed(GREY, 1.4, "1.5 3");
-/// A bound is shown if it is at most this share of the axis away from it.
+/// Largest distance of a bound from the axis range, as a share of it, at which the bound is shown.
 const BOUND_NEAR: f64 = 0.3;
 
-/// What a logarithmic axis can show; the rest breaks the line.
+/// The value if a logarithmic axis can show it; otherwise the line is broken.
 pub(super) fn positive(value: f64) -> f64 {
     if value > 0.0 && value.is_finite() {
         value
@@ -27,7 +27,7 @@ pub(super) fn extent(values: &[f64]) -> (f64, f64) {
 }
 
 pub(super) fn padded(from: f64, to: f64, part: f64) -> Scale {
-    // A line that hardly moves is shown as such and not as its last digits.
+    // An almost constant line is shown as such and not magnified to its last digits.
     let least = 0.02 * from.abs().max(to.abs());
     let least = if least > 0.0 { least } else { 1.0 };
     let pad = ((to - from) * part).max((least - (to - from) / 2.0).max(0.0));
@@ -37,8 +37,8 @@ pub(super) fn padded(from: f64, to: f64, part: f64) -> Scale {
     }
 }
 
-/// An axis for a value over time: the truth always within, and the estimates, except for a few that
-/// lie so far off that nothing else could be seen.
+/// An axis for a value over time: includes the truth and all estimates, except a few outliers that
+/// would hide everything else.
 pub(super) fn value_scale(estimates: &[f64], truths: &[f64]) -> Scale {
     let mut sorted = estimates.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -57,7 +57,7 @@ pub(super) fn value_scale(estimates: &[f64], truths: &[f64]) -> Scale {
     padded(from, to, 0.08)
 }
 
-/// The bounds that lie on the axis, or so near that it is lengthened to show them.
+/// The bounds on the axis, or so near that the axis is extended to show them.
 pub(super) fn bound_lines((lower, upper): (f64, f64), scale: &mut Scale, x: (f64, f64)) -> Vec<Layer> {
     let Scale::Linear { from, to } = scale else {
         return Vec::new();

@@ -1,4 +1,4 @@
-//! A run, reduced to what its figures need: every estimate, the samples thinned out.
+//! A run, reduced to the data for its figures: every estimate, and thinned samples.
 
 use super::summary::Summary;
 use super::words::{DERIVED_USABLE, Known, headline};
@@ -9,17 +9,17 @@ use crate::node::predicted_input::PredictedInput;
 use crate::recording::{Entry, Loss, ReadError, RecordingReader, RunInfo};
 use std::collections::VecDeque;
 
-/// Buckets of a thinned trace; twice the pixels of a figure's width are enough for the eye.
+/// Buckets of a thinned trace: at least twice the pixels of a figure's width.
 const BUCKETS: usize = 4096;
-/// Samples that are remembered until the estimate of their block arrives.
+/// Number of samples remembered until the estimate of their block arrives.
 const REMEMBERED: usize = 1 << 16;
-/// Stream time over which inputs are compared: the end of the run \[ns\].
+/// Stream time at the end of the run over which inputs are compared \[ns\].
 const COMPARED_NS: u64 = 10_000_000_000;
-/// Least time between two of them \[ns\]: a figure has some hundred pixels.
+/// Smallest time between two of them \[ns\]: a figure has some hundreds of pixels.
 const COMPARED_STEP_NS: u64 = 4_000_000;
 
-/// A signal over time, thinned out: of neighbouring samples first, last, smallest and largest value
-/// stay, so steps and peaks do.
+/// A thinned signal over time: of neighbouring samples the first, last, smallest and largest value
+/// stay, and so do steps and peaks.
 #[derive(Debug, Clone, Default)]
 pub struct Trace {
     buckets: Vec<Bucket>,
@@ -82,7 +82,7 @@ impl Trace {
         self.filled = 1;
     }
 
-    /// Time \[s\] and value, to be joined by a line.
+    /// Time \[s\] and value, to be connected by a line.
     pub fn points(&self) -> Vec<(f64, f64)> {
         let mut points = Vec::with_capacity(self.buckets.len());
         for b in &self.buckets {
@@ -93,7 +93,7 @@ impl Trace {
                 }
             }
         }
-        // A level that is held needs its ends only.
+        // A constant level needs only its ends.
         let mut kept: Vec<(f64, f64)> = Vec::with_capacity(points.len());
         for (i, &point) in points.iter().enumerate() {
             let held = kept.last().is_some_and(|p| p.1 == point.1) && points.get(i + 1).is_some_and(|p| p.1 == point.1);
@@ -105,7 +105,7 @@ impl Trace {
     }
 }
 
-/// How an estimate came about in time.
+/// Timing of an estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Timing {
     /// The block.
@@ -118,23 +118,24 @@ pub struct Timing {
     pub latency_s: f64,
 }
 
-/// What the configuration and the machine say of a run, beyond its recording.
+/// Notes on a run beyond its recording, from the configuration and the machine.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Notes {
-    /// What each parameter is, in the order of θ, then each derived value; may be shorter or empty.
+    /// Meaning of each parameter, in the order of θ, then of each derived value; may be shorter or
+    /// empty.
     pub meanings: Vec<String>,
     /// Rows are divided by their standard deviation, so that residuals have no unit.
     pub whitened: bool,
-    /// When the recording began, for people; empty if it is not known.
+    /// When the recording began, as text; empty if unknown.
     pub begun: String,
-    /// Where the report was made; empty if it is not known.
+    /// Where the report was made; empty if unknown.
     pub host: String,
     /// Lower and upper bound of each parameter, in the order of θ, infinite if there is none; may
     /// be empty.
     pub bounds: Vec<(f64, f64)>,
 }
 
-/// What went into the machine at one instant, and what the model says must have.
+/// Measured and predicted inputs of the machine at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Inputs {
     /// Stream time \[ns\].
@@ -157,13 +158,13 @@ pub struct RunData {
     pub setpoint: Vec<Trace>,
     /// Position of each joint.
     pub position: Vec<Trace>,
-    /// Of each block whose samples were seen.
+    /// Timing of each block whose samples were received.
     pub timing: Vec<Timing>,
     /// What the recording has lost.
     pub loss: Loss,
-    /// Samples seen.
+    /// Number of samples.
     pub samples: u64,
-    /// What else is known.
+    /// Further notes.
     pub notes: Notes,
     /// The inputs of the last seconds; empty without a model that predicts them.
     pub inputs: VecDeque<Inputs>,
@@ -171,12 +172,12 @@ pub struct RunData {
     ended: bool,
     /// Stream time and clock time of the last samples.
     sent: VecDeque<(u64, u64)>,
-    /// Estimates that came before the last sample of their block.
+    /// Estimates that arrived before the last sample of their block.
     waiting: Vec<(u64, u64, u64)>,
 }
 
 impl RunData {
-    /// A run of which nothing is known yet.
+    /// A run without data.
     pub fn new(info: RunInfo, monitor: MonitorNode) -> Self {
         let joints = info.joints;
         Self {
@@ -197,14 +198,14 @@ impl RunData {
         }
     }
 
-    /// The same with what predicts the inputs.
+    /// The same with a prediction of the inputs.
     #[must_use]
     pub fn predicting(mut self, prediction: Option<PredictedInput>) -> Self {
         self.prediction = prediction;
         self
     }
 
-    /// Takes the whole of a recording in; `look` is called after each message.
+    /// Reads a whole recording; `look` is called after each message.
     ///
     /// # Errors
     /// If the file system fails.
@@ -227,7 +228,7 @@ impl RunData {
         Ok(self)
     }
 
-    /// Takes a sample in; `sent_ns` is the clock at sending, 0 if it is not known.
+    /// Takes a sample; `sent_ns` is the clock at sending, 0 if it is not known.
     pub fn sample(&mut self, sample: &Sample, sent_ns: u64) {
         self.samples += 1;
         self.ended |= sample.flags & sample_flags::END != 0;
@@ -252,7 +253,7 @@ impl RunData {
         self.sent.push_back((sample.t_ns, sent_ns));
     }
 
-    /// Takes an estimate in; `sent_ns` is the clock at sending, 0 if it is not known.
+    /// Takes an estimate; `sent_ns` is the clock at sending, 0 if it is not known.
     pub fn estimate(&mut self, estimate: &Estimate, sent_ns: u64) {
         let stream_id = self.estimates.last().map(|e| e.stream_id);
         if stream_id.is_some_and(|own| own != estimate.stream_id) {
@@ -277,8 +278,8 @@ impl RunData {
         }
     }
 
-    /// Time over which derivatives of the motion were taken to predict inputs \[s\]; `None` if the
-    /// samples carry them.
+    /// Time over which derivatives of the motion were computed to predict inputs \[s\]; `None` if
+    /// the samples carry them.
     pub fn smoothed_s(&self) -> Option<f64> {
         self.prediction.as_ref().and_then(PredictedInput::smoothed_s)
     }
@@ -311,7 +312,7 @@ impl RunData {
         });
     }
 
-    /// Takes a status in.
+    /// Takes a status.
     pub fn status(&mut self, status: &Status) {
         self.monitor.on_status(status);
     }
@@ -321,8 +322,8 @@ impl RunData {
         Summary::new(&self.monitor, &self.info.robot, &self.info.model)
     }
 
-    /// The result in a sentence: what changed, else what is known best; `None` if nothing may be
-    /// used.
+    /// The result in a sentence: what changed, otherwise the best-known value; `None` if nothing is
+    /// usable.
     pub fn headline(&self) -> Option<String> {
         let last = self.estimates.last()?;
         let change_t_s = self.monitor.changes().last().map(|change| change.t_s);

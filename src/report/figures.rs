@@ -10,7 +10,7 @@ use super::words::{pretty_unit, symbol};
 use crate::messages::Estimate;
 use crate::node::monitor::{Label, relative_error, seconds};
 
-/// 95 % of a normal distribution lie within so many standard deviations.
+/// Standard deviations that contain 95 % of a normal distribution.
 const TWO_SIDED_95: f64 = 1.96;
 const PANEL: f64 = 250.0;
 
@@ -46,7 +46,7 @@ enum Kind {
     Derived,
 }
 
-/// Stream time: an estimate stands at the end of its block.
+/// Stream time: an estimate is drawn at the end of its block.
 fn time_axis(run: &RunData) -> (String, (f64, f64)) {
     let label = match run.block_s() {
         Some(length) => format!("time (s), one estimate every {} s", trim(length)),
@@ -55,7 +55,7 @@ fn time_axis(run: &RunData) -> (String, (f64, f64)) {
     let first = run.estimates.first().map_or(0.0, time_of);
     let last = run.estimates.last().map_or(1.0, time_of);
     let block_s = run.block_s().unwrap_or(1.0);
-    // From the beginning if the run was seen from its beginning.
+    // From the beginning if the run was recorded from its beginning.
     let is_whole = run.estimates.first().is_none_or(|e| e.block <= 3) && first <= 4.0 * block_s;
     let from = if is_whole { 0.0 } else { first - block_s };
     (label, (from, last + ((last - from) * 0.015).max(0.5 * block_s)))
@@ -70,7 +70,7 @@ fn trim(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_string()
 }
 
-/// Vertical lines at the changes that were found.
+/// Vertical lines at the changes found.
 fn changes(run: &RunData, labelled: bool) -> Vec<Layer> {
     let found = run.monitor.changes();
     let mark = |c: &crate::node::monitor::Change| {
@@ -138,7 +138,7 @@ fn value(run: &RunData, label: &Label, index: usize, kind: Kind) -> Figure {
             (t_s, value - TWO_SIDED_95 * std, value + TWO_SIDED_95 * std)
         })
         .collect();
-    // Filled if the estimate says that it may be used; all of them if it never says so.
+    // Filled if the estimate is marked usable; all of them if none is ever marked.
     let marks_usable = kind == Kind::Parameter && run.estimates.iter().any(|e| !e.usable.is_empty());
     let dots: Vec<(f64, f64, bool)> = times()
         .map(|(t_s, e)| (t_s, of(e).0, !marks_usable || e.usable.contains(index)))
@@ -219,7 +219,7 @@ fn caption(run: &RunData, shown: &str, kind: Kind) -> String {
     text
 }
 
-/// The truth at a fine grid over the axis of time; empty if nobody knows it.
+/// The truth at a fine grid over the time axis; empty if unknown.
 fn truth_line(run: &RunData, x: (f64, f64), pick: impl Fn(&[f64], &[f64]) -> Option<f64>) -> Vec<(f64, f64)> {
     let Some(truth) = run.monitor.truth() else {
         return Vec::new();
@@ -234,7 +234,7 @@ fn truth_line(run: &RunData, x: (f64, f64), pick: impl Fn(&[f64], &[f64]) -> Opt
         let Some(value) = pick(&truth.theta(t_s), &truth.derived(t_s)).filter(|v| v.is_finite()) else {
             continue;
         };
-        // The middle of a level says nothing that its ends do not.
+        // The middle of a constant level is redundant.
         let held = points.len() >= 2 && points[points.len() - 2].1 == value && points[points.len() - 1].1 == value;
         if held {
             points.pop();
@@ -258,7 +258,7 @@ fn accuracy(run: &RunData) -> Option<Figure> {
         let mut errors: Vec<f64> = errors.filter(|v| v.is_finite()).collect();
         errors.sort_by(f64::total_cmp);
         if let (Some(&largest), Some(&middle)) = (errors.last(), errors.get(errors.len() / 2)) {
-            // Zero has no place on a logarithmic axis; it is drawn at the rounding of a double.
+            // Zero cannot be shown on a logarithmic axis; it is drawn at the rounding of a double.
             worst.push((time_of(e), largest.max(f64::EPSILON)));
             median.push((time_of(e), middle.max(f64::EPSILON)));
         }
@@ -328,8 +328,8 @@ fn residuals(run: &RunData) -> Figure {
             .map_or_else(|| format!("equation {}", equation + 1), |n| symbol(n));
         panels.push(Panel {
             y_label: format!("rms, {name}"),
-            // Rows are divided by their standard deviation if the estimator knows one, and have the
-            // input's unit if not.
+            // Rows are divided by their standard deviation if it is known; otherwise they have the
+            // input's unit.
             unit: if run.notes.whitened {
                 "1".into()
             } else {

@@ -1,12 +1,12 @@
-//! Numbers under the pointer for lines that have no dots: a panel is cut into slots, each with the
+//! Numbers under the pointer for lines without dots: a panel is divided into slots, each with the
 //! values at its middle.
 
 use std::fmt::Write as _;
 
-/// Slots of a panel: some seven pixels each, which a pointer can tell apart.
+/// Slots of a panel: about seven pixels each, wide enough to point at.
 const SLOTS: usize = 100;
 
-/// A part of the abscissa and what stands there.
+/// A part of the abscissa and its text.
 #[derive(Debug, PartialEq)]
 pub(super) struct Slot {
     pub(super) from: f64,
@@ -14,10 +14,10 @@ pub(super) struct Slot {
     pub(super) text: String,
 }
 
-/// Time and value, and what the line is called.
+/// Time and value, and the name of the line.
 pub(super) type Line<'a> = (&'a [(f64, f64)], Option<&'a str>);
 
-/// The slots of a panel between two ends of the abscissa, as far as a line has values there.
+/// The slots of a panel between two ends of the abscissa, if a line has values there.
 pub(super) fn slots(lines: &[Line<'_>], (from, to): (f64, f64), number: impl Fn(f64) -> String) -> Vec<Slot> {
     let width = (to - from) / SLOTS as f64;
     let slot = |index: usize| {
@@ -62,7 +62,7 @@ mod tests {
         let (measured, other) = (line(1.0), line(2.0));
         let lines = [(&measured[..], Some("measured")), (&other[..], None)];
         let all = slots(&lines, (0.0, 100.0), |v| format!("{v:.1}"));
-        // Points 99 and 100 are as near; the first of them counts.
+        // Points 99 and 100 are equally near; the first is used.
         assert_eq!(all.last().map(|s| &*s.text), Some("99.5 s: measured 99.0, 198.0"));
         assert!(
             all.iter().all(|slot| slot.from >= 49.0) && all.len() >= 49,

@@ -1,4 +1,4 @@
-//! The figure of the measured input beside the one that the model predicts.
+//! The figure of the measured input and the one predicted by the model.
 
 use super::axes::{FIRST, SECOND, SMALL_PANEL, extent, padded};
 use super::data::{Inputs, RunData};
@@ -32,7 +32,7 @@ pub(super) fn inputs(run: &RunData) -> Option<Figure> {
             let between = if fits.is_empty() { "" } else { ", " };
             let _ = write!(fits, "{between}joint {}: {:.1} %", joint + 1, 100.0 * share);
         }
-        // What is measured sets the scale: a wrong model may predict anything.
+        // The measured input determines the scale, because a wrong model may predict anything.
         let known: Vec<f64> = measured.iter().map(|p| p.1).filter(|v| v.is_finite()).collect();
         let all: Vec<f64> = predicted.iter().map(|p| p.1).collect();
         let (low, high) = extent(if known.is_empty() { &all } else { &known });

@@ -1,4 +1,4 @@
-//! Numbers and words as figures show them.
+//! Numbers and words in figures.
 
 /// About `count` round numbers from `from` to `to`.
 pub(super) fn ticks(from: f64, to: f64, count: usize) -> Vec<f64> {
@@ -18,8 +18,8 @@ pub(super) fn ticks(from: f64, to: f64, count: usize) -> Vec<f64> {
     (first..=last).map(|i| i as f64 * step).collect()
 }
 
-/// The numbers at ticks, in a unit: all with as many decimals as their distance needs, and with a
-/// real minus.
+/// The numbers at ticks, in a unit: with as many decimals as their distance needs, and with a true
+/// minus sign.
 pub(super) fn numbers(ticks: &[f64], unit: f64) -> Vec<String> {
     let step = match ticks {
         [first, second, ..] => (second - first) / unit,
@@ -27,7 +27,7 @@ pub(super) fn numbers(ticks: &[f64], unit: f64) -> Vec<String> {
     };
     let decimals = (-step.log10() - 1e-9).ceil().clamp(0.0, 12.0) as usize;
     let text = |tick: &f64| {
-        // Not the dust of binary fractions, nor a zero with a sign.
+        // Remove binary rounding and negative zero.
         let value = (tick / step / unit).round() * step;
         format!("{:.decimals$}", if value == 0.0 { 0.0 } else { value }).replace('-', "\u{2212}")
     };
@@ -64,7 +64,7 @@ pub(super) fn escape(text: &str) -> String {
     out
 }
 
-/// Six significant digits without zeros at the end.
+/// Six significant digits without trailing zeros.
 pub(super) fn short(value: f64) -> String {
     let text = format!("{value:.5e}");
     text.parse::<f64>().map_or(text, |value| value.to_string())

@@ -1,5 +1,4 @@
-//! What is drawn in a panel: lines, bands, dots, marks and cells, between axes that say where each
-//! value lies.
+//! The layers of a panel: lines, bands, dots, marks and cells, and the axes.
 
 use super::hover::slots;
 use super::labels::{escape, short};
@@ -9,7 +8,7 @@ use std::fmt::Write as _;
 pub(super) const WIDTH: f64 = 860.0;
 pub(super) const LEFT: f64 = 84.0;
 pub(super) const RIGHT: f64 = 24.0;
-/// The most dots of a line that have their numbers under the pointer.
+/// Largest number of dots of a line with numbers under the pointer.
 const HOVER: usize = 400;
 
 pub(super) const INK: &str = "#1b1b1b";
@@ -19,7 +18,7 @@ pub(super) const GREY: &str = "#8a8a8a";
 pub(super) const VERMILION: &str = "#C04A00";
 pub(super) const GRID: &str = "#e4e4e4";
 
-/// How a line is drawn.
+/// Style of a line.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stroke {
     pub(super) colour: &'static str,
@@ -39,7 +38,7 @@ impl Stroke {
     }
 }
 
-/// What is drawn in a panel, from back to front.
+/// The layers of a panel, from back to front.
 #[derive(Debug, Clone)]
 pub(super) enum Layer {
     /// Broken where a value is not finite.
@@ -60,7 +59,7 @@ pub(super) enum Layer {
         colour: &'static str,
         legend: Option<(String, String)>,
     },
-    /// A vertical line with words above it.
+    /// A vertical line with text above it.
     Mark { x: f64, label: String },
     /// Rows of cells that end at x: x and row from above, 0 blank, 1 light, 2 dark.
     Cells { cells: Vec<(f64, usize, u8)>, width: f64 },
@@ -81,7 +80,7 @@ pub(super) enum Scale {
     Rows(Vec<String>),
 }
 
-/// Where a panel lies and what its coordinates mean.
+/// Position and coordinates of a panel.
 pub(super) struct Frame<'a> {
     pub(super) id: String,
     pub(super) x: (f64, f64),
@@ -102,7 +101,7 @@ impl Frame<'_> {
             Scale::Log { from, to } => (y.log10() - from.log10()) / (to.log10() - from.log10()),
             Scale::Rows(ref rows) => 1.0 - y / rows.len() as f64,
         };
-        // Far outside is as invisible as just outside, and short to write.
+        // Clamp values far outside, which are invisible anyway, to keep the SVG short.
         self.top + self.height * (1.0 - part.clamp(-2.0, 3.0))
     }
 
@@ -111,13 +110,13 @@ impl Frame<'_> {
     }
 }
 
-/// Numbers under the pointer for lines; dots have words of their own.
+/// Numbers under the pointer for lines; dots have their own text.
 pub(super) fn draw_slots(svg: &mut String, frame: &Frame, layers: &[Layer]) {
     if layers.iter().any(|layer| matches!(layer, Layer::Dots { .. })) {
         return;
     }
     let lines = layers.iter().filter_map(|layer| match layer {
-        // Two points are a level, which its legend names.
+        // Two points are a constant level, which the legend names.
         Layer::Line { points, legend, .. } if points.len() > 2 => Some((&points[..], legend.as_deref())),
         _ => None,
     });
@@ -168,7 +167,7 @@ pub(super) fn draw_layer(svg: &mut String, frame: &Frame, layer: &Layer) {
         }
         Layer::Dots { points, colour, .. } => {
             let radius = if points.len() > 150 { 1.6 } else { 2.6 };
-            // Words under the pointer cost as much as the dot itself.
+            // Text under the pointer takes as much space as the dot itself.
             let hover = points.len() <= HOVER;
             for &(x, y, filled) in points.iter().filter(|p| p.1.is_finite()) {
                 let title = match hover {
@@ -197,7 +196,7 @@ pub(super) fn draw_layer(svg: &mut String, frame: &Frame, layer: &Layer) {
             for &(x, row, shade) in cells {
                 let (left, right) = (frame.x(x - width), frame.x(x));
                 let (top, bottom) = (frame.y(row as f64), frame.y(row as f64 + 1.0));
-                // A hair of white between the cells, if they are wide enough to spare it.
+                // A thin white gap between the cells, if they are wide enough.
                 let gap = if right - left > 4.0 { 0.8 } else { 0.0 };
                 let _ = write!(
                     svg,

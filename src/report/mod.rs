@@ -1,5 +1,5 @@
-//! Tables and figures from estimates: the result table, figures as SVG and with feature `png` as
-//! PNG, one page that needs nothing else.
+//! Tables and figures from estimates: the result table, figures as SVG and, with feature `png`, as
+//! PNG, and a self-contained page.
 
 mod axes;
 mod data;
@@ -35,14 +35,14 @@ use std::path::{Path, PathBuf};
 pub const REPORT_HTML: &str = "report.html";
 /// Name of the directory with the figures.
 pub const FIGURES: &str = "figures";
-/// Files that may lie beside the page, for its links.
+/// Files that may be next to the page, for its links.
 const BESIDE: [&str; 4] = ["recording.mcap", "estimates.csv", "summary.json", "config.toml"];
 #[cfg(feature = "png")]
 /// Pixels of a PNG per unit of its SVG.
 const PNG_SCALE: f32 = 2.0;
 
-/// Writes `report.html` and `figures/NAME.svg` into a directory, with feature `png`
-/// `figures/NAME.png`, too; gives the path of the page. `look` hears what share of the figures is
+/// Writes `report.html` and `figures/NAME.svg` into a directory, with feature `png` also
+/// `figures/NAME.png`; returns the path of the page. `look` is called with the share of the figures
 /// written.
 ///
 /// # Errors

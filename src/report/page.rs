@@ -1,5 +1,4 @@
-//! One HTML page with the table, the figures and the configuration of a run; it loads nothing from
-//! anywhere.
+//! One HTML page with the table, the figures and the configuration of a run; it loads nothing else.
 
 use super::data::RunData;
 use super::fonts::{MEDIUM, REGULAR};
@@ -102,7 +101,7 @@ pub fn page(run: &RunData, summary: &Summary, figures: &[Figure], beside: &[&str
     html
 }
 
-/// The fonts inside the page, so that it looks the same everywhere.
+/// The embedded fonts, so that the page looks the same everywhere.
 fn fonts() -> String {
     [(REGULAR, 400), (MEDIUM, 500)]
         .map(|(font, weight)| {
@@ -114,7 +113,7 @@ fn fonts() -> String {
         .concat()
 }
 
-/// When and where, with a comma behind.
+/// Date and place, with a comma after them.
 fn made(run: &RunData) -> String {
     let mut text = String::new();
     for (words, what) in [("recorded ", &run.notes.begun), ("reported on ", &run.notes.host)] {
@@ -125,7 +124,7 @@ fn made(run: &RunData) -> String {
     text
 }
 
-/// The files beside the page.
+/// Links to the files next to the page.
 fn links(html: &mut String, beside: &[&str]) {
     if beside.is_empty() {
         return;
@@ -170,7 +169,7 @@ fn results(html: &mut String, summary: &Summary, meanings: &[String]) {
             escape(&pretty_unit(unit))
         };
         let meaning = match meaning {
-            // of a robot's parameter its name may say all
+            // the name of a robot's parameter may be sufficient
             "" => String::new(),
             words if words == name => String::new(),
             words => format!("<small>{}</small>", escape(&with_powers(words))),

@@ -1,9 +1,9 @@
 //! Panels with axes, lines and bands, drawn as SVG.
 //!
-//! Made for this project's figures and not for any figure: block numbers or seconds to the right,
-//! one or more panels above each other, a legend above the panel so that it never covers data.
-//! Lines differ by dash and by lightness as well as by hue (Okabe and Ito's colours), so a figure
-//! can be read on a grey print and by the colour-blind.
+//! Designed only for this project's figures: block numbers or seconds on the horizontal axis, one
+//! or more panels above each other, a legend above the panel so that it never covers data. Lines
+//! differ by dash and by lightness as well as by hue (Okabe and Ito's colours), so a figure can be
+//! read in greyscale and by colour-blind readers.
 
 use super::fonts::FONT;
 use super::labels::{escape, numbers, power_of_ten, ticks};
@@ -34,9 +34,9 @@ pub(super) struct Panel {
 pub struct Figure {
     /// File name without ending: `theta_1`.
     pub name: String,
-    /// What it shows, in a line.
+    /// Its title, in one line.
     pub title: String,
-    /// What to look at, for the page.
+    /// Caption on the page.
     pub caption: String,
     pub(super) x_label: String,
     pub(super) x_range: (f64, f64),
@@ -182,7 +182,7 @@ impl Panel {
         );
     }
 
-    /// Grid, ticks and numbers; returns the power of ten that the numbers leave out.
+    /// Grid, ticks and numbers; returns the power of ten that is factored out of the numbers.
     fn draw_y_axis(&self, svg: &mut String, frame: &Frame) -> Option<String> {
         let mut tick = |y: f64, text: &str, grid: bool| {
             if grid {
@@ -191,7 +191,7 @@ impl Panel {
                 let _ = write!(svg, r#"<path d="M{LEFT} {y:.1}h-5" stroke="{INK}"/>"#);
             }
             let (x, y) = (LEFT - 9.0, y + 4.5);
-            // A long name is drawn narrower instead of being cut at the border; a letter is some 7
+            // A long name is drawn narrower instead of being cut at the edge; a letter is about 7
             // units wide.
             let room = x - 4.0;
             let narrow = if 7.0 * text.chars().count() as f64 > room && !text.contains('<') {
@@ -220,8 +220,8 @@ impl Panel {
                 (exponent != 0).then(|| power_of_ten(exponent))
             }
             Scale::Log { from, to } => {
-                // Ends of 0 or infinity, from a recording that holds such values, have no decade;
-                // no number is beyond these.
+                // Ends of 0 or infinity, from a recording with such values, have no decade; no
+                // double is beyond these limits.
                 let decade = |end: f64| end.log10().clamp(-330.0, 330.0);
                 let decades = decade(from).ceil() as i32..=decade(to).floor() as i32;
                 let step = (decades.clone().count() as f64 / (frame.height / 34.0)).ceil().max(1.0) as i32;
@@ -241,7 +241,7 @@ impl Panel {
 
     fn draw_legend(&self, svg: &mut String, top: f64) {
         let entries = self.legend();
-        // Widths of a sans-serif text are near 0.52 em a letter; a little more keeps entries apart.
+        // A letter of sans-serif text is about 0.52 em wide; a little more separates the entries.
         let width = |text: &str| 34.0 + 6.9 * text.chars().count() as f64 + 14.0;
         let mut x = LEFT;
         let y = top + 18.0;
@@ -280,7 +280,7 @@ impl Panel {
         }
     }
 
-    /// Words above the vertical lines, left out if they would meet.
+    /// Text above the vertical lines, left out if it would overlap.
     fn draw_marks(&self, svg: &mut String, frame: &Frame) {
         let mut free_from = LEFT - 40.0;
         for layer in &self.layers {

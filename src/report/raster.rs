@@ -1,4 +1,4 @@
-//! SVG to PNG, with the fonts that are embedded in the program and nothing from the system.
+//! Converts SVG to PNG with the embedded fonts only, independent of the system.
 
 use super::fonts::{FONT, MEDIUM, REGULAR};
 use resvg::tiny_skia::{Pixmap, Transform};
@@ -36,7 +36,7 @@ static FONTS: LazyLock<Arc<fontdb::Database>> = LazyLock::new(|| {
 /// Draws an SVG document at `scale` pixels per unit.
 ///
 /// # Errors
-/// If the text is no SVG, or the picture would be too large.
+/// If the text is not SVG, or the picture would be too large.
 pub fn png(svg: &str, scale: f32) -> Result<Vec<u8>, RasterError> {
     let options = Options {
         fontdb: FONTS.clone(),

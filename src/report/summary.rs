@@ -1,4 +1,4 @@
-//! `summary.json` and the result table: how a run ended, beside the truth if it is known.
+//! `summary.json` and the result table: the result of a run, with the truth if known.
 
 use crate::messages::{Estimate, State};
 use crate::node::monitor::{MonitorNode, lacking_words, poorly_excited_words, relative_error, seconds};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// How many samples a run used, lost and refused.
+/// Numbers of samples used, lost and refused in a run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SampleCounts {
     /// Used.
@@ -17,7 +17,7 @@ pub struct SampleCounts {
     pub rejected: u64,
 }
 
-/// One parameter at the end of a run; what is not known is null.
+/// One parameter at the end of a run; unknown values are null.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ParameterSummary {
     /// Short name: `theta_1`.
@@ -30,11 +30,11 @@ pub struct ParameterSummary {
     pub std: Option<f64>,
     /// The true value.
     pub truth: Option<f64>,
-    /// (estimate − truth) / truth; null beside a truth of 0.
+    /// (estimate − truth) / truth; null if the truth is 0.
     pub relative_error: Option<f64>,
     /// Whether the last block informed on it.
     pub excited: Option<bool>,
-    /// Whether it was held.
+    /// Whether it was fixed.
     pub fixed: Option<bool>,
     /// Whether a controller may use it.
     #[serde(default)]
@@ -42,8 +42,8 @@ pub struct ParameterSummary {
 }
 
 impl ParameterSummary {
-    /// What its numbers do not say, in words: `fixed`; `known from earlier blocks` of a value that
-    /// the last block did not inform on; `not excited` of one that the motion leaves open.
+    /// A note besides its numbers: `fixed`; `known from earlier blocks` for a value that the last
+    /// block did not inform on; `not excited` for one that the motion leaves open.
     pub fn note(&self) -> &'static str {
         let known = self
             .estimate
@@ -59,7 +59,7 @@ impl ParameterSummary {
     }
 }
 
-/// One derived value at the end of a run; what is not known is null.
+/// One derived value at the end of a run; unknown values are null.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DerivedSummary {
     /// Short name: `mass_2`.
@@ -74,14 +74,14 @@ pub struct DerivedSummary {
     pub truth: Option<f64>,
 }
 
-/// One change that was found.
+/// One change.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ChangeSummary {
-    /// Block that announced it.
+    /// Block that reported it.
     pub block: u64,
     /// Located time \[s\].
     pub t_s: f64,
-    /// Last sample of the announcing block \[s\].
+    /// Time of the last sample of the reporting block \[s\].
     pub detected_t_s: f64,
     /// See [`crate::node::monitor::Change::blocks_to_1_percent`].
     pub blocks_to_1_percent: Option<u64>,
@@ -110,27 +110,27 @@ pub struct Summary {
     pub derived: Vec<DerivedSummary>,
     /// Changes found.
     pub changes: Vec<ChangeSummary>,
-    /// Wall time of the run \[s\], if somebody measured it.
+    /// Wall time of the run \[s\], if measured.
     pub wall_s: Option<f64>,
-    /// How often a launcher started a process again, by process; null if nobody launched them.
+    /// Number of restarts by a launcher, by process; null without a launcher.
     #[serde(default)]
     pub restarts: Option<BTreeMap<String, u64>>,
-    /// What the model lacks, in words, if the residuals speak for something.
+    /// An error that the model lacks, in words, if the residuals show one.
     #[serde(default)]
     pub misfit: Option<String>,
-    /// Why there is no estimate, in words, if the identifier said so.
+    /// Why there is no estimate, in words, if the identifier reported a reason.
     #[serde(default)]
     pub no_estimate: Option<String>,
 }
 
 impl Summary {
-    /// The summary of what a monitor has seen.
+    /// The summary of a monitor's data.
     pub fn new(monitor: &MonitorNode, robot: &str, model: &str) -> Self {
         let last = monitor.last_estimate();
         let status = monitor
             .last_status()
             .filter(|s| last.is_none_or(|e| e.stream_id == s.stream_id));
-        // The status after the last estimate counts the samples of a partial last block, too.
+        // The status after the last estimate also counts the samples of a partial last block.
         let samples = match (status, last) {
             (Some(s), _) => SampleCounts {
                 accepted: s.accepted,
@@ -255,12 +255,11 @@ impl fmt::Display for Summary {
 }
 
 impl Summary {
-    /// The same with the reason why there is no estimate, if it is that blocks are of so many
-    /// samples.
+    /// Adds the reason for having no estimate, if it is the number of samples per block.
     #[must_use]
     pub fn of_blocks(mut self, block_len: usize) -> Self {
         let SampleCounts { accepted, rejected, .. } = self.samples;
-        // blocks are cut by `seq`, so that almost two may hold no whole one
+        // blocks are cut by `seq`, so almost two blocks of samples may contain no complete one
         if self.blocks == 0 && accepted < 2 * block_len as u64 && rejected <= accepted {
             self.no_estimate.get_or_insert_with(|| {
                 format!(
@@ -271,7 +270,7 @@ impl Summary {
         self
     }
 
-    /// The lines below the table: counts, state, and what the identifier said.
+    /// The lines below the table: counts, state, and messages of the identifier.
     fn end(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let SampleCounts {
             accepted,
@@ -337,8 +336,8 @@ impl fmt::Display for ChangeSummary {
     }
 }
 
-/// The relative error in percent; none of a value that is not determined, because its standard
-/// deviation is larger than itself, and none beside a truth of [0](relative_error).
+/// The relative error in percent; `None` for an undetermined value, whose standard deviation
+/// exceeds it, and for a truth of [0](relative_error).
 pub(super) fn error(estimate: Option<f64>, std: Option<f64>, truth: Option<f64>) -> Option<String> {
     let determined = estimate.filter(|value| std.is_none_or(|std| std <= value.abs()));
     let error = determined
@@ -347,8 +346,8 @@ pub(super) fn error(estimate: Option<f64>, std: Option<f64>, truth: Option<f64>)
     error.map(percent)
 }
 
-/// A share in percent; what three decimals would round to zero, or hide behind its digits, is its
-/// magnitude alone.
+/// A share in percent; if three decimals would round to zero or give too many digits, only the
+/// magnitude.
 fn percent(share: f64) -> String {
     let value = share * 100.0;
     if value != 0.0 && !(5e-4..1e5).contains(&value.abs()) {

@@ -1,10 +1,10 @@
-//! Tracking error over time, of several controllers beside each other.
+//! Tracking error over time, for several controllers.
 
 use super::layers::{BLUE, GREY, INK, Layer, ORANGE, Scale, Stroke};
 use super::plot::{Figure, Panel};
 
 const HEIGHT: f64 = 200.0;
-/// The lines of a panel in the order in which they are drawn; a panel has no more.
+/// Styles of the lines of a panel, in drawing order; a panel has no more lines.
 const STROKES: [Stroke; 4] = [
     Stroke::solid(GREY, 1.4),
     Stroke::dashed(ORANGE, 1.8, "5 3"),
@@ -19,13 +19,13 @@ pub struct TrackingPanel {
     pub name: String,
     /// Unit of the error.
     pub unit: String,
-    /// When the machine changed \[s\], and the word for it.
+    /// When the machine changed \[s\], and a word for the change.
     pub change: (f64, String),
     /// Up to four controllers: name, and error over time \[s\].
     pub lines: Vec<(String, Vec<(f64, f64)>)>,
 }
 
-/// The errors on logarithmic axes, a panel for each machine over one axis of time.
+/// The errors on logarithmic axes, one panel per machine over a common time axis.
 pub fn tracking_figure(panels: &[TrackingPanel]) -> Figure {
     let points = || panels.iter().flat_map(|panel| &panel.lines).flat_map(|line| &line.1);
     let times = || points().map(|point| point.0);

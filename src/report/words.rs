@@ -1,12 +1,12 @@
-//! A result in words: values rounded to their standard deviation, and the sentence that a page, a
-//! table and a terminal begin with.
+//! A result in words: values rounded to their standard deviation, and the headline of a page, a
+//! table and a terminal.
 
-/// A change counts in the headline if it is so many standard deviations large.
+/// A change is mentioned in the headline if it exceeds this many standard deviations.
 const CLEAR: f64 = 5.0;
 /// A derived value may be used if three standard deviations are below this share of it, as for
 /// parameters.
 pub const DERIVED_USABLE: f64 = 0.05;
-/// Significant digits of a value without a standard deviation, and the most of one with it.
+/// Significant digits of a value without a standard deviation, and the largest number with one.
 const DIGITS: i32 = 7;
 
 /// A value and its standard deviation as text, with the same number of decimals.
@@ -31,7 +31,7 @@ impl Rounded {
         let magnitude = if value == 0.0 { 0 } else { exponent(value) };
         let known = std.is_finite() && std > 0.0;
         let place = if known { place(std) } else { magnitude - 4 };
-        // Far below the value's own digits: nobody reads 15 of them.
+        // Far below the value's own digits: 15 digits are unreadable.
         let is_tiny = known && magnitude - place >= DIGITS;
         let place = if is_tiny { magnitude - DIGITS + 1 } else { place };
         let largest = if known { magnitude.max(exponent(std)) } else { magnitude };
@@ -70,7 +70,7 @@ fn exponent(value: f64) -> i32 {
         .unwrap_or(0)
 }
 
-/// The place that a standard deviation is rounded to.
+/// The place to which a standard deviation is rounded.
 fn place(std: f64) -> i32 {
     let first = exponent(std);
     let digit = std / 10f64.powi(first);
@@ -86,7 +86,7 @@ fn to_place(value: f64, place: i32) -> f64 {
     (value / unit).round() * unit
 }
 
-/// What is known of a quantity.
+/// A quantity with its estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Known<'a> {
     /// Short name: `theta_1`, `mass_2`.
@@ -99,7 +99,7 @@ pub struct Known<'a> {
     pub std: f64,
     /// Whether it may be used.
     pub usable: bool,
-    /// Computed from the parameters: what people know by its name.
+    /// Computed from the parameters; users know it by name.
     pub derived: bool,
     /// Estimate and standard deviation before the last change, if both it and they are known.
     pub before: Option<(f64, f64)>,
@@ -130,10 +130,10 @@ pub fn with_unit(number: &str, unit: &str) -> String {
     }
 }
 
-/// The result in a sentence: what changed most if something did, else the value that is known best;
-/// `None` if none may be used.
+/// The result in a sentence: the largest change if there was one, otherwise the best-known value;
+/// `None` if none is usable.
 ///
-/// Derived values come first: a mass says more than a sum of products.
+/// Derived values come first: a mass is more meaningful than a sum of products.
 pub fn headline(known: &[Known<'_>], change_t_s: Option<f64>) -> Option<String> {
     let change = change_t_s.and_then(|t_s| {
         let most = |derived: bool| {

@@ -12,7 +12,7 @@
 //! ```
 //!
 //! Proximal bodies come before distal ones, and inertias before first moments before masses: so the
-//! inertia of a proximal body absorbs the masses behind it, which is how they are written by hand.
+//! inertia of a proximal body absorbs the masses after it, as in base parameters derived by hand.
 //! The order, the seed of the states and the tolerance are fixed: the set depends on the URDF
 //! alone. Source: M. Gautier, J. of Robotic Systems 8 (1991); orthogonalisation twice after B.
 //! Parlett, *The Symmetric Eigenvalue Problem* (1980), 6-9.
@@ -35,16 +35,16 @@ const UNITS: [&str; BODY_PARAMETERS] = [
 const STATES: usize = 120;
 /// Seed of the states.
 const SEED: u64 = 0x7465_7461_6275_7321;
-/// Relative length of what a column adds below which it depends on those before it. Rounding leaves
-/// about 1e-14, a length of a tenth of a millimetre beside one of metres 1e-8 in an inertia.
+/// Relative length of the independent part of a column below which it depends on those before it.
+/// Rounding leaves about 1e-14; a length of 0.1 mm compared with one of metres gives 1e-8 in an
+/// inertia.
 const TOLERANCE: f64 = 1e-9;
-/// Lengths \[m\] and direction cosines below this are digits that a URDF's author rounded away:
-/// 1.5708 for π/2.
+/// Lengths \[m\] and direction cosines below this are rounding in the URDF: 1.5708 for π/2.
 const ROUNDED: f64 = 2e-5;
 /// Factors below this are rounding.
 const NO_FACTOR: f64 = 1e-9;
 
-/// What a standard parameter is.
+/// A standard parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Standard {
     /// One of the ten of a body: index of the joint that carries it, index among
@@ -71,7 +71,7 @@ impl Standard {
         }
     }
 
-    /// SI unit; that of a rotor's inertia is kg for a joint that slides.
+    /// SI unit; for a prismatic joint, that of a rotor's inertia is kg.
     pub fn unit(self, robot: &Robot) -> &'static str {
         match self {
             Self::Body { parameter, .. } => UNITS[parameter],
@@ -104,7 +104,7 @@ impl Standard {
     }
 }
 
-/// One base parameter: a standard parameter with others that cannot be told apart from it.
+/// One base parameter: a standard parameter with others that cannot be distinguished from it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BaseParameter {
     /// The parameter that it is named after, with factor 1.
@@ -156,13 +156,14 @@ fn four_digits(x: f64) -> String {
 pub struct BaseParameters {
     /// The parameters, proximal before distal.
     pub parameters: Vec<BaseParameter>,
-    /// Relative length of the smallest column that was kept and of the largest that was not: the
-    /// gap of the decision (1).
+    /// Relative length of the smallest column kept and of the largest dropped: the margin of
+    /// decision (1).
     pub gap: (f64, f64),
 }
 
 impl BaseParameters {
-    /// Finds them; `rotors` adds the inertia of each drive's rotor to the standard parameters.
+    /// Finds the base parameters; `rotors` adds the inertia of each drive's rotor to the standard
+    /// parameters.
     pub fn of(robot: &Robot, rotors: bool) -> Self {
         let standard = standard_parameters(robot, rotors);
         let columns = columns(&idealised(robot), &standard);
@@ -249,7 +250,7 @@ impl BaseParameters {
     }
 }
 
-/// The standard parameters in the order in which they are kept.
+/// The standard parameters, in order of preference.
 fn standard_parameters(robot: &Robot, rotors: bool) -> Vec<Standard> {
     let mut standard = Vec::new();
     for joint in 0..robot.len() {
@@ -294,9 +295,9 @@ fn columns(robot: &Robot, standard: &[Standard]) -> Vec<Vec<f64>> {
     columns
 }
 
-/// The robot with lengths and directions that are rounding set to 0: with 1.5708 for π/2 parallel
-/// axes would be skew by 4e-6, and parameters would count as identifiable that no measurement tells
-/// apart.
+/// The robot with lengths and directions set to 0 if they are rounding: with 1.5708 for π/2,
+/// parallel axes would be skew by 4e-6, and parameters would count as identifiable that no
+/// measurement can distinguish.
 fn idealised(robot: &Robot) -> Robot {
     let clean = |x: f64| if x.abs() < ROUNDED { 0.0 } else { x };
     let mut ideal = robot.clone();

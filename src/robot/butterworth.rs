@@ -1,4 +1,4 @@
-//! A Butterworth low pass run forwards and backwards: no delay, twice the attenuation.
+//! A Butterworth low-pass filter, applied forwards and backwards: no delay, twice the attenuation.
 //!
 //! The analog prototype of order N has the poles p_k = e^{iπ(2k+N+1)/2N}; with the cut-off
 //! prewarped, w = tan(π f/2), and s = (1 − z⁻¹)/(1 + z⁻¹),
@@ -9,7 +9,7 @@
 //! ```
 //!
 //! Ends are continued by point reflection and each section starts at rest at the first value, as is
-//! usual.
+//! common.
 
 /// One section b₀ + b₁ z⁻¹ + b₂ z⁻² over 1 + a₁ z⁻¹ + a₂ z⁻².
 #[derive(Debug, Clone, Copy)]

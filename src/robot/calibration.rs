@@ -3,17 +3,17 @@
 //! ```text
 //! τ_j = s_j x_j θ                                         without load, τ by the gains so far        (1)
 //! τ_j = s_j x_j (θ + M π)                                 with the load π                            (2)
-//! s ~ N(1, a² 1 1ᵀ + b² I)                                gains so far are wrong together and apart  (3)
+//! s ~ N(1, a² 1 1ᵀ + b² I)                                common and separate errors of the gains so far  (3)
 //! J = x_j T,   T = [s_j I, s_j M, v],   v = θ or θ + M π                                             (4)
 //! Λ = Λ₀ + Σ w Tᵀ A T,   Λ Δ = Σ w Tᵀ (b − s_j A v) + prior                                           (5)
 //! ```
 //!
-//! Torques are what drives give per ampere times an unknown factor: with gains that are too large
-//! everything weighs too much by the same factor, and no experiment without a known mass can say
-//! so. (1) and (2) are bilinear in s and the rest, and torques stand on the left as the noisy side,
-//! so that s is not biased by their noise. Gauss-Newton steps (5) need the sums A, b of
-//! [`rows`](super::rows) alone. Friction is another one in each recording. A better gain is the
-//! gain so far divided by s_j.
+//! Torques are currents times gains that may be wrong: if all gains are too large, all masses are
+//! too large by the same factor, and only an experiment with a known mass can show it. (1) and (2)
+//! are bilinear in s and the other unknowns; the torques, which carry the noise, are on the left,
+//! so their noise does not bias s. Gauss-Newton steps (5) need only the sums A, b of
+//! [`rows`](super::rows). Each recording has its own friction. A better gain is the gain so far
+//! divided by s_j.
 //!
 //! Sources: M. Gautier, S. Briot, J. Dyn. Sys., Meas., Control 136 (2014), on drive gains from a
 //! known payload.
@@ -36,7 +36,7 @@ const STEPS: usize = 30;
 /// Step at which they end, as a part of the standard deviations.
 const SETTLED: f64 = 1e-3;
 
-/// What is known of the load.
+/// The known load.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownLoad {
     /// Mass \[kg\], > 0.
@@ -44,12 +44,12 @@ pub struct KnownLoad {
     /// Centre of mass in the flange's frame \[m\]; `None` if it is not known.
     pub center_m: Option<[f64; 3]>,
     /// Inertia about the centre of mass in the axes of the flange, xx, xy, yy, xz, yz, zz \[kg
-    /// m²\]; `None` if it is not known. Used with `center_m` only.
+    /// m²\]; `None` if it is not known. Used only with `center_m`.
     pub inertia_kg_m2: Option<[f64; 6]>,
 }
 
 impl KnownLoad {
-    /// Its ten parameters at the flange; what is not known is 0.
+    /// Its ten parameters at the flange; unknown ones are 0.
     pub fn body(&self) -> BodyParameters {
         let [xx, xy, yy, xz, yz, zz] = self.inertia_kg_m2.unwrap_or_default();
         let inertia = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
@@ -60,23 +60,22 @@ impl KnownLoad {
 /// Factors of the gains.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GainCalibration {
-    /// By what the gain of each drive is to be multiplied: 1/s.
+    /// Factor by which to multiply the gain of each drive: 1/s.
     pub factor: Vec<f64>,
     /// Standard deviation of each.
     pub factor_std: Vec<f64>,
-    /// Relative standard deviation of masses that are weighed with the new gains, by these gains
-    /// alone.
+    /// Relative standard deviation, due to the gains alone, of masses estimated with the new gains.
     pub mass_std: f64,
-    /// Centre of mass of the load in the flange's frame \[m\], as it was known or found.
+    /// Centre of mass of the load in the flange's frame \[m\], known or estimated.
     pub center_m: [f64; 3],
 }
 
 impl GainCalibration {
-    /// From the samples of two recordings of the same robot; torques are by the gains so far, one
+    /// From the samples of two recordings of the same robot, with torques by the gains so far; one
     /// drive per joint.
     ///
     /// # Errors
-    /// A load that is none, recordings that say too little, in words.
+    /// If the load is invalid or the recordings are not informative enough.
     pub fn of(
         model: &RobotModel,
         options: &IdentifyOptions,
@@ -297,7 +296,7 @@ impl<'a> Problem<'a> {
                 (0..joints).map(gain).collect::<Vec<_>>()
             ));
         }
-        // What each joint says of a mass weighs its gain.
+        // Each gain is weighted by the joint's information on a mass.
         let share: Vec<f64> = (0..joints)
             .map(|j| {
                 let sums = &self.sums[1][j];

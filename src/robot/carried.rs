@@ -1,10 +1,10 @@
-//! The payload as robot controllers take it.
+//! The payload in the form that robot controllers use.
 
 use super::identify::RobotIdentifier;
 use super::physical::{controller_std, controller_values, information, project};
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
 
-/// Name, unit and meaning of what is derived of a payload, in the order of [`controller_values`].
+/// Name, unit and meaning of a payload's derived values, in the order of [`controller_values`].
 pub const PAYLOAD_VALUES: [(&str, &str, &str); BODY_PARAMETERS] = [
     ("payload_mass", "kg", "mass of the payload"),
     (
@@ -54,7 +54,7 @@ pub const PAYLOAD_VALUES: [(&str, &str, &str); BODY_PARAMETERS] = [
     ),
 ];
 
-/// A payload as robot controllers take it.
+/// A payload in the form that robot controllers use.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CarriedPayload {
     /// Ten parameters at the flange, physically possible.
@@ -66,8 +66,8 @@ pub struct CarriedPayload {
 }
 
 impl RobotIdentifier {
-    /// The payload, the nearest one that is physically possible. `None` if nothing is carried, or
-    /// while no such body is near, as in the first moments.
+    /// The nearest physically possible payload. `None` if nothing is carried, or while no such body
+    /// is near, as in the first moments.
     pub fn carried(&self) -> Option<CarriedPayload> {
         let payload = self.payload.as_ref().filter(|_| self.is_loaded)?;
         let first = payload.first;
@@ -78,7 +78,7 @@ impl RobotIdentifier {
             for q in 0..BODY_PARAMETERS {
                 covariance[p * BODY_PARAMETERS + q] = self.covariance(first + p, first + q);
             }
-            // What is held is known.
+            // A fixed parameter is known.
             let least = (1e-6 * payload.prior[p]).powi(2);
             covariance[p * (BODY_PARAMETERS + 1)] += least;
         }

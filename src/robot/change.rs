@@ -1,7 +1,7 @@
-//! Has the machine changed within the last second, what is it, and when was it?
+//! Decides whether the machine has changed within the last second, what changed, and when.
 //!
-//! With δ the error of what was known before the last rows, A and g the information and gradient of
-//! these, and x what may have changed at once:
+//! With δ the error of the estimate before the last rows, A and g the information and gradient of
+//! these rows, and x the possible sudden change:
 //!
 //! ```text
 //! δ ~ N(0, Λ⁻¹),  x ~ N(0, R):   L_E = ½ hᵀ H⁻¹ h − ½ ln det H − ½ ln det R                      (1)
@@ -12,13 +12,13 @@
 //! t_c = argmin Σ_{t < t_c} ‖r(θ)‖² + Σ_{t ≥ t_c} ‖r(θ')‖²                                         (3)
 //! ```
 //!
-//! (2') is (2) by the Schur complement: F is found once for everything that may have changed.
+//! (2') is (2) by the Schur complement: F is computed once for all possible changes.
 //!
-//! E is M of [`payload`](super::payload) for a payload and picks columns for friction. (1) weighs
-//! how much each of them explains against how much it could explain anyway: the offsets of friction
-//! can imitate a weight for a second, but have no reason to do so at all joints at once in the
-//! proportion of one payload. The rows' weights hold f_j, so that friction's usual misfit raises no
-//! alarm. Source: R. Kass, A. Raftery, J. of the American Statistical Association 90 (1995).
+//! E is M of [`payload`](super::payload) for a payload and picks columns for friction. (1) compares
+//! how much each of them explains with how much it could explain by chance: offsets of friction can
+//! imitate a weight for a second, but are unlikely to do so at all joints at once in the proportion
+//! of one payload. The rows' weights contain f_j, so the usual misfit of friction raises no alarm.
+//! Source: R. Kass, A. Raftery, J. of the American Statistical Association 90 (1995).
 
 use super::information::Information;
 use super::payload::Payload;
@@ -28,15 +28,15 @@ use crate::estimator::linalg::{Cholesky, dot};
 /// What has changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ChangeCause {
-    /// What the flange carries.
+    /// The payload.
     Payload,
-    /// The friction of joints.
+    /// The friction of one or more joints.
     Friction,
-    /// Neither of them explains it: a force from outside, or another machine.
+    /// Neither explains it: an external force, or another machine.
     Unexplained,
 }
 
-/// A change that was found.
+/// A detected change.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobotChange {
     /// What has changed.
@@ -59,14 +59,15 @@ pub(super) enum Suspect {
     Slip(usize),
 }
 
-/// What may have changed at once.
+/// A possible sudden change.
 #[derive(Clone, Copy)]
 pub(super) enum Extra<'a> {
     Nothing,
     Payload(&'a Payload),
     /// Parameters with the standard deviations of their change.
     Parameters(&'a [usize], &'a [f64]),
-    /// A column of rows that is none of the parameters', with the standard deviation of its factor.
+    /// A column of the rows that belongs to no parameter, with the standard deviation of its
+    /// factor.
     Column(&'a Column, f64),
 }
 
@@ -81,7 +82,7 @@ pub(super) struct Column {
     pub score: f64,
 }
 
-/// Room for (1).
+/// Workspace for (1).
 #[derive(Debug, Clone)]
 pub(super) struct Evidence {
     factor: Cholesky,
@@ -104,7 +105,7 @@ pub(super) struct Evidence {
 }
 
 impl Evidence {
-    /// For n parameters and up to `extra` that may change.
+    /// For n parameters and changes of up to `extra` dimensions.
     pub fn new(n: usize, extra: usize) -> Self {
         let m = n + extra;
         Self {
@@ -125,8 +126,8 @@ impl Evidence {
         }
     }
 
-    /// F and y of (2'); `known` is Λ, `data` holds A and g at the estimate of it. False if rounding
-    /// has spoilt Λ + A.
+    /// F and y of (2'); `known` is Λ, `data` holds A and g at the estimate of it. False if Λ + A is
+    /// not positive definite because of rounding.
     pub fn begin(&mut self, known: &Information, data: &Information, fixed: &[bool]) -> bool {
         let n = known.n;
         self.free.clear();
@@ -145,7 +146,8 @@ impl Evidence {
         true
     }
 
-    /// (2') after [`begin`](Self::begin) with the same `data`; `None` if rounding has spoilt S.
+    /// (2') after [`begin`](Self::begin) with the same `data`; `None` if S is not positive definite
+    /// because of rounding.
     pub fn gain(&mut self, data: &Information, extra: Extra<'_>) -> Option<f64> {
         let (n, f, k) = (data.n, self.free.len(), extra.len());
         for i in 0..n {
@@ -181,7 +183,7 @@ impl Evidence {
     }
 
     /// L_E of (1), and its δ and x; `known` is Λ, `data` holds A and g at the estimate of it.
-    /// `None` if rounding has spoilt H.
+    /// `None` if H is not positive definite because of rounding.
     pub fn weigh(&mut self, known: &Information, data: &Information, fixed: &[bool], extra: Extra<'_>) -> Option<f64> {
         let n = known.n;
         self.free.clear();
@@ -281,7 +283,7 @@ impl Extra<'_> {
         }
     }
 
-    /// step + E x, as a step of the arm's parameters; a column beside theirs is none.
+    /// step + E x, as a step of the arm's parameters; a column besides theirs is ignored.
     pub fn add(&self, extra: &[f64], step: &mut [f64]) {
         match self {
             Self::Nothing | Self::Column(..) => {}

@@ -1,17 +1,18 @@
 //! Torques that stop at a limit of the signal or of the drive, sample by sample.
 //!
-//! A torque that is clipped has its largest magnitude in many samples, and no other value in nearly
-//! as many. One that is rounded to counts has each of its values in many samples: of a sine, the
-//! last count but one has 1/2.4 of the samples of the last. At rest nothing counts, for a joint at
-//! rest bears the same torque for long.
+//! A clipped torque has its largest magnitude in many samples, and no other value in nearly as
+//! many. A torque rounded to counts has every value in many samples: for a sine, the second largest
+//! count has 1/2.4 of the samples of the largest. Samples at rest are ignored, because the torque
+//! of a resting joint stays constant for long.
 
-/// Share of the samples in motion at the largest torque that clipping has; a resolution of a
-/// thousandth of the range has a tenth of that.
+/// Smallest share of the samples in motion at the largest torque that indicates clipping; a
+/// resolution of a thousandth of the range gives a tenth of that.
 const LEAST: f64 = 0.01;
 const MOST: f64 = 0.9;
-/// Samples at the largest torque for each at the next smaller one: fewer are a grid.
+/// Smallest ratio of the samples at the largest torque to those at the next smaller one: a lower
+/// ratio indicates a grid of counts.
 const STANDS_OUT: usize = 4;
-/// Samples at the largest torque that are no chance.
+/// Smallest number of samples at the largest torque that is not chance.
 const ENOUGH: usize = 10;
 
 /// The two largest magnitudes of a joint's torque, with the numbers of samples that have them.
@@ -23,7 +24,7 @@ pub(super) struct Largest {
 }
 
 impl Largest {
-    /// Takes a torque of a joint that moves.
+    /// Adds a torque of a moving joint.
     pub fn take(&mut self, torque: f64) {
         let size = torque.abs();
         self.samples += 1;
@@ -38,8 +39,7 @@ impl Largest {
         }
     }
 
-    /// The limit, and the share of samples that have it, 0 to 1; `None` for a torque that is not
-    /// clipped.
+    /// The limit, and the share of samples at it, 0 to 1; `None` for a torque that is not clipped.
     pub fn clipped(&self) -> Option<(f64, f64)> {
         let (size, count) = self.first;
         let share = count as f64 / self.samples.max(1) as f64;
@@ -67,7 +67,7 @@ mod tests {
         for count in [0.05, 0.2, 0.5, 1.0, 2.0, 5.0] {
             assert_eq!(of(|t| (sine(t) / count).round() * count), None, "{count}");
         }
-        // counts that are clipped, too
+        // clipped counts
         assert!(of(|t| ((sine(t) / 0.2).round() * 0.2).clamp(-7.0, 7.0)).is_some());
         assert_eq!(of(|_| 3.0), None);
     }

@@ -1,6 +1,6 @@
 //! The TOML file of a robot ⇄ a validated model: `[model] kind = "robot"`.
 //!
-//! Everything but `model.kind` and `model.urdf` has a default. Paths are relative to the file.
+//! Everything except `model.kind` and `model.urdf` has a default. Paths are relative to the file.
 
 use super::config_file::{
     Controller, ExciteSection, File, FrictionSection, IdentifySection, LogSection, Motion, SimulateSection, Velocity,
@@ -24,16 +24,16 @@ use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Time to either side over which velocities are formed from positions \[s\].
+/// Time on either side over which velocities are computed from positions \[s\].
 const VELOCITY_S: f64 = 0.02;
 
-/// Sizes of gravity \[m/s²\].
+/// Valid magnitudes of gravity \[m/s²\].
 const GRAVITY: std::ops::Range<f64> = 1.5..30.0;
 
-/// Sample period if section `[plant]` states none \[s\].
+/// Default sample period \[s\].
 const SAMPLE_PERIOD_S: f64 = 0.001;
 
-/// All that identifying a robot from a log needs.
+/// Everything needed to identify a robot from a log.
 #[derive(Debug, Clone)]
 pub struct RobotConfig {
     /// The URDF.
@@ -42,31 +42,31 @@ pub struct RobotConfig {
     pub model: RobotModel,
     /// Columns of the logs.
     pub columns: LogColumns,
-    /// True if the file names them; else a log has them in order, with velocities or without.
+    /// True if the file names them; otherwise a log has them in order, with or without velocities.
     pub names_columns: bool,
-    /// From a log's inputs to torques.
+    /// Conversion of a log's inputs to torques.
     pub drives: Drives,
-    /// How it is identified, in windows for the sample period of section `[plant]`; a log has its
-    /// own, [`windows_of`](Self::windows_of).
+    /// Options of the identification, with windows for the sample period of section `[plant]`;
+    /// [`windows_of`](Self::windows_of) gives those of a log.
     pub options: IdentifyOptions,
     windows: StatedWindows,
-    /// True if a payload is looked for while it runs.
+    /// True if a payload is estimated on line.
     pub payload: bool,
-    /// Time to either side over which velocities are formed from positions while it runs \[s\];
-    /// `None` if they are measured.
+    /// Time on either side over which velocities are computed from positions on line \[s\]; `None`
+    /// if they are measured.
     pub velocity_s: Option<f64>,
     /// The simulated robot; sample period and seed are those of section `[plant]`.
     pub simulation: RobotSimOptions,
-    /// How a motion is designed for it.
+    /// Options of the design of a motion.
     pub excitation: ExcitationOptions,
-    /// Sample period as section `[plant]` states it, 0.001 if it does not \[s\].
+    /// Sample period of section `[plant]`, 0.001 by default \[s\].
     pub sample_period_s: f64,
-    /// What else the file says, by section: `[bus]`, `[plant]`, …
+    /// The other sections of the file: `[bus]`, `[plant]`, …
     pub ordinary: toml::Table,
 }
 
-/// Gravity of three numbers \[m/s²\]: none, or from the Moon's to Jupiter's. In g it would have a
-/// length of 1, and multiplied twice one of 96.
+/// Gravity from three numbers \[m/s²\]: zero, or between that of the Moon and of Jupiter. In units
+/// of g its length would be 1, and with the factor applied twice 96.
 fn gravity_of(numbers: Vec<f64>) -> Result<Vector3<f64>, String> {
     let [x, y, z] = numbers[..] else {
         return Err(format!(
@@ -98,12 +98,12 @@ impl RobotConfig {
     /// Reads a file.
     ///
     /// # Errors
-    /// File, line or key, what is expected and what is there; also what is wrong with the URDF.
+    /// File, line or key, what was expected and what was found; also errors of the URDF.
     pub fn from_file(path: &Path) -> Result<Self, String> {
         Self::from_file_with(path, &[])
     }
 
-    /// The same with `section.key=value` arguments laid over it; see
+    /// The same with `section.key=value` arguments applied to it; see
     /// [`parse_with`](Self::parse_with).
     ///
     /// # Errors
@@ -113,7 +113,7 @@ impl RobotConfig {
         Self::parse_with(&text, path, set)
     }
 
-    /// Of a text that stands in the file `path`.
+    /// Reads `text`, the content of the file `path`.
     ///
     /// # Errors
     /// See [`from_file`](Self::from_file).
@@ -121,8 +121,8 @@ impl RobotConfig {
         Self::parse_with(text, path, &[])
     }
 
-    /// The text with the arguments laid over it that set keys of a robot's own sections; others are
-    /// not looked at.
+    /// The text with the arguments applied that set keys of a robot's own sections; others are
+    /// ignored.
     ///
     /// # Errors
     /// See [`from_file`](Self::from_file).
@@ -136,13 +136,14 @@ impl RobotConfig {
         Ok(table)
     }
 
-    /// Of a text that stands in the file `path`, with these arguments [laid over
-    /// it](Self::overlaid).
+    /// Reads `text`, the content of the file `path`, with these arguments
+    /// [applied](Self::overlaid).
     ///
     /// # Errors
     /// See [`from_file`](Self::from_file).
     pub fn parse_with(text: &str, path: &Path, set: &[String]) -> Result<Self, String> {
-        // The file is read alone first, so that its own mistakes are reported with their lines.
+        // The file is read without arguments first, so that its errors are reported with their
+        // lines.
         let mut file: File = toml::from_str(text).map_err(|e| {
             let line = e
                 .span()
@@ -191,7 +192,7 @@ impl RobotConfig {
             formed_over_s: velocity_s,
             ..options(&file.identify, windows.at(sample_period_s))
         };
-        // Says what is wrong with the options now, not when the log has been read.
+        // Reports errors of the options now, not after the log has been read.
         RobotIdentifier::new(model.clone(), options).map_err(|problem| at("identify", problem))?;
         let mut simulation =
             simulation(&file.simulate, &model, velocity_s.is_none()).map_err(|problem| at("simulate", problem))?;
@@ -234,7 +235,7 @@ impl RobotConfig {
         })
     }
 
-    /// Columns of a log: those that the file names, else as many as its lines hold.
+    /// Columns of a log: those that the file names, otherwise as many as its lines contain.
     pub fn columns_of(&self, log: &str) -> LogColumns {
         let n = self.model.robot().len();
         let lacks_velocity = !self.names_columns && width_of(log) == Some(1 + 2 * n);
@@ -247,19 +248,19 @@ impl RobotConfig {
         }
     }
 
-    /// Time to either side over which velocities of a log that holds none are formed \[s\].
+    /// Time on either side over which velocities are computed for a log without them \[s\].
     pub fn log_velocity_s(&self) -> f64 {
         self.velocity_s.unwrap_or(VELOCITY_S)
     }
 
-    /// The samples of a log that holds no velocities, with those of their positions.
+    /// The samples of a log without velocities, with velocities computed from the positions.
     pub fn with_velocities(&self, log: &[RobotSample]) -> Vec<RobotSample> {
         let windows = self.windows_of(log);
         with_velocities(log, self.log_velocity_s(), windows.max_gap_s)
     }
 
-    /// The windows of samples that are so far apart \[s\]: those that the file states, otherwise as
-    /// [`WindowOptions::for_period`] has them.
+    /// The windows for this sample period \[s\]: those in the file, otherwise those of
+    /// [`WindowOptions::for_period`].
     pub fn windows_at(&self, period_s: f64) -> WindowOptions {
         self.windows.at(period_s)
     }
@@ -270,14 +271,14 @@ impl RobotConfig {
     }
 }
 
-/// The sections of a table. It goes through its text, so that all sections are read by one
-/// deserialiser: each further one is 0.4 MB of program.
+/// The sections of a table. Converting to text and back lets one deserialiser read all sections: a
+/// further one would add 0.4 MB to the program.
 fn file_of(table: &toml::Table) -> Result<File, String> {
     let text = toml::to_string(table).map_err(|e| e.to_string())?;
     toml::from_str(&text).map_err(|e| e.message().trim_end().to_owned())
 }
 
-/// TOML writes a whole number of seconds without a point.
+/// A whole number of seconds is an integer in TOML.
 fn sample_period_of(plant: Option<&toml::Table>) -> Result<f64, String> {
     let Some(value) = plant.and_then(|plant| plant.get("sample_period_s")) else {
         return Ok(SAMPLE_PERIOD_S);
@@ -294,7 +295,7 @@ fn table(path: &Path, joints: usize) -> Result<MotionTable, String> {
     MotionTable::parse(&text, joints).map_err(|e| problem(&e))
 }
 
-/// What the section says of designed motions.
+/// Options of designed motions, from their section.
 fn excitation(section: ExciteSection, model: &RobotModel) -> Result<ExcitationOptions, String> {
     let robot = model.robot();
     let part = section.part_of_limits.unwrap_or(MotionLimits::default().part);
@@ -354,7 +355,7 @@ fn excitation(section: ExciteSection, model: &RobotModel) -> Result<ExcitationOp
     Ok(options)
 }
 
-/// What the section says of a simulated robot.
+/// Options of a simulated robot, from their section.
 fn simulation(section: &SimulateSection, model: &RobotModel, has_velocity: bool) -> Result<RobotSimOptions, String> {
     let default = RobotSimOptions::new(model.robot());
     let mut drives = default.drives.clone();
@@ -425,7 +426,7 @@ fn simulation(section: &SimulateSection, model: &RobotModel, has_velocity: bool)
             .collect(),
         ..default
     };
-    // Says what is wrong now, not when the robot is simulated.
+    // Reports errors now, not when the robot is simulated.
     RobotSimulator::new(model.robot(), options.clone())?;
     Ok(options)
 }
@@ -448,7 +449,7 @@ fn friction(section: FrictionSection) -> Result<JointFriction, String> {
     Ok(friction)
 }
 
-/// What a file states of the windows \[s\].
+/// The windows as stated in a file \[s\].
 #[derive(Debug, Clone, Copy)]
 struct StatedWindows {
     length_s: Option<f64>,
@@ -465,12 +466,12 @@ impl StatedWindows {
         }
     }
 
-    /// True if their length is left to the service.
+    /// True if the service chooses their length.
     fn are_free(&self) -> bool {
         self.length_s.is_none() && self.stride_s.is_none()
     }
 
-    /// The windows of samples that are so far apart \[s\].
+    /// The windows for this sample period \[s\].
     fn at(&self, period_s: f64) -> WindowOptions {
         let mut windows = self
             .length_s
@@ -494,8 +495,8 @@ fn options(section: &IdentifySection, windows: WindowOptions) -> IdentifyOptions
     }
 }
 
-/// Without columns: t, then all positions, all velocities, all inputs. A section that names the
-/// columns of the inputs names those of the velocities, too, if there are any.
+/// Default columns: t, then all positions, all velocities, all inputs. A section that names the
+/// columns of the inputs must also name those of the velocities, if there are any.
 fn columns(section: LogSection, n: usize) -> Result<LogColumns, String> {
     let list = |name: &str, given: Option<Vec<usize>>, default: Vec<usize>| {
         let columns = given.unwrap_or(default);

@@ -1,9 +1,9 @@
-//! The TOML file of a robot as it is written: its sections and keys.
+//! Sections and keys of the TOML file of a robot.
 
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// The file as it is written.
+/// The content of the file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct File {
@@ -20,7 +20,7 @@ pub(super) struct File {
     pub simulate: SimulateSection,
     #[serde(default)]
     pub excite: ExciteSection,
-    // Sections that every configuration may have: they are read elsewhere.
+    // Sections that every configuration may have; they are parsed elsewhere.
     pub bus: Option<toml::Table>,
     pub plant: Option<toml::Table>,
     pub estimator: Option<toml::Table>,
@@ -71,7 +71,7 @@ pub(super) struct LogSection {
 }
 
 impl LogSection {
-    /// True if it says where positions, velocities or inputs stand.
+    /// True if it names columns of positions, velocities or inputs.
     pub fn names_columns(&self) -> bool {
         self.position_columns.is_some() || self.velocity_columns.is_some() || self.input_columns.is_some()
     }
@@ -93,7 +93,7 @@ pub(super) struct IdentifySection {
     pub payload: Option<bool>,
 }
 
-/// Where velocities come from.
+/// Source of the velocities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Velocity {
@@ -125,7 +125,7 @@ pub(super) struct SimulateSection {
     pub payload: Vec<PayloadSection>,
 }
 
-/// Limits of a designed motion; lists have a number per joint.
+/// Limits of a designed motion; lists have one number per joint.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct ExciteSection {

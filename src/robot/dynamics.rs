@@ -59,7 +59,7 @@ fn axis(robot: &Robot, joint: usize) -> Motion {
 }
 
 /// Torques or forces τ \[N m or N\] of the rigid bodies at one state; `bodies` need not be
-/// physical, τ is linear in them.
+/// physically possible, τ is linear in them.
 ///
 /// All slices have one entry per joint.
 pub fn inverse_dynamics(robot: &Robot, bodies: &[BodyParameters], q: &[f64], dq: &[f64], ddq: &[f64], tau: &mut [f64]) {
@@ -103,8 +103,8 @@ fn rigid_force(body: &BodyParameters, a: &Motion, v: &Motion) -> Force {
     }
 }
 
-/// Accelerations q̈ \[rad/s² or m/s²\] that torques or forces τ give; `rotor` is the inertia of
-/// each drive at its joint.
+/// Accelerations q̈ \[rad/s² or m/s²\] due to torques or forces τ; `rotor` is the inertia of each
+/// drive at its joint.
 ///
 /// All slices have one entry per joint. The bodies must have a positive definite inertia, as those
 /// of a URDF have.

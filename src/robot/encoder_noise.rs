@@ -1,8 +1,8 @@
-//! What noise and rounding of the positions do to rows, if velocities are formed from positions.
+//! Effect of noise and rounding of the positions on rows, if velocities are computed from
+//! positions.
 //!
 //! A slope over 2h + 1 samples (`velocity.rs`) and a window (`rows.rs`) are both linear in the
-//! positions, so that errors e of the positions with variance s², from one sample to the next
-//! unrelated, become
+//! positions, so errors e of the positions with variance s², uncorrelated between samples, become
 //!
 //! ```text
 //! q̇ = Σ w_u q_u,    w_u = (S₆ u − S₄ u³)/((S₂ S₆ − S₄²) Δ),    S_p = Σ uᵖ over −h … h             (1)
@@ -10,9 +10,9 @@
 //! q_{i+1} − q_i − ½ (t_{i+1} − t_i)(q̇_i + q̇_{i+1}) = Σ r_m e_m,    mean square = s² Σ r_m²          (3)
 //! ```
 //!
-//! (2) is an error a_k of the acceleration of joint k, and (3) measures s² as it is, times that are
-//! stamped late or early included. Where a joint is slower than a count per sample, (3) sees too
-//! little, so that s² is at least that of the rounding, count²/12. A row x of joint j is wrong by
+//! (2) is an error a_k of the acceleration of joint k, and (3) measures the actual s², including
+//! the effect of late or early time stamps. If a joint is slower than a count per sample, (3) is
+//! too small, so s² is at least that of the rounding, count²/12. A row x of joint j is wrong by
 //! D_jk a_k, D_jk the regressor of the entry M_jk of the mass matrix:
 //!
 //! ```text
@@ -20,10 +20,10 @@
 //! Δθ̂ = −P Σ_j w_j Σ_k var(a_k) D_jk M_jk,    P ← P + Δθ̂ Δθ̂ᵀ                                        (5)
 //! ```
 //!
-//! (5) is the bias of least squares with errors in the regressors. It is not taken out: with a θ̂
-//! that is not known yet for θ, the correction runs away. Windows are made long enough for it to be
-//! small ([`window_review`](super::window_review)), and standard deviations allow for what is left.
-//! Source: T. Söderström, Automatica 43 (2007), for (4).
+//! (5) is the bias of least squares with errors in the regressors. It is not subtracted: the
+//! correction needs θ and diverges with a θ̂ that is not yet known. Windows are made long enough
+//! for it to be small ([`window_review`](super::window_review)), and standard deviations allow for
+//! the rest. Source: T. Söderström, Automatica 43 (2007), for (4).
 
 use super::model::RobotModel;
 use super::regressor::EnergyRegressors;
@@ -31,15 +31,15 @@ use super::state::RobotSample;
 use super::windows::psi;
 use crate::model::MAX_JOINTS;
 
-/// Change of period or length from which on (2) and (3) are computed anew.
+/// Relative change of period or length above which (2) and (3) are recomputed.
 const CHANGED: f64 = 0.05;
 /// Weight of one interval in the mean period.
 const FOLLOWED: f64 = 0.02;
 
-/// Errors of the positions, as far as the samples show them.
+/// Errors of the positions, estimated from the samples.
 #[derive(Debug, Clone)]
 pub(super) struct EncoderNoise {
-    /// Time to either side over which velocities were formed \[s\].
+    /// Time on either side over which velocities were computed \[s\].
     half_s: f64,
     period_s: f64,
     /// Mean square (3) over about half a window.
@@ -54,7 +54,7 @@ pub(super) struct EncoderNoise {
 }
 
 impl EncoderNoise {
-    /// Of velocities that were formed over this time to either side \[s\].
+    /// For velocities computed over this time on either side \[s\].
     pub fn new(half_s: f64) -> Self {
         Self {
             half_s,
@@ -67,7 +67,7 @@ impl EncoderNoise {
         }
     }
 
-    /// Takes the step from one sample to the next of n joints, under windows of this length \[s\].
+    /// Adds the step of n joints from one sample to the next, with windows of this length \[s\].
     pub fn take(&mut self, last: &RobotSample, sample: &RobotSample, n: usize, length_s: f64) {
         let gap = sample.t_s - last.t_s;
         self.period_s = match self.period_s {
@@ -134,7 +134,7 @@ impl EncoderNoise {
     }
 }
 
-/// What errors of the positions make of the rows of one window.
+/// Effect of errors of the positions on the rows of one window.
 #[derive(Debug, Clone, Copy)]
 pub struct RowErrors<'a> {
     pub(super) regressors: &'a EnergyRegressors,
@@ -143,8 +143,8 @@ pub struct RowErrors<'a> {
 }
 
 impl RowErrors<'_> {
-    /// Adds Σ_k var(a_k) D_jk M_jk of (4) of a row of this joint to `bias`, which has an entry for
-    /// each of its columns; returns the variance of the row's torque, Σ_k var(a_k) M_jk².
+    /// Adds Σ_k var(a_k) D_jk M_jk of (4) for a row of this joint to `bias`, which has an entry per
+    /// column; returns the variance of the row's torque, Σ_k var(a_k) M_jk².
     pub(super) fn bias(&self, model: &RobotModel, joint: usize, theta: &[f64], bias: &mut [f64]) -> f64 {
         let mut variance = 0.0;
         for k in (0..model.robot().len()).filter(|k| self.variances[*k] > 0.0) {
@@ -166,10 +166,9 @@ mod tests {
     use super::super::windows::WindowOptions;
     use super::*;
 
-    /// (2) with s² by (3), of a robot that rests under encoders with noise, so that all
-    /// accelerations are errors. Two in a window are unrelated, so that 30 s of six joints under
-    /// windows of 0.25 s hold 1440, whose mean square is known to within 3.7 %: 12 % are three of
-    /// that.
+    /// (2) with s² by (3) for a robot at rest with noisy encoders, so all accelerations are errors.
+    /// Two per window are uncorrelated, so 30 s of six joints with windows of 0.25 s have 1440,
+    /// whose mean square has a standard deviation of 3.7 %: 12 % is three times that.
     #[test]
     fn val_accelerations_of_noise_have_the_variance_that_is_foretold() {
         let urdf = include_str!("../../config/robots/six_axis.urdf");

@@ -1,22 +1,22 @@
-//! What can be wrong with a robot's description, with the element and its line.
+//! Errors of a robot's description, with the element and its line.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// Why a URDF does not describe a robot that can be identified.
 ///
-/// It is shown as `arm.urdf:12: <joint name="elbow">: expected …, got …`.
+/// It is displayed as `arm.urdf:12: <joint name="elbow">: expected …, got …`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UrdfError {
-    /// The file, if the text came from one.
+    /// The file, if the text is from one.
     pub file: Option<PathBuf>,
     /// Line of the element, counted from 1, if the error belongs to one.
     pub line: Option<usize>,
     /// The element, such as `<joint name="elbow">`.
     pub element: String,
-    /// What is expected there.
+    /// What was expected there.
     pub expected: String,
-    /// What is there instead.
+    /// What was found instead.
     pub got: String,
 }
 
@@ -37,7 +37,7 @@ impl UrdfError {
         }
     }
 
-    /// The same, with the file that it was found in.
+    /// The same with the file.
     pub(super) fn in_file(mut self, file: &Path) -> Self {
         self.file = Some(file.to_owned());
         self

@@ -1,4 +1,4 @@
-//! Motions that tell as much as possible of a robot within the limits of its joints.
+//! Motions that are as informative as possible about a robot, within the limits of its joints.
 //!
 //! ```text
 //! q_j(t) = c_j + α_j Σ_k [a_jk sin kωt + b_jk cos kωt],   ω = 2π/T,   k = 1 … H              (1)
@@ -8,11 +8,11 @@
 //! maximise ½ ln det Λ                                     Λ of prediction                     (5)
 //! ```
 //!
-//! A period begins and ends at rest in the same posture, so that a controller can play it any
-//! number of times. (4) makes the limits hold between the instants, too. (5) is D-optimality: it
-//! does not depend on the units of the parameters, as the condition number does, and counts what is
-//! known before. It has many maxima of nearly the same height; the best of random motions is
-//! improved by random steps that grow after a success and shrink after failures.
+//! A period begins and ends at rest in the same posture, so a controller can repeat it. (4) makes
+//! the limits hold between the instants too. (5) is D-optimality: unlike the condition number, it
+//! does not depend on the units of the parameters, and it includes prior knowledge. It has many
+//! maxima of nearly the same height; the best of several random motions is improved by random steps
+//! that grow after a success and shrink after failures.
 //!
 //! Sources: J. Swevers et al., IEEE Trans. Robotics and Automation 13 (1997), on (1) and (5); K.
 //! Park, Robotica 24 (2006), on (2); H. Ehlich, K. Zeller, Math. Zeitschrift 86 (1964), on (4); I.
@@ -27,23 +27,24 @@ use super::tree::Robot;
 use crate::model::MAX_JOINTS;
 use std::f64::consts::{PI, TAU};
 
-/// Most harmonics of an excitation.
+/// Largest number of harmonics of an excitation.
 pub const MAX_EXCITATION_HARMONICS: usize = 50;
-/// Instants per period of the highest harmonic at which limits are looked at: M/H of (4).
+/// Instants per period of the highest harmonic at which limits are checked: M/H of (4).
 const LOOKS: usize = 40;
-/// Part of the tries that are drawn anew; the others improve the best one.
+/// One in so many tries is drawn at random; the others improve the best one.
 const DRAWN: usize = 8;
-/// Length of a step, relative to the shape: at first, at least and at most.
+/// Length of a step relative to the shape: initial, smallest and largest.
 const STEP: (f64, f64, f64) = (0.3, 0.02, 1.0);
-/// A step after a success and after a failure: in balance, one step in five succeeds.
+/// Factors on the step length after a success and after a failure: in equilibrium one step in five
+/// succeeds.
 const SUCCESS: f64 = 1.5;
 const FAILURE: f64 = 0.903_6;
-/// What a torque beyond its limit costs, per part of the limit \[nat\].
+/// Cost of a torque above its limit, per share of the limit \[nat\].
 const OVERLOAD: f64 = 1e3;
-/// Range of a joint without limits, to either side \[rad or m\], and its speed.
+/// Range of a joint without limits, on either side \[rad or m\], and its speed.
 const UNLIMITED: (f64, f64) = (3.0, 2.0);
 
-/// What one joint keeps to.
+/// Limits of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointRange {
     /// Lowest position \[rad or m\].
@@ -54,13 +55,13 @@ pub struct JointRange {
     pub velocity: f64,
     /// Largest acceleration \[rad/s² or m/s²\], > 0.
     pub acceleration: f64,
-    /// Largest torque or force that the URDF's bodies may ask for \[N m or N\], > 0; infinite for
-    /// none.
+    /// Largest torque or force that the URDF's bodies may require \[N m or N\], > 0; infinite for
+    /// no limit.
     pub effort: f64,
 }
 
 impl JointRange {
-    /// The given part of the URDF's limits, at most `reach` \[rad or m\] to either side of the
+    /// The share `part` of the URDF's limits, at most `reach` \[rad or m\] on either side of the
     /// middle.
     pub fn of(robot: &Robot, part: f64, reach: f64, acceleration: f64) -> Vec<Self> {
         let range = |joint: &super::tree::RobotJoint| {
@@ -105,18 +106,18 @@ impl JointRange {
     }
 }
 
-/// How a motion is designed. The same options give the same motion, bit by bit.
+/// Options of the design of a motion. The same options give the same motion, bit for bit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExcitationOptions {
     /// T \[s\], 1 to 600.
     pub duration_s: f64,
     /// H, 2 to [`MAX_EXCITATION_HARMONICS`].
     pub harmonics: usize,
-    /// Motions that are tried, 1 to 1 000 000.
+    /// Number of motions to try, 1 to 1 000 000.
     pub tries: usize,
-    /// Seed of what is tried.
+    /// Seed of the random motions.
     pub seed: u64,
-    /// What each joint keeps to.
+    /// Limits of each joint.
     pub ranges: Vec<JointRange>,
 }
 
@@ -135,7 +136,7 @@ impl ExcitationOptions {
     /// Checks the numbers for a robot.
     ///
     /// # Errors
-    /// The first number outside its range, in words.
+    /// The first number out of range.
     pub fn validate(&self, robot: &Robot) -> Result<(), String> {
         let within = |name: &str, x: f64, low: f64, high: f64| match x >= low && x <= high {
             true => Ok(()),
@@ -160,16 +161,16 @@ impl ExcitationOptions {
     }
 }
 
-/// A motion (1) with what was asked of it.
+/// A motion (1) with its figures.
 #[derive(Debug, Clone)]
 pub struct Excitation {
     /// T \[s\].
     pub duration_s: f64,
     /// ½ ln det Λ − ½ ln det Λ₀ \[nat\].
     pub gain: f64,
-    /// The same of the median of the motions that were drawn at random.
+    /// The same for the median of the random motions.
     pub random_gain: f64,
-    /// Largest torque or force that the URDF's bodies ask for, without friction \[N m or N\].
+    /// Largest torque or force that the URDF's bodies require, without friction \[N m or N\].
     pub effort: Vec<f64>,
     joints: Vec<Series>,
 }
@@ -177,7 +178,7 @@ pub struct Excitation {
 /// (1) of a joint.
 #[derive(Debug, Clone, PartialEq)]
 struct Series {
-    /// Where the curve's middle is in what its limits leave free, 0 to 1.
+    /// Position of the curve's middle within the range that its limits leave, 0 to 1.
     place: f64,
     /// a_k and b_k of the shape, which (3) scales.
     tones: Vec<[f64; 2]>,
@@ -285,11 +286,11 @@ impl Series {
 }
 
 impl Excitation {
-    /// Designs a motion for the model and the misfit of a forecaster; `go_on` gets the number of
-    /// motions that were tried; the search ends if it returns false.
+    /// Designs a motion for the model, with the misfit of a forecaster. `go_on` is called with the
+    /// number of motions tried; the search ends if it returns false.
     ///
     /// # Errors
-    /// Options outside their ranges, or limits of torque that no motion keeps to, in words.
+    /// If options are out of range, or no motion satisfies the torque limits.
     pub fn design(
         forecaster: &mut Forecaster,
         options: &ExcitationOptions,
@@ -308,7 +309,7 @@ impl Excitation {
             let joints = match &best {
                 Some((_, best)) if tries >= drawn => {
                     let mut joints = best.joints.clone();
-                    // One joint for sure, others sometimes: small changes succeed more often.
+                    // One joint always, others sometimes: small changes succeed more often.
                     let sure = (random.uniform() * joints.len() as f64) as usize;
                     for (i, series) in joints.iter_mut().enumerate() {
                         if i == sure || random.uniform() < 0.3 {
@@ -360,7 +361,7 @@ impl Excitation {
         Ok(motion)
     }
 
-    /// The motion of these shapes with (5), and what it counts for.
+    /// The motion of these shapes with (5), and its score.
     fn evaluate(
         forecaster: &mut Forecaster,
         options: &ExcitationOptions,
@@ -409,7 +410,7 @@ impl Excitation {
         Some((motion.gain - OVERLOAD * overload, motion))
     }
 
-    /// Setpoints of all joints at a time \[s\]; the motion is repeated.
+    /// Setpoints of all joints at a time \[s\]; the motion repeats.
     pub fn at(&self, t_s: f64) -> [Setpoint; MAX_JOINTS] {
         let mut setpoints = [[0.0; 3]; MAX_JOINTS];
         let part = (t_s / self.duration_s).fract();
@@ -419,10 +420,10 @@ impl Excitation {
         setpoints
     }
 
-    /// One period as a table with a point every `step_s` or somewhat less \[s\].
+    /// One period as a table with a point every `step_s` or slightly less \[s\].
     ///
     /// # Errors
-    /// A step that is not above 0 or longer than a tenth of the period, in words.
+    /// If the step is not above 0 or is longer than a tenth of the period.
     pub fn table(&self, step_s: f64) -> Result<MotionTable, String> {
         if !(step_s >= 1e-5 && step_s <= 0.1 * self.duration_s) {
             return Err(format!(

@@ -1,4 +1,5 @@
-//! How much of a joint's torque the model explains, with noise told apart from what it lacks.
+//! Share of a joint's torque that the model explains, with noise separated from what the model
+//! lacks.
 //!
 //! ```text
 //! S ← S e^(−T_b/T) + S_block    for S = n, Σ τ, Σ τ², Σ r r′ over rows                          (1)
@@ -6,15 +7,15 @@
 //! explained = 1 − lacking/(Σ τ² − (Σ τ)²/n)                                                    (3)
 //! ```
 //!
-//! r is the residual of a row at θ̂ and r′ that of the row a window earlier, so that both have no
-//! sample in common: noise leaves Σ r r′ at 0, within σ_j² n/√(n l) with l the part of the rows
-//! that do not overlap. What the model lacks keeps its sign for as long as a movement lasts, and
-//! leaves r² there. A level that is learnt from the residuals could not tell the two apart: a joint
-//! that is not explained at all has a large σ_j, little weight, and would pass for a noisy one.
+//! r is the residual of a row at θ̂ and r′ that of the row one window earlier, so the two have no
+//! sample in common: noise leaves Σ r r′ at 0, to within σ_j² n/√(n l), l being the share of the
+//! rows that do not overlap. Missing terms keep their sign during a movement and contribute r². A
+//! level learnt from the residuals could not separate the two: a joint that is not explained at all
+//! has a large σ_j, little weight, and would pass for a noisy one.
 //!
-//! The torque of a short block hardly changes, so (3) is about several of them: T is 20 s. The time
-//! does not run while a joint rests. What has been seen of a wrong model does not end with the part
-//! of the motion that showed it, so it takes a larger share to believe a joint again.
+//! The torque hardly changes within a short block, so (3) covers several: T is 20 s. Time at rest
+//! does not count. A wrong model stays wrong after the part of the motion that showed it, so a
+//! joint needs a larger share to count as explained again.
 
 use super::recent::RowRing;
 use super::rows::WeakRow;
@@ -23,21 +24,21 @@ use super::windows::WindowOptions;
 use crate::estimator::persist::Visit;
 use crate::model::MAX_JOINTS;
 
-/// Share of the power of each joint's torque, beyond noise, that a model of a robot has to explain.
-/// With friction of other forms (asymmetric, Stribeck's, by position or load, warming up), elastic
-/// joints, cogging and play simulated arms have 0.98 and more, with a spring at each joint 0.92; an
-/// axis or a sign the wrong way round, or exchanged columns, leave 0.84 and less at some joint.
+/// Share of the power of each joint's torque, beyond noise, that a model of a robot must explain.
+/// Simulated arms with other forms of friction (asymmetric, Stribeck, dependent on position or
+/// load, warming up), elastic joints, cogging and backlash have 0.98 and more, with a spring at
+/// each joint 0.92; a reversed axis or sign, or exchanged columns, give 0.84 or less at some joint.
 pub const LEAST_EXPLAINED: f64 = 0.9;
-/// The share from which on a joint that was not explained is explained again.
+/// Share above which an unexplained joint counts as explained again.
 const EXPLAINED_AGAIN: f64 = 0.97;
 /// T \[s\].
 const MEMORY_S: f64 = 20.0;
-/// z: by chance once in 3000 stretches of T, of a joint whose torque is nothing but noise, the
-/// share falls below [`LEAST_EXPLAINED`].
+/// z: for a joint whose torque is only noise, the share falls below [`LEAST_EXPLAINED`] by chance
+/// once in 3000 stretches of T.
 const SURE: f64 = 2.5;
-/// Pairs of rows below which nothing is said.
+/// Smallest number of pairs of rows.
 const PAIRS: f64 = 10.0;
-/// Spread of the torque, as a part of its square, that is rounding.
+/// Variance of the torque, relative to its mean square, below which it is rounding.
 const ROUNDING: f64 = 1e-9;
 
 /// Sums (1) over the last seconds of a joint's rows.
@@ -50,7 +51,7 @@ pub(super) struct RecentTorque {
 }
 
 impl RecentTorque {
-    /// Time goes on by a block.
+    /// Advances by one block.
     fn fade(&mut self, kept: f64) {
         for sum in [
             &mut self.pairs,
@@ -69,7 +70,7 @@ impl RecentTorque {
         self.product += product; // (1)
     }
 
-    /// (3), for a joint with residuals of this level; `None` while too little is there.
+    /// (3), for a joint with residuals of this level; `None` while there are too few rows.
     pub fn explained(&self, level: f64, independent: f64) -> Option<f64> {
         let spread = self.torque_square - self.torque * self.torque / self.pairs;
         let chance = SURE * level * level * (self.pairs / independent).sqrt();
@@ -77,7 +78,7 @@ impl RecentTorque {
         (self.pairs >= PAIRS && spread > ROUNDING * self.torque_square).then(|| 1.0 - lacking / spread) // (3)
     }
 
-    /// What outlives the process.
+    /// State kept in a checkpoint.
     pub fn visit(&mut self, v: &mut impl Visit) {
         for sum in [
             &mut self.pairs,
@@ -90,26 +91,26 @@ impl RecentTorque {
     }
 }
 
-/// The rows of the block that is open, with those of a window before it.
+/// The rows of the open block, with those of one window before it.
 #[derive(Debug, Clone)]
 pub(super) struct RecentRows {
     rows: RowRing,
     /// Residuals of one joint.
     residuals: Vec<f64>,
-    /// Windows from a row to the next one that has no sample in common with it.
+    /// Number of rows from one to the next that shares no sample with it.
     lag: usize,
     lag_s: f64,
-    /// Part of the rows that do not overlap.
+    /// Share of the rows that do not overlap.
     independent: f64,
     kept: f64,
-    /// Middle of the last window that has been looked at \[s\].
+    /// Middle of the last window processed \[s\].
     seen_s: f64,
     /// Joints that are not explained.
     pub lacking: [bool; MAX_JOINTS],
 }
 
 impl RecentRows {
-    /// Room for a block of joints with these numbers of columns.
+    /// Workspace for a block of joints with these numbers of columns.
     pub fn new(windows: &WindowOptions, block_s: f64, columns: &[usize]) -> Self {
         let lag = (windows.length_s / windows.stride_s).ceil().max(1.0) as usize;
         let room = (block_s / windows.stride_s).ceil() as usize + lag + 2;
@@ -125,18 +126,18 @@ impl RecentRows {
         }
     }
 
-    /// Goes on with windows of another length and as many strides; rows so far are dropped.
+    /// Changes the length of the windows, with as many strides per window; drops the rows so far.
     pub fn set_windows(&mut self, windows: &WindowOptions) {
         self.lag_s = self.lag as f64 * windows.stride_s;
         self.clear();
     }
 
-    /// Takes a row.
+    /// Adds a row.
     pub fn add(&mut self, row: &WeakRow<'_>) {
         self.rows.add(row);
     }
 
-    /// The rows so far are of another stretch of time, or of another machine.
+    /// Drops the rows so far: they are of another stretch of time, or of another machine.
     pub fn clear(&mut self) {
         self.rows.clear();
         self.seen_s = f64::NEG_INFINITY;

@@ -1,13 +1,13 @@
-//! How well a block was predicted and is fitted, per joint, and what it says of each parameter.
+//! How well a block was predicted and is fitted, per joint, and its information on each parameter.
 //!
 //! ```text
 //! innovation² = Σ r(θ̂ before)²/rows,   residual² = Σ r(θ̂)²/rows                              (1)
 //! fit = residual²/σ_j²                                                                        (2)
 //! ```
 //!
-//! Rows overlap, so that only stride/length of them count as independent in the probability of (2).
-//! σ_j is learnt from the same machine and holds friction's misfit, so three times its square is
-//! allowed, as for every noise level that is learnt.
+//! Rows overlap, so only stride/length of them count as independent in the probability of (2). σ_j
+//! is learnt from the same machine and includes the misfit of friction, so three times its square
+//! is allowed, as for every learnt noise level.
 
 use super::explained::RecentTorque;
 use super::information::{Information, Solver};
@@ -16,7 +16,7 @@ use super::windows::WindowOptions;
 use crate::estimator::stats::f_tail;
 use crate::model::MAX_JOINTS;
 
-/// Slack of a variance that was learnt.
+/// Slack of a learnt variance.
 const SLACK: f64 = 3.0;
 
 /// Figures of the last block; arrays are per joint.
@@ -24,14 +24,14 @@ const SLACK: f64 = 3.0;
 pub struct BlockFigures {
     /// Rows of the joint.
     pub rows: [usize; MAX_JOINTS],
-    /// Root mean square of measured minus predicted torque before the block was learnt \[N m or
-    /// N\].
+    /// Root mean square of measured minus predicted torque, before the estimate uses the block \[N
+    /// m or N\].
     pub innovation_rms: [f64; MAX_JOINTS],
     /// The same afterwards.
     pub residual_rms: [f64; MAX_JOINTS],
     /// Root mean square of the torque \[N m or N\].
     pub signal_rms: [f64; MAX_JOINTS],
-    /// σ_j that the block is compared with \[N m or N\]; 0 in the first block.
+    /// σ_j with which the block is compared \[N m or N\]; 0 in the first block.
     pub level: [f64; MAX_JOINTS],
     /// (3) of `explained.rs` after the last block in which the joint moved; 1 before there is
     /// enough to tell.
@@ -40,7 +40,7 @@ pub struct BlockFigures {
     pub(super) recent: [RecentTorque; MAX_JOINTS],
     /// (2); 1 on average.
     pub fit: [f64; MAX_JOINTS],
-    /// Probability of residuals as large as these, of the joint that fits worst.
+    /// Probability of residuals this large, for the joint that fits worst.
     pub fit_probability: f64,
     /// Share of the variance of a parameter known to within its size that this block alone would
     /// remove, 0 to 1.
@@ -50,7 +50,7 @@ pub struct BlockFigures {
 }
 
 impl BlockFigures {
-    /// For so many parameters among so many columns.
+    /// For `parameters` parameters among `columns` columns.
     pub(super) fn new(parameters: usize, columns: usize) -> Self {
         Self {
             rows: [0; MAX_JOINTS],
@@ -79,7 +79,7 @@ impl BlockFigures {
         self.excitation.fill(0.0);
     }
 
-    /// Innovation and signal of a block, before it is learnt, (1).
+    /// Innovation and signal of a block, before the estimate uses it, (1).
     pub(super) fn of_innovation(&mut self, block: &[JointSums], theta: &[f64], std: &[f64], windows: &WindowOptions) {
         self.independent = (windows.stride_s / windows.length_s).min(1.0);
         for (j, sums) in block.iter().enumerate() {
@@ -91,7 +91,7 @@ impl BlockFigures {
         }
     }
 
-    /// Residuals and fit after the block was learnt, (1) and (2).
+    /// Residuals and fit after the estimate has used the block, (1) and (2).
     pub(super) fn of_residual(&mut self, block: &[JointSums], theta: &[f64]) {
         let joints = block.len() as f64;
         self.fit_probability = 1.0;

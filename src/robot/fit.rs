@@ -8,9 +8,9 @@
 //!
 //! τ_j is the torque as recorded, unfiltered. τ̂_j comes from q and zero-phase filtered q̇ and q̈
 //! (Butterworth of order 5 at 0.15 of the Nyquist frequency; q̈ by central differences, filtered
-//! again), which is the usual check in the literature on robot identification. (2) says how long a
-//! misfit keeps its sign: that of noise ends within a few samples, that of friction and of bodies
-//! that are missing in the model lasts as long as a movement.
+//! again), which is the usual check in the literature on robot identification. (2) is the time for
+//! which a misfit keeps its sign: a few samples for noise, as long as a movement for friction and
+//! for bodies missing in the model.
 
 use super::butterworth::ZeroPhaseLowPass;
 use super::friction::Engagement;
@@ -54,8 +54,8 @@ pub fn filtered(model: &RobotModel, log: &[RobotSample]) -> Vec<FilteredSample> 
     samples
 }
 
-/// (2): the time after which a joint's misfit has forgotten itself to 1/e \[s\]; `None` if it never
-/// does within half of the log, or for fewer than 3 samples.
+/// (2): the time after which the autocorrelation of a joint's misfit has fallen to 1/e \[s\];
+/// `None` if it does not within half of the log, or for fewer than 3 samples.
 pub fn correlation_time_s(model: &RobotModel, theta: &[f64], log: &[FilteredSample], joint: usize) -> Option<f64> {
     let n = model.robot().len();
     let mut predicted = [0.0; MAX_JOINTS];
@@ -89,7 +89,7 @@ pub struct TorqueFit {
 }
 
 impl TorqueFit {
-    /// Of a model with parameters `theta` on a log.
+    /// The fit of a model with parameters `theta` to a log.
     pub fn of(model: &RobotModel, theta: &[f64], log: &[FilteredSample]) -> Self {
         let mut fit = Self::default();
         log.iter().for_each(|sample| fit.add(model, theta, sample));

@@ -1,4 +1,4 @@
-//! Friction of a joint and what else acts on it alone, linear in its parameters.
+//! Friction and other torques that act on a single joint, linear in their parameters.
 //!
 //! ```text
 //! f = f_v q̇ + f_c z + f_0 + c |g| z + f_s z e^−(q̇/v_s)² + f_r w + k q                        (1)
@@ -7,25 +7,25 @@
 //! ```
 //!
 //! z is the engagement, P. Dahl's presliding model (1968): in steady motion it is sign q̇, a
-//! reversal takes a way of some δ, and a joint that comes to rest keeps it, because its servo stops
-//! pushing as soon as friction holds the load. With z in place of sign q̇ the model stays linear,
-//! has no jump, and does not depend on the sign of a velocity that is noise. Δq is the velocity
-//! integrated over one sample: positions of a log are often rounded to 1e-4 rad, and steps to and
-//! fro between two digits would count as motion.
+//! reversal takes a distance of about δ, and a joint that comes to rest keeps it, because its servo
+//! stops pushing as soon as friction holds the load. With z instead of sign q̇ the model stays
+//! linear, has no jump, and does not depend on the sign of a velocity that is only noise. Δq is the
+//! velocity integrated over one sample: positions of a log are often rounded to 1e-4 rad, and steps
+//! back and forth between two values would count as motion.
 //!
 //! δ is never known well, and joints reverse where their acceleration is largest: with δ three
 //! times too large, the rotor inertia of a small joint was estimated 10 % too large, by ten
 //! standard deviations. f_r absorbs this: it is f_c times the relative excess of the true δ. For
-//! windows that are long compared with a reversal this is exact, because they see the area under z
-//! alone.
+//! windows that are long compared with a reversal this is exact, because only the area under z
+//! matters.
 //!
-//! k is a spring, such as a hose pack or a balancer; where it is at rest goes into f_0. Few
-//! machines have one, so it is not among the terms by default, and tested for.
+//! k is a spring, such as a hose pack or a balancer; its rest position is part of f_0. Few machines
+//! have one, so by default it is not among the terms but tested for.
 //!
-//! Below the rest speed v_r a joint may creep under any torque up to the friction's, which (1) does
-//! not say, see [`rows`](super::rows). |g| is the weight that the joint bears, by the URDF's
-//! bodies: a known function of q. The measured torque would not do: at a joint whose torque is
-//! mostly friction, |τ| z is τ itself and explains everything.
+//! Below the rest speed v_r a joint may creep under any torque up to that of friction, which (1)
+//! does not describe, see [`rows`](super::rows). |g| is the joint's gravity load by the URDF's
+//! bodies: a known function of q. The measured torque cannot be used: at a joint whose torque is
+//! mostly friction, |τ| z is τ itself and would explain everything.
 //!
 //! Sources: H. Olsson et al., European J. of Control 4 (1998) on Stribeck's and Dahl's models; A.
 //! Wahrburg et al., IEEE RA-L 3 (2018) on load.
@@ -37,7 +37,7 @@ pub enum FrictionTerm {
     Viscous,
     /// f_c z.
     Coulomb,
-    /// f_0, which holds an offset of the current or torque sensor, too.
+    /// f_0, which includes an offset of the current or torque sensor.
     Offset,
     /// c |g| z.
     Load,
@@ -70,7 +70,7 @@ impl FrictionTerm {
         name
     }
 
-    /// SI unit at a joint that turns or slides.
+    /// SI unit at a revolute (`turns`) or prismatic joint.
     pub fn unit(self, turns: bool) -> &'static str {
         match (self, turns) {
             (Self::Viscous, true) => "N m s/rad",
@@ -83,7 +83,7 @@ impl FrictionTerm {
         }
     }
 
-    /// What it is, in words.
+    /// Its meaning.
     pub fn meaning(self) -> &'static str {
         match self {
             Self::Viscous => "viscous friction",
@@ -96,7 +96,7 @@ impl FrictionTerm {
         }
     }
 
-    /// What a machine has that this term stands for, in a few words with the term's name.
+    /// A short description of the physical effect, with the term's name.
     pub fn phrase(self) -> &'static str {
         match self {
             Self::Viscous => "viscous friction",
@@ -110,17 +110,17 @@ impl FrictionTerm {
     }
 }
 
-/// How far a joint's friction follows its motion; at the start of a recording not at all.
+/// Engagement of a joint's friction; zero at the start of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Engagement {
     /// z, −1 to 1.
     pub z: f64,
-    /// w: how z changes with ln δ.
+    /// w: derivative of z with respect to ln δ.
     pub slope: f64,
 }
 
 impl Engagement {
-    /// Of a joint that has moved in the direction of `dq` for long.
+    /// For a joint that has moved in the direction of `dq` for long.
     pub fn steady(dq: f64) -> Self {
         Self {
             z: if dq == 0.0 { 0.0 } else { dq.signum() },
@@ -129,23 +129,23 @@ impl Engagement {
     }
 }
 
-/// Friction of one joint: its terms and the constants that they need; [`default`](Self::default)
-/// suits geared arms.
+/// Friction of one joint: its terms and their constants; [`default`](Self::default) suits geared
+/// arms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointFriction {
     /// The terms, each at most once.
     pub terms: Vec<FrictionTerm>,
-    /// δ: way after which a reversal is over to 1/e \[rad or m\], > 0.
+    /// δ: distance after which a reversal is complete to within 1/e \[rad or m\], > 0.
     pub presliding: f64,
-    /// v_r: speed below which the joint counts as resting \[rad/s or m/s\], ≥ 0.
+    /// v_r: speed below which the joint counts as at rest \[rad/s or m/s\], ≥ 0.
     pub rest_speed: f64,
     /// v_s: speed at which the Stribeck term has fallen to 1/e \[rad/s or m/s\], > 0.
     pub stribeck_speed: f64,
 }
 
 impl Default for JointFriction {
-    /// All terms but the spring; δ = 0.2 mrad, rest below 0.01 rad/s, v_s = 0.1 rad/s. On a UR10e,
-    /// 0.1 to 0.4 mrad and 0.05 to 0.2 rad/s do nearly as well.
+    /// All terms except the spring; δ = 0.2 mrad, rest below 0.01 rad/s, v_s = 0.1 rad/s. On a
+    /// UR10e, 0.1 to 0.4 mrad and 0.05 to 0.2 rad/s do nearly as well.
     fn default() -> Self {
         Self {
             terms: {
@@ -163,7 +163,7 @@ impl JointFriction {
     /// Checks the constants.
     ///
     /// # Errors
-    /// What is expected and what is there, in words.
+    /// What was expected and what was given.
     pub fn validate(&self) -> Result<(), String> {
         if !(self.rest_speed >= 0.0 && self.rest_speed.is_finite()) {
             return Err(format!(
@@ -199,7 +199,8 @@ impl JointFriction {
         }
     }
 
-    /// True if the joint's friction jumps when it reverses, so that rest says nothing about it.
+    /// True if the joint's friction changes sign at a reversal, so data at rest do not inform on
+    /// it.
     pub fn needs_motion(&self) -> bool {
         use FrictionTerm::{Coulomb, Load, Reversal, Stribeck};
         let jumps = |term: &FrictionTerm| matches!(term, Coulomb | Load | Stribeck | Reversal);

@@ -1,7 +1,7 @@
-//! Friction that drifts while all of the past counts alike.
+//! Drift of friction while all past data have equal weight.
 //!
-//! Before friction is let walk, see [`identify`](super::identify), an estimate is the mean of what
-//! friction has been; a cold machine warms fastest then. Of the last blocks of a joint alone, with
+//! Until friction has a random walk, see [`identify`](super::identify), its estimate is a mean over
+//! the past, but a cold machine warms fastest then. From the last blocks of a joint alone, with
 //! A_ff and b_f the sums of its friction columns:
 //!
 //! ```text
@@ -10,34 +10,33 @@
 //! P_ii ← P_ii + δ_i²    if |z_i| > SEEN                                                        (3)
 //! ```
 //!
-//! δ_i is how far the last blocks are from the mean, which is most of a steady drift unless they
-//! are most of all blocks. With `friction_walk = 0` friction does not drift, and nothing is
-//! allowed.
+//! δ_i is the distance of the last blocks from the mean: most of a steady drift, unless they are
+//! most of all blocks. With `friction_walk = 0` friction is assumed constant, and nothing is added.
 
 use super::sums::JointSums;
 use crate::estimator::linalg::Cholesky;
 use std::ops::Range;
 
-/// Blocks that are looked at.
+/// Number of last blocks.
 const LAST: usize = 8;
-/// Terms of a joint's friction, at most.
+/// Largest number of friction terms of a joint.
 const MOST: usize = super::friction::FrictionTerm::NAMES.len();
-/// z from which on standard deviations allow for a drift: a slow one is small beside what the last
-/// blocks alone say, and no value of friction is of use that may have drifted by as much.
+/// z above which standard deviations allow for a drift. It is low because a slow drift is small
+/// relative to the uncertainty of the last blocks alone.
 const SEEN: f64 = 1.0;
-/// Part of a column's sum of squares that keeps columns apart which depend on each other.
+/// Share of a column's sum of squares that regularises linearly dependent columns.
 const RIDGE: f64 = 1e-6;
 
-/// How far friction seems to have drifted, and room to find out.
+/// Estimated drift of friction, with its workspace.
 #[derive(Debug, Clone)]
 pub(super) struct FrictionDrift {
-    /// δ per parameter, 0 for what has not drifted.
+    /// δ per parameter, 0 for parameters without drift.
     shift: Vec<f64>,
     factor: Cholesky,
 }
 
 impl FrictionDrift {
-    /// Room for so many parameters.
+    /// Workspace for `parameters` parameters.
     pub fn new(parameters: usize) -> Self {
         Self {
             shift: vec![0.0; parameters],
@@ -50,8 +49,8 @@ impl FrictionDrift {
         self.shift.fill(0.0);
     }
 
-    /// (1) to (3) of a joint: `last` are the sums of its last blocks, `columns` those of its
-    /// friction there, `parameters` the indices of the same in θ, and `level` is f_j σ_j.
+    /// (1) to (3) of a joint: `last` are the sums of its last blocks, `columns` its friction
+    /// columns in these, `parameters` their indices in θ, and `level` is f_j σ_j.
     pub fn look_at<'a>(
         &mut self,
         last: impl Iterator<Item = &'a JointSums>,

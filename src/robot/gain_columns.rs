@@ -1,21 +1,22 @@
-//! What another gain of a drive would do to the rows of a window.
+//! Columns of a changed drive gain for the rows of a window.
 //!
-//! A drive whose gain differs from what is configured reports (1 + g) times its torque. With X_j
-//! the rows of joint j, W_j their weight, r_j what was not predicted, and θ the parameters:
+//! A drive whose gain differs from the configured one reports (1 + g) times its torque. With X_j
+//! the rows of joint j, W_j their weight, r_j the prediction error, and θ the parameters:
 //!
 //! ```text
 //! τ_j = (1 + g_j) X_j θ:   c_j = X_j θ                                                          (1)
 //! X_jᵀ W_j c_j = W_j A_j θ,   c_jᵀ W_j c_j = W_j θᵀ A_j θ,   c_jᵀ W_j r_j = W_j θᵀ b_j          (2)
 //! ```
 //!
-//! A_j and b_j are the sums of the window, b_j with θ for its origin. If the gains of all drives
-//! change alike, as by the temperature of their magnets, the column is the sum of the c_j.
+//! A_j and b_j are the sums of the window, b_j relative to the origin θ. If the gains of all drives
+//! change alike, for example with the temperature of their magnets, the column is the sum of the
+//! c_j.
 
 use super::change::Column;
 use super::payload::Payload;
 use super::sums::JointSums;
 
-/// The columns of the joints, and that of all of them alike.
+/// The columns of the single joints, and that of all joints alike.
 #[derive(Debug, Clone)]
 pub(super) struct GainColumns {
     joints: Vec<Column>,
@@ -23,7 +24,7 @@ pub(super) struct GainColumns {
 }
 
 impl GainColumns {
-    /// Room for so many joints and parameters.
+    /// Workspace for `joints` joints and `parameters` parameters.
     pub fn new(joints: usize, parameters: usize) -> Self {
         let empty = Column {
             cross: vec![0.0; parameters],
@@ -41,7 +42,7 @@ impl GainColumns {
         joint.and_then(|joint| self.joints.get(joint)).unwrap_or(&self.all)
     }
 
-    /// Begins anew, before the joints are [taken](Self::take).
+    /// Clears the columns, before the joints are [added](Self::take).
     pub fn clear(&mut self) {
         for column in self.joints.iter_mut().chain([&mut self.all]) {
             column.cross.fill(0.0);
@@ -49,8 +50,8 @@ impl GainColumns {
         }
     }
 
-    /// (2) of a joint from its sums, [shifted](JointSums::shift) to `effective`; `load` is what the
-    /// flange carries among the parameters.
+    /// (2) of a joint from its sums, [shifted](JointSums::shift) to `effective`; `load` is the
+    /// payload among the parameters.
     pub fn take(&mut self, joint: usize, sums: &JointSums, effective: &[f64], weight: f64, load: Option<&Payload>) {
         let (own, m) = (&mut self.joints[joint], sums.columns().len());
         for (i, &a) in sums.columns().iter().enumerate() {
@@ -79,8 +80,8 @@ mod tests {
     use super::super::tree::{Robot, Selection};
     use super::*;
 
-    /// (2) against sums over the rows themselves, with a payload whose columns are those of the arm
-    /// times M.
+    /// Compares (2) with sums over the rows themselves, for a payload whose columns are those of
+    /// the arm times M.
     #[test]
     fn val_products_of_a_gain_are_those_of_its_rows() {
         let urdf = include_str!("../../config/robots/six_axis.urdf");

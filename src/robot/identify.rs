@@ -9,20 +9,20 @@
 //! P ← P + Q per block                                                                        (4)
 //! ```
 //!
-//! On arms the misfit of friction dominates the noise and is correlated over seconds, so rows count
-//! for less than their number says. F are the k friction columns of a joint: with uncorrelated rows
-//! e has the covariance σ² FᵀF and f_j is 1; a misfit that keeps its sign through a block raises
-//! it. That is the block-wise sandwich estimator, reduced to one factor per joint so that a few
-//! blocks suffice; overlap of the windows is in it, too. It enters the weights, so that the
-//! covariance P = Λ⁻¹ needs no correction afterwards.
+//! On arms the misfit of friction dominates the noise and is correlated over seconds, so the rows
+//! carry less information than their number suggests. F are the k friction columns of a joint: with
+//! uncorrelated rows e has the covariance σ² FᵀF and f_j is 1; a misfit that keeps its sign through
+//! a block increases f_j. This is the block-wise sandwich estimator, reduced to one factor per
+//! joint so that a few blocks suffice; it also covers the overlap of the windows. f_j enters the
+//! weights, so the covariance P = Λ⁻¹ needs no later correction.
 //!
-//! While the recording is short (1)–(3) are iterated over everything so far, since the A_j are kept
-//! per joint. After `settle_blocks` they are condensed into Λ and, with a friction walk, (4) lets
-//! friction follow its temperature: Q is (`friction_walk` · size)² per second, on friction only.
+//! At first, (1)–(3) are iterated over all data so far, because the A_j are kept per joint. After
+//! `settle_blocks` blocks they are condensed into Λ and, with a friction walk, (4) lets friction
+//! follow its temperature: Q is (`friction_walk` · size)² per second, for friction only.
 //!
-//! With a payload (`IdentifyOptions::payload`) the last two seconds are kept apart from what is
-//! known: `watch.rs` looks whether the machine is still the same, and what came behind a change is
-//! learnt for the machine as it is then.
+//! With a payload (`IdentifyOptions::payload`) the last two seconds are kept separate from the
+//! estimate: `watch.rs` tests whether the machine has changed, and data after a change are used for
+//! the changed machine.
 //!
 //! Sources: H. White, Econometrica 48 (1980); K.-Y. Liang, S. Zeger, Biometrika 73 (1986), with
 //! time blocks as clusters.
@@ -47,26 +47,26 @@ use super::torque_counts::TorqueCounts;
 use super::urdf_prior::UrdfPrior;
 use super::watch_room::Watch;
 
-/// Blocks that (3) is taken over.
+/// Number of blocks in (3).
 const RECENT: usize = 32;
-/// f_j² that is assumed before there are blocks, and the number of blocks that it counts for.
+/// Prior value of f_j², and its weight in blocks.
 const ASSUMED_INFLATION: (f64, f64) = (9.0, 2.0);
-/// Times that (1) and (2) are repeated per block while settling.
+/// Iterations of (1) and (2) per block while settling.
 const ITERATIONS: usize = 4;
-/// Blocks after which the estimate tells the mass matrix better than the URDF.
+/// Blocks after which the estimate gives the mass matrix better than the URDF.
 pub(super) const TRIED: usize = 3;
-/// Length of a slice \[s\]: how often the machine is looked at.
+/// Length of a slice \[s\]: the interval of the test for changes.
 const SLICE_S: f64 = 0.25;
-/// Slices that are kept apart.
+/// Number of slices kept separate.
 const SLICES: usize = 8;
-/// Rows that are kept \[s\]: those of the slices and of the one that is open.
+/// Duration of the rows kept \[s\]: those of the slices and of the open one.
 const KEPT_S: f64 = (SLICES + 4) as f64 * SLICE_S;
 
-/// Identifies a robot on line; memory is taken at the start only.
+/// Identifies a robot on line; allocates only at the start.
 #[derive(Debug, Clone)]
 pub struct RobotIdentifier {
     pub(super) model: RobotModel,
-    /// The same with rows over the terms of friction that it leaves out, too.
+    /// The same model, with additional columns for the friction terms that it leaves out.
     pub(super) wide: RobotModel,
     pub(super) left_out: Option<LeftOut>,
     pub(super) drift: FrictionDrift,
@@ -76,13 +76,13 @@ pub struct RobotIdentifier {
     pub(super) jumps: Jumps,
     pub(super) parameters: Vec<RobotParameter>,
     pub(super) payload: Option<Payload>,
-    /// True while the flange carries something.
+    /// True while the flange carries a payload.
     pub(super) is_loaded: bool,
     pub(super) slice: Vec<JointSums>,
     pub(super) slice_end: Option<f64>,
     pub(super) slice_begin: f64,
     pub(super) block: Vec<JointSums>,
-    /// Slices of the block that is open among those kept apart.
+    /// Number of separate slices that belong to the open block.
     pub(super) block_slices: usize,
     /// Slices since the start.
     pub(super) slices: usize,
@@ -92,23 +92,23 @@ pub struct RobotIdentifier {
     pub(super) ring: RowRing,
     pub(super) recent: Vec<Vec<JointSums>>,
     pub(super) recent_blocks: usize,
-    /// f_j² that is assumed, and the number of blocks that it counts for.
+    /// Prior values of f_j², and their weight in blocks.
     pub(super) assumed: (Vec<f64>, f64),
     pub(super) blocks: usize,
     pub(super) block_end: Option<f64>,
     /// True after the sums have been condensed into `committed`.
     pub(super) condensed: bool,
-    /// What is known without `pending`, once it is condensed.
+    /// The information without `pending`, once it is condensed.
     pub(super) committed: Information,
-    /// What is known with it.
+    /// The information including `pending`.
     pub(super) system: Information,
     pub(super) solver: Solver,
     pub(super) theta: Vec<f64>,
-    /// The arm's parameters that act as arm and payload together.
+    /// The parameters of an arm that is equivalent to arm and payload together.
     pub(super) effective: Vec<f64>,
     pub(super) before: Vec<f64>,
     pub(super) covariance: Vec<f64>,
-    /// Parameters that are held; those of the payload while there is none.
+    /// Fixed parameters; includes those of the payload while there is none.
     pub(super) fixed: Vec<bool>,
     pub(super) frictions: Vec<usize>,
     pub(super) carried: Vec<usize>,
@@ -117,7 +117,7 @@ pub struct RobotIdentifier {
     pub(super) inflation: Vec<f64>,
     pub(super) levels: LevelRing,
     pub(super) watch: Option<Watch>,
-    /// The change found in the block that is open, or in the last one.
+    /// The change found in the open block or in the last one.
     pub(super) change: Option<RobotChange>,
     pub(super) figures: BlockFigures,
     pub(super) recent_rows: RecentRows,
@@ -125,17 +125,17 @@ pub struct RobotIdentifier {
     pub(super) impossibles: Impossibles,
     pub(super) gain: Information,
     pub(super) size: Vec<f64>,
-    /// How far errors of the positions have moved the estimates.
+    /// Bias of the estimates by errors of the positions.
     pub(super) bias: Vec<f64>,
-    /// θ that tells the mass matrix for that: the URDF's at first.
+    /// θ of the mass matrix in that bias: the URDF's at first.
     pub(super) of_mass: Vec<f64>,
 }
 
 impl RobotIdentifier {
-    /// For a model; it starts from the URDF's own values.
+    /// An identifier for a model; it starts from the URDF's values.
     ///
     /// # Errors
-    /// Options that are not valid, in words.
+    /// If the options are invalid.
     pub fn new(model: RobotModel, options: IdentifyOptions) -> Result<Self, String> {
         options.validate()?;
         let joints = model.robot().len();
@@ -145,7 +145,7 @@ impl RobotIdentifier {
         parameters.extend(payload.iter().flat_map(Payload::parameters));
         let (wide, terms) = model.with_left_out(parameters.len());
         let n = parameters.len() + terms.len();
-        // parameters that act on rows
+        // parameters that affect rows
         let acting = if terms.is_empty() { arm } else { n };
         payload = payload.map(|payload| payload.over_columns(acting));
         let columns: Vec<usize> = (0..joints).map(|i| wide.columns(i).len()).collect();
@@ -215,7 +215,7 @@ impl RobotIdentifier {
         Ok(identifier)
     }
 
-    /// Forgets everything that was learnt and held.
+    /// Resets: forgets all data and fixed parameters.
     pub fn reset(&mut self) {
         self.rows.reset();
         self.jumps.reset();
@@ -255,15 +255,14 @@ impl RobotIdentifier {
         self.of_mass.copy_from_slice(&self.effective);
     }
 
-    /// Holds a parameter at a value, or at its estimate. What rows say of it goes on being
-    /// gathered.
+    /// Fixes a parameter at a value, or at its estimate. Information on it is still accumulated.
     pub fn fix(&mut self, parameter: usize, value: Option<f64>) {
         self.fixed[parameter] = true;
         self.theta[parameter] = value.unwrap_or(self.theta[parameter]);
         self.solve_known();
     }
 
-    /// Estimates a parameter that was held; one of the payload says that there is a payload.
+    /// Frees a fixed parameter; freeing one of the payload implies that there is a payload.
     pub fn free(&mut self, parameter: usize) {
         let of_payload = self.payload.as_ref().is_some_and(|payload| parameter >= payload.first);
         if of_payload && !self.is_loaded {
@@ -275,7 +274,7 @@ impl RobotIdentifier {
         self.solve_known();
     }
 
-    /// θ̂ of what is known already, after something was held or set free.
+    /// Recomputes θ̂ from the present information, after a parameter was fixed or freed.
     pub(super) fn solve_known(&mut self) {
         self.assemble();
         self.solver.solve(&self.system, &self.fixed, &mut self.theta);
@@ -284,8 +283,8 @@ impl RobotIdentifier {
         self.left_out.iter_mut().for_each(LeftOut::forget_shifts);
     }
 
-    /// P of what is known. If rounding has spoilt it, parameters are as uncertain as before the
-    /// first block: their values must not pass for known.
+    /// Recomputes P from the present information. If that fails because of rounding, P becomes that
+    /// before the first block, so that no value passes for known.
     fn solve_covariance(&mut self) {
         self.bias.fill(0.0);
         if self.solver.covariance(&self.system, &self.fixed, &mut self.covariance) {
@@ -299,17 +298,17 @@ impl RobotIdentifier {
         }
     }
 
-    /// Takes a sample; true if a block of time was completed and the estimates are new.
+    /// Adds a sample; true if it completes a block and the estimates are new.
     ///
     /// # Errors
-    /// The sample cannot be used and was left out.
+    /// If the sample cannot be used; it is left out.
     pub fn push(&mut self, sample: &RobotSample) -> Result<bool, SampleFault> {
         self.take(sample)?;
         let end = *self.block_end.get_or_insert(sample.t_s + self.options.block_s);
         if sample.t_s < end {
             return Ok(false);
         }
-        // A long pause is no reason to count empty blocks.
+        // After a long pause, empty blocks are not counted.
         let next = end + self.options.block_s;
         self.block_end = Some(if next > sample.t_s {
             next
@@ -319,10 +318,10 @@ impl RobotIdentifier {
         Ok(self.close_block())
     }
 
-    /// Takes a sample whose block somebody else [closes](Self::close_block).
+    /// Adds a sample; the caller [closes](Self::close_block) the block.
     ///
     /// # Errors
-    /// The sample cannot be used and was left out.
+    /// If the sample cannot be used; it is left out.
     pub fn take(&mut self, sample: &RobotSample) -> Result<(), SampleFault> {
         let (slice, ring, begin) = (&mut self.slice, &mut self.ring, &mut self.slice_begin);
         let recent_rows = &mut self.recent_rows;
@@ -352,8 +351,7 @@ impl RobotIdentifier {
         Ok(())
     }
 
-    /// Ends a recording: learns what its last, shorter block holds. The next sample begins a new
-    /// recording.
+    /// Ends a recording and uses its last, shorter block. The next sample begins a new recording.
     pub fn end_of_recording(&mut self) -> bool {
         self.rows.restart();
         self.jumps.restart();
@@ -364,7 +362,7 @@ impl RobotIdentifier {
         closed
     }
 
-    /// Windows begin anew with the next sample, and what came since the last block is dropped.
+    /// Restarts the windows with the next sample, and drops the data since the last block.
     pub fn discard_block(&mut self) {
         self.rows.restart();
         self.recent_rows.clear();
@@ -383,7 +381,7 @@ impl RobotIdentifier {
         (self.slice_end, self.block_end, self.block_slices) = (None, None, 0);
     }
 
-    /// Windows begin anew with the next sample, because time has been lost.
+    /// Restarts the windows with the next sample, because samples were lost.
     pub fn restart_windows(&mut self) {
         self.rows.restart();
         self.recent_rows.clear();
@@ -394,7 +392,7 @@ impl RobotIdentifier {
     }
 
     /// Makes friction uncertain again, as after a pause in which drives and oil change their
-    /// temperature; inertial parameters stay.
+    /// temperature; inertial parameters keep their information.
     pub fn widen_friction(&mut self) {
         self.condense();
         self.commit_pending(self.pending.len());
@@ -402,7 +400,7 @@ impl RobotIdentifier {
         self.solve_known();
     }
 
-    /// Adds so much of their size to the standard deviations of the friction parameters.
+    /// Adds the share `part` of their size to the standard deviations of the friction parameters.
     pub(super) fn widen(&mut self, part: f64) {
         for (k, &i) in self.frictions.iter().enumerate() {
             let size = self.theta[i]
@@ -413,7 +411,7 @@ impl RobotIdentifier {
         self.solver.walk(&mut self.committed, &self.frictions, &self.walk);
     }
 
-    /// Learns the block; false if it has no rows, and then nothing changes.
+    /// Updates the estimates with the block; returns false and changes nothing if it has no rows.
     pub fn close_block(&mut self) -> bool {
         let t_s = self
             .ring
@@ -431,7 +429,7 @@ impl RobotIdentifier {
         self.blocks += 1;
         self.before.copy_from_slice(&self.effective);
         let changed = self.change.is_some();
-        // before the first block there are none
+        // before the first block there are no estimates
         if self.blocks > 1 {
             self.levels.keep(t_s, &self.torque_std, &self.inflation);
         }
@@ -485,7 +483,7 @@ impl RobotIdentifier {
         true
     }
 
-    /// Standard deviation of a parameter before anything was learnt.
+    /// Prior standard deviation of a parameter.
     pub fn prior_std(&self, parameter: usize) -> f64 {
         self.parameters[parameter].scale
     }

@@ -1,48 +1,46 @@
-//! How a robot is identified: windows, blocks, and what is allowed for.
+//! Options of the identification of a robot: windows, blocks, and allowances.
 
 use super::windows::WindowOptions;
 
-/// How a robot is identified.
+/// Options of the identification of a robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdentifyOptions {
     /// Windows of the weak form.
     pub windows: WindowOptions,
-    /// True if windows become longer when errors of the positions ask for it.
+    /// True if windows become longer when errors of the positions require it.
     pub lengthens: bool,
-    /// Time to either side over which velocities were formed from positions \[s\]; `None` if they
+    /// Time on either side over which velocities were computed from positions \[s\]; `None` if they
     /// were measured.
     pub formed_over_s: Option<f64>,
     /// Length of a block \[s\].
     pub block_s: f64,
-    /// Blocks after which the weights of what is past are kept.
+    /// Blocks after which the weights of past blocks no longer change.
     pub settle_blocks: usize,
-    /// Random walk of the friction parameters after settling, as a part of their size per √s; 0 for
-    /// friction that stays.
+    /// Random walk of the friction parameters after settling, as a share of their size per √s; 0
+    /// for constant friction.
     pub friction_walk: f64,
-    /// Standard deviation by which
-    /// [`widen_friction`](super::RobotIdentifier::widen_friction) widens the friction parameters,
-    /// as a part of their size.
+    /// Standard deviation by which [`widen_friction`](super::RobotIdentifier::widen_friction)
+    /// widens the friction parameters, as a share of their size.
     pub friction_change: f64,
     /// Standard deviation of the change of the friction parameters when the payload changes, as a
-    /// part of their size: gears have more friction under load. 0 if friction does not depend on
-    /// the load.
+    /// share of their size, because gears have more friction under load. 0 if friction does not
+    /// depend on the load.
     pub payload_friction: f64,
-    /// True if the flange may carry a payload that comes and goes: it is found and estimated apart
-    /// from the arm.
+    /// True if the flange may carry a changing payload, which is then detected and estimated
+    /// separately from the arm.
     pub payload: bool,
     /// Standard deviation of the zero of each encoder and of the direction of gravity \[rad\], ≥ 0.
-    /// Small ones leave no residual: the moments of what the links weigh turn with them. So they
-    /// are not estimated, and standard deviations allow for them. Those of more than three standard
-    /// deviations that the residuals show are a misfit.
+    /// Small ones leave no residual, because they only rotate the gravity moments. So they are not
+    /// estimated, and standard deviations allow for them. If the residuals show one of more than
+    /// three standard deviations, it is a misfit.
     pub zero_rad: f64,
-    /// Relative standard deviation of masses by the gains of the drives, ≥ 0: how well the gains
-    /// are known.
+    /// Relative standard deviation of masses due to that of the drives' gains, ≥ 0.
     pub gain_std: f64,
 }
 
 impl Default for IdentifyOptions {
-    /// Blocks of 1 s; friction that walks by 5 % per √s after a minute, may change by half its size
-    /// in a pause and by 5 % with the payload; zeros known to 5 mrad.
+    /// Blocks of 1 s; a random walk of friction of 5 % per √s after a minute, a change of half its
+    /// size in a pause and of 5 % with the payload; zeros known to 5 mrad.
     fn default() -> Self {
         Self {
             windows: WindowOptions::default(),

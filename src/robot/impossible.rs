@@ -1,4 +1,4 @@
-//! What comes out as no machine has it: friction, a payload or an inertia below 0.
+//! Finds physically impossible estimates: negative friction, payload or inertia.
 //!
 //! ```text
 //! m_j = r_j·θ̂,    var m_j = r_jᵀ P r_j,    r_j the row of M_jj(q) at the newest sample            (1)
@@ -6,44 +6,44 @@
 //! refuted if θ̂_i < −SURE σ_i, for a parameter that is positive                                  (3)
 //! ```
 //!
-//! A torque, a position or an axis of the wrong sign may leave little residual: with that of joint
-//! 2's torque, the weight of a six-axis arm comes out turned round, fits to within a percent of the
-//! torque's power, and passed for known. What takes up acceleration turns round with it. The
-//! rotor's own parameter hides that of a coupled joint, so the links are looked at for themselves,
-//! too, if they are a part of the whole that matters.
+//! A torque, a position or an axis of the wrong sign may leave little residual: with the sign of
+//! joint 2's torque wrong, the estimated weight of a six-axis arm is reversed, fits to within a
+//! percent of the torque's power, and would count as known. But the inertia is reversed too. At a
+//! coupled joint the rotor's parameter hides this, so the links are also tested separately if they
+//! are a relevant part of the whole.
 //!
-//! What has been refuted is so until it is within [`AGAIN`] of 0: the part of a motion that shows
-//! it ends, the wrong sign does not.
+//! A refutation holds until the value is within [`AGAIN`] of 0, because the wrong sign persists
+//! after the part of the motion that shows it.
 
 use super::identify::{RobotIdentifier, TRIED};
 use super::impossible_room::Impossible;
 use super::left_out_room::LeftOutCause;
 
-/// Standard deviations below 0 that refute the model, and from which on they no longer do.
+/// Standard deviations below 0 that refute the model, and below which the refutation ends.
 const SURE: f64 = 5.0;
 const AGAIN: f64 = 2.0;
-/// The links' inertia counts if it is this part of the joint's, or more.
+/// The links' inertia is tested if it is at least this share of the joint's.
 const MATTERS: f64 = 0.2;
 
 impl RobotIdentifier {
-    /// The first that has come out as no machine has it: the model does not describe the machine.
+    /// The first impossible estimate: the model does not describe the machine.
     pub fn impossible(&self) -> Option<Impossible> {
         let inertia = self.impossibles.inertias.iter().position(|negative| *negative);
         let inertia = inertia.map(Impossible::Inertia);
         inertia.or(self.impossibles.parameter.map(Impossible::Parameter))
     }
 
-    /// True if a wrong sign is likelier than what the model leaves out, of which springs and delays
-    /// resemble it; Coulomb friction that is left out makes inertias negative, too.
+    /// True if a wrong sign is likelier than a term left out of the model. Springs and delays
+    /// resemble it, and missing Coulomb friction also makes inertias negative.
     pub fn is_sign_likelier(&self) -> bool {
         let is_vague = |cause: LeftOutCause| cause.what.is_one_of_many();
         matches!(self.impossible(), Some(Impossible::Inertia(_))) && self.left_out_cause().is_none_or(is_vague)
     }
 
-    /// Looks for it after a block.
+    /// Tests the estimates after a block.
     pub(super) fn look_for_impossibles(&mut self) {
         let mut row = std::mem::take(&mut self.impossibles.row);
-        // the first blocks behind a change may be taken for another cause than they will be
+        // the first blocks after a change may still be attributed to another cause
         let joints = if self.recent_blocks < TRIED {
             0
         } else {

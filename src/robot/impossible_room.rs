@@ -1,9 +1,8 @@
-//! What has come out as no machine has it, and room for the test of
-//! [`impossible`](super::impossible).
+//! Impossible estimates, and workspace for the test of [`impossible`](super::impossible).
 
 use crate::model::MAX_JOINTS;
 
-/// What no machine has.
+/// An impossible estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Impossible {
     /// The inertia at this joint is negative; counted from 0.
@@ -12,7 +11,7 @@ pub enum Impossible {
     Parameter(usize),
 }
 
-/// What has been found, and room to look for it.
+/// The impossible estimates found, and the workspace of the test.
 #[derive(Debug, Clone)]
 pub(super) struct Impossibles {
     pub inertias: [bool; MAX_JOINTS],
@@ -22,7 +21,7 @@ pub(super) struct Impossibles {
 }
 
 impl Impossibles {
-    /// Room for joints of up to so many columns.
+    /// Workspace for joints of up to `columns` columns.
     pub fn new(columns: usize) -> Self {
         Self {
             inertias: [false; MAX_JOINTS],
@@ -31,7 +30,7 @@ impl Impossibles {
         }
     }
 
-    /// Forgets what was found.
+    /// Clears the results.
     pub fn clear(&mut self) {
         (self.inertias, self.parameter) = ([false; MAX_JOINTS], None);
     }

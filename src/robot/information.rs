@@ -1,15 +1,14 @@
-//! What is known of parameters in information form, with its prior, and how it is solved with some
-//! of them held.
+//! Estimates in information form, with their prior, and their solution with some parameters fixed.
 //!
 //! ```text
 //! Λ θ̂ = b                                                                                        (1)
-//! Λ_ff θ_f = b_f − Λ_fh θ_h                              parameters h are held at θ_h             (2)
+//! Λ_ff θ_f = b_f − Λ_fh θ_h                              parameters h fixed at θ_h             (2)
 //! (Λ⁻¹ + Q)⁻¹ = Λ − Λ_q (Q_q⁻¹ + Λ_qq)⁻¹ Λ_qᵀ,   b likewise                  a random walk of q   (3)
-//! Λ_aa − Λ_ap Λ_pp⁻¹ Λ_pa,   b_a − Λ_ap Λ_pp⁻¹ b_p                         p is of no use any more (4)
+//! Λ_aa − Λ_ap Λ_pp⁻¹ Λ_pa,   b_a − Λ_ap Λ_pp⁻¹ b_p                         p is eliminated         (4)
 //! ```
 //!
-//! (3) is the matrix inversion lemma: what is held stays known as if it had been estimated all the
-//! time, so that it can be set free again.
+//! (3) is the matrix inversion lemma: the information on fixed parameters stays as if they had been
+//! estimated all the time, so they can be freed again.
 
 use crate::estimator::linalg::{Cholesky, dot};
 
@@ -21,12 +20,12 @@ pub(super) struct Information {
     pub matrix: Vec<f64>,
     /// b.
     pub vector: Vec<f64>,
-    /// What errors of the positions have taken from b.
+    /// Bias of b by errors of the positions.
     pub bias: Vec<f64>,
 }
 
 impl Information {
-    /// Of n parameters that nothing is known of.
+    /// No information on n parameters.
     pub fn new(n: usize) -> Self {
         Self {
             n,
@@ -50,7 +49,7 @@ impl Information {
         self.bias.copy_from_slice(&other.bias);
     }
 
-    /// A prior of its own for one parameter that nothing else is known of.
+    /// Sets the prior of one parameter without other information.
     pub fn set_prior(&mut self, i: usize, mean: f64, std: f64) {
         let n = self.n;
         for j in 0..n {
@@ -63,7 +62,7 @@ impl Information {
     }
 }
 
-/// Room to solve informations of up to n parameters in.
+/// Workspace to solve for up to n parameters.
 #[derive(Debug, Clone)]
 pub(super) struct Solver {
     factor: Cholesky,
@@ -99,8 +98,8 @@ impl Solver {
         m
     }
 
-    /// (2): writes θ̂ into the entries of `theta` that are not fixed; false if rounding has spoilt
-    /// Λ, and `theta` stays as it is.
+    /// (2): writes θ̂ into the entries of `theta` that are not fixed; returns false and leaves
+    /// `theta` unchanged if Λ is not positive definite because of rounding.
     pub fn solve(&mut self, information: &Information, fixed: &[bool], theta: &mut [f64]) -> bool {
         let n = information.n;
         let m = self.gather(information, fixed);
@@ -127,8 +126,8 @@ impl Solver {
         }
     }
 
-    /// P = Λ_ff⁻¹ spread over all n parameters, 0 for those that are held. False if rounding has
-    /// spoilt Λ, and `covariance` stays as it is.
+    /// P = Λ_ff⁻¹ in the rows and columns of the free parameters, 0 for fixed ones. Returns false
+    /// and leaves `covariance` unchanged if Λ is not positive definite because of rounding.
     pub fn covariance(&mut self, information: &Information, fixed: &[bool], covariance: &mut [f64]) -> bool {
         let n = information.n;
         let m = self.gather(information, fixed);
@@ -149,13 +148,12 @@ impl Solver {
         true
     }
 
-    /// (3) for the parameters q with the variances `walk`; those with none stay as they are.
+    /// (3) for the parameters q with the variances `walk`; those with variance 0 stay unchanged.
     pub fn walk(&mut self, information: &mut Information, q: &[usize], walk: &[f64]) {
         self.eliminate(information, q, Some(walk));
     }
 
-    /// (4): what is left of the information on the others when the parameters p may be anything;
-    /// they have no entries any more.
+    /// (4): eliminates the parameters p, which may have any value, and clears their entries.
     pub fn marginalise(&mut self, information: &mut Information, p: &[usize]) {
         self.eliminate(information, p, None);
         let n = information.n;
@@ -169,8 +167,8 @@ impl Solver {
         }
     }
 
-    /// (2) for good: what is left of the information on the others when the parameters p have these
-    /// values; they have no entries any more.
+    /// Applies (2) permanently: conditions on these values of the parameters p and clears their
+    /// entries.
     pub fn condition(information: &mut Information, p: &[usize], theta: &[f64]) {
         let n = information.n;
         for i in (0..n).filter(|i| !p.contains(i)) {

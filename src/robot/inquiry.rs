@@ -1,32 +1,32 @@
-//! What a change was, by all that has come since: a drive or an encoder, or friction or payload?
+//! Finds the cause of a change from all rows since: a drive or an encoder, or friction or payload.
 //!
-//! In the first second another gain of a drive, or an encoder that slips, resembles friction or a
-//! payload: each can imitate the other's torques along half a second of a motion. So a change is
-//! *taken over* as `watch.rs` finds it, and an inquiry goes on. It keeps what was known before the
-//! change, and sums up every row since. After each slice it holds (2') of
-//! [`change`](super::change) for each suspect, over all these rows, against each other:
+//! In the first second a changed drive gain, or an encoder that slips, resembles friction or a
+//! payload: each can imitate the other's torques during half a second of motion. So a change is
+//! *adopted* as `watch.rs` finds it, and an inquiry begins. It keeps the information from before
+//! the change and accumulates every row since. After each slice it compares (2') of
+//! [`change`](super::change) over all these rows between the suspects:
 //!
 //! ```text
 //! o = max gain_E over payload, friction of one joint, of all joints                            (1)
 //! b = max gain_E over the gain of a drive, of all drives alike, the zero of an encoder         (2)
-//! o > b + CLEAR, and residuals of it ≤ EXPLAINED f_j σ_j:   what was taken over stays          (3)
-//! b > o + CLEAR:                                            a drive or an encoder it is        (4)
+//! o > b + CLEAR, and residuals of it ≤ EXPLAINED f_j σ_j:   the adopted change stays           (3)
+//! b > o + CLEAR:                                            a drive or an encoder              (4)
 //! o, b < NOTHING:                                           nothing has changed                (5)
-//! o, b < NOTHING and gain_b < REFUTED in the last rows:     it was, and is no longer           (6)
+//! o, b < NOTHING and gain_b < REFUTED in the last rows:     the fault has ended                (6)
 //! ```
 //!
-//! It waits for [`LEAST`] slices, but for a payload that explains much more than (2). Until (3),
-//! (5) or (6) holds, and after (4) until (6) or a reset, nothing may be used: another gain scales
-//! what is learnt from then on, and a mass that comes later is weighed with the arm as it was.
-//! After (6) what was known before is known again. Columns are those of `gain_columns.rs`, and the
-//! slopes of the weight in a position.
+//! It waits for [`LEAST`] slices, unless a payload explains much more than (2). Until (3), (5) or
+//! (6) holds, and after (4) until (6) or a reset, nothing may be used: a changed gain scales
+//! everything learnt afterwards, and a later mass would be estimated against the old arm. After (6)
+//! the information from before is restored. The columns are those of `gain_columns.rs`, and the
+//! derivatives of the weight with respect to a position.
 //!
-//! What (4) names is looked at for ten seconds: friction of a joint that has not reversed yet is as
-//! good as a gain. Another change begins another inquiry, if this one was clear before but for the
-//! time; else neither will be.
+//! The result of (4) is reviewed for ten seconds, because without a reversal friction of a joint
+//! explains the rows as well as a gain. Another change begins another inquiry if this one only
+//! lacked slices; otherwise neither becomes clear.
 //!
-//! A gain or a zero that changes too little for friction or a payload to be suspected opens an
-//! inquiry by itself. A slip that is a jump is found at once by `jump.rs`, and opens one, too.
+//! A gain or a zero that changes too little to raise a suspicion of friction or payload opens an
+//! inquiry by itself. A slip that is a jump is found at once by `jump.rs` and also opens one.
 
 use super::change::Suspect;
 use super::identify::RobotIdentifier;
@@ -36,32 +36,32 @@ use super::watch::ALARM;
 use super::watch_room::Watch;
 use crate::model::MAX_JOINTS;
 
-/// ln of the Bayes factor by which one kind of cause must be likelier than the other.
+/// ln of the Bayes factor required between the two kinds of causes.
 const CLEAR: f64 = 10.0;
 /// Below it, nothing has changed.
 const NOTHING: f64 = 3.0;
-/// The same as a part of what a payload gains, before there are [`LEAST`] slices.
+/// The same relative to the gain of a payload, before there are [`LEAST`] slices.
 const SHARE: f64 = 0.1;
-/// ln of the Bayes factor of what the rows refute: had it changed, they would have shown a seventh
-/// of what it may change by.
+/// ln of the Bayes factor below which the rows refute a change: they would have shown a seventh of
+/// its prior standard deviation.
 const REFUTED: f64 = -2.0;
-/// Slices that it takes, and that the last rows of (6) are.
+/// Smallest number of slices, and the number of last slices in (6).
 const LEAST: usize = 8;
-/// Relative change of a gain that is none: a load on a vertical axis scales its force, too, and may
-/// leave a tenth of it or make it threefold. It stays unclear what that is.
+/// Largest credible relative change of a gain: a load on a vertical axis also scales its force, to
+/// a tenth or to three times. Beyond this the cause stays unclear.
 const CREDIBLE: f64 = 0.5;
-/// Residuals beyond so many f_j σ_j are not explained.
+/// Residuals above this many f_j σ_j are not explained.
 const EXPLAINED: f64 = 3.0;
 
 impl RobotIdentifier {
-    /// Why nothing that is known may be used, if that is so: a drive or an encoder has changed, or
-    /// might have.
+    /// Why nothing may be used: a drive or an encoder has changed, or might have. `None` if there
+    /// is no such doubt.
     pub fn doubt(&self) -> Option<RobotDoubt> {
         let inquired = || self.watch.as_ref()?.inquiry.doubt;
         self.jumps.found().or_else(inquired)
     }
 
-    /// Begins with what `system` holds as known before the change, and no rows.
+    /// Begins an inquiry with the information in `system` as that before the change, and no rows.
     pub(super) fn begin_inquiry(&mut self, watch: &mut Watch) {
         let inquiry = &mut watch.inquiry;
         inquiry.known.copy_from(&self.system);
@@ -82,12 +82,11 @@ impl RobotIdentifier {
         self.effective_of(&watch.inquiry.theta, &mut watch.inquiry.effective);
     }
 
-    /// Begins if a gain or a zero explains the window that was prepared last; `slices` are those in
-    /// it.
+    /// Begins an inquiry if a gain or a zero explains the last prepared window of `slices` slices.
     pub(super) fn suspect_drives(&mut self, watch: &mut Watch, slices: usize) {
         let is_strange = self.broken(watch).is_some_and(|(_, gain)| gain > ALARM);
         watch.strange = if is_strange { watch.strange + 1 } else { 0 };
-        // a joint that sets off shakes for a moment
+        // a joint that starts to move vibrates for a moment
         if watch.strange < 2 || watch.inquiry.is_open() {
             return;
         }
@@ -97,7 +96,7 @@ impl RobotIdentifier {
         }
     }
 
-    /// Adds the slice that has ended to the inquiry, if there is one.
+    /// Adds the last slice to the inquiry, if one is open.
     pub(super) fn add_to_inquiry(&mut self) {
         if let Some(watch) = self.watch.as_mut().filter(|watch| watch.inquiry.is_open()) {
             watch.inquiry.take(&self.slice);
@@ -121,7 +120,7 @@ impl RobotIdentifier {
         self.watch = Some(watch);
     }
 
-    /// (1) to (5) over everything since.
+    /// (1) to (5) over all rows since the change.
     fn outcome(&mut self, watch: &mut Watch) -> Option<RobotDoubt> {
         let unclear = Some(RobotDoubt::Unclear);
         if !self.prepare_inquiry(watch, false) {
@@ -165,7 +164,7 @@ impl RobotIdentifier {
         least == [true; 2] && self.gain(watch, suspect).is_some_and(|gain| gain < REFUTED)
     }
 
-    /// What was known before the change is what is known, if the flange carries the same.
+    /// Restores the information from before the change, if the payload is the same.
     fn restore(&mut self, watch: &Watch) {
         let inquiry = &watch.inquiry;
         if inquiry.was_loaded != self.is_loaded || inquiry.fixed != self.fixed {
@@ -179,8 +178,8 @@ impl RobotIdentifier {
         self.solve_known();
     }
 
-    /// Holds everything since, or the last rows, against what was known before; false if that
-    /// cannot be solved.
+    /// Prepares the comparison of all rows since, or of the last ones, with the information from
+    /// before; false if that cannot be solved.
     fn prepare_inquiry(&mut self, watch: &mut Watch, last: bool) -> bool {
         let inquiry = &watch.inquiry;
         watch.theta.copy_from_slice(&inquiry.theta);
@@ -201,8 +200,8 @@ impl RobotIdentifier {
             .begin(&watch.inquiry.known, &watch.data, &watch.inquiry.fixed)
     }
 
-    /// Exchanges the present state for that of before the change; false if there was none. What
-    /// `system` holds is that of before.
+    /// Swaps the present state with that before the change; false if there was none. `system` then
+    /// holds the information from before.
     pub(super) fn swap_with_before(&mut self) -> bool {
         let Some(watch) = self.watch.as_mut().filter(|watch| watch.inquiry.is_open()) else {
             return false;
@@ -215,7 +214,7 @@ impl RobotIdentifier {
         true
     }
 
-    /// Begins if an encoder has jumped.
+    /// Begins an inquiry if an encoder has jumped.
     pub(super) fn inquire_after_jump(&mut self) {
         let Some(mut watch) = self.watch.take() else { return };
         if !watch.inquiry.is_open() && self.blocks > 0 {
@@ -225,7 +224,7 @@ impl RobotIdentifier {
         self.watch = Some(watch);
     }
 
-    /// The likeliest of these on what was prepared last.
+    /// The likeliest of these suspects on the last prepared rows.
     fn likeliest(&self, watch: &mut Watch, suspects: impl Iterator<Item = Suspect>) -> Option<(Suspect, f64)> {
         let mut best: Option<(Suspect, f64)> = None;
         for suspect in suspects {
@@ -256,14 +255,14 @@ impl RobotIdentifier {
         self.likeliest(watch, all.chain(turns.map(Suspect::Slip)))
     }
 
-    /// δ and x of a suspect on what was prepared last, in `watch.evidence`.
+    /// δ and x of a suspect on the last prepared rows, in `watch.evidence`.
     fn weigh_suspect(&self, watch: &mut Watch, suspect: Suspect) -> Option<f64> {
         let extra = self.extra(suspect, &watch.friction_std, &watch.gains);
         let inquiry = &watch.inquiry;
         watch.evidence.weigh(&inquiry.known, &watch.data, &inquiry.fixed, extra)
     }
 
-    /// True if this suspect leaves no more than usual.
+    /// True if the residuals with this suspect are no larger than usual.
     fn is_explained(&self, watch: &mut Watch, suspect: Suspect) -> bool {
         if self.weigh_suspect(watch, suspect).is_none() {
             return false;
@@ -272,7 +271,7 @@ impl RobotIdentifier {
         self.effective_if(watch.inquiry.was_loaded, &evidence.delta, changed);
         let extra = self.extra(suspect, &watch.friction_std, &watch.gains);
         extra.add(&evidence.extra, changed);
-        // the sums have the estimate of before for their origin
+        // the origin of the sums is the estimate from before
         watch.window.iter().zip(&watch.inquiry.level).all(|(sums, level)| {
             let allowed = (EXPLAINED * level).powi(2) * sums.rows as f64;
             sums.residual_square(changed) <= allowed

@@ -1,38 +1,38 @@
-//! What an [inquiry](super::inquiry) works with, taken at the start.
+//! State and workspace of an [inquiry](super::inquiry), allocated at the start.
 
 use super::change::Suspect;
 use super::information::Information;
 use super::sums::JointSums;
 use std::fmt;
 
-/// Slices after which a drive or an encoder that was named stays so.
+/// Slices after which a named drive or encoder is final.
 const FINAL: usize = 40;
-/// Slices that it takes at most to see another change.
+/// Largest number of slices needed to detect another change.
 const LEANS: usize = 4;
 
-/// Why nothing that is known of a robot may be used.
+/// Why nothing known about a robot may be used.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RobotDoubt {
     /// The machine has changed, and a drive or an encoder may be the cause.
     Unclear,
-    /// Torques that a drive reports, or all of them, are another multiple of the true ones.
+    /// The torques that one drive, or every drive, reports are scaled differently than before.
     Gain {
         /// The joint, counted from 0; `None` for all joints alike.
         joint: Option<usize>,
-        /// What they are too large by, as a part of themselves.
+        /// Relative excess of the reported torques.
         by: f64,
     },
     /// An encoder has another zero than before.
     Slip {
         /// The joint, counted from 0.
         joint: usize,
-        /// What it shows too much \[rad\].
+        /// Error of its reading \[rad\].
         by: f64,
     },
 }
 
 impl fmt::Display for RobotDoubt {
-    /// Rounded, so that the words change only with the matter.
+    /// Rounded, so that the text does not change with every block.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let percent = |by: f64| (100.0 * (1.0 + by)).round();
         match *self {
@@ -60,14 +60,14 @@ impl fmt::Display for RobotDoubt {
     }
 }
 
-/// A change with all that has come since.
+/// A change with all rows since.
 #[derive(Debug, Clone)]
 pub(super) struct Inquiry {
-    /// What is said of it; `None` while there is no inquiry.
+    /// The present doubt; `None` while there is no inquiry.
     pub doubt: Option<RobotDoubt>,
     /// The likeliest drive or encoder.
     pub suspect: Suspect,
-    /// What was known before it.
+    /// The information before the change.
     pub known: Information,
     pub theta: Vec<f64>,
     pub effective: Vec<f64>,
@@ -80,13 +80,13 @@ pub(super) struct Inquiry {
     pub last: Vec<JointSums>,
     /// Slices since.
     pub slices: usize,
-    /// After the last slices, whether friction or a payload was clear but for the time; oldest
-    /// first.
+    /// For the last slices, whether friction or a payload was clear except for the number of
+    /// slices; oldest first.
     pub leans: [bool; LEANS],
 }
 
 impl Inquiry {
-    /// Room for it.
+    /// Workspace of an inquiry.
     pub fn new(parameters: usize, acting: usize, empty: &[JointSums]) -> Self {
         Self {
             doubt: None,
@@ -104,7 +104,7 @@ impl Inquiry {
         }
     }
 
-    /// True while there is one.
+    /// True while an inquiry is open.
     pub fn is_open(&self) -> bool {
         self.doubt.is_some()
     }
@@ -114,13 +114,13 @@ impl Inquiry {
         self.doubt == Some(RobotDoubt::Unclear) || self.is_open() && self.slices < FINAL
     }
 
-    /// True if another change may begin an inquiry: this one was about friction or a payload
-    /// before the other came.
+    /// True if another change may begin an inquiry, because this one pointed to friction or a
+    /// payload before the other change.
     pub fn gives_way(&self) -> bool {
         !self.is_open() || self.is_pending() && self.leans[0]
     }
 
-    /// Takes rows.
+    /// Adds rows.
     pub fn take(&mut self, rows: &[JointSums]) {
         self.slices += 1;
         let both = self.sums.iter_mut().zip(&mut self.last);

@@ -1,12 +1,12 @@
-//! What is probably wrong with a robot's log that was read as configured, and with what it taught.
+//! Finds probable mistakes in a robot's log as configured, and in its identification.
 //!
 //! ```text
 //! v̄ = ∫ q̇ dt / T,   d = Δq / T over pieces of some T = 0.1 s:   v̄ ≈ k d,   k = Σ v̄ d / Σ d²        (1)
 //! P_j = Σ f_j q̇_j ≥ 0 for every machine, f_j: friction torque of joint j without its offset        (2)
 //! ```
 //!
-//! Nothing here changes a number or refuses a log: suspicions are reported, and the user, who knows
-//! the robot, decides. Hardly any robot exceeds the limits below.
+//! Nothing here changes a number or refuses a log: suspicions are only reported, and the user, who
+//! knows the robot, decides. Hardly any robot exceeds the limits below.
 
 use super::clipped::Largest;
 use super::fit::correlation_time_s;
@@ -24,32 +24,32 @@ use std::f64::consts::{PI, TAU};
 const FARTHEST_RAD: f64 = 4.0 * PI;
 /// Turning joints seldom turn as fast on average \[rad/s\].
 const FASTEST_RAD_PER_S: f64 = 4.0 * PI;
-/// A joint may be this part of its range beyond a limit that is not meant so strictly.
+/// Share of its range by which a joint may exceed a limit without suspicion.
 const BEYOND: f64 = 0.5;
-/// Steps between samples that are this share of a turn are not motion.
+/// Steps between samples of this share of a turn are wraps, not motion.
 const WRAP: std::ops::Range<f64> = 0.9..1.1;
 /// Samples are seldom further apart \[s\].
 const LONGEST_STEP_S: f64 = 0.5;
 /// T of (1) \[s\].
 const PIECE_S: f64 = 0.1;
-/// Slower pieces do not count \[rad/s or m/s\].
+/// Slower pieces are ignored \[rad/s or m/s\].
 const SLOWEST: f64 = 0.02;
-/// Fewer pieces say nothing.
+/// Smallest number of pieces.
 const PIECES: usize = 10;
-/// A wrong sign counts if it is wrong by more than so many standard deviations.
+/// Standard deviations beyond which a wrong sign is reported.
 const SURE: f64 = 5.0;
-/// Residual that hardly anything explains \[%\]; the last joint of a real robot has 40 to 56 %.
+/// Residual above which a joint is suspicious \[%\]; the last joint of a real robot has 40 to 56 %.
 const LARGEST_RESIDUAL: f64 = 70.0;
-/// A misfit that has forgotten itself within this part of a window is noise, or nearly so.
+/// A misfit with a correlation time below this share of a window is noise, or nearly so.
 const WHITE: f64 = 0.2;
-/// A joint that moves in fewer samples than this share is not judged by its residual.
+/// Share of moving samples below which a joint is not judged by its residual.
 const MOVING: f64 = 0.1;
-/// Friction that is a smaller part of the torque hardly counts.
+/// Friction below this share of the torque is ignored.
 const LEAST_FRICTION: f64 = 0.01;
-/// Samples that the sums are taken over.
+/// Number of samples in the sums.
 const ENOUGH: usize = 2000;
 
-/// What is suspicious about the samples of a log; steps longer than `max_gap_s` are holes.
+/// Suspicions about the samples of a log; steps longer than `max_gap_s` are gaps.
 pub fn judge_robot_log(model: &RobotModel, log: &[RobotSample], max_gap_s: f64) -> Vec<RobotSuspicion> {
     let mut found = Vec::new();
     if log.len() < 3 {
@@ -57,7 +57,7 @@ pub fn judge_robot_log(model: &RobotModel, log: &[RobotSample], max_gap_s: f64) 
     }
     let mut steps: Vec<f64> = log.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
     let (_, step_s, _) = steps.select_nth_unstable_by(log.len() / 2 - 1, f64::total_cmp);
-    // A difference of stamps carries rounding that nobody would write.
+    // Round off the rounding errors of a difference of stamps.
     let step_s = format!("{step_s:.4e}").parse().unwrap_or(*step_s);
     if step_s > LONGEST_STEP_S {
         found.push(RobotSuspicion::Time { step_s });
@@ -101,7 +101,7 @@ pub fn judge_robot_log(model: &RobotModel, log: &[RobotSample], max_gap_s: f64) 
     found
 }
 
-/// A torque that stops at a limit while its joint moves; one that never changes is another mistake.
+/// A torque that is clipped while its joint moves; one that never changes is a different mistake.
 fn clipped(joint: usize, rest_speed: f64, log: &[RobotSample]) -> Option<RobotSuspicion> {
     let mut largest = Largest::default();
     let moving = log.iter().filter(|sample| sample.dq[joint].abs() > rest_speed);
@@ -112,14 +112,14 @@ fn clipped(joint: usize, rest_speed: f64, log: &[RobotSample]) -> Option<RobotSu
 }
 
 impl RobotIdentifier {
-    /// The first joint whose torque stops at a limit while it moves, with the limit \[N m or N\].
+    /// The first joint whose torque is clipped while it moves, with the limit \[N m or N\].
     pub fn clipped(&self) -> Option<(usize, f64)> {
         (0..self.model.robot().len()).find_map(|joint| Some((joint, self.rows.clipped(joint)?.0)))
     }
 
-    /// The joint of whose torque the model explains least over the last blocks, with the share of
-    /// its power, if that was less than [`LEAST_EXPLAINED`](super::LEAST_EXPLAINED) and has hardly
-    /// risen since.
+    /// The joint whose torque the model explains least over the last blocks, with the explained
+    /// share of its power, if that was below [`LEAST_EXPLAINED`](super::LEAST_EXPLAINED) and has
+    /// hardly risen since.
     pub fn unexplained(&self) -> Option<(usize, f64)> {
         let lacking = |joint: &usize| self.recent_rows.lacking[*joint];
         let shares = (0..self.model.robot().len()).filter(lacking);
@@ -128,7 +128,7 @@ impl RobotIdentifier {
     }
 }
 
-/// What is suspicious about an identification, judged by the filtered samples of its log.
+/// Suspicions about an identification, from the filtered samples of its log.
 pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) -> Vec<RobotSuspicion> {
     let model = identifier.model();
     let motion = Motion::of(identifier, states);
@@ -143,7 +143,7 @@ pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) 
             .filter(|(_, estimate, std)| *estimate < -SURE * std)
             .map(|(i, estimate, std)| (model.parameters()[i].name.clone(), estimate, std))
             .collect();
-        // Of several terms one may well be negative while their sum brakes.
+        // One of several terms may be negative although their sum brakes.
         if !negative.is_empty() && motion.friction_drives(joint) {
             let parameters = negative;
             found.push(RobotSuspicion::Sign { joint, parameters });
@@ -156,7 +156,7 @@ pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) 
         _ => found.extend(identifier.left_out_cause().map(RobotSuspicion::LeftOut)),
     }
     found.extend(identifier.doubt().map(RobotSuspicion::Changed));
-    // moments of a model that does not explain the torques name no cause
+    // if the model does not explain the torques, its moments do not identify the cause
     let contradiction = identifier
         .contradiction()
         .filter(|_| identifier.unexplained().is_none());
@@ -222,7 +222,7 @@ fn wraps(log: &[RobotSample], joint: usize) -> bool {
 struct Rate {
     /// Pieces in which the position moves.
     count: usize,
-    /// Pieces in which the velocity says that it moves fast.
+    /// Pieces with a high velocity signal.
     fast: usize,
     dd: f64,
     vd: f64,
@@ -255,7 +255,7 @@ impl Rate {
         sums
     }
 
-    /// k if it is surely outside of what it should be.
+    /// k if it is significantly outside its expected range.
     fn factor(&self) -> Option<f64> {
         if self.count < PIECES {
             return None;
@@ -276,8 +276,8 @@ struct Motion {
     /// Σ f_j² and Σ τ_j².
     friction: [f64; MAX_JOINTS],
     torque: [f64; MAX_JOINTS],
-    /// Samples in which the joint moves, with Σ (τ_j − τ̂_j)² and Σ τ_j² over them: a joint at rest
-    /// bears what it is given.
+    /// Samples in which the joint moves, with Σ (τ_j − τ̂_j)² and Σ τ_j² over them, because
+    /// friction holds a joint at rest under any torque.
     moving: [usize; MAX_JOINTS],
     error: [f64; MAX_JOINTS],
     borne: [f64; MAX_JOINTS],

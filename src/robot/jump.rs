@@ -1,18 +1,18 @@
-//! An encoder that slips: a position that jumps without a velocity.
+//! Detects a slipping encoder: a position that jumps without a velocity.
 //!
 //! ```text
 //! m = Δq_k − ½ (q̇_k + q̇_{k−1}) Δt                                                              (1)
-//! s = Δq_k − Δq_{k−1}        less whole turns, that an encoder may wrap by, and jumps           (2)
+//! s = Δq_k − Δq_{k−1}        less whole turns (an encoder may wrap), Δq_{k−1} less its jump     (2)
 //! l = max(LEAST, COUNTS · least |Δq| but 0)                                                    (3)
 //! jump by s:   |m| > max(l, LOUD · mean |m|),   |s| > l,   m/s > SHARE                         (4)
 //! slipped:     |Σ s| > LEAST over the jumps of a joint                                         (5)
 //! ```
 //!
-//! No machine moves like that: after an impact the velocity that is measured, or formed from the
-//! positions, goes with the positions, and m stays small. Velocities that are formed over several
-//! samples see the jump too; (4) holds in the sample in which it happens, and not beside it. A
-//! sample that is off by itself jumps there and back, and leaves (5) as it was. Steps of time of
-//! different lengths are not compared, for a stamp that is off would look like a jump.
+//! No machine moves like that: after an impact the velocity, measured or computed from positions,
+//! agrees with the positions, and m stays small. Velocities computed over several samples contain
+//! the jump too; (4) holds only in the sample of the jump, not in its neighbours. A single wrong
+//! sample jumps there and back and leaves (5) unchanged. Time steps of different lengths are not
+//! compared, because a wrong stamp would look like a jump.
 
 use super::inquiry_room::RobotDoubt;
 use super::state::RobotSample;
@@ -20,19 +20,18 @@ use super::tree::Robot;
 use crate::model::MAX_JOINTS;
 use std::f64::consts::TAU;
 
-/// What positions may differ by from their velocities anyway \[rad\]: standard deviations allow for
-/// zeros that are off by as much.
+/// Smallest jump \[rad\]: standard deviations allow for errors of the zero of this size.
 const LEAST: f64 = 3e-3;
-/// The same in counts of the encoder: its own steps are no jumps.
+/// The same in encoder counts, because steps of the encoder are not jumps.
 const COUNTS: f64 = 3.0;
-/// The same beside what they usually do.
+/// The same relative to the usual |m|.
 const LOUD: f64 = 20.0;
-/// Part of a jump that velocities do not see: all of it if they are measured, 5/12 if they are
-/// formed over five samples; beside it they see at most 1/4 that is not there.
+/// Share of a jump that is missing in the velocities: all of it if they are measured, 5/12 if they
+/// are computed over five samples; in neighbouring samples at most 1/4.
 const SHARE: f64 = 1.0 / 3.0;
 /// Steps of time may differ by this factor.
 const EVEN: f64 = 1.5;
-/// Samples that the mean of |m| is taken over.
+/// Samples in the mean of |m|.
 const MEAN_OF: f64 = 1000.0;
 
 /// The jumps so far.
@@ -43,7 +42,7 @@ pub(super) struct Jumps {
     step: [f64; MAX_JOINTS],
     step_s: f64,
     usual: [f64; MAX_JOINTS],
-    /// Smallest |Δq| so far, a count at least; 0 before the joint has moved.
+    /// Smallest |Δq| so far, at least one count; 0 before the joint has moved.
     count: [f64; MAX_JOINTS],
     slipped: [f64; MAX_JOINTS],
 }
@@ -54,12 +53,12 @@ impl Jumps {
         *self = Self::default();
     }
 
-    /// The next sample does not follow the last one.
+    /// Call this if the next sample does not follow the last one.
     pub fn restart(&mut self) {
         (self.last, self.step_s) = (None, 0.0);
     }
 
-    /// Takes a sample; true if a joint jumped in it.
+    /// Adds a sample; true if a joint jumped in it.
     pub fn take(&mut self, robot: &Robot, sample: &RobotSample) -> bool {
         let mut jumped = false;
         let Some(last) = self.last.replace(*sample) else {
@@ -108,12 +107,12 @@ mod tests {
     use super::super::velocity::Velocities;
     use super::*;
 
-    /// What is found on a smooth motion of joint 2 with this added at sample k, in rad.
+    /// The result for a smooth motion of joint 2 with `added` [rad] at sample k.
     fn found(period_s: f64, measured: bool, added: impl Fn(i32) -> f64) -> Option<(usize, f64)> {
         found_by(16, period_s, measured, added)
     }
 
-    /// The same through an encoder of so many bits.
+    /// The same with an encoder of `bits` bits.
     fn found_by(bits: i32, period_s: f64, measured: bool, added: impl Fn(i32) -> f64) -> Option<(usize, f64)> {
         let urdf = include_str!("../../config/robots/six_axis.urdf");
         let robot = Robot::from_urdf(urdf, &Selection::default()).unwrap();
@@ -140,8 +139,8 @@ mod tests {
         })
     }
 
-    /// The step before says what the motion moves by, to within an acceleration of 9 rad/s² times
-    /// the square of the period, and the encoder to within two counts.
+    /// The previous step gives the motion to within an acceleration of 9 rad/s² times the square of
+    /// the period; the encoder adds up to two counts.
     #[test]
     fn fault_a_slip_is_found_with_its_size_at_1_khz_and_at_100_hz() {
         for period_s in [1e-3, 1e-2] {
@@ -165,7 +164,7 @@ mod tests {
                 for bits in [8, 10, 12, 16] {
                     assert_eq!(found_by(bits, period_s, measured, |_| 0.0), None, "{bits} bits");
                 }
-                // a sample that is off by itself, a position that wraps, a slip that is undone
+                // a single wrong sample, a position that wraps, a slip that is undone
                 assert_eq!(
                     found(period_s, measured, |k| f64::from(u8::from(k == 1500)) * 0.1),
                     None

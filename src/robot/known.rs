@@ -1,4 +1,4 @@
-//! What a robot's identification tells of itself: estimates, how sure they are, and how it is done.
+//! Read access to a robot's identification: estimates, their standard deviations, and its settings.
 
 use super::change::RobotChange;
 use super::figures::BlockFigures;
@@ -12,7 +12,7 @@ impl RobotIdentifier {
         &self.model
     }
 
-    /// The parameters θ: the arm's, then those of the payload if there may be one.
+    /// The parameters θ: the arm's, then those of the payload if one is estimated.
     pub fn parameters(&self) -> &[RobotParameter] {
         &self.parameters
     }
@@ -22,13 +22,13 @@ impl RobotIdentifier {
         &self.theta[..self.parameters.len()]
     }
 
-    /// Standard deviation of one estimate; the prior's before the first block, 0 if it is held.
+    /// Standard deviation of one estimate; the prior's before the first block, 0 if it is fixed.
     pub fn theta_std(&self, parameter: usize) -> f64 {
         self.covariance(parameter, parameter).max(0.0).sqrt()
     }
 
-    /// The same without what is allowed for what the model leaves out and for drifts: a mistake in
-    /// the signals widens those itself.
+    /// The same without the allowances for missing terms and drifts, because a mistake in the
+    /// signals itself widens these.
     pub(super) fn own_std(&self, parameter: usize) -> f64 {
         self.covariance[parameter * self.theta.len() + parameter]
             .max(0.0)
@@ -48,13 +48,12 @@ impl RobotIdentifier {
         self.covariance[i * n + j] + drift + bias + left_out.map_or(0.0, |left_out| left_out.covariance(i, j, n))
     }
 
-    /// σ_j: standard deviation of a joint's rows from what is predicted \[N m or N\].
+    /// σ_j: standard deviation of a joint's rows about their prediction \[N m or N\].
     pub fn torque_std(&self, joint: usize) -> f64 {
         self.torque_std[joint]
     }
 
-    /// f_j: how much larger a joint's misfit is over a block than uncorrelated rows of σ_j would
-    /// make it.
+    /// f_j: ratio of a joint's misfit over a block to that of uncorrelated rows with σ_j.
     pub fn inflation(&self, joint: usize) -> f64 {
         self.inflation[joint]
     }
@@ -79,12 +78,12 @@ impl RobotIdentifier {
         self.options.windows.length_s
     }
 
-    /// True if a payload is looked for.
+    /// True if a payload is estimated.
     pub fn estimates_payload(&self) -> bool {
         self.payload.is_some()
     }
 
-    /// True while the flange carries something, as far as is known.
+    /// True while the flange carries a payload, as far as known.
     pub fn is_loaded(&self) -> bool {
         self.is_loaded
     }
@@ -94,7 +93,7 @@ impl RobotIdentifier {
         &self.figures
     }
 
-    /// True if a parameter is held.
+    /// True if a parameter is fixed.
     pub fn is_fixed(&self, parameter: usize) -> bool {
         self.fixed[parameter]
     }

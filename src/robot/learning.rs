@@ -1,5 +1,5 @@
-//! What a robot's identification does with a block: weights (2) and (3), estimates (1), the walk of
-//! friction (4) of [`identify`](super::identify).
+//! Processing of a block: weights (2) and (3), estimates (1), the random walk of friction (4) of
+//! [`identify`](super::identify).
 
 use super::identify::RobotIdentifier;
 use super::information::{Information, Solver};
@@ -10,21 +10,22 @@ use super::spatial::BodyParameters;
 use super::sums::JointSums;
 use std::ops::Range;
 
-/// Number of blocks that the f_j² of before a change counts for.
+/// Weight, in blocks, of f_j² from before a change.
 const KEPT_INFLATION: f64 = 8.0;
-/// σ_j² is followed over this many blocks after settling.
+/// Averaging time of σ_j² after settling, in blocks.
 const FOLLOWED_BLOCKS: f64 = 20.0;
-/// Smallest σ_j beside the joint's mean torque: a perfect simulation has no residual at all.
+/// Smallest σ_j relative to the joint's mean torque, because a perfect simulation has no residual.
 const SMALLEST_STD: f64 = 1e-9;
-/// The same while a joint has hardly more rows than its share of the parameters, which fit any.
+/// The same while a joint has hardly more rows than its share of the parameters, so that almost any
+/// data fit.
 const UNTRIED_STD: f64 = 0.02;
-/// Rows for each parameter from which on residuals tell of the noise.
+/// Rows per parameter above which residuals show the noise.
 const ROWS_PER_PARAMETER: f64 = 2.0;
-/// Least size of a parameter for its excitation, as a part of its prior.
+/// Smallest size of a parameter for its excitation, relative to its prior.
 const SMALLEST_SIZE: f64 = 1e-3;
 
 impl RobotIdentifier {
-    /// (2) and (3) over everything so far.
+    /// (2) and (3) over all data so far.
     pub(super) fn weigh_all(&mut self) {
         for (all, total) in self.all.iter_mut().zip(&self.total) {
             all.copy_from(total);
@@ -52,7 +53,7 @@ impl RobotIdentifier {
         sums.rows as f64 * (windows.stride_s / windows.length_s).min(1.0)
     }
 
-    /// True if there are enough rows to tell a change from what is not known yet.
+    /// True if there are enough rows to distinguish a change from what is still unknown.
     pub(super) fn has_enough_rows(&self) -> bool {
         let rows: f64 = self.all.iter().map(|sums| self.independent(sums)).sum();
         self.condensed || rows >= ROWS_PER_PARAMETER * self.parameters.len() as f64
@@ -79,7 +80,7 @@ impl RobotIdentifier {
         }
     }
 
-    /// How far friction seems to have drifted from the mean that the estimate is.
+    /// Estimates the drift of friction from the mean, which is its estimate.
     pub(super) fn look_for_drift(&mut self) {
         self.drift.reset();
         if self.options.friction_walk == 0.0 {
@@ -96,7 +97,7 @@ impl RobotIdentifier {
         }
     }
 
-    /// What the counts of the torques may have done to friction.
+    /// Estimates the effect of the torques' resolution on friction.
     pub(super) fn look_for_counts(&mut self) {
         for joint in 0..self.torque_std.len() {
             let own = self.model.friction_of(joint);
@@ -107,8 +108,7 @@ impl RobotIdentifier {
         }
     }
 
-    /// The blocks so far are those of another machine: f_j is kept, but they are not looked at any
-    /// more.
+    /// Drops the recent blocks, which are of another machine; keeps f_j.
     pub(super) fn forget_recent(&mut self) {
         self.recent_blocks = 0;
         for (assumed, inflation) in self.assumed.0.iter_mut().zip(&self.inflation) {
@@ -121,7 +121,7 @@ impl RobotIdentifier {
         (self.inflation[joint] * self.torque_std[joint]).powi(-2)
     }
 
-    /// The prior and `total` as information, with what the flange carried all the time.
+    /// The prior and `total` as information, for the payload carried during all of it.
     pub(super) fn of_total(
         model: &RobotModel,
         total: &[JointSums],
@@ -146,7 +146,7 @@ impl RobotIdentifier {
         }
     }
 
-    /// (1) over everything so far.
+    /// (1) over all data so far.
     pub(super) fn solve_all(&mut self) {
         let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
         let load = self.payload.as_mut().filter(|_| self.is_loaded);
@@ -156,8 +156,7 @@ impl RobotIdentifier {
         self.refresh_effective();
     }
 
-    /// Puts what has been summed up into the information; weights of what is past stay from here
-    /// on.
+    /// Condenses the sums into the information; the weights of past data are final from here on.
     pub(super) fn condense(&mut self) {
         if !self.condensed {
             self.condensed = true;
@@ -168,8 +167,8 @@ impl RobotIdentifier {
         }
     }
 
-    /// Puts what is known without the last `pending` slices into `system`: with none, without all
-    /// of them.
+    /// Writes the information without the last `slices` pending slices to `system`; with 0, without
+    /// all of them.
     pub(super) fn assemble_older(&mut self, slices: usize) {
         if self.condensed {
             self.system.copy_from(&self.committed);
@@ -191,12 +190,12 @@ impl RobotIdentifier {
         }
     }
 
-    /// What is known with all slices, in `system`.
+    /// Writes the information with all slices to `system`.
     pub(super) fn assemble(&mut self) {
         self.assemble_older(self.pending.len());
     }
 
-    /// Makes the oldest slices part of what is known.
+    /// Commits the oldest pending slices.
     pub(super) fn commit_pending(&mut self, count: usize) {
         for _ in 0..count {
             let Some(slice) = self.pending.pop() else { return };
@@ -250,7 +249,7 @@ impl RobotIdentifier {
         self.inflate();
     }
 
-    /// The payload may be anything from now on; what was known of it is gone.
+    /// Allows any payload from now on and drops all information on it.
     pub(super) fn load(&mut self) {
         let Some(payload) = &self.payload else { return };
         self.is_loaded = true;
@@ -260,8 +259,8 @@ impl RobotIdentifier {
         }
     }
 
-    /// What is left of what is known of the arm when the payload goes: with one that was declared,
-    /// everything; with one that was estimated, what holds for any.
+    /// Keeps the information on the arm when the payload is removed: all of it if the payload was
+    /// declared; if it was estimated, the part that holds for any payload.
     pub(super) fn marginalise_payload(&mut self) {
         match self.carried.iter().all(|i| self.fixed[*i]) {
             true => Solver::condition(&mut self.committed, &self.carried, &self.theta),
@@ -269,8 +268,8 @@ impl RobotIdentifier {
         }
     }
 
-    /// Makes what was learnt so far known before the flange carries something else. Before the
-    /// first block there are no weights yet, and a part of a block is left out instead.
+    /// Commits all data so far before the payload changes. Before the first block there are no
+    /// weights yet, so the part of a block is dropped instead.
     pub(super) fn begin_load(&mut self) {
         if self.blocks > 0 || self.condensed {
             self.condense();
@@ -287,9 +286,9 @@ impl RobotIdentifier {
         self.block_slices = 0;
     }
 
-    /// Says what the flange carries from now on, instead of finding it: `None` for nothing, else
-    /// ten parameters at the flange, which are held. Without a payload among the parameters nothing
-    /// happens. The watch over changes goes on: what contradicts the declaration is found.
+    /// Declares the payload from now on, instead of detecting it: `None` for nothing, otherwise ten
+    /// parameters at the flange, which are fixed. Does nothing if the payload is not among the
+    /// parameters. The test for changes continues, so a contradiction of the declaration is found.
     pub fn declare_payload(&mut self, body: Option<&BodyParameters>) {
         if self.payload.is_none() {
             return;
@@ -311,7 +310,7 @@ impl RobotIdentifier {
         self.solve_known();
     }
 
-    /// There is no payload from now on.
+    /// Removes the payload.
     pub(super) fn unload(&mut self) {
         let Some(payload) = &self.payload else { return };
         self.is_loaded = false;
@@ -330,7 +329,7 @@ impl RobotIdentifier {
         }
     }
 
-    /// What the block alone says of each parameter that is known to within its size.
+    /// Records the excitation of each parameter by the block alone.
     pub(super) fn note_excitation(&mut self) {
         let n = self.theta.len();
         let own = self.parameters.len();
@@ -351,7 +350,7 @@ impl RobotIdentifier {
     }
 }
 
-/// Adds weight · (A, b) of a joint's rows, of a robot with a payload or without.
+/// Adds weight · (A, b) of a joint's rows, for a robot with or without payload.
 pub(super) fn learn(sums: &JointSums, weight: f64, load: Option<&mut Payload>, into: &mut Information) {
     sums.scatter(weight, into); // (1)
     if let Some(payload) = load {
@@ -359,14 +358,14 @@ pub(super) fn learn(sums: &JointSums, weight: f64, load: Option<&mut Payload>, i
     }
 }
 
-/// eᵀ (FᵀF)⁻¹ e over these friction columns of one block, and the number of directions that it has.
+/// eᵀ (FᵀF)⁻¹ e over these friction columns of one block, and its number of directions.
 pub(super) fn friction_misfit(sums: &JointSums, friction: Range<usize>, theta: &[f64]) -> Option<(f64, f64)> {
     const MOST: usize = 8;
     const DEPENDENT: f64 = 1e-6;
     let m = sums.columns().len();
     let first = friction.start;
     // Cholesky without square roots; a column that depends on those before it, as in a block
-    // without a reversal, counts no direction.
+    // without a reversal, adds no direction.
     let mut l = [[0.0; MOST]; MOST];
     let mut d = [0.0; MOST];
     let mut e = [0.0; MOST];

@@ -1,11 +1,11 @@
-//! What the model leaves out and would explain the misfit, and how far off the estimates are
-//! without it.
+//! Finds terms missing in the model that would explain the misfit, and the error of the estimates
+//! without them.
 //!
 //! Rows have a column for each term of [`friction`](super::friction) that a joint's model leaves
 //! out, for the zeros of the encoders, the base's tilt (both as slopes of the links' weight by the
-//! URDF) and a delay of the torques. Each is held at 0, so that Λ and b hold its score and
-//! information, and P = Λ_θθ⁻¹ is what the estimate has anyway. For one such term c, and for all of
-//! them together:
+//! URDF) and a delay of the torques. Each is fixed at 0, so Λ and b contain its score and
+//! information, and P = Λ_θθ⁻¹ is the covariance of the estimate. For one such term c, and for all
+//! of them together:
 //!
 //! ```text
 //! U_c = b_c − Λ_cθ θ̂,    v_c = P Λ_θc,    I_cd = Λ_cd − Λ_cθ v_d                                (1)
@@ -20,29 +20,31 @@
 //! |U_c| less 1.5 |B_c − v_cᵀ B|,    B the bias by errors of the positions                        (9)
 //! ```
 //!
-//! (1) is the efficient score: what the estimated parameters can imitate of c is taken out. The
-//! weights in Λ hold f_j and σ_j, which a missing term has raised itself; x brings them to what
-//! remains once every term is there. f_j there is of blocks as clusters, so that a misfit that
-//! keeps its sign through a block raises no alarm. A term is named if z exceeds [`NAMED`] and a
-//! usable parameter is off by more than [`HARMFUL`] of its standard deviations and [`LEAST_ERROR`]
-//! of itself, or if nothing may be used and it explains more than [`TELLING`] of the misfit: then
-//! the model does not describe the machine. A spring, or a delay, has to explain as much in any
-//! case. (8) is the same sandwich along the term itself: with encoders of 13 bits reversals are
-//! seen early or late, and what this says of a delay scatters from block to block. (9) is what
-//! [`encoder_noise`](super::encoder_noise) foretells of U_c.
+//! (1) is the efficient score: the part of c that the estimated parameters can imitate is removed.
+//! The weights in Λ contain f_j and σ_j, which a missing term itself has raised; x reduces them to
+//! what remains with every term included. There f_j is computed with blocks as clusters, so a
+//! misfit that keeps its sign through a block raises no alarm. A term is named if z exceeds
+//! [`NAMED`] and a usable parameter is off by more than [`HARMFUL`] of its standard deviations and
+//! by the share [`LEAST_ERROR`] of itself, or if nothing may be used and the term explains more
+//! than [`TELLING`] of the misfit: then the model does not describe the machine. A spring or a
+//! delay must explain that much in any case. (8) is the same sandwich along the term itself: with
+//! encoders of 13 bits reversals are detected early or late, and the resulting apparent delay
+//! scatters from block to block. (9) subtracts the bias of U_c that
+//! [`encoder_noise`](super::encoder_noise) predicts.
 //!
-//! Standard deviations hold (6) before that, too, so that a term that does less harm, or is less
-//! sure, makes nothing surely wrong.
+//! Standard deviations include (6) even before that, so that a term that does less harm, or is less
+//! certain, does not make an estimate significantly wrong.
 //!
-//! A zero or a tilt turns the moments of what the links weigh, and a small one leaves next to no
-//! residual (on a six-axis arm, z < 1 with 10 mrad at joint 3, which puts hz3 2 % off): (7) allows
-//! for it always, and it is named only if it exceeds [`NOT_CONSIDERED`] of the standard deviations
-//! that (7) takes. This is Schmidt's consider analysis (S. F. Schmidt, Advances in Control
+//! A zero or a tilt rotates the gravity moments of the links, and a small one leaves almost no
+//! residual (on a six-axis arm, z < 1 with 10 mrad at joint 3, which makes hz3 2 % wrong): (7)
+//! always allows for it, and it is named only if it exceeds [`NOT_CONSIDERED`] of the standard
+//! deviations in (7). This is Schmidt's consider analysis (S. F. Schmidt, Advances in Control
 //! Systems 3, 1966).
 //!
-//! With thirty terms and some hundred blocks noise alone names one in 1e5 runs at most; the rest of
-//! the margin is for friction that is none of (1) there. Sources: C. R. Rao, Proc. Cambridge Phil.
-//! Soc. 44 (1948); K.-Y. Liang, S. Zeger, Biometrika 73 (1986).
+//! With thirty terms and about a hundred blocks, noise alone names a term in at most one of 1e5
+//! runs; the rest of the margin is for friction that (1) of `friction.rs` does not describe.
+//! Sources: C. R. Rao, Proc. Cambridge Phil. Soc. 44 (1948); K.-Y. Liang, S. Zeger, Biometrika 73
+//! (1986).
 
 use super::identify::RobotIdentifier;
 use super::learning::friction_misfit;
@@ -51,37 +53,38 @@ use super::model::LeftOutTerm;
 use super::sums::JointSums;
 use crate::model::MAX_JOINTS;
 
-/// z from which on a term is named, and below which it no longer is.
+/// z above which a term is named, and below which it no longer is.
 const NAMED: (f64, f64) = (6.0, 4.0);
-/// Standard deviations by which a usable parameter must be off for that, and no longer.
+/// Standard deviations by which a usable parameter must be off for that, and below which the naming
+/// ends.
 const HARMFUL: (f64, f64) = (3.0, 2.0);
-/// z from which on standard deviations allow for a term.
+/// z above which standard deviations allow for a term.
 const BELIEVED: f64 = 4.0;
-/// Three standard deviations below this part of a parameter make its error matter …
+/// The error of a parameter matters if three standard deviations are below this share of it,
 const USABLE: f64 = 0.05;
-/// … if that is larger than this part of it.
+/// and if the error is larger than this share of it.
 const LEAST_ERROR: f64 = 0.0025;
-/// Share of the misfit from which on a term is named if nothing may be used anyway, and a spring or
-/// a delay in any case.
+/// Share of the misfit above which a term is named if nothing may be used anyway; a spring or a
+/// delay always needs it.
 const TELLING: f64 = 0.2;
-/// Part of what errors of the positions may have done to a score that is not held against a term.
+/// Factor on the bias by errors of the positions that is subtracted from a score.
 const ALLOWED: f64 = 1.5;
-/// Standard deviations of a zero or a tilt from which on it is named.
+/// Standard deviations of a zero or a tilt above which it is named.
 const NOT_CONSIDERED: f64 = 3.0;
-/// Standard deviations allow for terms whose information is not nearly all rounding.
+/// Standard deviations allow only for terms whose information is well above rounding.
 const TOLD_APART: f64 = 2.0 * ROUNDING;
 
 impl RobotIdentifier {
-    /// What the model leaves out and makes what is known wrong, if the residuals speak for it: the
-    /// model does not describe the machine then. Zeros so wrong that they contradict the URDF are
-    /// told by [`contradiction`](Self::contradiction) alone: a slope does not tell by how much.
+    /// The missing term that makes estimates wrong, if the residuals show one: the model then does
+    /// not describe the machine. Zeros so wrong that they contradict the URDF are reported only by
+    /// [`contradiction`](Self::contradiction), because a slope does not give their size.
     pub fn left_out_cause(&self) -> Option<LeftOutCause> {
         let found = self.left_out.as_ref()?.found?;
         let is_told = found.what.is_considered() && self.contradiction().is_some();
         (!is_told).then_some(found)
     }
 
-    /// Looks for it after a block was learnt.
+    /// Searches for missing terms after a block.
     pub(super) fn look_for_left_out(&mut self) {
         if self.recent_blocks == 0 {
             return;
@@ -112,7 +115,7 @@ impl RobotIdentifier {
         let (n, k) = (self.theta.len(), left_out.terms.len());
         for c in 0..k {
             let LeftOutTerm { what, index, .. } = left_out.terms[c];
-            // what touches the rows of several joints is judged by the worst of them
+            // a term in the rows of several joints is judged by the worst of them
             let excess = match what.only_joint() {
                 Some(joint) => excess[joint],
                 None => excess.iter().copied().filter(|x| x.is_finite()).fold(0.0, f64::max),
@@ -141,7 +144,7 @@ impl RobotIdentifier {
                 left_out.step(c, amplitude);
                 self.effective_of(&left_out.theta, &mut left_out.alone);
                 let share = self.share(what.only_joint(), &left_out.alone);
-                // many things vary with the position, or look late where a joint reverses
+                // many effects vary with the position, or look like a delay at a reversal
                 let is_told = !what.is_one_of_many() || share > TELLING;
                 if harm > harmful && is_told || is_useless && share > TELLING {
                     left_out.found = Some(LeftOutCause {
@@ -184,7 +187,7 @@ impl RobotIdentifier {
         (0..self.parameters.len()).any(|i| !self.fixed[i] && is_known(i))
     }
 
-    /// Standard deviations by which the parameter that may be used and suffers most is off.
+    /// Error of the most affected usable parameter, in its standard deviations.
     fn harm(&self, direction: &[f64], amplitude: f64) -> f64 {
         let n = self.theta.len();
         let payload = self.payload.as_ref().filter(|_| self.is_loaded);
@@ -192,7 +195,7 @@ impl RobotIdentifier {
         for i in (0..self.parameters.len()).filter(|i| !self.fixed[*i]) {
             let (std, size) = (self.covariance[i * n + i].max(0.0).sqrt(), self.theta[i].abs());
             let error = (direction[i] * amplitude).abs();
-            // what a controller is told of the payload is made of all of its parameters
+            // the payload values for a controller depend on all of its parameters
             let is_told = payload.is_some_and(|payload| payload.indices().contains(&i));
             if (is_told || 3.0 * std < USABLE * size) && error > LEAST_ERROR * size {
                 harm = harm.max(error / std);
@@ -207,8 +210,8 @@ impl RobotIdentifier {
         recent.map(move |block| &block[joint]).filter(|sums| sums.rows > 0)
     }
 
-    /// Share of squared residuals that these effective parameters explain: of a joint's, or of all
-    /// by their weights.
+    /// Share of the squared residuals that these effective parameters explain: of one joint, or of
+    /// all joints, weighted.
     fn share(&self, joint: Option<usize>, effective: &[f64]) -> f64 {
         let of_joint = |joint: usize, theta: &[f64]| -> f64 {
             let square: f64 = self.recent_of(joint).map(|sums| sums.residual_square(theta)).sum();
@@ -219,7 +222,7 @@ impl RobotIdentifier {
         (1.0 - square(effective) / square(&self.effective)).clamp(0.0, 1.0)
     }
 
-    /// (4) of a joint; `None` without rows of it.
+    /// (4) of a joint; `None` if it has no rows.
     fn level(&self, joint: usize, left_out: &LeftOut) -> Option<f64> {
         let terms = self.model.friction_of(joint).len() + left_out.of_joint(joint);
         let (mut square, mut rows) = (0.0, 0);

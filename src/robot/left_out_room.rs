@@ -1,25 +1,25 @@
-//! Room for the test of what the model leaves out, taken at the start; (1) to (9) are those of
+//! Workspace of the test for missing terms, allocated at the start; (1) to (9) are those of
 //! [`left_out`](super::left_out).
 
 use super::information::Information;
 use super::model::{LeftOutTerm, Unmodelled};
 use crate::estimator::linalg::{Cholesky, dot};
 
-/// Part of a term's information that is taken for rounding: the parameters can imitate a term
-/// altogether.
+/// Share of a term's information that counts as rounding: the parameters can imitate a term
+/// completely.
 pub(super) const ROUNDING: f64 = 1e-9;
 
-/// What the model leaves out although it would explain the misfit.
+/// A term missing in the model that would explain the misfit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeftOutCause {
-    /// What it is.
+    /// The term.
     pub what: Unmodelled,
-    /// Its parameter, were it the only one that is missing.
+    /// Its parameter, if it is the only missing term.
     pub amplitude: f64,
-    /// z: standard deviations that it is from 0.
+    /// z: its distance from 0 in standard deviations.
     pub deviations: f64,
-    /// Standard deviations by which the usable parameter that suffers most is off; 0 if nothing may
-    /// be used.
+    /// Error of the most affected usable parameter, in its standard deviations; 0 if nothing may be
+    /// used.
     pub harm: f64,
     /// Share of the squared residuals that it would explain, 0 to 1: of its joint's, or of all.
     pub share: f64,
@@ -37,7 +37,7 @@ impl std::fmt::Display for Unmodelled {
 }
 
 impl std::fmt::Display for LeftOutCause {
-    /// Rounded, so that the words change only with the matter.
+    /// Rounded, so that the text does not change with every block.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let share = (10.0 * (10.0 * self.share).round()).max(10.0);
         write!(
@@ -48,22 +48,22 @@ impl std::fmt::Display for LeftOutCause {
     }
 }
 
-/// The terms that are left out, and room for the test.
+/// The missing terms, and the workspace of the test.
 #[derive(Debug, Clone)]
 pub(super) struct LeftOut {
     pub terms: Vec<LeftOutTerm>,
-    /// The term that was named last, if it still is.
+    /// The named term, if there is one.
     pub found: Option<LeftOutCause>,
-    /// v_c by rows, then v_c ĉ of those that are believed.
+    /// v_c by rows, then v_c ĉ of those allowed for by (6).
     pub shifts: Vec<f64>,
     pub believed: usize,
-    /// v_c times the standard deviation of c, for what is considered.
+    /// v_c times the standard deviation of c, for considered errors.
     considered: Vec<f64>,
     /// Standard deviation of zeros and tilts \[rad\].
     pub zero_rad: f64,
     /// U, I and ĉ_all.
     pub score: Vec<f64>,
-    /// What of U may be errors of the positions.
+    /// Bias of U by errors of the positions.
     pub doubtful: Vec<f64>,
     pub information: Vec<f64>,
     all: Vec<f64>,
@@ -77,7 +77,7 @@ pub(super) struct LeftOut {
 }
 
 impl LeftOut {
-    /// Room for these, beside so many parameters and terms together.
+    /// Workspace for `terms`; `n` is the number of parameters and terms together.
     pub fn new(terms: Vec<LeftOutTerm>, zero_rad: f64, n: usize) -> Self {
         let k = terms.len();
         let considered = terms.iter().filter(|term| term.what.is_considered()).count();
@@ -100,7 +100,7 @@ impl LeftOut {
         }
     }
 
-    /// The column of the zero of a joint's encoder, of a joint that turns.
+    /// The column of the zero of an encoder, for a revolute joint.
     pub fn zero(&self, joint: usize) -> Option<&[usize; 1]> {
         let own = |term: &&LeftOutTerm| term.what == Unmodelled::Zero { joint };
         self.terms
@@ -116,7 +116,8 @@ impl LeftOut {
         self.considered.fill(0.0);
     }
 
-    /// Parameters are held or free that were not: the errors (2) are those of another estimate.
+    /// Drops the errors (2) after parameters were fixed or freed, because they are of another
+    /// estimate.
     pub fn forget_shifts(&mut self) {
         self.believed = 0;
     }
@@ -127,7 +128,7 @@ impl LeftOut {
         self.terms.iter().filter(own).count()
     }
 
-    /// Number of columns behind those of friction, in the rows of every joint.
+    /// Number of columns after those of friction, in the rows of every joint.
     pub fn shared(&self) -> usize {
         let shared = |term: &&LeftOutTerm| term.what.only_joint().is_none();
         self.terms.iter().filter(shared).count()
@@ -140,19 +141,19 @@ impl LeftOut {
         }
     }
 
-    /// What (6) and (7) add to an entry of P.
+    /// Contribution of (6) and (7) to an entry of P.
     pub fn covariance(&self, i: usize, j: usize, n: usize) -> f64 {
         self.errors(n).map(|shift| shift[i] * shift[j]).sum() // (6), (7)
     }
 
-    /// The errors of the n estimates that (6) and (7) allow for.
+    /// The errors of the n estimates for which (6) and (7) allow.
     pub fn errors(&self, n: usize) -> impl Iterator<Item = &[f64]> {
         let n = n.max(1);
         let considered = self.considered.chunks_exact(n);
         considered.chain(self.shifts.chunks_exact(n).take(self.believed))
     }
 
-    /// Keeps what the errors that are considered do to the estimates.
+    /// Stores the effect of considered errors on the estimates.
     fn consider(&mut self, n: usize) {
         let shifts = self.terms.iter().zip(self.shifts.chunks_exact(n));
         let of = shifts.filter(|(term, _)| term.what.is_considered());
@@ -163,7 +164,7 @@ impl LeftOut {
         }
     }
 
-    /// (1) and (3); false if rounding has spoilt I.
+    /// (1) and (3); false if I is not positive definite because of rounding.
     pub fn solve(&mut self, known: &Information, covariance: &[f64], theta: &[f64]) -> bool {
         let (n, k) = (known.n, self.terms.len());
         for (c, term) in self.terms.iter().enumerate() {
@@ -194,7 +195,7 @@ impl LeftOut {
         true
     }
 
-    /// Gives θ a term with this amplitude.
+    /// Changes θ to that with the term at this amplitude.
     pub fn step(&mut self, c: usize, amplitude: f64) {
         let n = self.theta.len();
         for (theta, v) in self.theta.iter_mut().zip(&self.shifts[c * n..(c + 1) * n]) {
@@ -203,7 +204,7 @@ impl LeftOut {
         self.theta[self.terms[c].index] += amplitude;
     }
 
-    /// Keeps the error (2) that a term makes; errors of those before it may be kept already.
+    /// Stores the error (2) of a term, for (6); errors of earlier terms may already be stored.
     pub fn believe(&mut self, c: usize, amplitude: f64) {
         let n = self.theta.len();
         self.shifts.copy_within(c * n..(c + 1) * n, self.believed * n);
@@ -219,7 +220,7 @@ mod tests {
     use super::super::information::Solver;
     use super::*;
 
-    /// (3) is the solution with every term free, from that without them. Rounding of the terms'
+    /// (3) gives the solution with every term free from that without them. Rounding of the terms'
     /// information is 1e-9.
     #[test]
     fn val_terms_that_are_set_free_give_what_all_parameters_together_give() {
@@ -256,7 +257,7 @@ mod tests {
         for (left_out, all) in left_out.theta.iter().zip(&all) {
             assert!((left_out - all).abs() < 1e-7, "{left_out} {all}");
         }
-        // one of them alone, and what it does to P
+        // one of them alone, and its effect on P
         let amplitude = left_out.score[1] / left_out.information[3];
         let shift = left_out.shifts[n] * amplitude;
         let mut alone = theta.clone();

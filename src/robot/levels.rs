@@ -1,8 +1,7 @@
-//! Levels of the torques' misfit, σ_j and f_j, as they were before each of the last blocks.
+//! Levels of the torques' misfit, σ_j and f_j, before each of the last blocks.
 //!
-//! A change of the machine that is found after the block in which it happened has raised them: that
-//! block was judged by what the machine had been before. [`watch`](super::watch) goes back to those
-//! from before it.
+//! A change of the machine found after its block has raised them, because that block was compared
+//! with the old machine. [`watch`](super::watch) then returns to the levels before it.
 
 use crate::model::MAX_JOINTS;
 
@@ -14,7 +13,7 @@ pub(super) struct Levels {
     pub inflation: [f64; MAX_JOINTS],
 }
 
-/// Those of the last blocks; allocates nothing after construction.
+/// The levels of the last blocks; allocates nothing after construction.
 #[derive(Debug, Clone)]
 pub(super) struct LevelRing {
     kept: Vec<Levels>,
@@ -23,7 +22,7 @@ pub(super) struct LevelRing {
 }
 
 impl LevelRing {
-    /// Room for so many blocks, at least one.
+    /// Workspace for `blocks` blocks, at least one.
     pub fn new(blocks: usize) -> Self {
         Self {
             kept: vec![Levels::default(); blocks.max(1)],
@@ -32,7 +31,7 @@ impl LevelRing {
         }
     }
 
-    /// Keeps the levels before a block, in the place of the oldest if there is no more room.
+    /// Stores the levels before a block, in place of the oldest if the ring is full.
     pub fn keep(&mut self, end_s: f64, torque_std: &[f64], inflation: &[f64]) {
         let levels = &mut self.kept[self.next];
         levels.end_s = end_s;

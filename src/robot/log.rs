@@ -1,10 +1,10 @@
-//! Log files of robots: numbers in columns, with or without a line of names.
+//! Log files of robots: numbers in columns, with or without a header line.
 
 use super::skipped::{LogError, Skip, SkippedRows};
 use super::state::RobotSample;
 use crate::model::MAX_JOINTS;
 
-/// Which columns hold what, counted from 1 as spreadsheets do.
+/// Columns of the signals, counted from 1 as in spreadsheets.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogColumns {
     /// Time \[s\].
@@ -18,7 +18,7 @@ pub struct LogColumns {
 }
 
 impl LogColumns {
-    /// Time, then positions, velocities if there are any, and inputs of all joints.
+    /// Time, then positions, velocities if present, and inputs of all joints.
     pub fn in_order(joints: usize, has_velocity: bool) -> Self {
         let list = |index: usize| (2 + index * joints..2 + (index + 1) * joints).collect();
         Self {
@@ -30,7 +30,7 @@ impl LogColumns {
     }
 }
 
-/// From the input of the drives to the torques at the joints.
+/// Conversion of the drives' inputs to torques at the joints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Drives {
     /// Torque per input: N m/A for currents, 1 for torques.
@@ -41,7 +41,7 @@ pub struct Drives {
 }
 
 impl Drives {
-    /// Inputs that are torques already.
+    /// For inputs that are already torques.
     pub fn torque(joints: usize) -> Self {
         Self {
             gain: vec![1.0; joints],
@@ -52,7 +52,7 @@ impl Drives {
     /// Checks the numbers for a robot of this many joints.
     ///
     /// # Errors
-    /// What is expected and what is there, in words.
+    /// What was expected and what was given.
     pub fn validate(&self, joints: usize) -> Result<(), String> {
         if self.gain.len() != joints || self.gain.iter().any(|g| !g.is_finite() || *g == 0.0) {
             return Err(format!(
@@ -90,8 +90,8 @@ impl Drives {
 }
 
 impl Drives {
-    /// Inputs of the drives that give these torques or forces; coupled joints are solved for, and
-    /// get none if their matrix is singular.
+    /// Inputs of the drives for these torques or forces; solved for coupled joints, 0 if their
+    /// matrix is singular.
     pub fn inputs(&self, tau: &[f64; MAX_JOINTS]) -> [f64; MAX_JOINTS] {
         let n = self.gain.len().min(MAX_JOINTS);
         let mut own = *tau;
@@ -110,24 +110,23 @@ impl Drives {
     }
 }
 
-/// What a log gave.
+/// The content of a log.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RobotLog {
     /// The samples, in the order of their times.
     pub samples: Vec<RobotSample>,
-    /// The rows that are none.
+    /// The rows without a sample.
     pub skipped: SkippedRows,
 }
 
-/// Reads a log; numbers are separated by semicolons, bars, tabs, commas or spaces, a first line of
-/// names is skipped. Where commas do not separate they are decimal commas. Without columns of
-/// velocities these are 0, see [`with_velocities`](super::with_velocities). A row that is no sample
-/// is skipped and counted: one without finite numbers in the columns, or whose time is not after
-/// that of the sample before.
+/// Reads a log; numbers are separated by semicolons, bars, tabs, commas or spaces, a header line is
+/// skipped. Commas that do not separate numbers are decimal commas. Without columns of velocities
+/// these are 0, see [`with_velocities`](super::with_velocities). A row is skipped and counted if a
+/// column has no finite number, or if its time is not after that of the sample before.
 ///
 /// # Errors
-/// Columns that do not fit each other; the first such row, if half of the rows or more are no
-/// samples.
+/// If the columns do not fit together; the first skipped row, if half of the rows or more were
+/// skipped.
 pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<RobotLog, LogError> {
     let problem = |problem: String| LogError { line: None, problem };
     let joints = columns.position.len();
@@ -191,7 +190,7 @@ fn too_narrow(fields: usize, widest: usize, columns: &LogColumns) -> String {
     format!("expected at least {widest} columns, got {fields}{hint}")
 }
 
-/// The sample of a row that is wide enough, or why it is none.
+/// The sample of a row, or why it is invalid; the row must be wide enough.
 fn row(fields: &[&str], columns: &LogColumns, drives: &Drives) -> Result<RobotSample, (Skip, String)> {
     let value = |column: usize| -> Result<f64, (Skip, String)> {
         let field = fields[column - 1];
@@ -234,13 +233,13 @@ pub(super) fn width_of(text: &str) -> Option<usize> {
     })
 }
 
-/// With a decimal point, or with a comma in its place.
+/// A number with a decimal point or a decimal comma.
 fn number_of(field: &str) -> Option<f64> {
     field.parse().or_else(|_| field.replacen(',', ".", 1).parse()).ok()
 }
 
-/// Fields of a line: at semicolons, bars, tabs or commas, whichever is there first in this order,
-/// else at white space.
+/// Splits a line at semicolons, bars, tabs or commas, whichever occurs first in this order,
+/// otherwise at white space.
 pub(super) fn split<'a>(line: &'a str, fields: &mut Vec<&'a str>) {
     let line = line.trim();
     let separator = [';', '|', '\t', ','].into_iter().find(|c| line.contains(*c));

@@ -10,7 +10,7 @@
 //! let model = RobotModel::new(robot, true, vec![JointFriction::default(); joints])?;
 //! let mut identifier = RobotIdentifier::new(model, IdentifyOptions::default())?;
 //! for k in 0..300 {
-//!     // Here an arm that swings without torque; a log or a robot gives t_s, q, dq and tau.
+//!     // This arm swings without torque; t_s, q, dq and tau normally come from a log or a robot.
 //!     let t_s = 0.01 * f64::from(k);
 //!     let (q, dq) = ([0.5 * t_s.sin(); 8], [0.5 * t_s.cos(); 8]);
 //!     identifier.push(&RobotSample { t_s, q, dq, ..RobotSample::default() })?;
@@ -24,27 +24,27 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | `urdf`, `tree` | URDF → links and joints → the tree of bodies that move |
+//! | `urdf`, `tree` | URDF → links and joints → the tree of moving bodies |
 //! | `regressor` | momentum and Lagrangian regressors, without accelerations |
-//! | `dynamics` | inverse and forward dynamics, by other algorithms |
-//! | `base_parameters` | which combinations of parameters torques depend on |
-//! | `friction`, `model` | friction per joint; all of it as one linear model |
+//! | `dynamics` | inverse and forward dynamics, by independent algorithms |
+//! | `base_parameters` | the parameter combinations on which torques depend |
+//! | `friction`, `model` | friction per joint; the whole robot as one linear model |
 //! | `rows`, `sums`, `information` | samples → weak-form rows → normal equations |
-//! | `windows`, `encoder_noise`, `window_review` | how long windows are; what errors of the positions do, and when windows become longer |
-//! | `identify`, `learning`, `known`, `figures` | blocks → estimates with standard deviations, and how well they fit |
-//! | `clipped` | torques that stop at a limit |
-//! | `explained` | how much of each joint's torque the model explains |
-//! | `left_out` | which term of friction the model leaves out, by the residuals |
-//! | `urdf_prior`, `urdf_moments` | a gravity or a zero that is not the URDF's, by the moments |
-//! | `payload`, `change`, `watch`, `physical` | what the flange carries: found, located, weighed, physically possible |
+//! | `windows`, `encoder_noise`, `window_review` | length of the windows; effect of errors of the positions, and when windows become longer |
+//! | `identify`, `learning`, `known`, `figures` | blocks → estimates with standard deviations and goodness of fit |
+//! | `clipped` | clipped torques |
+//! | `explained` | share of each joint's torque that the model explains |
+//! | `left_out` | terms missing in the model, from the residuals |
+//! | `urdf_prior`, `urdf_moments` | a gravity or a zero that contradicts the URDF, from the moments |
+//! | `payload`, `change`, `watch`, `physical` | the payload: detected, located in time, estimated, physically possible |
 //! | `inquiry`, `gain_columns`, `jump` | whether a drive's gain or an encoder's zero has changed |
-//! | `standard`, `urdf_writer` | bodies that can exist, from base parameters; written into the URDF |
+//! | `standard`, `urdf_writer` | physically possible bodies from base parameters; written into the URDF |
 //! | `calibration` | gains of the drives from a known load |
 //! | `velocity` | velocities from positions |
 //! | `reference`, `simulator` | motions within limits; a simulated robot in closed loop |
-//! | `motion_table`, `prediction`, `excitation` | a motion as a table; what it will tell; motions that tell much |
-//! | `config_file`, `config`, `overrides` | the TOML file of a robot, and `--set` over it (feature `config`) |
-//! | `log`, `fit`, `judge`, `suspicion` | logs in columns; measured against predicted torque; what is probably wrong with them |
+//! | `motion_table`, `prediction`, `excitation` | a motion as a table; its expected information; informative motions |
+//! | `config_file`, `config`, `overrides` | the TOML file of a robot, with `--set` (feature `config`) |
+//! | `log`, `fit`, `judge`, `suspicion` | logs in columns; measured and predicted torque; probable mistakes in a log |
 
 mod base_parameters;
 mod butterworth;

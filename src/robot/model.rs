@@ -6,8 +6,8 @@
 //!     = d/dt (d_i · θ) + c_i · θ,        θ = (β, friction of joint 1, 2, …)                    (2)
 //! ```
 //!
-//! Row i depends on the parameters of the bodies behind joint i and on its own friction only; d_i
-//! and c_i are kept over these, its *columns*.
+//! Row i depends only on the parameters of the bodies after joint i and on the joint's friction;
+//! d_i and c_i have entries for these, its *columns*.
 
 use super::base_parameters::{BaseParameters, Standard};
 use super::dynamics::inverse_dynamics;
@@ -26,26 +26,26 @@ pub struct RobotParameter {
     pub name: String,
     /// SI unit.
     pub unit: &'static str,
-    /// The combination that it stands for, or what it is.
+    /// The combination that it stands for, or its meaning.
     pub meaning: String,
-    /// Its value by the URDF, 0 for what a URDF does not hold.
+    /// Its value by the URDF, 0 for parameters that a URDF does not have.
     pub nominal: f64,
-    /// Standard deviation that covers what a machine of this size can have.
+    /// Standard deviation that covers any machine of this size.
     pub scale: f64,
-    /// What values mean something.
+    /// Range of meaningful values.
     pub range: Meaningful,
 }
 
-/// The values of a parameter that mean something.
+/// The meaningful values of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Meaningful {
     /// Any.
     All,
-    /// 0 and above; below, other terms may well make up for it, and the value alone means nothing.
+    /// 0 and above; a negative value may be compensated by other terms, and alone has no meaning.
     NotNegative,
-    /// 0 and above, because no machine has less: the model is refuted by less.
+    /// 0 and above, because no machine has a negative value: that refutes the model.
     Positive,
-    /// None: it takes up what others would be wrong by.
+    /// None: the parameter absorbs errors of others.
     None,
 }
 
@@ -59,7 +59,7 @@ impl Meaningful {
         }
     }
 
-    /// True if no machine has this value, which is known to within `margin`.
+    /// True if no machine can have this value, which is known to within `margin`.
     pub fn refutes(self, value: f64, margin: f64) -> bool {
         self == Self::Positive && value < -margin
     }
@@ -78,7 +78,7 @@ impl Meaningful {
 const ANGLE_SCALE: f64 = 0.1;
 const DELAY_SCALE: f64 = 0.02;
 
-/// Where a column of a joint's row comes from.
+/// Origin of a column of a joint's row.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Column {
     /// Entry of the regressors.
@@ -87,13 +87,13 @@ enum Column {
     Rotor,
     /// Term of the joint's own friction.
     Friction(usize),
-    /// Slope of the joint's weight in a position, or in a tilt.
+    /// Derivative of the joint's weight with respect to a position or a tilt.
     Slope(usize),
     /// Derivative of the joint's measured torque.
     Delay,
 }
 
-/// What the equations of a robot leave out.
+/// An effect missing in the equations of a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unmodelled {
     /// A term of a joint's friction.
@@ -103,20 +103,20 @@ pub enum Unmodelled {
         /// The term.
         term: FrictionTerm,
     },
-    /// The encoder of a joint has another zero than the URDF; the amplitude is what it shows too
-    /// much \[rad\].
+    /// The zero of a joint's encoder differs from the URDF; the amplitude is the error of its
+    /// reading \[rad\].
     Zero {
         /// The joint, counted from 0.
         joint: usize,
     },
-    /// Gravity has another direction than the model says \[rad\].
+    /// The direction of gravity differs from the model's \[rad\].
     Tilt,
     /// Torques are later than positions and velocities, or filtered more \[s\].
     Delay,
 }
 
 impl Unmodelled {
-    /// True for a spring and for a delay: much else resembles them a little.
+    /// True for a spring and for a delay, which many other effects resemble slightly.
     pub(super) fn is_one_of_many(self) -> bool {
         matches!(
             self,
@@ -128,12 +128,13 @@ impl Unmodelled {
         )
     }
 
-    /// Estimated parameters imitate a small one, so that standard deviations always allow for it.
+    /// True if estimated parameters imitate a small one, so standard deviations always allow for
+    /// it.
     pub(super) fn is_considered(self) -> bool {
         matches!(self, Self::Zero { .. } | Self::Tilt)
     }
 
-    /// The joint whose rows alone it touches.
+    /// The joint, if it affects the rows of only one.
     pub(super) fn only_joint(self) -> Option<usize> {
         match self {
             Self::Friction { joint, .. } => Some(joint),
@@ -142,13 +143,13 @@ impl Unmodelled {
     }
 }
 
-/// A column that rows have beyond those of the model.
+/// A column of the rows beyond those of the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LeftOutTerm {
     pub what: Unmodelled,
-    /// Index of its column, behind every parameter.
+    /// Index of its column, after all parameters.
     pub index: usize,
-    /// Standard deviation that covers what a machine of this size can have.
+    /// Standard deviation that covers any machine of this size.
     pub scale: f64,
 }
 
@@ -158,22 +159,22 @@ pub struct RobotModel {
     robot: Robot,
     base: BaseParameters,
     friction: Vec<JointFriction>,
-    /// The same with the terms that rows have beyond those of the model.
+    /// The same with the terms beyond those of the model.
     built: Vec<JointFriction>,
     parameters: Vec<RobotParameter>,
     columns: Vec<Vec<Column>>,
     indices: Vec<Vec<usize>>,
     first_friction: Vec<usize>,
     has_load: bool,
-    /// Rows have columns of the weight's slopes.
+    /// True if rows have columns of the weight's derivatives.
     has_slopes: bool,
 }
 
 impl RobotModel {
-    /// Of a robot, with or without rotor inertias, and the friction of each joint.
+    /// A model of a robot, with or without rotor inertias, and with the friction of each joint.
     ///
     /// # Errors
-    /// Friction that is not given for each joint, or not valid, in words.
+    /// If friction is not given for each joint, or is invalid.
     pub fn new(robot: Robot, rotors: bool, friction: Vec<JointFriction>) -> Result<Self, String> {
         let n = robot.len();
         if friction.len() != n {
@@ -252,9 +253,9 @@ impl RobotModel {
         })
     }
 
-    /// The same model with longer rows: behind its own columns each joint has those of the terms of
-    /// friction that it leaves out, then those of the errors of sensors and base that all joints
-    /// share, with indices from `first` on. They are no parameters.
+    /// The same model with longer rows: after its own columns each joint has those of the friction
+    /// terms that it leaves out, then those of errors of sensors and base that all joints share,
+    /// with indices from `first` on. They are not parameters.
     pub(super) fn with_left_out(&self, first: usize) -> (Self, Vec<LeftOutTerm>) {
         let (mut wide, mut left_out) = (self.clone(), Vec::new());
         let scales = Scales::of(&self.robot);
@@ -343,7 +344,7 @@ impl RobotModel {
         self.rows_of(regressors, &mut slopes, &sample, engagement, differentiated, direct);
     }
 
-    /// The same of a sample, with the columns beyond those of the model, if there are any.
+    /// The same for a sample, including the columns beyond those of the model, if there are any.
     pub(super) fn rows_of(
         &self,
         regressors: &mut EnergyRegressors,
@@ -373,7 +374,8 @@ impl RobotModel {
                     Column::Body(entry) => (momentum[entry], -lagrangian[entry]), // (1)
                     Column::Rotor => (dq[i], 0.0),                                // (1)
                     Column::Friction(term) => (0.0, friction[term]),              // (1)
-                    // what a position or a direction that is too large by 1 takes from the torque
+                    // change of the torque by a position or direction that is too large by 1,
+                    // negated
                     Column::Slope(of) => (0.0, -held.slopes[of][i]),
                     // τ measured 1 s late is τ − τ̇
                     Column::Delay => (-sample.tau[i], 0.0),
@@ -383,15 +385,14 @@ impl RobotModel {
         }
     }
 
-    /// Which of a joint's columns is that of its own rotor.
+    /// Index of the column of the joint's own rotor, among its columns.
     pub(super) fn rotor_column(&self, joint: usize) -> Option<usize> {
         self.columns[joint]
             .iter()
             .position(|column| matches!(column, Column::Rotor))
     }
 
-    /// Entry (j, k) of the mass matrix with parameters `theta`, at the state that was evaluated
-    /// last.
+    /// Entry (j, k) of the mass matrix with parameters `theta`, at the last evaluated state.
     pub(super) fn inertia(&self, regressors: &EnergyRegressors, (j, k): (usize, usize), theta: &[f64]) -> f64 {
         let mut sum = 0.0;
         self.inertia_row(regressors, (j, k), |at, x| sum += x * theta[self.indices[j][at]]);
@@ -430,8 +431,8 @@ impl RobotModel {
         }
     }
 
-    /// g: torque that holds the URDF's bodies at rest, for load-dependent friction; 0 if there is
-    /// none.
+    /// g: torque that holds the URDF's bodies at rest, for load-dependent friction; 0 if no joint
+    /// has any.
     fn weight(&self, q: &[f64], weight: &mut [f64]) {
         if self.has_load {
             let still = [0.0; MAX_JOINTS];
@@ -440,12 +441,12 @@ impl RobotModel {
         }
     }
 
-    /// Entries that [`rows`](Self::rows) writes.
+    /// Number of entries that [`rows`](Self::rows) writes.
     pub fn row_entries(&self) -> usize {
         self.columns.iter().map(Vec::len).sum()
     }
 
-    /// The torques of the drives at one state with parameters `theta`: what a log is compared with.
+    /// The torques of the drives at one state with parameters `theta`, for comparison with a log.
     pub fn torques(&self, theta: &[f64], state: &FilteredSample, tau: &mut [f64]) {
         let FilteredSample {
             q, dq, ddq, engagement, ..
@@ -473,8 +474,8 @@ fn has_load(friction: &[JointFriction]) -> bool {
     friction.iter().any(|f| f.terms.contains(&FrictionTerm::Load))
 }
 
-/// Sizes that a robot's parameters can have: mass and reach of what each joint carries, and what
-/// its drive can give.
+/// Scales of a robot's parameters: mass and reach of the bodies that each joint carries, and the
+/// effort of its drive.
 struct Scales {
     mass: Vec<f64>,
     reach: Vec<f64>,
@@ -513,8 +514,8 @@ impl Scales {
         match standard {
             Standard::Body { parameter: 0, .. } => mass,
             Standard::Body { parameter: 1..4, .. } => mass * reach,
-            // Seen through its gear, the rotor of a small joint is heavier than what the joint
-            // carries.
+            // Through its gear, the rotor of a small joint can have more inertia than the bodies
+            // that the joint carries.
             Standard::Rotor { .. } if !self.turns[i] => mass.max(self.mass[0]),
             Standard::Rotor { .. } => (mass * reach * reach).max(0.1 * self.mass[0] * self.reach[0].powi(2)),
             Standard::Body { .. } => mass * reach * reach,

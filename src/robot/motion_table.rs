@@ -1,4 +1,4 @@
-//! A motion as a table of times and positions, with a smooth curve through them.
+//! A motion as a table of times and positions, interpolated by a smooth curve.
 //!
 //! Cubic splines through the points, with accelerations s_i at the points and intervals h_i:
 //!
@@ -27,7 +27,7 @@ const TIME: &str = "t_s";
 #[derive(Debug, Clone, PartialEq)]
 pub struct MotionTable {
     joints: usize,
-    /// Since the first one \[s\].
+    /// Times since the first point \[s\].
     t_s: Vec<f64>,
     q: Vec<[f64; MAX_JOINTS]>,
     /// s of (1).
@@ -35,10 +35,10 @@ pub struct MotionTable {
 }
 
 impl MotionTable {
-    /// Through positions \[rad or m\] at rising times \[s\].
+    /// A motion through positions \[rad or m\] at increasing times \[s\].
     ///
     /// # Errors
-    /// Fewer than 3 points, times that do not rise, numbers that are not finite, in words.
+    /// If there are fewer than 3 points, times do not increase, or numbers are not finite.
     pub fn new(joints: usize, t_s: &[f64], q: &[[f64; MAX_JOINTS]]) -> Result<Self, String> {
         if !(1..=MAX_JOINTS).contains(&joints) || t_s.len() != q.len() || t_s.len() < 3 {
             return Err(format!(
@@ -86,10 +86,10 @@ impl MotionTable {
     }
 
     /// From a text whose first line names the columns: `t_s`, then `q1_rad` or `q1_m`, …, in any
-    /// order; other columns are not read.
+    /// order; other columns are ignored.
     ///
     /// # Errors
-    /// The first line that is not a motion of this many joints.
+    /// The first line that does not describe a motion of this many joints.
     pub fn parse(text: &str, joints: usize) -> Result<Self, LogError> {
         let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
         let mut fields = Vec::new();
@@ -135,8 +135,8 @@ impl MotionTable {
         Self::new(joints, &t_s, &q).map_err(|problem| LogError { line: None, problem })
     }
 
-    /// As text with the columns `t_s`, positions, velocities and accelerations; `turns` says of
-    /// each joint whether it turns.
+    /// As text with the columns `t_s`, positions, velocities and accelerations; `turns` is true for
+    /// each revolute joint.
     pub fn to_csv(&self, turns: &[bool]) -> String {
         let mut text = TIME.to_owned();
         for (name, rate) in [("q", ""), ("dq", "_per_s"), ("ddq", "_per_s2")] {
@@ -181,7 +181,7 @@ impl MotionTable {
     }
 
     /// Position, velocity and acceleration of each joint at a time since the first point \[s\]. A
-    /// closed motion is repeated, another one rests behind its end.
+    /// closed motion repeats; any other rests at its end.
     pub fn at(&self, t_s: f64) -> [Setpoint; MAX_JOINTS] {
         let (end, last) = (self.duration_s(), self.t_s.len() - 1);
         let t = match t_s > end {
@@ -213,7 +213,7 @@ impl MotionTable {
 /// or a log with these columns.
 ///
 /// # Errors
-/// The first line that is no motion of this many joints.
+/// The first line that does not describe a motion of this many joints.
 pub fn read_motion(text: &str, columns: &LogColumns) -> Result<MotionTable, LogError> {
     let joints = columns.position.len();
     let mut fields = Vec::new();
@@ -221,14 +221,14 @@ pub fn read_motion(text: &str, columns: &LogColumns) -> Result<MotionTable, LogE
     if fields.contains(&"t_s") && fields.iter().any(|name| name.starts_with("q1")) {
         return MotionTable::parse(text, joints);
     }
-    // Positions alone: velocities and inputs may be anything.
+    // Only positions are read: velocities and inputs may be anything.
     let positions = LogColumns {
         velocity: Vec::new(),
         input: columns.position.clone(),
         ..columns.clone()
     };
     let log = read_log(text, &positions, &Drives::torque(joints))?;
-    // a drive would jump over a setpoint that is missing
+    // a missing setpoint would make a drive jump
     if let Some(first) = log.skipped.first {
         return Err(first);
     }
@@ -242,7 +242,7 @@ mod tests {
 
     fn sine(t: f64) -> [f64; MAX_JOINTS] {
         let mut q = [0.0; MAX_JOINTS];
-        // Value and acceleration are 0 at multiples of π, as (2) asks for.
+        // Value and acceleration are 0 at multiples of π, as (2) requires.
         (q[0], q[1]) = (t.sin(), 1.0 - 0.5 * (2.0 * t).sin());
         q
     }

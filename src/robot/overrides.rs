@@ -2,7 +2,7 @@
 
 use toml::{Table, Value};
 
-/// Sections of a robot's file that no other configuration has, or that mean something else there.
+/// Sections of a robot's file that no other configuration has, or that have another meaning there.
 const OWN: [&str; 7] = ["model", "drive", "friction", "log", "identify", "simulate", "excite"];
 
 /// True if an argument sets a key of a robot's own sections; `model.kind` chooses the robot itself.
@@ -12,10 +12,10 @@ pub fn is_robot_override(argument: &str) -> bool {
     OWN.contains(&section) && key.contains('.') && key != "model.kind"
 }
 
-/// Lays such an argument over a robot's file.
+/// Applies such an argument to a robot's file.
 ///
 /// # Errors
-/// What is expected, if it is no key and value.
+/// What was expected, if the argument is not a key and a value.
 pub(super) fn lay(table: &mut Table, argument: &str) -> Result<(), String> {
     let (key, text) = argument
         .split_once('=')
@@ -29,7 +29,7 @@ pub(super) fn lay(table: &mut Table, argument: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// A bare word is a string, so that nobody has to quote quotes in a shell.
+/// A bare word is a string, so that no quotes need escaping in a shell.
 fn value(text: &str) -> Result<Value, String> {
     match format!("value = {text}").parse::<Table>() {
         Ok(mut table) if table.len() == 1 => Ok(table.remove("value").unwrap_or_else(|| text.into())),

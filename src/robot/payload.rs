@@ -1,4 +1,4 @@
-//! What the flange carries: ten parameters of their own beside the arm's.
+//! The payload at the flange: ten parameters in addition to the arm's.
 //!
 //! ```text
 //! β' = β + M π,     M = K T                                                                    (1)
@@ -6,9 +6,9 @@
 //! ```
 //!
 //! T moves a body from the flange into the frame of the last joint, K takes standard to base
-//! parameters. A rigid payload acts as if the last body were another one, so its columns are
-//! combinations of the arm's: no row has to be made anew, and rows alone cannot tell the payload
-//! from the arm. The arm as it was learnt without payload does.
+//! parameters. A rigid payload is equivalent to a change of the last body, so its columns are
+//! combinations of the arm's: rows need not be recomputed, and rows alone cannot distinguish the
+//! payload from the arm. The arm's estimates without payload can.
 
 use super::information::Information;
 use super::model::{Meaningful, RobotModel, RobotParameter};
@@ -28,8 +28,8 @@ const NAMES: [(&str, &str, &str); BODY_PARAMETERS] = [
     ("payload_Iyz", "kg m^2", "inertia of the payload about the flange, yz"),
     ("payload_Izz", "kg m^2", "inertia of the payload about the flange, zz"),
 ];
-/// Payload that a robot can have, as a part of its own mass, and its distance from the flange as a
-/// part of the robot's reach.
+/// Scale of a payload: mass relative to the robot's mass, and distance from the flange relative to
+/// the robot's reach.
 const LARGEST: (f64, f64) = (0.25, 0.15);
 
 /// M with the prior of a payload.
@@ -37,7 +37,7 @@ const LARGEST: (f64, f64) = (0.25, 0.15);
 pub struct Payload {
     /// Index of its first parameter: the number of the arm's.
     pub(super) first: usize,
-    /// M, a row of ten per parameter of the arm.
+    /// M, one row of ten per parameter of the arm.
     map: Vec<[f64; BODY_PARAMETERS]>,
     /// Standard deviations of the prior, about 0.
     pub(super) prior: [f64; BODY_PARAMETERS],
@@ -45,7 +45,7 @@ pub struct Payload {
 }
 
 impl Payload {
-    /// Of a robot whose flange may carry something.
+    /// For a robot whose flange may carry a payload.
     pub fn new(model: &RobotModel) -> Self {
         let robot = model.robot();
         let n = robot.len();
@@ -58,7 +58,7 @@ impl Payload {
             let mut unit = BodyParameters::default();
             unit.0[p] = 1.0;
             bare.bodies[n - 1] = unit.moved(&robot.flange);
-            // K of (1): what is linear in the bodies.
+            // K of (1): the parameters that are linear in the bodies.
             for (row, entry) in map
                 .iter_mut()
                 .zip(model.base().nominal(&bare, &[0.0; crate::model::MAX_JOINTS]))
@@ -86,8 +86,8 @@ impl Payload {
         }
     }
 
-    /// The same for rows with columns up to this index; those behind the arm's parameters do not
-    /// see the payload.
+    /// The same for rows with columns up to this index; columns after the arm's parameters do not
+    /// depend on the payload.
     pub(super) fn over_columns(mut self, columns: usize) -> Self {
         self.map.resize(columns, [0.0; BODY_PARAMETERS]);
         self.product.resize(columns, [0.0; BODY_PARAMETERS]);
@@ -123,7 +123,8 @@ impl Payload {
         &self.map[parameter]
     }
 
-    /// (1): writes the arm's parameters that act as arm and payload of `theta` do.
+    /// (1): writes the parameters of an arm that is equivalent to arm and payload of `theta`
+    /// together.
     pub fn effective(&self, theta: &[f64], out: &mut [f64]) {
         let payload = &theta[self.indices()];
         for (i, row) in self.map.iter().enumerate() {

@@ -1,9 +1,8 @@
-//! What a robot's identification must keep to be continued by another process.
+//! The state that another process needs to continue a robot's identification.
 //!
-//! The rows that are kept apart are taken as known then, and sums are condensed: what goes on from
-//! a state weighs what is past as it was weighed. While it is not clear whether a drive or an
-//! encoder has changed, or if one has, the state is that of before the change: who goes on from it
-//! finds the change again.
+//! Saving commits the pending rows and condenses the sums, so a continued identification keeps the
+//! weights of past data. While an inquiry is open, or if a drive or an encoder has changed, the
+//! state is that before the change, so a process that continues from it finds the change again.
 
 use super::identify::RobotIdentifier;
 use super::watch::LEARNT;
@@ -11,8 +10,7 @@ use crate::estimator::persist::{Load, Save, Visit};
 use crate::estimator::{EstimatorState, StateError};
 
 impl RobotIdentifier {
-    /// Copies the state out; allocates only if the lists have no room yet. The first numbers are
-    /// θ̂.
+    /// Saves the state; allocates only if the lists are too small. The first numbers are θ̂.
     pub fn save(&mut self, into: &mut EstimatorState) {
         into.reals.clear();
         into.counts.clear();
@@ -29,10 +27,10 @@ impl RobotIdentifier {
         }
     }
 
-    /// Goes on from a state.
+    /// Continues from a state.
     ///
     /// # Errors
-    /// A state of another model, or one that no identification can be in; nothing is known then.
+    /// If the state is of another model or is invalid; the identification is then reset.
     pub fn load_state(&mut self, state: &EstimatorState) -> Result<(), StateError> {
         self.reset();
         let checked = self.take_in(state);
@@ -56,7 +54,7 @@ impl RobotIdentifier {
         self.go_on()
     }
 
-    /// After a state was copied in.
+    /// Completes loading a state.
     fn go_on(&mut self) -> Result<(), StateError> {
         self.condensed = true;
         self.slices = LEARNT;

@@ -1,14 +1,14 @@
-//! A rigid body that is physically possible, nearest to what was estimated.
+//! The physically possible rigid body nearest to an estimate.
 //!
 //! ```text
-//! J(π) = [½ tr(I) 1 − I, h; hᵀ, m] ≻ 0                         there is a density of this π (1)
-//! min ½ (π − π̂)ᵀ Λ (π − π̂) + γ [tr(J₀⁻¹ J) − ln det J]              γ followed down          (2)
+//! J(π) = [½ tr(I) 1 − I, h; hᵀ, m] ≻ 0                         a mass density has this π      (1)
+//! min ½ (π − π̂)ᵀ Λ (π − π̂) + γ [tr(J₀⁻¹ J) − ln det J]              with decreasing γ        (2)
 //! ```
 //!
-//! (2) is convex in π. J₀ is a ball of the estimated mass at the estimated place. Damped Newton
-//! steps follow γ down; coordinates that are positive by construction, such as log-Cholesky, creep
-//! along the border of the cone. Sources: P. Wensing, S. Kim, J.-J. Slotine, IEEE RA-L 3 (2018); T.
-//! Lee, P. Wensing, F. Park, IEEE T-RO 36 (2020).
+//! (2) is convex in π. J₀ is a ball of the estimated mass at the estimated position. Damped Newton
+//! steps follow decreasing γ; coordinates that are positive by construction, such as log-Cholesky,
+//! converge slowly along the boundary of the cone. Sources: P. Wensing, S. Kim, J.-J. Slotine, IEEE
+//! RA-L 3 (2018); T. Lee, P. Wensing, F. Park, IEEE T-RO 36 (2020).
 
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
 use crate::model::{ball_inertia, load_at_flange};
@@ -18,7 +18,7 @@ use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 const FARTHEST: f64 = 0.5;
 /// γ at the start and at the end, in nats of a likelihood.
 const WEIGHTS: (f64, f64) = (1e4, 0.1);
-/// Newton steps in all.
+/// Largest total number of Newton steps.
 const STEPS: usize = 80;
 
 type Square = SMatrix<f64, BODY_PARAMETERS, BODY_PARAMETERS>;
@@ -41,10 +41,10 @@ pub fn is_physical(body: &BodyParameters) -> bool {
     pseudo_inertia(body).cholesky().is_some()
 }
 
-/// Λ of (2) from a covariance of the ten, row-major; `None` if it is none.
+/// Λ of (2) from a covariance of the ten, row-major; `None` if this is not a covariance.
 pub fn information(covariance: &[f64; BODY_PARAMETERS * BODY_PARAMETERS]) -> Option<BodyInformation> {
     let matrix = Square::from_row_slice(covariance);
-    // Parameters of kg and of g m² meet on equal terms.
+    // Scaled, because parameters range from kg to g m².
     let scale = matrix.diagonal().map(|x| x.sqrt());
     if !scale.iter().all(|x| *x > 0.0 && x.is_finite()) {
         return None;
@@ -60,7 +60,7 @@ pub fn information(covariance: &[f64; BODY_PARAMETERS * BODY_PARAMETERS]) -> Opt
 #[derive(Debug, Clone, Copy)]
 pub struct BodyInformation(Square);
 
-/// (2): the body nearest to an estimate whose mass is positive; `None` if there is none near.
+/// (2): the body nearest to an estimate whose mass is positive; `None` if no such body is near.
 pub fn project(estimate: &BodyParameters, information: &BodyInformation) -> Option<BodyParameters> {
     let mass = estimate.mass();
     if !(mass > 0.0 && estimate.0.iter().all(|x| x.is_finite())) {
@@ -89,7 +89,7 @@ pub fn project(estimate: &BodyParameters, information: &BodyInformation) -> Opti
         let turned = directions.map(|direction| inverse * direction);
         let gradient = information.0 * (x - wanted) + gamma * (slope - Column::from_fn(|i, _| turned[i].trace()));
         let hessian = information.0 + Square::from_fn(|i, j| gamma * (turned[i] * turned[j]).trace());
-        // Scaled to a unit diagonal: parameters have very different sizes.
+        // Scaled to a unit diagonal, because parameters have very different sizes.
         let scale = hessian.diagonal().map(|d| 1.0 / d.sqrt());
         let scaled = Square::from_fn(|i, j| hessian[(i, j)] * scale[i] * scale[j]);
         let right = Column::from_fn(|i, _| -gradient[i] * scale[i]);
@@ -123,12 +123,12 @@ pub fn project(estimate: &BodyParameters, information: &BodyInformation) -> Opti
     is_physical(&body).then_some(body)
 }
 
-/// A load as it is declared: mass \[kg\], centre of mass in the flange's frame \[m\], inertia about
-/// the centre of mass in the axes of the flange, xx, xy, yy, xz, yz, zz \[kg m²\]; without an
-/// inertia, that of a ball of light metal.
+/// A declared load: mass \[kg\], centre of mass in the flange's frame \[m\], inertia about the
+/// centre of mass in the axes of the flange, xx, xy, yy, xz, yz, zz \[kg m²\]; without an inertia,
+/// that of an aluminium ball.
 ///
 /// # Errors
-/// What no body can have, in words.
+/// If no body can have these values.
 pub fn declared_load(mass_kg: f64, center_m: [f64; 3], inertia: Option<[f64; 6]>) -> Result<BodyParameters, String> {
     if !(mass_kg > 0.0 && mass_kg.is_finite() && center_m.iter().all(|x| x.is_finite())) {
         return Err(format!(
@@ -155,8 +155,8 @@ fn ball(mass: f64, center: Vector3<f64>) -> BodyParameters {
     BodyParameters::new(mass, center, Matrix3::identity() * ball_inertia(mass))
 }
 
-/// What robot controllers take: mass \[kg\], centre of mass in the flange's frame \[m\], inertia
-/// about the centre of mass in the axes of the flange, xx, xy, yy, xz, yz, zz \[kg m²\].
+/// The values that robot controllers use: mass \[kg\], centre of mass in the flange's frame \[m\],
+/// inertia about the centre of mass in the axes of the flange, xx, xy, yy, xz, yz, zz \[kg m²\].
 pub fn controller_values(body: &BodyParameters) -> [f64; BODY_PARAMETERS] {
     let (mass, h) = (body.mass(), body.first_moment());
     let c = h / mass;
@@ -218,7 +218,7 @@ mod tests {
         for k in 0..BODY_PARAMETERS {
             assert!((declared.0[k] - body.0[k]).abs() < 1e-15, "{k}");
         }
-        // As robot controllers take them: what was declared.
+        // The values for robot controllers are those declared.
         for (value, stated) in values.iter().zip([mass].iter().chain(&center).chain(&inertia)) {
             assert!((value - stated).abs() < 1e-15);
         }
@@ -246,7 +246,7 @@ mod tests {
             let off = (near.0[i] - true_body.0[i]).abs();
             assert!(off < covariance[i * 11].sqrt(), "{i}: {off}");
         }
-        // Inertias as data without excitation give them: negative, or against the triangle
+        // Inertias as estimated without excitation: negative, or in violation of the triangle
         // inequality.
         for inertia in [[-0.1, 0.05, 0.2], [0.5, 0.01, 0.01], [0.0, 0.0, 0.0]] {
             let mut body = true_body;
@@ -270,7 +270,7 @@ mod tests {
         for (value, expected) in values.iter().zip(expected) {
             assert!((value - expected).abs() < 1e-12);
         }
-        // Of a mass that is known to 1 % alone, with h exact: c = h/m to 1 %.
+        // With the mass known to 1 % and h exact, c = h/m is known to 1 %.
         let mut covariance = [0.0; 100];
         covariance[0] = 4e-4;
         let std = controller_std(&body, &covariance);

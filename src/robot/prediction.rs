@@ -1,15 +1,14 @@
-//! What a motion will tell: the standard deviations that identification reaches with it, before any
-//! torque is measured.
+//! Predicts the standard deviations that identification reaches with a motion, before any torque is
+//! measured.
 //!
 //! ```text
 //! Λ = Λ₀ + Σ_j A_j / (f_j σ_j)²,      std_i = √(Λ⁻¹)_ii                                       (1)
 //! σ_j² = s_j² Δ ∫ψ² / (∫ψ)²,          f_j² = Σ_k r(k · stride),   r = autocorrelation of ψ     (2)
 //! ```
 //!
-//! (1) is the information of [`identify`](super::identify), which depends on the motion alone once
-//! the misfit of the torques is known: σ_j of a row and the factor f_j for its correlation. Both
-//! are in the result of an earlier identification; (2) is what white noise of s_j per sample every
-//! Δ makes of them.
+//! (1) is the information of [`identify`](super::identify), which depends only on the motion if the
+//! misfit of the torques is known: σ_j of a row and the factor f_j for its correlation. Both come
+//! from an earlier identification, or from (2) for white noise of s_j per sample every Δ.
 
 use super::identify::RobotIdentifier;
 use super::information::{Information, Solver};
@@ -21,13 +20,13 @@ use super::sums::JointSums;
 use super::windows::WindowOptions;
 use crate::estimator::linalg::Cholesky;
 
-/// Samples per window at which a motion is looked at: the window is smooth, more of them change the
-/// standard deviations by less than 1 %.
+/// Samples per window at which a motion is evaluated: the window is smooth, so more of them change
+/// the standard deviations by less than 1 %.
 const LOOKS_PER_WINDOW: f64 = 10.0;
-/// Part of the standard deviation before any data below which a parameter is known from data:
-/// (1/3)² of the variance.
+/// Share of the prior standard deviation below which a parameter is known from data: (1/3)² of the
+/// variance.
 const KNOWN: f64 = 1.0 / 3.0;
-/// Least size of a parameter as a part of what a machine of this size can have.
+/// Smallest size of a parameter, relative to its scale for a machine of this size.
 const SMALLEST_SIZE: f64 = 0.02;
 
 /// Misfit of the rows of each joint.
@@ -35,13 +34,12 @@ const SMALLEST_SIZE: f64 = 0.02;
 pub struct RowMisfit {
     /// σ_j: standard deviation of a row \[N m or N\], > 0.
     pub std: Vec<f64>,
-    /// f_j ≥ 1: how much larger the misfit is over seconds than independent rows would make it.
+    /// f_j ≥ 1: ratio of the misfit over seconds to that of independent rows.
     pub correlation: Vec<f64>,
 }
 
 impl RowMisfit {
-    /// (2): of torques that are off by white noise alone; `std` is that of one sample at each
-    /// joint.
+    /// (2): for torques with white noise only; `std` is that of one sample at each joint.
     pub fn white(std: &[f64], sample_period_s: f64, windows: &WindowOptions) -> Self {
         const STEPS: i32 = 400;
         let psi = |x: f64| if x.abs() < 1.0 { (1.0 - x * x).powi(4) } else { 0.0 };
@@ -80,19 +78,19 @@ impl RowMisfit {
     }
 }
 
-/// What a motion says of one parameter.
+/// Forecast of one parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ParameterForecast {
-    /// Standard deviation that it will be known to.
+    /// Expected standard deviation.
     pub std: f64,
-    /// Its size: the URDF's value, at least 2 % of what a machine of this size can have.
+    /// Its size: the URDF's value, at least 2 % of its scale for a machine of this size.
     pub size: f64,
-    /// False if the motion says next to nothing of it: the standard deviation stays above a third
-    /// of that before any data.
+    /// False if the motion hardly informs on it: the standard deviation stays above a third of the
+    /// prior's.
     pub is_told: bool,
 }
 
-/// Looks at motions, each time in the same room.
+/// Evaluates motions, reusing its workspace.
 #[derive(Debug, Clone)]
 pub struct Forecaster {
     model: RobotModel,
@@ -106,10 +104,10 @@ pub struct Forecaster {
 }
 
 impl Forecaster {
-    /// For a model, its windows, and the misfit that is to be expected.
+    /// For a model, its windows, and the expected misfit.
     ///
     /// # Errors
-    /// Windows or a misfit that are not valid, in words.
+    /// If windows or misfit are invalid.
     pub fn new(model: RobotModel, windows: WindowOptions, misfit: RowMisfit) -> Result<Self, String> {
         let (joints, n) = (model.robot().len(), model.parameters().len());
         misfit.validate(joints)?;
@@ -130,23 +128,23 @@ impl Forecaster {
         &self.model
     }
 
-    /// The misfit that is expected.
+    /// The expected misfit.
     pub fn misfit(&self) -> &RowMisfit {
         &self.misfit
     }
 
-    /// Time between two looks at a motion \[s\].
+    /// Time between two evaluations of a motion \[s\].
     pub fn step_s(&self) -> f64 {
         (self.windows.length_s / LOOKS_PER_WINDOW).min(0.9 * self.windows.max_gap_s)
     }
 
-    /// (1), from the states of a motion at rising times.
+    /// (1), from the states of a motion at increasing times.
     pub(super) fn sample_motion(&mut self, motion: impl Iterator<Item = RobotSample>) {
         self.rows.restart();
         self.sums.iter_mut().for_each(JointSums::clear);
         for sample in motion {
             let sums = &mut self.sums;
-            // A motion that was checked has finite numbers at rising times.
+            // A valid motion has finite numbers at increasing times.
             let _ = self.rows.push(&self.model, &sample, &mut |row| {
                 sums[row.joint].add_row(row.regressor, 0.0);
             });
@@ -157,8 +155,8 @@ impl Forecaster {
         RobotIdentifier::of_total(&self.model, &self.sums, weight, (None, None), &mut self.information); // (1)
     }
 
-    /// ½ ln det Λ − ½ ln det Λ₀ of the last motion \[nat\]: the smaller the ellipsoid of what is
-    /// still possible, the larger. `None` if rounding has spoilt Λ.
+    /// ½ ln det Λ − ½ ln det Λ₀ of the last motion \[nat\]: the larger, the smaller the confidence
+    /// ellipsoid. `None` if Λ is not positive definite because of rounding.
     pub(super) fn gain(&mut self) -> Option<f64> {
         let n = self.information.n;
         for (i, parameter) in self.model.parameters().iter().enumerate() {
@@ -171,7 +169,7 @@ impl Forecaster {
             .then(|| 0.5 * self.factor.log_determinant())
     }
 
-    /// What a motion will tell of each parameter.
+    /// The forecast of each parameter for a motion.
     pub fn forecast(&mut self, motion: &MotionTable) -> Vec<ParameterForecast> {
         let (step, joints) = (self.step_s(), motion.joints());
         let count = (motion.duration_s() / step).floor() as usize;

@@ -1,4 +1,4 @@
-//! splitmix64: a fixed sequence for all times and machines.
+//! SplitMix64: the same sequence on every machine and in every version.
 
 /// A sequence of random numbers.
 #[derive(Debug, Clone)]

@@ -1,5 +1,5 @@
-//! The last rows and their sums, kept apart from what is known until it is clear that the machine
-//! is still the same.
+//! The last rows and their sums, kept separate from the estimate until it is clear that the machine
+//! has not changed.
 
 use super::rows::WeakRow;
 use super::sums::JointSums;
@@ -19,7 +19,7 @@ pub(super) struct Instant {
 pub(super) struct RowRing {
     instants: Vec<Instant>,
     regressors: Vec<f64>,
-    /// Where a joint's regressor begins in an instant's.
+    /// Offset of each joint's regressor within an instant.
     offsets: Vec<usize>,
     entries: usize,
     next: usize,
@@ -27,7 +27,7 @@ pub(super) struct RowRing {
 }
 
 impl RowRing {
-    /// Room for so many windows of joints with these numbers of columns.
+    /// Workspace for `windows` windows of joints with these numbers of columns.
     pub fn new(windows: usize, columns: &[usize]) -> Self {
         let mut offsets = Vec::with_capacity(columns.len());
         let mut entries = 0;
@@ -49,7 +49,7 @@ impl RowRing {
         (self.next, self.len) = (0, 0);
     }
 
-    /// Takes a row; those of one window come one after the other.
+    /// Adds a row; rows of one window must come consecutively.
     pub fn add(&mut self, row: &WeakRow<'_>) {
         let room = self.instants.len();
         if room == 0 {
@@ -90,7 +90,7 @@ impl RowRing {
     }
 }
 
-/// The sums of a stretch of time.
+/// The sums over an interval of time.
 #[derive(Debug, Clone)]
 pub(super) struct Slice {
     /// Of each joint.
@@ -138,14 +138,14 @@ impl SliceRing {
         &self.slices[(self.next + room - self.len + age) % room]
     }
 
-    /// Takes the oldest out; its sums stay readable until the next [`push`](Self::push).
+    /// Removes the oldest slice; its sums stay readable until the next [`push`](Self::push).
     pub fn pop(&mut self) -> Option<&Slice> {
         self.len = self.len.checked_sub(1)?;
         let room = self.slices.len();
         Some(&self.slices[(self.next + room - self.len - 1) % room])
     }
 
-    /// Drops the newest ones; a ring without room, where no payload is looked for, has none.
+    /// Drops the newest slices; a ring without capacity, used if no payload is estimated, has none.
     pub fn drop_newest(&mut self, count: usize) {
         let room = self.slices.len();
         let count = count.min(self.len);
@@ -156,13 +156,13 @@ impl SliceRing {
         self.len -= count;
     }
 
-    /// Exchanges the sums of the newest.
+    /// Replaces the sums of the newest slices.
     pub fn replace_newest(&mut self, sums: Vec<JointSums>) {
         let room = self.slices.len();
         self.slices[(self.next + room - 1) % room].sums = sums;
     }
 
-    /// Room for a new one, in the place of the oldest if the ring is full.
+    /// Adds an empty slice, in place of the oldest if the ring is full.
     pub fn push(&mut self, begin_s: f64) -> &mut Slice {
         let room = self.slices.len();
         let at = self.next;

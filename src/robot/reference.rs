@@ -1,15 +1,15 @@
-//! Where the joints of a simulated robot shall be: smooth motions within their limits, drawn from a
+//! Reference motions of a simulated robot: smooth, within the limits of its joints, drawn from a
 //! seed.
 //!
 //! ```text
 //! Fourier:  q_r = q₀ + ρ(t) Σ_k a_k sin(2π k t/T + φ_k),   ρ(t) = 10 x³ − 15 x⁴ + 6 x⁵, x = t/t_ρ up to 1          (1)
 //! moves:    q_r = q_a + (q_b − q_a) ρ(t), all joints at the same time, then a rest              (2)
-//! table:    a motion that was given, see `motion_table`; it keeps to its own limits
+//! table:    a given motion, see `motion_table`; it has its own limits
 //! ```
 //!
 //! Amplitudes are scaled so that position, speed and acceleration stay within the given part of the
-//! limits. The polynomial begins and ends with neither speed nor acceleration: T. Flash, N. Hogan,
-//! J. of Neuroscience 5 (1985).
+//! limits. The polynomial begins and ends with zero speed and acceleration: T. Flash, N. Hogan, J.
+//! of Neuroscience 5 (1985).
 
 use super::motion_table::MotionTable;
 use super::random::Random;
@@ -19,25 +19,25 @@ use crate::model::MAX_JOINTS;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Most harmonics of a Fourier motion.
+/// Largest number of harmonics of a Fourier motion.
 pub const MAX_HARMONICS: usize = 16;
 /// Time in which a Fourier motion grows to its full size \[s\].
 const GROWTH_S: f64 = 3.0;
-/// Instants per harmonic's period at which limits are looked at.
+/// Instants per harmonic's period at which limits are checked.
 const LOOKS: usize = 40;
-/// A peak between two looks is larger by up to (π/40)²/2.
+/// A peak between two instants is larger by up to (π/40)²/2.
 const BETWEEN_LOOKS: f64 = 0.99;
-/// Range of a joint without limits, to either side \[rad or m\].
+/// Range of a joint without limits, on either side \[rad or m\].
 const UNLIMITED: f64 = 3.0;
 /// Speed of a joint without a limit \[rad/s or m/s\].
 const UNLIMITED_SPEED: f64 = 2.0;
 
-/// How the joints are asked to move.
+/// Kinds of reference motions.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Motions {
     /// Not at all.
     Rest,
-    /// A sum of harmonics, other ones at each joint.
+    /// A sum of harmonics, different at each joint.
     Fourier {
         /// Number of harmonics, 1 to [`MAX_HARMONICS`].
         harmonics: usize,
@@ -46,17 +46,17 @@ pub enum Motions {
     },
     /// From one posture to the next, with a rest at each.
     Moves {
-        /// How long \[s\], ≥ 0.
+        /// Duration of the rest \[s\], ≥ 0.
         rest_s: f64,
     },
-    /// As this table says, whatever the limits.
+    /// From this table, regardless of the limits.
     Table(Arc<MotionTable>),
 }
 
-/// What a motion keeps to.
+/// Limits of a motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotionLimits {
-    /// Part of the limits of position and speed that is used, in (0, 1].
+    /// Used share of the limits of position and speed, in (0, 1].
     pub part: f64,
     /// Largest distance from the middle of a joint's range \[rad or m\], > 0.
     pub reach: f64,
@@ -75,7 +75,7 @@ impl Default for MotionLimits {
     }
 }
 
-/// A motion at work; ask for rising times.
+/// A running motion, to be evaluated at increasing times.
 #[derive(Debug, Clone)]
 pub struct Reference {
     kind: Motions,
@@ -96,7 +96,7 @@ impl Reference {
     /// A motion of a robot from a seed.
     ///
     /// # Errors
-    /// A number outside its range, in words.
+    /// If a number is out of range.
     pub fn new(robot: &Robot, kind: Motions, limits: MotionLimits, seed: u64) -> Result<Self, String> {
         let within = |name: &str, x: f64, low: f64, high: f64| match x > low && x <= high {
             true => Ok(()),
@@ -142,7 +142,7 @@ impl Reference {
             reference.middle[i] = 0.5 * (lower + upper);
             reference.most[i] = [
                 (0.5 * limits.part * (upper - lower)).min(limits.reach),
-                // 0 means that nobody has stated one, as in a designed motion
+                // 0 means not stated, as in a designed motion
                 limits.part
                     * joint
                         .limits
@@ -197,7 +197,7 @@ impl Reference {
         self.middle
     }
 
-    /// Setpoints of all joints at a time \[s\]; times must not fall.
+    /// Setpoints of all joints at a time \[s\]; times must not decrease.
     pub fn at(&mut self, t_s: f64) -> [Setpoint; MAX_JOINTS] {
         let mut setpoints = [[0.0; 3]; MAX_JOINTS];
         match &self.kind {
@@ -223,9 +223,9 @@ impl Reference {
         setpoints
     }
 
-    /// The next posture, and the time that it takes.
+    /// The next posture, and the time to reach it.
     fn next_leg(&mut self, rest_s: f64) {
-        // Largest speed and acceleration of (2) per way and time: 15/8, 10/√3.
+        // Largest speed and acceleration of (2) for unit distance and time: 15/8, 10/√3.
         const SPEED: f64 = 1.875;
         const ACCELERATION: f64 = 5.7736;
         let mut length = 0.2_f64;
@@ -262,7 +262,7 @@ fn grown(tones: &[(f64, f64)], period_s: f64, t_s: f64) -> Setpoint {
     [r * s, dr * s + r * ds, ddr * s + 2.0 * dr * ds + r * dds] // (1)
 }
 
-/// ρ with its derivatives; 1 behind the length.
+/// ρ with its derivatives; 1 after `length`.
 fn smooth(t_s: f64, length: f64) -> Setpoint {
     let x = if length > 0.0 { (t_s / length).max(0.0) } else { 1.0 };
     if x >= 1.0 {

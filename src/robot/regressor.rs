@@ -11,8 +11,8 @@
 //! Y_L π   = ∂(T − V)/∂q,         τ = d/dt (Y_p π) − Y_L π                                      (5)
 //! ```
 //!
-//! What holds a robot up changes with the zero of an encoder and with the direction of gravity.
-//! With m and h those of joint j and all that it carries:
+//! The gravity torques change with the zero of an encoder and with the direction of gravity. With m
+//! and h those of joint j and all bodies that it carries:
 //!
 //! ```text
 //! u_j = m J_l,jj + J_a,jj × h,    ∂V/∂q_j = −g·u_j                                            (6)
@@ -20,9 +20,9 @@
 //! ∂²V/∂α ∂q_j = −|g| e·u_j    if gravity turns towards the horizontal direction e by α         (8)
 //! ```
 //!
-//! No acceleration enters, which is what the weak form needs. v_λ(i) × J_ki is transformed like
-//! J_ki itself, so both are carried along. Sources: P. Hsu, M. Bodson, S. Sastry, B. Paden, ICRA
-//! 1987; M. Gautier, IROS 1997; H. Wang, Automatica 2012.
+//! No acceleration enters, as the weak form requires. v_λ(i) × J_ki is transformed like J_ki
+//! itself, so both are carried along. Sources: P. Hsu, M. Bodson, S. Sastry, B. Paden, ICRA 1987;
+//! M. Gautier, IROS 1997; H. Wang, Automatica 2012.
 
 use super::spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};
 use super::tree::Robot;
@@ -42,17 +42,18 @@ pub struct EnergyRegressors {
     path: [u32; MAX_JOINTS],
     /// Gravity in the frame of each body.
     gravity: [Vector3<f64>; MAX_JOINTS],
-    /// Each body as its parent sees it.
+    /// Placement of each body in its parent.
     placement: [Placement; MAX_JOINTS],
 }
 
 /// Directions in which a base can tilt.
 pub(super) const TILTS: usize = 2;
 
-/// ∂²V/∂q_i ∂q_j at \[i\]\[j\], and behind the joints those with the base's tilts (8).
+/// ∂²V/∂q_i ∂q_j at \[i\]\[j\], and after the joints the derivatives with respect to the base's
+/// tilts (8).
 pub(super) type WeightSlopes = [[f64; MAX_JOINTS]; MAX_JOINTS + TILTS];
 
-/// [`WeightSlopes`] that are made anew after a time, not at each sample.
+/// [`WeightSlopes`] that are recomputed at intervals, not at each sample.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct HeldSlopes {
     pub slopes: WeightSlopes,
@@ -61,7 +62,7 @@ pub(super) struct HeldSlopes {
 }
 
 impl HeldSlopes {
-    /// To be kept for this time \[s\].
+    /// With this interval \[s\].
     pub fn new(hold_s: f64) -> Self {
         Self {
             slopes: WeightSlopes::default(),
@@ -70,7 +71,8 @@ impl HeldSlopes {
         }
     }
 
-    /// Makes them anew at a time for which `regressors` have been evaluated, unless they are fresh.
+    /// Recomputes them at time `t_s`, at which `regressors` have been evaluated, unless the
+    /// interval has not passed.
     #[inline]
     pub fn renew(&mut self, t_s: f64, regressors: &EnergyRegressors, robot: &Robot) {
         if self.made_s.is_none_or(|made_s| t_s - made_s >= self.hold_s) {
@@ -79,14 +81,14 @@ impl HeldSlopes {
         }
     }
 
-    /// They belong to another recording.
+    /// Call this if a new recording begins.
     pub fn forget(&mut self) {
         self.made_s = None;
     }
 }
 
 impl EnergyRegressors {
-    /// Room for a robot of this many joints.
+    /// Workspace for a robot of this many joints.
     pub fn new(joints: usize) -> Self {
         let size = joints * joints * BODY_PARAMETERS;
         Self {
@@ -113,8 +115,8 @@ impl EnergyRegressors {
         &self.lagrangian[joint * width..(joint + 1) * width]
     }
 
-    /// What the ten parameters of a body add to entry (i, j) of the mass matrix, ∂p_i/∂q̇_j by (2),
-    /// at the positions that were evaluated last; `None` if i or j does not move the body.
+    /// Coefficients of the ten parameters of a body in entry (i, j) of the mass matrix, ∂p_i/∂q̇_j
+    /// by (2), at the last evaluated positions; `None` if i or j does not move the body.
     pub(super) fn inertia(&self, body: usize, i: usize, j: usize) -> Option<[f64; BODY_PARAMETERS]> {
         let moves = |joint: usize| self.path[body] >> joint & 1 == 1;
         (moves(i) && moves(j)).then(|| {
@@ -124,8 +126,8 @@ impl EnergyRegressors {
         })
     }
 
-    /// ∂V/∂q of these bodies at the state that was evaluated last: the torques that hold them at
-    /// rest, by (4).
+    /// ∂V/∂q of these bodies at the last evaluated state: the torques that hold them at rest, by
+    /// (4).
     pub fn weight(&self, bodies: &[BodyParameters], weight: &mut [f64]) {
         weight.fill(0.0);
         for (k, body) in bodies.iter().enumerate() {
@@ -138,7 +140,7 @@ impl EnergyRegressors {
         }
     }
 
-    /// (7) and (8) of the robot's own bodies at the state that was evaluated last \[N m/rad\].
+    /// (7) and (8) of the robot's bodies at the last evaluated state \[N m/rad\].
     fn weight_slopes(&self, robot: &Robot, slopes: &mut WeightSlopes) {
         let n = self.joints;
         let mut mass = [0.0; MAX_JOINTS];
@@ -233,7 +235,7 @@ impl EnergyRegressors {
     }
 }
 
-/// Two directions across gravity and each other.
+/// Two directions perpendicular to gravity and to each other.
 fn horizontals(gravity: &Vector3<f64>) -> [Vector3<f64>; TILTS] {
     let down = gravity.try_normalize(0.0).unwrap_or_else(Vector3::z);
     let aside = if down.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };

@@ -23,11 +23,11 @@ use super::windows::{WindowOptions, psi};
 use crate::model::MAX_JOINTS;
 use std::fmt;
 
-/// Times within a window that the columns of zeros and tilts are made anew: they turn with the
-/// robot, and a robot turns little in 2 ms.
+/// Updates per window of the columns of zeros and tilts, which depend on the posture: a robot moves
+/// little in 2 ms.
 const SLOPES_PER_WINDOW: f64 = 64.0;
 
-/// Why a sample was not taken.
+/// Why a sample was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SampleFault {
     /// A number is not finite.
@@ -58,11 +58,11 @@ pub struct WeakRow<'a> {
     pub regressor: &'a [f64],
     /// Mean torque \[N m or N\].
     pub torque: f64,
-    /// What errors of the positions make of it; `None` if velocities are measured.
+    /// Effect of errors of the positions; `None` if velocities are measured.
     pub errors: Option<RowErrors<'a>>,
 }
 
-/// Accelerations of windows, and what of them is errors of the positions.
+/// Accelerations of windows, and their errors due to the positions.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Motion {
     /// Sum of their squares \[(rad/s²)² or (m/s²)²\].
@@ -72,7 +72,7 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    /// Keeps this part of the sums.
+    /// Multiplies the sums by this factor.
     pub fn fade(&mut self, kept: f64) {
         for sum in self.square.iter_mut().chain(&mut self.noise) {
             *sum *= kept;
@@ -85,7 +85,8 @@ impl Motion {
 struct Window {
     center: f64,
     weight: f64,
-    /// ψ at the sample before, and the time from the one before that, 0 if it opened the window.
+    /// ψ at the previous sample, and the time between that sample and the one before it, 0 if it
+    /// opened the window.
     last_psi: f64,
     last_gap: f64,
     torque: [f64; MAX_JOINTS],
@@ -93,8 +94,8 @@ struct Window {
     acceleration: [f64; MAX_JOINTS],
 }
 
-/// Samples on their way to being rows: a fixed number of windows that overlap, filled sample by
-/// sample without allocation.
+/// Converts samples to rows: a fixed number of overlapping windows, filled sample by sample without
+/// allocation.
 #[derive(Debug, Clone)]
 pub struct WeakRows {
     options: WindowOptions,
@@ -162,7 +163,7 @@ impl WeakRows {
         })
     }
 
-    /// The same of velocities that were formed from positions over this time to either side \[s\].
+    /// The same for velocities computed from positions over this time on either side \[s\].
     #[must_use]
     pub fn with_formed_velocities(self, half_s: f64) -> Self {
         Self {
@@ -171,7 +172,7 @@ impl WeakRows {
         }
     }
 
-    /// Goes on with other windows, of as many strides; those that are open are dropped.
+    /// Changes the windows, which must have as many strides; drops the open ones.
     pub(super) fn set_windows(&mut self, options: WindowOptions) {
         self.options = options;
         self.slopes = HeldSlopes::new(options.length_s / SLOPES_PER_WINDOW);
@@ -187,7 +188,7 @@ impl WeakRows {
         &self.regressors
     }
 
-    /// How joints were accelerated in the windows so far.
+    /// Accelerations of the joints in the windows so far.
     pub(super) fn motion(&mut self) -> &mut Motion {
         &mut self.motion
     }
@@ -200,24 +201,24 @@ impl WeakRows {
         self.engagement = [Engagement::default(); MAX_JOINTS];
     }
 
-    /// Forgets the largest torques, too.
+    /// The same, and forgets the largest torques.
     pub(super) fn reset(&mut self) {
         self.restart();
         self.largest = Default::default();
         self.motion = Motion::default();
     }
 
-    /// The limit that a joint's torque stops at while it moves, with the share of the samples that
-    /// have it, 0 to 1; `None` for a torque that is not clipped.
+    /// The limit at which a joint's torque is clipped in motion, with the share of the samples at
+    /// it, 0 to 1; `None` for a torque that is not clipped.
     pub fn clipped(&self, joint: usize) -> Option<(f64, f64)> {
         self.largest[joint].clipped()
     }
 
-    /// Takes a sample; gives each row that it completes to `take`. After a gap longer than allowed
-    /// the windows begin anew.
+    /// Adds a sample and passes each row that it completes to `take`. After a gap longer than
+    /// allowed the windows restart.
     ///
     /// # Errors
-    /// The sample cannot be used; it is left out and nothing else changes.
+    /// If the sample cannot be used; it is left out and nothing else changes.
     pub fn push(
         &mut self,
         model: &RobotModel,
@@ -304,8 +305,8 @@ impl WeakRows {
             let resting = |x: &RobotSample| x.dq[i].abs() < self.rest_speed[i];
             window.rest[i] += if resting(last) { left } else { 0.0 } + if resting(sample) { right } else { 0.0 };
         }
-        // the terms of a sample in (3) together, once the next one is there; the last one of a
-        // window, where ψ = 0, has none
+        // both terms of a sample in (3) together, once the next sample has arrived; the last sample
+        // of a window, with ψ = 0, has none
         let own = 0.5 * (gap_before + gap) * before;
         let sums = &mut self.sums[slot * self.entries..(slot + 1) * self.entries];
         for ((sum, step), direct) in sums.iter_mut().zip(&self.step).zip(&self.direct[0]) {
@@ -313,7 +314,7 @@ impl WeakRows {
         }
     }
 
-    /// Closes the oldest window and hands out its rows.
+    /// Closes the oldest window and passes its rows to `take`.
     fn close(&mut self, model: &RobotModel, take: &mut dyn FnMut(WeakRow<'_>)) {
         let slot = self.oldest;
         self.oldest = (self.oldest + 1) % self.windows.len();

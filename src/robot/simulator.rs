@@ -1,18 +1,18 @@
 //! A simulated robot: forward dynamics of a URDF's tree in closed loop, with friction, sensors and
-//! a payload that changes.
+//! a changing payload.
 //!
 //! ```text
 //! M(q) q̈ + … = τ − f,     f_i = f_v q̇ + (f_c + f_s e^−(q̇/v_s)²) z + f_0,     dz/dt = (q̇ − |q̇| z)/δ  (1)
 //! computed torque:  τ = ID(q, q̇, q̈_r + ω² e + 2 ω ė) + Ia (q̈_r + …)                            (2)
 //! PD:               τ = g(q) + M_ii (ω² e + 2 ω ė)                                             (3)
-//! servo:            τ = M_ii (ω² e + 2 ω ė), for feed-forward that carries weight and inertia  (4)
+//! servo:            τ = M_ii (ω² e + 2 ω ė), for feed-forward that supplies weight and inertia (4)
 //! ```
 //!
-//! q̈ is from articulated bodies, which share no step with the regressors. The controller is
-//! sampled and knows the URDF only, the machine may differ from it. z (P. Dahl, 1968) is advanced
-//! exactly for the way of each step, so that a joint that reverses sticks. Joints move by the
-//! classical Runge–Kutta method between. What a sample holds of the torque is its mean before and
-//! behind the sample's instant.
+//! q̈ comes from the articulated-body algorithm, which is independent of the regressors. The
+//! controller is sampled and knows only the URDF; the machine may differ from it. z (P. Dahl, 1968)
+//! is advanced exactly over the distance of each step, so a reversing joint sticks. Between
+//! controller periods the joints are integrated by the classical Runge–Kutta method. The torque of
+//! a sample is its mean before and after the sample's instant.
 
 use super::dynamics::{forward_dynamics, inverse_dynamics};
 use super::friction::{Engagement, FrictionTerm, JointFriction};
@@ -23,18 +23,18 @@ use super::spatial::{BodyParameters, Placement};
 use super::tree::Robot;
 use crate::model::{JointSample, MAX_JOINTS};
 
-/// Torque of a joint without a limit \[N m or N\], for what is sized by it.
+/// Torque of a joint without a limit \[N m or N\], for values derived from it.
 const UNLIMITED_EFFORT: f64 = 100.0;
 
-/// How the simulated robot is driven.
+/// Controllers of the simulated robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RobotController {
     /// Inverse dynamics of the URDF's bodies.
     #[default]
     ComputedTorque,
-    /// Each joint for itself, with the weight of the URDF's bodies.
+    /// Independent joints, with gravity compensation for the URDF's bodies.
     Pd,
-    /// Each joint for itself and nothing else: what commands add to if they carry the weight.
+    /// Independent joints without gravity compensation, for commands that supply the weight.
     Servo,
 }
 
@@ -47,17 +47,17 @@ pub struct SimulatedDrive {
     pub coulomb: f64,
     /// f_0 \[N m or N\].
     pub offset: f64,
-    /// f_s, which has fallen to 1/e at 0.1 rad/s or m/s \[N m or N\], ≥ 0.
+    /// f_s, whose effect has fallen to 1/e at 0.1 rad/s or m/s \[N m or N\], ≥ 0.
     pub stribeck: f64,
-    /// k of a spring that is at rest at 0 \[N m/rad or N/m\].
+    /// k of a spring with rest position 0 \[N m/rad or N/m\].
     pub spring: f64,
     /// Inertia of the rotor at the joint \[kg m² or kg\], ≥ 0.
     pub rotor_inertia: f64,
 }
 
 impl SimulatedDrive {
-    /// What drives of a joint's size have: Coulomb friction of 4 % and viscous friction of up to 4
-    /// % of the largest torque.
+    /// Typical drives for the joints' sizes: Coulomb friction of 4 % and viscous friction of up to
+    /// 4 % of the largest torque.
     pub fn sized(robot: &Robot) -> Vec<Self> {
         let sized = |joint: &super::tree::RobotJoint| {
             let effort = joint.limits.effort.filter(|x| *x > 0.0).unwrap_or(UNLIMITED_EFFORT);
@@ -75,7 +75,7 @@ impl SimulatedDrive {
     }
 }
 
-/// What the flange carries from a time on.
+/// The payload from a time on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PayloadChange {
     /// When \[s\].
@@ -97,7 +97,7 @@ impl PayloadChange {
     }
 }
 
-/// What is simulated. The same options give the same samples, bit by bit.
+/// Options of the simulation. The same options give the same samples, bit for bit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotSimOptions {
     /// Time from one sample to the next \[s\], 1e-5 to 0.1.
@@ -108,11 +108,11 @@ pub struct RobotSimOptions {
     pub substeps: usize,
     /// Seed of the motion and the noise.
     pub seed: u64,
-    /// Seed of the differences from the URDF: which machine it is.
+    /// Seed of the differences from the URDF; it selects the machine.
     pub machine_seed: u64,
     /// The motion.
     pub motions: Motions,
-    /// What it keeps to.
+    /// Its limits.
     pub limits: MotionLimits,
     /// The controller.
     pub controller: RobotController,
@@ -128,17 +128,17 @@ pub struct RobotSimOptions {
     pub encoder_bits: u32,
     /// False if only positions are measured.
     pub has_velocity: bool,
-    /// Standard deviation of the measured torque as a part of the joint's largest, ≥ 0.
+    /// Standard deviation of the measured torque relative to the joint's largest, ≥ 0.
     pub torque_noise: f64,
-    /// What the flange carries, in the order of time.
+    /// The payloads, in order of time.
     pub payloads: Vec<PayloadChange>,
-    /// Where the flange is in the frame of the last body.
+    /// Placement of the flange in the frame of the last body.
     pub flange: Placement,
 }
 
 impl RobotSimOptions {
-    /// A robot as its URDF says, with drives of its size, moving at 1 kHz; encoders of 16 bit,
-    /// torque noise of 0.5 %.
+    /// A robot that equals its URDF, with drives of its size, sampled at 1 kHz; encoders of 16
+    /// bits, torque noise of 0.5 %.
     pub fn new(robot: &Robot) -> Self {
         Self {
             sample_period_s: 1e-3,
@@ -215,7 +215,7 @@ impl RobotSimOptions {
 /// state is no longer finite. Nothing is allocated per sample.
 #[derive(Debug, Clone)]
 pub struct RobotSimulator {
-    /// As the URDF says: what the controller knows.
+    /// The robot by its URDF, as the controller knows it.
     known: Robot,
     /// The machine's bodies without payload.
     bodies: Vec<BodyParameters>,
@@ -241,7 +241,7 @@ impl RobotSimulator {
     /// A robot at rest at the start of its motion.
     ///
     /// # Errors
-    /// A number outside its range, in words.
+    /// If a number is out of range.
     pub fn new(robot: &Robot, options: RobotSimOptions) -> Result<Self, String> {
         options.validate(robot)?;
         let reference = Reference::new(robot, options.motions.clone(), options.limits, options.seed)?;
@@ -300,8 +300,8 @@ impl RobotSimulator {
         inverse_dynamics(&self.known, &self.known.bodies, &self.q[..n], dq, ddq, tau);
     }
 
-    /// Adds torques or forces to those of the controller, from the next sample on until the next
-    /// call \[N m or N\].
+    /// Adds torques or forces to those of the controller, from the next sample until the next call
+    /// \[N m or N\].
     pub fn command(&mut self, feed_forward: &[f64; MAX_JOINTS]) {
         self.feed_forward = *feed_forward;
     }
@@ -321,8 +321,8 @@ impl RobotSimulator {
         &self.options
     }
 
-    /// The parameters of a model of this robot as they really are at a time \[s\], its payload's
-    /// behind the arm's.
+    /// The true parameters of a model of this robot at a time \[s\], with those of the payload
+    /// after the arm's.
     pub fn truth(&self, model: &RobotModel, t_s: f64) -> Vec<f64> {
         let mut machine = self.known.clone();
         machine.bodies.clone_from(&self.bodies);
@@ -342,7 +342,7 @@ impl RobotSimulator {
         theta
     }
 
-    /// Positions and velocities as they are \[rad or m, per s\].
+    /// The true positions and velocities \[rad or m, per s\].
     pub fn state(&self) -> ([f64; MAX_JOINTS], [f64; MAX_JOINTS]) {
         (self.q, self.dq)
     }
@@ -354,7 +354,7 @@ impl RobotSimulator {
         now.map_or(BodyParameters::default(), PayloadChange::body)
     }
 
-    /// Takes over what the flange carries from this time on.
+    /// Applies the payload at this time.
     fn load(&mut self, t_s: f64) {
         let due = |at: usize| self.options.payloads.get(at).is_some_and(|p| p.t_s <= t_s + 1e-9);
         if !due(self.next_payload) {

@@ -1,14 +1,13 @@
-//! What is wrong with a robot's log: rows that are no samples, how many of each kind, and the first
-//! one.
+//! Errors of a robot's log: rows without a sample, counted by kind, and the first one.
 
 use std::fmt;
 
-/// What is wrong with a log.
+/// An error of a log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LogError {
-    /// Line, counted from 1; `None` for the columns that were asked for.
+    /// Line, counted from 1; `None` for an error of the columns.
     pub line: Option<usize>,
-    /// What is expected and what is there.
+    /// What was expected and what was found.
     pub problem: String,
 }
 
@@ -23,10 +22,10 @@ impl fmt::Display for LogError {
 
 impl std::error::Error for LogError {}
 
-/// Why a row is no sample.
+/// Why a row was skipped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Skip {
-    /// Too few fields, or one that is no number.
+    /// Too few fields, or one that is not a number.
     Unreadable,
     /// A field that is empty, NaN or infinite.
     NotFinite,
@@ -34,7 +33,7 @@ pub enum Skip {
     NotLater,
 }
 
-/// Rows that gave no sample, of a log that is of use without them.
+/// Rows without a sample, of a log that is usable without them.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SkippedRows {
     /// All rows with data.
@@ -50,7 +49,7 @@ pub struct SkippedRows {
 }
 
 impl SkippedRows {
-    /// Counts one.
+    /// Counts a skipped row.
     pub fn skip(&mut self, why: Skip, line: usize, problem: impl FnOnce() -> String) {
         *match why {
             Skip::Unreadable => &mut self.unreadable,
@@ -63,15 +62,15 @@ impl SkippedRows {
         });
     }
 
-    /// How many.
+    /// Number of skipped rows.
     pub fn count(&self) -> usize {
         self.unreadable + self.not_finite + self.not_later
     }
 
-    /// After the last row.
+    /// Call this after the last row.
     ///
     /// # Errors
-    /// Half of the rows or more are no samples: the log is not what the configuration says it is.
+    /// If half of the rows or more were skipped: the log does not match the configuration.
     pub fn check(&self) -> Result<(), LogError> {
         match &self.first {
             Some(first) if 2 * self.count() >= self.rows => Err(LogError {

@@ -28,7 +28,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// A motion of both parts.
+    /// A motion from both parts.
     pub const fn new(angular: Vector3<f64>, linear: Vector3<f64>) -> Self {
         Self { angular, linear }
     }
@@ -73,7 +73,7 @@ impl Motion {
     }
 }
 
-/// Where a child frame is, as seen by its parent.
+/// Placement of a child frame in its parent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     /// E: columns are the child's axes.
@@ -106,7 +106,7 @@ impl Placement {
         }
     }
 
-    /// Where the parent's frame is, as seen by the child.
+    /// Placement of the parent's frame in the child.
     #[must_use]
     pub fn inverse(&self) -> Self {
         Self {
@@ -173,8 +173,8 @@ impl BodyParameters {
         Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
     }
 
-    /// By which part of it the largest principal inertia about the centre of mass exceeds the sum
-    /// of the two others, which no body has; negative of a body that can exist.
+    /// Relative amount by which the largest principal inertia about the centre of mass exceeds the
+    /// sum of the two others; negative for a body that can exist.
     pub fn excess(&self) -> f64 {
         let center = self.first_moment() / self.mass();
         let steiner = self.mass() * (Matrix3::identity() * center.norm_squared() - center * center.transpose());
@@ -183,7 +183,7 @@ impl BodyParameters {
         (2.0 * largest - principal.sum()) / largest
     }
 
-    /// The same body in the frame that `placement` places this body's frame in.
+    /// The same body in the frame in which `placement` places this body's frame.
     #[must_use]
     pub fn moved(&self, placement: &Placement) -> Self {
         let (e, r, mass) = (&placement.rotation, &placement.translation, self.mass());

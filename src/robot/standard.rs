@@ -1,16 +1,16 @@
-//! Standard parameters of every body, physically possible, that agree with identified base
+//! Physically possible standard parameters of every body that agree with identified base
 //! parameters.
 //!
 //! ```text
 //! min ½ (K π − β̂)ᵀ P⁻¹ (K π − β̂) + γ Σ_k [tr(J₀ₖ⁻¹ Jₖ) − ln det Jₖ] + γ Σ_i [I_i/I₀ᵢ − ln I_i]    (1)
-//! πₖ = own link of body k + links that stay as the URDF says                                     (2)
+//! πₖ = own link of body k + links that keep the URDF's values                                     (2)
 //! ```
 //!
-//! β̂ and P are what was identified, J the pseudo-inertia of the link, J₀ that of the URDF, I the
-//! inertias of the rotors. Torques say nothing of some 40 % of π: there
-//! (1) keeps to the URDF, and if the estimate belongs to no body that can exist, to the border of
-//! what can. The divergence in (1) is that of two densities, so that it depends neither on frames
-//! nor on units, and is convex: damped Newton steps with γ followed down need no other solver.
+//! β̂ and P are the identified base parameters and their covariance, J the pseudo-inertia of the
+//! link, J₀ that of the URDF, I the inertias of the rotors. Torques do not depend on about 40 % of
+//! π: there (1) keeps to the URDF, and if no possible body has the estimate, to the boundary of
+//! possible bodies. The divergence in (1) is that of two densities, so it depends neither on frames
+//! nor on units, and it is convex: damped Newton steps with decreasing γ suffice.
 //!
 //! Sources: P. Wensing, S. Kim, J.-J. Slotine, IEEE RA-L 3 (2018); T. Lee, P. Wensing, F. Park,
 //! IEEE T-RO 36 (2020).
@@ -25,26 +25,26 @@ use nalgebra::{DMatrix, DVector, Matrix3, Matrix4};
 /// γ at the start and at the end, in nats of a likelihood: the URDF counts for a tenth of one
 /// observation.
 const WEIGHTS: (f64, f64) = (1e5, 0.1);
-/// Newton steps in all.
+/// Largest total number of Newton steps.
 const STEPS: usize = 400;
-/// Decrement at which γ goes on, as a part of γ.
+/// Newton decrement, relative to γ, at which γ is reduced.
 const SETTLED: f64 = 1e-4;
-/// Part of the standard deviation before any data below which a parameter is known from data.
+/// Share of the prior standard deviation below which a parameter is known from data.
 const KNOWN: f64 = 1.0 / 3.0;
-/// Second moments of a URDF's link count as at least this part of those of a ball of its mass and
-/// of this density [kg/m³]: many URDFs hold placeholders.
+/// Second moments of a URDF's link count as at least this share of those of a ball of its mass and
+/// of this density [kg/m³], because many URDFs contain placeholders.
 const LEAST_MOMENT: f64 = 0.1;
 const DENSITY: f64 = 2000.0;
-/// Size of a rotor that nothing is known of, as a part of what a machine of this size can have.
+/// Size of an unknown rotor, relative to its scale for a machine of this size.
 const ROTOR: f64 = 0.02;
 
-/// Bodies, links and rotors that can exist.
+/// Physically possible bodies, links and rotors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StandardParameters {
-    /// The body behind each joint, in the joint's frame.
+    /// The body after each joint, in the joint's frame.
     pub bodies: Vec<BodyParameters>,
-    /// The link of each body that was changed: index in [`Robot::links`] and its parameters in its
-    /// own frame. The others stay as the URDF says.
+    /// The changed link of each body: index in [`Robot::links`] and its parameters in its own
+    /// frame. The others keep the URDF's values.
     pub links: Vec<(usize, BodyParameters)>,
     /// Inertia of each drive's rotor at its joint \[kg m² or kg\]; 0 without rotors in the model.
     pub rotors: Vec<f64>,
@@ -59,8 +59,8 @@ impl StandardParameters {
     /// as `theta` squared); base parameters come first in both.
     ///
     /// # Errors
-    /// Nothing has been identified, numbers that are no estimate, or no body that can exist is
-    /// near, in words.
+    /// If nothing has been identified, the numbers are not an estimate, or no possible body is
+    /// near.
     pub fn fit(model: &RobotModel, theta: &[f64], covariance: &[f64]) -> Result<Self, String> {
         let (all, count) = (theta.len(), model.base().parameters.len());
         if all < count || covariance.len() != all * all || theta.iter().chain(covariance).any(|x| !x.is_finite()) {
@@ -77,7 +77,7 @@ impl StandardParameters {
                     .to_owned(),
             );
         }
-        // What is held has no variance of its own: it is known to a millionth of its size.
+        // A fixed parameter has no variance: it is taken as known to a millionth of its size.
         let least = |i: usize| 1e-12 * model.parameters()[i].scale.powi(2);
         let p = DMatrix::from_fn(count, count, |i, j| {
             covariance[i * all + j] + if i == j { least(i) } else { 0.0 }
@@ -118,7 +118,7 @@ fn inverse(p: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 struct Problem {
     joints: usize,
     has_rotors: bool,
-    /// K over x, and what the links that stay add.
+    /// K over x, and the contribution of the unchanged links.
     k: DMatrix<f64>,
     constant: DVector<f64>,
     /// β̂ and P⁻¹.
@@ -219,7 +219,7 @@ impl Problem {
             .collect()
     }
 
-    /// (1); `None` outside of what can exist.
+    /// (1); `None` for impossible bodies.
     fn cost(&self, x: &DVector<f64>, gamma: f64) -> Option<f64> {
         let off = &self.k * x + &self.constant - &self.beta;
         let mut cost = 0.5 * off.dot(&(&self.information * &off));
@@ -267,7 +267,7 @@ impl Problem {
         Some((gradient, hessian))
     }
 
-    /// Damped Newton steps from the URDF, with γ followed down.
+    /// Damped Newton steps from the URDF, with decreasing γ.
     fn solve(&self) -> Result<DVector<f64>, String> {
         let columns = self.k.ncols();
         let mut x = DVector::from_fn(columns, |i, _| {
@@ -319,12 +319,12 @@ impl Problem {
     }
 }
 
-/// The heaviest link that is fixed to a joint: it takes what was identified.
+/// The heaviest link fixed to a joint, which gets the identified values.
 fn own_link(robot: &Robot, joint: usize) -> Result<usize, String> {
     let mass = |index: &usize| robot.links[*index].body.map_or(0.0, |body| body.mass());
     let fixed =
         (0..robot.links.len()).filter(|index| robot.links[*index].joint == joint && !robot.links[*index].is_held);
-    // The first one of several that weigh the same.
+    // The first of several with equal mass.
     let heaviest = fixed.rev().max_by(|a, b| mass(a).total_cmp(&mass(b)));
     heaviest.filter(|index| mass(index) > 0.0).ok_or_else(|| {
         format!(
@@ -335,7 +335,7 @@ fn own_link(robot: &Robot, joint: usize) -> Result<usize, String> {
     })
 }
 
-/// A link of a URDF with second moments that a body of its mass can have.
+/// A link of a URDF with second moments that are possible for its mass.
 fn plausible(body: &BodyParameters) -> BodyParameters {
     let mass = body.mass();
     let center = body.first_moment() / mass;
@@ -352,7 +352,8 @@ fn plausible(body: &BodyParameters) -> BodyParameters {
     BodyParameters::new(mass, center, inertia)
 }
 
-/// I₀: the estimate of a rotor that stands for itself, the mean of these for another one.
+/// I₀: the estimate of a rotor that is a base parameter by itself, the mean of these for the
+/// others.
 fn rotor_priors(model: &RobotModel, beta: &DVector<f64>) -> Vec<f64> {
     let n = model.robot().len();
     let mut priors = vec![None; n];

@@ -1,10 +1,10 @@
-//! What is known of a robot at one instant; SI units, the first entries up to the number of joints
-//! count.
+//! The state of a robot at one instant; SI units, only the first entries up to the number of joints
+//! are used.
 
 use super::friction::Engagement;
 use crate::model::MAX_JOINTS;
 
-/// A sample as it is recorded.
+/// A sample as recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RobotSample {
     /// Time \[s\].
@@ -17,7 +17,7 @@ pub struct RobotSample {
     pub tau: [f64; MAX_JOINTS],
 }
 
-/// A sample with what torques are predicted from.
+/// A sample with the signals needed to predict torques.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FilteredSample {
     /// Time \[s\].

@@ -1,5 +1,4 @@
-//! Normal equations of one joint's rows, kept apart per joint so that their weight can be chosen
-//! later.
+//! Normal equations of one joint's rows, kept per joint so that their weight can be chosen later.
 //!
 //! With rows x and torques τ of a joint, A = Σ x xᵀ, b = Σ x τ, c = Σ τ²:
 //!
@@ -18,11 +17,11 @@ pub(super) struct JointSums {
     pub gram: Vec<f64>,
     /// b.
     pub moment: Vec<f64>,
-    /// What errors of the positions take from b: (4) of `encoder_noise.rs`.
+    /// Bias of b by errors of the positions: (4) of `encoder_noise.rs`.
     pub bias: Vec<f64>,
     /// c.
     pub square: f64,
-    /// What they add to c.
+    /// Their contribution to c.
     pub noise: f64,
     /// Σ τ.
     pub sum: f64,
@@ -62,7 +61,7 @@ impl JointSums {
         self.rows = 0;
     }
 
-    /// Takes another joint block's sums over.
+    /// Copies the sums of another block.
     pub fn copy_from(&mut self, other: &Self) {
         self.gram.copy_from_slice(&other.gram);
         self.moment.copy_from_slice(&other.moment);
@@ -73,7 +72,7 @@ impl JointSums {
         self.rows = other.rows;
     }
 
-    /// Adds a row; the lower triangle only, see [`mirror`](Self::mirror).
+    /// Adds a row to the lower triangle only, see [`mirror`](Self::mirror).
     pub fn add_row(&mut self, x: &[f64], torque: f64) {
         let m = x.len();
         for i in 0..m {
@@ -88,8 +87,8 @@ impl JointSums {
         self.rows += 1;
     }
 
-    /// Adds the bias of the row that was added last: `add` adds it to what it is given and returns
-    /// the variance of the row's torque that goes with it.
+    /// Adds the bias of the last row: `add` adds it to its argument and returns the corresponding
+    /// variance of the row's torque.
     pub fn add_bias(&mut self, add: &mut dyn FnMut(&mut [f64]) -> f64) {
         self.noise += add(&mut self.bias);
     }
@@ -155,7 +154,7 @@ impl JointSums {
         self.gram[column * (self.moment.len() + 1)]
     }
 
-    /// Takes θ for the origin: b becomes the gradient there, c the sum of squared residuals.
+    /// Moves the origin to θ: b becomes the gradient there, c the sum of squared residuals.
     pub fn shift(&mut self, theta: &[f64]) {
         self.square = self.residual_square(theta);
         for column in 0..self.moment.len() {

@@ -1,4 +1,4 @@
-//! What may be wrong with a robot's log, in words that say what to do.
+//! Probable mistakes in a robot's log, with messages that say what to do.
 
 use super::inquiry_room::RobotDoubt;
 use super::left_out_room::LeftOutCause;
@@ -7,18 +7,18 @@ use super::urdf_prior::UrdfContradiction;
 use std::f64::consts::{PI, TAU};
 use std::fmt;
 
-/// Velocities by the rate of change of positions, if they belong together.
+/// Valid ratio of velocities to the rate of change of positions.
 pub(super) const FACTOR: std::ops::Range<f64> = 0.8..1.25;
 
-/// A likely mistake; joints are counted from 0.
+/// A probable mistake; joints are counted from 0.
 #[derive(Debug, Clone, PartialEq)]
 pub enum RobotSuspicion {
-    /// Samples are so far apart that time is hardly in seconds.
+    /// Samples so far apart that time is probably not in seconds.
     Time {
         /// Median distance \[s\].
         step_s: f64,
     },
-    /// Positions that the joint hardly has.
+    /// Implausible positions.
     Positions {
         /// The joint.
         joint: usize,
@@ -29,7 +29,7 @@ pub enum RobotSuspicion {
         /// Limits of the URDF, if it states them.
         limits: Option<[f64; 2]>,
     },
-    /// Velocities that the joint hardly has.
+    /// Implausible velocities.
     Speed {
         /// The joint.
         joint: usize,
@@ -40,21 +40,21 @@ pub enum RobotSuspicion {
         /// Largest speed of the URDF, if it states one.
         limit: Option<f64>,
     },
-    /// Positions that are brought back into one turn.
+    /// Positions wrapped into one turn.
     Wraps {
         /// The joint.
         joint: usize,
     },
-    /// Velocities that are not those of the positions.
+    /// Velocities that contradict the positions.
     Rate {
         /// The joint.
         joint: usize,
         /// It turns.
         turns: bool,
-        /// Velocity by the rate of change of the position.
+        /// Ratio of the velocity to the rate of change of the position.
         factor: f64,
     },
-    /// A signal that never changes though the joint moves by the other.
+    /// A signal that never changes although the other one shows that the joint moves.
     Constant {
         /// The joint.
         joint: usize,
@@ -63,34 +63,34 @@ pub enum RobotSuspicion {
         /// Its value.
         value: f64,
     },
-    /// A torque that stops at a limit.
+    /// A clipped torque.
     Clipped {
         /// The joint.
         joint: usize,
         /// Its largest magnitude \[N m or N\].
         value: f64,
-        /// Share of the samples that have it \[%\].
+        /// Share of the samples at it \[%\].
         percent: f64,
     },
-    /// Friction that drives the joint.
+    /// Negative friction, which drives the joint.
     Sign {
         /// The joint.
         joint: usize,
-        /// Name, estimate and standard deviation of each parameter that has the wrong sign.
+        /// Name, estimate and standard deviation of each parameter with the wrong sign.
         parameters: Vec<(String, f64, f64)>,
     },
-    /// An inertia that comes out negative.
+    /// A negative inertia.
     NegativeInertia {
         /// The joint.
         joint: usize,
     },
-    /// A term of friction that the model leaves out.
+    /// A term missing in the model.
     LeftOut(LeftOutCause),
     /// A drive or an encoder that has changed within the log.
     Changed(RobotDoubt),
-    /// A gravity or a zero that is not the URDF's.
+    /// A gravity or a zero that contradicts the URDF.
     Contradiction(UrdfContradiction),
-    /// A torque that the model does not explain: what it lacks lasts as long as movements do.
+    /// A torque that the model does not explain: the misfit lasts as long as movements do.
     Unexplained {
         /// The joint.
         joint: usize,
@@ -104,7 +104,7 @@ pub enum RobotSuspicion {
         /// Relative residual \[%\].
         percent: f64,
     },
-    /// A torque that the model hardly predicts, though most of the misfit does not last.
+    /// A torque that the model hardly predicts, although most of the misfit is short-lived.
     Residual {
         /// The joint.
         joint: usize,
@@ -180,17 +180,17 @@ impl fmt::Display for RobotSuspicion {
     }
 }
 
-/// The unit that positions must have, and the one that is often there instead.
+/// The required unit of positions, and the one often found instead.
 struct Units {
     wrong: &'static str,
     right: &'static str,
     symbol: &'static str,
-    /// Of the wrong one in the right one.
+    /// Value of the wrong unit in the right one.
     factor: f64,
 }
 
 impl Units {
-    /// Of a joint that turns, or slides.
+    /// For a revolute or prismatic joint.
     fn of(turns: bool) -> Self {
         match turns {
             true => Self {

@@ -1,9 +1,8 @@
-//! Torques that come in counts without noise.
+//! Torques quantised to counts without noise.
 //!
 //! Rounding to counts of Δ is noise of Δ²/12 if the torque changes by a count from sample to
-//! sample. If it stays at one for longer than half a window, its error is the same for as long, and
-//! friction that is nearly constant takes it for its own. With p the share of the samples in motion
-//! of which this is so,
+//! sample. If it stays at one count for longer than half a window, its error is constant for that
+//! time and appears as friction. With p the share of the samples in motion for which this holds,
 //!
 //! ```text
 //! e² = p² Δ²/12                                                                               (1)
@@ -11,8 +10,8 @@
 //! ```
 //!
 //! over the terms of a joint's friction, x_i the column of one. Δ is the smallest step so far,
-//! which of a torque without counts is next to nothing. With noise of half a count, or motion that
-//! passes counts, p is 0.
+//! which is almost 0 for an unquantised torque. With noise of half a count, or motion that crosses
+//! counts, p is 0.
 
 use super::model::RobotModel;
 use super::state::RobotSample;
@@ -20,10 +19,10 @@ use super::sums::JointSums;
 use crate::model::MAX_JOINTS;
 use std::ops::Range;
 
-/// Samples over which p is taken.
+/// Averaging time of p, in samples.
 const FOLLOWED: f64 = 5000.0;
 
-/// Counts of the torques, as far as the samples show them.
+/// Counts of the torques, estimated from the samples.
 #[derive(Debug, Clone)]
 pub(super) struct TorqueCounts {
     last: [f64; MAX_JOINTS],
@@ -34,12 +33,12 @@ pub(super) struct TorqueCounts {
     /// p, and the number of samples in motion.
     share: [f64; MAX_JOINTS],
     samples: [f64; MAX_JOINTS],
-    /// What (2) adds, by parameter.
+    /// Variance added by (2), per parameter.
     variance: Vec<f64>,
 }
 
 impl TorqueCounts {
-    /// Room for so many parameters.
+    /// Workspace for `parameters` parameters.
     pub fn new(parameters: usize) -> Self {
         Self {
             last: [f64::NAN; MAX_JOINTS],
@@ -61,7 +60,7 @@ impl TorqueCounts {
         self.variance.fill(0.0);
     }
 
-    /// Takes a sample under windows of this length \[s\]; joints that rest say nothing.
+    /// Adds a sample, with windows of this length \[s\]; resting joints are ignored.
     pub fn take(&mut self, model: &RobotModel, sample: &RobotSample, length_s: f64) {
         for (k, friction) in model.friction().iter().enumerate() {
             let step = (sample.tau[k] - self.last[k]).abs();
@@ -111,7 +110,7 @@ impl TorqueCounts {
         }
     }
 
-    /// What (2) adds to a variance.
+    /// The variance that (2) adds.
     pub fn variance(&self, parameter: usize) -> f64 {
         self.variance.get(parameter).copied().unwrap_or(0.0)
     }
@@ -121,7 +120,7 @@ impl TorqueCounts {
 mod tests {
     use super::*;
 
-    /// e of a torque that moves by this from sample to sample, by Δ/√12.
+    /// e, relative to Δ/√12, of a torque with this slope per sample.
     fn error(noise: f64, slope: f64) -> f64 {
         let mut random = super::super::random::Random(3);
         let mut counts = TorqueCounts::new(0);
@@ -143,11 +142,11 @@ mod tests {
 
     #[test]
     fn val_rounding_lasts_without_noise_and_motion() {
-        // 9 counts in 4 s, and the first 50 ms of each pass as if the torque still moved
+        // 9 counts in 4 s; the first 50 ms of each do not count
         assert!((error(0.0, 1e-3) - (1.0 - 9.0 * 0.05 / 4.0)).abs() < 0.01);
         assert_eq!(error(0.0, 1e-2), 0.0);
         assert!(error(0.25, 1e-3) < 0.01);
-        // never a step: nothing tells that there are counts
+        // without a step there is no evidence of counts
         assert_eq!(error(0.0, 0.0), 0.0);
     }
 }

@@ -1,5 +1,5 @@
-//! From links and joints to the tree of bodies that move: what is fixed is merged into the body
-//! that carries it.
+//! Converts links and joints to the tree of moving bodies: fixed links are merged into the body
+//! that carries them.
 
 use super::error::UrdfError;
 use super::spatial::{BodyParameters, Placement};
@@ -12,30 +12,31 @@ use std::path::Path;
 /// Acceleration of gravity in the base's frame, unless specified otherwise \[m/s²\].
 const STANDARD_GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
-/// Part of a principal inertia that rounding in a file may make it too large by.
+/// Relative excess of a principal inertia that may be rounding in the file.
 const ROUNDED: f64 = 0.02;
 
-/// Which part of a URDF is the robot.
+/// The part of a URDF that is the robot.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Selection {
-    /// Link that stands still; the URDF's root if `None`.
+    /// The stationary link; the URDF's root if `None`.
     pub base: Option<String>,
     /// Link at the end of the chain.
     pub tip: Option<String>,
-    /// The joints that move, in the order of the signals, proximal before distal; instead of `tip`.
+    /// The moving joints, in the order of the signals, proximal before distal; an alternative to
+    /// `tip`.
     pub joints: Option<Vec<String>>,
 }
 
-/// A joint that moves, with the body behind it.
+/// A moving joint, with the body after it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotJoint {
     /// Name in the URDF.
     pub name: String,
-    /// True if it turns \[rad\], false if it slides \[m\].
+    /// True if it is revolute \[rad\], false if it is prismatic \[m\].
     pub turns: bool,
-    /// Index of the joint before it; `None` at the base. Always below the joint's own index.
+    /// Index of its parent joint; `None` at the base. Always below the joint's own index.
     pub parent: Option<usize>,
-    /// Placement of the joint's frame at position 0 in the frame of the joint before it.
+    /// Placement of the joint's frame at position 0, in the frame of its parent joint.
     pub placement: Placement,
     /// Unit axis in the joint's own frame.
     pub axis: Vector3<f64>,
@@ -43,7 +44,7 @@ pub struct RobotJoint {
     pub limits: Limits,
 }
 
-/// A link of the URDF as a part of a body that moves.
+/// A link of the URDF as part of a moving body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotLink {
     /// Name in the URDF.
@@ -54,39 +55,39 @@ pub struct RobotLink {
     pub placement: Placement,
     /// Its own parameters in the body's frame; `None` for a frame without mass.
     pub body: Option<BodyParameters>,
-    /// True if a joint that is held at 0 lies between it and the moving joint.
+    /// True if there is a joint held at 0 between it and the moving joint.
     pub is_held: bool,
 }
 
-/// A robot of 1 to [`MAX_JOINTS`] moving joints with the body behind each.
+/// A robot of 1 to [`MAX_JOINTS`] moving joints, with the body after each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
     /// Name in the URDF.
     pub name: String,
     /// The joints, proximal before distal.
     pub joints: Vec<RobotJoint>,
-    /// The body behind each joint, in the joint's frame, as the URDF says.
+    /// The body after each joint by the URDF, in the joint's frame.
     pub bodies: Vec<BodyParameters>,
     /// Acceleration of gravity in the base's frame \[m/s²\].
     pub gravity: Vector3<f64>,
-    /// Where the flange is in the frame of the last joint's body: the tip, or the last link that is
+    /// Placement of the flange in the frame of the last joint's body: the tip, or the last link
     /// fixed to it.
     pub flange: Placement,
-    /// Joints that could move and are held at 0, because they are outside the selection.
+    /// Movable joints that are held at 0 because they are outside the selection.
     pub held: Vec<String>,
-    /// The links that the bodies are made of, in the order of the tree.
+    /// The links of the bodies, in the order of the tree.
     pub links: Vec<RobotLink>,
 }
 
 impl Robot {
-    /// From a file.
+    /// Reads a robot from a file.
     ///
     /// # Errors
-    /// The file cannot be read, or see [`from_urdf`](Self::from_urdf).
+    /// If the file cannot be read; otherwise see [`from_urdf`](Self::from_urdf).
     pub fn from_file(path: &Path, selection: &Selection) -> Result<Self, UrdfError> {
         let unreadable = |got: String| UrdfError::new(None, "the file", "a URDF that can be read", got).in_file(path);
         let found = std::fs::metadata(path).map_err(|e| unreadable(e.to_string()))?;
-        // To open a named pipe waits for a writer, and a device may never end.
+        // Opening a named pipe would wait for a writer, and a device may never end.
         if !found.is_file() {
             return Err(unreadable("something that is no regular file".to_owned()));
         }
@@ -98,13 +99,12 @@ impl Robot {
         Self::from_urdf(&text, selection).map_err(|e| e.in_file(path))
     }
 
-    /// From the text of a URDF.
+    /// Reads a robot from the text of a URDF.
     ///
     /// # Errors
-    /// The first thing that is wrong, with its element and line: see [`Urdf::parse`]; a joint that
-    /// imitates another, is planar or floating; a closed loop; several tips without a choice; no
-    /// moving joint or more than [`MAX_JOINTS`]; a moving body without mass; a name that the file
-    /// does not have.
+    /// The first error, with its element and line: see [`Urdf::parse`]; a mimic, planar or floating
+    /// joint; a closed loop; several tips without a selection; no moving joint or more than
+    /// [`MAX_JOINTS`]; a moving body without mass; a name that the file does not contain.
     pub fn from_urdf(text: &str, selection: &Selection) -> Result<Self, UrdfError> {
         let urdf = Urdf::parse(text)?;
         let tree = Tree::new(&urdf)?;
@@ -115,8 +115,8 @@ impl Robot {
         tree.robot(&order, &moving, tip)
     }
 
-    /// What is said of links whose inertia no body has. They are taken all the same: many URDFs
-    /// have some, and the inertias are but a start.
+    /// Warnings about links with an impossible inertia. They are accepted: many URDFs have some,
+    /// and the inertias are only start values.
     pub fn impossible_links(&self) -> impl Iterator<Item = String> {
         let is_impossible = |link: &&RobotLink| link.body.is_some_and(|body| body.excess() > ROUNDED);
         self.links.iter().filter(is_impossible).map(|link| {
@@ -133,13 +133,12 @@ impl Robot {
         self.joints.len()
     }
 
-    /// Never: a robot has at least one moving joint.
+    /// Always false: a robot has at least one moving joint.
     pub fn is_empty(&self) -> bool {
         self.joints.is_empty()
     }
 
-    /// Placement of a joint's frame at position `q` \[rad or m\] in the frame of the joint before
-    /// it.
+    /// Placement of a joint's frame at position `q` \[rad or m\], in the frame of its parent joint.
     pub fn placement(&self, joint: usize, q: f64) -> Placement {
         let RobotJoint {
             turns, placement, axis, ..
@@ -190,7 +189,7 @@ impl<'a> Tree<'a> {
             children[joint.parent].push(i);
         }
         let tree = Self { urdf, parent, children };
-        // From a link of a cycle no walk towards the base ends.
+        // From a link in a cycle, the walk towards the base never ends.
         let mut reached = vec![false; urdf.links.len()];
         for root in tree.roots() {
             reached[root] = true;
@@ -212,7 +211,7 @@ impl<'a> Tree<'a> {
         (0..self.parent.len()).filter(|link| self.parent[*link].is_none())
     }
 
-    /// The joints behind a link, each after the joint before it.
+    /// The joints after a link, each after its parent joint.
     fn below(&self, link: usize) -> Vec<usize> {
         let mut order: Vec<usize> = self.children[link].clone();
         let mut next = 0;
@@ -254,7 +253,7 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// The joints on the way from the base to a link.
+    /// The joints on the path from the base to a link.
     fn path(&self, base: usize, tip: usize, name: &str) -> Result<Vec<usize>, UrdfError> {
         let mut path = Vec::new();
         let mut link = tip;
@@ -274,7 +273,7 @@ impl<'a> Tree<'a> {
         Ok(path)
     }
 
-    /// The joints that move, proximal before distal.
+    /// The moving joints, proximal before distal.
     fn moving(&self, order: &[usize], base: usize, selection: &Selection) -> Result<Vec<usize>, UrdfError> {
         let joints = &self.urdf.joints;
         let can_move = |joint: &usize| joints[*joint].kind != JointKind::Fixed;
@@ -366,7 +365,7 @@ impl<'a> Tree<'a> {
         found
     }
 
-    /// Without a choice the moving joints must be one chain.
+    /// Without a selection the moving joints must form one chain.
     fn one_tip(&self, base: usize, moving: &[usize]) -> Result<(), UrdfError> {
         let mut is_moving = vec![false; self.urdf.joints.len()];
         let mut carries = vec![false; self.urdf.joints.len()];
@@ -398,7 +397,7 @@ impl<'a> Tree<'a> {
         ))
     }
 
-    /// Joints that cannot be modelled, whether they move or are held.
+    /// Refuses joints that cannot be modelled, whether they move or are held.
     fn refuse_unsupported(&self, order: &[usize], moving: &[usize]) -> Result<(), UrdfError> {
         let joints = &self.urdf.joints;
         for &index in order {
@@ -423,8 +422,8 @@ impl<'a> Tree<'a> {
 
     fn robot(&self, order: &[usize], moving: &[usize], tip: Option<usize>) -> Result<Robot, UrdfError> {
         let Urdf { name, links, joints } = self.urdf;
-        // Where each link is: behind which moving joint, and how placed in its frame. The base's
-        // body does not move.
+        // For each link, the moving joint before it and its placement in that joint's frame. The
+        // base's body does not move.
         let mut place: Vec<(Option<usize>, Placement)> = vec![(None, Placement::identity()); links.len()];
         let mut found: Vec<Option<RobotJoint>> = vec![None; moving.len()];
         let mut bodies = vec![BodyParameters::default(); moving.len()];
@@ -510,7 +509,7 @@ fn selection_error(element: &str, expected: String, got: String) -> UrdfError {
     UrdfError::new(None, element, expected, got)
 }
 
-/// Names as they can stand in a message: the first ten of them.
+/// Names for a message: the first ten of them.
 fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
     const MOST: usize = 10;
     let names: Vec<&str> = names.collect();

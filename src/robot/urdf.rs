@@ -1,8 +1,8 @@
-//! A URDF as links and joints, each checked by itself: names, numbers, axes, masses, inertias.
+//! A URDF as links and joints, each checked separately: names, numbers, axes, masses, inertias.
 //!
-//! What only the whole tells (loops, tips, bodies without mass) is checked in
-//! [`tree`](super::tree). Meshes, transmissions and simulator extensions have no part in rigid-body
-//! dynamics and are not read. Format: the `urdf` package of ROS.
+//! Properties of the whole (loops, tips, bodies without mass) are checked in [`tree`](super::tree).
+//! Meshes, transmissions and simulator extensions are irrelevant to rigid-body dynamics and are
+//! ignored. Format: the `urdf` package of ROS.
 
 use super::error::UrdfError;
 use super::spatial::{BodyParameters, Placement};
@@ -10,9 +10,9 @@ use super::xml::{self, Element, Lines};
 use nalgebra::{Matrix3, Vector3};
 use std::collections::HashMap;
 
-/// Most links that a file may have.
+/// Largest number of links in a file.
 pub const MAX_LINKS: usize = 4096;
-/// Largest difference of an axis from length 1 that is rounding of its digits.
+/// Largest difference of an axis from length 1 that counts as rounding.
 const AXIS_TOLERANCE: f64 = 1e-3;
 
 /// How a joint moves.
@@ -24,7 +24,7 @@ pub enum JointKind {
     Continuous,
     /// Along its axis \[m\].
     Prismatic,
-    /// Not at all.
+    /// Fixed.
     Fixed,
     /// In a plane; not supported.
     Planar,
@@ -51,7 +51,7 @@ impl JointKind {
         name
     }
 
-    /// True if the joint turns.
+    /// True for a revolute or continuous joint.
     pub fn turns(self) -> bool {
         matches!(self, Self::Revolute | Self::Continuous)
     }
@@ -100,7 +100,7 @@ pub struct Joint {
     pub axis: Vector3<f64>,
     /// Limits.
     pub limits: Limits,
-    /// Name of the joint that this one imitates.
+    /// Name of the joint that this one mimics.
     pub mimic: Option<String>,
 }
 
@@ -211,7 +211,7 @@ fn read_inertial(element: &Element<'_>) -> Result<BodyParameters, UrdfError> {
             format!("one with a principal inertia of 0 or below, trace {:.3e}", j.trace()),
         ));
     }
-    // An inertial origin turns the axes of the inertia, too.
+    // The rotation of an inertial origin also applies to the axes of the inertia.
     let at_center = BodyParameters::new(mass, Vector3::zeros(), j);
     let body = at_center.moved(&origin);
     if body.0.iter().all(|x| x.is_finite()) {
@@ -221,8 +221,8 @@ fn read_inertial(element: &Element<'_>) -> Result<BodyParameters, UrdfError> {
     }
 }
 
-/// By leading minors: an eigenvalue iteration need not end with numbers near the largest that there
-/// are.
+/// Uses leading minors, because an eigenvalue iteration may not end for numbers near the largest
+/// double.
 fn is_positive_definite(j: &Matrix3<f64>) -> bool {
     let scaled = j / j.amax();
     let minor2 = scaled[(0, 0)] * scaled[(1, 1)] - scaled[(0, 1)] * scaled[(1, 0)];
@@ -244,8 +244,8 @@ fn read_origin(element: &Element<'_>) -> Result<Placement, UrdfError> {
     Ok(Placement::from_rpy(rpy, xyz))
 }
 
-/// Longest distance between two frames \[m\]: larger ones are millimetres that were meant as
-/// metres, or noise.
+/// Longest distance between two frames \[m\]: larger ones are millimetres instead of metres, or
+/// noise.
 const MAX_LENGTH_M: f64 = 1000.0;
 
 fn read_joint(element: &Element<'_>, links: &HashMap<String, usize>) -> Result<Joint, UrdfError> {

@@ -1,19 +1,20 @@
-//! Whether what was identified contradicts the URDF altogether; the test is that of
+//! Tests whether the estimates fundamentally contradict the URDF, by
 //! [`urdf_prior`](super::urdf_prior).
 
 use super::identify::RobotIdentifier;
 use super::urdf_prior::UrdfContradiction;
 
-/// Standard deviation of an honest URDF's inertias, as a part of them.
+/// Relative standard deviation of the inertias in a correct URDF.
 const INERTIAS: f64 = 0.5;
 
 impl RobotIdentifier {
-    /// A gravity or a zero that is not the URDF's, if the moments tell: none of them may be used.
+    /// A gravity or a zero that contradicts the URDF, if the moments show one: no moment may then
+    /// be used.
     pub fn contradiction(&self) -> Option<UrdfContradiction> {
         self.urdf_prior.as_ref().and_then(|prior| prior.found)
     }
 
-    /// Looks at it after a block.
+    /// Tests the moments after a block.
     pub(super) fn look_at_urdf(&mut self) {
         let Some(mut prior) = self.urdf_prior.take() else {
             return;
@@ -22,7 +23,7 @@ impl RobotIdentifier {
         for (a, &i) in prior.indices.iter().enumerate() {
             prior.estimate[a] = self.theta[i];
             for (b, &j) in prior.indices.iter().enumerate() {
-                // without (6) of left_out.rs, which would allow for the very zero looked for
+                // without (6) of left_out.rs, which would allow for the zero that is sought
                 prior.covariance[a * k + b] = self.covariance[i * self.theta.len() + j];
             }
         }

@@ -1,35 +1,34 @@
-//! What gravity sees of the URDF's bodies, as a prior: honest errors of masses and centres are
-//! allowed for, a wrong gravity or zero is not.
+//! The gravity parameters of the URDF as a prior that allows for ordinary errors of masses and
+//! centres, but not for a wrong gravity or zero.
 //!
 //! ```text
 //! d = β̂ − β₀ ~ N(0, C),    C = P + D,    D = Σ_b s² v_b v_bᵀ + Σ_b,a (s m_b r_b)² u_ba u_baᵀ      (1)
 //! χ²(β) = (β̂ − β)ᵀ C⁻¹ (β̂ − β)                                                               (2)
-//! c = β₀ᵀ C⁻¹ β̂ / β₀ᵀ C⁻¹ β₀:    gravity is c times what the configuration says                  (3)
+//! c = β₀ᵀ C⁻¹ β̂ / β₀ᵀ C⁻¹ β₀:    gravity is c times the configured one                           (3)
 //! β_jα = argmin Σ_q ‖W [G(q) β − g(q − α e_j)]‖²:    joint j has another zero, by α             (4)
 //! β_j± = argmin Σ_q ‖W [G(q) β − S_j g(R_j q)]‖²:    a sign of joint j is wrong                 (5)
 //! β_k = argmin Σ_q ‖W [G(q) β − g_k(q)]‖²:    gravity has direction k of the base                (6)
 //! ```
 //!
-//! β are the base parameters that stand for masses and first moments and that gravity sees, and
-//! the constant forces (`offset`) of joints that slide, which hide what gravity does to them; β₀
-//! those of the URDF, 0 for a constant force, and P the covariance of the estimates. Each body's
-//! mass may be another one by s = 0.3 of it (v_b is what it gives to β₀), and its centre may lie
-//! elsewhere by s times its radius of gyration about the joint, in each direction (u_ba). As
-//! standard deviations they make errors of 50 % ordinary. Such errors are independent from body to
-//! body, and no body's moment turns round; under a wrong gravity or zero all moments behind it do,
-//! by one factor or angle. A constant force has a standard deviation of s times the weight that
-//! the joint bears, or of a third of s if it lies across gravity.
+//! β are the base parameters for masses and first moments that affect gravity torques, and the
+//! constant forces (`offset`) of prismatic joints, which hide the effect of gravity on them; β₀ are
+//! those of the URDF, 0 for a constant force, and P is the covariance of the estimates. The
+//! standard deviation of each body's mass is s = 0.3 of it (v_b is its contribution to β₀), and
+//! that of its centre is s times its radius of gyration about the joint, in each direction (u_ba),
+//! so errors of 50 % are ordinary. Such errors are independent between bodies, and no body's moment
+//! is reversed; under a wrong gravity or zero all moments after it are scaled or rotated together.
+//! A constant force has a standard deviation of s times the weight that the joint carries, or a
+//! third of that if the axis is perpendicular to gravity.
 //!
-//! In (5), R_j turns the sign of position j round and S_j that of torque j: the torque, the
-//! position or both, which is the axis, are the other way round. W weighs each joint's rows by the
-//! mean square of its weight.
+//! In (5), R_j reverses the sign of position j and S_j that of torque j: the torque, the position,
+//! or both (the axis) are reversed. W weights each joint's rows by the mean square of its weight.
 //!
-//! A cause is believed if its χ² is smaller than χ²(β₀) by [`CLEAR`] and less than a quarter of
-//! it; a zero, or another size of gravity, only if χ²(β₀) is beyond any chance, too: a heavy tool
-//! that nobody declared comes near them. For a sign 12 is enough if next to nothing is left: the
-//! wrist of a common arm gives 16 to 24, and no honest difference turns a moment into its
-//! opposite. G is the gravity's regressor and g the URDF's weight at random positions. A torque in
-//! another unit scales inertias with the moments, which gravity does not: then (3) says nothing.
+//! A cause is accepted if its χ² is smaller than χ²(β₀) by [`CLEAR`] and less than a quarter of it;
+//! a zero, or another magnitude of gravity, only if χ²(β₀) also exceeds chance, because a heavy
+//! undeclared tool resembles them. For a sign 12 suffices if almost nothing remains: the wrist of a
+//! common arm gives 16 to 24, and no ordinary error reverses a moment. G is the regressor of
+//! gravity and g the URDF's weight at random positions. A torque in another unit scales inertias
+//! together with the moments, which gravity does not: (3) then does not apply.
 
 use super::friction::FrictionTerm;
 use super::model::RobotModel;
@@ -45,78 +44,79 @@ use std::fmt;
 
 /// s.
 const DIFFERENCE: f64 = 0.3;
-/// χ² by which a cause must be likelier than an honest URDF: a Bayes factor of e¹⁰.
+/// χ² by which a cause must be better than a correct URDF: a Bayes factor of e¹⁰.
 const CLEAR: f64 = 20.0;
-/// Part of χ² that a cause may leave.
+/// Largest share of χ² that may remain with a cause.
 const LEFT: f64 = 0.25;
-/// The same for a sign: a Bayes factor of e⁶, and next to nothing left.
+/// The same for a sign: a Bayes factor of e⁶, with almost nothing remaining.
 const CLEAR_SIGN: f64 = 12.0;
 const LEFT_SIGN: f64 = 0.15;
-/// χ² by which a cause must be likelier than one that was looked at before it.
+/// χ² by which a cause must be better than one tested before it.
 const ALIKE: f64 = 1.0;
 /// Angles by which a zero may be off [degrees].
 const TURNS: [i32; 7] = [-135, -90, -45, 45, 90, 135, 180];
-/// Positions that (4) is over, and their seed.
+/// Number of positions in (4), and their seed.
 const STATES: usize = 60;
 const SEED: u64 = 0x7572_6466;
-/// Part of the largest moment's column that gravity must move.
+/// Smallest effect of gravity on a column, relative to the largest moment's.
 const SEEN: f64 = 1e-6;
-/// Part of the weight in another direction that moments and constant forces may leave.
+/// Largest share of the weight in another direction that moments and constant forces may leave
+/// unexplained.
 const IMITATED: f64 = 0.3;
 /// Cosine below which gravity has another direction.
 const ACROSS: f64 = 0.7;
-/// Part of the largest joint's weight that another joint's counts for at least.
+/// Lower limit of a joint's weight, relative to the largest joint's.
 const LEAST_WEIGHT: f64 = 0.01;
-/// (3) of a gravity of the wrong sign; of one in g instead of m/s², and the other way round.
+/// (3) for a gravity of the wrong sign; for one in g instead of m/s², and vice versa.
 const REVERSED: std::ops::Range<f64> = -2.5..-0.4;
 const IN_G: [std::ops::Range<f64>; 2] = [5.0..20.0, 0.05..0.2];
-/// Inertias that are off by the same factor as moments, to within this one, are of another unit.
+/// If inertias are off by the same factor as moments, to within this one, the unit is wrong.
 const SAME: f64 = 3.0;
 
-/// What contradicts the URDF altogether.
+/// A fundamental contradiction of the URDF.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum UrdfContradiction {
-    /// Gravity is this many times what the configuration says.
+    /// Gravity is a multiple of the configured one.
     Gravity {
         /// c of (3).
         factor: f64,
     },
-    /// A joint's position is off, or its frame in the URDF is turned.
+    /// A joint's position has an offset, or its frame in the URDF is rotated.
     Zero {
         /// The joint, counted from 0.
         joint: usize,
-        /// About by so much.
+        /// Approximate angle.
         degrees: i32,
     },
-    /// Gravity has another direction than the configuration says.
+    /// Gravity has another direction than the configured one.
     Direction {
         /// Along this axis of the base: 0 for x, 1 for y, 2 for z.
         axis: usize,
         /// Along its negative direction.
         negative: bool,
     },
-    /// A joint's torque, position or axis is the other way round.
+    /// A joint's torque, position or axis is reversed.
     Sign {
         /// The joint, counted from 0.
         joint: usize,
-        /// What is.
+        /// The reversed quantity.
         of: Reversed,
     },
 }
 
-/// What of a joint is the other way round.
+/// The reversed quantity of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reversed {
     /// Its torque.
     Torque,
-    /// Its position, and velocity.
+    /// Its position and velocity.
     Position,
     /// Both: the axis in the URDF.
     Axis,
 }
 
 impl UrdfContradiction {
-    /// What may be wrong at a joint.
+    /// Possible contradictions at a joint.
     fn of(joint: usize, turns: bool) -> impl Iterator<Item = Self> {
         let zeros = TURNS.map(move |degrees| Self::Zero { joint, degrees });
         let signs = [Reversed::Torque, Reversed::Position, Reversed::Axis].map(move |of| Self::Sign { joint, of });
@@ -142,7 +142,7 @@ impl UrdfContradiction {
         robot
     }
 
-    /// R_j q of (5), or q − α e_j of (4); the joint whose torque is the other way round.
+    /// R_j q of (5), or q − α e_j of (4); returns the joint whose torque is reversed.
     fn apply(self, q: &mut [f64]) -> Option<usize> {
         match self {
             Self::Gravity { .. } | Self::Direction { .. } => None,
@@ -161,7 +161,7 @@ impl UrdfContradiction {
 }
 
 impl fmt::Display for UrdfContradiction {
-    /// Rounded, so that the words change only with the matter.
+    /// Rounded, so that the text does not change with every block.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Gravity { factor } if factor < 0.0 => {
@@ -201,10 +201,10 @@ impl fmt::Display for UrdfContradiction {
     }
 }
 
-/// β₀, D and β_jα, and room for the test.
+/// β₀, D and β_jα, and the workspace of the test.
 #[derive(Debug, Clone)]
 pub(super) struct UrdfPrior {
-    /// Of the parameters β, and of those that stand for inertias.
+    /// Indices of the parameters β, and of the inertias.
     pub indices: Vec<usize>,
     pub inertias: Vec<usize>,
     nominal: Vec<f64>,
@@ -218,7 +218,7 @@ pub(super) struct UrdfPrior {
     pub estimate: Vec<f64>,
     off: Vec<f64>,
     solved: Vec<f64>,
-    /// What was found last.
+    /// The last result.
     pub found: Option<UrdfContradiction>,
 }
 
@@ -301,7 +301,7 @@ impl UrdfPrior {
         }
         let (k, start) = (indices.len(), DVector::from_column_slice(&nominal));
         let spread = spread(model, &indices[..seen], &constant);
-        // of what gravity cannot tell apart, what the URDF is surest of stays
+        // of parameters that gravity cannot distinguish, those that the URDF knows best stay
         let sure = DMatrix::from_row_slice(k, k, &spread).cholesky().map(|d| d.inverse());
         let size = g.norm_squared() / k.max(1) as f64;
         let sure = sure.map(|sure| &sure * (SEEN * size / sure.norm().max(f64::MIN_POSITIVE)));
@@ -312,7 +312,7 @@ impl UrdfPrior {
                 let wanted = weights.column(column) - &g * &start;
                 let beta = &start + factor.solve(&g.tr_mul(&wanted)); // (4), (5), (6)
                 let left = (weights.column(column) - &g * &beta).norm() / weights.column(column).norm();
-                // a direction that moments cannot imitate leaves a misfit instead
+                // a direction that moments cannot imitate causes a misfit instead
                 if left < IMITATED || !matches!(cause, UrdfContradiction::Direction { .. }) {
                     told.push((cause, beta.as_slice().to_vec()));
                 }
@@ -333,7 +333,7 @@ impl UrdfPrior {
         }
     }
 
-    /// Looks for a cause. `inertias` is the factor of the inertias against the URDF's.
+    /// Tests all causes. `inertias` is the factor of the inertias relative to the URDF's.
     pub fn look(&mut self, inertias: f64) {
         self.found = None;
         let k = self.indices.len();
@@ -358,7 +358,7 @@ impl UrdfPrior {
         let of_size = (LEFT * before).min(before - CLEAR);
         if is_reversed || is_in_g {
             let room = (&mut self.off[..], &mut self.solved[..]);
-            // what is allowed for grows with the moments
+            // the allowance grows with the moments
             let grown = factor.abs().max(1.0);
             let left = distance(&self.factor, (&self.estimate, &self.nominal), factor, room) / (grown * grown);
             if left < if is_reversed { of_sign } else { of_size } {

@@ -1,5 +1,5 @@
-//! Writes identified values back into a URDF; everything else in the text stays as it is, comments
-//! and meshes included.
+//! Writes identified values back into a URDF; the rest of the text stays unchanged, including
+//! comments and meshes.
 
 use super::error::UrdfError;
 use super::spatial::BodyParameters;
@@ -9,38 +9,38 @@ use roxmltree::Node;
 use std::collections::HashMap;
 use std::ops::Range;
 
-/// What is written of a link.
+/// Values to write for a link.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinkValues {
     /// Name in the URDF.
     pub name: String,
     /// Ten parameters in the link's own frame, of a body with mass.
     pub body: BodyParameters,
-    /// Where they are from: lines of a comment.
+    /// Their origin: lines of a comment.
     pub source: Vec<String>,
 }
 
-/// What is written of a joint.
+/// Values to write for a joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointValues {
     /// Name in the URDF.
     pub name: String,
-    /// Viscous friction \[N m s/rad or N s/m\]; `None` leaves what is there.
+    /// Viscous friction \[N m s/rad or N s/m\]; `None` keeps the present value.
     pub damping: Option<f64>,
-    /// Coulomb friction \[N m or N\]; `None` leaves what is there.
+    /// Coulomb friction \[N m or N\]; `None` keeps the present value.
     pub friction: Option<f64>,
-    /// Where they are from, and what a URDF has no element for: lines of a comment.
+    /// Their origin, and values for which a URDF has no element: lines of a comment.
     pub source: Vec<String>,
 }
 
-/// What comments of this writer begin with, so that it can take them back.
+/// Prefix of this writer's comments, by which it can remove them.
 const MARK: &str = "thetabus:";
 
-/// The text of a URDF with these values in the place of its own; `header` is a comment at its top.
-/// Comments that were written before are replaced, too.
+/// The text of a URDF with these values instead of its own; `header` is a comment at its top.
+/// Comments of an earlier writing are replaced too.
 ///
 /// # Errors
-/// A text that is no XML, a link or joint that it does not have, a link without `<inertial>`.
+/// If the text is not XML, or a link or joint is missing, or a link has no `<inertial>`.
 pub fn write_urdf(
     text: &str,
     header: &[String],
@@ -91,7 +91,7 @@ pub fn write_urdf(
         let old = child(node, "dynamics");
         let kept = |name: &str| old.and_then(|node| node.attribute(name)).map(str::to_owned);
         let value = |name: &str, value: Option<f64>| -> Option<(String, String)> {
-            // What is no friction that can exist is stated as none; the comment has the estimate.
+            // Negative friction is written as 0; the comment has the estimate.
             let text = value.map(|x| number(x.max(0.0))).or_else(|| kept(name))?;
             Some((name.to_owned(), text))
         };
@@ -121,8 +121,8 @@ pub fn write_urdf(
                 if !element.is_empty() {
                     note.push_str(&format!("{indent}{element}\n"));
                 }
-                // Before the line of the end tag, or before the tag if it stands on a line with
-                // others.
+                // Before the line of the end tag, or before the tag if there is other text on its
+                // line.
                 let line = text[..end].rfind('\n').map_or(0, |at| at + 1);
                 match text[line..end].trim().is_empty() {
                     true => edits.push((line..line, note)),
@@ -144,7 +144,7 @@ fn child<'a>(node: &Node<'a, 'a>, tag: &str) -> Option<Node<'a, 'a>> {
     node.children().find(|child| child.has_tag_name(tag))
 }
 
-/// Removes the comments of an earlier writing from an element, with the lines that hold nothing
+/// Removes the comments of an earlier writing from an element, with lines that contain nothing
 /// else.
 fn remove_own_comments(text: &str, of: &Node<'_, '_>, edits: &mut Vec<(Range<usize>, String)>) {
     let is_ours = |node: &Node<'_, '_>| {
@@ -170,13 +170,13 @@ fn indent(text: &str, at: usize) -> String {
     text[line..at].chars().take_while(|c| *c == ' ' || *c == '\t').collect()
 }
 
-/// The same without two hyphens in a row.
+/// The text without two consecutive hyphens.
 fn apart(line: &str) -> String {
-    // twice: of three hyphens the first pass leaves two
+    // twice, because the first pass leaves two of three hyphens
     line.replace("--", "- -").replace("--", "- -")
 }
 
-/// Lines as one XML comment, which must not hold two hyphens in a row.
+/// Lines as one XML comment, which must not contain two consecutive hyphens.
 fn comment(lines: &[String], indent: &str) -> String {
     let mut lines: Vec<String> = lines.iter().map(|line| apart(line)).collect();
     if let Some(first) = lines.first_mut() {
@@ -209,7 +209,7 @@ fn inertial(body: &BodyParameters, indent: &str) -> String {
     )
 }
 
-/// Ten digits: what is left out is far below any standard deviation, and lines stay readable.
+/// Ten digits: the error is far below any standard deviation, and lines stay readable.
 fn number(x: f64) -> String {
     let rounded: f64 = format!("{x:.9e}").parse().unwrap_or(x);
     format!("{rounded}")
@@ -263,7 +263,7 @@ mod tests {
             text.contains("<dynamics damping=\"0.4\" friction=\"0\"/>\n  </joint>"),
             "{text}"
         );
-        // Written twice is written once.
+        // Writing twice gives the same text.
         let again = write_urdf(&text, &["header".to_owned()], &links, &joints).unwrap();
         assert_eq!(again, text);
         let again = write_urdf(&text, &[], &links, &joints).unwrap();

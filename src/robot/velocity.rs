@@ -5,15 +5,15 @@
 //! q(t_c + u) ≈ a₀ + a₁ u + a₂ u² + a₃ u³ in the least squares sense over 2 h + 1 samples,   q̇(t_c) = a₁
 //! ```
 //!
-//! The neighbours' own time stamps are used, so they need not be regular. The sample in the middle
-//! is handed on h samples late, with its own time, position and torque: nothing is shifted against
-//! anything. Source: A. Savitzky, M. Golay, Analytical Chemistry 36 (1964).
+//! The neighbours' own time stamps are used, so these need not be regular. The sample in the middle
+//! is passed on h samples late, with its own time, position and torque, so no signal is shifted
+//! relative to another. Source: A. Savitzky, M. Golay, Analytical Chemistry 36 (1964).
 
 use super::state::RobotSample;
 use crate::model::MAX_JOINTS;
 use nalgebra::{Matrix4, Vector4};
 
-/// Samples on their way to have a velocity.
+/// Adds velocities to samples.
 #[derive(Debug, Clone)]
 pub struct Velocities {
     samples: Vec<RobotSample>,
@@ -23,8 +23,8 @@ pub struct Velocities {
 }
 
 impl Velocities {
-    /// Over `half` samples to either side, 2 or more; after a gap longer than `max_gap_s` \[s\]
-    /// they begin anew.
+    /// Velocities over `half` samples on either side, 2 or more; restarts after a gap longer than
+    /// `max_gap_s` \[s\].
     pub fn new(half: usize, max_gap_s: f64) -> Self {
         Self {
             samples: vec![RobotSample::default(); 2 * half.max(2) + 1],
@@ -39,8 +39,8 @@ impl Velocities {
         (self.next, self.len) = (0, 0);
     }
 
-    /// Takes a sample without velocity; gives the one in the middle with its velocity, once there
-    /// are neighbours on both sides.
+    /// Adds a sample without velocity; returns the one in the middle with its velocity, once it has
+    /// neighbours on both sides.
     pub fn push(&mut self, sample: &RobotSample) -> Option<RobotSample> {
         let room = self.samples.len();
         let last = (self.next + room - 1) % room;
@@ -53,7 +53,7 @@ impl Velocities {
         if self.len < room {
             return None;
         }
-        // The ring is full: the oldest stands at `next`.
+        // The ring is full: the oldest is at `next`.
         let at = |age: usize| &self.samples[(self.next + age) % room];
         let mut middle = *at(room / 2);
         let width = at(room - 1).t_s - at(0).t_s;
@@ -82,9 +82,9 @@ impl Velocities {
     }
 }
 
-/// The samples of a log with velocities by their positions, over `half_s` \[s\] to either side, two
-/// samples at least. Samples at the ends, and beside gaps longer than `max_gap_s` \[s\], have no
-/// neighbours on both sides and are left out.
+/// The samples of a log with velocities computed from positions over `half_s` \[s\] on either side,
+/// at least two samples. Samples at the ends and next to gaps longer than `max_gap_s` \[s\] lack
+/// neighbours and are left out.
 pub fn with_velocities(log: &[RobotSample], half_s: f64, max_gap_s: f64) -> Vec<RobotSample> {
     let Some(period_s) = median_period_s(log) else {
         return Vec::new();
@@ -95,8 +95,8 @@ pub fn with_velocities(log: &[RobotSample], half_s: f64, max_gap_s: f64) -> Vec<
     log.iter().filter_map(|sample| velocities.push(sample)).collect()
 }
 
-/// Median time from one sample to the next \[s\], so that a pause does not count; `None` of fewer
-/// than two.
+/// Median time between samples \[s\], which pauses do not affect; `None` for fewer than two
+/// samples.
 pub fn median_period_s(log: &[RobotSample]) -> Option<f64> {
     if log.len() < 2 {
         return None;
@@ -130,7 +130,7 @@ mod tests {
             }
         }
         assert_eq!(given, 44);
-        // A gap: as many samples again until the next velocity.
+        // After a gap, the next velocity needs as many samples again.
         let late = RobotSample {
             t_s: 9.0,
             ..RobotSample::default()

@@ -1,4 +1,4 @@
-//! The watch over changes: after each slice the last ones are held against what was known before,
+//! Test for changes: after each slice, the last slices are compared with the estimate before them,
 //! see [`change`](super::change).
 
 use super::change::{ChangeCause, Extra, RobotChange, Suspect};
@@ -10,37 +10,38 @@ use super::sums::JointSums;
 use super::watch_room::Watch;
 use crate::model::MAX_JOINTS;
 
-/// Slices that are held against what was known before them.
+/// Number of slices compared with the estimate before them.
 const WINDOW: usize = 4;
-/// Slices that must be learnt before a change can be distinguished from what is not known yet. A
-/// payload that comes earlier is learnt partly as the arm.
+/// Number of slices before a change can be distinguished from what is still unknown. An earlier
+/// payload is partly attributed to the arm.
 pub(super) const LEARNT: usize = 8;
-/// ln of the Bayes factor from which on the machine has changed: a factor of 10⁸ …
+/// ln of the Bayes factor above which the machine has changed: a factor of 10⁸.
 pub(super) const ALARM: f64 = 18.0;
-/// … by which a payload must be likelier than friction of one joint, and by how much less than
-/// friction of all joints it may be.
+/// ln of the Bayes factor by which a payload must exceed friction of one joint, and by which it may
+/// fall short of friction of all joints.
 const CLEAR: f64 = 5.0;
 const BROAD: f64 = 10.0;
-/// The same as a part of what friction of all joints gains: the rows during the change fit neither.
+/// The same relative to the gain of friction of all joints, because rows during the change fit
+/// neither.
 const SHARE: f64 = 0.15;
-/// Slices that it may take to tell them apart; the first is always waited for, for a joint that
-/// sets off shakes for a moment.
+/// Largest number of slices to distinguish them; the first is always awaited, because a joint that
+/// starts to move vibrates for a moment.
 const DOUBTS: usize = 4;
-/// Least size of a friction parameter, as a part of its prior.
+/// Smallest size of a friction parameter, relative to its prior.
 const FRICTION_SIZE: f64 = 0.02;
 /// ln of the Bayes factor above which the flange is not empty.
 const CARRIES: f64 = 3.0;
-/// Length of time that a row's window and the velocities in it reach over, in windows.
+/// Time span of a row including the velocities in its window, in windows.
 const REACH: f64 = 1.5;
-/// Residuals behind a change beyond so many σ_j f_j are not explained.
+/// Residuals after a change above this many σ_j f_j are not explained.
 const UNEXPLAINED: f64 = 6.0;
 /// Standard deviation of a gain's relative change, and of an encoder's slip \[rad\].
 const GAIN_STD: f64 = 0.1;
 const SLIP_STD: [f64; 1] = [0.05];
 
 impl RobotIdentifier {
-    /// Ends the slice that is open: adds it to the block, keeps it apart, and looks whether the
-    /// machine is still the same.
+    /// Ends the open slice: adds it to the block, keeps it separate, and tests whether the machine
+    /// has changed.
     pub(super) fn end_slice(&mut self, now_s: f64) {
         if self.slice.iter().all(|sums| sums.rows == 0) {
             return;
@@ -84,7 +85,8 @@ impl RobotIdentifier {
         }
     }
 
-    /// Holds the last slices against what was known before them; false if that cannot be solved.
+    /// Prepares the comparison of the last slices with the estimate before them; false if that
+    /// cannot be solved.
     fn prepare(&mut self, watch: &mut Watch, slices: usize) -> bool {
         let older = self.pending.len().saturating_sub(slices);
         self.assemble_older(older);
@@ -104,19 +106,19 @@ impl RobotIdentifier {
         watch.evidence.begin(&self.system, &watch.data, &self.fixed)
     }
 
-    /// How much friction may change at once.
+    /// Sets the standard deviation of a sudden change of friction.
     pub(super) fn set_friction_std(&self, watch: &mut Watch) {
         for (std, &i) in watch.friction_std.iter_mut().zip(&self.frictions) {
             *std = self.options.friction_change * watch.theta[i].abs().max(FRICTION_SIZE * self.parameters()[i].scale);
         }
     }
 
-    /// What acts as these parameters do, as parameters of the arm.
+    /// The parameters of an arm that is equivalent to these parameters.
     pub(super) fn effective_of(&self, theta: &[f64], out: &mut [f64]) {
         self.effective_if(self.is_loaded, theta, out);
     }
 
-    /// The same if the flange carries something, or nothing.
+    /// The same with or without a payload.
     pub(super) fn effective_if(&self, is_loaded: bool, theta: &[f64], out: &mut [f64]) {
         match self.payload.as_ref().filter(|_| is_loaded) {
             Some(payload) => payload.effective(theta, out),
@@ -124,7 +126,7 @@ impl RobotIdentifier {
         }
     }
 
-    /// Turns the sums of the window into information about the error of what was known before.
+    /// Converts the sums of the window to information on the error of the estimate before it.
     fn weigh_window(&mut self, watch: &mut Watch) {
         let mut weight = [0.0; MAX_JOINTS];
         for (joint, weight) in weight.iter_mut().enumerate().take(watch.window.len()) {
@@ -133,8 +135,7 @@ impl RobotIdentifier {
         self.weigh_rows(watch, &weight, self.is_loaded);
     }
 
-    /// The same with these weights of the joints' rows, of a flange that carries something or
-    /// nothing.
+    /// The same with these weights of the joints' rows, with or without a payload.
     pub(super) fn weigh_rows(&mut self, watch: &mut Watch, weight: &[f64; MAX_JOINTS], is_loaded: bool) {
         let Watch {
             window,
@@ -154,7 +155,7 @@ impl RobotIdentifier {
         }
     }
 
-    /// What may have changed, as columns; `std` are those of the friction.
+    /// The columns of a suspect; `std` are the standard deviations of friction.
     pub(super) fn extra<'a>(&'a self, suspect: Suspect, std: &'a [f64], gains: &'a GainColumns) -> Extra<'a> {
         match (suspect, &self.payload) {
             (Suspect::Payload, Some(payload)) => Extra::Payload(payload),
@@ -173,14 +174,14 @@ impl RobotIdentifier {
         }
     }
 
-    /// ln of the Bayes factor of a suspect on the window that was [prepared](Self::prepare) last.
+    /// ln of the Bayes factor of a suspect on the last [prepared](Self::prepare) window.
     pub(super) fn gain(&self, watch: &mut Watch, suspect: Suspect) -> Option<f64> {
         let extra = self.extra(suspect, &watch.friction_std, &watch.gains);
         watch.evidence.gain(&watch.data, extra)
     }
 
-    /// The number of slices that speak most clearly for a payload and for friction, with the gains:
-    /// a window that begins before the change fits nothing well.
+    /// The numbers of slices that give the largest gain for a payload and for friction, with the
+    /// gains: a window that begins before the change fits neither well.
     fn clearest(&mut self, watch: &mut Watch) -> [(f64, usize); 2] {
         let mut best = [(f64::NEG_INFINITY, 1); 2];
         for slices in 1..=self.pending.len() {
@@ -198,7 +199,7 @@ impl RobotIdentifier {
         best
     }
 
-    /// What the last slices speak for, once that is clear, and how many of them.
+    /// The suspect that the last slices indicate, once that is clear, and their number.
     fn judge(&mut self, watch: &mut Watch, slices: usize) -> Option<(Suspect, usize)> {
         let payload = self.gain(watch, Suspect::Payload)?;
         if payload.max(self.gain(watch, Suspect::Friction(None))?) < ALARM {
@@ -211,7 +212,7 @@ impl RobotIdentifier {
             return None;
         }
         let [(of_payload, loaded), (of_all, rubbed)] = self.clearest(watch);
-        // Of what happens at once, friction changes at one joint; at all of them it does by and by.
+        // A sudden change of friction is at one joint; at all joints friction changes slowly.
         let (mut of_one, mut one) = (f64::NEG_INFINITY, 0);
         let joints = match self.prepare(watch, rubbed) {
             true => watch.window.len(),
@@ -236,7 +237,7 @@ impl RobotIdentifier {
         })
     }
 
-    /// Finds what the machine is in the last slices.
+    /// Estimates the changed machine from the last slices.
     fn explain(&mut self, watch: &mut Watch, suspect: Suspect, slices: usize) -> Option<()> {
         if !self.prepare(watch, slices) {
             return None;
@@ -244,11 +245,11 @@ impl RobotIdentifier {
         self.fit(watch, suspect)
     }
 
-    /// What the machine is in the window, if this suspect has changed.
+    /// Estimates the machine in the window, if this suspect has changed.
     fn fit(&self, watch: &mut Watch, suspect: Suspect) -> Option<()> {
         let extra = self.extra(suspect, &watch.friction_std, &watch.gains);
         watch.evidence.weigh(&self.system, &watch.data, &self.fixed, extra)?;
-        // The step from what was known, as one of the arm's parameters.
+        // The step from the previous estimate, as a step of the arm's parameters.
         self.effective_of(&watch.evidence.delta, &mut watch.changed);
         extra.add(&watch.evidence.extra, &mut watch.changed);
         for (changed, effective) in watch.changed.iter_mut().zip(&watch.effective) {
@@ -257,12 +258,12 @@ impl RobotIdentifier {
         Some(())
     }
 
-    /// The machine is another one from some instant on: what came before is learnt for the machine
-    /// as it was, what came behind for what it is now.
+    /// Adopts a change: data before its instant are used for the old machine, data after it for the
+    /// changed one.
     fn take_over(&mut self, suspect: Suspect, now_s: f64) {
         let Some(mut watch) = self.watch.take() else { return };
         let begin = self.pending.get(0).begin_s;
-        // blocks since then were judged by the machine as it was
+        // blocks since then were compared with the old machine
         if let Some(levels) = self.levels.before(begin) {
             let joints = self.torque_std.len();
             self.torque_std.copy_from_slice(&levels.torque_std[..joints]);
@@ -270,7 +271,7 @@ impl RobotIdentifier {
         }
         let half = 0.5 * REACH * self.options.windows.length_s;
         let mut t_s = begin;
-        // Twice: windows that hold some of both spoil the first fit.
+        // Twice, because windows that contain both machines spoil the first fit.
         for _ in 0..2 {
             t_s = locate(
                 &self.ring,
@@ -282,7 +283,7 @@ impl RobotIdentifier {
             );
             self.sum_up(&mut watch.window, |t| t >= t_s + half);
             self.weigh_window(&mut watch);
-            // What cannot be solved leaves the fit before it.
+            // If it cannot be solved, the previous fit stays.
             let _unsolved = self.fit(&mut watch, suspect).is_none();
         }
         let before = |t: f64| t >= begin && t < t_s - half;
@@ -343,7 +344,7 @@ impl RobotIdentifier {
         self.watch = Some(watch);
     }
 
-    /// Another payload, or none any more.
+    /// Changes or removes the payload.
     fn change_payload(&mut self, watch: &mut Watch) {
         let was_loaded = self.is_loaded;
         if was_loaded {
@@ -351,7 +352,7 @@ impl RobotIdentifier {
         }
         self.unload();
         if was_loaded {
-            // Does it carry anything at all?
+            // Test whether there is any payload.
             self.assemble_older(0);
             watch.theta.copy_from_slice(&self.theta);
             if self.solver.solve(&self.system, &self.fixed, &mut watch.theta) {
@@ -374,7 +375,7 @@ impl RobotIdentifier {
         self.load();
     }
 
-    /// Sums of the kept rows that `wanted` picks by their time.
+    /// Sums of the rows for whose time `wanted` is true.
     fn sum_up(&self, sums: &mut [JointSums], wanted: impl Fn(f64) -> bool) {
         sums.iter_mut().for_each(JointSums::clear);
         for age in 0..self.ring.len() {
@@ -393,7 +394,7 @@ impl RobotIdentifier {
     }
 }
 
-/// (3): the instant at which residuals by `before` become worse than those by `behind`.
+/// (3): the instant at which residuals with `before` become larger than those with `behind`.
 fn locate<'a>(
     ring: &RowRing,
     begin: f64,
@@ -403,7 +404,7 @@ fn locate<'a>(
     columns: impl Fn(usize) -> &'a [usize],
 ) -> f64 {
     let (mut cost, mut least, mut t_s) = (0.0, 0.0, begin);
-    // The instant before it, if the best border so far lies behind that one.
+    // The instant before it, if the best boundary so far lies after that one.
     let mut open: Option<f64> = None;
     for age in 0..ring.len() {
         let (at, instant) = ring.get(age);

@@ -1,4 +1,4 @@
-//! Room for the watch over changes, taken at the start.
+//! Workspace of the test for changes, allocated at the start.
 
 use super::change::{Evidence, RobotChange};
 use super::gain_columns::GainColumns;
@@ -6,28 +6,28 @@ use super::information::Information;
 use super::inquiry_room::Inquiry;
 use super::sums::JointSums;
 
-/// What the watch works with.
+/// State and workspace of the test.
 #[derive(Debug, Clone)]
 pub(super) struct Watch {
     pub evidence: Evidence,
-    /// Sums of the last slices, with the gradient at what was known before them.
+    /// Sums of the last slices, with the gradient at the estimate before them.
     pub window: Vec<JointSums>,
     /// The same as information.
     pub data: Information,
-    /// What was known before: all parameters, and as those of the arm.
+    /// The estimate before: all parameters, and as an equivalent arm.
     pub theta: Vec<f64>,
     pub effective: Vec<f64>,
-    /// As those of the arm by what has changed.
+    /// The changed machine as an equivalent arm.
     pub changed: Vec<f64>,
     /// Indices of the friction's parameters and the standard deviations of their change.
     pub friction_std: Vec<f64>,
     /// Columns of the drives' gains.
     pub gains: GainColumns,
-    /// Slices since the machine first looked changed without it being clear how.
+    /// Slices since a change was first suspected without a clear cause.
     pub doubt: usize,
     /// Slices in a row that a drive or an encoder explains.
     pub strange: usize,
-    /// The change whose cause is not clear yet.
+    /// The change whose cause is still sought.
     pub inquiry: Inquiry,
     /// The change found since the block began.
     pub found: Option<RobotChange>,

@@ -1,15 +1,15 @@
-//! Windows that become longer when errors of the positions ask for it.
+//! Lengthens windows if errors of the positions require it.
 //!
-//! Least squares with errors in the regressors is off by about the share of the acceleration that
-//! is error. That share falls with the fifth power of the length T of a window:
+//! With errors in the regressors, the relative bias of least squares is about the error share of
+//! the acceleration. That share falls with the fifth power of the length T of a window:
 //!
 //! ```text
 //! share_k = Σ var(a_k)/Σ (a² − var(a_k)) over the windows,    T ← T (share/SHARE)^(1/5)            (1)
 //! ```
 //!
-//! Short windows are kept while errors of the positions hardly show in any joint's torque: they
-//! blur reversals least. What the first blocks say with windows that were much too short is
-//! forgotten, because nothing later outweighs it: encoders of 13 bits at 2 ms left inertial
+//! Short windows are kept while errors of the positions hardly affect any joint's torque, because
+//! they blur reversals least. If the windows of the first blocks were much too short, these blocks
+//! are dropped, because later data do not outweigh them: encoders of 13 bits at 2 ms left inertial
 //! parameters 10 to 20 % off for a minute.
 
 use super::identify::{RobotIdentifier, TRIED};
@@ -18,15 +18,15 @@ use super::windows::WindowOptions;
 
 /// Share of an acceleration that may be error; encoders of 17 bits have half of it.
 const SHARE: f64 = 0.002;
-/// Part of the variance of a joint's rows from which on errors of the positions show.
+/// Share of the variance of a joint's rows above which errors of the positions are relevant.
 const SHOWS: f64 = 0.01;
 /// Longest window \[s\].
 const LONGEST_S: f64 = 0.3;
-/// Least step in length: windows that are open are dropped at each.
+/// Smallest step in length, because each step drops the open windows.
 const STEP: f64 = 1.1;
-/// The same from which on the first blocks are forgotten: a share four times [`SHARE`].
+/// Step in length above which the first blocks are dropped: a share four times [`SHARE`].
 const MUCH: f64 = 1.3;
-/// What the sums (1) keep from one block to the next.
+/// Forgetting factor of the sums (1) per block.
 const KEPT: f64 = 0.9;
 
 impl RobotIdentifier {
@@ -60,7 +60,7 @@ impl RobotIdentifier {
         self.rows.motion().fade(KEPT);
     }
 
-    /// The blocks so far were of no use: rows of the next one are the first.
+    /// Drops all blocks so far and starts with the next one.
     fn forget_blocks(&mut self) {
         self.clear_recording();
         self.block.iter_mut().for_each(JointSums::clear);

@@ -1,8 +1,8 @@
-//! The windows of the weak form: their shape, and how long they are.
+//! The windows of the weak form: shape and length.
 
 use std::fmt;
 
-/// Most windows that overlap.
+/// Largest number of overlapping windows.
 const MAX_OVERLAP: usize = 32;
 
 /// ψ(s) = (1 − s²)⁴, 0 outside of (−1, 1).
@@ -19,13 +19,13 @@ pub struct WindowOptions {
     pub stride_s: f64,
     /// Longest time between two samples that a window may span \[s\].
     pub max_gap_s: f64,
-    /// A joint's row is left out if it rests for more than this part of the window's weight, 0
-    /// to 1.
+    /// A joint's row is left out if the joint rests for more than this share of the window's
+    /// weight, 0 to 1.
     pub max_rest: f64,
 }
 
 impl Default for WindowOptions {
-    /// 0.25 s every 0.05 s: right for logs around 100 Hz.
+    /// 0.25 s every 0.05 s: suitable for logs around 100 Hz.
     fn default() -> Self {
         Self {
             length_s: 0.25,
@@ -37,8 +37,8 @@ impl Default for WindowOptions {
 }
 
 impl WindowOptions {
-    /// For samples that are so far apart \[s\]: 25 of them to a window, of 0.1 to 0.25 s. A longer
-    /// window blurs reversals, a shorter one averages less noise.
+    /// For this sample period \[s\]: 25 samples per window, within 0.1 to 0.25 s. A longer window
+    /// blurs reversals, a shorter one averages less noise.
     pub fn for_period(period_s: f64) -> Self {
         Self::of_length((25.0 * period_s).clamp(0.1, 0.25))
     }
@@ -53,8 +53,8 @@ impl WindowOptions {
         }
     }
 
-    /// Why samples with this period \[s\] give no rows, if they give none. What rounding makes of
-    /// times does not decide.
+    /// Why samples with this period \[s\] give no rows, if they give none; tolerant to rounding of
+    /// times.
     pub fn too_far_apart(&self, period_s: f64) -> Option<TooFarApart> {
         (period_s > (1.0 - 1e-6) * self.max_gap_s).then(|| TooFarApart::new(period_s, self.max_gap_s))
     }
@@ -62,7 +62,7 @@ impl WindowOptions {
     /// Checks the lengths.
     ///
     /// # Errors
-    /// The first rule that is broken, in words.
+    /// The first rule that is violated.
     pub fn validate(&self) -> Result<(), String> {
         let positive = |name: &str, x: f64| match x > 0.0 && x.is_finite() {
             true => Ok(()),
@@ -86,7 +86,7 @@ impl WindowOptions {
     }
 }
 
-/// Samples between which no window reaches, so that there are no rows; its words say what to do.
+/// Samples too far apart for any window, so there are no rows; its message says what to do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TooFarApart {
     period_s: f64,
@@ -94,13 +94,13 @@ pub struct TooFarApart {
 }
 
 impl TooFarApart {
-    /// Samples every `period_s` under windows that bridge `max_gap_s` \[s\].
+    /// Samples every `period_s`, with windows that bridge `max_gap_s` \[s\].
     pub fn new(period_s: f64, max_gap_s: f64) -> Self {
         Self { period_s, max_gap_s }
     }
 }
 
-/// Two periods are bridged by windows of ten, the shortest that hold a few samples on either side.
+/// Windows of ten periods bridge two; they are the shortest with a few samples on either side.
 impl fmt::Display for TooFarApart {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { period_s, max_gap_s } = self;

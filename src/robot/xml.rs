@@ -4,9 +4,9 @@ use super::error::UrdfError;
 use nalgebra::Vector3;
 use roxmltree::{Document, Node, ParsingOptions};
 
-/// Largest text that is read: a description with its tags, never its meshes.
+/// Largest text to read: a description with its tags, without meshes.
 pub(super) const MAX_BYTES: usize = 16 << 20;
-/// Most elements, attributes excluded; a large humanoid has about ten thousand.
+/// Largest number of elements, without attributes; a large humanoid has about ten thousand.
 const MAX_NODES: u32 = 1_000_000;
 
 /// Parses a text.
@@ -97,7 +97,7 @@ impl<'a> Element<'a> {
     /// Child elements, in the order of the file.
     pub fn children(&self) -> impl Iterator<Item = Element<'a>> + use<'a> {
         let (lines, owner) = (self.lines, self.owner);
-        // Below the root an element belongs to the link or joint that it stands in.
+        // Below the root, an element belongs to the link or joint that contains it.
         let below = (self.node.parent_element().is_some()).then_some(owner.unwrap_or(self.node));
         let elements = self.node.children().filter(Node::is_element);
         elements.map(move |node| Element {
@@ -110,7 +110,7 @@ impl<'a> Element<'a> {
     /// The only child element of this tag, or `None`.
     ///
     /// # Errors
-    /// There are two.
+    /// If there are several.
     pub fn child(&self, tag: &str) -> Result<Option<Element<'a>>, UrdfError> {
         let mut found = self.children().filter(|child| child.tag() == tag);
         let first = found.next();
@@ -120,7 +120,7 @@ impl<'a> Element<'a> {
         }
     }
 
-    /// The child element of this tag, which must be there.
+    /// The child element of this tag, which is required.
     pub fn required_child(&self, tag: &str) -> Result<Element<'a>, UrdfError> {
         self.child(tag)?
             .ok_or_else(|| self.error(format!("a <{tag}> element"), "none"))
@@ -131,7 +131,7 @@ impl<'a> Element<'a> {
         self.node.attribute(name).map(str::trim)
     }
 
-    /// An attribute that must be there and not be empty.
+    /// A required attribute, which must not be empty.
     pub fn required_text(&self, name: &str) -> Result<&'a str, UrdfError> {
         match self.text(name) {
             Some(text) if !text.is_empty() => Ok(text),
@@ -145,7 +145,7 @@ impl<'a> Element<'a> {
         self.text(name).map(|text| self.parse(name, text)).transpose()
     }
 
-    /// A finite number that must be there.
+    /// A required finite number.
     pub fn required_number(&self, name: &str) -> Result<f64, UrdfError> {
         self.parse(name, self.required_text(name)?)
     }
@@ -185,7 +185,7 @@ fn named(node: Node<'_, '_>) -> String {
     }
 }
 
-/// A text as it can stand in one line of an error message.
+/// A text shortened for one line of an error message.
 pub(super) fn shortened(text: &str) -> String {
     const MOST: usize = 60;
     let line = text.split_whitespace().collect::<Vec<_>>().join(" ");

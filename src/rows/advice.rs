@@ -1,31 +1,31 @@
-//! How long windows should be, from the motion itself.
+//! Chooses the window length from the motion.
 //!
 //! ```text
 //! a_k  = (q_{k+1} − 2 q_k + q_{k−1})/h²
-//! A(f)   its power at frequency f, less what the positions' noise gives, (2 − 2 cos 2πfh)² σ²/h⁴
+//! A(f)   its power at frequency f, less that of the positions' noise, (2 − 2 cos 2πfh)² σ²/h⁴
 //! bandwidth f_b: 99 % of ∫ A df lie below     T = 1.3/f_b
 //! ```
 //!
-//! The bump of length T passes what is slower than 1.3/T and averages the rest. Much longer windows
-//! lose the fastest motion, which is what tells a small inertia or an inductance, unless they
-//! begin often enough; much shorter ones take more computing. Within a factor of four either way
-//! the estimates hardly change, see docs/method.md.
+//! The bump of length T passes frequencies below 1.3/T and averages the rest. Much longer windows
+//! lose the fastest motion, which informs on a small inertia or an inductance, unless their stride
+//! is short; much shorter ones cost more computing. Within a factor of four either way the
+//! estimates hardly change, see docs/method.md.
 //!
-//! A step of the setpoint is motion at every frequency: under it f_b says where the noise begins,
-//! and 1.3/f_b can be a few samples. Windows of 8 samples are wrong, though: they put the offset of
-//! an axis under such steps 10 % off, 13 standard deviations, while those of 12 to 60 samples
-//! agree. So no window of fewer than [`FEWEST_WINDOW_SAMPLES`] samples is advised.
+//! A step of the setpoint is motion at every frequency: f_b is then the frequency at which noise
+//! dominates, and 1.3/f_b can be a few samples. But windows of 8 samples give wrong results: with
+//! such steps the offset of an axis is 10 % (13 standard deviations) off, while windows of 12 to 60
+//! samples agree. So no window of fewer than [`FEWEST_WINDOW_SAMPLES`] samples is advised.
 
 use super::intake::BRIDGED;
 use super::noise::SignalNoise;
 use super::polynomial::{MOST, weights};
 use std::f64::consts::TAU;
 
-/// Samples that a window has at least if its length is advised or chosen.
+/// Smallest number of samples in a window whose length is advised or chosen.
 pub const FEWEST_WINDOW_SAMPLES: f64 = 20.0;
-/// Samples that the value at an instant without one is made of.
+/// Number of samples from which a missing value is interpolated.
 const STENCIL: usize = 4;
-/// Deviation from the grid that is a time stamp's rounding \[sample periods\].
+/// Deviation from the grid that counts as rounding of a time stamp \[sample periods\].
 const ROUNDING: f64 = 1e-3;
 
 /// Share of the acceleration's power that counts as motion.
@@ -34,9 +34,9 @@ const SHARE: f64 = 0.99;
 const DOUBT: f64 = 4.0;
 /// Frequencies per factor of e.
 const PER_E: f64 = 20.0;
-/// Most spectral lines that are averaged for each of them: one alone exceeds its expected value
-/// fourfold once in 55 times, which at high frequencies is taken for motion that is not there; of
-/// 16 the mean never does.
+/// Most spectral lines that are averaged for each of them: a single one exceeds four times its
+/// expected value once in 55 times, which at high frequencies would look like motion; the mean of
+/// 16 never does.
 const LINES: usize = 16;
 
 /// A window's length with its reason.
@@ -54,9 +54,9 @@ pub fn window_advice(q: &[f64], sample_period_s: f64) -> Option<WindowAdvice> {
     Spectrum::new(q.len()).advise(q, sample_period_s, variance(q, |_| false))
 }
 
-/// The same from time stamps \[ns\] and positions, of which some may be lost or irregular. What is
-/// lost is made up by cubic polynomials, up to as many samples as windows bridge; of the stretches
-/// between longer holes the longest counts.
+/// The same from time stamps \[ns\] and positions, of which some may be lost or irregular. Lost
+/// samples are interpolated by cubic polynomials, up to as many in a row as windows bridge; of the
+/// stretches between longer holes only the longest is used.
 pub fn window_advice_at(samples: &[(u64, f64)], sample_period_s: f64) -> Option<WindowAdvice> {
     let period_ns = sample_period_s * 1e9;
     let step = |pair: &[(u64, f64)]| (pair[1].0 as f64 - pair[0].0 as f64) / period_ns;
@@ -71,14 +71,15 @@ pub fn window_advice_at(samples: &[(u64, f64)], sample_period_s: f64) -> Option<
     Spectrum::new(q.len()).advise(&q, sample_period_s, variance)
 }
 
-/// What the noise of positions says of each of them; `made` ones say nothing.
+/// Variance of the positions' noise; those that are `made` are left out.
 fn variance(q: &[f64], made: impl Fn(usize) -> bool) -> f64 {
     let mut noise = SignalNoise::default();
     noise.learn(q, made, &mut Vec::with_capacity(q.len()));
     noise.deviation().powi(2) + noise.resolution().powi(2) / 12.0
 }
 
-/// Positions a period apart, from a stretch of samples; `None` of fewer than make up a lost one.
+/// Positions one period apart, from a stretch of samples; `None` if these are too few to
+/// interpolate.
 fn on_the_grid(stretch: &[(u64, f64)], period_ns: f64) -> Option<Vec<f64>> {
     let (begin, end) = (stretch.first()?.0, stretch.last()?.0);
     let place = |sample: &(u64, f64)| (sample.0 - begin) as f64 / period_ns;
@@ -102,7 +103,7 @@ fn on_the_grid(stretch: &[(u64, f64)], period_ns: f64) -> Option<Vec<f64>> {
     (0..count).map(value).collect()
 }
 
-/// The advice again and again, with room of its own.
+/// Repeated advice, with its own workspace.
 #[derive(Debug, Clone)]
 pub(super) struct Spectrum {
     acceleration: Vec<f64>,
@@ -111,7 +112,7 @@ pub(super) struct Spectrum {
 }
 
 impl Spectrum {
-    /// Room for at most so many samples at once.
+    /// Workspace for at most `samples` samples.
     pub fn new(samples: usize) -> Self {
         Self {
             acceleration: Vec::with_capacity(samples),
@@ -119,8 +120,8 @@ impl Spectrum {
         }
     }
 
-    /// As [`window_advice`], from positions with noise of this `variance`; of more samples than
-    /// there is room for, the last ones count.
+    /// As [`window_advice`], from positions with noise of this `variance`; if there are more
+    /// samples than the workspace holds, the last ones are used.
     pub fn advise(&mut self, q: &[f64], sample_period_s: f64, variance: f64) -> Option<WindowAdvice> {
         let q = &q[q.len().saturating_sub(self.acceleration.capacity())..];
         let h = sample_period_s;
@@ -139,7 +140,7 @@ impl Spectrum {
         parts.clear();
         for i in 0..count.min(parts.capacity()) {
             let frequency = lowest * (i as f64 / PER_E).exp();
-            // as many lines as the record tells apart up to the next frequency
+            // as many lines as the record resolves up to the next frequency
             let lines = ((frequency / PER_E * n as f64 * h) as usize).clamp(1, LINES);
             let (mut power, mut expected) = (0.0, 0.0);
             for line in 0..lines {
@@ -189,7 +190,7 @@ mod tests {
                 })
                 .collect();
             let advice = window_advice(&q, 1e-3).unwrap();
-            // a twentieth of e to a step, and the width of the taper's main lobe
+            // the step of a twentieth of e, and the width of the taper's main lobe
             assert!(
                 (advice.bandwidth_hz / frequency - 1.0).abs() < 0.2,
                 "{frequency} {count}: {advice:?}"
@@ -199,8 +200,8 @@ mod tests {
                 "{advice:?}"
             );
         }
-        // white noise that is stronger than the motion where it is faster: no single line of it
-        // counts
+        // white noise that exceeds the motion at high frequencies: no single line of it counts as
+        // motion
         let mut state = 1_u64;
         let mut noise = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

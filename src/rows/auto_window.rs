@@ -1,18 +1,17 @@
-//! Projected rows whose window length is chosen from the signals, and kept under review.
+//! Projected rows whose window length is chosen from the signals and reviewed regularly.
 //!
 //! ```text
-//! T_c = T₀, T₀/2, T₀/4, … ≥ max(25 ms, 20 h)        T₀ = max(200 ms, 20 h), strides min(T_c/5, what is configured)
+//! T_c = T₀, T₀/2, T₀/4, … ≥ max(25 ms, 20 h)        T₀ = max(200 ms, 20 h), strides min(T_c/5, the configured one)
 //! T   = the T_c that is nearest to 1.3/f_b by its ratio, f_b the bandwidth of the fastest joint (`advice.rs`)
 //! ```
 //!
-//! There is a block of rows for each length, made at the start, and one of them is in use. The
-//! first block of samples that shows motion chooses: it is made into rows of the length that it
-//! advises before any estimate is made of it. After that every joint is looked at once in
-//! [`REVIEW`] blocks, and a length that two reviews in a row advise takes over at the border of a
-//! block; its first windows begin there, since rows of different lengths do not mix. With one
-//! length there is nothing to choose: this is then the block of rows itself.
+//! A block of rows for each length is allocated at the start; one of them is in use. The first
+//! block of samples that shows motion chooses the length, before any estimate is made from it.
+//! After that every joint is checked once in [`REVIEW`] blocks, and a length that two reviews in a
+//! row advise takes over at the border of a block. Its first windows begin there, because rows of
+//! different lengths cannot be mixed. With a single length this is simply that block of rows.
 //!
-//! 20 samples in a window resolve its bump; longer windows than 200 ms hardly tell more, as long as
+//! 20 samples in a window resolve its bump; windows longer than 200 ms hardly add information if
 //! the stride is short (docs/method.md, section 16a).
 
 use super::advice::{FEWEST_WINDOW_SAMPLES, Spectrum};
@@ -22,18 +21,17 @@ use super::{FirstBlocks, SampleBlock};
 use crate::estimator::Residuals;
 use crate::model::{JointSample, MAX_JOINTS, Plant};
 
-/// Longest and shortest window \[s\], if the sample period allows it.
+/// Longest and shortest window \[s\], if the sample period permits.
 const LONGEST_S: f64 = 0.2;
 const SHORTEST_S: f64 = 0.025;
-/// Length to begin with, until something moves \[s\].
+/// Initial length, until something moves \[s\].
 const FIRST_S: f64 = 0.1;
 /// Blocks from one review to the next.
 const REVIEW: u32 = 8;
-/// Samples that the bandwidth is taken from at most: some seconds of them say enough, and more cost
-/// time.
+/// Largest number of samples for the bandwidth: some seconds suffice, and more cost time.
 const LOOK: usize = 2048;
 
-/// Projected rows of one length, or of the length that fits the motion.
+/// Projected rows with a fixed window length, or with one chosen to fit the motion.
 #[derive(Debug, Clone)]
 pub struct AutoWindowBlock<P: Plant> {
     /// One per length, the longest first.
@@ -43,19 +41,18 @@ pub struct AutoWindowBlock<P: Plant> {
     kept: Vec<(u64, JointSample)>,
     chosen: bool,
     spectrum: Spectrum,
-    /// Blocks since the last review, and the highest bandwidth of the joints that were looked at
-    /// since \[Hz\].
+    /// Blocks since the last review, and the highest bandwidth of the joints checked since \[Hz\].
     since: u32,
     fastest_hz: f64,
     /// The length that the last review advised.
     advised: usize,
-    /// Takes over at the next border.
+    /// The length in use from the next border on.
     next: usize,
 }
 
 impl ProjectedOptions {
-    /// The same over windows of another length, with the stride and the velocity filter no longer
-    /// than befits it.
+    /// The same options for another window length, with stride and velocity filter limited to suit
+    /// it.
     #[must_use]
     pub fn with_window(&self, window_s: f64) -> Self {
         let quarter = (0.25 * window_s / self.sample_period_s) as usize;
@@ -68,8 +65,8 @@ impl ProjectedOptions {
     }
 }
 
-/// The lengths that [`AutoWindowBlock::chosen`] has to choose from at a sample period \[s\], the
-/// longest first; at least one.
+/// The lengths from which [`AutoWindowBlock::chosen`] chooses at a sample period \[s\], longest
+/// first; at least one.
 pub fn auto_window_lengths(sample_period_s: f64) -> impl Iterator<Item = f64> {
     let shortest = SHORTEST_S.max(FEWEST_WINDOW_SAMPLES * sample_period_s);
     let longest = LONGEST_S.max(FEWEST_WINDOW_SAMPLES * sample_period_s);
@@ -104,8 +101,8 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
         })
     }
 
-    /// Rows whose window is chosen; `options.window_s` does not count, its stride and velocity
-    /// filter are upper limits. The only place that allocates.
+    /// Rows whose window is chosen. `options.window_s` is ignored; stride and velocity filter of
+    /// the options are upper limits. Only this call allocates.
     ///
     /// # Errors
     /// As [`ProjectedBlock::new`].
@@ -128,10 +125,11 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
         })
     }
 
-    /// The same with other start values than the plant's own for the first block's weights.
+    /// The same with these start values, instead of the plant's, for the weights of the first
+    /// block.
     ///
     /// # Errors
-    /// Not one finite value within its bounds for each parameter.
+    /// If there is not exactly one finite value within its bounds per parameter.
     pub fn starting_at(mut self, theta: &[f64]) -> Result<Self, ProjectedError> {
         self.blocks = self
             .blocks
@@ -142,7 +140,7 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
     }
 }
 
-/// The block whose window is nearest to a length by its ratio.
+/// The block whose window has the smallest ratio to a length.
 fn nearest<P: Plant + Clone>(blocks: &[ProjectedBlock<P>], window_s: f64) -> usize {
     let distance = |block: &ProjectedBlock<P>| (block.options().window_s / window_s).ln().abs();
     let better = |a: &(usize, f64), b: &(usize, f64)| a.1.total_cmp(&b.1);
@@ -155,7 +153,7 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
         &self.blocks[self.active]
     }
 
-    /// Looks at the joint `joint` in the samples of the block that was prepared.
+    /// Computes the bandwidth of `joint` from the prepared block.
     fn look(&mut self, joint: usize) {
         let block = &self.blocks[self.active];
         let (q, variance) = block.positions(joint);
@@ -164,8 +162,7 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
         }
     }
 
-    /// The length for the motion that was seen since the last time; the one in use if there was
-    /// none.
+    /// The length for the motion since the last call; the one in use if there was no motion.
     fn advice(&mut self) -> usize {
         let fastest_hz = std::mem::take(&mut self.fastest_hz);
         match fastest_hz > 0.0 {
@@ -187,7 +184,7 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
                 (self.active, self.advised, self.next) = (best, best, best);
                 let block = &mut self.blocks[best];
                 for (t_ns, sample) in &self.kept {
-                    // there is room for as many samples as the other one took
+                    // all blocks have the same capacity
                     let _ = block.push(*t_ns, sample);
                 }
                 block.prepare(theta);
@@ -196,7 +193,7 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
         self.kept.clear();
     }
 
-    /// Looks at one joint per block; after the last one says which length is to take over.
+    /// Checks one joint per block; after the last one, decides which length takes over.
     fn review(&mut self) {
         let joints = self.own().plant().joints() as u32;
         self.since += 1;
@@ -207,7 +204,7 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
         if turn >= joints {
             self.since = 0;
             let advised = self.advice();
-            // one review may have met an odd motion
+            // a single review may have seen unusual motion
             self.next = if advised == self.advised { advised } else { self.active };
             self.advised = advised;
         }
@@ -308,7 +305,7 @@ impl<P: Plant + Clone> SampleBlock for AutoWindowBlock<P> {
             self.blocks[self.active].clear();
             return;
         }
-        // before the new one takes in its first sample, the old one forgets its own
+        // the old block drops its samples before the new one takes its first
         let (from, to) = (self.active, self.next);
         let [old, new] = match self.blocks.get_disjoint_mut([from, to]) {
             Ok(pair) => pair,

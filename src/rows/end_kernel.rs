@@ -7,12 +7,11 @@
 //! K_d[k] = (−1)^d h ψ^(d)(t_k), corrected to be exact on polynomials up to degree d + 3
 //! ```
 //!
-//! A plant that changes τ before the end shows by what it does to the position since then, which
-//! grows with τ². The symmetric bump of `kernel.rs` looks away from there: seven of its derivatives
-//! vanish at the end. This one vanishes just enough for the state at the end, which nobody knows,
-//! to drop out. Through 16 bits and with 0.05 V of noise a payload of 13 % that the paper's arm
-//! picks up while it holds still shows by so many standard deviations, 100 ms being the width of
-//! the regular windows:
+//! A plant that changes a time τ before the end shows in the position since then, in proportion to
+//! τ². The symmetric bump of `kernel.rs` gives little weight to that part: it and its first six
+//! derivatives vanish at the end. This one vanishes just enough to eliminate the unknown state at
+//! the end. The table shows by how many standard deviations a payload of 13 % is detected that the
+//! paper's arm picks up while it holds still (16 bits, 0.05 V of noise, regular windows of 100 ms):
 //!
 //! | window | 10 ms before the end | 15 ms | 20 ms | 30 ms | 50 ms |
 //! |---|---|---|---|---|---|
@@ -22,8 +21,8 @@
 //! | this one, 100 ms | 1.7 | 5.6 | 11 | 21 | 17 |
 //! | this one, 150 ms | 0.9 | 3.6 | 8.6 | 24 | 51 |
 //!
-//! One power less at the end (b = 3) sees 2 ms more and takes a tenth of the motion's resonance for
-//! a change, because ψ‴ then jumps at the last sample.
+//! With one power less at the end (b = 3) the window sees 2 ms more, but takes a tenth of the
+//! motion's resonance for a change, because ψ‴ then jumps at the last sample.
 
 use super::kernel::InputTiming;
 use nalgebra::{DMatrix, DVector};
@@ -31,19 +30,19 @@ use nalgebra::{DMatrix, DVector};
 /// Degrees beyond the derivative on which the weights are exact.
 const EXACT: usize = 3;
 
-/// Weights of one window, all with their quadrature factor.
+/// Weights of one window, including the quadrature factor.
 #[derive(Debug, Clone)]
 pub(super) struct EndKernels {
     /// Samples of the window.
     pub count: usize,
-    /// Samples before and after the window that the input weights reach to.
+    /// Samples before and after the window over which the input weights extend.
     pub before: usize,
     pub after: usize,
     /// K_d on the window's samples.
     pub position: Vec<Vec<f64>>,
     /// Weights on the input's samples, from `before` samples before the window on.
     pub input: Vec<f64>,
-    /// What a jump of size 1 that is complete at the sample adds; empty for a held input.
+    /// Contribution of a jump of size 1 that is complete at the sample; empty for a held input.
     pub jump: Vec<f64>,
 }
 
@@ -115,7 +114,7 @@ impl EndKernels {
                 InputTiming::Continuous => period_s * at(0, t_s),
             })
             .collect();
-        // a constant input is exactly itself
+        // a constant input is reproduced exactly
         let total: f64 = input.iter().sum();
         input.iter_mut().for_each(|w| *w /= total);
         let jump = match timing {
@@ -156,7 +155,7 @@ fn correct_moments(weights: &mut [f64], bump: &Polynomial, d: usize, half_s: f64
         };
         wanted - sum(&|k| weights[k] * s(k).powi(m as i32))
     });
-    // the matrix is a Gram matrix of independent functions, so it can be solved
+    // the Gram matrix of independent functions is regular
     if let Some(solution) = matrix.lu().solve(&missing) {
         for (k, weight) in weights.iter_mut().enumerate() {
             *weight += (0..degrees).map(|j| solution[j] * s(k).powi(j as i32)).sum::<f64>() * value(taper, s(k));
@@ -185,9 +184,9 @@ mod tests {
                         .map(|k| kernels.position[d][k] * (omega * t(k) + phase).cos())
                         .sum();
                     let error = (got / omega.powi(d as i32) - wanted).abs();
-                    // up to degree d + 3 both are the same; over 150 ms a resonance of 13 Hz turns
-                    // by 12 rad, and what is left is of the order of h²/12 times the jump of the
-                    // derivative after the last at the end
+                    // both agree up to degree d + 3; a resonance of 13 Hz turns by 12 rad in 150
+                    // ms, and the error is of the order of h²/12 times the first derivative that
+                    // jumps at the end
                     assert!(error < 2e-4, "{count} {d} {phase}: {error}");
                 }
             }

@@ -1,4 +1,4 @@
-//! How a row depends on each position that it is made of.
+//! The dependence of a row on each position that it uses.
 //!
 //! ```text
 //! c(k) = −∂f/∂q_k = Σ_d K_d(k) ∂g_d/∂q + Σ_j s_j Σ_d K_d(k − j) ∂g_d/∂q̇ + Σ (velocity terms) θ K_{d+1}(k)
@@ -13,7 +13,7 @@ use super::passes::Terms;
 use super::separation::Sensitivity;
 use super::theta_polynomial::{MAX_ORDER, Polynomial};
 
-/// What the weights of one equation are made of.
+/// The data for the weights of one equation.
 pub(super) struct ErrorWeights<'a> {
     pub kernels: &'a Kernels,
     /// First half of the weights of the transposed velocity filter.
@@ -22,8 +22,8 @@ pub(super) struct ErrorWeights<'a> {
     pub sensitivity: &'a Sensitivity,
 }
 
-/// ∂g_d/∂q̇ of the terms that are linear in the velocity of a joint, which enter by way of the
-/// position.
+/// ∂g_d/∂q̇ of the terms that are linear in the velocity of a joint; these depend on the position
+/// after integration by parts.
 pub(super) fn linear_in_velocity(polynomial: Option<&Polynomial>, kind: Kind, theta: &[f64]) -> Terms {
     let mut linear = [0.0; MAX_ORDER + 1];
     if let (true, Some(polynomial)) = (kind.velocity, polynomial) {
@@ -34,7 +34,8 @@ pub(super) fn linear_in_velocity(polynomial: Option<&Polynomial>, kind: Kind, th
     linear
 }
 
-/// The slopes of the nonlinear terms; a kink or a pole of the model must not spoil the weights.
+/// The slopes of the nonlinear terms, 0 if not finite, so that a kink or a pole of the model cannot
+/// spoil the weights.
 #[inline]
 pub(super) fn nonlinear(mut slopes: Terms, linear: &Terms) -> Terms {
     for (slope, linear) in slopes.iter_mut().zip(linear) {
@@ -49,13 +50,13 @@ impl ErrorWeights<'_> {
         2 * (self.kernels.half + self.transposed.len()) + 1
     }
 
-    /// Room that [`write`](Self::write) needs: a window between two filters.
+    /// Size of the workspace of [`write`](Self::write): a window between two filters.
     pub fn room(kernels: &Kernels, velocity_half: usize) -> usize {
         2 * kernels.half + 1 + 4 * velocity_half
     }
 
-    /// Writes the part of c that is the same in each row, joint after joint: that of the terms that
-    /// are linear in the velocity.
+    /// Writes the part of c that is the same in every row, joint after joint: that of the terms
+    /// linear in the velocity.
     pub fn write_linear(&self, theta: &[f64], c: &mut [f64]) {
         let (support, velocity_half) = (self.support(), self.transposed.len());
         c.fill(0.0);
@@ -70,8 +71,9 @@ impl ErrorWeights<'_> {
     }
 
     /// Writes c, joint after joint; `linear` is [the part](Self::write_linear) that is the same in
-    /// each row. `slopes(kind, d)` are [the nonlinear ones](nonlinear) at the samples of the
-    /// window, `scratch` has [room](Self::room), zeros on either side of the window.
+    /// every row, `slopes(kind, d)` are [the nonlinear slopes](nonlinear) at the samples of the
+    /// window, and `scratch` has the size [`room`](Self::room), with zeros on either side of the
+    /// window.
     pub fn write<'s>(
         &self,
         linear: &[f64],

@@ -1,26 +1,26 @@
-//! An input that answers to a position may jump for one sample because the position did: a count of
-//! an encoder, or a spike of it that the controller saw, too.
+//! An input under feedback may jump for one sample because the position did: by an encoder count,
+//! or by a spike that the controller saw too.
 
 use super::mended_signal::MendedSignal;
 use std::ops::Range;
 
-/// Samples on either side among which counts are looked for that the input answered to.
+/// Samples on either side in which counts are sought to which the input responded.
 const AROUND: usize = 500;
 
-/// How an input's jump goes with the position.
+/// The cause of an input's jump in the position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Answer {
-    /// It does not.
+    /// None.
     None,
-    /// To a count of the encoder: it is as real as that.
+    /// An encoder count; the jump is then real.
     Count,
-    /// To a spike, if the controller saw it.
+    /// A spike, if the controller saw it.
     Spike,
 }
 
-/// What the input at `k` may have answered to: a spike of the position, or a count that it changed
-/// by after a while. Counts are believed to have an effect if many of them have: a third of
-/// those around.
+/// The cause of the input's jump at `k`: a spike of the position, or a count by which the position
+/// changed after a while at rest. Counts are assumed to have an effect if a third of those around
+/// it have one.
 pub(super) fn answers(
     q: &[f64],
     u: &[f64],
@@ -41,12 +41,12 @@ pub(super) fn answers(
         let range = from.max(stretch.start + 1)..to.min(stretch.end);
         range.filter(|&i| moves(i)).count()
     };
-    // a count or two among a dozen samples at rest
+    // at most two counts among a dozen samples at rest
     let alone = |k: usize| moving(k.saturating_sub(1), k + 2) > 0 && moving(k.saturating_sub(6), k + 7) <= 3;
     if !alone(k) {
         return Answer::None;
     }
-    // how far the input is off the mean of its neighbours, here and at other counts
+    // distance of the input from the mean of its neighbours, here and at other counts
     let off = |i: usize| (u[i] - 0.5 * (u[i - 1] + u[i + 1])).abs();
     let around = k.saturating_sub(AROUND).max(stretch.start + 2)..(k + AROUND).min(stretch.end.saturating_sub(3));
     let (mut counts, mut effects) = (0, 0);

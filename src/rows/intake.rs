@@ -1,41 +1,42 @@
-//! From samples as they come to samples on a uniform grid.
+//! Converts incoming samples to samples on a uniform grid.
 //!
-//! Windows are sums over samples one period h apart. A stream whose time stamps are that passes as
-//! it is, bit for bit. Where they are not (a log at 10 and 12 ms, a driver that reads when it is
-//! scheduled) the signals are taken to hold at their stamps, and grid values are made of them:
+//! Windows are sums over samples one period h apart. A stream with exactly such time stamps passes
+//! unchanged, bit for bit. Otherwise (a log at 10 and 12 ms, a driver that reads when it is
+//! scheduled) the signals are taken as valid at their stamps, and grid values are computed from
+//! them:
 //!
 //! - **positions** from the polynomial of degree 5 through the six nearest samples, three on either
 //!   side;
 //! - **a held input** as its mean over the grid's cell, which is exactly what a window's weights
-//!   ask for;
+//!   need;
 //! - **a continuous input** on the straight line between its neighbours.
 //!
-//! Samples a distance s h apart bring 1/s samples' worth of information per grid value, so the
-//! variance of a grid value counts s times: a row smooths over many, and what neighbours share
-//! cancels out.
+//! Samples a distance s h apart carry the information of 1/s samples per grid value, so the
+//! variance of a grid value is multiplied by s. A row averages over many of them, so the
+//! correlation of neighbours cancels.
 //!
 //! # Holes
-//! Up to [`BRIDGED`] lost samples in a row are bridged: here only by a straight line, `repair.rs`
-//! does it properly once the samples behind the hole are there. A longer hole, and time that goes
+//! Up to [`BRIDGED`] lost samples in a row are bridged: here only by a straight line; `repair.rs`
+//! refines this once the samples after the hole have arrived. A longer hole, or time that goes
 //! back, begins a new stretch that no window crosses.
 
 use super::kernel::InputTiming;
 use super::polynomial::{MOST, weights};
 use crate::model::{JointSample, MAX_JOINTS};
 
-/// Lost samples in a row that are bridged at most.
+/// Largest number of lost samples in a row that is bridged.
 pub(super) const BRIDGED: usize = 5;
-/// Deviation of a stamp from the grid that is the stamp's own rounding or a clock's rate: this
-/// share of a period and a few nanoseconds.
+/// Deviation of a stamp from the grid that counts as rounding or as clock rate: this share of a
+/// period plus a few nanoseconds.
 const RATE: f64 = 2e-5;
 const ROUNDING_NS: f64 = 2.0;
-/// Samples that grid values are made of.
+/// Samples from which a grid value is computed.
 const STENCIL: usize = 6;
-/// Samples kept, and room for them: they are moved to the front once in a while.
+/// Samples kept, and size of the buffer: they are moved to the front from time to time.
 const KEPT: usize = 12;
 const ROOM: usize = 4 * KEPT;
 
-/// A sample as it came, at `x` periods on the grid.
+/// An incoming sample, at `x` periods on the grid.
 #[derive(Debug, Clone, Copy)]
 struct Raw {
     x: f64,
@@ -53,22 +54,22 @@ pub(super) struct GridSample {
     pub u: [f64; MAX_JOINTS],
     /// It is the first of an uninterrupted stretch.
     pub first: bool,
-    /// It was lost, and is made up.
+    /// It was lost and has been interpolated.
     pub lost: bool,
     /// Factor on the variance of its noise.
     pub gain: f64,
 }
 
-/// Puts samples on the grid, see the module's head.
+/// Converts samples to the grid, see the head of this file.
 #[derive(Debug, Clone)]
 pub(super) struct Intake {
     period_ns: f64,
     timing: InputTiming,
     joints: usize,
-    /// The first `len` are in use, the last [`KEPT`] of them count.
+    /// The first `len` are in use; the last [`KEPT`] of these are needed.
     raw: [Raw; ROOM],
     len: usize,
-    /// The next grid number to be given.
+    /// The next grid number to be returned.
     next: i64,
     first: bool,
 }
@@ -97,8 +98,8 @@ impl Intake {
         self.len = 0;
     }
 
-    /// Takes a sample in. Returns what the input of the last grid value given is to be changed by,
-    /// now that it is known when the input changed.
+    /// Takes a sample. Returns the correction of the input of the last grid value returned, now
+    /// that the time of the input's change is known.
     pub fn take(&mut self, t_ns: u64, sample: &JointSample) -> Option<[f64; MAX_JOINTS]> {
         let mut new = Raw {
             x: 0.0,
@@ -147,7 +148,7 @@ impl Intake {
     pub fn next(&mut self) -> Option<GridSample> {
         let raw = &self.raw[self.len.saturating_sub(KEPT)..self.len];
         let x = self.next as f64;
-        // first sample behind the grid instant, or at it
+        // first sample at the grid instant or after it
         let behind = raw.iter().rposition(|r| r.x < x).map_or(0, |before| before + 1);
         let right = raw.get(behind)?;
         let mut grid = GridSample {
@@ -165,7 +166,7 @@ impl Intake {
             }
         } else {
             // the first sample of a stretch lies on the grid, so there is one before, unless the
-            // grid ran far behind
+            // grid is far behind
             let Some(left) = behind.checked_sub(1).map(|at| &raw[at]) else {
                 self.next = right.x.ceil() as i64;
                 return self.next();
@@ -204,8 +205,8 @@ impl Intake {
         Some(grid)
     }
 
-    /// The mean of a held input over the cell from the next grid instant on, as far as it is known;
-    /// the first of `raw` is the last sample at or before the instant.
+    /// The mean of a held input over the cell that starts at the next grid instant, as far as it is
+    /// known; the first of `raw` is the last sample at or before the instant.
     fn hold(&self, raw: &[Raw], u: &mut [f64; MAX_JOINTS]) {
         let end = self.next as f64 + 1.0;
         for pair in raw.windows(2) {
@@ -259,7 +260,7 @@ mod tests {
             let mut intake = Intake::new(1e-3, timing, 1);
             for k in 0..500 {
                 let (t, q, u) = signal(k);
-                // a clock that is a nanosecond off now and then
+                // a clock that is sometimes a nanosecond off
                 let t_ns = t as u64 * 1_000_000 + u64::from(k % 7 == 3);
                 assert_eq!(intake.take(t_ns, &sample(q, u)), None);
                 let value = intake.next().unwrap();

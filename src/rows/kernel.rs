@@ -6,20 +6,20 @@
 //! ```
 //!
 //! ψ and its first six derivatives vanish at both ends, so the trapezoidal sum is exact up to
-//! O((1/W)^8) of ψ's own moments and nothing of g's ends gets in. What is left of that error is
+//! O((1/W)^8) of the moments of ψ, and the end values of g have no effect. The remaining error is
 //! removed: each K_d is corrected to give exactly d/dt^d of every polynomial up to degree d + 1, so
 //! that a constant offset of an encoder, or a constant velocity, does not leak into a derivative.
-//! With 25 samples to a window the leak of an offset of a slow axis would otherwise exceed its
+//! With 25 samples per window the leak of an offset of a slow axis would otherwise exceed its
 //! friction.
 //!
 //! # Input
-//! The recorded input u acts on the plant later by the delay δ: ∫ ψ(t) u(t − δ) dt = ∫ ψ(t + δ)
-//! u(t) dt, and in powers of a further delay ε Y(ε) = Y₀ + ε Y₁ + ε²/2 Y₂ with Y_r = ∫ ψ^(r)(t + δ)
-//! u dt.
+//! The recorded input u acts on the plant with the delay δ: ∫ ψ(t) u(t − δ) dt = ∫ ψ(t + δ) u(t)
+//! dt, and in powers of a further delay ε Y(ε) = Y₀ + ε Y₁ + ε²/2 Y₂ with Y_r = ∫ ψ^(r)(t + δ) u
+//! dt.
 //!
 //! - `Held`: u keeps its value from a sample to the next. ψ is integrated exactly over each cell.
-//! - `Continuous`: the trapezoid, which is right between jumps only. A jump Δ at t_k, after which
-//!   u_k was recorded, adds −h/2 ψ Δ (the mean of both limits belongs into the sum) and h²/12 ψ′ Δ
+//! - `Continuous`: the trapezoidal rule, which is right only between jumps. A jump Δ at t_k, after
+//!   which u_k was recorded, adds −h/2 ψ Δ (the sum needs the mean of both limits) and h²/12 ψ′ Δ
 //!   (the Euler-Maclaurin term of the kink that ψu then has).
 
 use nalgebra::{DMatrix, DVector};
@@ -27,14 +27,14 @@ use nalgebra::{DMatrix, DVector};
 /// Exponent of the bump.
 const POWER: i32 = 7;
 
-/// Between samples the input is …; `input.timing`.
+/// Behaviour of the input between samples; `input.timing`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum InputTiming {
-    /// … held: a sampled controller with zero-order hold.
+    /// Held: a sampled controller with zero-order hold.
     #[default]
     Held,
-    /// … continuous except for jumps at sample instants: an analog controller, or a measured
-    /// voltage, current or force.
+    /// Continuous except for jumps at sample instants: an analog controller, or a measured voltage,
+    /// current or force.
     Continuous,
 }
 
@@ -94,19 +94,19 @@ fn horner(coefficients: &[f64], s: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, &c| sum * s + c)
 }
 
-/// Weights on the samples of a window, all with their quadrature factor.
+/// Weights on the samples of a window, including the quadrature factor.
 #[derive(Debug, Clone)]
 pub(super) struct Kernels {
     /// W: samples on either side of the centre.
     pub half: usize,
-    /// Samples on either side of the centre that the input weights reach to.
+    /// Samples on either side of the centre over which the input weights extend.
     pub input_half: usize,
     /// K_d on samples −W..=W of the centre.
     pub position: Vec<Vec<f64>>,
     /// Weights of Y₀, Y₁, Y₂ on the input's samples −`input_half`..=`input_half`.
     pub input: [Vec<f64>; 3],
-    /// What a jump of size 1 that is complete at the sample adds to Y₀, Y₁, Y₂; empty for a held
-    /// input.
+    /// Contribution to Y₀, Y₁, Y₂ of a jump of size 1 that is complete at the sample; empty for a
+    /// held input.
     pub jump: [Vec<f64>; 3],
 }
 
@@ -159,7 +159,7 @@ impl Kernels {
             }
         };
         let mut input = [weights(0), weights(1), weights(2)];
-        // a constant input is exactly itself
+        // a constant input is reproduced exactly
         let total: f64 = input[0].iter().sum();
         input[0].iter_mut().for_each(|w| *w /= total);
         Self {
@@ -206,7 +206,7 @@ fn correct_moments(weights: &mut [f64], bump: &Bump, d: usize, half: usize, peri
                 .map(|(k, w)| w * s(k).powi(m as i32))
                 .sum::<f64>()
     });
-    // the matrix is a Gram matrix of independent functions, so it can be solved
+    // the Gram matrix of independent functions is regular
     if let Some(solution) = matrix.lu().solve(&missing) {
         for (k, w) in weights.iter_mut().enumerate() {
             *w += (0..count).map(|j| solution[j] * s(k).powi(j as i32)).sum::<f64>() * taper(k);
@@ -214,7 +214,7 @@ fn correct_moments(weights: &mut [f64], bump: &Bump, d: usize, half: usize, peri
     }
 }
 
-/// Σ x y in eight running sums, in an order that does not depend on anything but the length.
+/// Σ x y in eight running sums, in an order that depends only on the length.
 #[inline]
 pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
     let n = x.len().min(y.len());
@@ -224,7 +224,7 @@ pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
     for (a, b) in xs.iter().zip(ys) {
         add(&mut sums, 0, a, b);
     }
-    // up to seven are left: four, two and one, so that these are vector operations, too
+    // the remainder of up to seven as four, two and one, so these are vector operations too
     let (x, y) = add_first::<4>(&mut sums, 0, x, y);
     let (x, y) = add_first::<2>(&mut sums, 4, x, y);
     add_first::<1>(&mut sums, 6, x, y);
@@ -239,7 +239,7 @@ fn add<const N: usize>(sums: &mut [f64; 8], lane: usize, x: &[f64; N], y: &[f64;
     }
 }
 
-/// Adds the first N products, if there are so many, and returns the rest.
+/// Adds the first N products, if there are that many, and returns the rest.
 #[inline(always)]
 fn add_first<'a, const N: usize>(
     sums: &mut [f64; 8],
@@ -257,8 +257,8 @@ fn add_first<'a, const N: usize>(
 }
 
 /// y_n += Σ_i w_i x_{n+i} for weights that are odd about their middle: `w` is their first half, the
-/// middle one is 0, the others are −w in the reverse order. Summed in the order of i; x is as long
-/// as that needs.
+/// middle one is 0, the others are −w in the reverse order. Summed in the order of i; x must be
+/// long enough.
 #[inline]
 pub(super) fn correlate_odd(w: &[f64], x: &[f64], y: &mut [f64]) {
     const LANES: usize = 8;
@@ -335,8 +335,8 @@ mod tests {
 
     #[test]
     fn val_the_projected_derivative_of_a_sine_is_that_of_its_derivative() {
-        // ω = 20 rad/s over a window of 0.1 s: what is left is the trapezoid's error at the ends of
-        // ψ‴, where derivatives from the fourth on jump
+        // ω = 20 rad/s over a window of 0.1 s: the remaining error is that of the trapezoidal rule
+        // at the ends of ψ‴, where derivatives from the fourth on jump
         let (half, h, omega) = (50usize, 1e-3, 20.0);
         let kernels = Kernels::new(half, h, 3, InputTiming::Held, 0.0);
         let project = |d: usize, x: &dyn Fn(f64) -> f64| -> f64 {

@@ -1,33 +1,33 @@
-//! A signal whose lost and wrong samples are made from their neighbours.
+//! A signal whose lost and wrong samples are replaced from their neighbours.
 //!
 //! **Lost samples.** Positions come from the polynomial of degree 5 nearest to five samples on
 //! either side; inputs from one of degree 3 if the input is smooth there, else from the straight
 //! line across the hole.
 //!
 //! # Weights
-//! A sample x̂_k = Σ w_kj x_j that is made from its neighbours carries their noise once more. A row
-//! weighs neighbours nearly alike, c_j ≈ c, so n such samples in a row add Σ_j (1 + W_j)² − 1, W_j
-//! = Σ_k w_kj, to the sum of squares: 2 n + Σ W_j², in place of n. To that comes what the
-//! polynomial misses, for which its distance to the polynomial of a lower degree stands. Errors
-//! within a hole have one sign, so they add up: the variance of each counts for all n.
+//! A replaced sample x̂_k = Σ w_kj x_j carries the noise of its neighbours a second time. A row
+//! weights neighbours nearly equally, c_j ≈ c, so n replaced samples in a row add Σ_j (1 + W_j)² −
+//! 1, W_j = Σ_k w_kj, to the sum of squares: 2 n + Σ W_j² instead of n. The error of the polynomial
+//! is added; it is estimated by its distance to the polynomial of a lower degree. Errors within a
+//! hole have one sign and add up, so the variance of each counts n times.
 
 use super::neighbours::{Neighbours, SIDE};
 use super::polynomial::MOST;
 use std::ops::Range;
 
-/// What is known of a signal beside its values, per position of the buffers.
+/// Quality of a signal's samples, per buffer position.
 #[derive(Debug, Clone)]
 pub(super) struct MendedSignal {
-    /// Lost or wrong: not as it was measured.
+    /// True for a sample that was lost or wrong and has been replaced.
     pub bad: Vec<bool>,
-    /// The variance of a sample is that of the noise times this …
+    /// Factor on the noise variance of a sample.
     pub factor: Vec<f64>,
-    /// … and this more.
+    /// Variance added to that.
     pub extra: Vec<f64>,
 }
 
 impl MendedSignal {
-    /// A signal as it was measured, in buffers of `capacity`.
+    /// An unmodified signal, in buffers of `capacity`.
     pub fn new(capacity: usize) -> Self {
         Self {
             bad: vec![false; capacity],
@@ -36,7 +36,7 @@ impl MendedSignal {
         }
     }
 
-    /// Makes `from..len` the first samples; true if any of them is not as it was measured.
+    /// Makes `from..len` the first samples; true if any of them has been replaced.
     pub fn keep(&mut self, from: usize, len: usize) -> bool {
         let kept = len - from;
         self.bad.copy_within(from..len, 0);
@@ -53,8 +53,8 @@ impl MendedSignal {
         own * self.factor[at] + self.extra[at]
     }
 
-    /// Begin of the run of bad samples that holds `at`, as far as it lies in the stretch; `at`
-    /// itself if it is good.
+    /// Start of the run of bad samples that contains `at`, within the stretch; `at` itself if it is
+    /// good.
     pub fn begin_of_run(&self, mut at: usize, stretch: &Range<usize>) -> usize {
         while at > stretch.start && at < stretch.end && self.bad[at] && self.bad[at - 1] {
             at -= 1;
@@ -122,14 +122,14 @@ impl MendedSignal {
             let squares: f64 = total.iter().map(|w| w * w).sum();
             for k in run {
                 self.factor[k] = 2.0 + squares / n;
-                // a fifth: the cubic removes most of what the line misses
+                // a fifth: the cubic removes most of the line's error
                 self.extra[k] = n * (0.2 * missed).powi(2);
             }
             return;
         }
         let (left, last) = (0, around.left);
         if around.left == 0 || around.right() == 0 {
-            // one side only: its last value, which may have changed since
+            // neighbours on one side only: the last value, which may have changed since
             let value = around.values[0];
             for k in run {
                 x[k] = value;
@@ -138,11 +138,11 @@ impl MendedSignal {
             }
             return;
         }
-        // a held input may have jumped anywhere in the hole: with a probability that grows evenly,
-        // so that the line is the best guess
+        // a held input may have jumped anywhere in the hole with equal probability, so the line is
+        // the best estimate
         let (a, b) = (around.values[left], around.values[last]);
         let (t_a, t_b) = (around.nodes[left], around.nodes[last]);
-        // what the input does from sample to sample if it does not jump
+        // change of the input from sample to sample without jumps
         let step = |k: usize, other: usize| (around.values[k] - around.values[other]).abs();
         let quiet = match (around.left > 1, around.right() > 1) {
             (true, true) => step(0, 1).min(step(last, last + 1)),

@@ -1,4 +1,4 @@
-//! From samples to the rows that an estimator sees.
+//! Converts samples to the rows that an estimator uses.
 
 mod advice;
 mod auto_window;
@@ -49,41 +49,41 @@ pub use suspect::{Considered, Suspect, SuspectKind};
 use crate::estimator::Residuals;
 use crate::model::JointSample;
 
-/// A block of samples on its way to being rows: filled sample by sample, then read by an estimator.
+/// A block of samples that becomes rows: filled sample by sample, then read by an estimator.
 pub trait SampleBlock: Residuals {
-    /// Takes the sample of stream time `t_ns` in; false if the block is full and the sample was
-    /// not taken.
+    /// Adds the sample of stream time `t_ns`; false if the block is full and the sample was not
+    /// added.
     #[must_use]
     fn push(&mut self, t_ns: u64, sample: &JointSample) -> bool;
-    /// Gets the rows of the block ready, with θ̂ as it is before the block: whatever weighs rows is
-    /// computed here, once per block, because it must not follow the fit. To be called after the
-    /// last `push` of a block and before the rows are read.
+    /// Computes the rows of the block from θ̂ before the block. The weights of the rows are
+    /// computed here, once per block, because they must not depend on the fit. Call it after the
+    /// last `push` of a block and before reading rows.
     fn prepare(&mut self, _theta: &[f64]) {}
-    /// Whether the next rows know columns of all errors that may come up while a machine runs; some
-    /// are needed only to find out what has changed. Before [`prepare`](Self::prepare).
+    /// Chooses whether the next rows have columns of all errors that can arise while a machine
+    /// runs; some are needed only to find the cause of a change. Call it before
+    /// [`prepare`](Self::prepare).
     fn look_closely(&mut self, _closely: bool) {}
-    /// Samples of the block that were replaced because they were spikes, each signal counted; known
-    /// after [`prepare`](Self::prepare).
+    /// Number of spikes replaced in the block, counted per signal; valid after
+    /// [`prepare`](Self::prepare).
     fn replaced(&self) -> u32 {
         0
     }
-    /// What the error `index` of [`suspects`](Residuals::suspects) is, for words; from there on,
-    /// the drifts of the parameters.
+    /// Describes error `index` of [`suspects`](Residuals::suspects); higher indices are the drifts
+    /// of the parameters.
     fn suspect(&self, _index: usize) -> Option<Suspect<'_>> {
         None
     }
-    /// Length of the windows that rows are made over \[s\]; `None` for rows of single samples.
+    /// Length of the windows \[s\]; `None` for rows of single samples.
     fn window_s(&self) -> Option<f64> {
         None
     }
-    /// Begins the next block: forgets the rows. Samples that later rows still reach back to are
-    /// kept.
+    /// Begins the next block: drops the rows, and keeps samples that later rows still need.
     fn clear(&mut self);
-    /// Begins a new stream: drops samples and rows. What was learnt of θ stays.
+    /// Begins a new stream: drops samples and rows, and keeps what was learnt of θ.
     fn reset(&mut self) {
         self.clear();
     }
-    /// Begins with θ anew, as before the first block.
+    /// Forgets θ, as before the first block.
     fn forget_theta(&mut self) {}
     /// Room for the first blocks, which are learnt again once θ is known; none if the rows do not
     /// depend on θ.

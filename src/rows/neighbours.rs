@@ -1,11 +1,11 @@
-//! The good samples around a hole, and the polynomial that is fitted to them.
+//! The good samples around a hole, and the polynomial fitted to them.
 
 use super::polynomial::{MOST, weights};
 use std::ops::Range;
 
-/// Neighbours on either side that a sample is made from.
+/// Neighbours on either side from which a sample is replaced.
 pub(super) const SIDE: usize = 5;
-/// How many samples away they may be.
+/// Their largest distance in samples.
 pub(super) const FAR: usize = 12;
 
 /// Instants relative to the middle of a hole, and values, of the good samples around it; nearest
@@ -14,12 +14,12 @@ pub(super) struct Neighbours {
     pub nodes: [f64; MOST],
     pub values: [f64; MOST],
     pub count: usize,
-    /// Those on the left.
+    /// Number of those on the left.
     pub left: usize,
 }
 
 impl Neighbours {
-    /// Up to so many good samples on the left and on the right of `run` within the stretch.
+    /// Up to [`SIDE`] good samples on either side of `run`, within the stretch.
     pub fn new(
         x: &[f64],
         good: impl Fn(usize) -> bool,
@@ -51,18 +51,18 @@ impl Neighbours {
         self.count += 1;
     }
 
-    /// Those on the right.
+    /// Number of those on the right.
     pub fn right(&self) -> usize {
         self.count - self.left
     }
 
-    /// The fitted polynomial at an instant; its weights go into `w`.
+    /// The fitted polynomial at an instant; writes its weights to `w`.
     pub fn at(&self, degree: usize, instant: f64, w: &mut [f64; MOST]) -> f64 {
         weights(&self.nodes[..self.count], degree, instant, w);
         self.values[..self.count].iter().zip(w.iter()).map(|(x, w)| x * w).sum()
     }
 
-    /// How far the samples themselves are off the polynomial at most.
+    /// Largest distance of the samples themselves from the polynomial.
     pub fn misfit(&self, degree: usize) -> f64 {
         let mut w = [0.0; MOST];
         (0..self.count)
@@ -70,7 +70,7 @@ impl Neighbours {
             .fold(0.0, f64::max)
     }
 
-    /// Degree that both sides determine without one of them being extrapolated, at most `most`.
+    /// Largest degree, at most `most`, that both sides determine without extrapolating from one.
     pub fn degree(&self, most: usize) -> usize {
         match self.left.min(self.right()) {
             0 => usize::from(self.count > 1),

@@ -1,4 +1,4 @@
-//! What the sensors do, from the signals themselves, if nobody has told it.
+//! Learns the sensors' noise from the signals if it is not configured.
 //!
 //! ```text
 //! Δ⁶x_k = x_k − 6 x_{k−1} + 15 x_{k−2} − 20 x_{k−3} + 15 x_{k−4} − 6 x_{k−5} + x_{k−6}
@@ -6,26 +6,26 @@
 //! σ̂ = median |Δ⁶x| / (0.6745 √924)
 //! ```
 //!
-//! The sixth difference of a motion of ω rad/s is ω⁶h⁶ of it, 3e-7 at 13 Hz and 1 kHz, which leaves
-//! the noise alone; the median does not see the few samples around a jump. The variances of the
-//! blocks are averaged, old ones forgotten slowly.
+//! The sixth difference multiplies a motion of ω rad/s by ω⁶h⁶, 3e-7 at 13 Hz and 1 kHz, so only
+//! the noise remains; the median ignores the few samples around a jump. The variances of the blocks
+//! are averaged with slow exponential forgetting.
 //!
 //! **Counts.** Rounding to counts of a size c shows: all differences of consecutive samples are
-//! multiples of the smallest one that is not zero. Then c²/12 is the variance, and c tells where
-//! the joint creeps; the differences add what noise there is beside the rounding, from samples that
-//! cross two counts or more each, since a joint at rest shows none.
+//! multiples of the smallest one that is not zero. Then c²/12 is the variance, and c shows where
+//! the joint creeps. The differences add the noise besides the rounding, from samples that cross
+//! two counts or more each, because a joint at rest shows none.
 
 /// Coefficients of the sixth difference.
 const DIFFERENCE: [f64; 7] = [1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0];
 /// Sum of their squares.
 const GAIN: f64 = 924.0;
-/// Samples below which a block says nothing.
+/// Smallest number of samples of a block that is used.
 const ENOUGH: usize = 200;
 /// Share of differences that must be whole counts.
 const WHOLE: f64 = 0.99;
-/// What a block's weight is multiplied by with every further block.
+/// Factor on a block's weight with every further block.
 const FORGETTING: f64 = 0.98;
-/// Variance beyond that of rounding from which there is other noise, too.
+/// Ratio to the variance of rounding above which there is other noise too.
 const BEYOND_ROUNDING: f64 = 1.3;
 
 /// Noise of one signal, learnt block by block.
@@ -39,8 +39,8 @@ pub(super) struct SignalNoise {
 }
 
 impl SignalNoise {
-    /// Takes a block of consecutive samples in, but for those that are made up; `scratch` needs
-    /// room for as many values.
+    /// Adds a block of consecutive samples, except those that are `made`; `scratch` needs the same
+    /// capacity.
     pub fn learn(&mut self, x: &[f64], made: impl Fn(usize) -> bool, scratch: &mut Vec<f64>) {
         if x.len() < ENOUGH {
             return;
@@ -80,7 +80,7 @@ impl SignalNoise {
         }
     }
 
-    /// False until enough samples have been seen to say anything.
+    /// False until enough samples have been seen.
     pub fn is_known(&self) -> bool {
         self.quantised || self.weight > 0.0
     }
@@ -90,7 +90,7 @@ impl SignalNoise {
         if self.quantised { self.step.unwrap_or(0.0) } else { 0.0 }
     }
 
-    /// Standard deviation of the noise beside the rounding.
+    /// Standard deviation of the noise besides the rounding.
     pub fn deviation(&self) -> f64 {
         let variance = if self.weight > 0.0 { self.sum / self.weight } else { 0.0 };
         let rounding = self.resolution().powi(2) / 12.0;
@@ -101,7 +101,7 @@ impl SignalNoise {
         }
     }
 
-    /// Back to knowing nothing.
+    /// Resets to a state without data.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
@@ -143,7 +143,7 @@ mod tests {
             signal.learn(&x, |_| false, &mut Vec::new());
         }
         assert_eq!(signal.resolution(), 0.0);
-        // the median of 9500 correlated values: some 2 % of deviation
+        // the median of 9500 correlated values has a standard deviation of about 2 %
         assert!((signal.deviation() / 0.02 - 1.0).abs() < 0.06, "{}", signal.deviation());
     }
 

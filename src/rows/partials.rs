@@ -1,4 +1,4 @@
-//! How a plant's terms depend on the positions and velocities of its joints, by automatic
+//! Derivatives of a plant's terms in the positions and velocities of its joints, by automatic
 //! differentiation.
 //!
 //! ```text
@@ -11,7 +11,7 @@ use crate::model::{MAX_JOINTS, MAX_PARAMS, Plant};
 use nalgebra::{Const, U1};
 use num_dual::{Derivative, DualSVec64};
 
-/// Signals that one evaluation differentiates in.
+/// Number of signals in which one evaluation differentiates.
 pub(super) const LANES: usize = 2;
 type Number = DualSVec64<LANES>;
 
@@ -32,7 +32,7 @@ pub(super) struct Partials<'a, P> {
 }
 
 impl<'a, P: Plant> Partials<'a, P> {
-    /// Those of `equation` in `kinds`.
+    /// The terms of `equation`, to be differentiated in `kinds`.
     pub fn new(plant: &'a P, equation: usize, theta: &[f64], kinds: &[Kind]) -> Self {
         let zero = Number::from_re(0.0);
         let mut own = Self {

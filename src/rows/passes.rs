@@ -1,4 +1,4 @@
-//! Few evaluations of a plant's terms for many of their coefficient functions.
+//! Obtains many coefficient functions from few evaluations of a plant's terms.
 //!
 //! ```text
 //! g_d(q, q̇; θ) = Σ_m μ_m(θ) b_{d,m}(q, q̇)        μ_m ∈ {1, θ_i, θ_i θ_j}
@@ -6,9 +6,9 @@
 //! g_d = Σ (b_{d,m} with μ_m of I alone) + ε Σ (b_{d,m} with μ_m = θ_j or θ_j θ_i, i ∈ I)
 //! ```
 //!
-//! e_i sets parameter i to 1, and ε² = 0: a dual number. A b that stands alone in one of the two
-//! sums is read off it exactly. I and j are chosen when the plant is set up, so that an evaluation
-//! gives many. What stands alone nowhere is a second derivative at θ = 0, from hyper-dual numbers.
+//! e_i sets parameter i to 1, and ε² = 0: a dual number. A b that is the only one in one of the two
+//! sums equals that sum. I and j are chosen when the plant is set up, so that one evaluation gives
+//! many b. A b that is alone in no sum is a second derivative at θ = 0, from hyper-dual numbers.
 
 use super::theta_polynomial::{MAX_ORDER, Monomial};
 use crate::model::{MAX_JOINTS, Plant, Scalar};
@@ -18,7 +18,7 @@ use std::ops::Range;
 /// A value for each derivative d of a term.
 pub(super) type Terms<D = f64> = [D; MAX_ORDER + 1];
 
-/// Terms of an equation at q, q̇ and a θ of any kind of number.
+/// Terms of an equation at q, q̇ and θ, for any type of number.
 pub(super) fn terms<D: Scalar>(
     plant: &impl Plant,
     equation: usize,
@@ -43,7 +43,7 @@ fn seeded(monomial: Monomial, params: usize) -> Vec<HyperDual64> {
     theta
 }
 
-/// b of a monomial, read off terms at θ = 0 that are [seeded] in its parameters.
+/// b of a monomial, from terms at θ = 0 that are [seeded] in its parameters.
 fn derivative(g: &HyperDual64, monomial: Monomial) -> f64 {
     match monomial {
         Monomial::One => g.re,
@@ -65,7 +65,7 @@ pub(super) fn coefficient(
     terms(plant, equation, q, dq, &theta).map(|g| derivative(&g, monomial))
 }
 
-/// A coefficient function that is needed at each sample.
+/// A coefficient function needed at each sample.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wanted {
     pub monomial: Monomial,
@@ -88,7 +88,7 @@ struct Point {
 }
 
 impl Point {
-    /// The sum that a monomial's b stands in; `None` if it is in neither.
+    /// The sum that contains a monomial's b; `None` if neither does.
     fn part(&self, monomial: Monomial) -> Option<Part> {
         let one = |i: usize| self.ones.contains(&i);
         let seed = |i: usize| self.seed == Some(i);
@@ -104,7 +104,7 @@ impl Point {
         }
     }
 
-    /// The sum that a b stands in alone, `present` being all that are not zero.
+    /// The sum that contains only this b; `present` are all that are not zero.
     fn alone(&self, wanted: &Wanted, present: &[(Monomial, usize)]) -> Option<Part> {
         let part = self.part(wanted.monomial)?;
         let beside = |(monomial, derivative): &&(Monomial, usize)| {
@@ -113,12 +113,12 @@ impl Point {
         (present.iter().filter(beside).count() == 1).then_some(part)
     }
 
-    /// How many of the wanted it gives.
+    /// Number of wanted b that it gives.
     fn gain(&self, wanted: &[Wanted], present: &[(Monomial, usize)]) -> usize {
         wanted.iter().filter(|w| self.alone(w, present).is_some()).count()
     }
 
-    /// The same with more of the parameters set to 1, as long as that gives more.
+    /// The same with more parameters set to 1, as long as that gives more.
     fn grown(mut self, own: &[usize], wanted: &[Wanted], present: &[(Monomial, usize)]) -> Self {
         for &i in own {
             if self.seed != Some(i) && !self.ones.contains(&i) {
@@ -133,7 +133,7 @@ impl Point {
     }
 }
 
-/// θ of an evaluation, and what is read off its terms: (derivative, feature).
+/// θ of an evaluation, and what its terms give: (derivative, feature).
 #[derive(Debug, Clone)]
 enum Evaluation {
     /// Without j.
@@ -210,7 +210,7 @@ pub(super) fn plan(
     passes
 }
 
-/// I and j that give most of the wanted, without j if that gives as many.
+/// I and j that give most of the wanted b, without j if that gives as many.
 fn best_point(wanted: &[Wanted], present: &[(Monomial, usize)]) -> Point {
     let mut own = Vec::new();
     let mut points = vec![Point::default()];
@@ -241,8 +241,8 @@ fn best_point(wanted: &[Wanted], present: &[(Monomial, usize)]) -> Point {
 }
 
 impl Pass {
-    /// Evaluates it at samples, `signals(joint, at)` being (q, q̇), and hands out what that gives,
-    /// `put(feature, at, value)`.
+    /// Evaluates the pass at samples, where `signals(joint, at)` is (q, q̇), and passes each result
+    /// to `put(feature, at, value)`.
     #[inline]
     pub fn evaluate(
         &self,
@@ -273,7 +273,7 @@ impl Pass {
     }
 }
 
-/// Terms of an equation at each of some samples, at a θ of any kind of number.
+/// Terms of an equation at several samples and a θ of any type of number.
 #[inline]
 fn each<D: Scalar>(
     plant: &impl Plant,
@@ -311,7 +311,7 @@ mod tests {
         .collect()
     }
 
-    /// The kinds of evaluations and how much each gives.
+    /// The kinds of evaluations, and how many b each gives.
     fn kinds(passes: &[Pass]) -> Vec<(&'static str, usize)> {
         let kind = |pass: &Pass| match &pass.evaluation {
             Evaluation::Values { values, .. } => ("values", values.len()),

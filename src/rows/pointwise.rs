@@ -1,7 +1,7 @@
 //! Pointwise rows, the paper's form: each sample gives one row per equation.
 //!
-//! A block keeps what each sample contributes independently of θ and evaluates rows at any θ from
-//! it, so that re-linearising a block costs arithmetic only.
+//! A block keeps the part of each sample that does not depend on θ and evaluates rows at any θ from
+//! it, so relinearising a block costs only arithmetic.
 
 use super::SampleBlock;
 use super::standstill::SlowSamples;
@@ -20,13 +20,13 @@ pub fn structure(plant: &impl Plant) -> Structure {
     }
 }
 
-/// What a plant says of its parameters: starts and bounds, for the estimator.
+/// Start values and bounds of a plant's parameters, for the estimator.
 pub fn priors(plant: &impl Plant) -> impl Iterator<Item = ParameterPrior> {
     let parameters = plant.parameters().iter();
     parameters.map(|p| ParameterPrior::new(p.start).within(p.lower, p.upper))
 }
 
-/// Where the rows take the drive's input u from; `identifier.input`.
+/// Source of the drive's input u in the rows; `identifier.input`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum InputSource {
     /// The sample's own input.
@@ -35,13 +35,13 @@ pub enum InputSource {
     /// The PD law (13) from setpoint, position and velocity, as (27) does it; one controller per
     /// joint.
     ///
-    /// Right for an analog controller only: a sampled one holds u, which (13) at later instants
-    /// does not see.
+    /// Right only for an analog controller: a sampled one holds u, which (13) at later instants
+    /// does not reproduce.
     Controller([PdController; MAX_JOINTS]),
 }
 
 impl InputSource {
-    /// The sample as the rows shall see it.
+    /// The sample as used by the rows.
     #[inline]
     pub fn apply(&self, sample: &JointSample) -> JointSample {
         let mut sample = *sample;
@@ -55,7 +55,7 @@ impl InputSource {
     }
 }
 
-/// The samples of one block, to be evaluated at any θ.
+/// The samples of one block, whose rows can be evaluated at any θ.
 #[derive(Debug, Clone)]
 pub struct PointwiseBlock<M: PointwiseModel> {
     model: M,
@@ -67,7 +67,7 @@ pub struct PointwiseBlock<M: PointwiseModel> {
 }
 
 impl<M: PointwiseModel> PointwiseBlock<M> {
-    /// An empty block for up to `capacity` samples; the only place that allocates.
+    /// An empty block for up to `capacity` samples. Only this call allocates.
     pub fn new(model: M, input: InputSource, capacity: usize) -> Self {
         Self {
             model,
@@ -79,21 +79,21 @@ impl<M: PointwiseModel> PointwiseBlock<M> {
         }
     }
 
-    /// The same, with rows left out at which a joint rests, for the equations of the plant that
-    /// need it moving; see [`Equation::needing_motion`](crate::model::Equation::needing_motion).
-    /// The velocity must be measured.
+    /// Leaves out rows at which a joint is at rest, for equations that hold only in motion; see
+    /// [`Equation::needing_motion`](crate::model::Equation::needing_motion). The velocity must be
+    /// measured.
     #[must_use]
     pub fn leaving_out_standstill(mut self, plant: &impl Plant) -> Self {
         self.slow = SlowSamples::new(plant, self.capacity);
         self
     }
 
-    /// The most samples that the block takes.
+    /// Largest number of samples in the block.
     pub fn capacity(&self) -> usize {
         self.capacity
     }
 
-    /// The model behind the rows.
+    /// The model of the rows.
     pub fn model(&self) -> &M {
         &self.model
     }

@@ -1,4 +1,5 @@
-//! The polynomial through, or nearest to, a few samples at any instants, as weights on them.
+//! The polynomial that interpolates or fits a few samples at arbitrary instants, as weights on
+//! them.
 //!
 //! ```text
 //! x̂(s) = Σ_j w_j x(t_j), w_j = Σ_m p_m(s) p_m(t_j)/‖p_m‖²        p_{m+1}(t) = (t − a_m) p_m(t) − b_m p_{m−1}(t)
@@ -8,12 +9,12 @@
 //! G. E. Forsythe, Generation and Use of Orthogonal Polynomials for Data-Fitting, J. SIAM 5, 1957.
 //! With as many samples as coefficients it interpolates, with more it is the least squares fit.
 
-/// Most samples that a polynomial can be put through.
+/// Largest number of samples of a polynomial.
 pub(super) const MOST: usize = 16;
 
 /// Writes the weights of samples at the instants `nodes`, all different and at most [`MOST`], that
-/// give the fitted polynomial of `degree` at `at`. The degree is lowered to what the samples
-/// determine. Instants near 0, in sample periods, keep it accurate.
+/// give the fitted polynomial of `degree` at `at`. The degree is reduced to what the samples
+/// determine. For accuracy, use instants near 0, in sample periods.
 pub(super) fn weights(nodes: &[f64], degree: usize, at: f64, w: &mut [f64; MOST]) {
     let n = nodes.len().min(MOST);
     let degree = degree.min(n.saturating_sub(1));
@@ -52,7 +53,7 @@ mod tests {
                 weights(&nodes, degree, at, &mut w);
                 for m in 0..=degree as i32 {
                     let got: f64 = nodes.iter().zip(&w).map(|(t, w)| w * t.powi(m)).sum();
-                    // powers up to 5.6⁵, rounded some dozens of times
+                    // powers up to 5.6⁵, rounded a few dozen times
                     assert!((got - at.powi(m)).abs() < 1e-10, "{degree} {at} {m}: {got}");
                 }
             }

@@ -1,16 +1,16 @@
-//! Which terms a plant's equations have, by evaluating them: friction that jumps, a constant, a
+//! Finds by evaluation which terms a plant's equations have: friction with a jump, a constant, a
 //! spring.
 
 use crate::model::{MAX_JOINTS, Plant};
 
-/// Parameters none of which is 0.
+/// Parameters that are all different from 0.
 fn some_theta(plant: &impl Plant) -> Vec<f64> {
     let start = plant.parameters().iter().map(|p| p.start);
     start.map(|start| if start != 0.0 { start } else { 1.0 }).collect()
 }
 
-/// True if an equation jumps as a joint begins to move: the model has Coulomb friction, or
-/// something like it.
+/// True if an equation jumps when a joint begins to move: the model has Coulomb friction or
+/// something similar.
 pub(super) fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> bool {
     let theta = some_theta(plant);
     let order = plant.equations()[equation].order;
@@ -25,12 +25,12 @@ pub(super) fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> boo
         };
         (side(speed) - side(-speed)).abs()
     };
-    // what is continuous shrinks with the speed
+    // a continuous term shrinks with the speed
     step(1e-9) > 1e-3 * step(1e-3)
 }
 
 /// True if a parameter of an equation is the factor of this function of the positions: ∂g₀/∂θ_k is
-/// in proportion to it however the machine moves, and ∂g_r/∂θ_k = 0 for r > 0.
+/// proportional to it for any motion, and ∂g_r/∂θ_k = 0 for r > 0.
 pub(super) fn has_term(plant: &impl Plant, equation: usize, shape: impl Fn(&[f64]) -> f64) -> bool {
     let start = some_theta(plant);
     let order = plant.equations()[equation].order;
@@ -51,7 +51,7 @@ pub(super) fn has_term(plant: &impl Plant, equation: usize, shape: impl Fn(&[f64
     plant.equations()[equation].parameters.clone().any(|k| {
         let mut moved = start.clone();
         moved[k] += 1e-3 * start[k].abs();
-        // ∂g/∂θ_k over the function
+        // ∂g/∂θ_k divided by the function
         let factor = |state: f64| {
             let (from, to) = (terms(state, &start), terms(state, &moved));
             let divisor = (moved[k] - start[k]) * shape(&positions(state));
@@ -71,7 +71,7 @@ mod tests {
     use super::*;
     use crate::model::{DriveInput, Manipulator, Motion, ServoAxis};
 
-    /// Columns would otherwise count what the model has as an error of it.
+    /// Otherwise a column would treat a term of the model as an error.
     #[test]
     fn val_a_model_that_has_a_term_is_told_from_one_that_lacks_it() {
         let arm = Manipulator::default();

@@ -1,8 +1,8 @@
-//! Seeded random states and parameters at which a plant's terms are looked at when it is set up.
+//! Seeded random states and parameters at which a plant's terms are evaluated when it is set up.
 
 use crate::model::{MAX_JOINTS, Plant};
 
-/// Points that decide on the form of a plant's terms.
+/// Number of points that decide the form of a plant's terms.
 const PROBES: usize = 24;
 
 /// Random numbers for the probes: SplitMix64.
@@ -13,7 +13,7 @@ impl Random {
         Self(seed)
     }
 
-    /// Evenly from 0 to 1.
+    /// Uniformly distributed from 0 to 1.
     pub fn uniform(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -22,14 +22,14 @@ impl Random {
         ((z ^ (z >> 31)) >> 11) as f64 * (-53f64).exp2()
     }
 
-    /// Either sign, magnitudes over three decades.
+    /// Of either sign, with magnitudes over three decades.
     pub fn signed(&mut self, largest: f64) -> f64 {
         let magnitude = largest * 10f64.powf(-3.0 * self.uniform());
         if self.uniform() < 0.5 { -magnitude } else { magnitude }
     }
 }
 
-/// A state of the joints and parameters to evaluate the terms at.
+/// A state of the joints and parameters at which to evaluate the terms.
 pub(super) struct Probe {
     pub q: [f64; MAX_JOINTS],
     pub dq: [f64; MAX_JOINTS],

@@ -1,12 +1,12 @@
-//! Single wrong and lost samples, made good before they enter a window.
+//! Repairs single wrong and lost samples before they enter a window.
 //!
-//! A sample stands in five windows and more, so a wrong one must be judged before it is projected:
-//! behind that nothing is left of it but five wrong rows. Two things are made good, each over five
-//! samples in a row at most:
+//! A sample is in five windows or more, so a wrong one must be found before it is projected;
+//! afterwards it shows only as five wrong rows. Two faults are repaired, each over at most five
+//! samples in a row:
 //!
-//! **Lost samples** are made from their neighbours (`mended_signal.rs`).
+//! **Lost samples** are replaced from their neighbours (`mended_signal.rs`).
 //!
-//! **Spikes** are found (`spikes.rs`) and made good in the same way.
+//! **Spikes** are found (`spikes.rs`) and replaced in the same way.
 
 use super::input_answer::{Answer, answers};
 use super::mended_signal::MendedSignal;
@@ -14,7 +14,8 @@ use super::neighbours::FAR;
 use super::spikes::SpikeFinder;
 use std::ops::Range;
 
-/// A sample whose neighbours behind it are not all there is made good again with the next block.
+/// Samples at the end whose later neighbours are still missing are repaired again with the next
+/// block.
 const LAG: usize = FAR + 4;
 
 /// What kind of signal.
@@ -24,25 +25,25 @@ pub(super) enum Kind {
     Input,
 }
 
-/// What is known of the samples beside their values.
+/// Quality of the samples.
 #[derive(Debug, Clone)]
 pub(super) struct Repair {
     /// Positions of the joints, then inputs.
     signals: [Vec<MendedSignal>; 2],
-    /// False while every sample is as it came.
+    /// False while every sample is unmodified.
     touched: bool,
     /// Samples before this one are final.
     done: usize,
     replaced: u32,
-    /// Where uninterrupted stretches begin.
+    /// Starts of uninterrupted stretches.
     starts: Vec<usize>,
-    /// Samples whose position is another now.
+    /// Samples whose position was changed.
     changed: Vec<(usize, usize)>,
     spikes: SpikeFinder,
 }
 
 impl Repair {
-    /// Samples of so many joints, in buffers of `capacity`, as they come.
+    /// Unmodified samples of `joints` joints, in buffers of `capacity`.
     pub fn new(joints: usize, capacity: usize) -> Self {
         let signal = MendedSignal::new(capacity);
         Self {
@@ -56,7 +57,7 @@ impl Repair {
         }
     }
 
-    /// Notes how the sample at `at` came about.
+    /// Records the origin of the sample at `at`.
     pub fn note(&mut self, at: usize, first: bool, lost: bool, gain: f64) {
         if first {
             self.starts.push(at);
@@ -92,12 +93,12 @@ impl Repair {
         self.done = 0;
     }
 
-    /// Samples replaced in this block because they were spikes, each signal counted.
+    /// Number of spikes replaced in this block, counted per signal.
     pub fn replaced(&self) -> u32 {
         self.replaced
     }
 
-    /// False while every sample is as it came.
+    /// False while every sample is unmodified.
     pub fn touched(&self) -> bool {
         self.touched
     }
@@ -113,7 +114,7 @@ impl Repair {
         &self.changed
     }
 
-    /// True for a sample that is not as it was measured.
+    /// True for a replaced sample.
     pub fn is_made(&self, kind: Kind, joint: usize, at: usize) -> bool {
         self.touched && self.signals[kind as usize][joint].bad[at]
     }
@@ -123,7 +124,7 @@ impl Repair {
         self.signals[kind as usize][joint].variance(at, own)
     }
 
-    /// Gives the samples of a signal whose variance is not `own`, and by how much.
+    /// Writes the samples of a signal whose variance differs from `own`, and the difference.
     pub fn surplus(&self, kind: Kind, joint: usize, len: usize, own: f64, out: &mut Vec<(usize, f64)>) {
         out.clear();
         if self.touched {
@@ -132,9 +133,9 @@ impl Repair {
         }
     }
 
-    /// Looks for spikes and makes them and the lost samples of one joint good. `std` are the
-    /// standard deviations of position and input, as far as they are known, `count` is that of the
-    /// encoder.
+    /// Finds spikes, and replaces them and the lost samples of one joint. `std` are the standard
+    /// deviations of position and input, as far as known; `count` is the size of the encoder's
+    /// count.
     pub fn mend(&mut self, joint: usize, q: &mut [f64], u: &mut [f64], std: [f64; 2], count: f64) {
         let [positions, inputs] = &mut self.signals;
         let (position, input) = (&mut positions[joint], &mut inputs[joint]);
@@ -154,7 +155,7 @@ impl Repair {
                 continue;
             }
             let from = done.max(stretch.start);
-            // a run that began before is made good as a whole
+            // a run that began earlier is replaced as a whole
             let mut at = position.begin_of_run(from, &stretch);
             while let Some(run) = position.first_run(at..end) {
                 at = run.end;

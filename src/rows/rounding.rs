@@ -1,33 +1,32 @@
-//! How far the rounding of an encoder is from white noise.
+//! The noise of an encoder's rounding, relative to white noise.
 //!
 //! ```text
 //! e_k = round(x_k) − x_k,   x_k = x_0 + v k        in counts; v counts per sample
 //! ```
 //!
-//! While a joint crosses counts irregularly, e is white with variance 1/12. Where v is close to a
-//! fraction p/n, e is the sum of a pattern of period n, which no window sees, and of a sawtooth of
-//! height 1/n that beats with |n v − p| cycles per sample. All of its energy lies at that one
-//! frequency, and windows pass it if it is low: to them the variance is raised by about
-//! (c/beat)/n². A beat that lasts shorter than its own period is none, so an acceleration of a
-//! counts per sample² limits it to about √(n a)/2. n = 1, p = 0 is a joint that creeps; at 13 bits
-//! and 1 kHz a joint at 0.77 rad/s moves by one count per sample, n = 1, p = 1.
+//! While a joint crosses counts irregularly, e is white with variance 1/12. If v is close to a
+//! fraction p/n, e is the sum of a pattern of period n, to which windows are insensitive, and of a
+//! sawtooth of height 1/n that beats with |n v − p| cycles per sample. All of its energy lies at
+//! that one frequency, and windows pass it if it is low: for them the variance is larger by a
+//! factor of about (c/beat)/n². A beat must last for its own period, so with an acceleration of a
+//! counts per sample² it is not slower than about √(n a)/2. n = 1, p = 0 is a joint that creeps; at
+//! 13 bits and 1 kHz a joint at 0.77 rad/s moves by one count per sample, n = 1, p = 1.
 //!
 //! Source: the sawtooth series of the rounding error, B. Widrow and I. Kollár, Quantization Noise,
 //! Cambridge University Press, 2008.
 
-/// Cycles per sample below which windows see a beat.
+/// Cycles per sample below which windows pass a beat.
 pub(super) const BEAT: f64 = 0.2;
-/// Most that the variance is raised by in windows of up to [`SHORT`] samples to either side: at a
-/// slower beat the rounding hardly changes within a window, and an offset is no noise.
+/// Largest factor on the variance in windows of up to [`SHORT`] samples on either side: at a slower
+/// beat the rounding hardly changes within a window, and an offset is not noise.
 const LIMIT: f64 = 30.0;
 const SHORT: f64 = 50.0;
-/// √n up to the largest n: the fourth sawtooth raises the variance by a factor of two once in a
-/// while.
+/// √n up to the largest n; the fourth sawtooth would only occasionally double the variance.
 const ROOTS: [f64; 3] = [1.0, std::f64::consts::SQRT_2, 1.732_050_807_568_877_2];
 
-/// Most that the variance is raised by in windows of `half` samples to either side. The step from
-/// one count to the next is the larger beside white noise the longer a window is; at 1 kHz a
-/// higher limit would hide a payload that is picked up at rest.
+/// Largest factor on the variance in windows of `half` samples on either side. Relative to white
+/// noise, a step of one count has more effect in longer windows; at 1 kHz a higher limit would hide
+/// a payload picked up at rest.
 pub(super) fn limit(half: usize) -> f64 {
     LIMIT * (half as f64 / SHORT).max(1.0)
 }
@@ -46,8 +45,8 @@ pub(super) fn inflation(velocity: f64, acceleration: f64, limit: f64) -> f64 {
     BEAT / beats.fold(BEAT, f64::min)
 }
 
-/// The nearest integer, ties to even, without a call of the maths library: beyond 2^52 a number has
-/// no digits behind the point, and what is added is taken away again.
+/// The nearest integer, ties to even, without calling the maths library: above 2^52 a double has no
+/// fractional digits, so adding and subtracting such a number rounds.
 #[inline]
 fn nearest_integer(x: f64) -> f64 {
     const SHIFT: f64 = 6_755_399_441_055_744.0; // 3/2 · 2^52
@@ -74,12 +73,12 @@ mod tests {
         assert_eq!(inflation(3.0, 0.0, 30.0), 30.0);
         assert_eq!(inflation(0.5, 0.0, 30.0), 7.5);
         assert_eq!(inflation(-0.28, 0.0, 30.0), 1.0);
-        // a joint that accelerates does not stay at any beat
+        // an accelerating joint does not stay at any beat
         assert_eq!(inflation(1.0, 1.0, 30.0), 1.0);
     }
 
-    /// Power of the rounding error of a ramp, as the first derivative in a window of `half` samples
-    /// to either side sees it, beside that of white noise; the mean over starting points.
+    /// Power of the rounding error of a ramp, in the first derivative of a window of `half` samples
+    /// on either side, relative to that of white noise; the mean over starting points.
     fn power(half: i32, v: f64) -> f64 {
         let kernel: Vec<f64> = (-half..=half)
             .map(|k| {
@@ -103,8 +102,8 @@ mod tests {
     #[test]
     fn val_the_power_that_a_window_passes_is_that_of_the_rounding_itself() {
         for v in [0.28, 0.72, 1.28] {
-            // two to three digits of a fraction without a small denominator: white to within a
-            // factor of two
+            // velocities that are no fraction with a small denominator: white to within a factor of
+            // two
             let seen = power(20, v);
             assert!(seen < 2.0 * inflation(v, 0.0, limit(20)), "{v}: {seen}");
         }
@@ -117,7 +116,7 @@ mod tests {
             );
         }
         for v in [0.004, 0.003] {
-            // some steps from one count to the next in a long window
+            // a few steps of one count in a long window
             let (seen, taken) = (power(100, v), inflation(v, 0.0, limit(100)));
             assert!(taken > seen && taken < 2.0 * seen, "{v}: {seen} {taken}");
         }

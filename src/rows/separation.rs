@@ -1,20 +1,20 @@
-//! Takes a plant's terms apart: what depends on θ, what on the signals.
+//! Separates a plant's terms into factors that depend on θ and factors that depend on the signals.
 //!
 //! ```text
 //! g_{e,d}(q, q̇; θ) = Σ_m μ_m(θ) [ Σ_j a_{d,m,j} q̇_j + b_{d,m}(q, q̇) ]   μ_m ∈ {1, θ_i, θ_i θ_j}
 //! ```
 //!
-//! Terms that are polynomials in θ of degree 2 at most, which the arm's and the servo axis' are,
-//! can be projected before θ is known: only the a and b are, and a row is a handful of products at
-//! any θ. The coefficients are derivatives in θ at θ = 0 and come from hyper-dual numbers, exactly;
-//! sample by sample, fewer evaluations at other θ give the same ones (`passes.rs`). The b that
-//! differ are the features of a sample; a term that stands with two monomials is evaluated once.
-//! Parts that are a constant times a velocity need no velocity: integrated by parts once more they
-//! need the position.
+//! Terms that are polynomials in θ of degree 2 at most, such as those of the arm and the servo
+//! axis, can be projected before θ is known: only a and b are projected, and a row at any θ takes a
+//! few products. The coefficients are derivatives in θ at θ = 0, computed exactly with hyper-dual
+//! numbers; for each sample, fewer evaluations at other θ give the same coefficients (`passes.rs`).
+//! The distinct b are the features of a sample; a b with two monomials is evaluated once. Parts
+//! that are a constant times a velocity are integrated by parts once more and need only the
+//! position.
 //!
-//! Which form a plant has is found when it is set up by evaluating it at seeded random points;
-//! coefficients that are zero at all of them are zero. Terms that are not such polynomials are
-//! evaluated anew at each θ, which costs more.
+//! The form of a plant is found at construction by evaluating it at seeded random points;
+//! coefficients that are zero at all of them are taken as zero. Terms that are not such polynomials
+//! are evaluated again at each θ, which costs more.
 
 use super::partials::{Kind, Partials};
 use super::passes::{Pass, Terms, Wanted, coefficient, plan, terms};
@@ -23,23 +23,22 @@ use super::theta_polynomial::{FeatureTerm, Monomial, Polynomial, VelocityTerm};
 use crate::model::{MAX_JOINTS, Plant};
 use std::ops::Range;
 
-/// Agreement that counts as equal: some hundred roundings.
+/// Relative difference that counts as equal: about a hundred rounding units.
 const EQUAL: f64 = 1e-10;
 
-/// Signals that the remaining, nonlinear part of an equation depends on; for the propagation of
-/// sensor noise.
+/// Signals on which the nonlinear part of an equation depends, for the propagation of sensor noise.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sensitivity {
     /// Positions first.
     pub kinds: Vec<Kind>,
-    /// The derivatives d whose terms depend on each of them; those between, too.
+    /// The range of derivatives d whose terms depend on each of them.
     pub derivatives: Vec<Range<usize>>,
 }
 
-/// The plant's equations taken apart.
+/// The separated equations of a plant.
 #[derive(Debug, Clone)]
 pub(super) struct Separation {
-    /// `None` for an equation that has to be evaluated at each θ.
+    /// `None` for an equation that must be evaluated at each θ.
     pub equations: Vec<Option<Polynomial>>,
     pub sensitivities: Vec<Sensitivity>,
     /// Features per sample, over all equations.
@@ -48,7 +47,7 @@ pub(super) struct Separation {
 }
 
 impl Separation {
-    /// Takes the plant apart.
+    /// Separates a plant.
     pub fn new(plant: &impl Plant) -> Self {
         let mut separation = Self {
             equations: Vec::new(),
@@ -67,8 +66,8 @@ impl Separation {
         separation
     }
 
-    /// Takes an equation apart; `seen` are the features so far, at every probe. Coefficient
-    /// functions that agree at all of them to the last bit are one feature.
+    /// Separates an equation; `seen` are the features so far, at every probe. Coefficient functions
+    /// that agree at all probes to the last bit are one feature.
     fn polynomial(
         &mut self,
         plant: &impl Plant,
@@ -102,7 +101,7 @@ impl Separation {
             for d in 0..=form.order {
                 let parts = table.iter().map(|(m, at)| m.value(&probe.theta) * at[n][d]);
                 let (sum, size) = parts.fold((0.0, 0.0), |(sum, size), x| (sum + x, size + x.abs()));
-                // a NaN is not a polynomial either
+                // NaN also fails here
                 if !((sum - exact[d]).abs() <= EQUAL * (size + exact[d].abs())) {
                     return None;
                 }
@@ -166,8 +165,8 @@ impl Separation {
         Some(polynomial)
     }
 
-    /// Writes the features of samples, `put(feature, at, value)`, where `signals(joint, at)` are
-    /// (q, q̇).
+    /// Passes the features of samples to `put(feature, at, value)`; `signals(joint, at)` is (q,
+    /// q̇).
     #[inline]
     pub fn extract(
         &self,
@@ -245,7 +244,7 @@ mod tests {
     fn val_the_arm_comes_apart_as_its_equations_are_written() {
         let separation = Separation::new(&Manipulator::default());
         let joint_1 = separation.equations[0].as_ref().unwrap();
-        // θ₅ q̇₁, θ₃ q̇₁ and θ₁ q̇₁ need no velocity; 3 cos²q₂ q̇₁ stands with θ₄ and with θ₂
+        // θ₅ q̇₁, θ₃ q̇₁ and θ₁ q̇₁ need no velocity; 3 cos²q₂ q̇₁ has the factors θ₄ and θ₂
         assert_eq!(joint_1.velocity.len(), 3);
         assert_eq!(joint_1.features.len(), 2);
         let joint_2 = separation.equations[1].as_ref().unwrap();

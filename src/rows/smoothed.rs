@@ -1,22 +1,21 @@
-//! The plain fallback: smooth, evaluate the residual sample by sample, and average both sides over
-//! windows.
+//! The simple fallback: smooth the signals, evaluate the residual sample by sample, and average
+//! residual and regressor over windows.
 //!
 //! ```text
 //! x̂, x̂′, x̂″, x̂‴     of q at every sample, from a polynomial of order 5 fitted to its neighbours
 //! f_i(θ) = Σ_k ψ_i(k) f(x̂_k, u_k; θ)      φ_i(θ) = Σ_k ψ_i(k) φ(x̂_k; θ)        ψ the bump of the projected form, d = 0
 //! ```
 //!
-//! For residuals that are no sum of time derivatives of terms without acceleration, which the
-//! projected form asks for: any [`PointwiseModel`] will do. It differentiates the measured
-//! positions up to three times, so it needs more and better encoder counts for the same result;
-//! averaging both sides removes the noise above the window's bandwidth from the regressors as well
-//! as from the residual, without which least squares is biased beyond use. Rows are not whitened:
-//! the noise of windows that overlap by half is nearly independent, of those that overlap more it
-//! is not, and standard deviations come out too small.
+//! It accepts any [`PointwiseModel`], including residuals that are not a sum of time derivatives of
+//! terms without acceleration, as the projected form requires. It differentiates the measured
+//! positions up to three times, so it needs finer encoders for the same result. Averaging removes
+//! the noise above the window's bandwidth from regressors and residuals; without it the bias of
+//! least squares is too large for use. Rows are not whitened: the noise of windows that overlap by
+//! half is nearly independent, but with more overlap the standard deviations are too small.
 //!
-//! The same smoothing with one-sided neighbourhoods, and rows without averaging, are what one would
-//! try first. Both are here ([`Smoothing`], `window_s = 0`) for comparison; docs/encoder-results.md
-//! has the figures.
+//! The obvious first attempts, smoothing with one-sided neighbourhoods and rows without averaging,
+//! are included ([`Smoothing`], `window_s = 0`) for comparison; docs/encoder-results.md has the
+//! figures.
 
 use super::SampleBlock;
 use super::kernel::{InputTiming, Kernels};
@@ -25,12 +24,12 @@ use super::smoothing::{one_sided, savitzky_golay};
 use crate::estimator::Residuals;
 use crate::model::{JointSample, MAX_PARAMS, PointwiseModel};
 
-/// Which neighbours a derivative is taken from.
+/// The neighbours from which a derivative is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Smoothing {
-    /// As many on either side: no delay against the input.
+    /// Equally many on either side: no delay relative to the input.
     ZeroPhase,
-    /// Past samples only, as a filter in a control loop has them.
+    /// Past samples only, as in a control loop.
     Causal,
 }
 
@@ -44,13 +43,12 @@ pub struct SmoothedOptions {
     pub half_width: usize,
     /// Zero-phase or causal.
     pub smoothing: Smoothing,
-    /// T of the window that both sides are averaged over \[s\], 8 to 2000 sample periods; 0 for one
-    /// row per sample.
+    /// T of the averaging window \[s\], 8 to 2000 sample periods; 0 for one row per sample.
     pub window_s: f64,
-    /// Time from a window to the next \[s\], one sample period to T.
+    /// Time from one window to the next \[s\], one sample period to T.
     pub stride_s: f64,
-    /// What the input does between samples; a held one acts half a sample late and is averaged with
-    /// the sample before.
+    /// Behaviour of the input between samples; a held one acts half a sample late and is averaged
+    /// with the sample before.
     pub timing: InputTiming,
 }
 
@@ -99,7 +97,7 @@ impl SmoothedOptions {
     }
 }
 
-/// A window of the open block: position of its centre among the kept samples, and its first and
+/// A window of the open block: position of its centre among the samples kept, and its first and
 /// last instant.
 #[derive(Debug, Clone, Copy)]
 struct Window {
@@ -108,7 +106,7 @@ struct Window {
     end_ns: u64,
 }
 
-/// A block of samples as smoothed rows, see the module's head.
+/// A block of samples as smoothed rows, see the head of this file.
 #[derive(Debug, Clone)]
 pub struct SmoothedBlock<M: PointwiseModel> {
     model: M,
@@ -133,11 +131,10 @@ pub struct SmoothedBlock<M: PointwiseModel> {
 }
 
 impl<M: PointwiseModel> SmoothedBlock<M> {
-    /// An empty block for up to `block_len` samples of `joints` joints; the only place that
-    /// allocates.
+    /// An empty block for up to `block_len` samples of `joints` joints. Only this call allocates.
     ///
     /// # Errors
-    /// An option is out of its range.
+    /// If an option is out of range.
     pub fn new(model: M, joints: usize, options: SmoothedOptions, block_len: usize) -> Result<Self, ProjectedError> {
         options.validate()?;
         let h = options.sample_period_s;
@@ -151,7 +148,7 @@ impl<M: PointwiseModel> SmoothedBlock<M> {
                 Smoothing::ZeroPhase => savitzky_golay(half, 5, derivative),
                 Smoothing::Causal => one_sided(2 * half, 5, derivative),
             };
-            // six neighbours at least determine a polynomial of order 5
+            // at least six neighbours determine a polynomial of order 5
             let scale = h.powi(derivative as i32);
             weights.unwrap_or_default().iter().map(|w| w / scale).collect()
         });
@@ -251,7 +248,7 @@ impl<M: PointwiseModel> SampleBlock for SmoothedBlock<M> {
         self.t_ns[at] = t_ns;
         self.len += 1;
         let known = at - self.segment;
-        // a held input needs the sample before, which smoothing over three has anyway
+        // a held input needs the sample before, which is within the smoothing of at least three
         if known >= self.before + self.after {
             self.smooth(at - self.after);
         }

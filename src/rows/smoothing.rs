@@ -1,9 +1,9 @@
 //! Zero-phase Savitzky-Golay filters: the value and derivatives of the polynomial fitted to a
 //! sample and its neighbours on both sides.
 //!
-//! A symmetric filter shifts nothing in time, which is what matters beside an input that is not
-//! filtered. Order 5 over 21 samples of 1 ms follows a resonance of 13 Hz to 0.1 % in velocity;
-//! order 3 over 15 samples is off by more than 1 % there.
+//! A symmetric filter has no delay, which matters because the input is not filtered. Order 5 over
+//! 21 samples of 1 ms follows a resonance of 13 Hz to 0.1 % in velocity; order 3 over 15 samples is
+//! off by more than 1 % there.
 
 use nalgebra::DMatrix;
 
@@ -15,8 +15,8 @@ pub fn savitzky_golay(half: usize, order: usize, derivative: usize) -> Option<Ve
     weights(2 * half + 1, half, half, order, derivative)
 }
 
-/// Weights of samples −`past`..=0 that give the `derivative`-th derivative at 0, the newest: what a
-/// filter without a view of the future can have.
+/// Weights of samples −`past`..=0 that give the `derivative`-th derivative at 0, the newest sample:
+/// a causal filter.
 ///
 /// `None` unless `derivative` ≤ `order` < `past` + 1.
 pub fn one_sided(past: usize, order: usize, derivative: usize) -> Option<Vec<f64>> {

@@ -1,21 +1,23 @@
-//! Single wrong samples of a signal, told from its motion and from steps by their neighbours.
+//! Finds single wrong samples of a signal and distinguishes them from motion and steps by their
+//! neighbours.
 //!
 //! **Spikes.** r_k = x_k − (15 (x_{k−1} + x_{k+1}) − 6 (x_{k−2} + x_{k+2}) + x_{k−3} + x_{k+3})/20
-//! is the sixth difference over −20: next to nothing of a motion, 1.52 σ of white noise, and all of
-//! a spike. Where it exceeds eight standard deviations, known or taken from its median, the samples
-//! that lie off the robust trend of their neighbours are left out, and are spikes if what
-//! remains on *both* sides is one smooth curve that they are far off: six times as far as any of
-//! its own samples. At a step of a setpoint the two sides do not fit to one curve, a saturated
-//! input has no single samples, and noise of any size fits itself. A signal with more than 5 % of
-//! spikes has none: that is its nature.
+//! is the sixth difference over −20: almost zero for a motion, 1.52 σ for white noise, and the full
+//! size of a spike. If it exceeds eight standard deviations (known, or from its median), the
+//! samples away from the robust trend of their neighbours are left out. They are spikes if the
+//! remaining samples on *both* sides lie on one smooth curve from which they are far away: six
+//! times as far as any of its own samples. At a step of a setpoint the two sides do not lie on one
+//! curve, a saturated input has no isolated samples, and noise of any size is consistent with
+//! itself. If more than 5 % of a signal look like spikes, they are its normal behaviour, and none
+//! is replaced.
 //!
-//! Beside a step a curve through two samples on its side and five on the other decides. What stands
-//! right at a step and does not belong to its own side's curve may be a spike or a part of the
-//! step: it stays, and its variance is raised by the square of its distance.
+//! Near a step, a curve through two samples on the side of the step and five on the other decides.
+//! A sample directly at a step that does not lie on the curve of its own side may be a spike or
+//! part of the step: it stays, and its variance is increased by the square of its distance.
 //!
-//! An input that answers to a position may jump for one sample because the position did: a count of
-//! an encoder, or a spike of it that the controller saw, too. With a count the input is believed,
-//! with a spike it is kept and its variance raised by the square of its jump.
+//! An input under feedback may jump for one sample because the position did: by an encoder count,
+//! or by a spike that the controller saw too. For a count the input is accepted; for a spike it is
+//! kept, and its variance is increased by the square of its jump.
 
 use super::input_answer::Answer;
 use super::mended_signal::MendedSignal;
@@ -23,32 +25,32 @@ use super::neighbours::{Neighbours, SIDE};
 use super::polynomial::MOST;
 use std::ops::Range;
 
-/// Neighbours on the side of a step that is near.
+/// Neighbours used on the side of a nearby step.
 const NEAR: usize = 2;
-/// Neighbours on either side that the trend at a sample is taken from.
+/// Neighbours on either side from which the trend at a sample is computed.
 const TREND: usize = 4;
-/// Standard deviations that a spike is off at least, and multiples of what its neighbours are off
-/// their curve.
+/// Smallest distance of a spike in standard deviations, and in multiples of its neighbours'
+/// distance from their curve.
 const SPIKE: f64 = 8.0;
 const CLEAR: f64 = 6.0;
 /// Standard deviation of r for white noise of 1: √924/20.
 const GAIN: f64 = 1.52;
-/// Wrong samples in a row that can be told from a pulse.
+/// Largest number of wrong samples in a row that can be distinguished from a pulse.
 const RUN: usize = 3;
-/// Longest stretch of large r that is looked into.
+/// Longest stretch of large r that is examined.
 const CLUSTER: usize = 40;
 
-/// Finds spikes, with room for it.
+/// Finds spikes, with its workspace.
 #[derive(Debug, Clone)]
 pub(super) struct SpikeFinder {
-    /// |r| of a region, and some of them in another order.
+    /// |r| of a region, and a reordered copy.
     rough: Vec<f64>,
     scratch: Vec<f64>,
     marked: Vec<usize>,
 }
 
 impl SpikeFinder {
-    /// Room for signals of `capacity` samples.
+    /// Workspace for signals of `capacity` samples.
     pub fn new(capacity: usize) -> Self {
         Self {
             rough: vec![0.0; capacity],
@@ -57,13 +59,13 @@ impl SpikeFinder {
         }
     }
 
-    /// Spikes that were found last.
+    /// Number of spikes found last.
     pub fn found(&self) -> usize {
         self.marked.len()
     }
 
-    /// Marks the spikes of a signal from `from` on as bad. `answer` says of a sample that looks
-    /// like a spike what else it may be. True if a sample was kept whose variance is raised.
+    /// Marks the spikes of a signal from `from` on as bad. `answer` gives another possible cause of
+    /// a sample that looks like a spike. True if a sample was kept with increased variance.
     pub fn find(
         &mut self,
         x: &[f64],
@@ -118,12 +120,12 @@ impl SpikeFinder {
             let cluster = first..last + 1;
             let (raised, settled) = search.judge(cluster.clone(), &answer);
             doubted |= raised;
-            // what an exact signal does at a step is its own
+            // an exact signal has no spikes at a step
             if !settled && std > 0.0 {
                 doubted |= search.doubt_about_step(cluster);
             }
             if search.marked.len() > most {
-                // that is no accident but the signal
+                // so many are part of the signal
                 search.unmark();
                 return doubted;
             }
@@ -140,14 +142,14 @@ struct Search<'a> {
     region: &'a Range<usize>,
     signal: &'a mut MendedSignal,
     stretch: &'a Range<usize>,
-    /// r from which on a sample is looked at.
+    /// r above which a sample is examined.
     threshold: f64,
     marked: &'a mut Vec<usize>,
 }
 
 impl Search<'_> {
-    /// Looks into a stretch of large r: whether a variance was raised, and whether anything was
-    /// found that is no step.
+    /// Examines a stretch of large r; returns whether a variance was increased, and whether
+    /// anything other than a step was found.
     fn judge(&mut self, cluster: Range<usize>, answer: &impl Fn(usize) -> Answer) -> (bool, bool) {
         let mut suspect = [false; CLUSTER + 1];
         let mut any = false;
@@ -181,7 +183,7 @@ impl Search<'_> {
                 continue;
             }
             let origin = 0.5 * (run.start + run.end) as f64 - 0.5;
-            // behind a step, or before it, one side has little to say
+            // near a step, one side has few samples
             let mut off = [0.0; RUN];
             for (left, right, degree) in [(SIDE, SIDE, 3), (SIDE, NEAR, 2), (NEAR, SIDE, 2)] {
                 let good = |k: usize| !self.signal.bad[k] && !is_suspect(k);
@@ -216,8 +218,8 @@ impl Search<'_> {
         (doubted, settled)
     }
 
-    /// Raises the variance of a sample beside a step that its own side of it does not bear out: a
-    /// spike there cannot be told from a part of the step.
+    /// Increases the variance of a sample next to a step if it does not lie on the curve of its own
+    /// side: a spike there cannot be distinguished from part of the step.
     fn doubt_about_step(&mut self, cluster: Range<usize>) -> bool {
         let (x, stretch) = (self.x, self.stretch);
         let size = |k: usize| (x[k] - x[k - 1]).abs();
@@ -251,8 +253,8 @@ impl Search<'_> {
         self.rough[k - self.region.start]
     }
 
-    /// How far a sample is off the robust straight line of its neighbours, less what they
-    /// themselves are off it.
+    /// Distance of a sample from the robust straight line of its neighbours, minus their own
+    /// distance from it.
     fn off_trend(&self, at: usize) -> f64 {
         let (x, stretch, bad) = (self.x, self.stretch, &self.signal.bad);
         let mut values = [0.0; 2 * TREND + 1];
@@ -278,7 +280,7 @@ impl Search<'_> {
         if off > 4.0 * spread { off } else { 0.0 }
     }
 
-    /// Takes back what was found.
+    /// Removes the marks.
     fn unmark(&mut self) {
         for at in self.marked.drain(..) {
             self.signal.bad[at] = false;
@@ -286,7 +288,7 @@ impl Search<'_> {
     }
 }
 
-/// |r_k| of the samples of a region: how far each is off the curve through its neighbours.
+/// |r_k| of the samples of a region: the distance of each from the curve through its neighbours.
 fn roughness(x: &[f64], region: &Range<usize>, rough: &mut [f64]) {
     // x_{k−3}, …, x_{k+3}
     let [a, b, c, d, e, f, g] = [0, 1, 2, 3, 4, 5, 6].map(|n| &x[region.start - 3 + n..][..region.len()]);

@@ -1,33 +1,34 @@
-//! Where a joint stands still, and which rows that spoils.
+//! Finds where a joint is at rest, and the rows whose equation does not hold there.
 //!
 //! ```text
 //! f(t; θ) = s u − F sign q̇ − …        holds while q̇ ≠ 0; at rest friction is anything within ±F
 //! ```
 //!
-//! `sign 0 = 0`, but a joint that sticks carries whatever force acts on it. A row over a standstill
-//! would take that force for missing friction, by tens of per cent if a machine rests between
-//! its moves. So such rows are left out, of the equations that need the joint to move only.
+//! `sign 0 = 0`, but the friction of a sticking joint balances whatever force acts on it. A row
+//! over a standstill would attribute that force to friction, with errors of tens of per cent if a
+//! machine rests between its moves. So such rows are left out, only of the equations that require
+//! the joint to move.
 //!
 //! # Rest and reversal
-//! A reversal passes through zero without resting and belongs in: it tells friction from everything
-//! else. The velocity alone cannot tell the two apart, for its sign at rest is that of noise.
-//! Positions can: let t₁ be the time that q stays within W of its resting value, t₉ that within 9
-//! W. A reversal at an acceleration a has t₁ = 2√(2W/a) and t₉ = 3 t₁, a joint that creeps through
-//! t₉ = 9 t₁, and one that rests for a time t between a deceleration and an acceleration of any
-//! size
+//! A reversal passes through zero without resting and must stay: it distinguishes friction from
+//! everything else. The velocity alone cannot distinguish the two, because at rest its sign is that
+//! of the noise. Positions can: let t₁ be the time that q stays within W of its resting value, t₉
+//! that within 9 W. A reversal at an acceleration a has t₁ = 2√(2W/a) and t₉ = 3 t₁, a joint that
+//! creeps through has t₉ = 9 t₁, and one that rests for a time t between a deceleration and an
+//! acceleration of any size
 //!
 //! ```text
 //! t₁ = t + τ, t₉ = t + 3 τ        t = (3 t₁ − t₉)/2
 //! ```
 //!
-//! W is what rounding and noise alone make of a position at rest. Rests shorter than a twentieth of
-//! a window are none.
+//! W is the range of a position at rest due to rounding and noise. Rests shorter than a twentieth
+//! of a window do not count.
 //!
 //! # Slow reversals
-//! If a term that is differentiated jumps, as friction does behind a winding's inductance, a
-//! reversal is an impulse in the equation, and its instant counts: at an acceleration a the sign of
-//! a velocity with the noise σ changes σ/a too early or too late, and many times. There a joint
-//! that stays within W for a fifth of a window is left out as if it rested, so that only reversals
+//! If a differentiated term jumps, such as friction combined with a winding's inductance, a
+//! reversal is an impulse in the equation, and its instant matters: at an acceleration a, the sign
+//! of a velocity with noise σ changes σ/a too early or too late, and several times. In that case a
+//! joint that stays within W for a fifth of a window counts as resting, so that only reversals
 //! whose instant is known remain.
 
 use super::noise::SignalNoise;
@@ -37,23 +38,23 @@ use std::ops::Range;
 
 /// Share of a window that a rest must last.
 const SHORTEST: f64 = 0.05;
-/// Samples that a rest must last at least.
+/// Smallest number of samples of a rest.
 const FEWEST: usize = 4;
-/// Weight of resting samples in a row from which on the row is left out: a stuck joint may falsify
-/// the friction in it by twice this share. That is below the noise of any row; the tapered ends of
-/// a window may still lie over a rest, the first and last 6 % of it.
+/// Weight of resting samples in a row above which the row is left out: a stuck joint can change the
+/// friction in it by twice this share. This is below the noise of any row, and still lets the
+/// tapered ends of a window, its first and last 6 %, lie over a rest.
 const SPOILT: f64 = 1e-6;
-/// Standard deviations between the smallest and the largest of some hundred noisy values.
+/// Standard deviations between the smallest and the largest of about a hundred noisy values.
 const RANGE: f64 = 6.0;
-/// Share of a window that a joint may stay at its turning point, if a derivative of the equation
-/// jumps there.
+/// Share of a window that a joint may stay at its turning point if a differentiated term jumps
+/// there.
 const SLOW: f64 = 0.2;
 /// Change of a term over a change of the velocity from −δ to δ, as a share of its size, that counts
 /// as a jump.
 const JUMP: f64 = 0.01;
 
-/// For each equation, the joints (bit j) that it needs moving: those that it names, and those at
-/// whose reversal one of its terms jumps.
+/// For each equation, the joints (bit j) that must move for it to hold: those that it names, and
+/// those at whose reversal one of its terms jumps.
 pub(super) fn motion_needed<P: Plant>(plant: &P) -> Vec<u32> {
     let named = |e: usize| plant.equations()[e].motion;
     let joints = plant.joints().min(MAX_JOINTS);
@@ -67,8 +68,8 @@ fn jumps<P: Plant>(plant: &P, equation: usize, joint: usize) -> bool {
     jumps_from(plant, equation, joint, 0)
 }
 
-/// The same for terms that are differentiated `least` times or more, at one of a few places and
-/// parameters.
+/// The same for terms differentiated `least` times or more, at one of a few states and parameter
+/// values.
 fn jumps_from<P: Plant>(plant: &P, equation: usize, joint: usize, least: usize) -> bool {
     let params = plant.parameters().len().min(MAX_PARAMS);
     let joints = plant.joints().min(MAX_JOINTS);
@@ -102,14 +103,14 @@ fn jumps_from<P: Plant>(plant: &P, equation: usize, joint: usize, least: usize) 
     })
 }
 
-/// The rests of the joints in a block, and the rows that they spoil.
+/// The rests of the joints in a block, and the rows to leave out.
 #[derive(Debug, Clone)]
 pub(super) struct Standstill {
-    /// Joints that each equation needs moving.
+    /// Joints that must move for each equation to hold.
     motion: Vec<u32>,
     /// Joints (bit j) at whose reversal a term jumps.
     jumping: u32,
-    /// Joints whose slow reversals count as rests, too.
+    /// Joints whose slow reversals also count as rests.
     abrupt: u32,
     /// For each joint, its rests as buffer positions, in order.
     rests: Vec<Vec<(usize, usize)>>,
@@ -156,18 +157,18 @@ impl Standstill {
         }
     }
 
-    /// True if an equation needs the joint moving.
+    /// True if some equation requires the joint to move.
     pub fn concerns(&self, joint: usize) -> bool {
         self.motion.iter().any(|mask| mask >> joint & 1 == 1)
     }
 
-    /// Forgets the rests of a joint; to be called before those of a block are looked for.
+    /// Forgets the rests of a joint; call it before searching a block.
     pub fn begin(&mut self, joint: usize) {
         self.rests[joint].clear();
     }
 
-    /// Looks for the rests of a joint in one uninterrupted stretch of its positions. `resolution`
-    /// is a count, `noise` the standard deviation beside the rounding.
+    /// Finds the rests of a joint in one uninterrupted stretch of its positions. `resolution` is
+    /// the size of a count, `noise` the standard deviation besides the rounding.
     pub fn look(&mut self, joint: usize, q: &[f64], stretch: Range<usize>, resolution: f64, noise: f64) {
         let shortest = FEWEST.max((SHORTEST * 2.0 * self.half as f64).ceil() as usize);
         let slow = match self.abrupt >> joint & 1 {
@@ -187,7 +188,7 @@ impl Standstill {
         );
     }
 
-    /// Finds the rows that the rests spoil; `centres` are the middles of the windows.
+    /// Finds the rows to leave out because of rests; `centres` are the middles of the windows.
     pub fn judge(&mut self, centres: impl Iterator<Item = usize> + Clone) {
         self.any = false;
         for (mask, spoilt) in self.motion.iter().zip(&mut self.spoilt) {
@@ -216,7 +217,7 @@ impl Standstill {
         self.jumping >> joint & 1 == 1
     }
 
-    /// Takes the spoilt rows out of an equation's covariance.
+    /// Excludes the rows to leave out from an equation's covariance.
     pub fn exclude(&self, equation: usize, rows: usize, whitening: &mut Whitening) {
         if self.any {
             (0..rows)
@@ -225,20 +226,20 @@ impl Standstill {
         }
     }
 
-    /// True if the row says nothing about the equation.
+    /// True if the equation does not hold in the row.
     #[inline]
     pub fn is_spoilt(&self, equation: usize, row: usize) -> bool {
         self.any && self.spoilt[equation].get(row).is_some_and(|spoilt| *spoilt)
     }
 }
 
-/// Gives the rests in a stretch of positions: every time that they stay within `width` for
-/// `shortest` samples, and do not just turn round there. A reversal counts, too, if it stays there
-/// for `slow` samples.
+/// Finds the rests in a stretch of positions: whenever they stay within `width` for `shortest`
+/// samples and do not merely reverse there. A reversal also counts if it stays there for `slow`
+/// samples.
 fn find(q: &[f64], stretch: Range<usize>, width: f64, shortest: usize, slow: usize, rest: impl FnMut(usize, usize)) {
     let band = |x: &[f64]| {
         let width = width.max(1e-12 * x[0].abs()).max(f64::MIN_POSITIVE);
-        // the ends tell most moving samples at once
+        // the two ends exclude most moving samples at once
         if (x[x.len() - 1] - x[0]).abs() > width {
             return None;
         }
@@ -248,8 +249,8 @@ fn find(q: &[f64], stretch: Range<usize>, width: f64, shortest: usize, slow: usi
     find_about(q, stretch, band, shortest, slow, 9.0, rest);
 }
 
-/// Gives the rests in a stretch of a signal. `band` says about which value, and within what of it,
-/// some consecutive values may rest; a passage stays within `far` of that three times as long.
+/// Finds the rests in a stretch of a signal. `band` gives the value about which consecutive values
+/// may rest, and the width; a passage stays within `far` times that width three times as long.
 fn find_about(
     x: &[f64],
     stretch: Range<usize>,
@@ -284,21 +285,21 @@ fn find_about(
 
 /// The rests of a block of pointwise rows, judged by the measured velocity.
 ///
-/// The band that a velocity at rest keeps to is six standard deviations of its noise, learnt from
-/// the signal. A reversal crosses it in t₁ and three times as much in 3 t₁, so that the same
-/// formula tells it from a rest.
+/// The band of a velocity at rest is six standard deviations of its noise, learnt from the signal.
+/// A reversal crosses it in t₁ and three times as much in 3 t₁, so the same formula distinguishes
+/// it from a rest.
 #[derive(Debug, Clone)]
 pub(super) struct SlowSamples {
     motion: Vec<u32>,
     dq: Vec<Vec<f64>>,
     noise: Vec<SignalNoise>,
-    /// Joints that rest, per sample.
+    /// Resting joints (bit j), per sample.
     resting: Vec<u32>,
     scratch: Vec<f64>,
 }
 
 impl SlowSamples {
-    /// For blocks of at most `capacity` samples; `None` if every equation holds at rest, too.
+    /// For blocks of at most `capacity` samples; `None` if every equation also holds at rest.
     pub fn new<P: Plant>(plant: &P, capacity: usize) -> Option<Self> {
         let motion = motion_needed(plant);
         motion.iter().any(|mask| *mask != 0).then(|| Self {
@@ -347,7 +348,7 @@ impl SlowSamples {
         self.resting.clear();
     }
 
-    /// True if the sample says nothing about the equation.
+    /// True if the equation does not hold at the sample.
     #[inline]
     pub fn is_spoilt(&self, equation: usize, index: usize) -> bool {
         self.resting[index] & self.motion[equation] != 0
@@ -379,7 +380,7 @@ mod tests {
     #[test]
     fn prop_a_reversal_is_a_rest_only_while_the_encoder_sees_none_of_it_and_a_pause_in_it_is_one_of_its_length() {
         for acceleration in [0.05_f64, 0.3, 1.0, 5.0, 30.0] {
-            // what the ends within two counts and a half of the rest last: the band is a count
+            // duration of both ends within two and a half counts of the rest: the band is a count
             // wide, and either edge rounds
             let ends = 2.0 * (2.0 * 2.6e-4 / acceleration).sqrt();
             for pause in [0.0, 0.05, 0.2, 1.0] {
@@ -392,7 +393,7 @@ mod tests {
                 );
             }
         }
-        // fast ones are told apart
+        // fast reversals are distinguished from rests
         assert_eq!(rests(&turn(30.0, 0.0), 1.01e-4), []);
     }
 
@@ -413,14 +414,14 @@ mod tests {
         // within a count for 2 √(2 W/a): 28 ms at 1 rad/s², 9 ms at 10 rad/s², a fifth of the
         // window are 20 ms
         assert_eq!((found(&arm, 1.0), found(&arm, 10.0)), (1, 0));
-        // an offset has no sign, and needs no motion
+        // an offset has no jump and needs no motion
         let offset = ExtraTerms {
             coulomb_friction: false,
             offset: true,
         };
         let arm = ExtendedManipulator::new(Manipulator::default(), offset);
         assert_eq!(Standstill::new(&arm, &[1.0; 101], 10, 10).abrupt, 0);
-        // a servo axis has its friction in a term that is not differentiated
+        // the friction of a servo axis is in a term that is not differentiated
         let axis = ServoAxis::new(Motion::Linear, DriveInput::Force, 1.0).unwrap();
         assert_eq!(Standstill::new(&axis, &[1.0; 101], 10, 10).abrupt, 0);
     }

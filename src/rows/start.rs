@@ -1,16 +1,16 @@
-//! A first θ from rows alone, whatever the configured start.
+//! A first θ from the rows alone, independent of the configured start.
 //!
 //! ```text
 //! f = y − Σ_m β_m z_m          one coefficient per monomial μ_m(θ) ∈ {θ_i, θ_i θ_j}: linear, one minimum
 //! θ_i = β_m for μ_m = θ_i,     θ_i = β_m/θ_j for μ_m = θ_i θ_j
 //! ```
 //!
-//! Products of parameters give the cost of a block more than one minimum: through encoders of 13
-//! bits, an arm that moves smoothly is explained to within three standard deviations of the noise
-//! by a tenth of its length and ten times its inductance. Which minimum Gauss-Newton ends in
-//! depends on the start. With a coefficient of its own for each monomial the problem is linear and
-//! has one; θ is read off the coefficients that are known best, and serves as a second start beside
-//! the configured one.
+//! Products of parameters give the cost of a block more than one minimum: with encoders of 13 bits
+//! and smooth motion, an arm with a tenth of the true length and ten times the true inductance fits
+//! to within three standard deviations of the noise. The minimum that Gauss-Newton finds depends on
+//! the start. With a separate coefficient for each monomial the problem is linear and has one
+//! minimum; θ follows from the best-known coefficients, and serves as a second start besides the
+//! configured one.
 //!
 //! Source of the overparametrised start: E.-W. Bai, An optimal two-stage identification algorithm
 //! for Hammerstein-Wiener nonlinear systems, Automatica 34 (1998).
@@ -23,8 +23,8 @@ use std::ops::Range;
 pub(super) struct Linear<'a, F> {
     /// Number of rows.
     pub rows: usize,
-    /// Residual without any monomial but 1, and the factors of the others: (equation, row, factors)
-    /// → residual.
+    /// Residual with the monomial 1 only, and the factors of the others: (equation, row, factors) →
+    /// residual.
     pub row: F,
     /// Coefficients of each equation.
     pub ranges: &'a [Range<usize>],
@@ -42,7 +42,7 @@ impl<F: Fn(usize, usize, &mut [f64]) -> f64> Residuals for Linear<'_, F> {
     }
 }
 
-/// Finds a start, with room for it.
+/// Finds a start, with its workspace.
 #[derive(Debug, Clone)]
 pub(super) struct StartFinder {
     /// Monomials other than 1 of all equations, in the order of the coefficients.
@@ -50,7 +50,7 @@ pub(super) struct StartFinder {
     ranges: Vec<Range<usize>>,
     estimator: BlockEstimator,
     theta: Vec<f64>,
-    /// Relative standard deviation of each parameter; infinite if it is not known.
+    /// Relative standard deviation of each parameter; infinite if unknown.
     relative: Vec<f64>,
 }
 
@@ -84,9 +84,9 @@ impl StartFinder {
         })
     }
 
-    /// Fits the coefficients to the rows and reads θ off them, within its bounds; what they do not
-    /// tell stays at its start. `row` writes the factors of the monomials other than 1 and returns
-    /// the residual without them.
+    /// Fits the coefficients to the rows and computes θ from them, within its bounds; parameters
+    /// that they do not determine keep their start value. `row` writes the factors of the monomials
+    /// other than 1 and returns the residual without them.
     pub fn find(
         &mut self,
         rows: usize,
@@ -99,7 +99,7 @@ impl StartFinder {
         let report = self.estimator.update(&Linear { rows, row, ranges });
         starts(priors, &mut self.theta);
         self.relative.fill(f64::INFINITY);
-        // the best-known parameter first: each that is found opens the products that it is in
+        // the best-known parameter first: each one found resolves the products that contain it
         for _ in 0..self.theta.len() {
             let mut best: Option<(f64, usize, f64)> = None;
             for (k, monomial) in self.monomials.iter().enumerate() {

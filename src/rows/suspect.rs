@@ -1,10 +1,10 @@
-//! What may be wrong with a machine beyond its model: kinds of errors, how large each is expected
-//! to be, and the words for them. `suspect_columns.rs` has what they do to the rows.
+//! Possible errors of a machine beyond its model: kinds, expected sizes and descriptions.
+//! `suspect_columns.rs` has their effect on the rows.
 
 use std::fmt;
 
-/// Standard deviations of errors that are not estimated but widen the estimate's by what they could
-/// do.
+/// Standard deviations of errors that are not estimated but widen the standard deviations of the
+/// estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Considered {
     /// Further delay of the recorded input \[s\], ≥ 0.
@@ -29,8 +29,8 @@ pub struct Considered {
     /// Natural frequency of the flexibility between each motor and its load \[Hz\], one standard
     /// deviation of 1/(2π f)²; 0 for rigid joints.
     pub resonance_hz: f64,
-    /// Rate at which each parameter may change \[1/s\], relative to the parameter, ≥ 0; it has no
-    /// column, the estimator makes one.
+    /// Rate at which each parameter may change \[1/s\], relative to the parameter, ≥ 0; the
+    /// estimator makes its column.
     pub drift_per_s: f64,
     /// Zero of each encoder \[rad\], ≥ 0: an error of the angle against gravity and the links,
     /// which a tilted base causes, too.
@@ -41,7 +41,7 @@ pub struct Considered {
 }
 
 impl Considered {
-    /// Nothing is considered; errors are tested for all the same.
+    /// No error is considered; errors are still tested for.
     pub const NONE: Self = Self {
         input_delay_s: 0.0,
         gain: 0.0,
@@ -56,7 +56,7 @@ impl Considered {
         eccentricity_rad: Some(0.0),
     };
 
-    /// The same for joints that move along lines, whose sensors have no turn.
+    /// The same for joints that move along lines, whose sensors have no turns.
     #[must_use]
     pub fn without_turns(self) -> Self {
         Self {
@@ -68,13 +68,12 @@ impl Considered {
 }
 
 impl Default for Considered {
-    /// What a good installation leaves. Delay: 50 µs, a fraction of a sample at 1 kHz, or what a
-    /// lightly damped resonance adds. Gain: 0,
-    /// since parameters are in units of the drive as it reports itself. Coulomb friction: 1 % of
-    /// the input, friction that falls with speed: 2 %, offset: 0.1 %. Resonance: 70 Hz. Drift:
-    /// 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. Motion that shows an
-    /// error brings σ back to what it is without; motion that does not show it leaves σ at what the
-    /// error may do.
+    /// The errors of a good installation. Delay: 50 µs, a fraction of a sample at 1 kHz, or the
+    /// effect of a lightly damped resonance. Gain: 0, because parameters are in the units that the
+    /// drive reports. Coulomb friction: 1 % of the input, friction that falls with speed: 2 %,
+    /// offset: 0.1 %. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°.
+    /// Eccentricity: 0.05 mrad, 10″. With motion that shows an error, σ becomes what it is without
+    /// the error; with other motion, σ includes its possible effect.
     fn default() -> Self {
         Self {
             input_delay_s: 5e-5,
@@ -97,17 +96,17 @@ impl Default for Considered {
 pub enum SuspectKind {
     /// The recorded input acts later, or earlier, than specified.
     InputDelay,
-    /// A drive gives more, or less, than specified.
+    /// A drive produces more, or less, than specified.
     Gain,
     /// Coulomb friction that the model lacks.
     Coulomb,
-    /// Friction that falls with speed, beside the model's Coulomb friction.
+    /// Friction that falls with speed, besides the model's Coulomb friction.
     Stribeck,
     /// The recorded input is off by a constant, or a constant force acts that the model lacks.
     Offset,
     /// An encoder off its centre.
     Eccentricity,
-    /// A drive that gives nothing for small inputs, and less by as much for others.
+    /// A drive that produces nothing for small inputs, and correspondingly less for others.
     DeadBand,
     /// A spring that the model lacks.
     Spring,
@@ -117,13 +116,13 @@ pub enum SuspectKind {
     Zero,
     /// An encoder whose counts are larger, or smaller, than specified.
     Scale,
-    /// Time stamps that run faster, or slower, than the time.
+    /// Time stamps that run faster, or slower, than time.
     Clock,
     /// A parameter that moves.
     Drift,
 }
 
-/// An error that the rows have a column for.
+/// An error for which the rows have a column.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Suspect<'a> {
     /// What it is.
@@ -139,22 +138,23 @@ pub struct Suspect<'a> {
 }
 
 impl Suspect<'_> {
-    /// True if a machine can have the error with this amplitude of the estimator. A base that is
-    /// tilted by 1e10 rad would explain whatever no other column does.
+    /// True if a machine can have the error with this amplitude. Otherwise a base tilted by 1e10
+    /// rad could explain whatever no other column does.
     pub fn is_possible(&self, amplitude: f64) -> bool {
         amplitude.abs() <= self.largest
     }
 
-    /// Writes what it is with this amplitude of the estimator.
+    /// Describes the error with this amplitude.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn write(&self, amplitude: f64, f: &mut impl fmt::Write) -> fmt::Result {
         let words = match self.kind {
             SuspectKind::InputDelay => "an input delay",
             SuspectKind::Gain => "another drive gain",
             SuspectKind::Coulomb => "Coulomb friction",
-            // drag that grows with the square of the speed looks the same beside a straight line
+            // relative to a straight line, drag that grows with the square of the speed looks the
+            // same
             SuspectKind::Stribeck if amplitude > 0.0 => "friction not linear in speed (Stribeck, drag)",
             SuspectKind::Stribeck => "friction that is low at low speed",
             SuspectKind::Offset => "an offset of the input or a tilted base",

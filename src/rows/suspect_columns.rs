@@ -1,39 +1,39 @@
-//! Errors that a machine may have and its model leaves out: one column of the rows per error.
+//! Possible errors of a machine that its model leaves out: one column of the rows per error.
 //!
 //! ```text
 //! f_i(θ*) = noise + Σ_s a_s d_is      d_is = ∂f_i/∂a_s, the machine has error s with amplitude a_s
 //! ```
 //!
-//! | error | column, before it is whitened as the rows are | amplitude a |
+//! | error | column, before whitening | amplitude a |
 //! |---|---|---|
 //! | the recorded input acts later than specified | −s ∫ψ′ u, the first power of the delay (`kernel.rs`) | s |
-//! | the drive gives more than specified | −s ∫ψ u | share |
+//! | the drive produces more than specified | −s ∫ψ u | share |
 //! | Coulomb friction that the model lacks | s ∫ψ sat(q̇/v₀) | unit of the input |
 //! | friction that falls with speed | s ∫ψ sat(q̇/v₀) exp(−(q̇/v_s)²) | unit of the input |
 //! | an offset of the input, or a constant force | −s | unit of the input |
-//! | a dead band of the drive, which gives u − a sign u | s ∫ψ sat(u/u₀) | unit of the input |
+//! | a dead band of the drive, which produces u − a sign u | s ∫ψ sat(u/u₀) | unit of the input |
 //! | a spring, such as a cable | s ∫ψ q | unit of the input per rad or m |
-//! | an encoder off its centre, q + a sin q or a cos q is read | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
+//! | an encoder off its centre, which reads q + a sin q or q + a cos q | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
 //! | a resonance between motor and load | s ∫ψ″ u | s² |
-//! | an encoder's zero, or gravity's direction: q + a is read | Σ_k ∂f_i/∂q_k | rad |
-//! | another scale of an encoder: q (1 + a) is read | Σ_k q_k ∂f_i/∂q_k | share |
+//! | an encoder's zero, or gravity's direction: reads q + a | Σ_k ∂f_i/∂q_k | rad |
+//! | another scale of an encoder: reads q (1 + a) | Σ_k q_k ∂f_i/∂q_k | share |
 //! | a clock that runs fast | none: it is a change of the parameters (`tempo.rs`) | share |
 //!
-//! Friction that falls with speed (R. Stribeck 1902), a dead band and a spring count beside Coulomb
-//! friction that the model has; without it they would be hard to tell from Coulomb friction. There
-//! are two columns of friction that falls with speed, with v_s of 0.2 and of 0.8 times the root
-//! mean square of the velocity in the first block that moves: together they are near enough to any
-//! v_s between. The standard deviations of friction, dead band, offset and spring are shares of
-//! u_r, the largest root mean square of a block's input so far, so that one default fits drives of
-//! any voltage. sat is sign with a straight piece: of three standard deviations of the velocity's
-//! noise, because at rest friction may have either sign, and noise has both, or of a fiftieth of
-//! u_r. A flexible joint gives u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order
-//! in 1/ω² its rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of the input,
-//! whatever the equation is.
+//! Friction that falls with speed (R. Stribeck 1902), a dead band and a spring have columns only if
+//! the model has Coulomb friction; otherwise they would be hard to distinguish from Coulomb
+//! friction. There are two columns of friction that falls with speed, with v_s of 0.2 and of 0.8
+//! times the root mean square of the velocity in the first block that moves: together they
+//! approximate any v_s between. The standard deviations of friction, dead band, offset and spring
+//! are shares of u_r, the largest root mean square of a block's input so far, so one default fits
+//! drives of any voltage. sat is the sign function with a linear middle, as wide as three standard
+//! deviations of the velocity's noise, because at rest friction and noise may have either sign, or
+//! a fiftieth of u_r. A flexible joint has u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to
+//! first order in 1/ω² its rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of
+//! the input, for any equation.
 //!
-//! The estimator widens its published covariance by what the data leave open of the errors that
+//! The estimator widens its published covariance by the remaining uncertainty of the errors that
 //! have a prior standard deviation ([`Considered`]), and tests for all of them
-//! (`estimator/considered.rs`, `estimator/score_test.rs`). Neither estimates them.
+//! (`estimator/considered.rs`, `estimator/score_test.rs`). It does not estimate them.
 
 use super::kernel::{Kernels, dot};
 use super::present_terms::{has_jump, has_term};
@@ -46,7 +46,7 @@ use crate::estimator::ERRORS_PER_EQUATION;
 use crate::model::{MAX_JOINTS, Plant};
 use std::f64::consts::TAU;
 
-/// Errors of each equation, and the place of each.
+/// Number of errors of each equation, and the index of each.
 const PER_EQUATION: usize = ERRORS_PER_EQUATION;
 const GAIN: usize = 0;
 /// Coulomb friction; friction that falls fast with speed if the model has Coulomb friction.
@@ -62,13 +62,13 @@ const SLOW_FRICTION: usize = 7;
 const DEAD_BAND: usize = 8;
 const SPRING: usize = 9;
 const SCALE: usize = 10;
-/// Of the whole machine; the place in the first equation.
+/// An error of the whole machine; index in the first equation.
 const CLOCK: usize = 11;
 /// u₀, as a share of the input's size.
 const DEAD: f64 = 0.02;
-/// Velocity noise, in standard deviations, within which a joint may stand still.
+/// Velocity, in standard deviations of its noise, below which a joint may be at rest.
 const STANDING: f64 = 3.0;
-/// Ratio of the velocity's root mean square to that of its noise from which on a joint moves.
+/// Ratio of the velocity's root mean square to that of its noise above which a joint moves.
 const MOVING: f64 = 20.0;
 /// v_s of the two columns, as shares of the velocity's root mean square.
 const STRIBECK_SPEEDS: [f64; 2] = [0.2, 0.8];
@@ -81,35 +81,35 @@ pub(super) struct SuspectColumns {
     inputs: Vec<usize>,
     /// Names of the parameters.
     parameters: Vec<String>,
-    /// [equation][suspect][row], and whitened; empty if the suspect does not touch the equation.
+    /// [equation][suspect][row], and whitened; empty if the error does not affect the equation.
     columns: Vec<Vec<Vec<f64>>>,
     white: Vec<Vec<Vec<f64>>>,
     /// Largest root mean square of each joint's input so far, and of its position about the mean.
     sizes: [f64; MAX_JOINTS],
     travels: [f64; MAX_JOINTS],
-    /// Which equations have Coulomb friction, or something like it.
+    /// Equations with Coulomb friction or a similar jump.
     jumps: Vec<bool>,
     /// Root mean square of the velocity that belongs to each equation, in the first block in which
     /// the joint moved; 0 until then.
     speeds: Vec<f64>,
-    /// What the columns of friction are made of, per equation and sample; empty if there is none.
+    /// The integrands of the friction columns, per equation and sample; empty if there are none.
     frictions: Vec<[Vec<f64>; 2]>,
     /// sat(u/u₀) and q per equation and sample; empty if no column needs them.
     drives: Vec<[Vec<f64>; 2]>,
     /// sin q/σ, cos q/σ and 1/σ per joint and sample, σ the standard deviation of the position;
     /// empty if no column needs them.
     turns: Vec<[Vec<f64>; 3]>,
-    /// q/σ per joint and sample, for scales, and whether they are looked for.
+    /// q/σ per joint and sample, for scales, and whether these have columns.
     scaled: Vec<Vec<f64>>,
     closely: bool,
-    /// What the parameters are seen as if the clock runs fast.
+    /// Relative changes of the parameters by a clock that runs fast.
     tempo: Option<Vec<f64>>,
-    /// Root of the sum of squares of the velocity filter's weights.
+    /// Square root of the sum of squares of the velocity filter's weights.
     velocity_gain: f64,
 }
 
 impl SuspectColumns {
-    /// Room for `rows` rows of samples in buffers of `capacity`.
+    /// Workspace for `rows` rows of samples in buffers of `capacity`.
     pub fn new(
         plant: &impl Plant,
         considered: Considered,
@@ -142,7 +142,7 @@ impl SuspectColumns {
                 CLOCK => false,
                 SCALE => moves(e, inputs[of]) && first_of(of),
                 SINE | COSINE => turns && moves(e, inputs[of]) && first_of(of),
-                // without it the column is rounding, which would count as evidence
+                // otherwise the column is only rounding, which would count as evidence
                 ZERO => turns && depends_on_place(e, inputs[of]) && first_of(of),
                 _ => of == e,
             }
@@ -187,12 +187,12 @@ impl SuspectColumns {
         self.speeds.fill(0.0);
     }
 
-    /// Number of errors, with those that no column shows.
+    /// Number of errors, including those without a column.
     pub fn count(&self) -> usize {
         1 + PER_EQUATION * self.inputs.len()
     }
 
-    /// Standard deviation of an error's amplitude, 0 if it is tested only.
+    /// Standard deviation of an error's amplitude, 0 if it is only tested for.
     pub fn std(&self, suspect: usize) -> f64 {
         let size = self.joint(suspect).map_or(0.0, |joint| self.sizes[joint]);
         match self.kind(suspect) {
@@ -241,8 +241,8 @@ impl SuspectColumns {
         }
     }
 
-    /// True if the error may come up while a machine runs: a supply that sags, a belt that slips, a
-    /// bus that has become slower.
+    /// True if the error can arise while a machine runs: a supply that sags, a belt that slips, a
+    /// bus that becomes slower.
     pub fn is_sudden(&self, suspect: usize) -> bool {
         matches!(
             self.kind(suspect),
@@ -256,8 +256,8 @@ impl SuspectColumns {
         )
     }
 
-    /// True for a gain that has no prior, since parameters are in units of the drive as it reports
-    /// itself, and for a scale: both tell nothing but after a change.
+    /// True for a scale, and for a gain without a prior (parameters are in the units that the drive
+    /// reports): both are informative only after a change.
     pub fn is_imitated(&self, suspect: usize) -> bool {
         match self.kind(suspect) {
             SuspectKind::Gain => self.considered.gain == 0.0,
@@ -265,12 +265,12 @@ impl SuspectColumns {
         }
     }
 
-    /// Relative changes of the parameters that an error of 1 is seen as.
+    /// The relative changes of the parameters that an error of 1 is equivalent to.
     pub fn imitation(&self, suspect: usize) -> Option<&[f64]> {
         self.tempo.as_deref().filter(|_| suspect == 1 + CLOCK)
     }
 
-    /// Whether there are columns of scales.
+    /// Chooses whether there are columns of scales.
     pub fn look_closely(&mut self, closely: bool) {
         let places = (0..self.inputs.len()).map(|of| 1 + PER_EQUATION * of + SCALE);
         for white in self.white.iter_mut().filter(|_| self.closely && !closely) {
@@ -279,7 +279,7 @@ impl SuspectColumns {
         self.closely = closely;
     }
 
-    /// What an error is; beyond the last one, the drifts of the parameters.
+    /// Describes an error; indices beyond the last are the drifts of the parameters.
     pub fn describe<'a>(&'a self, suspect: usize, input_unit: &'a str) -> Option<Suspect<'a>> {
         if let Some(drifting) = suspect.checked_sub(self.count()) {
             return self.parameters.get(drifting).map(|name| Suspect {
@@ -375,8 +375,8 @@ impl SuspectColumns {
         }
     }
 
-    /// Projects what depends on the input and on the sign of the velocity: one row. `moments` are
-    /// ∫ψ^(r) u with the input's scale.
+    /// Projects the columns that depend on the input and on the sign of the velocity, for one row.
+    /// `moments` are ∫ψ^(r) u with the input's scale.
     pub fn project(&mut self, e: usize, row: usize, centre: usize, scale: f64, kernels: &Kernels, moments: [f64; 3]) {
         let own = 1 + PER_EQUATION * e;
         let columns = &mut self.columns[e];
@@ -404,7 +404,7 @@ impl SuspectColumns {
         }
     }
 
-    /// What eccentricities and zeros do to a row: `c(joint)` holds −∂f/∂q times the standard
+    /// Columns of eccentricities and zeros for one row: `c(joint)` holds −∂f/∂q times the standard
     /// deviations of some positions, and the buffer position of the first.
     pub fn turn<'a>(&mut self, e: usize, row: usize, c: impl Fn(usize) -> (&'a [f64], usize)) {
         for (of, &joint) in self.inputs.iter().enumerate() {
@@ -468,7 +468,8 @@ mod tests {
             eccentricity_rad: Some(0.0),
             ..Considered::default()
         };
-        // the arm's first joint turns about the vertical: gravity does not tell where it is
+        // the arm's first joint turns about the vertical, so gravity does not depend on its
+        // position
         let place = |_: usize, joint: usize| joint == 1;
         let suspects = SuspectColumns::new(&Manipulator::default(), considered, &[1.0], |_, _| true, place, 3, 3);
         for equation in 0..2 {

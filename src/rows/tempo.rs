@@ -1,13 +1,13 @@
-//! A clock that runs fast is a change of the parameters, and of nothing else.
+//! A clock that runs fast is equivalent to a change of the parameters.
 //!
 //! ```text
 //! s^d g_d(q, s q̇; θ) = g_d(q, q̇; θ s^r)        for every s, at every state, for every term d
 //! d g_d + Σ_j q̇_j ∂g_d/∂q̇_j = Σ_i r_i θ_i ∂g_d/∂θ_i                            its slope at s = 1
 //! ```
 //!
-//! Where time stamps run faster by the share a, every parameter is seen as θ_i (1 + a)^r_i: a back
+//! If time stamps run faster by the share a, every parameter appears as θ_i (1 + a)^r_i: a back
 //! EMF, in V s/rad, has r = 1, an inertia 2. The r are found by least squares over random states
-//! and parameters; a plant with terms of its own time scale has none.
+//! and parameters; a plant whose terms have a fixed time scale has none.
 
 use super::probes::probes;
 use crate::model::Plant;
@@ -15,10 +15,10 @@ use nalgebra::{DMatrix, DVector};
 
 /// Relative step of the differences, whose error is its square.
 const STEP: f64 = 1e-4;
-/// Share of the terms that may be left: some hundred times the differences' error.
+/// Largest relative residual: about a hundred times the error of the differences.
 const EQUAL: f64 = 1e-5;
 
-/// r of each parameter; `None` if a change of the clock is no change of the parameters.
+/// r of each parameter; `None` if no change of the parameters is equivalent to one of the clock.
 pub(super) fn tempo(plant: &impl Plant) -> Option<Vec<f64>> {
     let count = plant.parameters().len();
     let (mut columns, mut sides) = (Vec::new(), Vec::new());
@@ -74,7 +74,8 @@ mod tests {
     use super::*;
     use crate::model::{DriveInput, Manipulator, Motion, ServoAxis};
 
-    /// Powers of the second in the parameters' units, gravity's left out, for it does not change.
+    /// Powers of the second in the parameters' units, without that of gravity, which does not
+    /// change.
     #[test]
     fn val_parameters_change_with_the_second_of_their_units() {
         let close = |found: Option<Vec<f64>>, expected: &[f64]| {

@@ -1,6 +1,6 @@
-//! The signals of a block's samples, as they were measured or freed of their noise.
+//! The signals of a block's samples, measured or smoothed.
 
-/// A value per sample each.
+/// Signals, with one value per sample each.
 #[derive(Debug, Clone)]
 pub(super) struct Trajectory {
     /// Positions \[joint\]\[sample\].
@@ -9,12 +9,12 @@ pub(super) struct Trajectory {
     pub dq: Vec<Vec<f64>>,
     /// Inputs \[joint\]\[sample\].
     pub u: Vec<Vec<f64>>,
-    /// What the plant's nonlinear terms make of them (`separation.rs`) \[feature\]\[sample\].
+    /// Features of the plant's nonlinear terms (`separation.rs`) \[feature\]\[sample\].
     pub features: Vec<Vec<f64>>,
 }
 
 impl Trajectory {
-    /// Room for `capacity` samples.
+    /// Buffers for `capacity` samples.
     pub fn new(joints: usize, features: usize, capacity: usize) -> Self {
         let buffers = |count: usize| vec![vec![0.0; capacity]; count];
         Self {

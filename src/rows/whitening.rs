@@ -1,14 +1,15 @@
 //! Whitening of overlapping rows: r ← L⁻¹ r with R = L Lᵀ the covariance of their noise.
 //!
-//! Neighbouring windows share samples, so the noise of their rows is correlated; a least squares
-//! fit that takes them for independent reports too small standard deviations. R is banded, because
-//! windows that do not overlap share nothing, and known up to scale, because the sensors are.
+//! Neighbouring windows share samples, so the noise of their rows is correlated; a least-squares
+//! fit that assumes independence reports standard deviations that are too small. R is banded,
+//! because windows that do not overlap share no samples, and known at least up to scale, like the
+//! sensors' noise.
 //!
 //! Forward whitening makes row i of windows 0..=i, backward whitening of windows i..n (R = Uᵀ-type
 //! factor of the reversed order); rᵀR⁻¹r is the same. Sums over the start of a block need the
 //! former; the latter serves sums over its end, and so every fit.
 
-/// Columns that are whitened side by side.
+/// Columns whitened in parallel.
 const LANES: usize = 4;
 
 /// Symmetric banded matrix, and its two factors.
@@ -23,7 +24,7 @@ pub(super) struct Whitening {
     /// Whether each row is left out, and whether any is.
     excluded: Vec<bool>,
     any_excluded: bool,
-    /// Scratch: columns side by side.
+    /// Scratch: interleaved columns.
     beside: Vec<[f64; LANES]>,
 }
 
@@ -40,7 +41,7 @@ impl Direction {
 }
 
 impl Whitening {
-    /// Room for `capacity` rows that correlate over at most `bandwidth` neighbours.
+    /// Workspace for `capacity` rows that correlate over at most `bandwidth` neighbours.
     pub fn new(capacity: usize, bandwidth: usize) -> Self {
         let room = capacity * (bandwidth + 1);
         Self {
@@ -64,7 +65,7 @@ impl Whitening {
     }
 
     /// Leaves a row out, after its entries were added and before [`factor`](Self::factor): the
-    /// others are whitened as if it did not exist, and it reads 0.
+    /// others are whitened as if it did not exist, and it becomes 0.
     pub fn exclude(&mut self, row: usize) {
         let width = self.bandwidth + 1;
         self.band[row * width..(row + 1) * width].fill(0.0);
@@ -84,8 +85,8 @@ impl Whitening {
         }
     }
 
-    /// Factors R both ways. Where it is not positive definite its diagonal alone is used; a row
-    /// without noise is left as it is.
+    /// Factors R in both directions. If it is not positive definite, only its diagonal is used; a
+    /// row without noise stays unchanged.
     pub fn factor(&mut self) {
         let (n, width) = (self.rows, self.bandwidth + 1);
         let forward = |i: usize, lag: usize| self.band[i * width + lag];
@@ -129,8 +130,8 @@ impl Whitening {
         }
     }
 
-    /// Whitens columns of `rows` values in place, some at a time: each value of one waits for the
-    /// one before it, so that several together take hardly longer.
+    /// Whitens columns of `rows` values in place, several at a time: within a column each value
+    /// depends on the one before, so several columns together take hardly longer.
     pub fn apply_all<'a>(&mut self, direction: Direction, mut columns: impl Iterator<Item = &'a mut [f64]>) {
         let rows = &mut self.beside[..self.rows];
         loop {
@@ -177,7 +178,7 @@ impl Whitening {
     }
 }
 
-/// x ← L⁻¹ x for N columns side by side.
+/// x ← L⁻¹ x for N interleaved columns.
 #[inline]
 fn substitute<const N: usize>(factor: &[f64], bandwidth: usize, x: &mut [[f64; N]]) {
     for (i, l) in (0..x.len()).zip(factor.chunks_exact(bandwidth + 1)) {
@@ -249,7 +250,7 @@ mod tests {
             let sum: f64 = y.iter().map(|v| v * v).sum();
             // a dozen rows of a well-conditioned matrix
             assert!((sum / wanted - 1.0).abs() < 1e-13, "{direction:?}");
-            // more columns than there are lanes, side by side
+            // more columns than lanes
             let mut columns: Vec<Vec<f64>> = (0..6).map(|k| x.iter().map(|v| v * f64::from(k)).collect()).collect();
             whitening.apply_all(direction, columns.iter_mut().map(Vec::as_mut_slice));
             for (k, column) in columns.iter().enumerate() {

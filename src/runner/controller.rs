@@ -11,38 +11,38 @@ use crate::control::{AdaptiveFeedForward, Trajectory};
 use crate::messages::{Estimate, MachineCommand, Sample};
 use std::time::Instant;
 
-/// Samples taken in before estimates and signals are looked at again.
+/// Samples received before estimates and signals are checked again.
 const BATCH: usize = 64;
 
-/// What a controller is connected to.
+/// Ports of a controller.
 #[derive(Debug)]
 pub struct ControllerPorts {
     /// Samples in.
     pub samples: SampleSubscriber,
-    /// Estimates in; none for a controller that does not adapt.
+    /// Estimates in; `None` for a controller that does not adapt.
     pub estimates: Option<Subscriber<Estimate>>,
     /// Commands out.
     pub commands: Publisher<MachineCommand>,
 }
 
-/// What it follows, and how.
+/// The trajectory and the feed-forward.
 #[derive(Debug)]
 pub struct Follower {
-    /// The trajectory from its beginning, for each stream anew.
+    /// The trajectory from its beginning, restarted for each stream.
     pub trajectory: Trajectory,
-    /// From motion to input.
+    /// Converts motion to input.
     pub feed_forward: AdaptiveFeedForward,
     /// Sample period \[ns\].
     pub period_ns: u64,
-    /// Stream time for which a command holds \[ns\].
+    /// Stream time for which a command is valid \[ns\].
     pub deadline_ns: u64,
 }
 
 /// Answers samples with commands until asked to stop, or to the end of the first stream; returns
-/// how many it answered.
+/// the number of answers.
 ///
 /// # Errors
-/// The bus fails.
+/// If the bus fails.
 pub fn run_controller(
     follower: &mut Follower,
     ports: &mut ControllerPorts,
@@ -64,7 +64,7 @@ pub fn run_controller(
         }
         let mut last: Option<Sample> = None;
         ports.samples.drain(BATCH, |sample| last = Some(*sample))?;
-        // Of samples that came together only the newest waits for an answer.
+        // Of samples that arrived together, only the newest needs an answer.
         let Some(sample) = last else { continue };
         if let Some(command) = path.answer(follower, &sample) {
             ports.commands.send(&command)?;
@@ -77,7 +77,7 @@ pub fn run_controller(
     Ok(answered)
 }
 
-/// Where on the trajectory the machine is.
+/// Position of the machine on the trajectory.
 struct Path {
     stream_id: u64,
     last_seq: u64,

@@ -1,5 +1,4 @@
-//! Between the identifier's loop and whoever prepares its commands: two queues of fixed size and a
-//! board of figures.
+//! Connects the identifier's loop with its desk: two queues of fixed size and a board of figures.
 //!
 //! ```text
 //! desk (a thread of its own) ── ToLoop ──▶ loop: looks once per batch, never within the step
@@ -7,7 +6,7 @@
 //!                      ── Board ───▶ memory in use, checkpoints, refusals: copied into each status
 //! ```
 //!
-//! What comes over was made by the desk, and goes back to it to be freed.
+//! Objects in the queues are allocated by the desk, and returned to it to be freed.
 
 use crate::messages::{LastError, Status, status_flags};
 use crate::node::command::{Border, NodeState, Order};
@@ -17,9 +16,9 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_cha
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// Messages either way that may be on their way.
+/// Capacity of each queue.
 const QUEUE: usize = 2 * crate::node::command::MAX_ORDERS;
-/// How long the end of a stream waits for the journal.
+/// How long the end of a stream may wait for the journal.
 const SETTLE: Duration = Duration::from_millis(500);
 
 /// To the loop.
@@ -27,18 +26,18 @@ const SETTLE: Duration = Duration::from_millis(500);
 pub enum ToLoop {
     /// For the node.
     Offer(Order),
-    /// Room for the node's state, to be filled.
+    /// A buffer for the node's state.
     Save(Box<NodeState>),
 }
 
 /// From the loop.
 #[derive(Debug)]
 pub enum FromLoop {
-    /// An order is on its way.
+    /// An order has been accepted.
     Offered {
-        /// Which one.
+        /// Its id.
         id: u64,
-        /// Where it will take effect.
+        /// The border at which it will take effect.
         border: Border,
     },
     /// The node has no room for an order, or it does not fit.
@@ -49,7 +48,7 @@ pub enum FromLoop {
     Saved(Box<NodeState>),
 }
 
-/// Figures that the desk keeps for the status.
+/// Figures of the desk for the status.
 #[derive(Debug, Default)]
 pub struct Board {
     /// Memory in use \[bytes\].
@@ -64,23 +63,23 @@ pub struct Board {
     pub recorder_missing: AtomicU64,
     /// Orders that took effect and are in the journal.
     pub journalled: AtomicU64,
-    /// Checkpoints are wanted: 1.
+    /// 1 if checkpoints are configured.
     pub checkpointing: AtomicU64,
-    /// Length of the rows' windows \[s\], the bits of the number; 0 for rows of single samples.
+    /// Length of the rows' windows \[s\], as the bits of the number; 0 for rows of single samples.
     pub window_s: AtomicU64,
-    /// The last error, and how many there were.
+    /// The last error, and the number of errors.
     error: Mutex<(LastError, u64)>,
 }
 
 impl Board {
-    /// Tells an error.
+    /// Reports an error.
     pub fn tell(&self, error: LastError) {
         if let Ok(mut last) = self.error.lock() {
             *last = (error, last.1 + 1);
         }
     }
 
-    /// Adds one; the words on it are told before, so that a status that counts it has them.
+    /// Adds one. Report its error first, so that a status that counts it has the text.
     pub fn count(counter: &AtomicU64) {
         counter.fetch_add(1, Ordering::Release);
     }
@@ -91,12 +90,12 @@ impl Board {
 pub struct LoopEnd {
     from_desk: Receiver<ToLoop>,
     to_desk: SyncSender<FromLoop>,
-    /// What found no room in the queue.
+    /// A message for which the queue had no room.
     unsent: Option<FromLoop>,
     board: Arc<Board>,
-    /// Orders handed over that took effect.
+    /// Number of orders passed on that took effect.
     done: u64,
-    /// Errors of the desk that were shown, and the last one that the node had then.
+    /// Number of errors of the desk shown so far, and the node's last error at that time.
     errors_shown: u64,
     node_error: LastError,
     shown: LastError,
@@ -113,7 +112,7 @@ pub struct DeskEnd {
     pub board: Arc<Board>,
 }
 
-/// A desk and a loop that know each other.
+/// A connected pair of ends.
 pub fn desk() -> (LoopEnd, DeskEnd) {
     let (to_loop, from_desk) = sync_channel(QUEUE);
     let (to_desk, from_loop) = sync_channel(QUEUE);
@@ -137,7 +136,7 @@ pub fn desk() -> (LoopEnd, DeskEnd) {
 }
 
 impl LoopEnd {
-    /// Hands everything over that is on its way, either way.
+    /// Passes on all messages in both directions.
     pub(super) fn exchange(&mut self, node: &mut dyn Identifier) {
         let window_s = node.window_s().unwrap_or(0.0);
         self.board.window_s.store(window_s.to_bits(), Ordering::Relaxed);
@@ -193,7 +192,7 @@ impl LoopEnd {
         }
     }
 
-    /// Puts the desk's figures into a status.
+    /// Adds the desk's figures to a status.
     pub(super) fn complete(&mut self, status: &mut Status) {
         let board = &self.board;
         let read = |counter: &AtomicU64| counter.load(Ordering::Acquire);

@@ -1,24 +1,24 @@
-//! The identifier's loop: one session, or many in turn.
+//! The identifier's loop: one session, or several in turn.
 
 use super::session::{Session, Turn};
 use super::{RunError, Shutdown, Stay, TICK};
 use crate::bus::BusError;
 use std::time::{Duration, Instant};
 
-/// How long the samples that came before the request to stop may take: beside a plant that is
-/// faster than this process they never end.
+/// How long the samples that arrived before the request to stop may take: with a plant faster than
+/// this process they would never end.
 const LAST_LOOK: Duration = Duration::from_millis(200);
 /// Pause between two rounds over many sessions. An event per sample and robot would cost more than
-/// it saves: at 1 kHz each round finds a sample of nearly every robot.
+/// it saves: at 1 kHz each round finds a sample of almost every robot.
 const ROUND: Duration = Duration::from_micros(500);
 
 /// Turns samples into estimates until asked to stop, or to the end of the first stream of each
 /// session. A last status follows the last estimate, after everything that was received has been
-/// processed. What fails in one of many sessions ends that one alone. `turned` is called once per
+/// processed. A failure in one of several sessions ends only that one. `turned` is called once per
 /// [`TICK`].
 ///
 /// # Errors
-/// The bus fails: for the one session, or for one of many, once all have ended.
+/// If the bus fails: for a single session at once, for one of several after all have ended.
 pub fn run_sessions(
     sessions: &mut [Session],
     stay: Stay,
@@ -45,8 +45,8 @@ pub fn run_sessions(
             turned();
         }
         let look = tick && !alone;
-        // Asked before the last look into the queue: what came before the request is processed, as
-        // far as time allows.
+        // Checked before the last read of the queue: samples that arrived before the request are
+        // processed, as far as time permits.
         let stopping = shutdown.requested();
         let late = stopping && asked.get_or_insert_with(Instant::now).elapsed() >= LAST_LOOK;
         more = false;
@@ -84,7 +84,7 @@ fn round(session: &mut Session, look: bool, stopping: bool, late: bool, stay: St
     Ok(false)
 }
 
-/// Keeps the last messages readable until a reader has had them.
+/// Keeps the last messages readable until readers have received them.
 fn linger(sessions: &mut [Session], shutdown: &Shutdown) -> Result<(), RunError> {
     let start = Instant::now();
     loop {

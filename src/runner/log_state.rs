@@ -1,9 +1,9 @@
-//! What the identifier's log says.
+//! Messages in the identifier's log.
 
 use crate::messages::{Status, status_flags};
 use crate::node::identifier::Identifier;
 
-/// What the log says, once per heartbeat at most and never from within the step.
+/// Log messages, at most once per heartbeat and never from within the step.
 #[derive(Debug, Default)]
 pub(super) struct LogState {
     connected: bool,
@@ -12,13 +12,13 @@ pub(super) struct LogState {
     rejected: u64,
     window_s: Option<f64>,
     is_replay: bool,
-    /// The stream of which it was said why it gives no estimate.
+    /// The stream whose lack of estimates was reported.
     without_estimate: u64,
 }
 
 impl LogState {
-    /// The log gives the length of windows that are chosen from the signals whenever it changes,
-    /// once samples have come.
+    /// Logs the length of windows chosen from the signals whenever it changes, once samples have
+    /// arrived.
     pub(super) fn window(&mut self, node: &dyn Identifier) {
         let window_s = node.window_s().filter(|_| node.status().estimates > 0);
         if let Some(length_s) = window_s.filter(|_| window_s != self.window_s) {
@@ -41,7 +41,7 @@ impl LogState {
         }
     }
 
-    /// The first one was logged when it came; this is how many there were.
+    /// Logs the number of ignored messages; the first one was logged when it arrived.
     pub(super) fn left_out(&self, samples: u64) {
         if samples > 0 {
             tracing::warn!(samples, "messages of another schema were left out");
@@ -63,7 +63,7 @@ impl LogState {
         }
     }
 
-    /// Why blocks of samples give no estimate, once per stream.
+    /// Logs once per stream why its blocks give no estimate.
     pub(super) fn no_estimate(&mut self, status: &Status) {
         if let Some(words) = status
             .no_estimate()

@@ -1,4 +1,4 @@
-//! The runner: paces, waits, drains, publishes and minds signals, so that the nodes need not.
+//! The runner: paces, waits, drains, publishes and handles signals, so that the nodes need not.
 //!
 //! ```text
 //! plant:       node.next_sample ─▶ pace ─▶ send, wake
@@ -7,9 +7,8 @@
 //! monitor:     wait ─▶ drain ─▶ node.on_estimate, node.on_status ─▶ the caller's sink
 //! ```
 //!
-//! Each loop ends when the process is asked to stop, or with the stream if it was told so.
-//! Between a sample's arrival and the sending of its estimate nothing here allocates, locks or
-//! logs.
+//! Each loop ends when the process is asked to stop, or, if so configured, with the stream. Between
+//! a sample's arrival and the sending of its estimate nothing here allocates, locks or logs.
 
 mod controller;
 mod desk;
@@ -38,7 +37,7 @@ use crate::messages::Description;
 use std::time::Duration;
 use thiserror::Error;
 
-/// How long a service with nothing to do stays deaf: late joiners and signals wait no longer.
+/// Longest wait of an idle service, and so the longest delay for late joiners and signals.
 pub const TICK: Duration = crate::bus::IDLE_TICK;
 /// Period of the identifier's heartbeat.
 pub const HEARTBEAT: Duration = Duration::from_millis(500);
@@ -46,28 +45,28 @@ pub const HEARTBEAT: Duration = Duration::from_millis(500);
 /// When a consumer's loop ends by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stay {
-    /// A service: for stream after stream, until it is asked to stop.
+    /// A service: any number of streams, until asked to stop.
     Forever,
     /// To the end of the first stream.
     UntilEnd,
 }
 
-/// Why a loop ended before its time.
+/// Why a loop ended early.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum RunError {
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// The source of samples ran dry.
+    /// The source of samples ended early.
     #[error(
         "the simulation stopped at sample {seq} of {samples}: its state is no longer finite; the loop is unstable with these \
          gains or this step (plant.controller, plant.substeps)"
     )]
     SourceEnded {
-        /// The sample that could not be made.
+        /// The sample that could not be produced.
         seq: u64,
-        /// Samples that were to come.
+        /// Expected number of samples.
         samples: u64,
     },
     /// The results could not be written.

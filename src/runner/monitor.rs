@@ -7,28 +7,28 @@ use crate::node::monitor::MonitorNode;
 use std::io;
 use std::time::{Duration, Instant};
 
-/// Samples taken in before the other topics are looked at again.
+/// Samples received before the other topics are checked again.
 const BATCH: usize = 4096;
-/// How long samples may lie in their queue, of 4096 by default: a recorder is awake often enough
-/// for a million samples a second, and seldom enough to cost nothing at a thousand.
+/// How long samples may stay in their queue, of 4096 by default: often enough for a million samples
+/// a second, and rarely enough to cost almost nothing at a thousand.
 const SAMPLE_TICK: Duration = Duration::from_millis(4);
 
-/// What a monitor is connected to.
+/// Ports of a monitor.
 #[derive(Debug)]
 pub struct MonitorPorts {
     /// Estimates in.
     pub estimates: Subscriber<Estimate>,
     /// Heartbeat in.
     pub status: Subscriber<Status>,
-    /// What the identifier says of its model, in.
+    /// Description of the model, in.
     pub description: Subscriber<Description>,
-    /// What the identifier was told, in.
+    /// Journal of commands, in.
     pub journal: Subscriber<Journal>,
-    /// Samples in, if they are wanted.
+    /// Samples in, if needed.
     pub samples: Option<SampleSubscriber>,
 }
 
-/// Where the messages go; `sent_ns` is CLOCK_MONOTONIC at sending.
+/// Receiver of the messages; `sent_ns` is CLOCK_MONOTONIC at sending.
 pub trait MonitorSink {
     /// A sample.
     ///
@@ -45,12 +45,12 @@ pub trait MonitorSink {
     /// # Errors
     /// Ends the loop.
     fn status(&mut self, status: &Status, sent_ns: u64) -> io::Result<()>;
-    /// Something that the identifier was told.
+    /// A command to the identifier.
     ///
     /// # Errors
     /// Ends the loop.
     fn journal(&mut self, entry: &Journal) -> io::Result<()>;
-    /// Called once per round, some times a second at least.
+    /// Called once per round, at least several times a second.
     ///
     /// # Errors
     /// Ends the loop.
@@ -60,7 +60,7 @@ pub trait MonitorSink {
 /// Follows the identifier until asked to stop, or to the end of the first stream.
 ///
 /// # Errors
-/// The bus or the sink fails, or the estimates are of another model than the node's labels.
+/// If the bus or the sink fails, or the estimates are of another model than the node's labels.
 pub fn run_monitor(
     node: &mut MonitorNode,
     ports: &mut MonitorPorts,
@@ -78,16 +78,16 @@ pub fn run_monitor(
         };
         ports.estimates.wait(pause)?;
         let stopping = shutdown.requested();
-        // A status is read before the estimates and told after them: what it speaks of has arrived
-        // then.
+        // A status is read before the estimates and passed on after them, so everything that it
+        // counts has arrived.
         let mut failure = None;
         let mut last_status = None;
         let mut described = None;
         ports
             .description
             .drain(|description| described = Some(Box::new(*description)))?;
-        // Names that do not fit are found before a number stands under them; later the first
-        // estimate tells.
+        // Wrong names are detected before a number is written under them; later the first estimate
+        // shows it.
         if let Some(description) = described
             && node.blocks() == 0
             && !node.is_described_by(&description)
@@ -98,7 +98,7 @@ pub fn run_monitor(
             keep_first(&mut failure, || sink.status(status, sent_ns));
             last_status = Some(*status);
         })?;
-        // The identifier tells the end after the journal has what took effect.
+        // The identifier reports the end after the journal is complete.
         ports
             .journal
             .drain(|entry| keep_first(&mut failure, || sink.journal(entry)))?;
@@ -110,11 +110,11 @@ pub fn run_monitor(
         if let Some(status) = last_status {
             node.on_status(&status);
         }
-        // The identifier tells the end after it has taken in the last sample, so that one has
-        // arrived here, too.
+        // The identifier reports the end after receiving the last sample, so that one has also
+        // arrived here.
         let ending = stopping || (stay == Stay::UntilEnd && node.is_complete());
         if let Some(samples) = &mut ports.samples {
-            // The event is not what this waits for; it is emptied, so that it does not pile up.
+            // This loop does not wait for the event, but empties it so that it does not accumulate.
             samples.wait(Duration::ZERO)?;
             if refreshed.elapsed() >= TICK {
                 refreshed = Instant::now();
@@ -137,7 +137,7 @@ pub fn run_monitor(
     }
 }
 
-/// Takes a batch of samples, and all that are there at the end; true if more may be there.
+/// Takes a batch of samples, and at the end all of them; true if there may be more.
 fn drain(samples: &mut SampleSubscriber, ending: bool, mut take: impl FnMut(&Sample, u64)) -> Result<bool, BusError> {
     loop {
         let busy = samples.drain_timed(BATCH, &mut take)? == BATCH;

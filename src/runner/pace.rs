@@ -1,9 +1,10 @@
-//! From stream time to wall time, by absolute deadlines: a late sample makes no later one late.
+//! Maps stream time to wall time with absolute deadlines, so a late sample does not delay later
+//! ones.
 
 use std::time::{Duration, Instant};
 
-/// Further behind than this, the process was stopped or the machine is too slow: the schedule
-/// starts anew instead of a burst.
+/// Lag beyond which the process was stopped or the machine is too slow: the schedule restarts
+/// instead of sending a burst.
 const MAX_LAG: Duration = Duration::from_millis(500);
 
 /// When samples are due.
@@ -19,9 +20,9 @@ pub struct Pace {
 /// How well the pace was kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PaceReport {
-    /// Times that the schedule had to start anew.
+    /// Number of restarts of the schedule.
     pub restarts: u64,
-    /// Worst lateness apart from these.
+    /// Largest lag apart from these.
     pub worst_lag: Duration,
 }
 
@@ -41,8 +42,8 @@ impl Pace {
         self.factor.is_none()
     }
 
-    /// How long until the sample of stream time `t_ns` is due; `None` if it is due. The first
-    /// one asked for is due at once.
+    /// Time until the sample of stream time `t_ns` is due; `None` if it is due. The first one is
+    /// due at once.
     pub fn pause(&mut self, t_ns: u64, now: Instant) -> Option<Duration> {
         let factor = self.factor?;
         let (wall, stream_ns) = *self.anchor.get_or_insert((now, t_ns));

@@ -21,23 +21,23 @@ pub struct PlantReport {
     pub pace: PaceReport,
 }
 
-/// Where a stream of samples comes from.
+/// A source of a stream of samples.
 pub trait SampleSource {
     /// The next sample; `None` after the one flagged `END`.
     fn next_sample(&mut self) -> Option<Sample>;
     /// Makes the next sample the last one.
     fn end_early(&mut self);
-    /// Takes a controller's command; for machines that have none it says nothing.
+    /// Takes a controller's command; ignored by machines without a controller.
     fn command(&mut self, _command: &MachineCommand) {}
-    /// Lets go of a command that is too old.
+    /// Drops a command that is too old.
     fn forget_late_command(&mut self) {}
-    /// When the last sample given is due \[ns of stream time\], if that is not its time stamp.
+    /// Due time of the last sample \[ns of stream time\], if that differs from its time stamp.
     fn due_ns(&self) -> Option<u64> {
         None
     }
-    /// Samples given so far.
+    /// Number of samples so far.
     fn position(&self) -> u64;
-    /// Samples of the whole stream, as far as it is known.
+    /// Number of samples of the whole stream, as far as known.
     fn len(&self) -> u64;
     /// True if there is no sample at all.
     fn is_empty(&self) -> bool {
@@ -69,19 +69,19 @@ impl<S: Commanded> SampleSource for PlantNode<S> {
     }
 }
 
-/// Where a machine hears its controller.
+/// Port on which a machine receives its controller's commands.
 #[derive(Debug)]
 pub struct CommandPort {
     commands: Subscriber<MachineCommand>,
-    /// How long an answer to each sample is waited for; `None` for a machine that never waits.
+    /// How long to wait for the answer to each sample; `None` for a machine that never waits.
     limit: Option<Duration>,
-    /// The controller did not answer, and is waited for no more until it does.
+    /// True if the controller did not answer; it is not awaited until it answers again.
     silent: bool,
 }
 
 impl CommandPort {
-    /// A port; with a `limit` the machine waits so long for the answer to each sample, as in
-    /// lockstep.
+    /// A port; with a `limit` the machine waits up to that long for the answer to each sample, as
+    /// in lockstep.
     pub fn new(commands: Subscriber<MachineCommand>, limit: Option<Duration>) -> Self {
         Self {
             commands,
@@ -94,7 +94,7 @@ impl CommandPort {
         self.limit.is_some() && !self.silent
     }
 
-    /// Takes what has come.
+    /// Takes the commands that have arrived.
     fn take(&mut self, node: &mut impl SampleSource) -> Result<(), BusError> {
         let taken = self.commands.drain(|command| node.command(command))?;
         self.silent &= taken == 0;
@@ -103,7 +103,7 @@ impl CommandPort {
     }
 
     /// Waits for the answer to a sample, so that a simulation faster than real time is controlled
-    /// as a real one is.
+    /// like a real machine.
     fn await_answer(
         &mut self,
         sample: &Sample,
@@ -139,7 +139,7 @@ impl CommandPort {
 /// next sample the last one.
 ///
 /// # Errors
-/// The bus fails, no consumer comes in lockstep, or the source ends before its time.
+/// If the bus fails, no consumer attaches in lockstep, or the source ends early.
 pub fn run_plant(
     node: &mut impl SampleSource,
     publisher: &mut SamplePublisher,
@@ -172,7 +172,7 @@ fn stream(
             commands.take(node)?;
         }
         let Some(mut sample) = node.next_sample() else {
-            // The last sample was flagged END unless the source ran dry.
+            // The last sample was flagged END unless the source ended early.
             return Err(RunError::SourceEnded {
                 seq: node.position(),
                 samples: node.len(),
@@ -181,7 +181,7 @@ fn stream(
         let due_ns = node.due_ns().unwrap_or(sample.t_ns);
         while let Some(pause) = pace.pause(due_ns, Instant::now()) {
             if shutdown.requested() {
-                // It may be due much later: it is the last one, and goes out now.
+                // It may be due much later, but as the last one it is sent now.
                 sample.flags |= sample_flags::END;
                 break;
             }

@@ -1,5 +1,4 @@
-//! Scheduling, CPUs and memory of the calling thread and its process, as far as the system grants
-//! them.
+//! Scheduling, CPUs and memory of the calling thread and its process, as far as the system permits.
 
 use crate::config::RealtimeSettings;
 use crate::messages::RealtimeStatus;
@@ -17,9 +16,9 @@ const PRIORITY_REFUSED: u32 = 1 << 0;
 const AFFINITY_REFUSED: u32 = 1 << 1;
 const MEMORY_REFUSED: u32 = 1 << 2;
 
-/// Asks for the settings, for the calling thread and, of memory, for its process. What the system
-/// refuses is logged with what would help, and missing in the answer. To be called when everything
-/// is made: threads that are started later inherit CPUs and priority.
+/// Requests the settings for the calling thread and, for memory, for its process. Refusals are
+/// logged with a remedy, and are missing in the result. Call it after everything is set up, because
+/// later threads inherit CPUs and priority.
 pub fn apply_realtime(settings: &RealtimeSettings) -> RealtimeStatus {
     let mut granted = RealtimeStatus::default();
     if !settings.cpu_affinity.is_empty() {
@@ -40,7 +39,7 @@ pub fn apply_realtime(settings: &RealtimeSettings) -> RealtimeStatus {
             }
         }
     }
-    // Last, so that nothing of the above runs at that priority.
+    // Last, so that none of the above runs at that priority.
     if let Some(priority) = settings.scheduler_priority {
         match schedule(priority) {
             Ok(()) => {
@@ -75,7 +74,7 @@ fn pin(cpus: &[usize]) -> nix::Result<u64> {
 fn lock_memory() -> nix::Result<()> {
     let limited = getrlimit(Resource::RLIMIT_MEMLOCK).is_ok_and(|(soft, _)| soft != RLIM_INFINITY);
     let flags = if limited && !may_lock_anything() {
-        // With what is to come locked as well, the first allocation beyond the limit would fail.
+        // If future pages were locked as well, the first allocation beyond the limit would fail.
         MlockAllFlags::MCL_CURRENT
     } else {
         MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE
@@ -83,7 +82,7 @@ fn lock_memory() -> nix::Result<()> {
     mlockall(flags)
 }
 
-/// CAP_IPC_LOCK, which no limit holds for.
+/// CAP_IPC_LOCK, to which the limit does not apply.
 fn may_lock_anything() -> bool {
     const CAP_IPC_LOCK: u64 = 1 << 14;
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

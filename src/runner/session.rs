@@ -1,4 +1,4 @@
-//! One robot at its identifier: node, ports, and what the loop knows of itself.
+//! One robot of an identifier: node, ports, and the loop's own figures.
 
 use super::desk::LoopEnd;
 use super::log_state::LogState;
@@ -9,15 +9,15 @@ use crate::messages::{ErrorCode, Estimate, LastError, RealtimeStatus, State, Sta
 use crate::node::identifier::Identifier;
 use std::time::{Duration, Instant};
 
-/// Samples taken in before the clock, the desk and the signals are looked at again: each of them
-/// may be a block, and take a millisecond.
+/// Samples received before the clock, the desk and the signals are checked again: each of them may
+/// complete a block and take a millisecond.
 const BATCH: usize = 64;
-/// How long the publishers stay for subscribers that have not read the end yet.
+/// How long the publishers stay for subscribers that have not yet read the end.
 const LINGER: Duration = Duration::from_secs(5);
 /// A stream without samples for this long is silent.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// What an identifier is connected to.
+/// Ports of an identifier.
 #[derive(Debug)]
 pub struct IdentifierPorts {
     /// Samples in.
@@ -30,23 +30,23 @@ pub struct IdentifierPorts {
     pub desk: LoopEnd,
     /// When the program began, by CLOCK_MONOTONIC \[ns\].
     pub started_ns: u64,
-    /// What the system granted.
+    /// Real-time settings granted by the system.
     pub realtime: RealtimeStatus,
 }
 
-/// What a turn has found.
+/// Result of a turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Turn {
-    /// More samples are there than one turn takes.
+    /// There are more samples than one turn takes.
     More,
     /// The queue is empty.
     Empty,
 }
 
-/// A robot that is being identified. It owns everything that this takes, so that a process can have
-/// any number of them.
+/// A robot being identified. A session owns everything it needs, so a process can have any number
+/// of sessions.
 pub struct Session {
-    /// Says in the log which of many robots a line is about.
+    /// Identifies the robot in log lines.
     span: tracing::Span,
     node: Box<dyn Identifier>,
     ports: IdentifierPorts,
@@ -55,14 +55,14 @@ pub struct Session {
     log: LogState,
     loop_status: LoopStatus,
     is_done: bool,
-    /// The bus has failed it: nothing more is sent.
+    /// True if its bus has failed: nothing more is sent.
     has_failed: bool,
     /// Readers of the estimates when it ended.
     readers: usize,
 }
 
 impl Session {
-    /// A session that has seen nothing.
+    /// A session without data.
     pub fn new(robot: &str, node: Box<dyn Identifier>, ports: IdentifierPorts) -> Self {
         Self {
             span: tracing::error_span!("robot", name = robot),
@@ -78,7 +78,7 @@ impl Session {
         }
     }
 
-    /// The node; whoever waits for an answer of the loop need not wait any longer.
+    /// Returns the node; processes that wait for an answer of the loop need not wait any longer.
     pub fn into_node(self) -> Box<dyn Identifier> {
         self.node
     }
@@ -97,7 +97,7 @@ impl Session {
         (self.is_done, self.has_failed) = (true, true);
     }
 
-    /// Looks for a plant that has come or gone; with an empty queue.
+    /// Checks whether a plant has connected or disconnected; call it with an empty queue.
     pub(super) fn look(&mut self) -> Result<(), BusError> {
         self.ports.samples.refresh()?;
         self.log.plant(self.ports.samples.is_connected());
@@ -109,7 +109,7 @@ impl Session {
         self.ports.samples.wait(limit)
     }
 
-    /// Takes in what has come, one batch at most, hands commands over and sends what is due.
+    /// Processes at most one batch of samples, passes on commands and sends what is due.
     pub(super) fn turn(&mut self) -> Result<Turn, BusError> {
         let Self {
             node,
@@ -142,7 +142,7 @@ impl Session {
         Ok(if taken < BATCH { Turn::Empty } else { Turn::More })
     }
 
-    /// Whether the loop is over for it, if it is asked to stop or not.
+    /// True if the loop is over for this session, whether asked to stop or not.
     pub(super) fn is_over(&self, stopping: bool, stay: Stay) -> bool {
         stopping || (self.end_told && stay == Stay::UntilEnd)
     }
@@ -160,9 +160,9 @@ impl Session {
         Ok(())
     }
 
-    /// Gives the last messages to whoever has come since. True once it need not stay: after two
-    /// ticks for anybody to connect nobody reads, or one who read has left, or the process is asked
-    /// to stop; at once after a failure, so that the others stay as long as they need.
+    /// Sends the last messages to late joiners. True once it need not stay: two ticks have passed
+    /// and there is no reader, or a reader has left, or the process is asked to stop; at once after
+    /// a failure, so that the other sessions stay as long as they need.
     pub(super) fn linger(&mut self, waited: Duration, stopping: bool) -> Result<bool, BusError> {
         if self.has_failed {
             return Ok(true);
@@ -185,7 +185,7 @@ fn take_in(
     let mut failure = None;
     let mut begun = Instant::now();
     let taken = samples.drain(BATCH, |sample| {
-        // Publishing, and in lockstep waiting for who reads, are no part of it.
+        // Publishing, and waiting for readers in lockstep, are not included.
         let mut computed = None;
         node.on_sample(sample, &mut |estimate| {
             computed = Some(begun.elapsed());
@@ -206,7 +206,7 @@ fn take_in(
     failure.map_or(Ok(taken), Err)
 }
 
-/// What the loop knows of itself.
+/// The loop's own figures.
 #[derive(Debug)]
 struct LoopStatus {
     step: Stopwatch,
@@ -233,7 +233,7 @@ impl LoopStatus {
         }
     }
 
-    /// Samples have come.
+    /// Records that samples have arrived.
     fn heard(&mut self, at: Instant) {
         if self.first_sample_ns == 0 {
             self.first_sample_ns = monotonic_ns();

@@ -1,9 +1,8 @@
-//! SIGINT, SIGTERM and SIGHUP: the first asks to finish, a second one some time later ends the
-//! process.
+//! SIGINT, SIGTERM and SIGHUP: the first asks to finish, a second one later ends the process.
 //!
-//! Signals often come in a bunch that means one request: `timeout` signals a process and then its
-//! group, a terminal the whole job, and the kernel tells of a launcher's death once for each of its
-//! threads. What comes within [`TOGETHER`] of the first is the same request.
+//! Several signals often mean one request: `timeout` signals a process and then its group, a
+//! terminal the whole job, and the kernel reports a launcher's death once for each of its threads.
+//! Signals within [`TOGETHER`] of the first are the same request.
 
 use super::RunError;
 use nix::sys::signal::{SigSet, Signal};
@@ -14,8 +13,8 @@ use std::time::{Duration, Instant};
 /// Exit code after a second signal.
 const SECOND_SIGNAL: i32 = 130;
 
-/// Signals this soon after the first belong to it. A bunch is sent within microseconds, but its
-/// sender may lose the processor in between.
+/// Signals within this time of the first belong to it. They are sent within microseconds, but the
+/// sender may be preempted in between.
 pub const TOGETHER: Duration = Duration::from_millis(500);
 
 /// Whether this process has been asked to stop.
@@ -23,22 +22,23 @@ pub const TOGETHER: Duration = Duration::from_millis(500);
 pub struct Shutdown(Arc<AtomicBool>);
 
 impl Shutdown {
-    /// One that nobody asks but the program itself.
+    /// A request that only the program itself can make.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// One that follows the process's signals; once per process. A signal that comes later than
-    /// `together` after the first one ends the process with exit code 130.
+    /// A request that follows the process's signals; once per process. A signal that comes later
+    /// than `together` after the first one ends the process with exit code 130.
     ///
     /// # Errors
-    /// The system refuses to handle signals, or they are handled already.
+    /// If the system refuses to handle signals, or they are already handled.
     pub fn on_signals(together: Duration) -> Result<Self, RunError> {
         let this = Self::new();
         let flag = this.clone();
         let signals: SigSet = [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP].into_iter().collect();
         let failed = |e: nix::Error| RunError::Signals(e.to_string());
-        // A launcher hands its own mask on, and the handler's thread has the mask of this one.
+        // A launcher passes on its signal mask, and the handler's thread inherits the mask of this
+        // thread.
         signals.thread_unblock().map_err(failed)?;
         let mut first = None;
         ctrlc::set_handler(move || {
@@ -49,8 +49,8 @@ impl Shutdown {
             }
         })
         .map_err(|e| RunError::Signals(e.to_string()))?;
-        // The handler's thread gets them; in this one and those that it starts a signal would break
-        // off a wait of the bus as a failure.
+        // The handler's thread receives them; in this thread and its children a signal would
+        // interrupt a wait of the bus as a failure.
         signals.thread_block().map_err(failed)?;
         Ok(this)
     }
@@ -60,7 +60,7 @@ impl Shutdown {
         self.0.store(true, Ordering::SeqCst);
     }
 
-    /// Has anybody asked?
+    /// True if a stop has been requested.
     pub fn requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

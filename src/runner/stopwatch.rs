@@ -1,7 +1,7 @@
 //! Mean, 99th percentile and maximum of durations, in memory of fixed size.
 //!
-//! A histogram with 16 equal steps in each factor of two: any percentile is known to 1/16, for the
-//! price of a few instructions per value.
+//! A histogram with 16 equal steps in each factor of two: any percentile is known to 1/16, at the
+//! cost of a few instructions per value.
 
 use crate::messages::Timing;
 use std::time::Duration;
@@ -53,8 +53,8 @@ impl Stopwatch {
     }
 }
 
-/// 0 to 15 have a cell each; then the four bits behind the leading one choose among 16 per power of
-/// two.
+/// 0 to 15 have a cell each; above, the four bits after the leading one select one of 16 per power
+/// of two.
 fn cell(ns: u64) -> usize {
     if ns < STEPS as u64 {
         return ns as usize;

@@ -1,18 +1,18 @@
-//! What the motion of an off-line run says about the configured windows and their distance.
+//! Advice on the configured windows and their stride, from the motion of an off-line run.
 
 use crate::config::Config;
 use crate::messages::Sample;
 use crate::offline::short;
 use crate::rows::{FEWEST_WINDOW_SAMPLES, ProjectedOptions, RowForm, window_advice_at};
 
-/// Samples that the advice is taken from.
+/// Number of samples used for the advice.
 const ENOUGH: usize = 20_000;
 
 /// Keeps the positions of the first samples.
 pub(super) struct Advisor {
     /// `None` without windows.
     rows: Option<ProjectedOptions>,
-    /// The identifier chooses their length.
+    /// True if the identifier chooses their length.
     auto: bool,
     joints: usize,
     /// Time stamps \[ns\] and positions of each joint.
@@ -38,8 +38,8 @@ impl Advisor {
         if self.rows.is_none() {
             return;
         }
-        // A recorded number of joints is whatever a file says; the node refuses those samples, and
-        // so does this.
+        // A file may contain any number of joints; like the node, this refuses samples with a wrong
+        // number.
         if sample.joints as usize != self.joints {
             return;
         }
@@ -51,7 +51,8 @@ impl Advisor {
         }
     }
 
-    /// One line, if windows are used and something moved; `in_force` is the window at the end.
+    /// One line of advice, if windows are used and something moved; `in_force` is the window at the
+    /// end.
     pub(super) fn line(&self, in_force: Option<f64>) -> Option<String> {
         let rows = self.rows.as_ref()?;
         let window_s = in_force.unwrap_or(rows.window_s);
@@ -62,8 +63,9 @@ impl Advisor {
     }
 }
 
-/// Windows of 20 samples and more tell the same within a third as long as they begin often enough:
-/// a fifth of their length apart, and twice in a period of the fastest motion.
+/// The standard deviations with windows of 20 samples and more agree to within a third if the
+/// stride is short enough: a fifth of the length, and at least two windows per period of the
+/// fastest motion.
 fn words(rows: &ProjectedOptions, auto: bool, window_s: f64, reached_hz: f64) -> String {
     let ms = |length_s: f64| short(1e3 * length_s);
     let reached = format!("the motion reaches {reached_hz:.1} Hz");
@@ -104,7 +106,7 @@ mod tests {
             sample_period_s: 0.001,
             ..ProjectedOptions::recommended()
         };
-        // (window, stride) [ms], beside 20 Hz; σ of theta_7 of config/encoder_only.toml
+        // (window, stride) [ms] at 20 Hz; σ of theta_7 of config/encoder_only.toml
         for ([window_ms, stride_ms], says) in [
             ([100.0, 20.0], "resolve"),     // 4.6e-4
             ([400.0, 25.0], "resolve"),     // 4.3e-4

@@ -1,5 +1,5 @@
-//! `thetabus bench`: what the bus and the identifier add, beside iceoryx2 alone and the kernel
-//! alone, on this machine and now.
+//! `thetabus bench`: latencies of the bus and the identifier on this machine, compared with
+//! iceoryx2 alone and the kernel alone.
 //!
 //! ```text
 //! iceoryx2 alone      ping ──▶ process ──▶ pong                 one hop: from sending to the woken reader
@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 /// Sample period \[ns\].
 const PERIOD_NS: u64 = 1_000_000;
-/// Samples of a block here: short, so that there are many estimates.
+/// Samples per block: few, so that there are many estimates.
 const BLOCK_LEN: u64 = 100;
 /// How long a process may take to appear.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -46,7 +46,7 @@ pub struct BenchArgs {
 /// Measures all stages and prints a page.
 ///
 /// # Errors
-/// The bus fails, or a process does not come.
+/// If the bus fails or a process does not appear.
 pub fn run(args: &BenchArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     if let Some(domain) = &args.echo {
         return echo(domain, shutdown);
@@ -69,7 +69,7 @@ pub fn run(args: &BenchArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// A child of this program that ends with it.
+/// A child process that ends with this program.
 struct Part(Child);
 
 impl Part {
@@ -94,15 +94,15 @@ impl Drop for Part {
     }
 }
 
-/// One-way times of a message that iceoryx2 alone carries to another process and back, a thousand
-/// times a second \[ns\].
+/// One-way times of a message over iceoryx2 alone to another process and back, a thousand times a
+/// second \[ns\].
 fn ping_pong(domain: &Domain, duration: Duration, shutdown: &Shutdown) -> Result<Vec<u64>, Failure> {
     let bus = Bus::join(domain, "bare", "bench")?;
     let mut link = BareLink::new(&bus, End::Near)?;
     let _echo = Part::start(&["bench", "--echo", domain.name()])?;
     let mut times = Vec::new();
     let start = Instant::now();
-    // The first answer says that the other end is there.
+    // The first answer shows that the other end exists.
     while link.receive(Duration::from_millis(20))?.is_none() {
         if start.elapsed() > PATIENCE {
             return Err(Failure::Failed("the other end of the ping-pong has not come".into()));
@@ -125,7 +125,7 @@ fn ping_pong(domain: &Domain, duration: Duration, shutdown: &Shutdown) -> Result
     Ok(times)
 }
 
-/// Sends back what comes, with the time that it was under way.
+/// Sends back each message with its transit time.
 fn echo(domain: &str, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let bus = Bus::join(&Domain::new(domain)?, "bare", "bench_echo")?;
     let mut link = BareLink::new(&bus, End::Far)?;
@@ -140,14 +140,14 @@ fn echo(domain: &str, shutdown: &Shutdown) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// What a plant at 1 kHz, its identifier and a reader showed.
+/// Results with a plant at 1 kHz, its identifier and a reader.
 struct Live {
     receive: Vec<u64>,
     estimate: Vec<u64>,
     identifier: Identifier,
 }
 
-/// What the identifier took.
+/// Resources used by the identifier.
 #[derive(Default)]
 struct Identifier {
     start_ms: f64,
@@ -188,7 +188,7 @@ fn live(domain: &Domain, duration: Duration, shutdown: &Shutdown) -> Result<Live
     if samples.next(PATIENCE)?.is_none() {
         return Err(Failure::Failed("the plant has not come".into()));
     }
-    // The first blocks make room and iterate.
+    // The first blocks allocate and iterate.
     std::thread::sleep(Duration::from_secs(2));
     samples.drain(usize::MAX, |_| {})?;
     let done = Shutdown::new();
@@ -222,8 +222,8 @@ fn live(domain: &Domain, duration: Duration, shutdown: &Shutdown) -> Result<Live
     Ok(live)
 }
 
-/// Receives estimates on a thread of its own, as a controller does: stream time of the last sample,
-/// and when the estimate came \[ns\].
+/// Receives estimates on a separate thread, as a controller does: stream time of the last sample,
+/// and arrival time of the estimate \[ns\].
 fn estimates(domain: Domain, done: Shutdown) -> JoinHandle<Result<Vec<(u64, u64)>, Failure>> {
     std::thread::spawn(move || {
         let bus = Bus::join(&domain, "arm", "bench_estimates")?;
@@ -238,7 +238,7 @@ fn estimates(domain: Domain, done: Shutdown) -> JoinHandle<Result<Vec<(u64, u64)
     })
 }
 
-/// How much later than asked for a thread wakes that sleeps to each next millisecond \[ns\].
+/// Delay with which a thread wakes that sleeps until each next millisecond \[ns\].
 fn sleeper(duration: Duration, shutdown: &Shutdown) -> Vec<u64> {
     let mut late = Vec::new();
     let start = Instant::now();
@@ -256,8 +256,8 @@ fn sleeper(duration: Duration, shutdown: &Shutdown) -> Vec<u64> {
     late
 }
 
-/// What cyclictest shows of a thread of normal priority, in its histogram \[ns\]; `None` if it is
-/// not installed.
+/// Latencies of a thread of normal priority by cyclictest, from its histogram \[ns\]; `None` if it
+/// is not installed.
 fn cyclictest(duration: Duration) -> Option<Vec<u64>> {
     let loops = duration.as_millis().to_string();
     let output = Command::new("cyclictest")
@@ -277,7 +277,7 @@ fn cyclictest(duration: Duration) -> Option<Vec<u64>> {
     Some(times)
 }
 
-/// Time below which a share of all stayed, of sorted times \[µs\].
+/// Quantile of sorted times \[µs\].
 fn quantile_us(sorted: &[u64], share: f64) -> f64 {
     let last = sorted.len().saturating_sub(1);
     let index = ((sorted.len() as f64 * share).ceil() as usize)

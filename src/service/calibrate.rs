@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 /// Calibrates and shows the section of the configuration that follows.
 ///
 /// # Errors
-/// A configuration, a log or a load that is wrong.
+/// If the configuration, a log or the load is wrong.
 pub fn run(args: &CalibrateArgs) -> Result<Exit, Failure> {
     let mut config = RobotConfig::from_file(&args.config).map_err(Failure::Usage)?;
     if config.drives.coupling.is_some() {
@@ -84,7 +84,7 @@ pub fn run(args: &CalibrateArgs) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// A load as the command line states it.
+/// The load stated on the command line.
 pub(super) fn load_of(
     mass: Option<f64>,
     com: Option<&[f64]>,

@@ -1,4 +1,4 @@
-//! A file for many robots: `[[robot]]` entries, and settings that all of them share.
+//! A file for many robots: `[[robot]]` entries, and settings shared by all of them.
 //!
 //! ```toml
 //! [bus]
@@ -21,9 +21,9 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
-/// Most robots of one file.
+/// Largest number of robots in one file.
 const MAX_ROBOTS: u32 = 4096;
-/// Names that a message lists.
+/// Largest number of names listed in a message.
 const LISTED: usize = 8;
 
 #[derive(Deserialize)]
@@ -48,7 +48,7 @@ struct Robot {
 /// The names of all robots in these files; `None` if no file has `[[robot]]` entries.
 ///
 /// # Errors
-/// A wrong entry.
+/// If an entry is wrong.
 pub(super) fn robots(files: &[PathBuf]) -> Result<Option<Vec<String>>, Failure> {
     for path in files {
         if let Some(robots) = read(path)? {
@@ -58,11 +58,11 @@ pub(super) fn robots(files: &[PathBuf]) -> Result<Option<Vec<String>>, Failure> 
     Ok(None)
 }
 
-/// The sources of one robot: these files, and in the place of one with `[[robot]]` entries the
-/// entry's own file below what all share.
+/// The sources of one robot: these files; one with `[[robot]]` entries is replaced by the entry's
+/// own file and, above it, the shared settings.
 ///
 /// # Errors
-/// A wrong entry, or a robot that is not named, or not there.
+/// If an entry is wrong, or the robot is not named or does not exist.
 pub(super) fn sources(files: &[PathBuf], robot: Option<&str>) -> Result<Vec<Source>, Failure> {
     let mut sources = Vec::with_capacity(files.len());
     for path in files {
@@ -105,10 +105,10 @@ fn pick(path: &Path, robots: Vec<Robot>, wanted: Option<&str>) -> Result<Robot, 
     })
 }
 
-/// The robots of a file; `None` for one without entries, and for what is no TOML: the ordinary
-/// loader reports that.
+/// The robots of a file; `None` for a file without entries, or one that is not TOML, which the
+/// ordinary loader reports.
 fn read(path: &Path) -> Result<Option<Vec<Robot>>, Failure> {
-    // A pipe can be read once only, which is the ordinary loader's.
+    // A pipe can be read only once, by the ordinary loader.
     if !path.is_file() {
         return Ok(None);
     }

@@ -8,10 +8,10 @@ use crate::robot::RobotConfig;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Loads a configuration file and says what is wrong or suspicious.
+/// Loads a configuration file and reports errors and suspicious settings.
 ///
 /// # Errors
-/// Everything that is wrong with it.
+/// All errors of the file.
 pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<Exit, Failure> {
     let common = CommonArgs {
         config: vec![file.to_owned()],
@@ -20,19 +20,19 @@ pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<
     };
     let mut told = BTreeSet::new();
     for config in common.load_robots_quietly(&[])? {
-        // Some settings are right or wrong together with the sample period alone.
+        // Some settings can be checked only together with the sample period.
         config
             .identifier()
             .map_err(|e| Failure::Usage(format!("{}: {e}", file.display())))?;
         for warning in config.warnings() {
             let warning = format!("warning: {warning}");
-            // Robots that share a file share what is wrong with it.
+            // Robots that share a file share its warnings, which are shown once.
             if told.insert(warning.clone()) {
                 logging::result(&warning)?;
             }
         }
     }
-    // it was read before, so it is a file
+    // it was read before, so it is a regular file
     let text = std::fs::read_to_string(file).unwrap_or_default();
     if set.is_empty() && text.parse::<toml::Table>().is_ok_and(|table| table.is_empty()) {
         logging::result(&format!(
@@ -50,14 +50,14 @@ pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<
     Ok(Exit::Done)
 }
 
-/// A robot's configuration is read otherwise than the rest, and needs its URDF beside it.
+/// A robot's configuration is read differently, and needs its URDF next to it.
 const ROBOT: (&str, &str) = ("six_axis", include_str!("../../config/robots/six_axis.toml"));
 const ROBOT_URDF: (&str, &str) = ("six_axis.urdf", include_str!("../../config/robots/six_axis.urdf"));
 
-/// Prints a configuration that is built in, or the names of all.
+/// Prints a built-in configuration, or the names of all.
 ///
 /// # Errors
-/// There is none of this name, or standard output cannot be written.
+/// If there is none of this name, or standard output cannot be written.
 pub fn config_show(name: Option<&str>) -> Result<Exit, Failure> {
     match name {
         Some(name) => logging::result(built_in(name)?.trim_end())?,
@@ -66,16 +66,15 @@ pub fn config_show(name: Option<&str>) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// Writes a configuration that is built in to a file that does not exist yet, and the URDF of a
-/// robot's beside it.
+/// Writes a built-in configuration to a new file, and a robot's URDF next to it.
 ///
 /// # Errors
-/// There is none of this name, or a file exists or cannot be written.
+/// If there is none of this name, or a file exists or cannot be written.
 pub fn config_new(file: Option<&Path>, from: &str) -> Result<Exit, Failure> {
     let text = built_in(from)?;
     let file = file.map_or_else(|| Path::new(from).with_extension("toml"), Path::to_path_buf);
     let urdf = (from == ROBOT.0).then(|| file.with_file_name(ROBOT_URDF.0));
-    // Both or none: the URDF of an earlier start may stay if it is the same.
+    // Writes both files or none: the URDF of an earlier call may stay if it is identical.
     let is_there = |path: &Path| std::fs::read(path).is_ok_and(|bytes| bytes == ROBOT_URDF.1.as_bytes());
     let urdf = urdf.filter(|path| !is_there(path));
     for path in [Some(&file), urdf.as_ref()].into_iter().flatten() {

@@ -1,17 +1,17 @@
-//! What a process does differently when `thetabus run` has started it.
+//! Differences in a process started by `thetabus run`.
 
 use super::{CommonArgs, Failure};
 use nix::sys::prctl::set_pdeathsig;
 use nix::sys::signal::Signal;
 use nix::unistd::getppid;
 
-/// Has the kernel send SIGTERM to this process when its launcher dies, even by kill -9.
+/// Makes the kernel send SIGTERM to this process when its launcher dies, even by kill -9.
 pub(super) fn follow_launcher(common: &CommonArgs) -> Result<(), Failure> {
     let Some(launcher) = common.launched.launched_by else {
         return Ok(());
     };
     set_pdeathsig(Signal::SIGTERM).map_err(|e| Failure::Failed(format!("cannot follow the launcher: {e}")))?;
-    // It may have died before the kernel knew.
+    // The launcher may have died before this call.
     if getppid().as_raw().cast_unsigned() == launcher {
         Ok(())
     } else {

@@ -1,15 +1,15 @@
-//! The processes of a run: started in order, watched, started again, ended.
+//! The processes of a run: starting in order, supervision, restarting, ending.
 //!
-//! A signal is passed on to the plant alone, once: it flags its next sample END, and the others end
+//! A signal is passed on only to the plant, once: it flags its next sample END, and the others end
 //! after it. Any child still running after the grace period receives SIGTERM, then SIGKILL. If the
 //! launcher dies, its children terminate too.
 //!
-//! A process that ends before the plant's END without having been asked to by the launcher has
-//! failed, even if a signal of somebody else ended it in good order.
+//! A process that ends before the plant's END without a request of the launcher has failed, even if
+//! another process's signal ended it cleanly.
 //!
-//! A process that fails is started again if `supervision.restarts` allows it. The plant then
-//! begins a new stream, the identifier goes on with the next whole block, the monitor appends to
-//! its files. Something is lost with each, so the run ends with exit code 3.
+//! A process that fails is restarted if `supervision.restarts` permits. The plant then begins a new
+//! stream, the identifier continues with the next complete block, and the monitor appends to its
+//! files. Each restart loses data, so the run ends with exit code 3.
 
 use super::exit::INTERRUPTED;
 use super::progress::Progress;
@@ -31,21 +31,21 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How often children and status are looked at.
+/// Polling period of children and status.
 const POLL: Duration = Duration::from_millis(20);
-/// How long identifier and monitor may take for what is in their queues once the plant has gone.
+/// How long identifier and monitor may take to empty their queues after the plant has ended.
 const GRACE: Duration = Duration::from_secs(10);
 /// How long a process may take to end after its signal.
 const SIGNAL_GRACE: Duration = Duration::from_secs(5);
-/// How long the others may take to end by themselves once one has failed.
+/// How long the others may take to end by themselves after one has failed.
 const FAILURE_GRACE: Duration = Duration::from_secs(2);
-/// A signal that ends the launcher's child may be one that the launcher gets, too, an instant
-/// later: a job or a service that is ended as a whole.
+/// A signal that ends a child may reach the launcher an instant later too, if a whole job or
+/// service is ended.
 const SIGNALS_MEET: Duration = Duration::from_millis(300);
-/// Last lines of a failed child that are shown again.
+/// Number of last lines of a failed child to show again.
 const LAST_LINES: usize = 8;
 
-/// What all children are told.
+/// Settings for all children.
 pub(super) struct Plan {
     pub(super) program: PathBuf,
     pub(super) config: PathBuf,
@@ -53,15 +53,15 @@ pub(super) struct Plan {
     pub(super) log_format: LogFormat,
     pub(super) lockstep: bool,
     pub(super) record: bool,
-    /// Who takes samples.
+    /// Number of sample consumers.
     pub(super) consumers: usize,
     pub(super) warm: bool,
-    /// There may be one to start from.
+    /// True if there may be a checkpoint to start from.
     pub(super) checkpoints: bool,
     pub(super) supervision: SupervisionConfig,
-    /// The machine is controlled by what is known of it.
+    /// True if a controller is part of the run.
     pub(super) controller: bool,
-    /// Whether the monitor serves a page.
+    /// Web page of the monitor.
     pub(super) web: WebArgs,
 }
 
@@ -74,7 +74,7 @@ enum Part {
 }
 
 impl Part {
-    /// In the order of starting: each waits for the one before it.
+    /// In starting order: each waits for the one before it.
     const ALL: [Self; 4] = [Self::Monitor, Self::Identifier, Self::Controller, Self::Plant];
 
     fn name(self) -> &'static str {
@@ -87,7 +87,7 @@ impl Part {
     }
 }
 
-/// One of them.
+/// One of the processes.
 struct Process {
     part: Part,
     child: Child,
@@ -96,21 +96,21 @@ struct Process {
     started: Instant,
     ended: Option<(ExitStatus, Instant)>,
     signalled: Option<Instant>,
-    /// The run is ending, so children may end early.
+    /// True if the run is ending, so children may end early.
     excused: bool,
     restarts: Restarts,
-    /// When it is started again, after it failed.
+    /// When it is restarted after a failure.
     due: Option<Instant>,
 }
 
-/// All of them, from their start to the end of the last.
+/// All processes, from their start to the end of the last.
 pub(super) struct Children {
     processes: Vec<Process>,
     killed: bool,
 }
 
 impl Children {
-    /// Starts all, or none.
+    /// Starts all processes, or none.
     pub(super) fn start(plan: &Plan, progress: &Arc<Progress>) -> Result<Self, Failure> {
         let mut children = Self {
             processes: Vec::new(),
@@ -131,7 +131,7 @@ impl Children {
         Ok(children)
     }
 
-    /// Waits for the end; true if a child says that data were lost.
+    /// Waits for the end; true if a child reports lost data.
     pub(super) fn supervise(
         &mut self,
         plan: &Plan,
@@ -158,7 +158,7 @@ impl Children {
                 process.plan_restart(may_restart);
                 self.killed |= process.due.is_some();
                 if process.is_due() {
-                    // What the dead one held is free before its successor asks for it.
+                    // Frees the dead process's resources before its successor needs them.
                     bus.clean_up_dead();
                     process
                         .restart(plan, progress)
@@ -166,7 +166,7 @@ impl Children {
                 }
             }
             if let Some(failure) = self.processes.iter().find_map(Process::failure) {
-                // The plant's END lets the survivors write what they have.
+                // The plant's END lets the other processes write their results.
                 self.signal(Part::Plant);
                 self.end_all(FAILURE_GRACE);
                 return Err(Failure::Failed(failure));
@@ -193,7 +193,7 @@ impl Children {
 
     fn plant_gone(&self) -> Option<Instant> {
         let plant = self.processes.iter().find(|process| process.part == Part::Plant)?;
-        // A failed one may come back.
+        // A failed plant may be restarted.
         let gone = plant.has_ended() && plant.failure().is_none() && !plant.is_open_question();
         plant.ended.filter(|_| gone).map(|(_, at)| at)
     }
@@ -237,7 +237,7 @@ impl Children {
         self.join_readers();
     }
 
-    /// Whether one ended without tidying up.
+    /// True if a process ended without cleaning up.
     pub(super) fn has_killed(&self) -> bool {
         self.killed
     }
@@ -273,8 +273,8 @@ impl Process {
             .arg(std::process::id().to_string())
             .arg("--log-format")
             .arg(logging::format_name(plan.log_format))
-            // A group of its own: Ctrl-C on the terminal reaches the launcher alone, which passes
-            // it on once.
+            // A separate process group: Ctrl-C on the terminal reaches only the launcher, which
+            // passes it on once.
             .process_group(0)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
@@ -307,7 +307,7 @@ impl Process {
                 &mut command
             }
             Part::Identifier => {
-                // One that died goes on where its last checkpoint stands.
+                // A restarted identifier continues from its last checkpoint.
                 if plan.warm || (resume && plan.checkpoints) {
                     command.arg("--warm");
                 }
@@ -345,7 +345,8 @@ impl Process {
         })
     }
 
-    /// Decides once about a process that failed; `allowed` is false if the run is ending anyway.
+    /// Decides once about restarting a failed process; `allowed` is false if the run is ending
+    /// anyway.
     fn plan_restart(&mut self, allowed: bool) {
         if !allowed {
             self.due = None;
@@ -354,11 +355,11 @@ impl Process {
         let Some((status, at)) = self.ended.filter(|_| self.due.is_none() && self.signalled.is_none()) else {
             return;
         };
-        // Its END has ended the others, so that there is nothing to come back to.
+        // Its END has ended the others, so restarting is useless.
         if self.part == Part::Plant && self.interrupted().is_some() {
             return;
         }
-        // Wrong usage or configuration does not mend itself.
+        // Restarting does not help against wrong usage or configuration.
         let Some(failure) = self.failure().filter(|_| status.code() != Some(2)) else {
             return;
         };
@@ -386,7 +387,7 @@ impl Process {
         Ok(())
     }
 
-    /// Ended for good.
+    /// True if it has ended and will not be restarted.
     fn has_ended(&self) -> bool {
         self.ended.is_some() && self.due.is_none()
     }
@@ -402,7 +403,7 @@ impl Process {
     fn terminate(&mut self) {
         if self.ended.is_none() && self.signalled.is_none() {
             self.signalled = Some(Instant::now());
-            // Not waited for yet, so the number still is this child's.
+            // Not yet waited for, so the process id is still this child's.
             let _ = kill(Pid::from_raw(self.child.id().cast_signed()), Signal::SIGTERM);
         }
     }
@@ -411,19 +412,19 @@ impl Process {
         self.ended.is_some_and(|(status, _)| status.code() == Some(3))
     }
 
-    /// When it ended because of a signal that the launcher knows nothing of.
+    /// When it ended because of a signal that did not come from the launcher.
     fn interrupted(&self) -> Option<Instant> {
         let (status, at) = self.ended.filter(|_| self.due.is_none())?;
         let unasked = self.signalled.is_none() && !self.excused;
         (unasked && status.code() == Some(i32::from(INTERRUPTED))).then_some(at)
     }
 
-    /// Whether that is a failure will be known in a moment.
+    /// True if it is not yet known whether that is a failure.
     fn is_open_question(&self) -> bool {
         self.interrupted().is_some_and(|at| at.elapsed() < SIGNALS_MEET)
     }
 
-    /// What the user must know of a child that ended badly.
+    /// Message for the user about a failed child.
     fn failure(&self) -> Option<String> {
         let (status, _) = self.ended.filter(|_| self.due.is_none())?;
         let how = match (status.code(), status.signal()) {
@@ -434,7 +435,7 @@ impl Process {
                 }
                 _ => return None,
             },
-            // Too early for its handler.
+            // The signal came before its handler was installed.
             (None, Some(number)) if number == Signal::SIGTERM as i32 && self.signalled.is_some() => return None,
             (Some(code), _) => format!("failed with exit code {code}"),
             (None, Some(number)) => {

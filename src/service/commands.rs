@@ -1,5 +1,5 @@
-//! From a request to a change of the node: the one place that knows what a command means, for a
-//! running identifier and for a recording alike.
+//! Converts a request to a change of the node: the only place that defines the meaning of a
+//! command, for a running identifier and for a recording.
 
 use super::Failure;
 use super::wiring::{fresh_estimator, identifier_node, identity};
@@ -10,7 +10,8 @@ use crate::messages::{Command, Item, MAX_ITEMS, Parts, Request, Response, item_k
 use crate::node::command::{Change, NodeState};
 use crate::robot::{BodyParameters, is_physical};
 
-/// Tunables: what of section `[estimator]` may be set while it runs, with the value in force.
+/// Tunables: the keys of section `[estimator]` that may be set at run time, with their present
+/// value.
 const TUNABLES: [(&str, fn(&Config) -> Option<f64>); 11] = [
     ("block_len", |config| {
         Some(config.file_form().estimator.block_len as f64)
@@ -39,40 +40,39 @@ const TUNABLES: [(&str, fn(&Config) -> Option<f64>); 11] = [
     }),
 ];
 
-/// The longest block that a running identifier makes room for \[samples\]: some 500 bytes each for
-/// the arm with a window every 20 samples, more for more joints and windows.
+/// The longest block that a running identifier allocates \[samples\]: about 500 bytes each for the
+/// arm with a window every 20 samples, more for more joints and windows.
 const LONGEST_LIVE_BLOCK: usize = 500_000;
 
-/// Makes changes out of requests; follows the configuration as tunables are set.
+/// Converts requests to changes, and keeps the configuration up to date as tunables are set.
 pub(super) struct Commands {
     config: Config,
-    /// The one before the last tunable was set.
+    /// The configuration before the last tunable was set.
     before: Option<Config>,
-    /// The stream that tunables were set for, and the configuration that holds again after it.
+    /// The stream for which tunables were set, and the configuration that applies after it.
     bound: Option<(u32, Config)>,
-    /// The longest N that may be asked for: blocks as long as this one has room for at its start
-    /// are no surprise.
+    /// The longest N that may be requested; at least the one at the start.
     longest_block: usize,
     identity: Identity,
     parts: Parts,
 }
 
-/// What a request asks for.
+/// The meaning of a request.
 pub(super) enum Wanted {
-    /// An order for the node, and what it is called.
+    /// An order for the node, and its name.
     Order(Change, String),
     /// A checkpoint.
     Save,
     /// An answer at once.
     Answer(Box<Response>),
-    /// A recorder lost so many samples.
+    /// Number of samples that a recorder lost.
     RecorderMissing(u64),
     /// The next part of a state.
     More,
 }
 
 impl Commands {
-    /// For the configuration that the identifier starts with.
+    /// For the initial configuration of the identifier.
     pub(super) fn new(config: &Config) -> Self {
         Self {
             identity: identity(config),
@@ -84,25 +84,25 @@ impl Commands {
         }
     }
 
-    /// Whose checkpoints these are: tunables set later make no other identifier.
+    /// Identity of the checkpoints; tunables set later do not change it.
     pub(super) fn identity(&self) -> &Identity {
         &self.identity
     }
 
-    /// The longest block that is made room for while the identifier runs \[samples\].
+    /// The longest block that may be allocated at run time \[samples\].
     pub(super) fn longest_block(&self) -> u64 {
         self.longest_block as u64
     }
 
-    /// A stream is over: the tunables that were set for it alone are as before.
+    /// Ends a stream: restores the tunables that were set only for it.
     pub(super) fn leave_stream(&mut self, tag: u32) {
         if let Some((_, config)) = self.bound.take_if(|(bound, _)| *bound == tag) {
             self.config = config;
         }
     }
 
-    /// A request for one stream alone: another one that tunables were set for is over when the
-    /// first sample of this one comes.
+    /// Notes a request for one stream only. If tunables were set for another stream, that one is
+    /// over when the first sample of this one arrives.
     fn enter_stream(&mut self, tag: u32) {
         if let Some(other) = self
             .bound
@@ -114,14 +114,14 @@ impl Commands {
         }
     }
 
-    /// Takes the tunable back that was set last: its order never reached the node.
+    /// Reverts the last tunable, because its order did not reach the node.
     pub(super) fn undo(&mut self) {
         if let Some(before) = self.before.take() {
             self.config = before;
         }
     }
 
-    /// What a request means, or why it is refused.
+    /// The meaning of a request, or why it is refused.
     pub(super) fn prepare(&mut self, request: &Request) -> Result<Wanted, String> {
         self.before = None;
         self.enter_stream(request.stream);
@@ -211,10 +211,10 @@ impl Commands {
         }
     }
 
-    /// An estimator that goes on from a state.
+    /// An estimator that continues from a state.
     fn restore(&self, state: &NodeState) -> Result<Change, String> {
         if self.config.model.restarts_itself() {
-            // A state that does not fit is told now.
+            // Report now if the state does not fit.
             let mut node = identifier_node(&self.config).map_err(|e: Failure| e.to_string())?;
             node.load(state).map_err(|e| format!("the state: {e}"))?;
             let state = Some(Box::new(state.clone()));
@@ -260,7 +260,7 @@ impl Commands {
                 self.longest_block
             ));
         }
-        // The path is of no use to the client: there is no file.
+        // The client has no use for a path, because there is no file.
         let in_words = |e: ConfigError| -> String {
             let problems = e.problems.iter().map(|p| format!("{}: {}", p.key, p.message));
             problems.collect::<Vec<_>>().join("; ")
@@ -285,7 +285,7 @@ impl Commands {
         };
         let before = std::mem::replace(&mut self.config, config);
         match stream {
-            // What somebody sets meanwhile stays, with what it was set beside.
+            // A tunable set meanwhile by an operator stays, with the others at that time.
             0 => self.bound = None,
             tag => _ = self.bound.get_or_insert_with(|| (tag, before.clone())),
         }

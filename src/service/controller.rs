@@ -8,12 +8,12 @@ use crate::control::{AdaptiveFeedForward, Trajectory};
 use crate::messages::nanoseconds;
 use crate::runner::{ControllerPorts, Follower, Shutdown, run_controller};
 
-/// Sends feed-forward along the configured setpoints, from estimates or from fixed values, until it
-/// is asked to stop.
+/// Sends feed-forward along the configured setpoints, from estimates or from fixed values, until
+/// asked to stop.
 ///
 /// # Errors
-/// A configuration without a controller or with setpoints that jump, a second controller of this
-/// robot, a bus that fails.
+/// If the configuration has no controller or has setpoints that jump, if this robot already has a
+/// controller, or if the bus fails.
 pub fn run(args: &ControllerArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let common = &args.common;
     child::follow_launcher(common)?;
@@ -40,7 +40,7 @@ pub fn run(args: &ControllerArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
     let mut ports = ControllerPorts {
         commands: Publisher::new(&bus)?,
         estimates: adaptive.then(|| Subscriber::new(&bus)).transpose()?,
-        // Last: in lockstep the plant starts when this one listens.
+        // Last, because in lockstep the plant starts when this process subscribes.
         samples: SampleSubscriber::new(&bus)?,
     };
     tracing::info!(robot, domain = domain.name(), adaptive, "controller");

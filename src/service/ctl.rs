@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::time::Duration;
 
-/// Tells the identifier what the command line says and shows what it answers.
+/// Sends the command on the command line to the identifier and shows the answer.
 ///
 /// # Errors
-/// A request that is refused, no identifier, no answer in time, a bus that fails.
+/// If the request is refused, there is no identifier, no answer arrives in time, or the bus fails.
 pub fn run(args: &CtlArgs, common: &CommonArgs) -> Result<Exit, Failure> {
     let request = request(&args.command)?;
     let limit = Duration::try_from_secs_f64(args.timeout)
@@ -63,7 +63,7 @@ fn request(command: &CtlCommand) -> Result<Request, Failure> {
             Request::payload(Some(&body.0))
         }
         CtlCommand::Free { parameter } => Request::new(Command::Free).named(parameter),
-        // as with a tunable
+        // as for a tunable
         CtlCommand::Fix { parameter, value: None } if parameter.contains('=') => assigned(Command::Fix, parameter)?,
         CtlCommand::Fix { parameter, value } => with(Request::new(Command::Fix).named(parameter), *value),
         CtlCommand::Set { assignment } => assigned(Command::Set, assignment)?,
@@ -109,7 +109,7 @@ fn table(response: &Response) -> String {
     text
 }
 
-/// What the numbers behind the names are.
+/// The heading of the numbers after the names.
 fn heading(kind: u32, title: &str) -> String {
     match kind {
         item_kind::PARAMETER => format!("{title}: start value, unit, bounds"),

@@ -1,9 +1,9 @@
-//! What a monitor takes from an identifier's description of itself.
+//! Creates a monitor from an identifier's description.
 
 use crate::messages::Description;
 use crate::node::monitor::{Label, MonitorNode};
 
-/// A monitor that takes names and units from a description.
+/// A monitor with the names and units of a description.
 pub(super) fn monitor_of(description: &Description) -> MonitorNode {
     let parameters = description.parameters().iter().map(|p| Label::new(p.name(), p.unit()));
     let derived = description.derived().iter().map(|d| Label::new(d.name(), d.unit()));

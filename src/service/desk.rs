@@ -1,5 +1,5 @@
-//! The identifier's desk: a thread that answers requests, prepares commands, keeps the journal,
-//! writes checkpoints and looks at the clock, so that the loop need not.
+//! The identifier's desk: a thread that answers requests, prepares commands, writes the journal and
+//! checkpoints, and does periodic work, so that the loop need not.
 
 use super::Failure;
 use super::desk_work::{LOOK, Work};
@@ -15,11 +15,11 @@ use std::sync::mpsc::sync_channel;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Requests answered in a row: clients that ask without a pause must not keep the desk from its
-/// checkpoints, nor from its end.
+/// Largest number of requests answered in a row, so that clients without pauses cannot prevent
+/// checkpoints or the end.
 const ROUND: usize = 64;
 
-/// A desk at work.
+/// A running desk.
 pub(super) struct Desk {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -29,7 +29,7 @@ impl Desk {
     /// Opens the desk for these robots.
     ///
     /// # Errors
-    /// A control service that is taken, or a bus that fails.
+    /// If the control service is already in use, or the bus fails.
     pub(super) fn open(domain: &Domain, setups: Vec<DeskSetup>) -> Result<Self, Failure> {
         let stop = Arc::new(AtomicBool::new(false));
         let (told, ready) = sync_channel::<Result<(), BusError>>(1);
@@ -37,7 +37,7 @@ impl Desk {
         let thread = std::thread::Builder::new()
             .name("desk".to_owned())
             .spawn(move || {
-                // Ports belong to the thread that makes them.
+                // Ports belong to the thread that creates them.
                 match robot_desks(&domain, setups) {
                     Ok(mut robot_desks) => {
                         let _ = told.send(Ok(()));
@@ -77,17 +77,17 @@ impl Drop for Desk {
     }
 }
 
-/// What the desk needs to serve one robot.
+/// Setup of the desk for one robot.
 pub(super) struct DeskSetup {
     /// The robot's configuration.
     pub config: Config,
-    /// The end of the queues to its loop.
+    /// The desk's end of the queues to the loop.
     pub end: DeskEnd,
-    /// The state that the node began with, as it stood in the checkpoint.
+    /// The initial state of the node, as in the checkpoint.
     pub warm: Option<Vec<u8>>,
 }
 
-/// One for each robot, all by this thread's membership in the domain.
+/// One for each robot, all with this thread's membership in the domain.
 fn robot_desks(domain: &Domain, setups: Vec<DeskSetup>) -> Result<Vec<RobotDesk>, BusError> {
     let mut robot_desks = Vec::with_capacity(setups.len());
     let alone = setups.len() == 1;
@@ -147,7 +147,7 @@ impl RobotDesk {
         })
     }
 
-    /// A warm start stands in the journal like a command, at the very beginning.
+    /// A warm start is recorded in the journal like a command, at the very beginning.
     fn begin(&mut self, warm: Option<&[u8]>) {
         let parts = warm.and_then(Request::restore).unwrap_or_default();
         self.desk.journalise(&parts, Border::default());
@@ -155,12 +155,12 @@ impl RobotDesk {
 
     fn wait(&self, pause: Duration) {
         if self.server.wait(pause).is_err() {
-            // A wait that fails must not spin.
+            // If waiting fails, the loop must not spin.
             std::thread::sleep(LOOK);
         }
     }
 
-    /// Does what is due; true if more requests wait.
+    /// Does the work that is due; true if more requests wait.
     fn serve(&mut self) -> bool {
         self.desk.hear();
         let desk = &mut self.desk;

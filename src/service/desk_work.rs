@@ -1,4 +1,4 @@
-//! What the identifier's desk does for one robot: answers, orders, journal, checkpoints.
+//! Work of the identifier's desk for one robot: answers, orders, journal, checkpoints.
 
 use super::commands::{Commands, Wanted};
 use super::sparse::Sparse;
@@ -17,31 +17,31 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
-/// How often the desk looks around when nobody asks for anything.
+/// Polling period of the desk without requests.
 pub(super) const LOOK: Duration = Duration::from_millis(20);
-/// How long the loop may take for an answer: it looks once per idle tick, and once per batch when
-/// it is busy.
+/// How long the loop may take to answer: it checks once per idle tick, and once per batch when it
+/// is busy.
 const LOOP_ANSWERS: Duration = Duration::from_secs(2);
-/// Lines per period about refusals, about commands that were dropped, and about commands, whoever
-/// asks. The journal has all that took effect.
+/// Log lines per period about refusals, dropped commands, and commands, for all clients together.
+/// The journal has every command that took effect.
 const LINES: (u64, u64, u64) = (1, 1, 50);
 const LINES_PERIOD: Duration = Duration::from_secs(1);
-/// Period of the look at the memory in use.
+/// Period of checking the memory in use.
 const MEMORY_PERIOD: Duration = Duration::from_millis(500);
 
-/// Everything of a desk but the server, which lends out each request while it is answered.
+/// Everything of a desk except the server, which owns each request while it is answered.
 pub(super) struct Work {
     journal: Publisher<Journal>,
     description: Publisher<Description>,
     description_due: Instant,
     commands: Commands,
     end: DeskEnd,
-    /// Requests of the orders that have not taken effect.
+    /// Requests whose orders have not yet taken effect.
     waiting: HashMap<u64, Vec<Request>>,
     next_id: u64,
-    /// Parts of a state that is being restored.
+    /// Parts received of a state to restore.
     parts: Vec<Request>,
-    /// Blocks that orders wait to make room for, by order \[samples\].
+    /// Block lengths of waiting orders, by order \[samples\].
     lengths: HashMap<u64, u64>,
     refusals: Sparse,
     drops: Sparse,
@@ -50,7 +50,7 @@ pub(super) struct Work {
     period: Duration,
     checkpoint_due: Instant,
     memory_due: Instant,
-    /// Room for a state, when it is not with the loop.
+    /// Buffer for a state, while the loop does not have it.
     room: Option<Box<NodeState>>,
     failing: bool,
 }
@@ -86,14 +86,14 @@ impl Work {
         })
     }
 
-    /// Publishes what the robot's estimates mean.
+    /// Publishes the description of the robot's estimates.
     pub(super) fn describe(&mut self, description: &Description) -> Result<(), BusError> {
         self.description.send(description)
     }
 
     pub(super) fn answer(&mut self, request: &Request) -> Response {
         if request.command == Command::Restore as u32 && request.part == 0 {
-            // Another one begins; what came of the one before it is of no use any more.
+            // Another state begins; the parts of the previous one are dropped.
             self.parts.clear();
         }
         let response = match self.commands.prepare(request) {
@@ -134,7 +134,7 @@ impl Work {
         response
     }
 
-    /// A description with the window that is in force, which the signals may have chosen.
+    /// A description with the present window, which may have been chosen from the signals.
     fn with_window(&self, mut response: Response) -> Response {
         let window_s = f64::from_bits(self.end.board.window_s.load(Ordering::Relaxed));
         if window_s > 0.0
@@ -147,7 +147,7 @@ impl Work {
         response
     }
 
-    /// Hands an order to the loop and waits until it knows where it takes effect.
+    /// Passes an order to the loop and waits until its border is known.
     fn order(&mut self, request: &Request, change: Change, what: &str) -> Response {
         let id = self.next_id;
         self.next_id += 1;
@@ -234,12 +234,12 @@ impl Work {
                     }
                 }
                 self.end.board.journalled.fetch_add(1, Ordering::Release);
-                // What was exchanged is freed here.
+                // The exchanged parts are freed here.
                 drop(order);
             }
             FromLoop::Declined(order) => _ = self.forget(order.id),
             FromLoop::Saved(state) => {
-                // An identifier that knows nothing must not replace one that did.
+                // A checkpoint without data must not replace one with data.
                 if state.blocks > 0 {
                     let _ = self.write(&state);
                 }
@@ -249,7 +249,7 @@ impl Work {
         }
     }
 
-    /// The requests of an order that waits no more.
+    /// Removes and returns the requests of an order that no longer waits.
     fn forget(&mut self, id: u64) -> Vec<Request> {
         self.lengths.remove(&id);
         self.waiting.remove(&id).unwrap_or_default()
@@ -269,7 +269,7 @@ impl Work {
         }
     }
 
-    /// What is due by the clock.
+    /// Does periodic work.
     pub(super) fn keep(&mut self) {
         let now = Instant::now();
         self.tell_rest(now, false);
@@ -293,7 +293,7 @@ impl Work {
         }
     }
 
-    /// How many lines were left out of the log.
+    /// Logs how many lines were left out.
     pub(super) fn tell_rest(&mut self, now: Instant, end: bool) {
         if let Some(count) = self.refusals.rest(now, end) {
             tracing::warn!("{count} more requests refused");
@@ -368,7 +368,7 @@ impl Work {
                     .board
                     .tell(LastError::with_text(ErrorCode::CheckpointFailed, 0, &e.to_string()));
                 Board::count(&self.end.board.checkpoints_failed);
-                // Once is loud enough for a disk that stays full.
+                // Report a full disk only once.
                 if !std::mem::replace(&mut self.failing, true) {
                     tracing::error!("{e}; the previous checkpoint stays");
                 }

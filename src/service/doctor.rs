@@ -1,14 +1,14 @@
-//! `thetabus doctor`: what is on the bus, and what a crash has left there.
+//! `thetabus doctor`: shows what is on the bus, and what a crash has left there.
 
 use super::{DoctorArgs, Exit, Failure, TableFormat, logging};
 use crate::bus::{BusError, Cleaned, Domain, DomainReport, clean, domains, inspect, shared_memory};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
-/// Shows every domain of this user; with `clean` removes what is dead first.
+/// Shows every domain of this user; with `clean`, first removes the resources of dead processes.
 ///
 /// # Errors
-/// A domain of this name that cannot be: a name that is not allowed, a directory of somebody else.
+/// If the domain cannot be used: an invalid name, or a directory of another user.
 pub fn run(args: &DoctorArgs) -> Result<Exit, Failure> {
     let chosen = match &args.domain {
         Some(name) => vec![Domain::new(name)?],
@@ -27,7 +27,7 @@ pub fn run(args: &DoctorArgs) -> Result<Exit, Failure> {
                 reports.extend(report);
             }
             Err(error) if args.domain.is_some() => return Err(error.into()),
-            // One domain that cannot be looked at must not hide the others.
+            // One domain that cannot be inspected must not hide the others.
             Err(error) => tracing::error!("{error}"),
         }
     }
@@ -38,7 +38,7 @@ pub fn run(args: &DoctorArgs) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// What was removed, if anything was, and what is there, where the domain is still there.
+/// What was removed, if anything, and the report, if the domain still exists.
 fn look(domain: &Domain, is_clean_up: bool) -> Result<(Option<Cleaned>, Option<DomainReport>), BusError> {
     let cleaned = match is_clean_up {
         true => Some(clean(domain)?).filter(|cleaned| *cleaned != Cleaned::default()),

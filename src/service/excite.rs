@@ -1,5 +1,5 @@
-//! `thetabus excite ROBOT.toml`: a motion that tells much of a robot; `thetabus config check
-//! ROBOT.toml --motion FILE`: what a given one tells.
+//! `thetabus excite ROBOT.toml`: designs an informative motion for a robot; `thetabus config check
+//! ROBOT.toml --motion FILE` evaluates a given one.
 
 use super::new_file::{refuse_existing, write_new};
 use super::robot::robot_text;
@@ -13,10 +13,10 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Designs a motion and says what it will tell.
+/// Designs a motion and reports its expected information.
 ///
 /// # Errors
-/// A configuration or options that are wrong, a file that exists or cannot be written.
+/// If the configuration or options are wrong, or the file exists or cannot be written.
 pub fn run(args: &ExciteArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let config = RobotConfig::from_file(&args.config).map_err(Failure::Usage)?;
     let options = ExcitationOptions {
@@ -63,7 +63,7 @@ pub fn run(args: &ExciteArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         TableFormat::Text => {
             logging::result(&joint_table(&joints(&config, &motion, &table)))?;
             logging::result(table_of(&config, &expected, &forecast).trim_end())?;
-            // A parameter's share of the information is what one standard deviation shrinks by.
+            // The share of the information per parameter is the factor on one standard deviation.
             let part = ((motion.random_gain - motion.gain) / forecast.len() as f64).exp();
             logging::result(&format!(
                 "\nstandard deviations are {:.0} % of those of a random motion within the same limits, in the geometric mean",
@@ -77,10 +77,10 @@ pub fn run(args: &ExciteArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// Says what a given motion tells of a robot's parameters.
+/// Reports the information of a given motion on a robot's parameters.
 ///
 /// # Errors
-/// A configuration or a motion that is wrong.
+/// If the configuration or the motion is wrong.
 pub(super) fn check_motion(config: &Path, motion: &Path, residuals: Option<&Path>) -> Result<(), Failure> {
     let Some(text) = robot_text(config) else {
         return Err(Failure::Usage(format!(
@@ -97,7 +97,7 @@ pub(super) fn check_motion(config: &Path, motion: &Path, residuals: Option<&Path
     logging::result(table_of(&config, &expected, &forecast).trim_end())
 }
 
-/// The misfit that is expected, and its source.
+/// The expected misfit, and its source.
 struct Expected {
     misfit: RowMisfit,
     source: String,
@@ -111,7 +111,7 @@ impl Expected {
         }
     }
 
-    /// White noise as the simulated robot has it.
+    /// White noise as in the simulated robot.
     fn simulated(config: &RobotConfig) -> Self {
         let part = config.simulation.torque_noise.max(1e-6);
         let period_s = config.sample_period_s;
@@ -133,7 +133,7 @@ impl Expected {
         }
     }
 
-    /// As an identification has found it.
+    /// As found by an identification.
     fn measured(path: &Path) -> Result<Self, Failure> {
         let path = match path.is_dir() {
             true => path.join("summary.json"),
@@ -162,7 +162,7 @@ impl Expected {
     }
 }
 
-/// What a motion asks of a joint.
+/// Use of a joint by a motion.
 struct JointUse {
     name: String,
     lower: f64,

@@ -14,8 +14,8 @@ pub const EXIT_CODES: &str = "Exit codes:\n  \
     3    finished, but data were lost\n  \
     130  ended by a second signal, half a second or more after the first";
 
-/// Exit code of a launched process that was [interrupted](Exit::Interrupted): 128 + SIGTERM, as a
-/// shell has it.
+/// Exit code of a launched process that was [interrupted](Exit::Interrupted): 128 + SIGTERM, as in
+/// a shell.
 pub(super) const INTERRUPTED: u8 = 143;
 /// A launched process gets every signal from its launcher, or from the kernel when the launcher
 /// dies: once per thread of the launcher, which may take a while on a busy machine. A process that

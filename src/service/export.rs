@@ -11,7 +11,7 @@ use std::io::{self, BufWriter, Write};
 /// Writes the samples of a recording as CSV.
 ///
 /// # Errors
-/// No recording there, one that cannot be read, a file that exists or cannot be written.
+/// If there is no recording or it cannot be read, or the file exists or cannot be written.
 pub fn run(args: &ExportArgs) -> Result<Exit, Failure> {
     let mut reader = report::open(&recording_at(&args.input), args.span.span()?)?;
     let mut next_sample = next_of(&mut reader)?;
@@ -30,7 +30,7 @@ pub fn run(args: &ExportArgs) -> Result<Exit, Failure> {
     let mut csv = SamplesCsv::new(sink, reader.info()).map_err(unwritable)?;
     while let Some(sample) = &next_sample {
         match csv.write(sample) {
-            // Whoever reads standard output has seen enough.
+            // The reader of standard output has closed it.
             Err(e) if e.kind() == io::ErrorKind::BrokenPipe && args.out.is_none() => return Ok(Exit::Done),
             written => written.map_err(unwritable)?,
         }

@@ -1,23 +1,23 @@
-//! How a program ends, and why it could not do its work.
+//! How a program ends, and why it failed.
 
 use crate::bus::BusError;
 use crate::config::ConfigError;
 use crate::runner::RunError;
 use thiserror::Error;
 
-/// How a program ended that did not fail.
+/// How a program ended without failing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Exit {
-    /// All is well.
+    /// Everything succeeded.
     Done,
     /// Finished, but data were lost.
     DataLoss,
-    /// Asked to end by a signal before the stream had ended. That is what a service is for and
-    /// counts as done; but a launcher that has not asked for it is told.
+    /// A signal asked it to end before the stream had ended. For a service that is normal and
+    /// counts as done; a launcher that did not send the signal must know.
     Interrupted,
 }
 
-/// Why a program could not do its work.
+/// Why a program failed.
 #[derive(Debug, Error)]
 pub enum Failure {
     /// The command line or the configuration is wrong.

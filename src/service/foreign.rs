@@ -1,5 +1,5 @@
-//! Data of one model under the names of another: found by `model_hash`, refused in words that name
-//! both.
+//! Detects data of one model under the names of another by `model_hash`, and refuses them with a
+//! message that names both.
 
 use super::Failure;
 use crate::bus::{Bus, ControlClient};
@@ -9,11 +9,10 @@ use crate::node::monitor::Label;
 use crate::recording::RunInfo;
 use std::time::Duration;
 
-/// How long a monitor waits for the identifier to name its parameters, before it refuses without
-/// these names.
+/// How long a monitor waits for the identifier's parameter names before it refuses without them.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Parameters that a message lists; a robot has 90.
+/// Largest number of parameters listed in a message; a robot has 90.
 const LISTED: usize = 8;
 
 /// A model with its first parameters in one line: `servo_axis (mass [kg], offset [N])`.
@@ -40,14 +39,14 @@ fn of_config(config: &Config) -> String {
     )
 }
 
-/// The model of a recording, in its own words.
+/// The model of a recording, as described there.
 fn of_recording(info: &RunInfo) -> String {
     let own = |label: &Label| (label.name.clone(), label.unit.clone());
     described(&info.model, info.parameters.iter().map(own))
 }
 
-/// Name and parameters of the identifier that runs, by its own answer; `None` if it does not answer
-/// in time.
+/// Name and parameters of the running identifier, from its answer; `None` if it does not answer in
+/// time.
 pub(super) fn running_model(bus: &Bus) -> Option<(String, Vec<(String, String)>)> {
     let answer = ControlClient::new(bus).and_then(|client| client.ask(&Request::new(Command::Describe), PATIENCE));
     let answer = answer.ok().filter(|answer| answer.code == response_code::DONE)?;
@@ -59,7 +58,7 @@ pub(super) fn running_model(bus: &Bus) -> Option<(String, Vec<(String, String)>)
     Some((answer.text().to_owned(), parameters.collect()))
 }
 
-/// Why a monitor does not show estimates that its configuration has no names for.
+/// Why a monitor does not show estimates for which its configuration has no names.
 pub(super) fn estimates(bus: &Bus, config: &Config) -> Failure {
     let theirs = running_model(bus).map_or_else(
         || "another model".to_owned(),
@@ -73,8 +72,8 @@ pub(super) fn estimates(bus: &Bus, config: &Config) -> Failure {
     ))
 }
 
-/// Says that a monitor takes names and units from the identifier, because its own configuration has
-/// others.
+/// Warns that a monitor uses the identifier's names and units, because its own configuration
+/// differs.
 pub(super) fn warn_of_description(description: &Description, config: &Config) {
     let theirs = description.parameters().iter();
     let theirs = theirs.map(|p| (p.name().to_owned(), p.unit().to_owned()));
@@ -89,17 +88,18 @@ pub(super) fn warn_of_description(description: &Description, config: &Config) {
     );
 }
 
-/// Refuses to identify a recording of a plant whose equations this program does not have. Whoever
-/// names another model on the command line may identify the same samples with it: then the model of
-/// `config` is not the one of `as_recorded`.
+/// Refuses to identify a recording of a plant whose equations this program does not have. If the
+/// command line names another model, the same samples may be identified with that: then the model
+/// of `config` differs from that of `as_recorded`.
 ///
 /// # Errors
-/// The recording is of another model than its own configuration gives in this program, and nobody
-/// chose one.
+/// If the recording's model differs from that of its own configuration in this program, and the
+/// user has not chosen one.
 pub(super) fn check_recording(info: &RunInfo, as_recorded: Option<&Config>, config: &Config) -> Result<(), Failure> {
     let own = config.model.definition().hash();
     let recorded = as_recorded.map(|config| config.model.definition().hash());
-    // Another form of the same model is a question of its terms, which a recording leaves open.
+    // A recording may be identified with another form of the same model, which only differs in
+    // terms.
     let of_same_name = recorded == Some(info.model_hash) && config.model.definition().name == info.model;
     if own == info.model_hash || of_same_name {
         return Ok(());
@@ -119,8 +119,8 @@ pub(super) fn check_recording(info: &RunInfo, as_recorded: Option<&Config>, conf
     )))
 }
 
-/// Why a recording cannot be identified with its own configuration: its model is none of this
-/// program's. `None` if it is one.
+/// Why a recording cannot be identified with its own configuration: this program does not have its
+/// model. `None` if it does.
 pub(super) fn unknown_model(info: &RunInfo, catalog: &Catalog) -> Option<Failure> {
     if catalog.names().any(|name| name == info.model) {
         return None;
@@ -146,8 +146,8 @@ pub(super) fn report(info: &RunInfo) -> Failure {
     ))
 }
 
-/// Says that the identifier which a replay feeds has another model than the recording had. It may
-/// be meant: samples are the machine's.
+/// Warns that the identifier of a replay has another model than the recording. This may be
+/// intended, because samples do not depend on the model.
 pub(super) fn warn_of_replay(info: &RunInfo, bus: &Bus) {
     let Some((model, parameters)) = running_model(bus) else {
         return;

@@ -1,5 +1,5 @@
-//! The identifier as a process: one robot, or all of a file's, shared among as many threads as
-//! there are cores.
+//! The identifier as a process: one robot, or all robots of a file, distributed over one thread per
+//! core.
 
 use super::args::{Launched, domain};
 use super::desk::{Desk, DeskSetup, last_checkpoint};
@@ -22,7 +22,7 @@ struct Robot {
     desk: LoopEnd,
 }
 
-/// What all threads need to know.
+/// Settings for all threads.
 #[derive(Clone, Copy)]
 struct Setting<'a> {
     domain: &'a Domain,
@@ -30,7 +30,7 @@ struct Setting<'a> {
     stay: Stay,
     shutdown: &'a Shutdown,
     started_ns: u64,
-    /// The only robot of this process is woken by its samples.
+    /// True for the only robot of a process, which is woken by its samples.
     alone: bool,
     watchdog: &'a Watchdog,
 }
@@ -45,7 +45,7 @@ struct Outcome {
 /// Identifies the parameters of robots from their samples until it is asked to stop.
 ///
 /// # Errors
-/// A wrong configuration, a second identifier of a robot, a bus that fails.
+/// If the configuration is wrong, a robot already has an identifier, or the bus fails.
 pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let started_ns = monotonic_ns();
     let common = &args.common;
@@ -128,7 +128,7 @@ fn one(
     served
 }
 
-/// Many robots in as many threads as there are cores, and one desk for all of them.
+/// Many robots, on one thread per core, with one desk for all of them.
 fn many(
     setting: Setting<'_>,
     workers: usize,
@@ -142,7 +142,7 @@ fn many(
         "identifier"
     );
     let mut shares: Vec<Vec<Robot>> = (0..workers).map(|_| Vec::new()).collect();
-    // In turn, so that neighbours in the file, which may be alike, are spread.
+    // Round-robin, to spread neighbours in the file, which are often alike.
     for (i, robot) in robots.drain(..).enumerate() {
         shares[i % workers].push(robot);
     }
@@ -157,9 +157,9 @@ fn many(
             threads.push(scope.spawn(move || {
                 serve(setting, number, share, || {
                     let _ = told.send(());
-                    // As long as a sender is left, the count of those who are ready waits for more.
+                    // While a sender exists, the count of ready threads would wait for more.
                     drop(told);
-                    // If a thread or the desk cannot be opened, the other end is let go of.
+                    // If a thread or the desk cannot be opened, the other end is dropped.
                     Ok(begun.recv().is_ok())
                 })
             }));
@@ -194,8 +194,8 @@ fn many(
     })
 }
 
-/// Opens the ports of these robots, calls `opened`, and serves them until their end: the loop of
-/// this number. If `opened` says false, because another thread could not begin, nothing is served.
+/// Opens the ports of these robots, calls `opened`, and serves them until their end, as loop number
+/// `number`. If `opened` returns false, because another thread could not begin, nothing is served.
 fn serve(
     setting: Setting<'_>,
     number: usize,
@@ -226,7 +226,7 @@ fn serve(
     let (mut configs, mut sessions) = (Vec::with_capacity(robots.len()), Vec::with_capacity(robots.len()));
     let mut realtime = None;
     for (robot, (bus, status, estimates)) in robots.into_iter().zip(publishers) {
-        // Last: in lockstep the plant starts when this one listens.
+        // Last, because in lockstep the plant starts when this process subscribes.
         let samples = match setting.alone {
             true => SampleSubscriber::new(&bus)?,
             false => SampleSubscriber::polled(&bus)?,
@@ -274,7 +274,7 @@ fn announce(config: &Config, domain: &Domain, samples: &SampleSubscriber) {
     }
 }
 
-/// Says what became of the samples.
+/// Reports the outcome of the samples.
 fn conclude(outcomes: &[Outcome]) -> Result<(), Failure> {
     let alone = outcomes.len() == 1;
     for Outcome { config, status, .. } in outcomes {
@@ -290,7 +290,7 @@ fn conclude(outcomes: &[Outcome]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Gives readers of the estimates the chance to be there before the first one.
+/// Waits for readers, so that they can receive the first estimate.
 fn await_readers(
     estimates: &mut Publisher<Estimate>,
     count: usize,

@@ -1,4 +1,4 @@
-//! `thetabus identify`: the very same node off line, from a recording or a log.
+//! `thetabus identify`: the same node off line, from a recording or a log.
 
 use super::commands::Commands;
 use super::offline_run::OfflineRun;
@@ -13,11 +13,11 @@ use crate::runner::Shutdown;
 use std::path::Path;
 use std::time::Instant;
 
-/// Identifies from the samples of a recording, with its own configuration or with what the command
-/// line lays over it.
+/// Identifies from the samples of a recording, with its own configuration and the overrides on the
+/// command line.
 ///
 /// # Errors
-/// A recording that cannot be read, a configuration that is wrong, results that cannot be written.
+/// If the recording cannot be read, the configuration is wrong, or results cannot be written.
 pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let is_log = is_log(&args.input);
     let is_bag = robot_log::is_bag(&args.input);
@@ -37,7 +37,7 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let mut reader = report::open(&recording, args.span.span()?)?;
     let source = || vec![report::source_of(reader.info())];
     let config = args.common.load(source(), &[]).map_err(|failure| {
-        // A model that this program does not have may be all that is wrong, or not.
+        // The error may or may not be due only to a model that this program does not have.
         match foreign::unknown_model(reader.info(), &args.common.catalog) {
             Some(unknown) => Failure::Usage(format!("{failure}\n{unknown}")),
             None => failure,
@@ -78,16 +78,16 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     Ok(if missing.is_none() { exit } else { Exit::DataLoss })
 }
 
-/// True for a log of the user's own, which has no configuration inside: by its name, or a file that
-/// neither says it is a recording nor is one.
+/// True for a user's log, which contains no configuration: by its name, or because the file neither
+/// claims to be a recording nor is one.
 fn is_log(input: &Path) -> bool {
     let named = |name| input.extension().is_some_and(|own| own.eq_ignore_ascii_case(name));
     let is_other = || input.is_file() && !named("mcap") && RecordingReader::open(input, Span::default()).is_err();
     !input.is_dir() && (named("csv") || is_other())
 }
 
-/// The recording's configuration in this program, before the command line lays anything over it;
-/// none if that is no configuration of this program, because its model is another's.
+/// The recording's configuration in this program, before overrides; `None` if this program does not
+/// have its model.
 fn as_recorded(args: &IdentifyArgs, info: &RunInfo) -> Option<Config> {
     report::config_of(info, &args.common.catalog).ok()
 }

@@ -1,5 +1,5 @@
-//! `thetabus identify LOG.csv`: the very same node off line, on the user's own data or on what
-//! `thetabus export` wrote.
+//! `thetabus identify LOG.csv`: the same node off line, on a user's log or on a file of `thetabus
+//! export`.
 
 use super::offline_run::OfflineRun;
 use super::run_info::run_info;
@@ -16,7 +16,7 @@ use std::io::{BufRead, BufReader, Seek};
 use std::path::Path;
 use std::time::Instant;
 
-/// Samples from one look at the place in the file to the next.
+/// Number of samples between queries of the position in the file.
 const LOOK: u64 = 4096;
 
 /// Samples as rows of a file.
@@ -27,10 +27,10 @@ enum Rows {
     Exported(Box<SamplesCsvReader<BufReader<File>>>),
 }
 
-/// Identifies from a log file with columns as `[log]` names them, or from an exported recording.
+/// Identifies from a log file with the columns of `[log]`, or from an exported recording.
 ///
 /// # Errors
-/// A configuration or log that is wrong, results that cannot be written.
+/// If the configuration or the log is wrong, or results cannot be written.
 pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let start = Instant::now();
     let input = &args.input;
@@ -49,11 +49,11 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
     };
     let monitor = monitor_node(&config, None);
     let info = RunInfo {
-        // When a log was written nobody knows.
+        // The time at which a log was written is unknown.
         recording_id: String::new(),
         ..run_info(&config, &monitor, false)
     };
-    // Shares the place with the file that is read.
+    // Shares the position with the file being read.
     let mut place_in_file = file.try_clone().ok();
     let bytes = file.metadata().map_or(0, |data| data.len());
     let mut source = BufReader::new(file);
@@ -86,7 +86,7 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
         }
         line.take(&sample)?;
         read += 1;
-        // The file is asked seldom: that is a call of the system.
+        // Query the file rarely, because that is a system call.
         if read.is_multiple_of(LOOK)
             && let Some(Ok(at)) = place_in_file.as_mut().map(|file| file.stream_position())
         {
@@ -110,7 +110,7 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
     Ok(if all_good { exit } else { Exit::DataLoss })
 }
 
-/// What was read, and what is probably wrong with it.
+/// Reports what was read, and probable mistakes.
 fn tell(input: &Path, config: &Config, log: &LogReader<BufReader<File>>, line: &OfflineRun<'_>) {
     let input = input.display();
     let definition = config.model.definition();
@@ -136,7 +136,7 @@ fn tell(input: &Path, config: &Config, log: &LogReader<BufReader<File>>, line: &
     }
 }
 
-/// Sign of the acceleration that a positive input gives; 0 for a plant that does not say.
+/// Sign of the acceleration due to a positive input; 0 if unknown.
 fn input_sign(config: &Config) -> f64 {
     match config.model.name() {
         "servo_axis" => config.file_form().servo_axis.gain.signum(),

@@ -16,13 +16,13 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Blocks that are learnt before predictions count: at first nothing is known of friction.
+/// Blocks before predictions count, because at first friction is unknown.
 const WARM_UP_BLOCKS: usize = 10;
 
 /// The robot's configuration, if the command line names one.
 ///
 /// # Errors
-/// The file is wrong, or what a robot's log does not take is asked for.
+/// If the file is wrong, or an option does not apply to a robot's log.
 pub(super) fn configuration(args: &IdentifyArgs) -> Result<Option<RobotConfig>, Failure> {
     let [path] = &args.common.config[..] else {
         return none_with_validation(args);
@@ -67,7 +67,7 @@ fn none_with_validation(args: &IdentifyArgs) -> Result<Option<RobotConfig>, Fail
 /// Identifies a robot from a log in one pass.
 ///
 /// # Errors
-/// A log that is wrong, results that cannot be written.
+/// If the log is wrong, or results cannot be written.
 pub(super) fn run(args: &IdentifyArgs, mut config: RobotConfig, shutdown: &Shutdown) -> Result<Exit, Failure> {
     if let Some(dir) = &args.out {
         out_dir::check(dir)?;
@@ -76,7 +76,7 @@ pub(super) fn run(args: &IdentifyArgs, mut config: RobotConfig, shutdown: &Shutd
     let log = cut(args, RobotLog::read(&args.input, &config)?)?;
     let held_out = args.validate.as_deref().map(|path| RobotLog::read(path, &config));
     let held_out = held_out.transpose()?;
-    // Between two tickers: a line of the one would run into the other's.
+    // Before the next ticker, because their lines would overlap.
     drop(ticker);
     config.options.windows = config.windows_of(&log.samples);
     robot_profile::tell(&args.input, &config, &log);
@@ -140,19 +140,19 @@ pub(super) fn run(args: &IdentifyArgs, mut config: RobotConfig, shutdown: &Shutd
     Ok(Exit::Done)
 }
 
-/// What one pass through a log gives.
+/// Result of one pass through a log.
 struct Pass {
-    /// How well each second was predicted before it was learnt.
+    /// How well each block was predicted before it was used.
     before: TorqueFit,
     last: Estimate,
     /// Text of `estimates.csv`.
     estimates: String,
-    /// A signal came before the end of the log.
+    /// True if a signal arrived before the end of the log.
     stopped: bool,
 }
 
 impl Pass {
-    /// Learns a log, sample by sample beside their filtered states, until asked to stop.
+    /// Processes a log sample by sample, with the filtered states, until asked to stop.
     fn through(
         identifier: &mut RobotIdentifier,
         (log, states): (&[RobotSample], &[FilteredSample]),
@@ -191,7 +191,7 @@ impl Pass {
         Ok(pass)
     }
 
-    /// After a block that ended at `t_s`.
+    /// Records a block that ended at `t_s`.
     fn note(&mut self, identifier: &RobotIdentifier, evidence: &mut RobotEvidence, t_s: f64) {
         self.last = evidence.judge(identifier, true, 0.0);
         estimates_line(identifier, (t_s, &self.last), &mut self.estimates);
@@ -209,17 +209,17 @@ fn without_rows(identifier: &RobotIdentifier, log: &[RobotSample]) -> String {
     }
 }
 
-/// How well torques are predicted: learnt from the same log, before each block was learnt, and of
-/// another log.
+/// How well torques are predicted: on the same log afterwards, on it before each block was used,
+/// and on another log.
 struct Fits {
     learnt: TorqueFit,
     before: TorqueFit,
-    /// How long the misfit on the same log keeps its sign, per joint.
+    /// Correlation time of the misfit on the same log, per joint.
     correlation_s: Vec<Option<f64>>,
     held_out: Option<TorqueFit>,
 }
 
-/// The part that --from and --to ask for, in seconds after the first sample.
+/// The part selected by --from and --to, in seconds after the first sample.
 fn cut(args: &IdentifyArgs, mut log: RobotLog) -> Result<RobotLog, Failure> {
     let span = args.span.span()?;
     let start = log.samples.first().map_or(0.0, |sample| sample.t_s);

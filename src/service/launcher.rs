@@ -7,7 +7,7 @@
 //!      └─ thetabus plant        waits for the identifier; END ends the identifier, its last status the monitor
 //! ```
 //!
-//! How the processes live and end is `children.rs`.
+//! `children.rs` manages the processes.
 
 use super::args::{domain, quoted};
 use super::children::{Children, Plan};
@@ -36,7 +36,8 @@ const CONFIG_TOML: &str = "config.toml";
 /// Runs plant, identifier and monitor to the end, then prints the result.
 ///
 /// # Errors
-/// A wrong configuration, a directory that is not empty, a second run, a child that fails.
+/// If the configuration is wrong, the directory is not empty, there is already a run, or a child
+/// fails.
 pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let start = Instant::now();
     #[cfg(feature = "foxglove")]
@@ -56,7 +57,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let dir = config.monitor.out_dir.clone().unwrap_or_else(out_dir::default_dir);
     out_dir::check(&dir)?;
     let _only_one = RoleLock::acquire(&domain, &robot, Role::Run)?;
-    // Told now, not by a child that fails.
+    // Report this now, not through a failing child.
     for role in [Role::Plant, Role::Identifier] {
         RoleLock::acquire(&domain, &robot, role)?;
     }
@@ -103,7 +104,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let lost = outcome?;
     let summary = result?;
     if restarted {
-        // Whatever the delivery: what a process that died had in its hands has gone with it.
+        // In any delivery mode, the data that a dead process was handling are lost.
         tracing::error!("processes were restarted; the data they were processing are lost");
         return Ok(Exit::DataLoss);
     }
@@ -128,7 +129,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     })
 }
 
-/// The configuration with what `run` decides: who is waited for.
+/// The configuration with the consumers to wait for, as `run` determines them.
 fn load(args: &RunArgs) -> Result<Config, Failure> {
     let files: Vec<_> = args.file.iter().cloned().collect();
     let file = cell::sources(&files, args.plant.common.robot.as_deref())?;
@@ -140,15 +141,16 @@ fn load(args: &RunArgs) -> Result<Config, Failure> {
     Ok(config.with_number("bus.lockstep_consumers", consumers as f64)?)
 }
 
-/// Who takes samples: the identifier, the monitor if it records or shows them, and a controller.
+/// The number of sample consumers: the identifier, the monitor if it records or shows samples, and
+/// a controller.
 fn consumers(config: &Config, args: &RunArgs) -> usize {
     let monitor = !args.no_record || args.web.takes_samples();
     let controller = config.controller.feed_forward != FeedForward::None;
     1 + usize::from(monitor) + usize::from(controller)
 }
 
-/// Reads what the monitor has written, adds the wall time, prints the table, and last where it all
-/// is: the directory, and the page to open.
+/// Reads the monitor's results, adds the wall time, and prints the table and, last, the directory
+/// and the page to open.
 fn show_result(
     dir: &Path,
     start: Instant,

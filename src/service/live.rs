@@ -1,4 +1,4 @@
-//! What a monitor shows while it runs: lines, and a page if one is asked for.
+//! Live output of a monitor: lines, and a page if requested.
 
 use super::args::domain;
 use super::wiring::input_prediction;
@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 /// Period of updates of the page.
 const PERIOD: Duration = Duration::from_millis(200);
 
-/// What the configuration says of whatever will be seen.
+/// The live state with the names and settings of a configuration.
 pub(super) fn live_state(config: &Config) -> LiveState {
     let plant = config.model.definition();
     let about = About {
@@ -40,7 +40,7 @@ pub(super) fn live_state(config: &Config) -> LiveState {
     LiveState::new(about, parameters.collect(), derived.collect()).explaining(config.model.least_explained())
 }
 
-/// What an identifier says of itself.
+/// Adopts the names in an identifier's description.
 pub(super) fn rename(state: &mut LiveState, description: &Description) {
     let joint = description.joint.first().filter(|_| description.joints > 0);
     let about = About {
@@ -64,18 +64,18 @@ pub(super) struct Live {
     #[cfg(feature = "foxglove")]
     foxglove: Option<FoxgloveServer>,
     published: Instant,
-    /// Lines for people instead of lines with every digit.
+    /// True for readable lines instead of lines with every digit.
     readable: bool,
 }
 
 impl Live {
-    /// The views of a monitor; the page is served from here on, if it is wanted.
+    /// The views of a monitor; starts serving the page, if requested.
     ///
     /// # Errors
-    /// The address is in use or not of this machine.
+    /// If the address is in use, or is not one of this machine.
     pub(super) fn start(config: &Config, node: &MonitorNode, args: &MonitorArgs) -> Result<Self, Failure> {
         let web = &args.web;
-        // only a page looks back
+        // only a page needs the history
         let state = match web.web {
             Some(_) => live_state(config).predicting(input_prediction(config)),
             None => live_state(config).for_text(),
@@ -93,7 +93,7 @@ impl Live {
             })
             .transpose()?;
         if let Some(server) = &server {
-            // Without this line nobody knows where to look.
+            // Without this line the user does not know the address.
             logging::say(args.common.log_format, &format!("see it live at {}", server.url()));
         }
         #[cfg(feature = "foxglove")]
@@ -151,12 +151,12 @@ impl Live {
         }
     }
 
-    /// The identifier has another model than the configuration: its own names hold.
+    /// Adopts the identifier's names, if its model differs from the configuration's.
     pub(super) fn rename(&mut self, description: &Description) {
         self.feed.with(|state| rename(state, description));
     }
 
-    /// To be called often.
+    /// Call this often.
     pub(super) fn round(&mut self) {
         if self.server.is_some() && self.published.elapsed() >= PERIOD {
             self.published = Instant::now();
@@ -164,7 +164,7 @@ impl Live {
         }
     }
 
-    /// The last word to all who look.
+    /// Sends the final state to all viewers.
     pub(super) fn finish(&mut self) {
         if self.server.is_some() {
             self.feed.publish();
@@ -189,7 +189,7 @@ fn foxglove(
     Ok(server)
 }
 
-/// Why an address cannot be had, and what to do.
+/// Why an address cannot be used, and what to do.
 fn why(error: &std::io::Error) -> String {
     match error.kind() {
         ErrorKind::AddrInUse => "the port is in use; name another one, or 0 for any that is free".to_owned(),

@@ -1,4 +1,4 @@
-//! `thetabus load`: many simulated robots in real time, and what became of their samples.
+//! `thetabus load`: many simulated robots in real time, and the outcome of their samples.
 
 use super::args::domain;
 use super::plant::stream_id;
@@ -12,33 +12,33 @@ use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-/// Samples that are simulated in advance may take this much memory \[bytes\].
+/// Largest memory for samples simulated in advance \[bytes\].
 const MEMORY: usize = 2 << 30;
 /// Pause between two rounds over the robots.
 const ROUND: Duration = Duration::from_micros(250);
 /// How long the identifiers may take to end with the streams.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Robots that are named when their samples were lost.
+/// Largest number of robots listed with lost samples.
 const LISTED: usize = 8;
 
-/// A robot that publishes what was simulated in advance.
+/// A robot that publishes samples simulated in advance.
 struct Robot {
     name: String,
     publisher: SamplePublisher,
     status: Subscriber<Status>,
     samples: Rc<[Sample]>,
     stream_id: u64,
-    /// When its stream begins, counted from the start of the load.
+    /// Start of its stream, counted from the start of the load.
     begins: Duration,
     sent: usize,
     heard: Option<Status>,
 }
 
-/// Publishes the samples of all robots of a configuration in real time, then reports what their
-/// identifiers say of them.
+/// Publishes the samples of all robots of a configuration in real time, then reports their
+/// identifiers' status.
 ///
 /// # Errors
-/// A wrong configuration, a plant that runs already, a bus that fails.
+/// If the configuration is wrong, a plant is already running, or the bus fails.
 pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let configs = args.common.load_robots(&args.overrides())?;
     let first = &configs[0];
@@ -54,7 +54,7 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let mut robots = open(&domain, &configs, shutdown)?;
     tracing::info!(robots = robots.len(), domain = domain.name(), speed, "load");
     apply_realtime(&first.realtime.plant);
-    // Identifiers that were there first connect within a tick.
+    // Identifiers that started earlier connect within a tick.
     await_identifiers(&mut robots, shutdown);
     let before = processor_times(&robots);
     let begun = Instant::now();
@@ -65,8 +65,8 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     conclude(&robots, wall, worst_lag, &before, &used)
 }
 
-/// Simulates and opens every robot; alike ones share their samples, and begin at different times,
-/// so that their blocks do not all end at once.
+/// Simulates and opens every robot. Identical robots share their samples and begin at different
+/// times, so that their blocks do not all end at once.
 fn open(domain: &Domain, configs: &[Config], shutdown: &Shutdown) -> Result<Vec<Robot>, Failure> {
     let mut simulated: HashMap<String, Rc<[Sample]>> = HashMap::new();
     let mut bytes = 0;
@@ -205,11 +205,11 @@ fn settle(robots: &mut [Robot]) -> Result<(), Failure> {
 impl Robot {
     fn listen(&mut self) {
         let heard = &mut self.heard;
-        // A status that cannot be read is one that was not heard.
+        // A status that cannot be read counts as not received.
         let _ = self.status.drain(|status| *heard = Some(*status));
     }
 
-    /// What its identifier says at the end of this stream.
+    /// Its identifier's status at the end of this stream.
     fn end(&self) -> Option<&Status> {
         let ended = |status: &&Status| status.stream_id == self.stream_id && status.state == State::Ended as u32;
         self.heard.as_ref().filter(ended)

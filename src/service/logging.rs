@@ -1,4 +1,4 @@
-//! Logs on standard error. A reader that has gone away is no reason to fail.
+//! Logs on standard error. A closed reader is not a failure.
 
 use super::{Failure, LogFormat, TableFormat};
 use crate::report::Summary;
@@ -8,7 +8,7 @@ use tracing_subscriber::layer::{Layer as _, SubscriberExt as _};
 use tracing_subscriber::util::SubscriberInitExt as _;
 
 /// Starts logging; `RUST_LOG` chooses what, and `default` without it: `warn` below a launcher that
-/// shows progress itself, `error` beside a table on the terminal, else `info`.
+/// shows progress itself, `error` with a table on the terminal, otherwise `info`.
 pub(super) fn start(format: LogFormat, default: &str) {
     let layer = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
@@ -29,7 +29,7 @@ pub(super) fn start(format: LogFormat, default: &str) {
     }
 }
 
-/// What is logged, and a message if `wanted` cannot be read; `default` is logged then.
+/// The log filter, and a message if `wanted` cannot be parsed; `default` then applies.
 fn filter(wanted: Option<&str>, default: &str) -> (Targets, Option<String>) {
     let parsed = |text: &str| text.parse::<Targets>();
     let fallback = || parsed(default).expect("the programs name levels that exist");
@@ -57,7 +57,7 @@ pub(super) fn format_name(format: LogFormat) -> &'static str {
     }
 }
 
-/// The last words of a program that failed: shown whatever `RUST_LOG` says.
+/// The final message of a failed program, shown regardless of `RUST_LOG`.
 pub(super) fn failure(format: LogFormat, message: &str) {
     let line = match format {
         LogFormat::Text => format!("error: {message}"),
@@ -66,7 +66,7 @@ pub(super) fn failure(format: LogFormat, message: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
-/// A line that must be seen, whatever `RUST_LOG` says.
+/// A line that is shown regardless of `RUST_LOG`.
 pub(super) fn say(format: LogFormat, message: &str) {
     let line = match format {
         LogFormat::Text => message.to_owned(),
@@ -75,11 +75,11 @@ pub(super) fn say(format: LogFormat, message: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
-/// A line of results on standard output. A reader that has closed it, as `head` does, is no
+/// A line of results on standard output. If the reader has closed it, as `head` does, that is not a
 /// failure.
 ///
 /// # Errors
-/// The result is lost: standard output is a file on a full disk, for instance.
+/// If the result is lost, for example because standard output is a file on a full disk.
 pub(super) fn result(line: &str) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
     match writeln!(out, "{line}").and_then(|()| out.flush()) {
@@ -104,7 +104,7 @@ pub(super) fn table(summary: &Summary, format: TableFormat) -> Result<(), Failur
     }
 }
 
-/// A last line for people; in JSON, standard output holds the table alone.
+/// A last line for the user; with JSON, standard output contains only the table.
 ///
 /// # Errors
 /// As [`result`].

@@ -1,8 +1,8 @@
 //! The programs as library functions: command lines, logging, exit codes, and the wiring of nodes,
 //! bus and runner.
 //!
-//! The files in `bins/` call these and nothing else, and `thetabus` offers the same three roles to
-//! `thetabus run`.
+//! The files in `bins/` only call these functions, and `thetabus run` starts the same three roles
+//! of `thetabus`.
 
 mod advice;
 mod app;

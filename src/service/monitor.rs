@@ -1,4 +1,4 @@
-//! The monitor as a process: a readable line per estimate, estimates.csv, summary.json.
+//! The monitor as a process: a line of text per estimate, estimates.csv, summary.json.
 
 use super::args::{domain, quoted};
 use super::description::monitor_of;
@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 
 /// Name of the file with one line per block.
 pub(super) const ESTIMATES_CSV: &str = "estimates.csv";
-/// How long an identifier may take to say what it identifies.
+/// How long an identifier may take to send its description.
 const DESCRIBED_WITHIN: Duration = Duration::from_secs(1);
 /// Name of the file with the end of the run.
 pub(super) const SUMMARY_JSON: &str = "summary.json";
@@ -31,7 +31,7 @@ pub(super) const SUMMARY_JSON: &str = "summary.json";
 /// Follows the estimates of a robot until it is asked to stop.
 ///
 /// # Errors
-/// A wrong configuration, a directory that is not empty, a bus or a disk that fails.
+/// If the configuration is wrong, the directory is not empty, or the bus or a disk fails.
 pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     child::follow_launcher(&args.common)?;
     let out = quoted(args.out.as_ref().map(|dir| dir.display().to_string()));
@@ -60,8 +60,8 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         Some(Err(())) => true,
         None => false,
     };
-    // Where nothing may be lost a lost estimate makes a difference to the run's exit code; a hole
-    // in a recording does anywhere.
+    // If nothing may be lost, a lost estimate affects the run's exit code; a gap in a recording
+    // always does.
     let estimate_lost = args.common.launched.receipts && monitor.node.lost_estimates() > 0;
     Ok(if recording_lost || estimate_lost {
         Exit::DataLoss
@@ -72,18 +72,18 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     })
 }
 
-/// A monitor at work: what it listens to, what it knows, and what it keeps.
+/// A running monitor: its ports, its state, and its files.
 struct Monitor<'a> {
     args: &'a MonitorArgs,
     config: &'a Config,
-    /// Where its files go.
+    /// Directory of its files.
     dir: Option<&'a Path>,
     ports: MonitorPorts,
     node: MonitorNode,
-    /// Name of the model that the node's labels belong to.
+    /// Name of the model of the node's labels.
     model: String,
     records: Records,
-    /// Last, so that it is left when nothing listens any more.
+    /// Last, so that it is dropped after all ports.
     bus: Bus,
 }
 
@@ -92,13 +92,13 @@ impl<'a> Monitor<'a> {
     fn begin(args: &'a MonitorArgs, config: &'a Config) -> Result<Self, Failure> {
         let domain = domain(config)?;
         let robot = &config.bus.robot;
-        // A launcher has made and checked the directory, and put the configuration into it.
+        // A launcher has created and checked the directory, and written the configuration to it.
         let dir = config.monitor.out_dir.as_deref();
         if let Some(dir) = dir.filter(|_| !args.common.is_launched()) {
             out_dir::check(dir)?;
             out_dir::create(dir)?;
         }
-        // Beside a launched plant the truth is known; whatever else publishes may be a machine.
+        // The truth is known for a launched plant; any other publisher may be a real machine.
         let truth = args.common.is_launched().then_some(&config.plant.sim);
         let mut node = monitor_node(config, truth);
         let resume = args.common.launched.resume;
@@ -135,8 +135,9 @@ impl<'a> Monitor<'a> {
         })
     }
 
-    /// Takes in what comes until asked to stop, or to the end of the stream. As long as nothing is
-    /// written under its labels, it takes those of another model that the identifier describes.
+    /// Receives messages until asked to stop, or until the end of the stream. While nothing has
+    /// been written under its labels, it adopts those of another model that the identifier
+    /// describes.
     fn follow(&mut self, shutdown: &Shutdown) -> Result<Result<(), RunError>, Failure> {
         loop {
             let Self {
@@ -146,7 +147,7 @@ impl<'a> Monitor<'a> {
             let Err(RunError::ForeignModel(description)) = outcome else {
                 return Ok(outcome);
             };
-            // A recording holds this monitor's configuration, with which it is identified again: it
+            // A recording contains this monitor's configuration for later identification, so it
             // must be the right one.
             if self.node.blocks() > 0 || self.records.is_recording() {
                 return Ok(Err(RunError::ForeignModel(description)));
@@ -166,7 +167,7 @@ impl<'a> Monitor<'a> {
         }
     }
 
-    /// Goes on under the labels of another model.
+    /// Continues with the labels of another model.
     fn take_labels(&mut self, description: &Description) -> Result<(), Failure> {
         foreign::warn_of_description(description, self.config);
         self.node = monitor_of(description);
@@ -180,7 +181,7 @@ impl<'a> Monitor<'a> {
     }
 }
 
-/// Says how much never came, or was left out.
+/// Warns about lost and ignored messages.
 fn warn_of_losses(ports: &MonitorPorts, node: &MonitorNode) {
     let left_out = ports.estimates.left_out().saturating_add(ports.status.left_out());
     if left_out > 0 {
@@ -198,11 +199,11 @@ fn warn_of_losses(ports: &MonitorPorts, node: &MonitorNode) {
     }
 }
 
-/// What a monitor listens to. With `receipts` the identifier waits for it.
+/// The ports of a monitor. With `receipts` the identifier waits for it.
 fn connect(bus: &Bus, receipts: bool, takes_samples: bool) -> Result<MonitorPorts, Failure> {
     let mut ports = MonitorPorts {
         // First, because an identifier that waits for a subscriber of its estimates publishes to
-        // the journal before.
+        // the journal before that.
         journal: Subscriber::new(bus)?,
         estimates: Subscriber::new(bus)?,
         status: Subscriber::new(bus)?,
@@ -212,15 +213,15 @@ fn connect(bus: &Bus, receipts: bool, takes_samples: bool) -> Result<MonitorPort
     if receipts {
         ports.estimates.give_receipts(bus)?;
     }
-    // Last: in lockstep the plant starts when this one listens, and the identifier may have found
-    // another reader to wait for.
+    // Last, because in lockstep the plant starts when this process subscribes, and the identifier
+    // may have found another reader to wait for.
     if takes_samples {
         ports.samples = Some(SampleSubscriber::new(bus)?);
     }
     Ok(ports)
 }
 
-/// What the identifier says of its model, if it does so within a second.
+/// The identifier's description, if it arrives within a second.
 pub(super) fn await_description(ports: &mut MonitorPorts) -> Result<Option<Box<Description>>, Failure> {
     let start = Instant::now();
     let mut found = None;
@@ -233,7 +234,7 @@ pub(super) fn await_description(ports: &mut MonitorPorts) -> Result<Option<Box<D
     Ok(found)
 }
 
-/// The table under other names; so far it has only its header.
+/// Restarts the table with other names; so far it has only its header.
 fn renamed_csv(path: &Path, node: &MonitorNode, equations: u32) -> Result<EstimatesCsv<File>, Failure> {
     let begin = || {
         std::fs::remove_file(path)?;
@@ -247,13 +248,12 @@ fn renamed_csv(path: &Path, node: &MonitorNode, equations: u32) -> Result<Estima
     begin().map_err(|e| unwritable(ESTIMATES_CSV, &e))
 }
 
-/// A new file with its header, or the one of a monitor that died.
+/// A new file with its header, or that of a monitor that died.
 fn estimates_csv(path: &Path, node: &MonitorNode, equations: usize, resume: bool) -> io::Result<EstimatesCsv<File>> {
     if !resume || !path.exists() {
         return EstimatesCsv::new(File::create_new(path)?, node.parameters(), equations, node.derived());
     }
-    // A link that somebody has put in the place of the file is not followed, and a pipe is not
-    // waited for.
+    // Do not follow a link in place of the file, and do not wait for a pipe.
     let mut file = File::options()
         .read(true)
         .append(true)
@@ -264,7 +264,7 @@ fn estimates_csv(path: &Path, node: &MonitorNode, equations: usize, resume: bool
     }
     let mut text = String::new();
     file.read_to_string(&mut text)?;
-    // A line that the other one died at is cut off.
+    // Cut off an incomplete last line.
     let whole = text.rfind('\n').map_or(0, |at| at + 1);
     file.set_len(whole as u64)?;
     match text[..whole].lines().last() {
@@ -279,9 +279,9 @@ fn estimates_csv(path: &Path, node: &MonitorNode, equations: usize, resume: bool
     }
 }
 
-/// What the monitor that died had seen, as far as its recording tells.
+/// Restores what the dead monitor had received, from its recording.
 fn remember(node: &mut MonitorNode, recording: &Path) {
-    // The first file may have been removed for a later one.
+    // The first file may have been removed in favour of a later one.
     let oldest = oldest_file(recording);
     let Some(Ok(mut reader)) = oldest.map(|path| RecordingReader::open(&path, Span::default())) else {
         return;

@@ -1,4 +1,4 @@
-//! Files that a command writes: new ones, never in the place of another.
+//! Output files of commands: always new, never overwritten.
 
 use super::Failure;
 use std::fmt::Display;
@@ -9,7 +9,7 @@ use std::path::Path;
 /// Writes a file that does not exist yet.
 ///
 /// # Errors
-/// It exists or cannot be written.
+/// If it exists or cannot be written.
 pub(super) fn write_new(path: &Path, text: &str) -> Result<(), Failure> {
     let written = File::create_new(path).and_then(|mut file| file.write_all(text.as_bytes()));
     written.map_err(|e| not_written(&path.display(), &e))
@@ -18,7 +18,7 @@ pub(super) fn write_new(path: &Path, text: &str) -> Result<(), Failure> {
 /// Refuses a file that exists, before anything is computed for it.
 ///
 /// # Errors
-/// It exists.
+/// If it exists.
 pub(super) fn refuse_existing(path: &Path) -> Result<(), Failure> {
     match path.exists() {
         true => Err(not_written(&path.display(), &ErrorKind::AlreadyExists.into())),

@@ -1,4 +1,4 @@
-//! A node off line, and what becomes of its estimates: table, advice, files.
+//! A node off line, with its results: table, advice, files.
 
 use super::advice::Advisor;
 use super::monitor::{ESTIMATES_CSV, unwritable, write_summary};
@@ -16,7 +16,7 @@ use std::fs::File;
 use std::path::Path;
 use std::time::Instant;
 
-/// A node, and what becomes of its estimates if no bus carries them away.
+/// A node without a bus, and the collection of its estimates.
 pub(super) struct OfflineRun<'a> {
     args: &'a IdentifyArgs,
     pub(super) node: Box<dyn Identifier>,
@@ -27,16 +27,16 @@ pub(super) struct OfflineRun<'a> {
     csv: Option<EstimatesCsv<File>>,
     start: Instant,
     ticker: Ticker,
-    /// A signal came before the end of the input.
+    /// True if a signal arrived before the end of the input.
     stopped: bool,
 }
 
 impl<'a> OfflineRun<'a> {
-    /// A node that is cold, or warm if the command line says so.
+    /// A node with a cold start, or a warm start if the command line requests it.
     ///
     /// # Errors
-    /// Results that would be written over, a configuration without a node, a checkpoint that cannot
-    /// be read.
+    /// If results would be overwritten, the configuration gives no node, or a checkpoint cannot be
+    /// read.
     pub(super) fn new(
         args: &'a IdentifyArgs,
         config: &Config,
@@ -57,7 +57,7 @@ impl<'a> OfflineRun<'a> {
             );
         }
         let joints = info.joints;
-        // Nobody sees a prediction without a report.
+        // A prediction is only shown in a report.
         let prediction = args.out.as_ref().map(|_| input_prediction(config));
         let notes = report::notes(&info, Some(config));
         let mut run = RunData::new(info, monitor).predicting(prediction);
@@ -75,20 +75,20 @@ impl<'a> OfflineRun<'a> {
         })
     }
 
-    /// So much of the input has been read, from 0 to 1.
+    /// Sets the share of the input that has been read, 0 to 1.
     pub(super) fn at(&self, share: f64) {
         self.ticker.at(share);
     }
 
-    /// Whether the rest of the input shall stay unread.
+    /// True if the rest of the input should not be read.
     pub(super) fn is_stopped(&mut self, shutdown: &Shutdown) -> bool {
         self.stopped = shutdown.requested();
         self.stopped
     }
 
-    /// Gives the node a sample and keeps what it answers.
+    /// Passes a sample to the node and keeps its estimates.
     pub(super) fn take(&mut self, sample: &Sample) -> Result<(), Failure> {
-        // Where no sample comes, no file is left behind.
+        // Without any sample, no files are created.
         if let (0, Some(dir)) = (self.run.samples, &self.args.out) {
             out_dir::create(dir)?;
             let (monitor, equations) = (&self.run.monitor, self.run.info.equations.len());
@@ -116,7 +116,7 @@ impl<'a> OfflineRun<'a> {
         last.map_or(&[], |e| &e.theta[..(e.params as usize).min(e.theta.len())])
     }
 
-    /// Table, advice and files; `about_input` is one more line on what was read.
+    /// Writes table, advice and files; `about_input` is an additional line about the input.
     pub(super) fn finish(mut self, loss: Loss, about_input: Option<&str>) -> Result<Exit, Failure> {
         let (args, format) = (self.args, self.args.format);
         if self.run.samples == 0 && loss.is_none() {
@@ -127,7 +127,7 @@ impl<'a> OfflineRun<'a> {
         self.run.loss = loss;
         let mut summary = self.run.summary().of_blocks(self.block_len);
         summary.wall_s = Some((self.start.elapsed().as_secs_f64() * 1e3).round() / 1e3);
-        // Files first: a standard output that is full must not take them away, too.
+        // Files first, so that a full standard output does not prevent them.
         if let Some(dir) = &args.out {
             out_dir::create(dir)?;
             write_summary(dir, &summary)?;
@@ -136,7 +136,7 @@ impl<'a> OfflineRun<'a> {
         drop(self.ticker);
         if status.rejected > 0 {
             let all = status.accepted.saturating_add(status.rejected);
-            // the words name the signal and the joint
+            // the text names the signal and the joint
             let last = match ErrorCode::from_wire(status.error.code) {
                 Some(ErrorCode::WrongSignals | ErrorCode::NotFinite) => format!("; the last: {}", status.error.words()),
                 _ => String::new(),
@@ -160,7 +160,7 @@ impl<'a> OfflineRun<'a> {
         if self.stopped {
             tell_stopped(&args.input);
         }
-        // A gap is lost data whoever counts it: the recorder, or the node.
+        // A gap is lost data, whether the recorder or the node counts it.
         match self.stopped || status.missing > 0 || lost_by_rejection(&status) {
             true => Ok(Exit::DataLoss),
             false => match summary.no_estimate.filter(|_| summary.blocks == 0) {
@@ -171,7 +171,7 @@ impl<'a> OfflineRun<'a> {
     }
 }
 
-/// Says that a signal came before the end of an input.
+/// Reports that a signal arrived before the end of an input.
 pub(super) fn tell_stopped(input: &Path) {
     tracing::warn!(
         "stopped by a signal: the rest of {} is not in the result",
@@ -179,10 +179,10 @@ pub(super) fn tell_stopped(input: &Path) {
     );
 }
 
-/// Whether what the node rejected counts as lost data.
+/// True if the samples that the node rejected count as lost data.
 ///
-/// A drive that saturates now and then is a healthy machine: its samples are left out on purpose,
-/// and count only if they are most of the run.
+/// Occasional saturation of a drive is normal: these samples are left out on purpose, and count
+/// only if they are most of the run.
 fn lost_by_rejection(status: &Status) -> bool {
     let beyond_saturation = status.rejected.saturating_sub(status.faults.saturated);
     beyond_saturation > 0 || status.rejected > status.accepted

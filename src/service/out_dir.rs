@@ -1,9 +1,9 @@
-//! The directory of results: never written over.
+//! The directory of results, which is never overwritten.
 
 use super::Failure;
 use std::path::{Path, PathBuf};
 
-/// Refuses a directory that holds anything, and what is not a directory.
+/// Refuses a directory that is not empty, and anything that is not a directory.
 pub(super) fn check(dir: &Path) -> Result<(), Failure> {
     match std::fs::read_dir(dir) {
         Ok(mut entries) => match entries.next() {
@@ -21,13 +21,13 @@ pub(super) fn check(dir: &Path) -> Result<(), Failure> {
     }
 }
 
-/// Makes it.
+/// Creates it.
 pub(super) fn create(dir: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(dir)
         .map_err(|e| Failure::Failed(format!("cannot make the directory for results, {}: {e}", dir.display())))
 }
 
-/// `thetabus-out/<time>` in UTC, with a number after it if that is taken.
+/// `thetabus-out/<time>` in UTC, with a number appended if that exists.
 pub(super) fn default_dir() -> PathBuf {
     let base = Path::new("thetabus-out");
     let now = std::time::SystemTime::now()
@@ -53,8 +53,8 @@ pub(super) fn date(seconds: u64) -> String {
 /// `20260102-030405` of seconds since 1970.
 fn utc(seconds: u64) -> String {
     let (days, of_day) = (seconds / 86_400, seconds % 86_400);
-    // Days since 0000-03-01, in eras of 400 years: the year begins in March, so that the leap day
-    // is its last.
+    // Days since 0000-03-01, in eras of 400 years: the year begins in March, so the leap day is its
+    // last.
     let shifted = days + 719_468;
     let (era, of_era) = (shifted / 146_097, shifted % 146_097);
     let year_of_era = (of_era - of_era / 1_460 + of_era / 36_524 - of_era / 146_096) / 365;

@@ -13,7 +13,8 @@ use std::time::Duration;
 /// Simulates the configured machine and publishes its samples, from start to END.
 ///
 /// # Errors
-/// A wrong configuration, a second plant of this robot, no consumer in lockstep, a bus that fails.
+/// If the configuration is wrong, this robot already has a plant, no consumer attaches in lockstep,
+/// or the bus fails.
 pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     child::follow_launcher(&args.common)?;
     let config = args.common.load(Vec::new(), &args.overrides())?;
@@ -87,7 +88,7 @@ pub(super) fn limit(config: &Config) -> Duration {
     Duration::from_secs_f64(config.bus.lockstep_limit_s)
 }
 
-/// A number that no earlier start of a plant had; 0 means "none yet" in status.
+/// A number that no earlier plant had; 0 means "none yet" in status.
 pub(super) fn stream_id() -> u64 {
     RandomState::new().build_hasher().finish().max(1)
 }

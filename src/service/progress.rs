@@ -1,4 +1,4 @@
-//! How far a run is, on standard error: in place on a terminal, else a line every few seconds.
+//! Progress of a run on standard error: in place on a terminal, otherwise a line every few seconds.
 
 use crate::bus::monotonic_ns;
 use crate::live::{LiveState, columns, progress_line};
@@ -12,7 +12,7 @@ const LINE_PERIOD: Duration = Duration::from_secs(5);
 /// Period of updates in place.
 const IN_PLACE_PERIOD: Duration = Duration::from_millis(200);
 
-/// The progress line. Everything else that goes to standard error meanwhile goes through
+/// The progress line. All other output to standard error meanwhile goes through
 /// [`Progress::pass_on`].
 #[derive(Debug)]
 pub(super) struct Progress {
@@ -21,7 +21,7 @@ pub(super) struct Progress {
     block_len: u64,
     start: Instant,
     line: Mutex<Line>,
-    /// What the line in place says of the result.
+    /// The results shown in the line.
     live: Mutex<LiveState>,
 }
 
@@ -48,18 +48,18 @@ impl Progress {
         }
     }
 
-    /// Whether there is a line in place, which says what was found so far.
+    /// True if there is a line in place that shows results.
     pub(super) fn is_terminal(&self) -> bool {
         self.terminal
     }
 
-    /// Takes an estimate in.
+    /// Takes an estimate.
     pub(super) fn found(&self, estimate: &Estimate, sent_ns: u64) {
         let mut live = self.live.lock().unwrap_or_else(PoisonError::into_inner);
         live.on_estimate(estimate, None, sent_ns);
     }
 
-    /// Shows a status if it is time to.
+    /// Shows a status if it is due.
     pub(super) fn show(&self, status: &Status, sent_ns: u64) {
         let mut live = self.live.lock().unwrap_or_else(PoisonError::into_inner);
         live.on_status(status, sent_ns);
@@ -78,7 +78,7 @@ impl Progress {
                     0 => String::new(),
                     _ => format!("  {} missing, {} rejected", view.missing, view.rejected),
                 };
-                // A line that is wider than the terminal would not be written over.
+                // A line wider than the terminal could not be overwritten.
                 let room = columns().saturating_sub(percent.len() + lost.len() + 1);
                 format!("{percent}{}{lost}", progress_line(&view, room))
             }
@@ -95,7 +95,7 @@ impl Progress {
     }
 
     fn percent(&self, status: &Status) -> f64 {
-        // Whatever was received: a sum of counters that somebody else sent must not overflow.
+        // A sum of received counters must not overflow.
         let taken = status
             .accepted
             .saturating_add(status.rejected)
@@ -117,7 +117,7 @@ impl Progress {
         )
     }
 
-    /// Writes a line of a child's, without tearing the progress line.
+    /// Writes a line of a child without breaking the progress line.
     pub(super) fn pass_on(&self, text: &str) {
         let mut line = self.line.lock().unwrap_or_else(PoisonError::into_inner);
         let clear = if std::mem::take(&mut line.shown) {

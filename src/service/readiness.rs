@@ -1,27 +1,28 @@
-//! What a service manager is told, if it asks for it by NOTIFY_SOCKET and WATCHDOG_USEC as systemd
-//! does: that a program is ready, and from then on that all of its loops turn.
+//! Notifies a service manager that sets NOTIFY_SOCKET and WATCHDOG_USEC, such as systemd, that a
+//! program is ready and then that all of its loops are running.
 
 use crate::bus::monotonic_ns;
 use sd_notify::NotifyState;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Says that the program takes part. Without a service manager nothing happens.
+/// Reports that the program is ready. Does nothing without a service manager.
 pub(super) fn ready() {
-    // A service manager that cannot be reached either does without, or ends this program.
+    // If the service manager cannot be reached, it either does not need the message or ends this
+    // program.
     let _ = sd_notify::notify(&[NotifyState::Ready]);
 }
 
-/// The watchdog of a process: fed as long as every loop has turned in half the time that it allows.
+/// The watchdog of a process: notified while every loop has turned within half the permitted time.
 pub(super) struct Watchdog {
-    /// When each loop turned last \[ns of CLOCK_MONOTONIC\].
+    /// Time of the last turn of each loop \[ns of CLOCK_MONOTONIC\].
     turns: Vec<AtomicU64>,
     fed_ns: AtomicU64,
     limit: Option<Duration>,
 }
 
 impl Watchdog {
-    /// For a process of so many loops, which have just begun.
+    /// For a process with `loops` loops, which have just begun.
     pub(super) fn new(loops: usize) -> Self {
         let now = monotonic_ns();
         Self {
@@ -31,7 +32,7 @@ impl Watchdog {
         }
     }
 
-    /// A loop has turned; to be called several times within the limit.
+    /// Records that a loop has turned; call it several times within the limit.
     pub(super) fn turned(&self, number: usize) {
         let Some(limit) = self.limit else { return };
         let now = monotonic_ns();

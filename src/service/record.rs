@@ -20,8 +20,7 @@ use std::time::{Duration, Instant};
 /// Name of the recording in a directory of results.
 pub(super) const RECORDING: &str = "recording.mcap";
 
-/// The recording that is meant by a path to it, or to the directory of results that holds it: its
-/// oldest file that is still there.
+/// The recording at a path, or in a directory of results: its oldest existing file.
 pub(super) fn recording_at(path: &Path) -> PathBuf {
     let first = match path.is_dir() {
         true => path.join(RECORDING),
@@ -33,25 +32,25 @@ pub(super) fn recording_at(path: &Path) -> PathBuf {
     }
 }
 
-/// How long a recorder that is late anyway may wait for the identifier's answer.
+/// How long a recorder, which is already late, may wait for the identifier's answer.
 const TELL_LIMIT: Duration = Duration::from_millis(100);
-/// What a killed recorder may lose.
+/// Largest time span that a killed recorder may lose.
 const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 
-/// Writes what a monitor sees.
+/// Writes the messages of a monitor.
 pub(super) struct Records {
     pub(super) csv: Option<EstimatesCsv<File>>,
     recorder: Option<Recorder>,
     flushed: Instant,
-    /// Samples that never came, as far as it has been told.
+    /// Lost samples, as last reported to the identifier.
     told_missing: u64,
-    /// The recording ended before its run.
+    /// True if the recording ended before its run.
     broken: bool,
-    /// Where the identifier is told of losses.
+    /// Bus on which losses are reported to the identifier.
     bus: Option<Bus>,
-    /// The identifier's last error as far as the log has it.
+    /// The identifier's last error that was logged.
     told: LastError,
-    /// What people see.
+    /// Live output.
     live: Live,
 }
 
@@ -79,12 +78,12 @@ impl Records {
         self.recorder.is_some()
     }
 
-    /// Names and units are the identifier's own from here on.
+    /// Adopts the identifier's names and units.
     pub(super) fn rename(&mut self, description: &Description) {
         self.live.rename(description);
     }
 
-    /// Ends the recording; `None` if there was none, an error if it is not whole.
+    /// Ends the recording; `None` if there was none, an error if it is incomplete.
     pub(super) fn finish(mut self) -> Option<Result<RecorderStatus, ()>> {
         self.live.finish();
         if self.broken {
@@ -94,8 +93,8 @@ impl Records {
         Some(finished.map_err(|e| tracing::error!("{e}")))
     }
 
-    /// Has the identifier say in its status what the recorder lost. Where it cannot, the file and
-    /// the log tell it all the same.
+    /// Reports the recorder's losses to the identifier for its status. If that fails, the file and
+    /// the log still contain them.
     fn tell_identifier(&self, missing: u64) {
         let Some(bus) = &self.bus else { return };
         let request = Request::new(Command::Recorder).with_value(missing as f64);
@@ -105,8 +104,8 @@ impl Records {
         }
     }
 
-    /// A disk that fails ends the recording and not the monitor: what it shows is needed all the
-    /// more.
+    /// A disk failure ends the recording but not the monitor, whose output is then even more
+    /// important.
     fn record(&mut self, write: impl FnOnce(&mut Recorder) -> Result<(), RecordError>) {
         if let Some(recorder) = &mut self.recorder
             && let Err(e) = write(recorder)
@@ -132,7 +131,7 @@ impl MonitorSink for Records {
     }
 
     fn status(&mut self, status: &Status, sent_ns: u64) -> io::Result<()> {
-        // twice a second at most, and once for each kind of refused sample
+        // at most twice a second, and once for each kind of refused sample
         let reason = ErrorCode::from_wire(status.error.code);
         let samples = matches!(
             reason,
@@ -153,7 +152,7 @@ impl MonitorSink for Records {
     }
 
     fn journal(&mut self, entry: &Journal) -> io::Result<()> {
-        // A state comes in parts; one line tells of it.
+        // A state arrives in parts; log only one line.
         if entry.request.part == 0 {
             let command = Command::from_wire(entry.request.command).map_or("unknown", Command::name);
             let (name, value) = (entry.request.name(), entry.request.value());
@@ -191,8 +190,8 @@ impl MonitorSink for Records {
 
 /// Begins a recording of the configured plant.
 ///
-/// `resume` goes on with the recording of a monitor that died, in a file of its own that readers
-/// join to the first.
+/// `resume` continues the recording of a monitor that died, in a separate file that readers join to
+/// the first.
 pub(super) fn recorder(
     path: &Path,
     config: &Config,

@@ -1,5 +1,4 @@
-//! `thetabus replay`: a recording's samples on the bus again, as a plant that has done all this
-//! before.
+//! `thetabus replay`: publishes a recording's samples on the bus again, in the role of the plant.
 
 use super::args::domain;
 use super::plant::{delivery, limit, stream_id};
@@ -14,16 +13,15 @@ use crate::runner::{Pace, SampleSource, Shutdown, TICK, run_plant};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// What a replay does unless its command line says otherwise: it loses nothing, and waits for the
-/// identifier. The recorded run may have waited for its recorder as well, which nobody need start
-/// again.
+/// Default settings of a replay: nothing is lost, and it waits only for the identifier, because the
+/// recorder of the original run need not be started again.
 const REPLAY_SETTINGS: &str = "[bus]\ndelivery = \"lockstep\"\nlockstep_consumers = 1\n";
 
 /// Publishes the samples of a recording, from the first to one flagged END.
 ///
 /// # Errors
-/// A recording that cannot be read, a plant that runs already, no consumer in lockstep, a bus that
-/// fails.
+/// If the recording cannot be read, a plant is already running, no consumer attaches in lockstep,
+/// or the bus fails.
 pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let recording = recording_at(&args.input);
     let reader = report::open(&recording, args.span.span()?)?;
@@ -70,9 +68,8 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     Ok(if sent.loss.is_none() { exit } else { Exit::DataLoss })
 }
 
-/// Tells the identifier in advance what it was told during the recording, with the samples from
-/// which on it held: for this stream alone, so that nothing of it is left to the next one, however
-/// this one ends.
+/// Sends the identifier the recorded commands in advance, with the samples from which they apply,
+/// for this stream only: nothing of them remains for the next stream, however this one ends.
 fn repeat_commands(
     recording: &Path,
     bus: &Bus,
@@ -120,17 +117,17 @@ fn repeat_commands(
     Ok(())
 }
 
-/// The samples of a recording as a new stream: seq, times and gaps as they were, all flagged as
-/// those of a replay, the last one flagged END.
+/// The samples of a recording as a new stream: with the recorded seq, times and gaps, all flagged
+/// as a replay, the last one flagged END.
 struct Replay {
     reader: RecordingReader,
     stream_id: u64,
-    /// Flag that its samples get: what they teach goes when the stream is over, unless it shall
-    /// stay.
+    /// Flag of its samples: what is learnt from them is dropped at the end of the stream, unless it
+    /// should be kept.
     flag: u32,
-    /// That of the recorded stream.
+    /// Id of the recorded stream.
     recorded: Option<u64>,
-    /// Read ahead, for the last one must be known as such.
+    /// Read ahead, because the last sample must be flagged.
     next: Option<Sample>,
     given: u64,
     failure: Option<ReadError>,

@@ -1,4 +1,4 @@
-//! `thetabus report`: figures, page and table of a run that was recorded.
+//! `thetabus report`: figures, page and table of a recorded run.
 
 use super::monitor::{SUMMARY_JSON, write_summary};
 use super::record::recording_at;
@@ -12,10 +12,10 @@ use crate::report::{Notes, RunData, Summary, write_report};
 use crate::rows::RowForm;
 use std::path::{Path, PathBuf};
 
-/// Makes the report of a directory of results, or of a recording.
+/// Writes the report of a directory of results, or of a recording.
 ///
 /// # Errors
-/// No recording there, one that cannot be read, a directory that cannot be written.
+/// If there is no recording or it cannot be read, or the directory cannot be written.
 pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
     let path = &args.input;
     let default_out = || match path.is_dir() {
@@ -23,7 +23,7 @@ pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
         false => path.with_extension("report"),
     };
     let out = args.out.clone().unwrap_or_else(default_out);
-    // The report of a directory belongs into it; anywhere else nothing is written over.
+    // The report of a directory belongs in that directory; elsewhere nothing is overwritten.
     let in_place = path.is_dir() && args.out.is_none();
     if !in_place {
         out_dir::check(&out)?;
@@ -33,8 +33,7 @@ pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
     let run = read(&recording_at(path), args.span.span()?, &catalog, |share| {
         ticker.at(share)
     })?;
-    // A run that ended before its first sample has a report; a part that was asked for and is not
-    // there has none.
+    // A run that ended before its first sample has a report; a selected part without data has none.
     if args.span.is_cut() && run.samples == 0 && run.estimates.is_empty() && run.loss.is_none() {
         return Err(args.span.nothing(path));
     }
@@ -53,8 +52,8 @@ pub fn run(args: &ReportArgs, common: &CommonArgs) -> Result<Exit, Failure> {
     Ok(exit)
 }
 
-/// Reads a recording; of a simulated run the configuration tells the truth as well. `look` hears
-/// the share that has been read.
+/// Reads a recording; for a simulated run the configuration also gives the truth. `look` is called
+/// with the share read so far.
 pub(super) fn read(
     recording: &Path,
     span: Span,
@@ -70,7 +69,7 @@ pub(super) fn read(
         .filter(|config| config.model.definition().hash() == info.model_hash)
     {
         Some(config) => monitor_node(&config, Some(&config.plant.sim)),
-        // The plant may be one that this program does not know.
+        // This program may not have the model of the plant.
         None => MonitorNode::new(info.parameters.clone(), info.derived.clone(), None).of_model(info.model_hash),
     };
     let own = own_config(info, catalog);
@@ -93,7 +92,7 @@ fn own_config(info: &RunInfo, catalog: &Catalog) -> Option<Config> {
     (config.model.definition().hash() == info.model_hash).then_some(config)
 }
 
-/// What the recorded configuration and this machine say of a run.
+/// Notes on a run, from the recorded configuration and this machine.
 pub(super) fn notes(info: &RunInfo, config: Option<&Config>) -> Notes {
     let begun_ns = info
         .recording_id
@@ -124,12 +123,12 @@ pub(super) fn open(recording: &Path, span: Span) -> Result<RecordingReader, Fail
     RecordingReader::open(recording, span).map_err(unreadable)
 }
 
-/// The configuration that a recording was made with.
+/// The configuration of a recording.
 pub(super) fn config_of(info: &RunInfo, catalog: &Catalog) -> Result<Config, Failure> {
     Ok(Config::load_for(catalog, &[source_of(info)], &[])?)
 }
 
-/// The same before anything is laid over it.
+/// The same before overrides.
 pub(super) fn source_of(info: &RunInfo) -> Source {
     Source::Recorded {
         name: "the recording's configuration".to_owned(),

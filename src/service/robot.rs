@@ -1,5 +1,5 @@
-//! The configuration of a robot from its URDF as one that every program takes: its model for the
-//! catalog, and its other sections as an ordinary source.
+//! Converts the configuration of a robot from its URDF for all programs: its model for the catalog,
+//! and its other sections as an ordinary source.
 
 use super::Failure;
 use crate::config::{Catalog, Config, Source};
@@ -14,24 +14,24 @@ use toml::{Table, Value};
 const URDF: &str = "robot.urdf";
 /// Name of the simulated robot's motion there.
 const MOTION: &str = "motion.csv";
-/// Length of a run if it names none \[s\].
+/// Default length of a run \[s\].
 const DURATION_S: f64 = 60.0;
 
-/// A robot's file as ordinary programs take it.
+/// A robot's file, converted for ordinary programs.
 pub(super) struct RobotSource {
-    /// These models and the robot's.
+    /// The given models and the robot's.
     pub catalog: Catalog,
     /// The other sections.
     pub source: Source,
-    /// Sample period that the length of a block was counted with \[s\]; `None` if the file states
-    /// that length in samples.
+    /// Sample period by which the length of a block was converted to samples \[s\]; `None` if the
+    /// file states that length in samples.
     pub counted_with_s: Option<f64>,
 }
 
 /// The text of a file that is the configuration of a robot; `None` for another file. The ordinary
 /// loader reports files that cannot be read.
 pub(super) fn robot_text(path: &Path) -> Option<String> {
-    // A pipe can be read once only, which is the ordinary loader's.
+    // A pipe can be read only once, by the ordinary loader.
     if !path.is_file() {
         return None;
     }
@@ -39,13 +39,13 @@ pub(super) fn robot_text(path: &Path) -> Option<String> {
     RobotConfig::is_robot(&text).then_some(text)
 }
 
-/// The model and the rest of a file that is the configuration of a robot, with those arguments of
-/// `--set` laid over it that are for a robot's own sections; `None` for another file. A block takes
-/// so many samples as `identify.block_s` holds at `period_s`, the sample period in force; if that
-/// is not known yet, at the file's own.
+/// The model and the other sections of a robot's file, with those arguments of `--set` applied that
+/// are for a robot's own sections; `None` for another file. The samples of a block follow from
+/// `identify.block_s` and `period_s`, the sample period in use; if that is not yet known, from the
+/// file's.
 ///
 /// # Errors
-/// What is wrong with the file, its URDF or the arguments.
+/// Errors of the file, its URDF or the arguments.
 pub(super) fn source(
     path: &Path,
     catalog: &Catalog,
@@ -73,7 +73,7 @@ pub(super) fn source(
     let (block_s, simulation) = (settings.options.block_s, settings.simulation.clone());
     let robot = RobotPlant::new(settings).map_err(in_file)?;
     let mut table = config.ordinary;
-    // What lies below, such as the configuration of a recording, may name another robot.
+    // A lower layer, such as the configuration of a recording, may name another robot.
     let name = crate::node::model::Model::definition(&robot).name.clone();
     section(&mut table, "model").insert("kind".to_owned(), Value::from(name));
     let plant = section(&mut table, "plant");
@@ -85,8 +85,7 @@ pub(super) fn source(
         "encoder_bits".to_owned(),
         Value::from(i64::from(simulation.encoder_bits)),
     );
-    // What the machine really is, for the table: at the start, and after the first change of its
-    // payload.
+    // The truth for the table: at the start, and after the first change of the payload.
     let machine = RobotSimulator::new(robot.settings().model.robot(), simulation.clone()).map_err(in_file)?;
     let theta = |t_s: f64| -> Value {
         let all = machine.truth(&robot.settings().model, t_s);
@@ -116,9 +115,9 @@ pub(super) fn source(
 /// Refuses an argument of `--set` for a section that only a robot's file has.
 ///
 /// # Errors
-/// There is such an argument.
+/// If there is such an argument.
 pub(super) fn refuse_overrides(set: &[String]) -> Result<(), Failure> {
-    // Sections [model] and [log] are those of other configurations, too.
+    // Sections [model] and [log] also exist in other configurations.
     let shared = |argument: &str| ["model.", "log."].iter().any(|section| argument.starts_with(section));
     match set.iter().find(|one| is_robot_override(one) && !shared(one.trim())) {
         Some(argument) => Err(Failure::Usage(format!(
@@ -128,11 +127,11 @@ pub(super) fn refuse_overrides(set: &[String]) -> Result<(), Failure> {
     }
 }
 
-/// The configuration of a run, with `--set`, as a file in its directory, with the URDF beside it;
-/// `None` if no robot is among the files.
+/// Writes the configuration of a run, including `--set`, to its directory, with the URDF next to
+/// it; `None` if no file is a robot's.
 ///
 /// # Errors
-/// The URDF cannot be copied.
+/// If the URDF cannot be copied.
 pub(super) fn as_file<'a>(
     files: impl Iterator<Item = &'a PathBuf>,
     set: &[String],
@@ -189,7 +188,7 @@ pub(super) fn as_file<'a>(
     toml::to_string(&table).map(Some).map_err(|e| failed(&e))
 }
 
-/// Copies a file whose text was read before, so that it is no pipe.
+/// Copies a file that was read before, so it is not a pipe.
 fn copy(from: &Path, to: &Path) -> Result<(), Failure> {
     let bytes = std::fs::read(from).map_err(|e| {
         Failure::Failed(format!(
@@ -201,10 +200,10 @@ fn copy(from: &Path, to: &Path) -> Result<(), Failure> {
     crate::files::write(to, &bytes).map_err(|e| Failure::Failed(format!("{}: cannot be written: {e}", to.display())))
 }
 
-/// These models and, if results of a robot stand in this directory, the robot's.
+/// These models and, if the directory has results of a robot, the robot's.
 ///
 /// # Errors
-/// What is wrong with the configuration in the directory.
+/// Errors of the configuration in the directory.
 pub(super) fn beside(input: &Path, catalog: &Catalog) -> Result<Catalog, Failure> {
     let dir = if input.is_dir() { Some(input) } else { input.parent() };
     let of_dir = |dir: &Path| source(&dir.join("config.toml"), catalog, &[], None);
@@ -224,7 +223,7 @@ fn section<'a>(table: &'a mut Table, name: &str) -> &'a mut Table {
     }
 }
 
-/// A key that is not stated.
+/// Sets a key that is not stated.
 fn state(section: &mut Table, key: &str, value: impl Into<Value>) {
     section.entry(key).or_insert_with(|| value.into());
 }
@@ -265,7 +264,7 @@ mod tests {
         let file = beside_the_urdf("period", "[plant]\nsample_period_s = 0.004\n");
         assert_eq!(len(load(&file, &[])), 250);
         assert_eq!(len(load(&file, &["plant.sample_period_s=0.001"])), 1000);
-        // Whoever states a number of samples gets it.
+        // A stated number of samples takes precedence.
         let both = ["plant.sample_period_s=0.004", "estimator.block_len=300"];
         assert_eq!(len(load(six_axis, &both)), 300);
         std::fs::remove_dir_all(file.parent().expect("a directory")).expect("removed");

@@ -1,4 +1,4 @@
-//! The log of a robot from a URDF: columns of numbers, an exported recording, or a bag of ROS 2.
+//! The log of a robot from a URDF: columns of numbers, an exported recording, or a ROS 2 bag.
 
 use super::Failure;
 use crate::messages::{Sample, signals};
@@ -9,26 +9,26 @@ use crate::recording::{RecordingReader, SamplesCsvReader, Span, is_samples_csv, 
 use crate::robot::{LogColumns, RobotConfig, RobotSample, Skip, SkippedRows, read_log};
 use std::path::Path;
 
-/// Largest log \[bytes\], which is held in memory: two hours of seven joints at 1 kHz.
+/// Largest log \[bytes\], because it is kept in memory: two hours of seven joints at 1 kHz.
 const MAX_LOG_BYTES: u64 = 2 << 30;
 
-/// Samples with velocities, and where they come from.
+/// Samples with velocities, and their origin.
 pub(super) struct RobotLog {
     /// The samples.
     pub samples: Vec<RobotSample>,
     /// Columns of the file; `None` if signals were found by name.
     pub columns: Option<LogColumns>,
-    /// Rows or messages that are no samples.
+    /// Rows or messages without a sample.
     pub skipped: SkippedRows,
-    /// True if the file holds no velocities: these were formed from the positions.
+    /// True if the file has no velocities and these were computed from the positions.
     pub forms_velocities: bool,
 }
 
 impl RobotLog {
-    /// A log of the configured robot.
+    /// Reads a log of the configured robot.
     ///
     /// # Errors
-    /// What is wrong with it, with its line.
+    /// The error, with its line.
     pub fn read(path: &Path, config: &RobotConfig) -> Result<Self, Failure> {
         let usage = |problem: &dyn std::fmt::Display| Failure::Usage(format!("{}: {problem}", path.display()));
         let mut skipped = SkippedRows::default();
@@ -70,7 +70,7 @@ impl RobotLog {
     }
 }
 
-/// True for what `thetabus` has not recorded itself: a bag of ROS 2, as a file or as a directory.
+/// True for a ROS 2 bag that is not a recording of `thetabus`, as a file or as a directory.
 pub(super) fn is_bag(path: &Path) -> bool {
     match path.is_dir() {
         true => path.join("metadata.yaml").is_file(),
@@ -81,7 +81,7 @@ pub(super) fn is_bag(path: &Path) -> bool {
     }
 }
 
-/// What `thetabus export` wrote, and whether all its samples hold velocities.
+/// Reads a file of `thetabus export`; also returns whether all its samples have velocities.
 fn of_export(text: &str, config: &RobotConfig, skipped: &mut SkippedRows) -> Result<(Vec<RobotSample>, bool), String> {
     let joints = config.model.robot().len();
     let (position_unit, input_unit) = robot_units(&config.model, &config.drives);
@@ -132,8 +132,8 @@ fn of_message(sample: &Sample, config: &RobotConfig) -> Result<RobotSample, Stri
     Ok(next)
 }
 
-/// `sensor_msgs/msg/JointState`, joints by their names in the URDF, and whether all messages hold
-/// velocities; effort is the input of the drives.
+/// `sensor_msgs/msg/JointState`, with joints by their names in the URDF; also returns whether all
+/// messages have velocities. Effort is the input of the drives.
 fn of_bag(path: &Path, config: &RobotConfig, skipped: &mut SkippedRows) -> Result<(Vec<RobotSample>, bool), Failure> {
     let robot = config.model.robot();
     let names: Vec<&str> = robot.joints.iter().map(|joint| joint.name.as_str()).collect();
@@ -168,7 +168,7 @@ fn of_bag(path: &Path, config: &RobotConfig, skipped: &mut SkippedRows) -> Resul
             });
             continue;
         }
-        // Drivers repeat a state if nothing new has come.
+        // Drivers repeat a state if there is no new one.
         if log.last().is_none_or(|last| sample.t_s > last.t_s) {
             log.push(sample);
         }

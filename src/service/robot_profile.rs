@@ -1,11 +1,11 @@
-//! What a robot's log was read as, and what is probably wrong with it, on standard error.
+//! Reports how a robot's log was read, and probable mistakes, on standard error.
 
 use super::robot_log::RobotLog;
 use crate::offline::{LogProfile, short};
 use crate::robot::{LogColumns, RobotConfig, RobotSample, RobotSuspicion, judge_robot_log};
 use std::path::Path;
 
-/// Says what was read, then what looks like a mistake.
+/// Reports what was read, then probable mistakes.
 pub(super) fn tell(input: &Path, config: &RobotConfig, log: &RobotLog) {
     let place = input.display();
     for line in lines(config, log) {
@@ -17,21 +17,21 @@ pub(super) fn tell(input: &Path, config: &RobotConfig, log: &RobotLog) {
     }
     tell_velocities(input, config, log);
     let mut found = judge_robot_log(&config.model, &log.samples, config.options.windows.max_gap_s);
-    // Velocities that the log does not hold are in no wrong column or unit.
+    // Velocities that the log does not contain cannot have a wrong column or unit.
     let of_velocities =
         |one: &RobotSuspicion| matches!(one, RobotSuspicion::Speed { .. } | RobotSuspicion::Rate { .. });
     found.retain(|one| !(log.forms_velocities && of_velocities(one)));
     warn(input, &found);
 }
 
-/// Says so if rows of the log are no samples.
+/// Reports skipped rows of the log.
 pub(super) fn tell_skipped(input: &Path, log: &RobotLog) {
     if log.skipped.count() > 0 {
         tracing::warn!("{}: {}", input.display(), log.skipped);
     }
 }
 
-/// Says so if the log holds no velocities.
+/// Reports if the log has no velocities.
 pub(super) fn tell_velocities(input: &Path, config: &RobotConfig, log: &RobotLog) {
     if log.forms_velocities {
         tracing::info!(
@@ -42,7 +42,7 @@ pub(super) fn tell_velocities(input: &Path, config: &RobotConfig, log: &RobotLog
     }
 }
 
-/// Says what looks like a mistake.
+/// Reports probable mistakes.
 pub(super) fn warn(input: &Path, found: &[RobotSuspicion]) {
     for suspicion in found {
         tracing::warn!("{}: {suspicion}", input.display());

@@ -1,4 +1,4 @@
-//! `thetabus urdf`: what was identified of a robot, written back into its URDF.
+//! `thetabus urdf`: writes identified values back into a robot's URDF.
 
 use super::commands::Commands;
 use super::new_file::{refuse_existing, write_new};
@@ -19,18 +19,18 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Results of `identify LOG.csv --out DIR` that are read again.
+/// File with the results of `identify LOG.csv --out DIR`.
 const SUMMARY: &str = "summary.json";
 pub(super) const COVARIANCE: &str = "covariance.csv";
-/// Standard deviations by which a written parameter is off without being named.
+/// Standard deviations by which a written parameter may be off without being reported.
 const NAMED: f64 = 2.0;
-/// Part of the standard deviation before any data below which friction is known from data.
+/// Share of the prior standard deviation below which friction is known from data.
 const KNOWN: f64 = 1.0 / 3.0;
 
 /// Writes a URDF with identified values.
 ///
 /// # Errors
-/// Nothing has been identified, an input that cannot be read, a file that exists or cannot be
+/// If nothing has been identified, the input cannot be read, or the file exists or cannot be
 /// written.
 pub fn run(args: &UrdfArgs) -> Result<Exit, Failure> {
     refuse_existing(&args.out)?;
@@ -51,7 +51,7 @@ pub fn run(args: &UrdfArgs) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// Estimates with their covariance, and the robot that they belong to.
+/// Estimates with their covariance and robot.
 struct Found {
     config: RobotConfig,
     theta: Vec<f64>,
@@ -73,7 +73,7 @@ impl Found {
         }
     }
 
-    /// From what `identify LOG.csv --out DIR` has written.
+    /// From the results of `identify LOG.csv --out DIR`.
     fn of_results(dir: &Path, config: RobotConfig) -> Result<Self, Failure> {
         let at = |name: &str| dir.join(name);
         let wrong = |name: &str, e: &dyn std::fmt::Display| Failure::Usage(format!("{}: {e}", at(name).display()));
@@ -114,7 +114,7 @@ impl Found {
         })
     }
 
-    /// By going through a recording again, with the commands in it.
+    /// By processing a recording again, with its commands.
     fn of_recording(input: &Path, common: &CommonArgs) -> Result<Self, Failure> {
         let own = match &common.config[..] {
             [] => CommonArgs {
@@ -263,7 +263,7 @@ impl Found {
         joints.filter(|joint| joint.source.len() > 1).collect()
     }
 
-    /// Names of base parameters that the written bodies do not have.
+    /// Names of base parameters that the written bodies do not reproduce.
     fn missed(&self, fitted: &StandardParameters) -> Vec<&str> {
         let named = self.config.model.parameters().iter().zip(&fitted.deviation);
         named

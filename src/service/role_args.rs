@@ -74,7 +74,7 @@ pub struct WebArgs {
 }
 
 impl WebArgs {
-    /// Whether anything here shows samples.
+    /// True if anything here shows samples.
     pub(super) fn takes_samples(&self) -> bool {
         #[cfg(feature = "foxglove")]
         if self.foxglove.is_some() {
@@ -83,7 +83,7 @@ impl WebArgs {
         self.web.is_some()
     }
 
-    /// Refuses what would be open to all of a network unless that is meant.
+    /// Refuses to serve a whole network unless that is explicitly requested.
     #[cfg(feature = "foxglove")]
     pub(super) fn check(&self) -> Result<(), super::Failure> {
         match self.foxglove {
@@ -107,7 +107,7 @@ pub struct WatchArgs {
 }
 
 impl WatchArgs {
-    /// What logging may say while the terminal is drawn on.
+    /// Logging options while the terminal is drawn on.
     pub fn logs(&self) -> CommonArgs {
         CommonArgs {
             draws: Screen::is_possible(),

@@ -1,4 +1,4 @@
-//! What a recording says of its run.
+//! The description of a run in its recording.
 
 use crate::config::Config;
 use crate::messages::SCHEMA_VERSION;
@@ -6,7 +6,7 @@ use crate::node::monitor::MonitorNode;
 use crate::recording::RunInfo;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// What a recording says of its run.
+/// The description of a run in its recording.
 pub(super) fn run_info(config: &Config, node: &MonitorNode, simulated: bool) -> RunInfo {
     let now = SystemTime::now()
         .duration_since(UNIX_EPOCH)

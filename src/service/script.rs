@@ -1,4 +1,4 @@
-//! What an identifier was told during a recording, told again at the same places.
+//! Repeats the commands of a recording at the same borders.
 
 use super::commands::{Commands, Wanted};
 use super::{Failure, report};
@@ -9,7 +9,7 @@ use crate::recording::read_journal;
 use std::collections::{HashSet, VecDeque};
 use std::path::Path;
 
-/// The journal of a recording on its way to a node.
+/// The journal of a recording, for a node.
 pub(super) struct Script {
     commands: Commands,
     entries: VecDeque<Journal>,
@@ -20,10 +20,10 @@ pub(super) struct Script {
 }
 
 impl Script {
-    /// The journal of a recording, for a node that `commands` fit.
+    /// Reads the journal of a recording, for a node that matches `commands`.
     ///
     /// # Errors
-    /// A recording that cannot be read.
+    /// If the recording cannot be read.
     pub(super) fn read(recording: &Path, commands: Commands) -> Result<Self, Failure> {
         let entries: VecDeque<Journal> = read_journal(recording).map_err(report::unreadable)?.into();
         if !entries.is_empty() {
@@ -38,8 +38,8 @@ impl Script {
         })
     }
 
-    /// Gives the node what took effect before this sample; to be called before the node gets the
-    /// sample.
+    /// Sends the node the commands that took effect before this sample; call it before passing the
+    /// sample to the node.
     pub(super) fn before(&mut self, sample: &Sample, node: &mut dyn Identifier) {
         if self.entries.is_empty() {
             return;
@@ -49,7 +49,7 @@ impl Script {
             let due = match entry.stream_id {
                 0 => true,
                 stream_id if stream_id == sample.stream_id => sample.seq >= entry.request.from_seq,
-                // of a stream that is over; one that has not begun is waited for
+                // a stream that is over; a later one is awaited
                 stream_id => self.seen.contains(&stream_id),
             };
             if !due {

@@ -1,19 +1,20 @@
-//! A log that somebody else can fill: some lines per period, then the count of those left out.
+//! Limits log lines that other processes can cause: some lines per period, then the count of those
+//! left out.
 
 use std::time::{Duration, Instant};
 
-/// Which lines of a kind are written.
+/// Selects the lines of one kind to write.
 #[derive(Debug)]
 pub(super) struct Sparse {
     period: Duration,
     lines: u64,
-    /// When the period began, and the lines written in it.
+    /// Start of the period, and the lines written in it.
     begun: Option<(Instant, u64)>,
     left_out: u64,
 }
 
 impl Sparse {
-    /// At most so many lines per `period`.
+    /// At most `lines` lines per `period`.
     pub(super) fn new(lines: u64, period: Duration) -> Self {
         Self {
             period,
@@ -23,8 +24,8 @@ impl Sparse {
         }
     }
 
-    /// Another line: `Some` if it is to be written, with the number of those before it that were
-    /// not.
+    /// Registers a line: `Some` if it should be written, with the number of lines left out before
+    /// it.
     pub(super) fn line(&mut self, now: Instant) -> Option<u64> {
         if self.is_over(now) {
             self.begun = Some((now, 0));
@@ -41,7 +42,7 @@ impl Sparse {
         }
     }
 
-    /// Lines left out that nobody has been told of for a period, or at the `end` at all.
+    /// Number of lines left out that have not been reported for a period, or, at the `end`, at all.
     pub(super) fn rest(&mut self, now: Instant, end: bool) -> Option<u64> {
         if self.left_out == 0 || !(end || self.is_over(now)) {
             return None;

@@ -1,4 +1,4 @@
-//! Whether and when a process that failed is started again: a limit, and a pause that doubles.
+//! Decides whether and when a failed process is restarted: a limit, and a pause that doubles.
 
 use crate::config::SupervisionConfig;
 use std::time::Duration;
@@ -7,7 +7,7 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Restarts {
     policy: SupervisionConfig,
-    /// Since the process was last healthy.
+    /// Number since the process was last healthy.
     in_a_row: u64,
     total: u64,
 }
@@ -21,8 +21,8 @@ impl Restarts {
         }
     }
 
-    /// The process failed after `ran_for`: the pause before it is started again, `None` if it is
-    /// not.
+    /// Records a failure after `ran_for`; returns the pause before the restart, `None` if there is
+    /// none.
     pub(super) fn failed(&mut self, ran_for: Duration) -> Option<Duration> {
         if ran_for.as_secs_f64() >= self.policy.healthy_s {
             self.in_a_row = 0;

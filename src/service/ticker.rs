@@ -1,9 +1,8 @@
-//! How far a long command has come: one line on standard error that is written over, on a terminal
-//! alone.
+//! Progress of a long command: one line on standard error that is overwritten, only on a terminal.
 //!
-//! The work says how far it is and goes on; a thread of its own writes, so that a terminal that
-//! does not take the line holds nothing up. The line ends at its beginning: whatever else is
-//! written goes over it.
+//! The work reports its progress and continues; a separate thread writes, so a blocked terminal
+//! does not delay it. The cursor returns to the start of the line, so any other output overwrites
+//! it.
 
 use crate::live::columns;
 use std::io::{IsTerminal, Write};
@@ -15,12 +14,12 @@ use std::time::{Duration, Instant};
 
 /// Period of updates.
 const PERIOD: Duration = Duration::from_millis(200);
-/// Share in parts, so that an integer holds it.
+/// Resolution of the share as an integer.
 const PARTS: f64 = 1e6;
 /// No share has been reported yet.
 const UNKNOWN: u64 = u64::MAX;
 
-/// The line; it goes on drop.
+/// The line, removed on drop.
 #[derive(Debug)]
 pub(super) struct Ticker {
     shared: Arc<Shared>,
@@ -31,14 +30,14 @@ pub(super) struct Ticker {
 #[derive(Debug)]
 struct Shared {
     share: AtomicU64,
-    /// What is done, and since when.
+    /// The present stage, and its start.
     stage: Mutex<(String, Instant)>,
-    /// Who holds it may write.
+    /// The holder may write.
     stderr: Mutex<()>,
 }
 
 impl Ticker {
-    /// Begins with a stage of the work in a few words; on anything but a terminal it stays silent.
+    /// Begins with a stage, described in a few words; silent unless on a terminal.
     pub(super) fn start(words: &str) -> Self {
         let shared = Arc::new(Shared {
             share: AtomicU64::new(UNKNOWN),
@@ -65,13 +64,13 @@ impl Ticker {
         self.shared.share.store(UNKNOWN, Ordering::Relaxed);
     }
 
-    /// So much of the stage is done, from 0 to 1.
+    /// Sets the completed share of the stage, 0 to 1.
     pub(super) fn at(&self, share: f64) {
         let parts = (share.clamp(0.0, 1.0) * PARTS) as u64;
         self.shared.share.store(parts, Ordering::Relaxed);
     }
 
-    /// Writes something else meanwhile, on a line of its own.
+    /// Writes other output meanwhile, on a separate line.
     #[cfg(feature = "studies")]
     pub(super) fn aside<T>(&self, write: impl FnOnce() -> T) -> T {
         let _only = self.shared.stderr.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,5 +1,5 @@
-//! Two uniform beams, one turning about the vertical, the other rising from its top: equations (19)
-//! to (23).
+//! Two uniform beams, one rotating about the vertical, the other rising from its top: equations
+//! (19) to (23).
 //!
 //! With J₁ = m₁l₁²/12, C = m₂l₂²/4, J₂ = m₂l₂²/3 = C + m₂l₂²/12, W = m₂ g l₂/2 the energies (21),
 //! (22) are
@@ -40,7 +40,7 @@ pub struct ArmDynamics {
 }
 
 impl ArmDynamics {
-    /// The arm with these parameters; motors play no part.
+    /// The arm with these parameters, without motors.
     pub fn new(physical: &PhysicalParameters, gravity_m_s2: f64) -> Self {
         let PhysicalParameters {
             length_1_m: l1,
@@ -92,7 +92,7 @@ impl ArmDynamics {
     /// Energy E + U \[J\], (21) and (22), U counted from q₂ = 0.
     pub fn energy(&self, q: [f64; 2], dq: [f64; 2]) -> f64 {
         let (sin, cos) = q[1].sin_cos();
-        // (21) with V₂ of (19) and (20), then (22)
+        // (21) with V₂ from (19) and (20), then (22)
         0.5 * (self.inertia_1 + self.coupling * cos * cos) * dq[0] * dq[0]
             + 0.5 * self.inertia_2 * dq[1] * dq[1]
             + self.weight * (self.tilt[1] * sin + self.tilt[0] * cos * q[0].sin())

@@ -6,8 +6,7 @@ use crate::model::PhysicalParameters;
 /// Joints of the simulated arm.
 pub const ARM_JOINTS: usize = 2;
 
-/// Physical constants of the arm and its motors, everything but the payload-dependent mass of
-/// link 2.
+/// Physical constants of the arm and its motors, except the payload-dependent mass of link 2.
 ///
 /// The links are uniform beams: centre of gravity at half the length, moment of inertia m l²/12,
 /// below (22) in the paper.
@@ -63,7 +62,7 @@ impl ArmParameters {
     /// Checks every value against its domain.
     ///
     /// # Errors
-    /// The first value outside, with its name.
+    /// The first value out of range, with its name.
     pub fn validate(&self) -> Result<(), SimError> {
         positive("arm.length_1_m", self.length_1_m)?;
         positive("arm.mass_1_kg", self.mass_1_kg)?;

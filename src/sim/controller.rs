@@ -19,14 +19,14 @@ impl ControllerKind {
     pub const NAMES: [(Self, &'static str); 2] = [(Self::Analog, "analog"), (Self::Sampled, "sampled")];
 }
 
-/// Which position the controller sees.
+/// The position used by the controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PositionFeedback {
     /// The true one.
     #[default]
     True,
-    /// The one of the sample, with all that the sensors do to it; for a sampled controller. The
-    /// velocity stays true, as from a tachometer.
+    /// The position of the sample, with all sensor errors; for a sampled controller. The velocity
+    /// is the true one, as from a tachometer.
     Measured,
 }
 
@@ -40,13 +40,13 @@ impl PositionFeedback {
 pub struct ControllerOptions {
     /// Analog or sampled.
     pub kind: ControllerKind,
-    /// Position that it works with.
+    /// The position used by the controllers.
     pub feedback: PositionFeedback,
     /// K_p of each joint \[V/rad\], ≥ 0.
     pub proportional_gain_v_per_rad: [f64; ARM_JOINTS],
     /// K_d of each joint \[V s/rad\], ≥ 0.
     pub derivative_gain_v_s_per_rad: [f64; ARM_JOINTS],
-    /// Most that each drive gives \[V\], either sign, > 0; `inf` for no limit.
+    /// Largest voltage of each drive \[V\], of either sign, > 0; `inf` for no limit.
     pub voltage_limit_v: f64,
 }
 
@@ -65,7 +65,7 @@ impl ControllerOptions {
     /// Checks every value against its domain.
     ///
     /// # Errors
-    /// The first value outside, with its name.
+    /// The first value out of range, with its name.
     pub fn validate(&self) -> Result<(), SimError> {
         if self.kind == ControllerKind::Analog && self.feedback == PositionFeedback::Measured {
             let (expected, got) = ("true for an analog controller, which no sample reaches", "measured");
@@ -88,9 +88,9 @@ impl ControllerOptions {
     }
 }
 
-/// A simulated machine that takes feed-forward from a controller outside.
+/// A simulated machine that accepts feed-forward from an external controller.
 pub trait Commanded: Iterator<Item = JointSample> {
-    /// Adds this to what the machine's own loop gives, from the next sample on; in the input's
+    /// Adds this to the output of the machine's own loop, from the next sample on; in the input's
     /// unit, held until the next call.
     fn command(&mut self, feed_forward: &[f64; MAX_JOINTS]);
 }

@@ -1,14 +1,14 @@
-//! The motion that a simulated machine is asked for, for who computes feed-forward along it.
+//! The desired motion of a simulated machine, for computing feed-forward along it.
 
 use crate::model::JointSample;
 
 /// A smooth motion in time, with its derivatives.
 pub trait DesiredMotion: Send + std::fmt::Debug {
-    /// `q`, `dq`, `ddq` and `setpoint` at a time \[s\], and `dddq` if it is known, else 0; times
-    /// must not fall from call to call.
+    /// `q`, `dq`, `ddq` and `setpoint` at a time \[s\], and `dddq` if it is known, otherwise 0;
+    /// times must not decrease between calls.
     fn at(&mut self, t_s: f64) -> JointSample;
 
-    /// The same motion as it stands.
+    /// A copy of the motion in its present state.
     fn copy(&self) -> Box<dyn DesiredMotion>;
 }
 

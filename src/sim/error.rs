@@ -1,4 +1,4 @@
-//! What is wrong with a simulation's options, and the checks that say so.
+//! Errors of a simulation's options, and the checks that report them.
 
 /// A value that a simulation cannot work with.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -6,9 +6,9 @@
 pub struct SimError {
     /// Name of the value: a path of fields of [`SimOptions`](super::SimOptions).
     pub field: &'static str,
-    /// Joint that it belongs to, counted from 0, if it is one of several.
+    /// Its joint, counted from 0, if there are several.
     pub joint: Option<usize>,
-    /// What would be right.
+    /// What was expected.
     pub expected: String,
     /// What was given.
     pub got: String,

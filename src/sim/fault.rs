@@ -1,20 +1,20 @@
-//! One fault of a sensor or of its transport: what it does, to which signal, and when.
+//! One fault of a sensor or of its transport: kind, signal, and time.
 
 use super::arm_parameters::ARM_JOINTS;
 use super::error::{SimError, finite, in_range};
 use crate::messages::{Sample, signals};
 use crate::model::MAX_JOINTS;
 
-/// What a fault does to its signal.
+/// Kinds of faults.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FaultKind {
-    /// Nothing comes. A whole sample is lost; a signal loses its bit in the mask and reads 0; a
-    /// single joint reads NaN.
+    /// No data. A whole sample is lost; a signal loses its bit in the mask and reads 0; a single
+    /// joint reads NaN.
     Off,
     /// Keeps the value that it had when the fault began.
     Stuck,
-    /// Random values: NaN, infinities, and finite ones of any magnitude. A whole sample has a
-    /// random joint count and mask, too.
+    /// Random values: NaN, infinities, and finite ones of any magnitude. A whole sample also has a
+    /// random joint count and mask.
     Garbage,
     /// gain · x + offset; time is scaled from the fault's beginning.
     Wrong {
@@ -28,22 +28,22 @@ pub enum FaultKind {
         /// Period \[s\].
         period_s: f64,
     },
-    /// The value of some time ago; whole samples come later, all that are late at once when the
+    /// The value of some time ago; whole samples arrive late, and all delayed ones at once when the
     /// fault ends.
     Delayed {
-        /// How much later \[s\], above 0 to 10.
+        /// Delay \[s\], above 0 to 10.
         delay_s: f64,
     },
-    /// Off in some periods, by chance.
+    /// Off in random periods.
     Intermittent {
-        /// Share of periods without, 0 to 1.
+        /// Share of periods without data, 0 to 1.
         share: f64,
         /// Length of a period \[s\].
         period_s: f64,
     },
 }
 
-/// What a fault acts on.
+/// The signal of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaultSignal {
     /// The whole sample.
@@ -77,7 +77,7 @@ impl FaultSignal {
         (Self::Input, "input"),
     ];
 
-    /// Its bit in a sample's mask, 0 for what has none.
+    /// Its bit in a sample's mask, 0 if it has none.
     pub fn bit(self) -> u32 {
         match self {
             Self::Sample | Self::Time => 0,
@@ -92,7 +92,7 @@ impl FaultSignal {
 
     /// Its values at the joints of a sample, if it has any.
     pub(super) fn of(self, sample: &mut Sample) -> Option<&mut [f64]> {
-        // Garbage is drawn for two joints at least, so that an axis keeps its random numbers.
+        // Garbage is drawn for at least two joints, so that an axis keeps its random numbers.
         let joints = (sample.joints as usize).clamp(ARM_JOINTS, MAX_JOINTS);
         let array = match self {
             Self::Sample | Self::Time => return None,
@@ -113,23 +113,23 @@ impl FaultSignal {
 /// One fault of a schedule.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fault {
-    /// What it does.
+    /// Its kind.
     pub kind: FaultKind,
-    /// To what.
+    /// Its signal.
     pub signal: FaultSignal,
-    /// To which joint, counted from 0; `None` for all. For signals of joints only.
+    /// Its joint, counted from 0; `None` for all. Only for signals of joints.
     pub joint: Option<usize>,
     /// First instant \[s\], ≥ 0.
     pub from_s: f64,
-    /// First instant that is right again \[s\], above `from_s`; `inf` for never.
+    /// First instant without the fault \[s\], above `from_s`; `inf` for never.
     pub to_s: f64,
 }
 
 impl Fault {
-    /// Checks every value against its domain; `joints` of the machine.
+    /// Checks every value against its domain; `joints` is the machine's number of joints.
     ///
     /// # Errors
-    /// The first value outside, with its name.
+    /// The first value out of range, with its name.
     pub fn validate(&self, joints: usize) -> Result<(), SimError> {
         in_range("faults.from_s", self.from_s, 0.0, 1e9)?;
         if !(self.to_s > self.from_s) {

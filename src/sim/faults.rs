@@ -1,17 +1,17 @@
-//! Faults of sensors and of their transport, by a schedule, between the simulated machine and its
-//! listeners.
+//! Scheduled faults of sensors and of their transport, between the simulated machine and its
+//! consumers.
 //!
 //! A fault changes what is published, never the machine or its controller. Faults act in the order
-//! of the list, each on what the one before left; a sample that one of them loses is lost. Random
-//! draws come from a stream per fault, so that one more fault at the end of the list changes
-//! nothing about the others.
+//! of the list, each on the result of the one before; a sample lost by one of them is lost. Each
+//! fault has its own random stream, so adding a fault at the end of the list does not change the
+//! others.
 
 use super::fault::{Fault, FaultKind, FaultSignal};
 use super::noise::Noise;
 use crate::messages::{Passage, Sample, nanoseconds};
 use std::collections::VecDeque;
 
-/// A schedule at work: sees every sample of a stream in turn.
+/// A running schedule, which processes every sample of a stream in turn.
 #[derive(Debug, Clone)]
 pub struct Faults {
     active: Vec<Active>,
@@ -43,8 +43,7 @@ impl Faults {
         }
     }
 
-    /// Does to a sample what the schedule says; to be called with each sample of the stream once,
-    /// in order.
+    /// Applies the schedule to a sample; call it with each sample of the stream once, in order.
     pub fn apply(&mut self, sample: &mut Sample) -> Passage {
         let t_ns = sample.t_ns;
         let mut passage = Passage::default();
@@ -65,9 +64,9 @@ struct Active {
     to_ns: u64,
     /// Samples per period, or of delay.
     period: u64,
-    /// What a signal is stuck at.
+    /// The value at which a signal is stuck.
     held: Option<Sample>,
-    /// Samples of the time of the delay.
+    /// Samples within the delay.
     past: VecDeque<Sample>,
     /// Samples since the fault began.
     count: u64,
@@ -133,8 +132,7 @@ impl Active {
         Passage::default()
     }
 
-    /// Shows what was kept, after keeping this sample if there is none yet or a fresh one is
-    /// due.
+    /// Outputs the kept sample, after keeping this one if there is none yet or a fresh one is due.
     fn hold(&mut self, sample: &mut Sample, fresh: bool) {
         if fresh || self.held.is_none() {
             self.held = Some(*sample);
@@ -144,7 +142,7 @@ impl Active {
         }
     }
 
-    /// Takes the fault's signal from another sample.
+    /// Copies the fault's signal from another sample.
     fn copy(&self, from: &Sample, to: &mut Sample) {
         match self.fault.signal {
             FaultSignal::Time => to.t_ns = from.t_ns,
@@ -185,14 +183,14 @@ impl Active {
         if self.fault.signal == FaultSignal::Time {
             let since_ns = sample.t_ns.saturating_sub(self.from_ns) as f64;
             let t_ns = self.from_ns as f64 + gain * since_ns + offset * 1e9;
-            // A float beyond the range becomes its nearest end.
+            // The conversion saturates.
             sample.t_ns = t_ns as u64;
         } else {
             self.each(self.fault.signal, sample, |x| *x = gain * *x + offset);
         }
     }
 
-    /// Every value of a signal that the fault concerns.
+    /// Calls `change` for every affected value of a signal.
     fn each(&self, signal: FaultSignal, sample: &mut Sample, mut change: impl FnMut(&mut f64)) {
         for (joint, x) in signal.of(sample).into_iter().flatten().enumerate() {
             if self.fault.joint.is_none_or(|wanted| wanted == joint) {
@@ -213,7 +211,7 @@ fn garbage(noise: &mut Noise) -> f64 {
     }
 }
 
-/// Whole samples of a time, at least one.
+/// A time in whole samples, at least one.
 fn samples(time_s: f64, sample_period_s: f64) -> u64 {
     ((time_s / sample_period_s).round() as u64).max(1)
 }
@@ -237,8 +235,8 @@ mod tests {
         }
     }
 
-    /// 30 samples at 1 kHz, every signal x of joint j being 1 + seq + 100 j, and what became of
-    /// each.
+    /// 30 samples at 1 kHz, with every signal of joint j equal to 1 + seq + 100 j, and the outcome
+    /// of each.
     fn emitted(fault: Fault) -> Vec<(Passage, Sample)> {
         fault.validate(ARM_JOINTS).expect("valid");
         let mut faults = Faults::new(&[fault], 1e-3, 5);
@@ -264,7 +262,7 @@ mod tests {
         Sample::new(3, seq, seq * MS, ARM_JOINTS, signals::ALL, &joints)
     }
 
-    /// Outside its time a fault leaves every bit alone.
+    /// Outside its time a fault changes no bit.
     fn rest_is_untouched(samples: &[(Passage, Sample)]) {
         for (seq, (passage, sample)) in samples.iter().enumerate() {
             if !(10..20).contains(&seq) {
@@ -327,7 +325,7 @@ mod tests {
         };
         let first = values(1);
         let finite = first.iter().filter(|x| x.is_finite()).count() as f64;
-        // Half of 4000 with a deviation of 32: five of them are never seen.
+        // Half of 4000 with a standard deviation of 32; the tolerance is five of these.
         assert!((finite - 2_000.0).abs() < 160.0, "{finite} finite ones");
         let bits = |values: Vec<f64>| values.into_iter().map(f64::to_bits).collect::<Vec<_>>();
         let first = bits(first);
@@ -413,7 +411,7 @@ mod tests {
                 .all(|period| period.iter().all(|lost| *lost == period[0]))
         );
         let share = lost[10..].iter().filter(|lost| **lost).count() as f64 / 50_000.0;
-        // 10 000 periods: a deviation of 0.0046.
+        // 10 000 periods: a standard deviation of 0.0046.
         assert!((share - 0.3).abs() < 0.025, "{share}");
     }
 
@@ -462,7 +460,7 @@ mod tests {
                 "faults.share",
             ),
         ];
-        // The third joint of a robot may fail, too.
+        // The third joint of a robot may also fail.
         assert!(Fault { joint: Some(2), ..base }.validate(3).is_ok());
         for (fault, field) in cases {
             assert_eq!(fault.validate(ARM_JOINTS).expect_err(field).field, field);

@@ -3,8 +3,8 @@
 use super::noise::Noise;
 use super::options::SimOptions;
 
-/// How far each sample is from its place k Δ on the grid, k = 0, 1, 2, …; time stamps tell the
-/// same.
+/// Offset of each sample from its place k Δ on the grid, k = 0, 1, 2, …; time stamps show the same
+/// offsets.
 #[derive(Debug, Clone)]
 pub struct SampleInstants {
     std_s: f64,
@@ -14,18 +14,18 @@ pub struct SampleInstants {
 }
 
 impl SampleInstants {
-    /// The instants of a run; two of them agree.
+    /// The instants of a run; two instances agree.
     pub fn new(options: &SimOptions) -> Self {
         Self {
             std_s: options.sensors.stamp_jitter_s,
-            // Never so far that two samples come close to each other or change places.
+            // Limited, so that samples do not come close to each other or swap.
             limit_s: 0.4 * options.sample_period_s,
             k: 0,
             noise: Noise::new(options.seed, Noise::INSTANTS),
         }
     }
 
-    /// Of the next sample \[ns\]; 0 for the first one, and throughout without jitter.
+    /// Offset of the next sample \[ns\]; 0 for the first one, and for all without jitter.
     pub fn next_offset_ns(&mut self) -> i64 {
         let first = self.k == 0;
         self.k += 1;

@@ -4,8 +4,8 @@ use std::array::from_fn;
 
 /// One step of ẋ = f(s, x) from x(0) to x(h); `s` runs from 0 to 1 over the step.
 ///
-/// The local error is O(h⁵), the global one O(h⁴), where f is smooth within the step: put jumps of
-/// f on the borders of steps.
+/// The local error is O(h⁵), the global one O(h⁴), if f is smooth within the step: place jumps of f
+/// between steps.
 #[inline]
 pub fn rk4_step<const N: usize>(x: &[f64; N], h: f64, mut f: impl FnMut(f64, &[f64; N]) -> [f64; N]) -> [f64; N] {
     let k1 = f(0.0, x);

@@ -1,8 +1,8 @@
 //! Simulated machines: a two-joint arm with DC motors under PD control, equations (12) to (23) of
 //! the paper, a servo axis with friction, and any plant from its own equations.
 //!
-//! [`SimOptions`] say what to simulate, [`MachineSimulator`] gives the samples. The parts are
-//! usable on their own: [`Motor`], [`ArmDynamics`], [`rk4_step`].
+//! [`SimOptions`] specify the simulation, [`MachineSimulator`] produces the samples. The parts can
+//! be used separately: [`Motor`], [`ArmDynamics`], [`rk4_step`].
 
 mod arm;
 mod arm_parameters;

@@ -21,15 +21,15 @@ pub struct Motor {
 }
 
 impl Motor {
-    /// di/dt \[A/s\] at a voltage \[V\], a current \[A\] and a joint velocity \[rad/s\]: (17) with
-    /// the voltage on the left.
+    /// di/dt \[A/s\] at a voltage \[V\], a current \[A\] and a joint velocity \[rad/s\]: (17)
+    /// solved for di/dt.
     #[inline]
     pub fn current_rate(&self, voltage: f64, current: f64, dq: f64) -> f64 {
         (voltage - self.winding_resistance_ohm * current - self.back_emf_constant_v_s_per_rad * dq)
             / self.winding_inductance_h // (17), which is (12) with (14), (15), (16)
     }
 
-    /// Torque \[N m\] of a current \[A\], (18); also the torque's rate of a current's rate.
+    /// Torque \[N m\] of a current \[A\], (18); also the torque's rate for a current's rate.
     #[inline]
     pub fn torque(&self, current: f64) -> f64 {
         self.torque_constant_n_m_per_a * current // (18)

@@ -1,4 +1,4 @@
-//! Moves from point to point: how robots and servo axes are commanded most of the time.
+//! Moves from point to point, the usual commands of robots and servo axes.
 //!
 //! A move takes the setpoint from level a to level b in the time T; with s = t/T from 0 to 1 it is
 //! a + (b − a) p(s) with
@@ -8,20 +8,20 @@
 //! trapezoidal    p = (9/4) s², then (3/2) s − 1/4, then 1 − (9/4)(1 − s)²
 //! ```
 //!
-//! the borders of the latter at s = 1/3 and 2/3, so that a third of the time each goes into
-//! speeding up, cruising and slowing down. T. Flash, N. Hogan, The coordination of arm movements,
-//! J. Neuroscience 5 (1985), for the first; any textbook on robots for the second.
+//! the latter changes at s = 1/3 and 2/3, so speeding up, cruising and slowing down take a third of
+//! the time each. T. Flash, N. Hogan, The coordination of arm movements, J. Neuroscience 5 (1985),
+//! for the first; any textbook on robots for the second.
 
 use super::error::{SimError, finite, in_range};
 use super::noise::Noise;
 
-/// How a move gets from one level to the next.
+/// Profile of a move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MoveProfile {
     /// The polynomial of degree 5 with the least jerk: smooth up to the acceleration.
     #[default]
     MinimumJerk,
-    /// A trapezoid of the speed, thirds of the time each: the acceleration jumps.
+    /// A trapezoid of the speed with three equal parts: the acceleration jumps.
     Trapezoidal,
 }
 
@@ -30,7 +30,7 @@ impl MoveProfile {
     pub const NAMES: [(Self, &'static str); 2] =
         [(Self::MinimumJerk, "minimum_jerk"), (Self::Trapezoidal, "trapezoidal")];
 
-    /// Share of the way that is done after the share `s` of the time; 0 before and 1 after the
+    /// Share of the distance covered after the share `s` of the time; 0 before and 1 after the
     /// move.
     pub fn position(self, s: f64) -> f64 {
         let s = s.clamp(0.0, 1.0);
@@ -79,7 +79,7 @@ impl Moves {
     }
 }
 
-/// [`Moves`] at work.
+/// Running [`Moves`].
 #[derive(Debug, Clone)]
 pub(super) struct MovesSource {
     moves: Moves,
@@ -149,7 +149,7 @@ mod tests {
             assert_eq!((p(-1.0), p(0.0), p(1.0), p(2.0)), (0.0, 0.0, 1.0, 1.0));
             for step in 1..100 {
                 let s = f64::from(step) / 100.0;
-                // Near the end terms of 10, 15 and 6 cancel, each right to 1e-16 of itself.
+                // Near the end terms of 10, 15 and 6 cancel, each with a relative error of 1e-16.
                 assert!((p(s) + p(1.0 - s) - 1.0).abs() < 1e-14, "{profile:?} is symmetric");
                 let speed = (p(s + h) - p(s - h)) / (2.0 * h);
                 let acceleration = (p(s + h) - 2.0 * p(s) + p(s - h)) / (h * h);
@@ -194,7 +194,7 @@ mod tests {
             source.begin_sample(k, period);
             let value = source.value(k, 0.0);
             assert!((-0.8..=1.0).contains(&value));
-            // The speed is at most 1.5 times the way over the time.
+            // The speed is at most 1.5 times the distance over the time.
             assert!(
                 (value - before).abs() <= 1.5 * 1.8 / 0.2 * period + 1e-12,
                 "a jump at {k}"

@@ -1,7 +1,7 @@
-//! Seeded random numbers whose bytes stay the same for ever.
+//! Seeded random numbers whose bytes never change.
 //!
-//! ChaCha is specified bit by bit; the step from its words to numbers is written here, so that no
-//! release of another crate can change a recorded experiment.
+//! ChaCha is fully specified; the conversion of its words to numbers is written here, so no release
+//! of another crate can change a recorded experiment.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};

@@ -19,10 +19,11 @@ pub enum Machine {
     #[default]
     Arm,
     /// One servo axis; setpoint, initial position and sensors are those of joint 1, in the unit of
-    /// its motion, and its controller has gains of its own.
+    /// its motion; its controller has its own gains.
     ServoAxis(ServoAxisOptions),
-    /// Whatever the model's equations describe, see [`PlantSimulator`](super::PlantSimulator);
-    /// joint j follows the setpoint of joint j mod 2 and starts at its initial position.
+    /// The machine described by the model's equations, see
+    /// [`PlantSimulator`](super::PlantSimulator); joint j follows the setpoint of joint j mod 2 and
+    /// starts at its initial position.
     Plant(PlantMachine),
 }
 
@@ -37,7 +38,7 @@ pub struct PlantMachine {
     pub order: usize,
     /// Names of the parameters.
     pub names: Vec<String>,
-    /// θ as it really is from a time on \[s\], a value per name; times rise from 0. At least one.
+    /// True θ from a time on \[s\], one value per name; times increase from 0. At least one entry.
     pub truth: Vec<(f64, Vec<f64>)>,
     /// K_p of each joint, in the input's unit per rad or m; none: chosen from the joint's inertia.
     pub proportional_gain: Vec<f64>,
@@ -47,7 +48,7 @@ pub struct PlantMachine {
 }
 
 impl PlantMachine {
-    /// θ as it really is at time `t_s` \[s\]; `t_s` ≥ 0.
+    /// True θ at time `t_s` \[s\]; `t_s` ≥ 0.
     pub fn theta(&self, t_s: f64) -> &[f64] {
         let from = self.truth.partition_point(|(from_s, _)| *from_s <= t_s);
         &self.truth[from.saturating_sub(1)].1
@@ -73,7 +74,7 @@ impl PlantMachine {
     }
 }
 
-/// A whole simulation. The same options give the same samples, bit by bit; a longer duration only
+/// A whole simulation. The same options give the same samples, bit for bit; a longer duration only
 /// adds samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimOptions {
@@ -93,29 +94,31 @@ pub struct SimOptions {
     pub controller: ControllerOptions,
     /// Commanded position φ_z of each joint.
     pub setpoint: [Setpoint; ARM_JOINTS],
-    /// Position at t = 0 \[rad\]; the arm starts at rest, its weight held by the motor current.
+    /// Position at t = 0 \[rad\]; the arm starts at rest, with the motor current holding its
+    /// weight.
     pub initial_q_rad: [f64; ARM_JOINTS],
-    /// Seed of everything random: setpoints and sensor noise draw from streams of their own.
+    /// Seed of everything random: setpoints and sensor noise have separate streams.
     pub seed: u64,
-    /// What stands between the exact signals and the samples.
+    /// Errors between the exact signals and the samples.
     pub sensors: SensorOptions,
-    /// What the arm does beyond its equations.
+    /// Effects of the arm beyond its equations.
     pub unmodelled: Unmodelled,
-    /// What goes wrong, and when; see [`Faults`](super::Faults).
+    /// Scheduled faults; see [`Faults`](super::Faults).
     pub faults: Vec<Fault>,
 }
 
 impl SimOptions {
-    /// The experiment of Section 5 of the paper, with what it leaves open chosen here:
+    /// The experiment of Section 5 of the paper; details that the paper leaves open are chosen
+    /// here:
     ///
     /// - **Setpoints** (Fig. 3 cannot be read from the scan): steps within |q₁|, |q₂| ≤ 1 rad, held
-    ///   for 1.1 s and 1.7 s. Both are shorter than a block of 1.9 s and share no small multiple
-    ///   with it, so that every block, the first included, holds steps of both joints, in ever
-    ///   other places. They begin small and grow: what is gathered while θ̂ is far off is
-    ///   linearised in the wrong place and stays in the information, so the less of it the better.
-    ///   The levels of joint 2 span both signs, because sin q₂ (gravity's time derivative) is what
-    ///   tells θ₆ from θ₇.
-    /// - **Initial state**: at rest at q = 0, link 2's weight held by its motor.
+    ///   for 1.1 s and 1.7 s. Both are shorter than a block of 1.9 s and have no small common
+    ///   multiple with it, so every block, including the first, contains steps of both joints, at
+    ///   different places. They begin small and grow: data taken while θ̂ is far off are linearised
+    ///   in the wrong place and stay in the information, so there should be little of them. The
+    ///   levels of joint 2 have both signs, because sin q₂ (gravity's time derivative)
+    ///   distinguishes θ₆ from θ₇.
+    /// - **Initial state**: at rest at q = 0, with the motor holding link 2's weight.
     /// - **Sub-steps**: 4 of 0.25 ms. The fastest mode of the arm is near 90 rad/s, so one
     ///   Runge-Kutta step covers 0.02 rad of it.
     pub fn cedro2022() -> Self {
@@ -169,8 +172,7 @@ impl SimOptions {
         }
     }
 
-    /// The machine's parameters as they really are at time `t_s` \[s\], in the order of its model;
-    /// `t_s` ≥ 0.
+    /// The machine's true parameters at time `t_s` \[s\], in the order of its model; `t_s` ≥ 0.
     pub fn true_parameters(&self, t_s: f64) -> Vec<f64> {
         match &self.machine {
             Machine::Arm => self.true_theta(t_s).to_vec(),
@@ -179,8 +181,8 @@ impl SimOptions {
         }
     }
 
-    /// The true values of parameters by their names at time `t_s` \[s\], whatever terms the model
-    /// has; `NaN` for a name that this machine has no value for. `t_s` ≥ 0.
+    /// The true values of parameters by name at time `t_s` \[s\], for any model; `NaN` for a name
+    /// without a value in this machine. `t_s` ≥ 0.
     pub fn true_values(&self, names: &[&str], t_s: f64) -> Vec<f64> {
         let arm = Manipulator::default();
         let own: Vec<(&str, f64)> = match &self.machine {
@@ -242,7 +244,7 @@ impl SimOptions {
         }
     }
 
-    /// θ of (25), of the arm, as it really is at time `t_s` \[s\]; `t_s` ≥ 0.
+    /// True θ of (25) of the arm at time `t_s` \[s\]; `t_s` ≥ 0.
     pub fn true_theta(&self, t_s: f64) -> [f64; MANIPULATOR_PARAMS] {
         let mut physical = self.arm.with_mass_2(self.mass_2.mass_kg(t_s));
         let heated = self.unmodelled.resistance_factor(t_s);
@@ -265,7 +267,7 @@ impl SimOptions {
     /// Checks every value against its domain.
     ///
     /// # Errors
-    /// The first value outside, with its name.
+    /// The first value out of range, with its name.
     pub fn validate(&self) -> Result<(), SimError> {
         in_range("sample_period_s", self.sample_period_s, 1e-5, 0.1)?;
         positive("duration_s", self.duration_s)?;

@@ -6,9 +6,9 @@
 //! u = K_p (setpoint − q) − K_d q̇          computed once per sample and held
 //! ```
 //!
-//! With r = 1 the state is (q, q̇), with r = 2, motors with an inductance for one, (q, q̇, q̈).
-//! Runge-Kutta steps carry it on. The equations are those that the identifier fits, so this machine
-//! shows how well they can be told, not whether they are right.
+//! With r = 1 the state is (q, q̇); with r = 2, as for motors with an inductance, it is (q, q̇,
+//! q̈). It is integrated by Runge-Kutta steps. The equations are those that the identifier fits, so
+//! this machine shows how well they can be identified, not whether they are right.
 //!
 //! Gains that are not given are those of a loop at [`LOOP_RAD_PER_S`] with damping 1 around the
 //! joint's own inertia ∂f/∂q̈ at the start.
@@ -41,7 +41,7 @@ pub struct PlantSimulator<P> {
     setpoints: Vec<SetpointSource>,
     sensors: Sensors<MAX_JOINTS>,
     theta: Vec<f64>,
-    /// q, q̇, q̈, q⃛ of each joint; what the state does not hold follows from the equations.
+    /// q, q̇, q̈, q⃛ of each joint; derivatives beyond the state follow from the equations.
     state: JointSample,
     columns: DMatrix<f64>,
     right: DVector<f64>,
@@ -52,7 +52,7 @@ impl<P: Plant> PlantSimulator<P> {
     /// A simulator at k = 0, at rest at the first initial positions.
     ///
     /// # Errors
-    /// The options are not valid, or the equations do not say how the machine accelerates.
+    /// If the options are invalid, or the equations do not determine the acceleration.
     pub fn new(plant: P, options: &SimOptions) -> Result<Self, SimError> {
         options.validate()?;
         let Machine::Plant(machine) = &options.machine else {
@@ -97,7 +97,7 @@ impl<P: Plant> PlantSimulator<P> {
         Ok(simulator)
     }
 
-    /// f_e at a state, an equation after the other.
+    /// f_e at a state, for all equations in order.
     fn residuals(&self, state: &JointSample, out: &mut [f64]) {
         let mut regressor = [0.0; MAX_PARAMS];
         for (e, equation) in self.form.0.equations().iter().enumerate() {
@@ -107,7 +107,7 @@ impl<P: Plant> PlantSimulator<P> {
         }
     }
 
-    /// The place of the derivative q^(d) of a joint.
+    /// The array of the derivative q^(d).
     fn derivative(state: &mut JointSample, d: usize) -> &mut [f64; MAX_JOINTS] {
         match d {
             0 => &mut state.q,

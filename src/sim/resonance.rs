@@ -1,11 +1,12 @@
-//! A resonance between the joint and its position sensor, as of a soft coupling or a flexible tip.
+//! A resonance between the joint and its position sensor, as from a soft coupling or a flexible
+//! tip.
 //!
 //! ```text
 //! y″ + 2 ζ ω y′ + ω² y = ω² q
 //! ```
 //!
-//! q true position, y what the sensor sees, ω = 2π f \[rad/s\], ζ damping ratio. The machine does
-//! not feel the sensor, so that θ stays what it is.
+//! q true position, y sensed position, ω = 2π f \[rad/s\], ζ damping ratio. The sensor does not act
+//! on the machine, so θ is not affected.
 
 use super::integrator::rk4_step;
 use std::f64::consts::TAU;
@@ -37,11 +38,11 @@ impl Resonance {
         self.omega * (self.omega * (q - y) - 2.0 * self.damping * dy)
     }
 
-    /// On by `h` seconds, in which q and q̇ go from `from` to `to`: in between the cubic through
+    /// Advances by `h` seconds, in which q and q̇ go from `from` to `to` along the cubic through
     /// both, whose error is O(h⁴).
     pub fn advance(&mut self, from: [f64; 2], to: [f64; 2], h: f64) {
         let Some(mut state) = self.state else { return };
-        // 0.1 rad of the oscillation a step: local error 0.1⁵/120.
+        // 0.1 rad of the oscillation per step: local error 0.1⁵/120.
         let steps = (h * self.omega / 0.1).ceil().max(1.0);
         let step_s = h / steps;
         for step in 0..steps as usize {
@@ -78,11 +79,11 @@ mod tests {
             for k in 0..2000 {
                 let t = f64::from(k) * h;
                 resonance.advance(q(t), q(t + h), h);
-                // What was excited at the start dies as exp(−ζω₀t): 1e-9 after 0.83 s.
+                // The initial transient decays as exp(−ζω₀t): 1e-9 after 0.83 s.
                 if k > 1000 {
                     let expected = size * (w * (t + h) + phase).sin();
                     let [y, _, _] = resonance.output(q(t + h)[0]);
-                    // The cubic's error is (ωh)⁴/384, twice as much in 35 Hz with a gain of 3.6.
+                    // The cubic's error is (ωh)⁴/384, twice as much at 35 Hz with a gain of 3.6.
                     let tolerance = 1e-8 + 3.6 * 2.0 * (w * h).powi(4) / 384.0;
                     assert!((y - expected).abs() < tolerance, "{at_hz} Hz: {y}, expected {expected}");
                 }

@@ -2,7 +2,7 @@
 
 use super::error::{SimError, finite, positive};
 
-/// What holds between two points of a schedule.
+/// Interpolation between two points of a schedule.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Interpolation {
     /// The value of the last point.
@@ -19,13 +19,13 @@ impl Interpolation {
 
 /// m₂ as points over time. The value of a sample holds from its own instant until the next sample.
 ///
-/// A ramp is therefore a staircase of one step per sample: (24) is derived for a constant mass, and
-/// holds exactly at each sample with the mass of that sample.
+/// A ramp is therefore a staircase with one step per sample: (24) is derived for a constant mass,
+/// and holds exactly at each sample with the mass of that sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MassSchedule {
-    /// Times \[s\] and masses \[kg\], the first at 0 s, times rising, masses > 0.
+    /// Times \[s\] and masses \[kg\], the first at 0 s, times increasing, masses > 0.
     pub points: Vec<(f64, f64)>,
-    /// What holds between the points.
+    /// Interpolation between the points.
     pub interpolation: Interpolation,
 }
 
@@ -67,7 +67,7 @@ impl MassSchedule {
     /// Checks every value against its domain.
     ///
     /// # Errors
-    /// The first value outside, with its name.
+    /// The first value out of range, with its name.
     pub fn validate(&self) -> Result<(), SimError> {
         match self.points.first() {
             None => return Err(SimError::new("mass_2.points", "at least one point", "none")),

@@ -1,5 +1,4 @@
-//! What stands between the exact signals of the simulated machine and the samples that it
-//! publishes.
+//! Sensor errors between the exact signals of the simulated machine and the published samples.
 //!
 //! Positions pass, in this order: a resonance between joint and sensor, the instant at which they
 //! are read (delay of the input, jitter), the encoder's eccentricity, noise, spikes, the encoder's
@@ -18,13 +17,14 @@ use std::f64::consts::TAU;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorOptions {
     /// Standard deviation of white noise on the measured voltage \[V\], ≥ 0. The motor gets the
-    /// voltage without it.
+    /// voltage without noise.
     pub input_noise_v: f64,
-    /// Share of samples whose voltage carries a spike, 0 to 1; each joint on its own.
+    /// Share of samples with a spike in the voltage, 0 to 1; independent for each joint.
     pub spike_probability: f64,
     /// Standard deviation of a spike \[V\], ≥ 0.
     pub spike_v: f64,
-    /// Most that the voltage measurement can show \[V\], either sign, > 0; `inf` for no limit.
+    /// Largest voltage that the measurement can show \[V\], of either sign, > 0; `inf` for no
+    /// limit.
     pub input_limit_v: f64,
     /// One count of the voltage measurement \[V\], ≥ 0; 0 for voltages without rounding.
     pub input_resolution_v: f64,
@@ -33,7 +33,7 @@ pub struct SensorOptions {
     /// Standard deviation of white noise on the measured position, before it is rounded \[rad\],
     /// ≥ 0.
     pub position_noise_rad: f64,
-    /// Share of samples whose position carries a spike, 0 to 1; each joint on its own.
+    /// Share of samples with a spike in the position, 0 to 1; independent for each joint.
     pub position_spike_probability: f64,
     /// Standard deviation of such a spike \[rad\], ≥ 0.
     pub position_spike_rad: f64,
@@ -45,23 +45,23 @@ pub struct SensorOptions {
     pub resonance_hz: f64,
     /// Damping ratio of it, 0 to 10.
     pub resonance_damping: f64,
-    /// The recorded input acts this much later than the positions of its sample say \[s\], up to
+    /// Delay of the recorded input's effect relative to the positions of its sample \[s\], up to
     /// 0.01 s either way.
     pub input_delay_s: f64,
     /// Standard deviation of the instant at which positions are read \[s\], 0 to 1e-3; the same for
     /// all joints of a sample.
     pub jitter_s: f64,
     /// Standard deviation of the instants of samples around their grid \[s\], 0 to 0.01; the
-    /// machine, its controller and the time stamps keep to the true instants.
+    /// machine, its controller and the time stamps follow the true instants.
     pub stamp_jitter_s: f64,
-    /// Share of samples that are lost on their way, 0 to 1 exclusive.
+    /// Share of samples lost in transport, 0 to 1 exclusive.
     pub loss_probability: f64,
-    /// Samples that are lost in one go, 1 to 10 000.
+    /// Number of samples lost together, 1 to 10 000.
     pub loss_burst: u64,
 }
 
 impl SensorOptions {
-    /// Every signal as it is.
+    /// Exact signals.
     pub const fn exact() -> Self {
         Self {
             input_noise_v: 0.0,
@@ -127,7 +127,7 @@ impl SensorOptions {
     /// Checks every value against its domain.
     ///
     /// # Errors
-    /// The first value outside, with its name.
+    /// The first value out of range, with its name.
     pub fn validate(&self) -> Result<(), SimError> {
         not_negative("sensors.input_noise_v", self.input_noise_v)?;
         in_range("sensors.spike_probability", self.spike_probability, 0.0, 1.0)?;
@@ -188,7 +188,7 @@ impl<const N: usize> Sensors<N> {
         }
     }
 
-    /// With counts of another size, if this is above 0.
+    /// Sets the size of a count, if this is above 0.
     pub fn with_resolution(mut self, resolution: f64) -> Self {
         if resolution > 0.0 {
             self.resolution = resolution;
@@ -201,8 +201,7 @@ impl<const N: usize> Sensors<N> {
         self.options.exact_positions() && self.resolution == 0.0
     }
 
-    /// The positions as this sample's sensors show them, from positions, velocities and
-    /// accelerations.
+    /// The measured positions of this sample, from positions, velocities and accelerations.
     pub fn positions(&mut self, q: [f64; N], dq: [f64; N], ddq: [f64; N]) -> [f64; N] {
         if self.exact_positions() {
             return q;
@@ -237,17 +236,16 @@ impl<const N: usize> Sensors<N> {
         })
     }
 
-    /// Tells how the machine got from one sample to the next: positions and velocities at both, `h`
-    /// seconds apart.
+    /// Advances from one sample to the next: positions and velocities at both, `h` seconds apart.
     pub fn advance(&mut self, from: [[f64; 2]; N], to: [[f64; 2]; N], h: f64) {
         for (joint, resonance) in self.resonances.iter_mut().flatten().enumerate() {
             resonance.advance(from[joint], to[joint], h);
         }
     }
 
-    /// Adds this sample's errors. Draws the same number of values whatever they are, so that one
-    /// source of noise does not change the draws of another. Derivatives are blanked if the
-    /// positions are measured.
+    /// Adds this sample's errors. Always draws the same number of values, so that one source of
+    /// noise does not change the draws of another. Derivatives are cleared if the positions are
+    /// measured.
     pub fn measure(&mut self, sample: &mut JointSample) {
         let options = &self.options;
         for joint in 0..N {
@@ -272,10 +270,10 @@ impl<const N: usize> Sensors<N> {
     }
 }
 
-/// Which samples get lost between the machine and its listeners.
+/// Selects the samples lost between the machine and its consumers.
 #[derive(Debug, Clone)]
 pub struct Losses {
-    /// That a burst begins at a sample which none before it took.
+    /// Probability that a burst begins at a sample outside a burst.
     probability: f64,
     burst: u64,
     left: u64,
@@ -296,7 +294,7 @@ impl Losses {
         }
     }
 
-    /// Whether the next sample is lost.
+    /// True if the next sample is lost.
     pub fn next_is_lost(&mut self) -> bool {
         if self.left > 0 {
             self.left -= 1;

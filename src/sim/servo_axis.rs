@@ -2,15 +2,15 @@
 //!
 //! ```text
 //! M dv/dt = k u − F_v v − F(v) sign v − b      moving, v ≠ 0;  F(v) = F_c + F_s exp(−(v/v_s)²)
-//! v = 0 while |k u − b| ≤ F(0)                 stuck: friction holds whatever is not more than F(0)
+//! v = 0 while |k u − b| ≤ F(0)                 stuck: friction balances up to F(0)
 //! u = K_p (setpoint − q) − K_d v, limited to ± u_max
 //! ```
 //!
 //! q, v position and velocity \[m, m/s or rad, rad/s\]; M, F_v, F_c, b, k as in
-//! [`ServoAxis`](crate::model::ServoAxis); F_s, the Stribeck effect, is no part of that model.
-//! Coulomb friction is a jump: a Runge-Kutta step that would carry v through zero is cut at the
-//! zero, where the axis sticks or sets off the other way. While it sticks, friction may be anything
-//! up to F(0), so such samples do not obey the model's F_c sign v, as on a real machine.
+//! [`ServoAxis`](crate::model::ServoAxis); F_s, the Stribeck effect, is not part of that model.
+//! Coulomb friction is a jump: a Runge-Kutta step that would take v through zero is cut at the
+//! zero, where the axis sticks or starts in the other direction. While it sticks, friction may have
+//! any value up to F(0), so such samples do not obey the model's F_c sign v, as on a real machine.
 
 use super::controller::{Commanded, ControllerKind, PositionFeedback};
 use super::error::SimError;
@@ -47,7 +47,7 @@ impl ServoAxisOptions {
         }
     }
 
-    /// What the axis does from rest under an input.
+    /// The state of motion from rest under an input.
     fn set_off(&self, u: f64) -> Motion {
         let force = self.gain * u - self.offset;
         if force.abs() <= self.dry_friction(0.0) {
@@ -58,7 +58,7 @@ impl ServoAxisOptions {
     }
 }
 
-/// How the axis is at rest or moves.
+/// State of motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Motion {
     Stuck,
@@ -80,7 +80,7 @@ pub struct ServoAxisSimulator {
     setpoint: SetpointSource,
     sensors: Sensors,
     instants: SampleInstants,
-    /// How far this sample and the next are from their places on the grid \[s\].
+    /// Offsets of this sample and the next from their places on the grid \[s\].
     offset_s: [f64; 2],
     /// q, v.
     state: [f64; 2],
@@ -95,7 +95,7 @@ impl ServoAxisSimulator {
     /// setpoint.
     ///
     /// # Errors
-    /// The options are not valid, see [`SimOptions::validate`].
+    /// If the options are invalid, see [`SimOptions::validate`].
     pub fn new(options: &SimOptions, axis: &ServoAxisOptions) -> Result<Self, SimError> {
         options.validate()?;
         axis.validate()?;
@@ -129,8 +129,8 @@ impl ServoAxisSimulator {
         self.setpoint.begin_sample(self.k);
         let [q, v] = self.state;
         let setpoint = self.setpoint.value(self.offset_s[0] / self.sample_period_s);
-        // The reading instant's shift needs the acceleration, which needs the input, which may need
-        // the reading: the true position stands in for it, whose error here is below a count.
+        // The shift of the reading instant needs the acceleration, which needs the input, which may
+        // need the reading: the true position is used instead, with an error below a count.
         let ddq = self.axis.acceleration(
             self.mass,
             self.motion,
@@ -161,14 +161,14 @@ impl ServoAxisSimulator {
         Some(sample)
     }
 
-    /// Carries the state on to the next sample instant; `held` is the input of this instant.
+    /// Advances the state to the next sample instant; `held` is the input of this instant.
     fn integrate(&mut self, held: f64) {
         let [start, _] = self.grid();
         let length = self.grid()[1] - start;
         for substep in 0..self.substeps {
             let (mut from, mut cuts) = (0.0, 0);
-            // Each pass is a stretch without a change of direction. A drive cannot turn the axis
-            // more often within a substep than this.
+            // Each pass is an interval without a change of direction. A drive cannot reverse the
+            // axis more often than this within a substep.
             while from < 1.0 && cuts < 4 {
                 let at =
                     |fraction: f64, substeps: usize| start + length * ((substep as f64 + fraction) / substeps as f64);
@@ -186,7 +186,7 @@ impl ServoAxisSimulator {
                     self.state = end;
                     break;
                 }
-                // The velocity passes zero: halve to where it does.
+                // The velocity passes zero: find the zero by bisection.
                 let (mut before, mut after) = (0.0, 1.0 - from);
                 for _ in 0..40 {
                     let middle = 0.5 * (before + after);

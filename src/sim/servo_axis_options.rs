@@ -4,7 +4,7 @@ use super::error::{SimError, finite, not_negative, positive};
 use super::schedule::MassSchedule;
 use crate::model::SERVO_PARAMS;
 
-/// An axis to be simulated, in the units of its motion: m and N, or rad and N m.
+/// Options of a simulated axis, in the units of its motion: m and N, or rad and N m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServoAxisOptions {
     /// k: force per unit of input, finite and not 0.
@@ -25,15 +25,15 @@ pub struct ServoAxisOptions {
     pub proportional_gain: f64,
     /// K_d \[input per m/s or rad/s\], ≥ 0.
     pub derivative_gain: f64,
-    /// u_max: most that the drive gives, > 0; `inf` for no limit.
+    /// u_max: largest input of the drive, > 0; `inf` for no limit.
     pub input_limit: f64,
     /// One count of the position sensor \[m or rad\], ≥ 0; 0 for positions without rounding.
     pub position_resolution: f64,
 }
 
 impl ServoAxisOptions {
-    /// The parameters of the EMPS benchmark as its owners publish them, its resolution and drive,
-    /// and a stiff PD controller.
+    /// The published parameters of the EMPS benchmark, with its resolution and drive, and a stiff
+    /// PD controller.
     ///
     /// A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, Workshop on
     /// Nonlinear System Identification Benchmarks, 2019.
@@ -53,7 +53,7 @@ impl ServoAxisOptions {
         }
     }
 
-    /// The parameters as they really are at time `t_s` \[s\], in the order of
+    /// The true parameters at time `t_s` \[s\], in the order of
     /// [`ServoAxis`](crate::model::ServoAxis).
     pub fn true_theta(&self, t_s: f64) -> [f64; SERVO_PARAMS] {
         [
@@ -67,7 +67,7 @@ impl ServoAxisOptions {
     /// Checks every value against its domain.
     ///
     /// # Errors
-    /// The first value outside, with its name.
+    /// The first value out of range, with its name.
     pub fn validate(&self) -> Result<(), SimError> {
         finite("servo_axis.gain", self.gain)?;
         if self.gain == 0.0 {

@@ -1,8 +1,8 @@
-//! Commanded positions φ_z of (13): what excites the plant.
+//! Commanded positions φ_z of (13), which excite the plant.
 //!
-//! Kinds that step hold their value from a sample to the next; kinds that are smooth are evaluated
-//! wherever the integrator needs them. Holding a smooth reference over 1 ms puts a staircase into
-//! the voltage, which no later filter can remove.
+//! Stepping kinds hold their value from one sample to the next; smooth kinds are evaluated at any
+//! instant of the integrator. Holding a smooth reference over 1 ms would put a staircase into the
+//! voltage, which no later filter can remove.
 
 use super::error::{SimError, finite, in_range, not_negative, positive};
 use super::moves::{Moves, MovesSource};
@@ -30,7 +30,7 @@ pub enum Setpoint {
         levels_rad: Vec<f64>,
         /// Time on each level \[s\], at least one sample period; rounded to whole samples.
         dwell_s: f64,
-        /// How far into the cycle the run starts \[s\], ≥ 0; rounded to whole samples.
+        /// Position within the cycle at the start of the run \[s\], ≥ 0; rounded to whole samples.
         shift_s: f64,
     },
     /// Between offset + amplitude and offset − amplitude, starting with the former.
@@ -41,7 +41,7 @@ pub enum Setpoint {
         offset_rad: f64,
         /// Period \[s\], at least two sample periods; half of it rounded to whole samples.
         period_s: f64,
-        /// How far into the period the run starts \[s\], ≥ 0; rounded to whole samples.
+        /// Position within the period at the start of the run \[s\], ≥ 0; rounded to whole samples.
         shift_s: f64,
     },
     /// Sum of given sines.
@@ -92,11 +92,12 @@ pub enum Setpoint {
     Moves(Moves),
     /// Values at given times; the first value before the first time, the last one after the last.
     Table {
-        /// Times \[s\], rising, at least one.
+        /// Times \[s\], increasing, at least one.
         t_s: Vec<f64>,
         /// Values \[rad\], as many.
         values_rad: Vec<f64>,
-        /// What holds between them; steps take effect at the first sample at or after their time.
+        /// Interpolation between them; steps take effect at the first sample at or after their
+        /// time.
         interpolation: Interpolation,
     },
 }
@@ -123,7 +124,7 @@ impl Setpoint {
     /// Checks every value against its domain; `sample_period_s` is the run's Δ.
     ///
     /// # Errors
-    /// The first value outside, with its name.
+    /// The first value out of range, with its name.
     pub fn validate(&self, sample_period_s: f64) -> Result<(), SimError> {
         let at_least = |field, value: f64, periods: f64| in_range(field, value, periods * sample_period_s, 1e9);
         match self {
@@ -227,7 +228,7 @@ impl Setpoint {
     }
 }
 
-/// The setpoints of one joint of a run, value by value, as its simulator sees them.
+/// The setpoints of one joint of a run, as in its simulator.
 #[derive(Debug, Clone)]
 pub struct SetpointPath {
     source: SetpointSource,
@@ -254,13 +255,13 @@ impl SetpointPath {
     }
 }
 
-/// A [`Setpoint`] at work: call [`begin_sample`](Self::begin_sample) for k = 0, 1, 2 …, then
+/// A running [`Setpoint`]: call [`begin_sample`](Self::begin_sample) for k = 0, 1, 2 …, then
 /// [`value`](Self::value) within that sample.
 #[derive(Debug, Clone)]
 pub(super) struct SetpointSource {
     kind: Source,
     sample_period_s: f64,
-    /// Sample that has begun.
+    /// Present sample.
     k: u64,
     /// Level held during this sample, for kinds that step.
     held: f64,
@@ -447,7 +448,7 @@ impl SetpointSource {
 
     /// Commanded position \[rad\] at `fraction` ∈ [0, 1] of the way from this sample to the next.
     ///
-    /// At 1 a kind that steps still has the value before the next sample's step.
+    /// At 1 a stepping kind still has the value before the next sample's step.
     pub fn value(&mut self, fraction: f64) -> f64 {
         let t = (self.k as f64 + fraction) * self.sample_period_s;
         match &mut self.kind {

@@ -1,11 +1,11 @@
-//! Motors, arm and controllers put together: samples of a closed loop, one after the other.
+//! Motors, arm and controllers combined: consecutive samples of a closed loop.
 //!
-//! State x = (q₁, q₂, q̇₁, q̇₂, i₁, i₂). Derivatives of samples are not differenced but follow from
+//! State x = (q₁, q₂, q̇₁, q̇₂, i₁, i₂). Derivatives in samples are not differences but follow from
 //! the state: q̈ from (23), di/dt from (17), q⃛ from d/dt (23). So they satisfy (24) to rounding,
 //! whatever the step of the integration.
 //!
-//! Setpoint steps and mass changes fall on sample instants: sample k is taken with the values that
-//! hold from its instant on.
+//! Setpoint steps and mass changes fall on sample instants: sample k has the values that apply from
+//! its instant on.
 
 use super::ArmParameters;
 use super::arm::ArmDynamics;
@@ -40,13 +40,13 @@ pub struct ArmSimulator {
     controllers: [PdController; ARM_JOINTS],
     motors: [Motor; ARM_JOINTS],
     setpoints: [SetpointSource; ARM_JOINTS],
-    /// Added to the controllers' voltages, until the next.
+    /// Added to the controllers' voltages until the next command.
     feed_forward: [f64; ARM_JOINTS],
     voltage_limit: f64,
     sensors: Sensors,
     unmodelled: Unmodelled,
     instants: SampleInstants,
-    /// How far this sample and the next are from their places on the grid \[s\].
+    /// Offsets of this sample and the next from their places on the grid \[s\].
     offset_s: [f64; 2],
     state: [f64; 6],
     mass_2_kg: f64,
@@ -58,7 +58,7 @@ impl ArmSimulator {
     /// A simulator at k = 0: the arm at rest, link 2's weight held by its motor current.
     ///
     /// # Errors
-    /// The options are not valid, see [`SimOptions::validate`].
+    /// If the options are invalid, see [`SimOptions::validate`].
     pub fn new(options: &SimOptions) -> Result<Self, SimError> {
         options.validate()?;
         let arm = options.arm;
@@ -170,13 +170,13 @@ impl ArmSimulator {
         Some(sample)
     }
 
-    /// (13), what is commanded beside it, and what the drive gives at most.
+    /// (13) plus the commanded feed-forward, limited by the drive.
     fn voltage(&self, joint: usize, setpoint: f64, q: f64, dq: f64) -> f64 {
         let wanted = self.controllers[joint].voltage(setpoint, q, dq) + self.feed_forward[joint];
         wanted.clamp(-self.voltage_limit, self.voltage_limit)
     }
 
-    /// Carries the state on to the next sample instant and tells how far that is \[s\]; `held` is
+    /// Advances the state to the next sample instant and returns the time to it \[s\]; `held` is
     /// the voltage of this instant \[V\].
     fn integrate(&mut self, held: [f64; ARM_JOINTS]) -> f64 {
         let [from, to] = self.offset_s.map(|offset_s| offset_s / self.sample_period_s);
@@ -249,7 +249,7 @@ impl Commanded for MachineSimulator {
     }
 }
 
-/// Whichever machine [`SimOptions`] name, as an endless iterator.
+/// The machine named by [`SimOptions`], as an endless iterator.
 #[derive(Debug, Clone)]
 #[allow(clippy::large_enum_variant, reason = "one per process")]
 pub enum MachineSimulator {
@@ -263,7 +263,7 @@ impl MachineSimulator {
     /// A simulator at k = 0.
     ///
     /// # Errors
-    /// The options are not valid, see [`SimOptions::validate`].
+    /// If the options are invalid, see [`SimOptions::validate`].
     pub fn new(options: &SimOptions) -> Result<Self, SimError> {
         Ok(match &options.machine {
             Machine::Arm => Self::Arm(ArmSimulator::new(options)?),

@@ -1,14 +1,14 @@
-//! What a real arm does and the equations (12) to (23) do not know: friction that does not depend
-//! on speed, a tilted base, windings that heat up.
+//! Effects of a real arm that equations (12) to (23) lack: friction independent of speed, a tilted
+//! base, windings that heat up.
 //!
 //! ```text
-//! M_f = F tanh(q̇/v)                         Coulomb friction of a joint, its jump at q̇ = 0 drawn out over the speed v
+//! M_f = F tanh(q̇/v)                         Coulomb friction of a joint, its jump at q̇ = 0 smoothed over the speed v
 //! U   = W (cos α sin q₂ + sin α cos q₂ sin q₁)    potential energy with the base's axis α off the vertical
 //! R(t) = R (1 + s min(t/T, 1))               both windings grow by the share s within T
 //! ```
 //!
-//! With tanh a joint that is held creeps at most at v instead of sticking; v is small against all
-//! that is commanded. The integration needs F h/(J v) < 2.7 for substeps of length h, see
+//! With tanh a held joint creeps with at most v instead of sticking; v is small compared with all
+//! commanded speeds. The integration needs F h/(J v) < 2.7 for substeps of length h, see
 //! [`Unmodelled::friction_speed_rad_per_s`].
 
 use super::arm_parameters::ARM_JOINTS;
@@ -19,10 +19,10 @@ use super::error::{SimError, in_range, not_negative, positive};
 pub struct Unmodelled {
     /// F of each joint \[N m\], ≥ 0.
     pub coulomb_friction_n_m: [f64; ARM_JOINTS],
-    /// v \[rad/s\], > 0: three quarters of the friction act at this speed. The smaller, the more
-    /// `substeps` it takes.
+    /// v \[rad/s\], > 0: three quarters of the friction act at this speed. A smaller v needs more
+    /// `substeps`.
     pub friction_speed_rad_per_s: f64,
-    /// Time from which on there is friction \[s\], ≥ 0.
+    /// Time at which friction begins \[s\], ≥ 0.
     pub friction_from_s: f64,
     /// α \[rad\], −0.5 to 0.5.
     pub base_tilt_rad: f64,
@@ -33,7 +33,7 @@ pub struct Unmodelled {
 }
 
 impl Unmodelled {
-    /// The machine is as its equations say.
+    /// No effect beyond the equations.
     pub const fn none() -> Self {
         Self {
             coulomb_friction_n_m: [0.0; ARM_JOINTS],
@@ -59,7 +59,7 @@ impl Unmodelled {
         })
     }
 
-    /// The same before there is friction, or from then on.
+    /// The effects at time `t_s`, with or without friction.
     pub(super) fn at(&self, t_s: f64) -> Self {
         if t_s >= self.friction_from_s {
             return *self;
@@ -78,7 +78,7 @@ impl Unmodelled {
     /// Checks every value against its domain.
     ///
     /// # Errors
-    /// The first value outside, with its name.
+    /// The first value out of range, with its name.
     pub fn validate(&self) -> Result<(), SimError> {
         for friction in self.coulomb_friction_n_m {
             not_negative("unmodelled.coulomb_friction_n_m", friction)?;

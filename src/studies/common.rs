@@ -1,4 +1,4 @@
-//! What several studies share.
+//! Items shared by several studies.
 
 use super::contenders::BlockResult;
 use super::references::Reference;
@@ -6,7 +6,7 @@ use super::references::Reference;
 /// Noise on the measured voltage in the studies with noise \[V\].
 pub const STUDY_NOISE_V: f64 = 0.05;
 
-/// How much is computed.
+/// Amount of computation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Effort {
     /// Seeds per scenario.

@@ -1,5 +1,5 @@
-//! Estimators that a comparison can run, all to the same record: θ̂ and its deviation at the end of
-//! each block.
+//! Estimators of a comparison, all with the same output: θ̂ and its standard deviation at the end
+//! of each block.
 
 use super::ekf::{Ekf, EkfTuning};
 use super::{CompareError, Scenario};
@@ -8,7 +8,7 @@ use crate::model::{MANIPULATOR_PARAMS, Manipulator};
 use crate::rows::structure;
 use std::time::{Duration, Instant};
 
-/// What an estimator says at the end of a block.
+/// Result of an estimator at the end of a block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BlockResult {
     /// θ̂.
@@ -19,7 +19,7 @@ pub struct BlockResult {
     pub usable: u128,
     /// Controllers may use θ̂.
     pub use_ok: bool,
-    /// A change that was announced; its time is stream time in ns.
+    /// A reported change; its time is stream time in ns.
     pub change: Option<Change>,
     /// Gauss-Newton iterations, 0 if there are none.
     pub iterations: u32,
@@ -32,7 +32,7 @@ pub struct BlockResult {
 pub struct RunRecord {
     /// One entry per complete block.
     pub blocks: Vec<BlockResult>,
-    /// Computing time of each.
+    /// Computing time of each block.
     pub times: Vec<Duration>,
 }
 
@@ -70,7 +70,7 @@ fn array(values: &[f64]) -> [f64; MANIPULATOR_PARAMS] {
 /// The block estimator: the paper's variants and ours, by its options.
 ///
 /// # Errors
-/// The options do not fit the arm.
+/// If the options do not fit the arm.
 pub fn run_blocks(
     scenario: &Scenario,
     block_len: usize,
@@ -97,14 +97,14 @@ pub fn run_blocks(
     Ok(clock.record(blocks))
 }
 
-/// WRLS (2)–(4), sample by sample, on the equations as they are linear: θ₁…θ₅, and θ₆, θ₇, θ₈,
-/// θ₆θ₉, θ₇θ₉, from which θ₉ is the quotient of the last and the second. `forgetting_factor` is λ
-/// per block, so the factor per sample is its `block_len`-th root.
+/// WRLS (2)–(4), sample by sample, on the equations in linear form: θ₁…θ₅, and θ₆, θ₇, θ₈, θ₆θ₉,
+/// θ₇θ₉, from which θ₉ is the quotient of the last and the second. `forgetting_factor` is λ per
+/// block, so the factor per sample is its `block_len`-th root.
 ///
-/// Deviations are Γσ² with σ² from the innovations, as usual; they hold without forgetting.
+/// Covariances are Γσ² with σ² from the innovations, as usual; they are valid without forgetting.
 ///
 /// # Errors
-/// Start value, λ or ε are out of their range.
+/// If the start value, λ or ε is out of range.
 pub fn run_wrls(scenario: &Scenario, block_len: usize, options: &EstimatorOptions) -> Result<RunRecord, CompareError> {
     let factor = options.forgetting_factor.powf(1.0 / block_len as f64);
     let start = options.theta_start();
@@ -169,7 +169,7 @@ pub fn run_wrls(scenario: &Scenario, block_len: usize, options: &EstimatorOption
 /// blocks `at` (counted from 0).
 ///
 /// # Errors
-/// The start value or a row is not finite.
+/// If the start value or a row is not finite.
 pub fn run_batch(
     scenario: &Scenario,
     block_len: usize,
@@ -200,7 +200,7 @@ pub fn run_batch(
 /// The extended Kalman filter of [`ekf`](super::ekf).
 pub fn run_ekf(scenario: &Scenario, block_len: usize, theta_start: &[f64], tuning: EkfTuning) -> RunRecord {
     let mut filter = Ekf::new(scenario, theta_start, tuning);
-    // What a setpoint's step adds to the voltage; smooth setpoints have none.
+    // Contribution of a setpoint step to the voltage; 0 for smooth setpoints.
     let gains: [f64; 2] = std::array::from_fn(|joint| {
         let options = scenario.options();
         let steps = options.setpoint[joint].has_steps();

@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Write as _};
 
-/// A result with everything that a reader needs: headings, explanations, tables.
+/// A result with headings, explanations and tables.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Document {
     /// Title.
@@ -50,7 +50,7 @@ impl Table {
 }
 
 impl fmt::Display for Table {
-    /// Markdown, the columns lined up; numbers to the right.
+    /// Markdown with aligned columns; numbers to the right.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let length = |text: &str| text.chars().count();
         let widths: Vec<usize> = (0..self.columns.len())
@@ -102,7 +102,7 @@ impl fmt::Display for Section {
 }
 
 impl Document {
-    /// Markdown; `command` is what made it.
+    /// Markdown; `command` generates it.
     pub fn markdown(&self, command: &str) -> String {
         let (title, purpose) = (&self.title, &self.purpose);
         let mut text = format!("# {title}\n\n{purpose}\n\nMade by `{command}`; do not edit.\n\n");
@@ -115,8 +115,8 @@ impl Document {
     }
 }
 
-/// A share in per cent with two significant digits: `13 %`, `0.021 %`; rounding, below 1e-6 %, as
-/// such.
+/// A share in per cent with two significant digits: `13 %`, `0.021 %`; below 1e-6 % it is called
+/// rounding.
 pub fn percent(share: f64) -> String {
     if share.is_infinite() {
         return "inf".to_owned();

@@ -6,12 +6,12 @@
 //! z = (q₂, q̇₁, q̇₂, q̈₁, q̈₂)                        measured at each sample
 //! ```
 //!
-//! Logarithms keep θ positive and make one random walk fit all of them. u is measured at the
-//! samples and carries the noise that drives the process; between samples it runs straight to its
-//! value before the next setpoint step, which the gains give. One Runge-Kutta step a sample, its
-//! Jacobian by automatic differentiation, sequential scalar updates.
-//! Source: Ljung, Asymptotic behavior of the extended Kalman filter as a parameter estimator for
-//! linear systems, IEEE TAC 24 (1979).
+//! Logarithms keep θ positive, and one random walk suits all parameters. u is measured at the
+//! samples, and its noise drives the process; between samples it is linear up to its value before
+//! the next setpoint step, which follows from the gains. One Runge-Kutta step per sample, with its
+//! Jacobian by automatic differentiation, and sequential scalar updates. Source: Ljung, Asymptotic
+//! behavior of the extended Kalman filter as a parameter estimator for linear systems, IEEE TAC 24
+//! (1979).
 
 use super::Scenario;
 use crate::model::{MANIPULATOR_PARAMS, Scalar};
@@ -22,7 +22,7 @@ const MEASURED: usize = 5;
 const STATES: usize = MEASURED + MANIPULATOR_PARAMS;
 type Dual = DualSVec64<STATES>;
 
-/// How the filter is tuned.
+/// Tuning of the filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EkfTuning {
     /// Standard deviation of the parameters' random walk per block of 1900 samples, relative.
@@ -31,7 +31,7 @@ pub struct EkfTuning {
     pub voltage_std_v: f64,
 }
 
-/// The filter at work.
+/// The running filter.
 #[derive(Debug, Clone)]
 pub struct Ekf {
     gravity: f64,
@@ -63,11 +63,11 @@ fn jerks<D: Scalar>(gravity: f64, [q2, dq1, dq2, ddq1, ddq2]: [D; MEASURED], the
 
 impl Ekf {
     /// Standard deviations of the measurement in rad, rad/s and rad/s². The signals are exact, but
-    /// a filter that is told so trusts its first linearisations too much: with a hundredth of these
-    /// and noise on the voltage it diverges in the first block, with a tenth it takes longer to
-    /// follow a jump.
+    /// with smaller values the filter trusts its first linearisations too much: with a hundredth of
+    /// these and noise on the voltage it diverges in the first block, with a tenth it follows a
+    /// jump more slowly.
     const MEASUREMENT_STD: [f64; MEASURED] = [1e-3, 1e-2, 1e-2, 1.0, 1.0];
-    /// Deviation of ln θ at the start: a factor of 2.7.
+    /// Standard deviation of ln θ at the start: a factor of 2.7.
     const START_STD: f64 = 1.0;
 
     /// A filter at positive start values.
@@ -145,7 +145,7 @@ impl Ekf {
         }
     }
 
-    /// Takes the measurement of a sample in.
+    /// Updates with the measurement of a sample.
     pub fn update(&mut self, measured: [f64; MEASURED]) {
         for (i, z) in measured.into_iter().enumerate() {
             let column = self.p.column(i).clone_owned();

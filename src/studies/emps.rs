@@ -33,7 +33,7 @@ pub fn rows(window_s: f64, timing: InputTiming) -> ProjectedOptions {
 /// every parameter was excited.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn pass(
     record: &[(f64, f64)],
     rows: ProjectedOptions,
@@ -51,7 +51,7 @@ pub fn pass(
     for (k, &(q, voltage)) in record.iter().enumerate() {
         let mut sample = JointSample::default();
         (sample.q[0], sample.input[0]) = (q, voltage);
-        // a block has room for all its samples
+        // a block has capacity for all its samples
         let _taken = block.push(k as u64 * 1_000_000, &sample);
         if (k + 1) % BLOCK_LEN == 0 {
             block.prepare(estimator.theta());
@@ -62,7 +62,7 @@ pub fn pass(
     Ok((estimator.report().clone(), excited))
 }
 
-/// Deviation of each parameter from the published value, as a share of it.
+/// Relative difference of each parameter from the published value.
 pub fn errors(report: &Report) -> [f64; 4] {
     std::array::from_fn(|i| report.theta[i] / PUBLISHED[i] - 1.0)
 }

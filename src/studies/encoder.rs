@@ -1,6 +1,6 @@
-//! What positions and voltages alone give: the tables of docs/encoder-results.md.
+//! Identification from positions and voltages alone: the tables of docs/encoder-results.md.
 //!
-//! Every run has its own seed for reference and noise. Errors are relative to the truth at the end
+//! Every run has its own seed for setpoints and noise. Errors are relative to the truth at the end
 //! of a block.
 
 use super::common::Effort;
@@ -15,7 +15,7 @@ use super::{CompareError, for_each_index};
 use crate::rows::{SmoothedOptions, Smoothing};
 use crate::sim::{ControllerKind, MassSchedule};
 
-/// The levels of noise that the figures are for: bits, volts.
+/// Noise levels of the figures: bits, volts.
 const LEVELS: [(u32, f64); 2] = [(16, 0.05), (20, 0.0)];
 const CONTROLLERS: [(ControllerKind, &str); 2] =
     [(ControllerKind::Sampled, "sampled"), (ControllerKind::Analog, "analog")];
@@ -31,7 +31,7 @@ fn level(bits: u32, noise_v: f64) -> String {
 /// All tables.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn encoder_document(setup: &EncoderSetup, effort: Effort) -> Result<Document, CompareError> {
     let [end, course] = accuracy_sections(setup, effort.seeds)?;
     Ok(Document {
@@ -129,11 +129,11 @@ fn accuracy_sections(setup: &EncoderSetup, seeds: u64) -> Result<[Section; 2], C
     ])
 }
 
-/// Share of runs whose 95 % interval holds the truth after ten blocks, per parameter, and the
+/// Share of runs whose 95 % interval contains the truth after ten blocks, per parameter, and the
 /// alarms and blocks of these runs.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn calibration(
     setup: &EncoderSetup,
     signals: Signals,
@@ -265,7 +265,7 @@ fn skew_section(setup: &EncoderSetup, seeds: u64) -> Result<Section, CompareErro
     })
 }
 
-/// Rows that one would try before the projected ones.
+/// Obvious alternatives to projected rows.
 fn alternatives() -> [(&'static str, SmoothedOptions); 3] {
     let raw = SmoothedOptions {
         window_s: 0.0,

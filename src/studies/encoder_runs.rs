@@ -1,4 +1,4 @@
-//! Runs of the encoder study, and how they are judged.
+//! Runs of the encoder study, and their evaluation.
 
 use super::CompareError;
 use super::document::count;
@@ -10,14 +10,14 @@ use crate::model::{AutoDiff, Delayed, Manipulator, Plant};
 use crate::rows::{ProjectedBlock, SampleBlock, SmoothedBlock, SmoothedOptions, structure};
 use crate::sim::{ArmSimulator, SimOptions};
 
-/// Parameters that gravity shows: θ₆, θ₇, θ₉.
+/// Parameters that gravity informs on: θ₆, θ₇, θ₉.
 const PAYLOAD: [usize; 3] = [5, 6, 8];
-/// Parameters that a run through 16 bits can know: θ₂, θ₄…θ₉.
+/// Parameters that a run with 16 bits can determine: θ₂, θ₄…θ₉.
 const KNOWABLE: [usize; 7] = [1, 3, 4, 5, 6, 7, 8];
-/// Blocks at the start that the coverage leaves out.
+/// Number of first blocks left out of the coverage.
 const SETTLING: usize = 5;
 
-/// One block's answer.
+/// Result of one block.
 #[derive(Debug, Clone)]
 pub struct Answer {
     /// θ̂.
@@ -26,16 +26,16 @@ pub struct Answer {
     pub std: Vec<f64>,
     /// Bit i: parameter i is marked usable.
     pub usable: u128,
-    /// A change that was announced.
+    /// A reported change.
     pub change: Option<Change>,
-    /// θ as it is at the end of the block.
+    /// True θ at the end of the block.
     pub truth: Vec<f64>,
 }
 
-/// Identifies from any rows; one answer per complete block.
+/// Identifies from any rows; one result per complete block.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn identify<B: SampleBlock>(
     sim: &SimOptions,
     mut rows: B,
@@ -47,7 +47,7 @@ pub fn identify<B: SampleBlock>(
     let mut answers = Vec::new();
     let period_ns = sim.sample_period_s * 1e9;
     for (k, sample) in (0..sim.sample_count()).zip(ArmSimulator::new(sim)?) {
-        // a block has room for all its samples
+        // a block has capacity for all its samples
         let _taken = rows.push((k as f64 * period_ns).round() as u64, &sample);
         if (k + 1) % block_len as u64 == 0 {
             rows.prepare(estimator.theta());
@@ -72,7 +72,7 @@ pub fn identify<B: SampleBlock>(
 /// A run with projected rows.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn run_projected(setup: &EncoderSetup, signals: Option<Signals>, seed: u64) -> Result<Vec<Answer>, CompareError> {
     let plant = Manipulator::default();
     let sim = signals.map_or_else(|| setup.sim.clone(), |signals| signals.apply(&setup.sim, seed));
@@ -80,25 +80,25 @@ pub fn run_projected(setup: &EncoderSetup, signals: Option<Signals>, seed: u64) 
     identify(&sim, rows, &plant, &setup.options, setup.block_len)
 }
 
-/// What is read off a run with a jump of the payload.
+/// Evaluation of a run with a jump of the payload.
 #[derive(Debug, Clone)]
 pub struct Judged {
     /// Relative error of each parameter at the end.
     pub end: Vec<f64>,
-    /// Blocks from the one of the jump (0) until θ₆, θ₇ and θ₉ stay within 1 %.
+    /// Blocks from that of the jump (0) until θ₆, θ₇ and θ₉ stay within 1 %.
     pub payload_to_1: Option<usize>,
-    /// Blocks from the one of the jump (0) until all nine stay within 1 %.
+    /// Blocks from that of the jump (0) until all nine stay within 1 %.
     pub all_to_1: Option<usize>,
     /// Blocks from the start until all nine are within 1 % up to the jump.
     pub start_to_1: Option<usize>,
     /// Largest error of a usable θ₂ or θ₄…θ₉ in any block.
     pub usable_error: f64,
-    /// Distance of the announced time of the jump from the true one \[s\].
+    /// Difference of the reported time of the jump from the true one \[s\].
     pub off_s: Option<f64>,
-    /// Changes announced in other blocks than that of the jump and the next.
+    /// Changes reported in blocks other than that of the jump and the next.
     pub other_alarms: usize,
-    /// 95 % intervals that held the truth, and intervals, from the sixth block on but for the two
-    /// of the jump.
+    /// Number of 95 % intervals that contain the truth, and of all, from the sixth block on without
+    /// the two of the jump.
     pub held: (usize, usize),
 }
 
@@ -110,7 +110,7 @@ pub(super) fn error(answer: &Answer, parameters: &[usize]) -> f64 {
     worst_relative_error(&answer.theta, &answer.truth, parameters)
 }
 
-/// Reads a run; `jump_s` is the time of the jump.
+/// Evaluates a run; `jump_s` is the time of the jump.
 pub fn judge(setup: &EncoderSetup, answers: &[Answer], jump_s: f64) -> Judged {
     let jump = (jump_s / setup.sim.sample_period_s).round() as usize / setup.block_len;
     let errors = |parameters: &[usize]| -> Vec<f64> { answers.iter().map(|a| error(a, parameters)).collect() };
@@ -159,21 +159,21 @@ pub(super) fn number(value: Option<usize>) -> f64 {
     value.map_or(f64::INFINITY, |v| v as f64)
 }
 
-/// How rows treat an input that acts late.
+/// Treatment of a delayed input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Skew {
-    /// Not at all.
+    /// Ignored.
     Ignored,
-    /// The delay is told.
+    /// The delay is configured.
     Configured,
-    /// The delay is a parameter with a prior deviation of 1 ms.
+    /// The delay is a parameter with a prior standard deviation of 1 ms.
     Estimated,
 }
 
 /// A run whose input acts `delay_s` late.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn skew_run(
     setup: &EncoderSetup,
     signals: Signals,
@@ -207,10 +207,10 @@ pub fn skew_run(
     }
 }
 
-/// The plain fallback on the arm.
+/// The simple fallback on the arm.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn run_smoothed(
     setup: &EncoderSetup,
     smoothed: SmoothedOptions,

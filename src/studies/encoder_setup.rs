@@ -1,27 +1,26 @@
-//! The run that the study of encoders and voltages varies: what the arm follows, its encoders, rows
-//! and estimator.
+//! The run that the study of encoders and voltages varies: setpoints, encoders, rows and estimator.
 
 use super::Reference;
 use crate::estimator::EstimatorOptions;
 use crate::rows::{InputTiming, ProjectedOptions, SensorNoise};
 use crate::sim::{ControllerKind, MassSchedule, SensorOptions, Setpoint, SimOptions, Tone};
 
-/// What the arm follows, |q₁| ≤ 1 rad and |q₂| ≤ 0.8 rad.
+/// Setpoints of the arm, |q₁| ≤ 1 rad and |q₂| ≤ 0.8 rad.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signals {
     /// Random levels, each for 1 to 3 s.
     Steps,
     /// A square wave per joint.
     Square,
-    /// Six sines from 0.23 to 5.3 Hz with amplitudes that fall slowly, as f^(−1/4), and phases by
+    /// Six sines from 0.23 to 5.3 Hz with slowly falling amplitudes, as f^(−1/4), and phases from
     /// the seed.
     Sines,
-    /// Six sines of equal speed, amplitudes as 1/f: little of what tells an inductance.
+    /// Six sines of equal speed, amplitudes as 1/f: hardly informative about an inductance.
     LazySines,
 }
 
 impl Signals {
-    /// The three kinds that the figures are asked for.
+    /// The three kinds in the figures.
     pub const MAIN: [Self; 3] = [Self::Steps, Self::Square, Self::Sines];
     /// Every kind.
     pub const ALL: [Self; 4] = [Self::Steps, Self::Square, Self::Sines, Self::LazySines];
@@ -84,8 +83,8 @@ pub struct EncoderSetup {
 }
 
 impl EncoderSetup {
-    /// The same seen through other encoders \[bits\] and voltage noise \[V\], with another
-    /// controller; the rows are told.
+    /// The same with other encoders \[bits\], voltage noise \[V\] and controller, for which the
+    /// rows are configured.
     pub fn with(&self, bits: u32, noise_v: f64, kind: ControllerKind) -> Self {
         let mut setup = self.clone();
         setup.sim.sensors = SensorOptions {
@@ -110,7 +109,7 @@ impl EncoderSetup {
         setup
     }
 
-    /// The same for so many blocks with a payload that stays.
+    /// The same for `blocks` blocks with a constant payload.
     pub(super) fn lasting(&self, blocks: usize) -> Self {
         let mut setup = self.clone();
         setup.sim.duration_s = (blocks * self.block_len) as f64 * self.sim.sample_period_s;

@@ -1,4 +1,4 @@
-//! What is read off a run: errors, blocks to settle, excursions.
+//! Metrics of a run: errors, blocks to settle, excursions.
 
 /// Largest relative error over the chosen parameters; `inf` if an estimate is not finite.
 pub fn worst_relative_error(theta: &[f64], truth: &[f64], parameters: &[usize]) -> f64 {
@@ -11,10 +11,10 @@ pub fn worst_relative_error(theta: &[f64], truth: &[f64], parameters: &[usize]) 
         .fold(0.0, f64::max)
 }
 
-/// Blocks from the one holding the change (0) to the first from which on all errors stay at or
-/// below `limit`; `None` if they never do.
+/// Blocks from that of the change (0) to the first after which all errors stay at or below `limit`;
+/// `None` if they never do.
 ///
-/// `errors` holds one value per block, `from` is the index of the block that holds the change.
+/// `errors` has one value per block, `from` is the index of the block with the change.
 pub fn blocks_to_stay_within(errors: &[f64], from: usize, limit: f64) -> Option<usize> {
     let after = errors.get(from..)?;
     let outside = after.iter().rposition(|&error| error.is_nan() || error > limit);
@@ -25,7 +25,7 @@ pub fn blocks_to_stay_within(errors: &[f64], from: usize, limit: f64) -> Option<
     }
 }
 
-/// Median of values, the upper one of an even count; `NaN` of none.
+/// Median of values, the upper one for an even count; `NaN` for none.
 pub fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)

@@ -1,5 +1,5 @@
-//! Everything that makes tables: estimators side by side on the same simulated data, and trials of
-//! the evidence. Not part of the product.
+//! Generates tables: comparisons of estimators on the same simulated data, and trials of the
+//! evidence. Not part of the product.
 
 mod common;
 mod contenders;
@@ -36,7 +36,7 @@ use crate::estimator::{EstimatorError, WrlsError};
 use crate::rows::ProjectedError;
 use crate::sim::SimError;
 
-/// Why there is no comparison.
+/// Why a comparison failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CompareError {
     /// The simulation's options.
@@ -51,7 +51,7 @@ pub enum CompareError {
     /// The options of the sample-by-sample baseline.
     #[error(transparent)]
     Wrls(#[from] WrlsError),
-    /// Nothing to follow.
+    /// There is no change to follow.
     #[error("expected a mass that changes after the first block and within the run, got none: set plant.mass_2")]
     NoJump,
 }

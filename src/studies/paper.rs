@@ -1,8 +1,8 @@
 //! The paper's own result, reproduced: how fast its recursion follows the jump of the payload.
 //!
 //! The paper gives curves that cannot be read from its scan, and the words "about a dozen
-//! iterations" for θ₂, θ₄, θ₆, θ₇ and a passing disturbance for the others. These tables put
-//! numbers beside the words.
+//! iterations" for θ₂, θ₄, θ₆, θ₇ and a temporary disturbance for the others. These tables give
+//! numbers for these words.
 
 use super::document::{Document, Section, Table, count, percent};
 use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
@@ -15,7 +15,7 @@ use crate::sim::{Setpoint, SimOptions};
 
 /// Parameters that the mass of link 2 changes: θ₂, θ₄, θ₆, θ₇.
 pub const CHANGING: [usize; 4] = [1, 3, 5, 6];
-/// Parameters that the mass leaves alone: θ₁, θ₃, θ₅, θ₈, θ₉.
+/// Parameters that the mass does not change: θ₁, θ₃, θ₅, θ₈, θ₉.
 pub const STEADY: [usize; 5] = [0, 2, 4, 7, 8];
 /// All of them.
 pub const ALL: [usize; MANIPULATOR_PARAMS] = [0, 1, 2, 3, 4, 5, 6, 7, 8];
@@ -29,7 +29,7 @@ const VARIANTS: [Forgetting; 3] = [
 const FACTORS: [f64; 3] = [0.90, 0.95, 0.98];
 const BLOCK_LENS: [usize; 4] = [475, 950, 1900, 3800];
 
-/// What one run of one estimator shows about a jump; errors are relative, block counts start with 0
+/// Response of one run of one estimator to a jump; errors are relative, block counts start with 0
 /// at the block of the jump.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JumpResponse {
@@ -49,7 +49,7 @@ pub struct JumpResponse {
 /// block.
 ///
 /// # Errors
-/// The options do not fit.
+/// If the options do not fit.
 pub fn jump_response(
     scenario: &Scenario,
     block_len: usize,
@@ -62,8 +62,7 @@ pub fn jump_response(
     let (mut changing, mut all) = (Vec::new(), Vec::new());
     let mut excursion = [0.0; 5];
     for (block, rows) in scenario.blocks(block_len).enumerate() {
-        // The truth of a block is that of its last sample: what an estimate published then should
-        // say.
+        // The truth of a block is that of its last sample, when the estimate is published.
         let truth = scenario.truth((block + 1) * block_len - 1);
         let theta = &estimator.update(&rows).theta;
         changing.push(worst_relative_error(theta, &truth, &CHANGING));
@@ -90,7 +89,7 @@ pub fn jump_response(
 /// The paper's tables for a simulation with a jump; `base` gives start values, ε and G.
 ///
 /// # Errors
-/// The options are not valid, or the run has no jump after the first block.
+/// If the options are invalid, or the run has no jump after the first block.
 pub fn paper_document(sim: &SimOptions, base: &EstimatorOptions, seeds: u64) -> Result<Document, CompareError> {
     let scenario = Scenario::simulate(sim)?;
     let mut sections = vec![variants_section(&scenario, base)?, choices_section(&scenario, base)?];
@@ -190,7 +189,7 @@ pub fn variants_section(scenario: &Scenario, base: &EstimatorOptions) -> Result<
     })
 }
 
-/// What the choices that the paper leaves open change.
+/// Effect of choices that the paper leaves open.
 fn choices_section(scenario: &Scenario, base: &EstimatorOptions) -> Result<Section, CompareError> {
     let block_len = CEDRO2022_BLOCK_LEN;
     let mut half_length = base.clone();
@@ -292,7 +291,7 @@ fn seeds_section(sim: &SimOptions, base: &EstimatorOptions, seeds: u64) -> Resul
     for (index, (forgetting, factor)) in cases.iter().enumerate() {
         let responses = || runs.iter().map(|run| &run[index]);
         let blocks = |pick: &dyn Fn(&JumpResponse) -> Option<usize>| {
-            // Runs that never settle count as later than any other.
+            // Runs that never settle rank after all others.
             let mut values: Vec<f64> = responses()
                 .map(|r| pick(r).map_or(f64::INFINITY, |blocks| blocks as f64))
                 .collect();

@@ -1,4 +1,4 @@
-//! Signals for studies: kinds of reference by name, each drawn from a seed.
+//! Setpoints for studies: kinds of references by name, each drawn from a seed.
 
 use crate::sim::{Setpoint, SimOptions};
 
@@ -9,7 +9,7 @@ pub enum Reference {
     Steps,
     /// Six sines between 0.23 and 5.3 Hz.
     Sines,
-    /// A square wave per joint; the seed varies amplitude, period and place.
+    /// A square wave per joint; the seed varies amplitude, period and phase.
     Square,
 }
 

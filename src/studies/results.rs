@@ -1,5 +1,4 @@
-//! The estimators side by side, and what the recommended one reaches if the plant does what
-//! plants do.
+//! Comparison of the estimators, and the performance of the recommended one with realistic plants.
 
 use super::common::{Effort, STUDY_NOISE_V, covers};
 use super::contenders::{BlockResult, RunRecord, run_batch, run_blocks, run_ekf, run_wrls};
@@ -13,11 +12,11 @@ use crate::estimator::{CEDRO2022_START, EstimatorOptions, Forgetting, ParameterP
 use crate::sim::{SensorOptions, SimOptions};
 use std::time::Duration;
 
-/// All tables for a configured run; `ours` is the configured estimator, `recording` that of a real
-/// machine, position \[m\] and voltage \[V\] at 1 kHz, if it is at hand.
+/// All tables for a configured run; `ours` is the configured estimator, `recording` is that of a
+/// real machine, position \[m\] and voltage \[V\] at 1 kHz, if available.
 ///
 /// # Errors
-/// The options are not valid, or the run has no jump after the first block.
+/// If the options are invalid, or the run has no jump after the first block.
 pub fn results_document(
     sim: &SimOptions,
     block_len: usize,
@@ -43,7 +42,7 @@ pub fn results_document(
     })
 }
 
-/// What is read off one run of one estimator.
+/// Evaluation of one run of one estimator.
 #[derive(Debug, Clone, PartialEq)]
 struct Judgement {
     before: f64,
@@ -51,13 +50,13 @@ struct Judgement {
     all_to_1: Option<usize>,
     at_end: f64,
     excursion: f64,
-    /// Intervals that held the truth, and intervals in all.
+    /// Number of intervals that contain the truth, and of all.
     covered: (usize, usize),
     mean_time: Duration,
     worst_time: Duration,
 }
 
-/// Blocks at the start that the coverage leaves out.
+/// Number of first blocks left out of the coverage.
 const SETTLING: usize = 5;
 
 fn judge(scenario: &Scenario, block_len: usize, jump: usize, record: &RunRecord) -> Judgement {
@@ -98,11 +97,11 @@ impl Contender {
     }
 }
 
-/// Tunings of the Kalman filter that are tried; the best is shown.
+/// Tunings of the Kalman filter to try; the best is shown.
 const RANDOM_WALKS: [f64; 3] = [0.01, 0.03, 0.1];
 
-/// Every estimator on the configured run, with noise of `noise_v` on the measured voltage over so
-/// many seeds of it.
+/// Every estimator on the configured run, with noise of `noise_v` on the measured voltage, over
+/// `seeds` seeds.
 ///
 /// # Errors
 /// As [`results_document`].

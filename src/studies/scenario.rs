@@ -1,12 +1,12 @@
-//! One simulated run, kept as what the rows need, so that many estimators can be put on the very
-//! same data.
+//! One simulated run, stored in the form needed for rows, so that many estimators can use the same
+//! data.
 
 use crate::estimator::Residuals;
 use crate::messages::nanoseconds;
 use crate::model::{MANIPULATOR_PARAMS, MAX_JOINTS, Manipulator, ManipulatorFeatures, PointwiseModel};
 use crate::sim::{ArmSimulator, SimError, SimOptions};
 
-/// What a sample of the arm holds; entries are \[joint 1, joint 2\] in SI units.
+/// A sample of the arm; entries are \[joint 1, joint 2\] in SI units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmSample {
     /// q.
@@ -30,7 +30,7 @@ pub struct Scenario {
     features: Vec<ManipulatorFeatures>,
 }
 
-/// Samples `first..` of a scenario as rows for an estimator; stream time counts in ns.
+/// Samples `first..` of a scenario as rows for an estimator; stream time is in ns.
 #[derive(Debug, Clone, Copy)]
 pub struct ScenarioRows<'a> {
     model: &'a Manipulator,
@@ -40,10 +40,10 @@ pub struct ScenarioRows<'a> {
 }
 
 impl Scenario {
-    /// Simulates; some 200 bytes a sample are kept.
+    /// Simulates a run and keeps about 200 bytes per sample.
     ///
     /// # Errors
-    /// The options are not valid, or the closed loop is unstable and ends before the duration does.
+    /// If the options are invalid, or the closed loop is unstable and ends early.
     pub fn simulate(options: &SimOptions) -> Result<Self, SimError> {
         // Gravity was validated with the options; the default is never used.
         let simulator = ArmSimulator::new(options)?;
@@ -77,12 +77,12 @@ impl Scenario {
         })
     }
 
-    /// What was simulated.
+    /// The options of the simulation.
     pub fn options(&self) -> &SimOptions {
         &self.options
     }
 
-    /// The model that the rows are made with.
+    /// The model of the rows.
     pub fn model(&self) -> &Manipulator {
         &self.model
     }
@@ -122,7 +122,7 @@ impl Scenario {
         sample as f64 * self.options.sample_period_s
     }
 
-    /// θ as it really is at a sample.
+    /// True θ at a sample.
     pub fn truth(&self, sample: usize) -> [f64; MANIPULATOR_PARAMS] {
         self.options.true_theta(self.time_s(sample))
     }
@@ -132,8 +132,7 @@ impl Scenario {
         (0..self.len() / block_len).map(move |block| self.rows(block * block_len..(block + 1) * block_len))
     }
 
-    /// The first sample at which the mass is another one than before, as (sample, block counted
-    /// from 0).
+    /// The first sample with a changed mass, as (sample, block counted from 0).
     pub fn first_change(&self, block_len: usize) -> Option<(usize, usize)> {
         let mass = |sample: usize| self.options.mass_2.mass_kg(self.time_s(sample));
         (1..self.len())

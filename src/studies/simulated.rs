@@ -1,4 +1,4 @@
-//! What one estimator does on many runs: changes of every size, false alarms, calibration.
+//! One estimator on many runs: changes of every size, false alarms, calibration.
 
 use super::common::{STUDY_NOISE_V, covers, every_run};
 use super::contenders::{RunRecord, run_blocks};
@@ -10,10 +10,10 @@ use crate::estimator::EstimatorOptions;
 use crate::messages::nanoseconds;
 use crate::sim::{Interpolation, MassSchedule, SensorOptions, SimOptions};
 
-/// Parameters that gravity shows: θ₆, θ₇, θ₉, and with them the mass of the payload.
+/// Parameters that gravity informs on: θ₆, θ₇, θ₉, and so the mass of the payload.
 const PAYLOAD: [usize; 3] = [5, 6, 8];
-/// Parameters that a user of a noisy run can expect to know: θ₂, θ₄…θ₉. θ₁ and θ₃ are of link 1
-/// alone, a twentieth of the moving mass.
+/// Parameters that can be determined in a noisy run: θ₂, θ₄…θ₉. θ₁ and θ₃ belong only to link 1, a
+/// twentieth of the moving mass.
 pub(super) const KNOWABLE: [usize; 7] = [1, 3, 4, 5, 6, 7, 8];
 
 pub(super) fn noisy(sim: &SimOptions, noise_v: f64) -> SimOptions {
@@ -38,27 +38,27 @@ pub(super) fn errors(scenario: &Scenario, block_len: usize, record: &RunRecord, 
         .collect()
 }
 
-/// What a run with exact signals and a jump shows; errors are the worst of all nine parameters.
+/// Result of a run with exact signals and a jump; errors are the worst of all nine parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExactRun {
     /// Error after the first block.
     pub first: f64,
     /// Iterations of the first block.
     pub iterations: u32,
-    /// Error of the block that holds the jump.
+    /// Error of the block with the jump.
     pub jump: f64,
     /// Largest error of any block.
     pub worst: f64,
-    /// The change was announced in its block, at its own sample.
+    /// True if the change was reported in its block, at the right sample.
     pub found: bool,
-    /// Changes announced in other blocks.
+    /// Changes reported in other blocks.
     pub other_alarms: usize,
 }
 
 /// One run with exact signals; without `kind` as configured.
 ///
 /// # Errors
-/// The options are not valid, or the run has no jump after the first block.
+/// If the options are invalid, or the run has no jump after the first block.
 pub fn exact_run(
     sim: &SimOptions,
     block_len: usize,
@@ -89,7 +89,7 @@ pub fn exact_run(
 /// Exact signals: the first block, the block of the jump, and the time of the jump, per reference.
 ///
 /// # Errors
-/// The options are not valid, or the run has no jump after the first block.
+/// If the options are invalid, or the run has no jump after the first block.
 pub fn exact_section(
     sim: &SimOptions,
     block_len: usize,
@@ -163,13 +163,13 @@ pub(super) fn changes() -> Vec<(String, MassSchedule)> {
     cases
 }
 
-/// What a run shows of a change of the payload.
+/// Result of a run with a change of the payload.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChangeRun {
-    /// Distance of the announced time from the true one \[s\]; `None` if the block of the change
-    /// and the next announce nothing.
+    /// Difference of the reported time from the true one \[s\]; `None` if the block of the change
+    /// and the next report nothing.
     pub off_s: Option<f64>,
-    /// Blocks from the one of the last jump (0) until θ₆, θ₇ and θ₉ stay within 1 %.
+    /// Blocks from that of the last jump (0) until θ₆, θ₇ and θ₉ stay within 1 %.
     pub to_1_percent: Option<usize>,
     /// Largest error of a usable θ₂ or θ₄…θ₉ in a block with `use_ok`, from the change on.
     pub usable_error: f64,
@@ -183,13 +183,13 @@ pub struct ChangeRun {
 /// One run through a change of the payload.
 ///
 /// # Errors
-/// The options are not valid, or the mass does not change.
+/// If the options are invalid, or the mass does not change.
 pub fn change_run(sim: &SimOptions, block_len: usize, ours: &EstimatorOptions) -> Result<ChangeRun, CompareError> {
     let scenario = Scenario::simulate(sim)?;
     let (sample, block) = scenario.first_change(block_len).ok_or(CompareError::NoJump)?;
     let record = run_blocks(&scenario, block_len, ours)?;
     let announced = record.blocks.iter().skip(block).take(2).find_map(|b| b.change);
-    // The last change counts, if there are two.
+    // If there are two changes, the last one is used.
     let last_change_s = sim.mass_2.points.last().map_or(0.0, |point| point.0);
     let last_block = ((last_change_s / sim.sample_period_s).round() as usize) / block_len;
     let mut run = ChangeRun {
@@ -220,7 +220,7 @@ pub fn change_run(sim: &SimOptions, block_len: usize, ours: &EstimatorOptions) -
 /// Jumps of every size, two in a row, and a slow drift: exact and with noise.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn changes_section(
     sim: &SimOptions,
     block_len: usize,
@@ -302,7 +302,7 @@ pub fn changes_section(
 /// Alarms of an unchanged plant.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn false_alarms_section(
     sim: &SimOptions,
     block_len: usize,
@@ -336,7 +336,7 @@ pub fn false_alarms_section(
 /// (blocks, alarms) of runs with a constant payload.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn false_alarms(
     sim: &SimOptions,
     block_len: usize,
@@ -362,11 +362,11 @@ pub fn false_alarms(
     })
 }
 
-/// Share of runs whose 95 % interval holds the truth, per parameter, after each of the given
+/// Share of runs whose 95 % interval contains the truth, per parameter, after each of the given
 /// numbers of blocks.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn calibration(
     sim: &SimOptions,
     block_len: usize,
@@ -397,7 +397,7 @@ pub fn calibration(
 /// Calibration as a table.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn calibration_section(
     sim: &SimOptions,
     block_len: usize,

@@ -1,4 +1,4 @@
-//! What the estimator costs, measured while it works on the configured run.
+//! Computing time of the estimator, measured on the configured run.
 
 use super::common::STUDY_NOISE_V;
 use super::contenders::run_blocks;
@@ -13,7 +13,7 @@ use crate::sim::{ArmSimulator, SimOptions};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-/// How often each piece of work is done; its fastest time counts.
+/// Repetitions of each piece of work; the fastest one is used.
 const REPETITIONS: usize = 5;
 
 fn fastest(mut work: impl FnMut()) -> Duration {
@@ -25,7 +25,7 @@ fn fastest(mut work: impl FnMut()) -> Duration {
     (0..REPETITIONS).map(once).min().unwrap_or_default()
 }
 
-/// The table of a block that takes so long \[s\].
+/// The table of times for a block of this length \[s\].
 struct Times {
     table: Table,
     block_s: f64,
@@ -39,7 +39,7 @@ impl Times {
         }
     }
 
-    /// A line for `times`, each of which holds `per` pieces of work; none if it never happened.
+    /// A line for `times`, each of `per` pieces of work; none if there are no times.
     fn row(&mut self, work: &str, times: &mut [Duration], per: usize, (unit, name): (f64, &str)) {
         times.sort();
         let (Some(&middle), Some(&worst)) = (times.get(times.len() / 2), times.last()) else {
@@ -67,10 +67,10 @@ fn how(block_len: usize) -> String {
     )
 }
 
-/// Time per sample and per block; figures differ from run to run and from machine to machine.
+/// Time per sample and per block; figures differ between runs and machines.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn speed_section(
     sim: &SimOptions,
     block_len: usize,
@@ -156,7 +156,7 @@ pub fn speed_section(
 /// The same for projected rows with automatic differentiation.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn projected_speed_section(setup: &EncoderSetup, seeds: u64) -> Result<Section, CompareError> {
     let (sim, block_len) = (&setup.sim, setup.block_len);
     let mut taking = Vec::new();

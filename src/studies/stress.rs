@@ -1,4 +1,4 @@
-//! What one estimator does if nothing moves, and where one row in a hundred lies.
+//! One estimator without motion, and with one wrong row in a hundred.
 
 use super::common::STUDY_NOISE_V;
 use super::contenders::{BlockResult, RunRecord, run_blocks};
@@ -49,7 +49,7 @@ fn resting(sim: &SimOptions, block_len: usize, joint_1_moves: bool) -> SimOption
 /// 300 blocks without excitation, then excitation: every forgetting rule.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn windup_section(
     sim: &SimOptions,
     block_len: usize,
@@ -121,7 +121,7 @@ pub fn windup_section(
 /// Blocks of rest in [`windup_run`].
 const REST: std::ops::Range<usize> = 20..320;
 
-/// What a long rest does; errors are the worst of θ₂ and θ₄…θ₉, relative.
+/// Effect of a long rest; errors are the worst of θ₂ and θ₄…θ₉, relative.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WindupRun {
     /// Error before the rest.
@@ -130,8 +130,7 @@ pub struct WindupRun {
     pub at_rest: f64,
     /// The same in standard deviations of the estimate.
     pub deviations: f64,
-    /// Factor by which the standard deviation grows that grows most, up to the end of the rest or
-    /// its first alarm.
+    /// Largest growth factor of a standard deviation, up to the end of the rest or its first alarm.
     pub growth: f64,
     /// Alarms while resting.
     pub alarms: usize,
@@ -142,7 +141,7 @@ pub struct WindupRun {
 /// One run through a rest of 300 blocks, without motion or with joint 1 alone moving.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn rest_run(
     sim: &SimOptions,
     block_len: usize,
@@ -160,7 +159,7 @@ fn windup_run(scenario: &Scenario, block_len: usize, options: &EstimatorOptions)
     let record = run_blocks(scenario, block_len, options)?;
     let errors = errors(scenario, block_len, &record, &KNOWABLE);
     let resting = &record.blocks[REST];
-    // an alarm, if only a false one, leaves everything open that does not move
+    // an alarm, even a false one, leaves everything open that does not move
     let quiet = resting
         .iter()
         .position(|block| block.change.is_some())
@@ -181,7 +180,7 @@ fn windup_run(scenario: &Scenario, block_len: usize, options: &EstimatorOptions)
 /// voltages, 100 times the noise; blocks from the second on.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn outlier_effect(
     sim: &SimOptions,
     block_len: usize,
@@ -216,7 +215,7 @@ pub fn outlier_effect(
 /// Spikes and the treatments of outliers.
 ///
 /// # Errors
-/// The options are not valid.
+/// If the options are invalid.
 pub fn outliers_section(
     sim: &SimOptions,
     block_len: usize,

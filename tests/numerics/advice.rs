@@ -1,4 +1,4 @@
-//! The window's length that the motion advises.
+//! The window length recommended for a motion.
 
 use std::f64::consts::TAU;
 use thetabus::rows::{window_advice, window_advice_at};

@@ -1,4 +1,4 @@
-//! Configuration files: what loads, what does not, and what is said about it.
+//! Configuration files: which ones load, which ones do not, and the messages about them.
 
 use proptest::prelude::*;
 use std::path::Path;
@@ -159,7 +159,7 @@ fn regress_the_paper_file_states_the_paper_presets_of_the_core_types() {
     assert_eq!(config.plant.sim.sample_count() / config.estimator.block_len as u64, 89);
 }
 
-/// Each case: a file, and what its message has to contain.
+/// Each case: a file, and what its message must contain.
 const WRONG: &[(&str, &[&str])] = &[
     (
         "[estimator]\nblock_len = \"abc\"",
@@ -444,7 +444,7 @@ fn regress_setpoints_come_from_a_csv_file_beside_the_configuration() {
         (t_s.as_slice(), values_rad.as_slice()),
         (&[0.0, 2.5][..], &[0.5, -0.5][..])
     );
-    // What is written out needs no file, and says the same.
+    // The written configuration loads without other files and has the same meaning.
     let written = good.to_toml();
     assert!(!written.contains("moves.csv"), "{written}");
     assert_eq!(load(&written, &[]).unwrap().plant, good.plant);
@@ -663,7 +663,7 @@ fn e2e_faults_are_tables_of_their_own_and_survive_a_round_trip() {
         load("", &[inline]).unwrap().plant.sim.faults[0].signal,
         FaultSignal::Input
     );
-    // What goes wrong with the signals is not part of what is estimated.
+    // Faults of the signals are not part of the hash of the estimation.
     assert_eq!(config.config_hash(), load("", &[]).unwrap().config_hash());
 }
 
@@ -704,7 +704,7 @@ fn fault_a_fault_that_is_wrong_itself_is_named_with_its_table_and_key() {
     assert!(warned.unwrap().warnings()[0].message.contains("has no effect"));
 }
 
-/// A plant that is nothing but its definition.
+/// A plant with only the required methods.
 #[derive(Clone)]
 struct Own {
     name: &'static str,
@@ -777,7 +777,7 @@ fn prop_a_users_own_plant_is_a_model_beside_those_of_the_library() {
     .unwrap();
     let of_each = config.estimator.options.parameters.iter();
     assert!(of_each.map(|p| (p.start, p.fixed)).eq([(2.0, false), (0.1, true)]));
-    // models of the library stay within reach
+    // models of the library remain available
     let servo = load(&pendulum, &["model.kind=servo_axis", "plant.machine=servo_axis"]).unwrap();
     assert_eq!(servo.model.name(), "servo_axis");
     let ignored = load(&pendulum, &["model.gravity_m_s2=1.6"]).unwrap();
@@ -852,7 +852,7 @@ fn regress_noise_is_learnt_if_nobody_states_any_and_the_decision_is_written_out(
     let floor = load("", &[projected, "estimator.noise_floor=[0.5]"]).unwrap();
     let half = EquationNoise { std: 1.0, floor: 0.5 };
     assert_eq!(floor.estimator.options.equations, [half, half]);
-    // what is stated beside own_plant.toml counts
+    // settings besides own_plant.toml take effect
     let own = |sets: &[&str]| {
         let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
         Config::load(&[Config::embedded("own_plant").unwrap()], &sets).unwrap()

@@ -1,5 +1,5 @@
-//! Whole configurations on simulated machines: terms that can be switched on, sample rates, noise
-//! that nobody stated.
+//! Whole configurations on simulated machines: optional terms, sample rates, noise of unknown
+//! level.
 
 use std::f64::consts::TAU;
 use thetabus::config::{Catalog, Config};
@@ -20,8 +20,8 @@ fn encoder_only(sets: &[String]) -> Config {
     Config::load(&[Config::embedded("encoder_only").unwrap()], sets).unwrap()
 }
 
-/// Estimates after the last block: θ̂ and its standard deviations, and the number of changes that
-/// were announced.
+/// Estimates after the last block: θ̂ and its standard deviations, and the number of reported
+/// changes.
 struct Last {
     theta: Vec<f64>,
     std: Vec<f64>,
@@ -272,7 +272,7 @@ fn swing(state: [f64; 2], torque: f64, period_s: f64) -> [f64; 2] {
     (0..steps).fold(state, |x, _| rk4_step(&x, 5e-4, rate))
 }
 
-/// This pendulum through an encoder of `bits`, with `noise` on the torque that is reported.
+/// This pendulum with an encoder of `bits` and `noise` on the measured torque.
 fn pendulum(bits: i32, noise: f64, seed: u64, samples: u64) -> impl Iterator<Item = (u64, JointSample)> {
     let mut rng = crate::support::TestRng(seed);
     let phase = rng.between(0.0, TAU);

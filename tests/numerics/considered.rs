@@ -1,4 +1,4 @@
-//! Errors that the model does not say: what they do to the estimate, whether σ allows for them, and
+//! Effects that the model leaves out: how they change the estimate, whether σ allows for them, and
 //! whether they are found.
 
 use super::support::TestRng;
@@ -13,7 +13,7 @@ use thetabus::sim::{ArmSimulator, ControllerKind, MassSchedule, MoveProfile, Mov
 
 const N: u64 = 1900;
 
-/// What a machine does that its model does not say.
+/// Effects of a machine that its model leaves out.
 #[derive(Debug, Clone, Copy, Default)]
 struct Wrong {
     delay_s: f64,
@@ -21,14 +21,14 @@ struct Wrong {
     coulomb_v: [f64; 2],
     eccentricity_rad: [f64; 2],
     gain: [f64; 2],
-    /// What the record of a voltage is off by [V].
+    /// Offset of the recorded voltage [V].
     offset_v: [f64; 2],
     /// Share by which the windings' resistance rises within a minute.
     heating: f64,
 }
 
-/// Smooth motion as a table of the simulator's setpoints cannot say it: sines of few frequencies,
-/// below the resonance.
+/// Smooth motion that no table of setpoints can describe: sines of few frequencies, below the
+/// resonance.
 fn smooth(seed: u64) -> [Setpoint; 2] {
     let sines = |amplitude: f64| Setpoint::RandomSines {
         count: 4,
@@ -75,7 +75,7 @@ fn arm(setpoint: [Setpoint; 2], seed: u64, blocks: u64, wrong: Wrong) -> SimOpti
     sim
 }
 
-/// One block's answer.
+/// Result of one block.
 struct Answer {
     theta: Vec<f64>,
     std: Vec<f64>,
@@ -83,7 +83,7 @@ struct Answer {
     usable: u128,
     excited: u128,
     changed: bool,
-    /// What it is in words with its size, its kind and joint.
+    /// Description with its size, kind and joint.
     named: Option<(String, SuspectKind, Option<usize>, Suspicion)>,
 }
 
@@ -133,7 +133,7 @@ fn identify(sim: &SimOptions, considered: Considered, wrong: Wrong) -> Vec<Answe
             // a winding that is warmer needs so much more voltage for its current; held over a
             // sample, as the input is
             let current = exact.input[joint] - right[4 + 3 * joint] * (after.q[joint] - q) / 1e-3;
-            // friction is overcome by voltage, and so is what the drive gives less than told
+            // voltage overcomes friction and makes up for what the drive delivers too little
             let input = exact.input[joint] + warmer * current + wrong.coulomb_v[joint] * (dq / 0.005).tanh();
             sample.input[joint] = input * (1.0 - wrong.gain[joint]) + wrong.offset_v[joint] + 0.05 * normal(&mut rng);
             sample.q[joint] = ((q + wrong.eccentricity_rad[joint] * q.sin()) / count).round() * count;

@@ -1,4 +1,4 @@
-//! The Cramér–Rao bound of robots against closed forms, and the six-axis robot beside it.
+//! The Cramér–Rao bound of robots against closed forms, and the six-axis robot against the bound.
 
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
@@ -161,7 +161,7 @@ fn val_the_recursion_is_the_fisher_information_of_all_positions() {
     );
 }
 
-/// What the study takes for granted is what the shipped file says.
+/// The study assumes the same robot as the shipped file.
 #[test]
 fn regress_the_study_has_the_shipped_robot() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/robots/six_axis.toml");

@@ -6,8 +6,7 @@ use thetabus::estimator::Report;
 use thetabus::rows::{InputTiming, ProjectedOptions};
 use thetabus::studies::emps::{self, PUBLISHED, rows};
 
-/// The recording, or why there is none. It stands beside the project, since it came without a
-/// licence.
+/// The recording, or why there is none. It is kept outside the project because it has no licence.
 fn recording() -> Result<Vec<(f64, f64)>, String> {
     let name = "data/emps.csv";
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
@@ -56,8 +55,8 @@ fn val_emps_in_one_on_line_pass_gives_the_published_parameters() {
         let deviations = (report.theta[i] - PUBLISHED[i]).abs() / report.theta_std[i];
         assert!(deviations < 3.0, "{}: {deviations:.2} deviations", report_name(i));
     }
-    // The carriage moves one way for seconds: seven blocks tell a parameter to no better than 10 %,
-    // and are told as such.
+    // The carriage moves one way for seconds: in seven blocks a parameter is known to no better
+    // than 10 %, and it is not called excited.
     assert_eq!(excited, 13 - 7);
 }
 
@@ -92,7 +91,7 @@ fn val_emps_does_not_hang_on_the_window_but_on_the_input_between_samples() {
     }
 }
 
-/// The EMPS recording in parts of equal length, each identified from nothing.
+/// The EMPS recording in parts of equal length, each identified without prior knowledge.
 fn emps_parts(parts: usize) -> Option<Vec<(Vec<f64>, Vec<f64>)>> {
     let record = recording_or_skip()?;
     let len = record.len() / parts;

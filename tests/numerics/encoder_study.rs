@@ -1,4 +1,4 @@
-//! The study of encoders and voltages reaches the figures that the documents name.
+//! The study of encoders and voltages reaches the figures in the documents.
 
 use super::projected::{estimator_options, start};
 use thetabus::model::Manipulator;
@@ -40,8 +40,8 @@ fn ident_encoders_and_voltages_reach_the_figures_of_the_documents() {
                     run.usable_error < 0.05 && run.other_alarms == 0,
                     "{bits} {kind:?} {signals:?} {run:?}"
                 );
-                // seven blocks after the jump: three deviations of what these data give θ6…θ9, and
-                // θ5 is far better
+                // seven blocks after the jump: three standard deviations of what these data give
+                // θ6…θ9, and θ5 is far better
                 for p in 4..9 {
                     assert!(
                         run.end[p] < 2e-3,
@@ -61,7 +61,7 @@ fn ident_noise_levels_learnt_from_the_signals_serve_as_well_as_known_ones() {
         let setup = setup().with(bits, noise_v, ControllerKind::Sampled).learning();
         let (shares, alarms, blocks) = calibration(&setup, Signals::Steps, 12).unwrap();
         let mean = shares.iter().sum::<f64>() / 9.0;
-        // 108 intervals, correlated within a run: as good as some 50, deviation 3 points
+        // 108 intervals, correlated within a run: as good as about 50, standard deviation 3 points
         assert!(mean > 0.86, "{bits}: {shares:?}");
         assert!(alarms == 0 && blocks == 120, "{alarms}");
     }

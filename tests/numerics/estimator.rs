@@ -1,5 +1,4 @@
-//! The estimators against golden estimates, batch least squares, and the cases at the edge of what
-//! is defined.
+//! The estimators against golden estimates, batch least squares, and edge cases.
 
 use crate::support::{TestRng, golden_samples};
 use proptest::prelude::*;
@@ -262,7 +261,7 @@ fn fault_blocks_at_the_edge_are_defined() {
     });
     assert_eq!(report.held, Some(Held::NotFinite));
     assert_eq!(report.theta, [1.0, 2.0]);
-    // all zero: no information, no movement, the deviation stays
+    // all zero: no information, no change, the standard deviation stays
     let report = estimator.update(&Linear {
         rows: vec![(vec![0.0, 0.0], 0.0); 50],
     });
@@ -331,8 +330,8 @@ fn fault_blocks_of_one_sample_and_of_identical_samples_keep_the_arm_finite_and_f
         for block in samples[400..2400].chunks_exact(400) {
             estimator.update(&arm_block(block));
         }
-        // within the deviation that exact signals and what the frozen blocks left in the
-        // information allow
+        // within the standard deviation for exact signals and the information left by the frozen
+        // blocks
         assert!(
             error(&estimator) < 1e-3,
             "{}: {:e}",
@@ -360,10 +359,10 @@ fn ident_the_structure_of_the_products_shows_as_what_it_is() {
         estimator.update(&arm_block(&noisy));
     }
     // θ₁θ₄ = θ₂θ₃ holds for the arm and is not imposed: the data agree with it to within their
-    // deviation
+    // standard deviation
     let (ratio, std) = estimator.product_ratio([0, 3], [1, 2]);
     assert!(std > 0.0 && ratio.abs() < 4.0 * std, "{ratio} ± {std}");
-    // a relation that does not hold stands out by many deviations
+    // a relation that does not hold is off by many standard deviations
     let (ratio, std) = estimator.product_ratio([5, 8], [6, 7]);
     assert!(ratio.abs() > 4.0 * std, "{ratio} ± {std}");
     // the correlation matrix: a unit diagonal, symmetric, within ±1, nothing across independent

@@ -81,7 +81,7 @@ pub fn run(sim: &SimOptions, options: &EstimatorOptions, noise_v: f64, mut each:
     }
 }
 
-/// Normal deviates by Box and Muller.
+/// Standard normal numbers by the method of Box and Muller.
 pub struct Gauss(pub crate::support::TestRng);
 impl Gauss {
     pub fn next(&mut self) -> f64 {
@@ -100,14 +100,14 @@ pub fn worst_error(theta: &[f64], truth: &[f64]) -> f64 {
 
 const KINDS: [&str; 3] = ["steps", "sines", "square"];
 
-/// What a run with one change of the mass showed.
+/// Result of a run with one change of the mass.
 #[derive(Debug, Clone, Copy, Default)]
 struct Outcome {
     /// Largest relative error of any parameter after the first block.
     first: f64,
     /// The same in the block that holds the change, and in the two after it.
     jump: [f64; 3],
-    /// Located time less true time [ms]; infinite where no change was found.
+    /// Located time less true time [ms]; infinite if no change was found.
     located_ms: f64,
     /// Alarms elsewhere.
     false_alarms: usize,
@@ -255,8 +255,8 @@ fn ident_drift_and_double_jump_table() {
     }
 }
 
-/// Runs with noise: per block the alarms, and per parameter how often the 95 % interval holds the
-/// truth after given blocks.
+/// Runs with noise: per block the alarms, and per parameter how often the 95 % interval contains
+/// the truth after given blocks.
 fn calibration(
     kind: &str,
     seeds: std::ops::Range<u64>,

@@ -81,7 +81,7 @@ fn axis() -> ServoAxis {
     ServoAxis::new(Motion::Linear, DriveInput::Voltage, EMPS_GAIN).unwrap()
 }
 
-/// What a run showed.
+/// Result of a run.
 #[derive(Default)]
 struct Outcome {
     name: String,
@@ -145,7 +145,7 @@ impl Outcome {
         f64::from(usable as u32) / f64::from((excited as u32).max(1))
     }
 
-    /// One line for a reader of the test's output.
+    /// Prints one line.
     fn tell(&self) -> &Self {
         let dangerous = self.dangerous();
         let least =
@@ -203,7 +203,7 @@ fn identify(
     outcome
 }
 
-/// A simulated run, with something done to each sample on its way.
+/// A simulated run; `spoil` changes each sample.
 fn simulate(name: &str, config: &Config, mut spoil: impl FnMut(u64, &mut JointSample)) -> Outcome {
     let sim = &config.plant.sim;
     let samples = MachineSimulator::new(sim).unwrap().take(sim.sample_count() as usize);
@@ -215,7 +215,7 @@ fn simulate(name: &str, config: &Config, mut spoil: impl FnMut(u64, &mut JointSa
     identify(name, config, spoilt, carried, |t_s| sim.true_parameters(t_s))
 }
 
-/// Random levels for 1 to 3 s each, but for a rest from `rest.0` to `rest.1` \[s\].
+/// Random levels for 1 to 3 s each, except for a rest from `rest.0` to `rest.1` \[s\].
 fn steps_with_rest(random: &mut TestRng, reach: f64, duration_s: f64, rest: (f64, f64)) -> Setpoint {
     let (mut t_s, mut values_rad, mut t) = (Vec::new(), Vec::new(), 0.0);
     while t < duration_s {
@@ -303,8 +303,8 @@ fn ident_a_right_model_is_as_soon_and_as_often_usable_as_its_data_allow() {
         for seed in 0..4 {
             let outcome = simulate(motion, &arm(seed, 60.0, MassSchedule::constant(150.0), motion), still);
             nothing_dangerous(&outcome);
-            // 560 blocks; one false misfit in a thousand is what is allowed, one in ten thousand
-            // what is asked for
+            // 560 blocks; one false misfit in a thousand is allowed, one in ten thousand is the
+            // goal
             assert_eq!(outcome.misfits(), 0, "{motion}, seed {seed}");
             assert!(
                 outcome.usable_share(7) >= 0.85,
@@ -391,8 +391,8 @@ fn ident_after_a_payload_is_picked_up_at_rest_only_what_the_data_have_shown_sinc
 
 #[test]
 fn fault_what_changed_between_two_streams_is_not_usable_until_the_second_shows_it() {
-    // An arm that rests tells nothing of joint 1, whose axis is vertical: nothing in the second
-    // stream shows that its winding has become warmer.
+    // An arm at rest gives no information about joint 1, whose axis is vertical: nothing in the
+    // second stream shows that its winding has become warmer.
     for (seed, warmer, moves) in [(1, 0.02, false), (2, 0.05, false), (3, 0.2, false), (4, 0.05, true)] {
         for restarted in [false, true] {
             let first = arm(seed, 20.0, MassSchedule::constant(150.0), "sines");
@@ -430,13 +430,13 @@ fn fault_what_changed_between_two_streams_is_not_usable_until_the_second_shows_i
             nothing_dangerous(outcome.tell());
             let (last, _) = outcome.blocks.last().expect("blocks");
             assert_eq!(last.is_usable(3), moves, "{}", outcome.name);
-            // what holds the weight shows at rest, too
+            // the parameters of the weight are seen at rest, too
             assert!(last.is_usable(6), "{}", outcome.name);
         }
     }
 }
 
-/// What a drive's dead band, or a cable, does to the voltage that an axis needs.
+/// Effect of a drive's dead band, or of a cable, on the voltage that an axis needs.
 #[test]
 fn fault_a_dead_band_or_a_spring_that_the_model_of_an_axis_lacks_makes_nothing_surely_wrong() {
     // 0.05 V are 0.5 % of the drive's range; 20 N/m pull with 1 N at the end of the travel. Without

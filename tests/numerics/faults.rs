@@ -1,5 +1,5 @@
-//! What a stream can do wrong, and what becomes of the estimates: expected value, flag and counter
-//! per row of a table.
+//! Faults of a stream and their effect on the estimates: expected value, flag and counter per row
+//! of a table.
 
 use crate::support::TestRng;
 use thetabus::estimator::{BlockEstimator, EstimatorOptions, StateMachine};
@@ -92,8 +92,8 @@ fn run_with(node: &mut Node, samples: &[Sample]) -> Outcome {
     }
 }
 
-/// A row: what is done to a stream of 20 blocks, which counters are to show it, the state and
-/// `use_ok` in the faulty block (0 for none).
+/// A row: a change of a stream of 20 blocks, the counters that must show it, the state and `use_ok`
+/// in the faulty block (0 for none).
 struct Row {
     name: &'static str,
     spoil: fn(&mut Vec<Sample>),
@@ -352,7 +352,7 @@ fn fault_ten_thousand_seeded_corrupt_samples_give_no_panic_and_no_nan() {
     assert!(status.streams > 100 && status.error.code != 0, "{status:?}");
 }
 
-/// Everything of an estimate but where the stream came from.
+/// Everything of an estimate except the origin of the stream.
 fn bits(estimates: &[Estimate]) -> Vec<u64> {
     let of = |e: &Estimate| {
         let head = [

@@ -61,7 +61,7 @@ struct Outcome {
     replaced: u32,
 }
 
-/// Runs what the listener received: stamps in ns, samples, and the block that each belongs to.
+/// Identifies from received samples: stamps in ns, samples, and the block that each belongs to.
 fn identify(received: &[(usize, u64, JointSample)], rows: ProjectedOptions) -> Outcome {
     let plant = Manipulator::default();
     let mut block = ProjectedBlock::new(plant, rows, N).unwrap();
@@ -90,8 +90,8 @@ fn stamped(samples: &[JointSample]) -> Vec<(usize, u64, JointSample)> {
     samples.iter().enumerate().map(stamp).collect()
 }
 
-/// Shares of intervals of two standard deviations that hold the truth, alarms, worst figures over
-/// the seeds; what a fault did to a stream of each.
+/// Effect of a fault on one stream per seed: share of intervals of two standard deviations that
+/// contain the truth, alarms, worst figures over the seeds.
 struct Trial {
     covered: f64,
     alarms: usize,
@@ -154,8 +154,8 @@ fn trial(
     trial
 }
 
-/// 8 seeds and 9 parameters give 72 intervals, not all independent: 90 % are missed by three
-/// binomial deviations below 83 %.
+/// 8 seeds and 9 parameters give 72 intervals, not all independent: 90 % less three binomial
+/// standard deviations is 83 %.
 fn honest(trial: &Trial) {
     assert!(trial.covered > 0.83, "{}", trial.covered);
     assert!(trial.worst < 4.5, "{}", trial.worst);
@@ -231,8 +231,8 @@ fn fault_spikes_are_replaced_before_they_enter_a_window() {
                 honest(&spiky);
                 assert!(spiky.wider < 1.5);
             } else {
-                // a spike of the input on a step of the setpoint, or beside it, is not to be told
-                // from the step: once or twice a run
+                // a spike of the input on a step of the setpoint, or next to it, cannot be
+                // distinguished from the step: once or twice a run
                 assert!(spiky.covered > 0.8 && spiky.worst < 6.0 && spiky.alarms <= 3);
             }
             assert!(spiky.least_use_ok >= 3);

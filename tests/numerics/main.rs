@@ -1,4 +1,4 @@
-//! Numerics: model, rows, simulation and estimators, each against something independent of it.
+//! Numerics: model, rows, simulation and estimators, each against an independent result.
 
 mod advice;
 mod cedro;

@@ -335,8 +335,8 @@ fn prop_derived_values_are_the_physical_parameters_that_theta_was_made_of() {
 fn val_derived_mass_has_the_deviation_of_first_order_error_propagation() {
     let derived = ManipulatorDerived::new(UNEVEN.known()).unwrap();
     let theta = UNEVEN.theta();
-    // Relative deviations of θ₇ and θ₉ with a correlation: var(ln m₂) = a² + b² − 2 ρ a b for m₂ ∝
-    // θ₇/θ₉.
+    // Relative standard deviations of θ₇ and θ₉ with a correlation: var(ln m₂) = a² + b² − 2 ρ a b
+    // for m₂ ∝ θ₇/θ₉.
     let (a, b, rho) = (0.01, 0.003, 0.6);
     let (s7, s9) = (a * theta[6], b * theta[8]);
     let covariance = |i: usize, j: usize| match (i, j) {

@@ -1,4 +1,4 @@
-//! Projected rows: what they give from positions and inputs alone.
+//! Projected rows: estimates from positions and inputs alone.
 
 use thetabus::estimator::{BlockEstimator, EquationNoise, EstimatorOptions, Residuals};
 use thetabus::model::{
@@ -59,7 +59,7 @@ fn percent(theta: &[f64], truth: &[f64]) -> Vec<f64> {
     theta.iter().zip(truth).map(|(a, b)| 100.0 * (a / b - 1.0)).collect()
 }
 
-/// What one run of blocks gave.
+/// Result of one run of blocks.
 struct Run {
     theta: Vec<Vec<f64>>,
     std: Vec<Vec<f64>>,
@@ -191,7 +191,7 @@ fn ident_encoder_and_voltage_alone_give_all_that_the_data_hold() {
         }
         for i in 0..9 {
             let deviations = (run.theta[9][i] - run.truth[9][i]).abs() / run.std[9][i];
-            // nine parameters in two runs: 4.5 deviations come once in 10 000 such tests
+            // nine parameters in two runs: 4.5 standard deviations come once in 10 000 such tests
             assert!(
                 deviations < 4.5,
                 "{controller:?}: theta_{} is off by {deviations:.1} deviations",
@@ -199,7 +199,7 @@ fn ident_encoder_and_voltage_alone_give_all_that_the_data_hold() {
             );
         }
         // The sensors were told, so whitened residuals have variance 1; 950 rows give their
-        // deviation to 2 %, and R is right to some per cent.
+        // standard deviation to 2 %, and R is right to a few per cent.
         for noise in &run.noise[9] {
             assert!((noise - 1.0).abs() < 0.15, "{controller:?}: {:?}", run.noise[9]);
         }

@@ -83,7 +83,7 @@ fn ident_the_published_estimate_is_least_squares_with_the_relation_built_in() {
         }
         let ratio = published[0] * published[3] / (published[1] * published[2]);
         assert!((ratio - 1.0).abs() < 1e-12, "{ratio}");
-        // the recursion itself goes on from what the data said
+        // the recursion itself continues from the unconstrained estimate
         let mut free = self::estimator(options(Vec::new()));
         assert_eq!(free.update(&rows).theta, estimator.theta());
         assert!(estimator.product_ratio([0, 3], [1, 2]).0.abs() > 1e-6);
@@ -105,8 +105,8 @@ fn ident_deviations_with_a_relation_are_smaller_and_right() {
         }
     }
     for (square, gain) in squares.iter().zip(gain) {
-        // the mean of 400 squares has a deviation of √(2/400) = 0.07; the learnt noise adds less
-        // than 0.01
+        // the mean of 400 squares has a standard deviation of √(2/400) = 0.07; the learnt noise
+        // adds less than 0.01
         assert!((square - 1.0).abs() < 0.25, "{squares:?}");
         assert!(gain < 1.0 + 1e-9, "{gain}");
     }
@@ -117,10 +117,10 @@ fn ident_deviations_with_a_relation_are_smaller_and_right() {
 #[test]
 fn fault_a_relation_that_cannot_be_told_or_that_the_data_deny_is_not_imposed() {
     let mut rng = TestRng(13);
-    // before any data the start values stand
+    // before any data, the start values are published
     let fresh = estimator(options(vec![RELATION]));
     assert_eq!(fresh.report().theta, [0.1; 5]);
-    // data that speak against it by far
+    // data that clearly contradict it
     let mut denied = TRUTH;
     denied[0] *= 1.5;
     let mut judge = estimator(options(vec![RELATION]));

@@ -568,7 +568,7 @@ fn val_input_noise_is_white_and_has_the_stated_deviation_and_leaves_the_motion_a
         .zip(&spiked)
         .filter(|(a, b)| a.input[0] != b.input[0])
         .count() as f64;
-    // Binomial with n = 20 000, p = 0.01: deviation 14.
+    // Binomial with n = 20 000, p = 0.01: standard deviation 14.
     assert!((hit - 200.0).abs() < 5.0 * 14.1, "{hit}");
 }
 
@@ -729,7 +729,7 @@ fn val_sensors_do_to_the_signals_what_their_options_say() {
     let error = worst(&late, &|e, j| e.q[j] - 0.5e-3 * e.dq[j] + 0.125e-6 * e.ddq[j]);
     assert!(error < 1e-7, "{error}");
 
-    // Jitter of 0.1 ms at speeds below 10 rad/s, six deviations at most in 5000 draws.
+    // Jitter of 0.1 ms at speeds below 10 rad/s, six standard deviations at most in 5000 draws.
     let shaky = run(SensorOptions {
         jitter_s: 1e-4,
         ..SensorOptions::exact()
@@ -765,7 +765,7 @@ fn val_sensors_do_to_the_signals_what_their_options_say() {
         3,
     );
     let lost = (0..20_000).filter(|_| losses.next_is_lost()).count() as f64;
-    // Binomial with n = 20 000, p = 0.01: deviation 14.
+    // Binomial with n = 20 000, p = 0.01: standard deviation 14.
     assert!((lost - 200.0).abs() < 5.0 * 14.1, "{lost}");
 }
 

@@ -151,8 +151,8 @@ fn ident_a_servo_axis_that_rests_between_its_moves_gives_all_four_parameters() {
         (format!("{name} {seed}"), report, phase, alarms)
     });
     let (error, deviations) = worst(runs, &truth, &sizes(&truth));
-    // 240 figures at 4 deviations are off by chance once in 65; the offset of the smallest moves is
-    // 0.05 N and 4.7 deviations off
+    // 240 figures at 4 standard deviations are off by chance once in 65; the offset of the smallest
+    // moves is 0.05 N and 4.7 standard deviations off
     assert!(error < 5e-3 && deviations < 5.0, "{error} {deviations}");
 }
 

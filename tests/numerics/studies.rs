@@ -1,4 +1,4 @@
-//! The comparison tables: equal to the ones in docs/, and saying what the documents claim.
+//! The comparison tables: they equal those in docs/ and support the documents' claims.
 
 use thetabus::estimator::{
     CEDRO2022_BLOCK_LEN, CEDRO2022_START, EstimatorOptions, Forgetting, Outliers, cedro2022_best_estimator,
@@ -153,8 +153,8 @@ fn fault_a_long_rest_moves_nothing_and_is_over_within_two_blocks() {
     let (sim, ours) = (SimOptions::cedro2022(), cedro2022_best_estimator());
     for joint_1_moves in [false, true] {
         let run = rest_run(&sim, CEDRO2022_BLOCK_LEN, &ours, joint_1_moves).unwrap();
-        // Nothing jumps: each estimate stays within what the deviation before and during the rest
-        // allows.
+        // Nothing jumps: each estimate stays within the limits of the standard deviation before and
+        // during the rest.
         assert!(run.at_rest < 0.01 && run.deviations < 5.0, "{joint_1_moves} {run:?}");
         assert!(run.growth < 50.0, "{joint_1_moves} {run:?}");
         // 300 blocks at 2 in 10 000: two alarms come once in 500 runs.
@@ -208,8 +208,8 @@ fn ident_intervals_hold_the_truth_as_often_as_they_say() {
     let (sim, ours) = (SimOptions::cedro2022(), cedro2022_best_estimator());
     let shares = calibration(&sim, CEDRO2022_BLOCK_LEN, &ours, Reference::Steps, 60, &[10]).unwrap();
     let mean = shares[0].iter().sum::<f64>() / 9.0;
-    // 540 intervals, correlated within a run: as good as some 200 independent ones, deviation 1.5
-    // points; three of them around 90 to 98 %.
+    // 540 intervals, correlated within a run: as good as about 200 independent ones, standard
+    // deviation 1.5 points; three of them around 90 to 98 %.
     assert!((0.86..=0.995).contains(&mean), "{shares:?}");
 }
 

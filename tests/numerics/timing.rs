@@ -1,4 +1,5 @@
-//! The input between samples, as the identifier takes it and as the simulated controller makes it.
+//! The input between samples, as the identifier assumes it and as the simulated controller produces
+//! it.
 
 use thetabus::config::{Config, Source};
 use thetabus::rows::{InputTiming, RowForm};
@@ -71,14 +72,15 @@ fn regress_the_timing_follows_a_stated_controller_and_no_other() {
     for (sets, expected) in [
         (&[PROJECTED, ANALOG][..], InputTiming::Continuous),
         (&[PROJECTED, SAMPLED], InputTiming::Held),
-        // beside a real machine nobody speaks of a controller
+        // with a real machine no controller is configured
         (&[PROJECTED], InputTiming::Held),
         (&[PROJECTED, HELD], InputTiming::Held),
         (&[PROJECTED, CONTINUOUS], InputTiming::Continuous),
     ] {
         let config = load(&[], sets).unwrap();
         assert_eq!(timing(&config), expected, "{sets:?}");
-        // what is written out says no more than was stated, and may be changed while it runs
+        // the written configuration states no more than the original, and may be changed during the
+        // run
         let again = load(&[text(&config)], &[]).unwrap();
         assert_eq!(again.to_toml(), config.to_toml(), "{sets:?}");
         assert_eq!(again.plant, config.plant, "{sets:?}");
@@ -95,7 +97,7 @@ fn regress_recordings_of_before_are_read_whatever_was_simulated_then() {
     let config = load(&[recorded(&before)], &[]).unwrap();
     assert_eq!(timing(&config), InputTiming::Held);
     assert_eq!(load(&[text(&config)], &[]).unwrap().to_toml(), config.to_toml());
-    // whoever asks for other rows than the recorded ones is told
+    // a request for rows other than the recorded ones is reported
     let pointwise = before.replace("rows = \"projected\"", "rows = \"pointwise\"");
     assert!(load(&[recorded(&pointwise)], &[]).is_ok());
     assert!(load(&[recorded(&pointwise)], &[PROJECTED]).is_err());

@@ -1,5 +1,5 @@
-//! What the simulated arm does beyond its equations, and what its sensors do to samples, each
-//! against something independent of it.
+//! Effects of the simulated arm beyond its equations, and effects of its sensors on samples, each
+//! against an independent result.
 
 use std::f64::consts::TAU;
 use thetabus::model::{AutoDiff, JointSample, Manipulator, PointwiseModel};

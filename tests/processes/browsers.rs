@@ -1,5 +1,5 @@
-//! What many browsers cost: jitter of the plant, times of the identifier and the page's own
-//! processor time, with and without them in one run.
+//! Cost of many browsers: jitter of the plant, times of the identifier and the page's own processor
+//! time, with and without them in one run.
 
 use crate::live::{BEST, Events, page_of};
 use crate::support::{Process, Program, QUICK, Site};
@@ -46,7 +46,7 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
     sorted[((sorted.len() - 1) as f64 * share) as usize]
 }
 
-/// What one kind of phase has shown.
+/// Results of one kind of phase.
 #[derive(Default)]
 struct Seen {
     /// Distance of the time between two samples from the period [µs].

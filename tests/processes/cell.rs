@@ -114,8 +114,8 @@ fn val_garbage_and_silence_of_other_robots_change_no_bit_of_an_estimate() {
     let stream = samples(&config, 77);
     for (i, chunk) in stream.chunks(50).enumerate() {
         good.send(chunk);
-        // The neighbour begins new streams, jumps, repeats itself, sends what is no number, and
-        // more than anybody can take.
+        // The neighbour begins new streams, jumps, repeats samples, sends values that are not
+        // numbers, and sends faster than anyone can receive.
         for k in 0..400_u64 {
             let mut sample = stream[(k as usize * 7) % stream.len()];
             sample.stream_id = 1 + (k + i as u64) % 5;
@@ -149,7 +149,7 @@ fn val_garbage_and_silence_of_other_robots_change_no_bit_of_an_estimate() {
         good.seen.last(),
         expected.last()
     );
-    // It was heard, and believed nothing.
+    // Its samples arrived, and no estimate from them may be used.
     bad.look();
     assert!(bad.status.is_some_and(|status| status.rejected > 0));
     assert!(bad.seen.iter().all(|estimate| estimate.use_ok == 0));

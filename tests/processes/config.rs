@@ -1,4 +1,4 @@
-//! Wrong usage and configuration: exit code 2, and what to mend.
+//! Wrong usage and configuration: exit code 2, and how to correct it.
 
 use crate::support::{Process, Program, Site};
 use std::process::Command;

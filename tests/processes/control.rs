@@ -1,4 +1,4 @@
-//! A running identifier is told what to do, stopped, and continued from its checkpoint.
+//! A running identifier receives commands, is stopped, and continues from its checkpoint.
 
 use crate::support::{Process, Program, QUICK, Site, eventually, text};
 use nix::sys::signal::Signal;
@@ -11,7 +11,7 @@ fn ctl(site: &Site, args: &[&str]) -> Process {
     site.start(Program::Thetabus, &[&["ctl"], args].concat())
 }
 
-/// Asks, expects an exit code, and gives what was said on both outputs.
+/// Runs a command, expects an exit code, and returns the text of both outputs.
 #[track_caller]
 fn ask(site: &Site, args: &[&str], code: i32) -> String {
     let mut process = ctl(site, args);
@@ -19,7 +19,7 @@ fn ask(site: &Site, args: &[&str], code: i32) -> String {
     process.said()
 }
 
-/// A plant in real time and an identifier beside it.
+/// A plant in real time and an identifier.
 fn running(site: &Site, identifier: &[&str]) -> (Process, Process) {
     let plant = site.start(Program::Plant, &["--speed", "1", "--duration", "600"]);
     let identifier = site.start(Program::Identifier, &[&QUICK, identifier].concat());
@@ -110,7 +110,7 @@ fn fault_requests_that_cannot_be_met_are_refused_with_the_reason_and_exit_code()
     // without a plant a command takes effect at once
     assert!(ask(&site, &["pause"], 0).contains("from block 1 on (sample 0)"));
 
-    // an identifier that is stopped does not answer, and nobody waits for it longer than told
+    // a stopped identifier does not answer, and a command waits no longer than its limit
     identifier.signal(Signal::SIGSTOP);
     let silent = ask(&site, &["describe", "--timeout", "0.3"], 1);
     assert!(silent.contains("did not answer within 0.3 s"), "{silent}");
@@ -150,7 +150,7 @@ fn e2e_an_identifier_killed_with_9_goes_on_warm_within_a_block() {
             (first.theta[i] - last.theta[i]).abs(),
             first.theta_std[i] + last.theta_std[i],
         );
-        // exact data: deviations are next to nothing, and θ̂ is right to rounding
+        // exact data: standard deviations are almost 0, and θ̂ is right to rounding
         assert!(
             error <= 3.0 * std + 1e-6 * last.theta[i].abs(),
             "theta_{}: {error:e}",

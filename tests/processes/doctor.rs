@@ -1,4 +1,4 @@
-//! `thetabus doctor`: shows what is there, removes what is dead and only that.
+//! `thetabus doctor`: shows all objects, and removes only those of dead processes.
 
 use crate::support::{Process, Program, QUICK, Site, eventually};
 use nix::sys::signal::Signal;
@@ -70,7 +70,7 @@ fn e2e_doctor_shows_programs_services_locks_and_memory() {
     assert!(domain(&report)["memory"]["bytes"].as_u64().expect("a number") > 27_000_000);
     assert_eq!(domain(&report)["memory"]["unused_objects"], 0);
     assert!(report["shared_memory"]["free_bytes"].as_u64().expect("a number") > 0);
-    // People get the same in words.
+    // The same as text.
     let mut text = site.start(Program::Thetabus, &["doctor"]);
     text.expect_code(0);
     for part in [
@@ -135,7 +135,7 @@ fn fault_doctor_clean_removes_an_abandoned_domain_altogether_and_no_other() {
     let after = watched.estimate("later blocks", |estimate| estimate.block > before.block + 3);
     assert_eq!((after.stream_id, after.missing), (before.stream_id, 0));
     assert!(living.iter_mut().all(Process::is_running));
-    // And the next run finds clean ground, and leaves its own in good order.
+    // The next run starts without leftovers and leaves none.
     site.start_run(&[&["--duration", "2"], &QUICK[..]].concat())
         .expect_code(0);
     let report = doctor(&site, &[]);

@@ -1,5 +1,5 @@
-//! Files and limits that somebody else has chosen: full disks, pipes in the place of files,
-//! recordings that ask for gigabytes, no threads.
+//! Difficult files and limits: full disks, pipes in place of files, recordings that ask for
+//! gigabytes, no threads.
 
 use crate::peers::{Place, User, permitted};
 use crate::support::{PAPER, Process, Program, QUICK, Site};

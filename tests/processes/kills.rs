@@ -1,5 +1,5 @@
 //! Killed at any moment of its start or its end, a program leaves nothing that hinders the next one
-//! or makes a live system beside it hang.
+//! or makes a live system in the same domain hang.
 //!
 //! strace kills at the entry of a system call. Between two calls that change a file nothing changes
 //! that others could see, but for memory that is shared already, so the short tests kill at some of
@@ -22,7 +22,7 @@ const NEXT_START: Duration = Duration::from_secs(3);
 /// call any more.
 const VICTIM_LIMIT: Duration = Duration::from_secs(4);
 
-/// A program that is killed, and how one knows that it works.
+/// A program that is killed, and the sign that it works.
 #[derive(Clone, Copy)]
 struct Victim {
     program: &'static str,

@@ -1,5 +1,5 @@
-//! Too little shared memory, other users, settings that the system refuses: clear words instead of
-//! surprises.
+//! Too little shared memory, other users, settings that the system refuses: clear messages instead
+//! of surprises.
 
 use crate::peers::permitted;
 use crate::support::{Process, Program, QUICK, Site, eventually};
@@ -248,7 +248,7 @@ fn fault_a_domain_that_belongs_to_another_user_is_refused_with_a_clear_message()
     drop(site);
 }
 
-/// What the kernel says of a process's main thread: policy, priority, CPUs, locked memory.
+/// Properties of a process's main thread, from the kernel: policy, priority, CPUs, locked memory.
 fn kernel_says(pid: u32) -> (u32, u32, u64, bool) {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).expect("it lives");
     let fields: Vec<&str> = stat.rsplit_once(')').expect("a name").1.split_whitespace().collect();
@@ -312,7 +312,7 @@ fn rt_status_says_what_the_system_granted_of_the_real_time_settings() {
 
 #[test]
 fn rt_refused_settings_are_told_and_the_identifier_works_all_the_same() {
-    // Without capabilities and with limits of nothing, whoever we are.
+    // Without capabilities and with limits of 0, for any user.
     let bare = [
         "--bounding-set=-all",
         "--inh-caps=-all",

@@ -1,4 +1,4 @@
-//! What people see while it runs: the page as a browser and as rude clients get it, the table and
+//! Views of a running system: the page for a browser and for badly behaved clients, the table and
 //! the lines of `watch`.
 
 use crate::peers::permitted;
@@ -262,7 +262,7 @@ fn fault_only_the_own_page_with_its_token_can_pause_a_robot() {
     let (code, answer) = ask(&address, &path, &headers, r#"{"command":"free","name":"nobody"}"#);
     assert!(code == 409 && answer.contains("expected a parameter"), "{answer}");
 
-    // Without --web-control there is nothing to control by, whatever one knows.
+    // Without --web-control there are no controls, with any token.
     let second = self::monitor(&site, &["--web", "127.0.0.1:0"]);
     let (address, _) = page_of(&second);
     assert_eq!(ask(&address, &path, &[json], pause).0, 404);
@@ -410,7 +410,7 @@ fn e2e_a_browser_shows_a_change_a_death_and_a_return() {
     );
     let block = |html: &str| attribute(html, "theta_1", "data-block").and_then(|text| text.parse::<u64>().ok());
     let first = block(&html).expect("a block");
-    // Buttons for those who have the token, and for nobody else.
+    // Buttons only with the token.
     assert!(html.contains("<form id=\"control\">"), "{html:.3000}");
     let later = shown(&site, &format!("http://{address}/"));
     assert!(later.contains("<form id=\"control\" hidden=\"\">"), "{later:.3000}");

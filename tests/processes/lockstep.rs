@@ -1,4 +1,4 @@
-//! Lockstep: nothing is lost, and nobody can block the plant for ever.
+//! Lockstep: nothing is lost, and no consumer can block the plant for ever.
 
 use crate::support::{Program, QUICK, Site};
 use nix::sys::signal::Signal;

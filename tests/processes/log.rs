@@ -66,7 +66,7 @@ fn e2e_a_log_with_other_columns_units_and_bad_rows_is_identified_and_its_bad_row
     for (name, truth) in NAMES.iter().zip(truth) {
         let (theta, std) = (column(&csv, name), column(&csv, &format!("{name}_std")));
         let (theta, std) = (theta[theta.len() - 1], std[std.len() - 1]);
-        // As on the bus: seven deviations leave room for stiction, which the model leaves out.
+        // As on the bus: seven standard deviations allow for stiction, which the model leaves out.
         assert!((theta - truth).abs() < 7.0 * std, "{name}: {theta} +- {std}");
         assert!(std < 0.02 * truth.abs(), "{name}: {theta} +- {std}");
     }

@@ -40,7 +40,7 @@ fn own_loop(samples: usize) -> Vec<f64> {
     machine.take(samples).map(|s| square(0, &s) + square(1, &s)).collect()
 }
 
-/// What a run with kills came to.
+/// Result of a run with kills.
 #[derive(Debug)]
 struct Outcome {
     samples: usize,

@@ -55,8 +55,8 @@ fn e2e_the_examples_identify_a_users_own_plant_over_the_bus() {
         let estimates = column(&csv, name);
         let deviations = column(&csv, &format!("{name}_std"));
         let (theta, std) = (estimates[estimates.len() - 1], deviations[deviations.len() - 1]);
-        // Five deviations are exceeded once in a million runs; the noise is estimated from few
-        // blocks, so twice that.
+        // Five standard deviations are exceeded once in a million runs; the noise is estimated from
+        // few blocks, so twice that.
         assert!((theta - truth).abs() < 10.0 * std, "{name}: {theta} +- {std}");
         assert!(std < 0.01 * truth, "{name}: {theta} +- {std}");
     }
@@ -100,7 +100,7 @@ fn e2e_a_users_own_plant_has_the_whole_command_line() {
     let described = ctl.args(["ctl", "describe", "--domain", domain]).output().expect("ctl");
     let text = String::from_utf8_lossy(&described.stdout).into_owned();
     assert!(text.contains("weight") && text.contains("kg m^2"), "{text}");
-    // who does not have the equations says so
+    // a program without the equations reports this
     let mut foreign = Command::new(env!("CARGO_BIN_EXE_thetabus"));
     let refused = foreign
         .current_dir(dir)

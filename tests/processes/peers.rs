@@ -1,4 +1,4 @@
-//! What a test needs beyond the programs: tools, rights, other users.
+//! Requirements of a test besides the programs: tools, rights, other users.
 
 use crate::support::Process;
 use nix::unistd::{Gid, Uid};
@@ -7,8 +7,8 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use tempfile::TempDir;
 
-/// May this user do what the command does? Where not, the test is skipped in words, and fails where
-/// nothing may be skipped.
+/// May this user run the command? If not, the test is skipped with a message, or fails if nothing
+/// may be skipped.
 pub fn permitted(command: &str, args: &[&str]) -> bool {
     let done = Command::new(command)
         .args(args)

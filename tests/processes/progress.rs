@@ -1,4 +1,4 @@
-//! How far a command is: one line in place on a terminal, and nothing where there is none.
+//! Progress of a command: one updated line on a terminal, and nothing without a terminal.
 
 use crate::peers::permitted;
 use crate::support::Site;

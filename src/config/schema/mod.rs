@@ -1,8 +1,8 @@
-//! Every key there is, described once: its name, type, default, range, unit and meaning, in the
-//! file of its section.
+//! All keys, each described once: name, type, default, range, unit and meaning, in the file of its
+//! section.
 //!
-//! From these tables follow the structures that a file is read into, the checks and their messages,
-//! and `config/default.toml`.
+//! The structures of the file, the checks with their messages, and `config/default.toml` are
+//! generated from these tables.
 
 mod bus;
 mod estimator;
@@ -29,13 +29,13 @@ pub use table::RealOr;
 use super::kind::Key;
 use serde::{Deserialize, Serialize};
 
-/// Keys of which one excludes the others.
+/// Groups of mutually exclusive keys.
 pub(super) const EXCLUSIVE: &[&[&str]] = &[
     &["estimator.forgetting_factor", "estimator.time_constant_s"],
     &["plant.setpoint.csv.path", "plant.setpoint.csv.rows"],
 ];
 
-/// Keys that configurations had once, with what to write now.
+/// Keys of earlier versions, with what to write now.
 pub(super) const RETIRED: &[(&str, &str)] = &[(
     "identifier.projected.velocity_half_width",
     "is a time now: write velocity_half_width_s, the samples times plant.sample_period_s, for example 0.01 for 10 samples at 1 ms",

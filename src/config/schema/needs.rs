@@ -1,4 +1,4 @@
-//! Keys that count only if another key makes a certain choice.
+//! Keys that have an effect only if another key has a certain value.
 
 use super::super::choice::Choice;
 use super::estimator::{BoundsKind, OutliersKind};
@@ -6,12 +6,12 @@ use super::identifier::{InputKind, RowsKind};
 use super::plant::MachineKind;
 use super::setpoint::SetpointKind;
 
-/// What a key needs to have an effect.
+/// The condition for a key to have an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Need {
     /// The key that makes the choice.
     pub key: &'static str,
-    /// What it must hold.
+    /// Its required value.
     pub wanted: &'static str,
 }
 
@@ -61,7 +61,7 @@ fn table() -> [(&'static [&'static str], &'static str, &'static str); 11] {
 }
 
 impl Need {
-    /// What the key of this section needs; `None` if it always counts.
+    /// The condition for this key; `None` if it always has an effect.
     pub fn of(section: &str, name: &str) -> Option<Self> {
         if let Some(kind) = section.strip_prefix("plant.setpoint.") {
             let wanted = SetpointKind::WORDS.iter().find(|word| **word == kind)?;

@@ -1,5 +1,4 @@
-//! What a table of keys is made of: the macro that describes each key once, and the ranges that
-//! many keys share.
+//! The macro that describes each key once, and the ranges shared by many keys.
 
 use super::super::choice::Choice;
 use super::super::kind::{Interval, Kind, Len};
@@ -20,7 +19,7 @@ impl<T: Field> Field for Option<T> {
     const OPTIONAL: bool = true;
 }
 
-/// A number, or a word that stands for one.
+/// A number, or a word instead.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum RealOr<C> {
@@ -30,10 +29,10 @@ pub enum RealOr<C> {
     Word(C),
 }
 
-/// A structure with a field for each key, and `keys`, which has what is known of them. A key is
-/// described here and nowhere else: name, type, default, what it takes, unit, meaning. A key whose
-/// type is an `Option` may be left out. `where` names the preset that defaults are taken from;
-/// without defaults a table has no `Default`.
+/// A structure with a field for each key, and `keys` with their descriptions. A key is described
+/// only here: name, type, default, kind of value, unit, meaning. A key whose type is an `Option`
+/// may be left out. `where` names the preset with the defaults; without defaults a table has no
+/// `Default`.
 macro_rules! table {
     ($(#[$about:meta])* $struct:ident $(where $preset:pat = $from:expr;)? {
         $( $name:ident : $type:ty = $default:expr, $kind:expr, $unit:literal, $meaning:literal; )*
@@ -79,7 +78,7 @@ pub(super) use table;
 pub(super) const FINITE: Interval = Interval::ANY;
 pub(super) const POSITIVE: Interval = Interval::POSITIVE;
 pub(super) const NOT_NEGATIVE: Interval = Interval::NOT_NEGATIVE;
-/// Longest time that a key may ask for: some thirty years.
+/// Longest time of a key: about thirty years.
 pub(super) const LONGEST_S: f64 = 1e9;
 /// Any sensible number of entries.
 pub(super) const LIST: Len = Len::From(1, 100_000);

@@ -15,7 +15,7 @@ pub(crate) fn state() -> LiveState {
     LiveState::new(about, vec![quantity("mass", "kg")], vec![quantity("inertia", "kg m^2")])
 }
 
-/// One that may be used.
+/// A usable estimate.
 pub(crate) fn known(block: u64, mass: f64, std: f64) -> Estimate {
     let mut message = estimate(block, mass);
     message.theta_std[0] = std;
@@ -67,7 +67,7 @@ fn prop_a_jump_is_told_from_what_to_what_and_when() {
     state.on_estimate(&known(7, 170.0412, 0.04), None, 7 * S);
     state.on_status(&status(7000, State::Converged), 7 * S);
     let view = state.view(7 * S);
-    // The derived value speaks: people know it by its name.
+    // The headline uses the derived value, which users know by name.
     assert_eq!(
         view.headline,
         "inertia: 340.08 ± 0.08 kg·m², changed from 300.22 kg·m² at 4.99 s"

@@ -1,4 +1,4 @@
-//! Answers: a whole one, or events without end.
+//! Responses: a complete one, or an endless stream of events.
 
 use hyper::body::{Body, Bytes, Frame, SizeHint};
 use std::convert::Infallible;
@@ -6,11 +6,11 @@ use std::pin::Pin;
 use std::task::{Context, Poll};
 use tokio::sync::mpsc;
 
-/// The body of an answer.
+/// The body of a response.
 pub(super) enum Answer {
-    /// At once.
+    /// Complete.
     Whole(Option<Bytes>),
-    /// Whatever comes, until the sender goes.
+    /// Events until the sender is dropped.
     Events(mpsc::Receiver<Bytes>),
 }
 

@@ -1,5 +1,4 @@
-//! The state as events: the whole of it for a browser that comes, what is new for those that are
-//! there.
+//! The state as events: the complete state for a new browser, updates for connected ones.
 
 use crate::live::history::Point;
 use crate::live::signals::SignalPoint;
@@ -9,32 +8,33 @@ use serde_json::{Value, json};
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::broadcast;
 
-/// Updates that wait for a browser at most; the oldest go first, for all together.
+/// Largest number of updates waiting for a browser; the oldest are dropped first, for all browsers
+/// together.
 const WAITING: usize = 16;
 /// Longest state inside the page \[bytes\], so that page, styles and scripts stay below 150 kB; and
-/// how much thinner it may be for that.
+/// the largest factor by which it is thinned for that.
 const FIRST: usize = 60_000;
 const THINNEST: usize = 64;
-/// New points above which browsers get the whole, thinned state instead.
+/// Number of new points above which browsers get the complete, thinned state instead.
 const MANY: usize = 100;
 
-/// Where the caller puts the state, and the server takes it.
+/// Passes the state from the caller to the server.
 #[derive(Clone)]
 pub struct Feed(Arc<Inner>);
 
 struct Inner {
     state: Mutex<LiveState>,
-    /// Says what time it is on CLOCK_MONOTONIC \[ns\].
+    /// Returns the time of CLOCK_MONOTONIC \[ns\].
     now_ns: fn() -> u64,
     place: Mutex<Place>,
-    /// As of the last update, for all who come before the next.
+    /// The complete state at the last update, for browsers that connect before the next.
     whole: Mutex<Option<Bytes>>,
     events: broadcast::Sender<Update>,
     /// Whether the page shows controls to those who know the token.
     control: bool,
 }
 
-/// How far the updates have come.
+/// Position of the updates.
 #[derive(Default)]
 struct Place {
     generation: u64,
@@ -42,12 +42,12 @@ struct Place {
     t_ns: u64,
 }
 
-/// What is sent to all.
+/// An update for all browsers.
 #[derive(Debug, Clone)]
 pub(super) enum Update {
-    /// What is new.
+    /// The new part.
     Part(Bytes),
-    /// Too much is new: take the whole.
+    /// Too much is new: send the complete state.
     Renew,
 }
 
@@ -64,15 +64,15 @@ impl Feed {
         }))
     }
 
-    /// Changes the state, or looks at it.
+    /// Gives access to the state.
     pub fn with<T>(&self, act: impl FnOnce(&mut LiveState) -> T) -> T {
         act(&mut self.0.state.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Sends what is new to whoever listens; to be called a few times per second.
+    /// Sends updates to all browsers; call it a few times per second.
     pub fn publish(&self) {
-        // Before the update is made: whoever still gets the old whole is subscribed to the update
-        // already.
+        // Before the update is made: a browser that still gets the old complete state is already
+        // subscribed to the update.
         *self.0.whole.lock().unwrap_or_else(PoisonError::into_inner) = None;
         if self.0.events.receiver_count() == 0 {
             return;
@@ -105,8 +105,8 @@ impl Feed {
         self.0.events.subscribe()
     }
 
-    /// The whole state as an event, no older than the last update. A reader subscribes first: what
-    /// comes twice is known by its number.
+    /// The complete state as an event, no older than the last update. A reader subscribes first,
+    /// and detects duplicates by their number.
     pub(super) fn whole(&self) -> Bytes {
         let mut whole = self.0.whole.lock().unwrap_or_else(PoisonError::into_inner);
         let make = || event("whole", &self.with(|state| self.as_json(state, 1)));
@@ -114,7 +114,7 @@ impl Feed {
     }
 
     /// The same as JSON alone for the page itself, with every second point, every fourth and so on
-    /// until it is no longer than [`FIRST`]: the first event brings the others.
+    /// until it is not longer than [`FIRST`]: the first event has the rest.
     pub(super) fn first_json(&self) -> String {
         let whole = self.whole();
         let text = std::str::from_utf8(&whole).unwrap_or("");
@@ -166,7 +166,7 @@ impl Feed {
     }
 }
 
-/// An event of the stream that `EventSource` reads.
+/// An event in the format of `EventSource`.
 fn event(name: &str, data: &Value) -> Bytes {
     format!("event: {name}\ndata: {data}\n\n").into()
 }
@@ -190,14 +190,14 @@ fn signals(state: &LiveState, after_ns: u64) -> Vec<Vec<Value>> {
         }
         row
     };
-    // 0 stands for "from the beginning", and a first sample may have the time 0.
+    // 0 means "from the beginning", and a first sample may have time 0.
     match after_ns {
         0 => state.signals().points().map(row).collect(),
         _ => state.signals().after(after_ns).map(row).collect(),
     }
 }
 
-/// Seven significant digits: a plot needs no more. What is not finite is null.
+/// Seven significant digits, enough for a plot. Non-finite values are null.
 fn short(value: f64) -> Value {
     format!("{value:.6e}")
         .parse::<f64>()

@@ -1,7 +1,7 @@
-//! Who may see the page, and who may do something by it.
+//! Access control: who may see the page, and who may send commands.
 //!
-//! A page of somebody else's, opened in a browser on this machine, can send requests here. It
-//! cannot choose `Host` and `Origin`, and it does not know the token.
+//! A foreign page, opened in a browser on this machine, can send requests here. It cannot choose
+//! `Host` and `Origin`, and it does not know the token.
 
 use hyper::HeaderMap;
 use hyper::header::{CONTENT_TYPE, HOST, ORIGIN};
@@ -17,7 +17,7 @@ pub(super) struct Guard {
 
 impl Guard {
     /// # Errors
-    /// The operating system has no random numbers.
+    /// If the operating system provides no random numbers.
     pub(super) fn new(address: SocketAddr) -> io::Result<Self> {
         Ok(Self {
             loopback: address.ip().is_loopback(),
@@ -25,24 +25,26 @@ impl Guard {
         })
     }
 
-    /// What the address of the page must hold to see it from elsewhere, and to control by it.
+    /// The token that the page's address must contain to see it from other machines, and to send
+    /// commands.
     pub(super) fn token(&self) -> &str {
         &self.token
     }
 
-    /// Whether one must know the token to see anything.
+    /// True if the token is required to see anything.
     pub(super) fn is_closed(&self) -> bool {
         !self.loopback
     }
 
-    /// A request must be meant for this server, and come from its own page if it comes from a page.
+    /// A request must be addressed to this server and, if it comes from a page, come from the
+    /// server's own page.
     pub(super) fn admits(&self, headers: &HeaderMap) -> Result<(), &'static str> {
         let mut hosts = headers.get_all(HOST).iter();
         let host = hosts.next().and_then(|host| host.to_str().ok()).unwrap_or("");
         if host.is_empty() || hosts.next().is_some() {
             return Err("expected one Host header");
         }
-        // A name that somebody points to 127.0.0.1 makes their page one of the same origin: DNS
+        // A foreign name that resolves to 127.0.0.1 would give its page the same origin: DNS
         // rebinding.
         if self.loopback && !is_loopback_name(host_name(host)) {
             return Err("expected localhost, 127.0.0.1 or [::1] as Host");
@@ -62,7 +64,7 @@ impl Guard {
         }
     }
 
-    /// Whether the token is this server's; the time does not tell how much of it is right.
+    /// True if the token is this server's; compared in constant time.
     pub(super) fn knows(&self, token: Option<&str>) -> bool {
         let given = token.unwrap_or("").as_bytes();
         let own = self.token.as_bytes();
@@ -70,7 +72,7 @@ impl Guard {
         given.len() == own.len() && differences == 0
     }
 
-    /// No form of another page can send this without asking first.
+    /// A form of another page cannot send this content type without a preflight request.
     pub(super) fn is_json(headers: &HeaderMap) -> bool {
         let kind = headers
             .get(CONTENT_TYPE)
@@ -134,7 +136,7 @@ mod tests {
         ] {
             assert_eq!(guard.admits(&headers(list)).is_ok(), admitted, "{list:?}");
         }
-        // Elsewhere any name may lead here: the token decides.
+        // On a network any name may lead here, so the token decides.
         let open = Guard::new("0.0.0.0:8080".parse().unwrap()).unwrap();
         assert!(open.is_closed() && open.admits(&headers(&[("host", "robot.lab:8080")])).is_ok());
     }

@@ -5,9 +5,10 @@
 //!                                 browser ─▶ POST /control ─▶ guard ─▶ the caller's control thread
 //! ```
 //!
-//! Nothing real-time lives here, and nothing here can hold up the caller: it puts a state behind a
-//! lock a few times per second, and all else happens on the server's thread. A browser that does
-//! not keep up misses updates and gets the whole state again; one that never reads is cut off.
+//! There is no real-time code here, and nothing can block the caller: it updates a state behind a
+//! lock a few times per second, and everything else runs on the server's thread. A browser that
+//! does not keep up misses updates and gets the complete state again; one that never reads is cut
+//! off.
 
 mod body;
 mod feed;

@@ -1,4 +1,4 @@
-//! A connection whose other end must take what is sent, sooner or later.
+//! A connection whose other end must read within a time limit.
 
 use std::future::Future as _;
 use std::io;

@@ -32,29 +32,29 @@ const STYLE: &str = include_str!("../../../assets/live/page.css");
 const CHARTS: &str = include_str!("../../../assets/live/uPlot.iife.min.js");
 const CHARTS_STYLE: &str = include_str!("../../../assets/live/uPlot.min.css");
 
-/// Connections at a time; more are closed at once.
+/// Largest number of connections; further ones are closed at once.
 const CONNECTIONS: usize = 128;
 /// How long a request's head may take, and its body.
 const HEAD: Duration = Duration::from_secs(5);
 const BODY: Duration = Duration::from_secs(5);
-/// Most bytes of a head and of a body.
+/// Largest size of a head and of a body \[bytes\].
 const HEAD_BYTES: usize = 16 * 1024;
 const BODY_BYTES: usize = 4 * 1024;
-/// How long a browser may leave lying what was sent to it.
+/// How long a browser may leave sent data unread.
 const UNREAD: Duration = Duration::from_secs(10);
-/// Bytes that the system keeps for a browser that reads slowly.
+/// Bytes that the system buffers for a slow browser.
 const SEND_BUFFER: u32 = 64 * 1024;
 /// How long a browser waits for the answer to a command.
 const CONTROL: Duration = Duration::from_secs(5);
 /// How long the last events may take when the server ends.
 const LAST: Duration = Duration::from_millis(200);
 
-/// What to serve, and where.
+/// Options of the server.
 #[derive(Debug)]
 pub struct WebOptions {
-    /// Where to listen; port 0 for any that is free.
+    /// Address to listen on; port 0 for any free port.
     pub address: SocketAddr,
-    /// Where commands go; without it there are no controls.
+    /// Receiver of commands; without it there are no controls.
     pub control: Option<SyncSender<ControlRequest>>,
 }
 
@@ -64,11 +64,11 @@ pub struct WebOptions {
 pub struct ControlRequest {
     /// The JSON text, at most 4 kB.
     pub text: String,
-    /// Where the answer goes: words for people, `Err` if it was refused.
+    /// Channel for the answer: a text, `Err` if it was refused.
     pub answer: oneshot::Sender<Result<String, String>>,
 }
 
-/// A server on a thread of its own; it ends on drop.
+/// A server on a separate thread; it ends on drop.
 #[derive(Debug)]
 pub struct WebServer {
     address: SocketAddr,
@@ -87,7 +87,7 @@ impl WebServer {
     /// Listens and begins to serve.
     ///
     /// # Errors
-    /// The address is not of this machine or in use, or there is no thread to be had.
+    /// If the address is not one of this machine or is in use, or no thread can be started.
     pub fn start(feed: Feed, options: WebOptions) -> io::Result<Self> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let listener = runtime.block_on(async { listen(options.address) })?;
@@ -112,7 +112,7 @@ impl WebServer {
         })
     }
 
-    /// What to open in a browser; with the token if one is needed.
+    /// The address to open in a browser; includes the token if needed.
     pub fn url(&self) -> String {
         match &self.token {
             Some(token) => format!("http://{}/?token={token}", self.address),
@@ -135,7 +135,7 @@ fn listen(address: SocketAddr) -> io::Result<TcpListener> {
         SocketAddr::V4(_) => TcpSocket::new_v4()?,
         SocketAddr::V6(_) => TcpSocket::new_v6()?,
     };
-    // The next server may have the address before the last connections of this one are forgotten.
+    // The next server may use the address while old connections are still closing.
     socket.set_reuseaddr(true)?;
     socket.set_send_buffer_size(SEND_BUFFER)?;
     socket.bind(address)?;
@@ -149,7 +149,7 @@ fn serve(runtime: &Runtime, listener: &TcpListener, shared: &Arc<Shared>, stoppe
             loop {
                 match listener.accept().await {
                     Ok((stream, _)) => {
-                        // One too many is closed here by dropping it.
+                        // A connection beyond the limit is closed by dropping it.
                         if let Ok(place) = room.clone().try_acquire_owned() {
                             let shared = shared.clone();
                             runtime.spawn(async move {
@@ -158,7 +158,7 @@ fn serve(runtime: &Runtime, listener: &TcpListener, shared: &Arc<Shared>, stoppe
                             });
                         }
                     }
-                    // No file descriptor is free, for instance: that passes.
+                    // A temporary failure, for example no free file descriptor.
                     Err(_) => sleep(Duration::from_millis(100)).await,
                 }
             }
@@ -168,7 +168,7 @@ fn serve(runtime: &Runtime, listener: &TcpListener, shared: &Arc<Shared>, stoppe
     });
 }
 
-/// Until the first of the two is done.
+/// Runs until the first of the two ends.
 async fn either(endless: impl Future<Output = ()>, stopped: oneshot::Receiver<()>) {
     let (mut endless, mut stopped) = (std::pin::pin!(endless), std::pin::pin!(stopped));
     std::future::poll_fn(|cx| {
@@ -188,7 +188,7 @@ async fn connection(stream: TcpStream, shared: Arc<Shared>) {
         let shared = shared.clone();
         async move { Ok::<_, Infallible>(answer(request, &shared).await) }
     });
-    // A connection that fails has nobody left to be told.
+    // After a failed connection there is no one to report to.
     let _ = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(HEAD)
@@ -270,7 +270,7 @@ async fn command(request: Request<Incoming>, control: &SyncSender<ControlRequest
     }
 }
 
-/// The whole state, then what is new, for as long as the browser stays.
+/// The complete state, then updates, while the browser is connected.
 fn events(feed: &Feed) -> Response<Answer> {
     let (send, receive) = mpsc::channel(1);
     let mut updates = feed.subscribe();
@@ -285,7 +285,7 @@ fn events(feed: &Feed) -> Response<Answer> {
             }
             next = match updates.recv().await {
                 Ok(Update::Part(bytes)) => Some(bytes),
-                // Too slow, or too much at once: all of it again.
+                // Too slow, or too much at once: send the complete state again.
                 Ok(Update::Renew) | Err(broadcast::error::RecvError::Lagged(_)) => Some(feed.whole()),
                 Err(broadcast::error::RecvError::Closed) => return,
             };
@@ -294,9 +294,9 @@ fn events(feed: &Feed) -> Response<Answer> {
     with_headers(StatusCode::OK, "text/event-stream", Answer::Events(receive))
 }
 
-/// The page with the state inside, so that it shows something before the first event.
+/// The page with the embedded state, so that it shows data before the first event.
 fn page(feed: &Feed) -> String {
-    // No text of the state may end its element.
+    // Text in the state must not close the script element.
     let state = feed.first_json().replace('<', "\\u003c");
     PAGE.replace(
         "<!--state-->",
@@ -312,7 +312,7 @@ fn refusal(code: StatusCode, why: &str) -> Response<Answer> {
     with_headers(code, "text/plain; charset=utf-8", Answer::of(format!("{why}\n")))
 }
 
-/// Nothing is loaded from elsewhere, shown inside another page, told to other pages, or kept.
+/// Adds headers that forbid loading from elsewhere, framing, sharing with other pages, and caching.
 fn with_headers(code: StatusCode, kind: &'static str, body: Answer) -> Response<Answer> {
     let mut response = Response::new(body);
     *response.status_mut() = code;

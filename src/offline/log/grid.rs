@@ -1,4 +1,4 @@
-//! Times of rows as places on the grid of sample periods, and which of them are believed.
+//! Maps times of rows to places on the grid of sample periods, and refuses implausible ones.
 
 use super::super::log_counts::LogCounts;
 use super::super::log_error::{LogError, cut};
@@ -16,7 +16,7 @@ pub(super) enum Refusal {
     OutOfOrder,
 }
 
-/// Where the rows so far stand.
+/// Position of the rows so far.
 #[derive(Debug, Clone)]
 pub(super) struct Grid {
     period_s: f64,
@@ -44,10 +44,10 @@ impl Grid {
         self.last.map_or(f64::NEG_INFINITY, |(t_s, _)| t_s)
     }
 
-    /// The `seq` of a row; `judges` are the rows behind it.
+    /// The `seq` of a row; `judges` are the rows after it.
     ///
     /// # Errors
-    /// Why its time gives no sample.
+    /// Why the row's time gives no sample.
     pub fn place<'a>(
         &mut self,
         row: &Row,
@@ -61,8 +61,8 @@ impl Grid {
         if row.t_s == before {
             return Err(Refusal::Duplicated);
         }
-        // One time that runs ahead would refuse all rows behind it; so it is judged by them, before
-        // it is believed.
+        // One time far ahead would refuse all rows after it, so it is checked against them before
+        // it is accepted.
         let (mut all, mut overtaken) = (0, 0);
         for judge in judges {
             all += 1;
@@ -82,8 +82,8 @@ impl Grid {
         if let Some((last_t_s, last_seq)) = self.last
             && seq <= last_seq
         {
-            // Two rows that jitter has put into the same period are two samples, unless more of
-            // them come than periods pass.
+            // Two rows in the same period because of jitter are two samples, unless there are more
+            // rows than periods.
             let next = last_seq.saturating_add(1);
             if row.t_s - last_t_s < 0.5 * self.period_s || next as f64 - on_grid > 0.75 {
                 return Err(Refusal::Duplicated);
@@ -97,10 +97,10 @@ impl Grid {
         Ok(seq)
     }
 
-    /// The median distance of the first rows must be the configured period.
+    /// Checks that the median distance of the first rows is the configured period.
     ///
     /// # Errors
-    /// It is another one.
+    /// If it is not.
     pub fn check_period(&self, ahead: &VecDeque<Row>, reader: &RowReader) -> Result<(), LogError> {
         let Some(column) = reader.time_column() else {
             return Ok(());
@@ -126,7 +126,7 @@ impl Grid {
         Ok(())
     }
 
-    /// Drops a first row far before all others: it would begin the log with a hole of years.
+    /// Drops a first row far before all others, which would begin the log with a gap of years.
     pub fn check_first(&self, ahead: &mut VecDeque<Row>, counts: &mut LogCounts) {
         let far = |gap: f64| gap > 1000.0 * self.period_s;
         let mut times = ahead.iter().map(|row| row.t_s);

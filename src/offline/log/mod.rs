@@ -1,27 +1,25 @@
-//! A log file as a stream of samples: columns by name, units by configuration, every bad row
-//! counted with its line.
+//! Reads a log file as a stream of samples: columns by name, units by configuration, bad rows
+//! counted with their first line.
 //!
-//! Rows become samples whose time is that of the row to the nanosecond, and whose `seq` is this
-//! time in sample periods, rounded, so that a hole in the log is a hole in `seq`, as if the samples
-//! had been lost on a bus. What cannot be a sample is skipped, counted, and remembered with its
-//! first line:
+//! A row becomes a sample with the row's time to the nanosecond; its `seq` is this time in sample
+//! periods, rounded, so a gap in the log is a gap in `seq`, as if the samples had been lost on a
+//! bus. Invalid rows are skipped and counted, with the line of the first:
 //!
-//! | row | what becomes of it |
+//! | row | result |
 //! |---|---|
 //! | too few or too many fields, no number, a truncated last line | refused |
 //! | NaN or infinite, or more than 300 years from the first | refused |
-//! | the time of the row before, or nearer to it than half a period and of the same period | duplicate, refused |
+//! | same time as the row before, or less than half a period from it and in the same period | duplicate, refused |
 //! | earlier than the row before | out of order, refused |
 //! | later than most of the rows that follow it | out of order, refused |
 //! | more than a quarter of a period off the grid | used at its own time, counted as irregular |
 //!
-//! Samples keep the times of their rows, and projected rows are made for those times, not for
-//! rounded ones. Where rows without a hole between them are another period apart on average than
-//! configured, the summary says which.
+//! Samples keep the times of their rows, and projected rows use those times, not rounded ones. If
+//! the average period of consecutive rows differs from the configured one, the summary reports it.
 //!
-//! A log whose rows are typically another period apart than configured is refused as a whole, and
-//! so is one of which more than half the rows are refused: neither is what the configuration says
-//! it is. Memory does not grow with the log.
+//! A log with another typical period than configured is refused as a whole, and so is one with more
+//! than half of its rows refused: neither matches the configuration. Memory does not grow with the
+//! log.
 
 mod grid;
 mod row;
@@ -41,25 +39,26 @@ use crate::messages::{Sample, nanoseconds, sample_flags};
 use std::collections::VecDeque;
 use std::io::Read;
 
-/// Rows behind a row that tell whether its time ran ahead of them.
+/// Number of later rows used to check whether a row's time is ahead of them.
 const JUDGES: usize = 16;
-/// Refused rows in a row, in order among themselves, that are a second log or a clock that was set.
+/// Number of consecutive refused rows, in order among themselves, that indicate a second log or a
+/// clock that was set.
 const RESTART: u32 = 50;
 
-/// Gives the samples of a log, the last one flagged `END`.
+/// Reads the samples of a log, the last one flagged `END`.
 pub struct LogReader<R> {
     lines: Lines<R>,
     reader: RowReader,
     grid: Grid,
-    /// Rows read ahead: to know the period at the beginning, later to see a time that runs ahead.
-    /// At most [`LOOK`].
+    /// Rows read ahead, at most [`LOOK`]: at the beginning to find the period, later to detect a
+    /// time that is ahead.
     ahead: VecDeque<Row>,
-    /// The sample that waits for its successor, for the last one is flagged.
+    /// The sample that waits for its successor, because the last one is flagged.
     waiting: Option<Sample>,
     counts: LogCounts,
     profile: LogProfile,
     sign: InputSign,
-    /// What the first field that is no number looks like.
+    /// The likely mistake in the first field that is not a number.
     likely: Option<Suspicion>,
     /// Time and number of refused rows that are in order among themselves, and the line of the
     /// first.
@@ -72,7 +71,7 @@ impl<R: Read> LogReader<R> {
     /// the sample period \[s\].
     ///
     /// # Errors
-    /// Columns that are not there, rows at another period, or a file that is no log.
+    /// If columns are missing, rows have another period, or the file is not a log.
     pub fn new(input: R, columns: &LogColumns, joints: usize, period_s: f64) -> Result<Self, LogError> {
         let mut lines = Lines::new(input);
         if !lines.advance()? {
@@ -101,12 +100,12 @@ impl<R: Read> LogReader<R> {
         Ok(log)
     }
 
-    /// What was read so far.
+    /// Counts of the rows so far.
     pub fn counts(&self) -> LogCounts {
         self.counts
     }
 
-    /// Ranges and rate of what was read so far.
+    /// Ranges and rate of the rows so far.
     pub fn profile(&self) -> &LogProfile {
         &self.profile
     }
@@ -118,7 +117,7 @@ impl<R: Read> LogReader<R> {
             .collect()
     }
 
-    /// What the first field that is no number looks like.
+    /// The likely mistake in the first field that is not a number.
     pub fn likely(&self) -> Option<&Suspicion> {
         self.likely.as_ref()
     }
@@ -126,10 +125,10 @@ impl<R: Read> LogReader<R> {
     /// The next sample; `None` after the one flagged `END`.
     ///
     /// # Errors
-    /// The file cannot be read any further, or most of it is no log.
+    /// If the file cannot be read any further, or most of its rows are invalid.
     pub fn next_sample(&mut self) -> Result<Option<Sample>, LogError> {
-        // A sample is given when its successor is known to be there, so that the last one is
-        // flagged whatever refused rows follow it.
+        // A sample is returned once its successor exists, so that the last one is flagged even if
+        // refused rows follow it.
         while let Some((row, seq)) = self.next_on_grid()? {
             let sample = self.sample(&row, seq);
             if let Some(before) = self.waiting.replace(sample) {
@@ -220,7 +219,7 @@ impl<R: Read> LogReader<R> {
         }
     }
 
-    /// Reads until so many rows wait, or to the end.
+    /// Reads until `count` rows wait, or to the end.
     fn look_ahead(&mut self, count: usize) -> Result<(), LogError> {
         while self.ahead.len() < count && !self.ended {
             match self.lines.advance()? {

@@ -1,4 +1,4 @@
-//! A line of a log as a row: columns by their names in the header, units by configuration.
+//! Converts a line of a log to a row: columns by their names in the header, units by configuration.
 
 use super::super::lines::fields;
 use super::super::log_error::{LogError, cut, listed};
@@ -9,14 +9,14 @@ use crate::config::LogColumns;
 use crate::messages::signals;
 use crate::model::{JointSample, MAX_JOINTS};
 
-/// Times further from the first one are none \[s\]: `t_ns` holds them all.
+/// Largest valid time from the first one \[s\], which fits into `t_ns`.
 const LONGEST_S: f64 = 1e10;
 
-/// A row of the file that is a sample but for its `seq`.
+/// A row of the file: a sample without its `seq`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
     pub line: u64,
-    /// From the first row that was read.
+    /// Time since the first row.
     pub t_s: f64,
     pub joints: JointSample,
 }
@@ -28,7 +28,7 @@ impl Row {
     }
 }
 
-/// Where each signal stands, and what it is measured in.
+/// Column and unit of each signal.
 #[derive(Debug, Clone)]
 pub(super) struct RowReader {
     columns: LogColumns,
@@ -46,7 +46,7 @@ impl RowReader {
     /// Finds the columns in the header, the first line of a file.
     ///
     /// # Errors
-    /// A header that is none, columns that are not there, or of another number than the model's
+    /// If there is no valid header, columns are missing, or their number does not match the model's
     /// joints.
     pub fn new(header: &[u8], line: u64, columns: &LogColumns, joints: usize, period_s: f64) -> Result<Self, LogError> {
         let text = std::str::from_utf8(header).map_err(|_| LogError::Header { line })?;
@@ -90,7 +90,7 @@ impl RowReader {
         self.q.len()
     }
 
-    /// The signals that rows hold, as bits of [`signals`].
+    /// The signals of the rows, as bits of [`signals`].
     pub fn signals(&self) -> u32 {
         let setpoint = match self.setpoint.is_empty() {
             true => 0,
@@ -99,7 +99,7 @@ impl RowReader {
         signals::Q | signals::INPUT | setpoint
     }
 
-    /// The columns that are read, with what each of them holds.
+    /// The columns read, with their signals.
     pub fn read(&self) -> impl Iterator<Item = (String, Signal)> {
         let named = |names: &[String], signal: fn(usize) -> Signal| -> Vec<(String, Signal)> {
             let joints = names.iter().enumerate();
@@ -123,16 +123,16 @@ impl RowReader {
         self.columns.time_unit_s
     }
 
-    /// The row in a line, number `number` of those behind the header, from 0.
+    /// Parses the row in a line, number `number` after the header, from 0.
     ///
     /// # Errors
-    /// It is none; what a field that is no number looks like.
+    /// If it is not a row; with the likely mistake in a field that is not a number.
     pub fn parse(&mut self, bytes: &[u8], number: u64, line: u64) -> Result<Row, Option<Suspicion>> {
-        // A row that is no text is a bad row.
+        // A row that is not valid text is a bad row.
         let text = std::str::from_utf8(bytes).map_err(|_| None)?;
         let mut cells = Vec::with_capacity(self.fields);
         if !fields(text, &mut cells) || cells.len() != self.fields {
-            // Decimal commas make two fields of each number.
+            // Decimal commas split each number into two fields.
             let commas = cells.len() + 1 >= 2 * self.fields && self.fields > 1;
             let decimal = commas.then(|| Suspicion::DecimalComma { field: cut(text) });
             let header = judge_header(text).filter(|one| *one != Suspicion::NoHeader);

@@ -1,4 +1,4 @@
-//! Logs read, and what is wrong with logs.
+//! Reading of logs, and errors in logs.
 
 use super::*;
 use crate::messages::signals;
@@ -37,8 +37,8 @@ fn val_columns_are_found_by_name_and_brought_to_si_units() {
 
 #[test]
 fn fault_bad_rows_are_counted_with_their_line_and_leave_holes() {
-    // (what stands between good rows 0..5 and 6..10, in periods; expected counts; seqs; line of the
-    // first refused row)
+    // (rows between good rows 0..5 and 6..10, in periods; expected counts; seqs; line of the first
+    // refused row)
     type Check = fn(&LogCounts) -> u64;
     let cases: [(&str, &str, Check); 6] = [
         ("ragged", "5,1", |c| c.unreadable),
@@ -112,7 +112,7 @@ fn fault_a_single_time_stamp_far_ahead_or_far_behind_costs_its_own_row_and_bound
 
 #[test]
 fn fault_a_log_is_refused_when_most_of_it_is_wherever_that_is_noticed() {
-    // A clock that is set ahead for some rows, and back: what follows is out of order for good.
+    // A clock set ahead for some rows, and back: all following rows are out of order.
     let mut text = "t,x,u\n".to_owned();
     (0..1000).for_each(|k| text.push_str(&format!("{k},1,0\n")));
     (0..100).for_each(|k| text.push_str(&format!("{},1,0\n", 1_000_000 + k)));

@@ -1,4 +1,4 @@
-//! Each likely mistake by its looks.
+//! Each likely mistake and its detection.
 
 use super::*;
 

@@ -11,7 +11,7 @@ use crate::rows::suspect::Suspect;
 use crate::rows::theta_polynomial::MAX_ORDER;
 use crate::rows::{FirstBlocks, SampleBlock, structure};
 
-/// A block of samples as projected rows, see the module's head.
+/// A block of samples as projected rows, see the head of `mod.rs`.
 #[derive(Debug, Clone)]
 pub struct ProjectedBlock<P: Plant> {
     rows: Projection<P>,
@@ -19,10 +19,10 @@ pub struct ProjectedBlock<P: Plant> {
 }
 
 impl<P: Plant + Clone> ProjectedBlock<P> {
-    /// An empty block for up to `block_len` samples; the only place that allocates.
+    /// An empty block for up to `block_len` samples. Only this call allocates.
     ///
     /// # Errors
-    /// Options out of range, or a plant with terms differentiated more than twice or without
+    /// If an option is out of range, or the plant has terms differentiated more than twice or no
     /// parameters.
     pub fn new(plant: P, options: ProjectedOptions, block_len: usize) -> Result<Self, ProjectedError> {
         options.validate()?;
@@ -41,10 +41,11 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
         })
     }
 
-    /// The same with other start values than the plant's own for the first block's weights.
+    /// The same with these start values, instead of the plant's, for the weights of the first
+    /// block.
     ///
     /// # Errors
-    /// Not one finite value within its bounds for each parameter.
+    /// If there is not exactly one finite value within its bounds per parameter.
     pub fn starting_at(mut self, theta: &[f64]) -> Result<Self, ProjectedError> {
         let structure = structure(self.plant());
         let started = self.first_fit.starting_at(structure, theta);
@@ -52,12 +53,12 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
         Ok(self)
     }
 
-    /// The plant behind the rows.
+    /// The plant of the rows.
     pub fn plant(&self) -> &P {
         &self.rows.block.form.plant
     }
 
-    /// What the sensors do, as configured or as learnt up to the last block that was prepared.
+    /// The sensors' noise, as configured or as learnt up to the last prepared block.
     pub fn noise(&self) -> &SensorNoise {
         &self.rows.block.noise.sensors
     }
@@ -67,16 +68,16 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
         &self.rows.block.form.options
     }
 
-    /// The longest uninterrupted stretch of a joint's positions in the block that was prepared, and
-    /// the variance of their noise.
+    /// The longest uninterrupted stretch of a joint's positions in the prepared block, and the
+    /// variance of their noise.
     pub(in crate::rows) fn positions(&self, joint: usize) -> (&[f64], f64) {
         let samples = &self.rows.block.samples;
         let positions = &samples.signals.q[joint][samples.longest_stretch()];
         (positions, self.noise().deviations(joint)[0].powi(2))
     }
 
-    /// Goes on with what another block of this plant has learnt of the sensors; the estimator knows
-    /// θ by then.
+    /// Adopts what another block of this plant has learnt of the sensors; the estimator knows θ by
+    /// then.
     pub(in crate::rows) fn take_over(&mut self, other: &Self) {
         self.first_fit.end();
         self.rows.block.noise.take_over(&other.rows.block.noise);

@@ -6,7 +6,7 @@
 //!
 //! w are the weights of the input (`kernel.rs`), c those of the positions (`error_weights.rs`) at
 //! θ̂ before the block. A jump of the input is known to 5 σ_u² and a thousandth of its size; an
-//! input that was mended, or that jumped between two samples, has a surplus of its own.
+//! input that was replaced, or that jumped between two samples, has additional variance.
 
 use super::input_jumps::within;
 use super::measured::MeasuredBlock;
@@ -24,7 +24,7 @@ use std::ops::Range;
 /// Evaluations of the slopes on either side of a window's centre.
 const SLOPES_PER_HALF: usize = 16;
 
-/// R of each equation in turn, and the sensitivities that it is made of.
+/// R of each equation in turn, and the sensitivities from which it is computed.
 #[derive(Debug, Clone)]
 pub(super) struct RowCovariance {
     /// ∂g_d/∂q and ∂g_d/∂q̇ of the nonlinear terms
@@ -36,17 +36,17 @@ pub(super) struct RowCovariance {
     rounding: Vec<Vec<f64>>,
     /// Σ_k w_i(k) w_j(k) for windows a number of strides apart.
     input_overlap: Vec<f64>,
-    /// Positions of each joint that a row has room for.
+    /// Number of positions per joint in the list of a row.
     support: usize,
-    /// Those of them that it depends on \[equation\]\[joint\].
+    /// Those positions that the row depends on \[equation\]\[joint\].
     spans: Vec<Vec<Range<usize>>>,
-    /// Scratch: c of the terms that are the same in each row, and what the others are made of.
+    /// Scratch: c of the terms that are the same in every row, and the data of the others.
     linear: Vec<f64>,
     scratch: Vec<f64>,
 }
 
 impl RowCovariance {
-    /// Room for `rows` rows of each equation of a block.
+    /// Workspace for `rows` rows of each equation of a block.
     pub fn new<P: Plant>(block: &MeasuredBlock<P>, rows: usize) -> Self {
         let (form, joints) = (&block.form, block.form.plant.joints());
         let (support, stride) = (form.support(), block.samples.windows.stride);
@@ -69,7 +69,7 @@ impl RowCovariance {
         }
     }
 
-    /// Neighbours that a row correlates with.
+    /// Number of neighbours with which a row correlates.
     pub fn bandwidth(&self) -> usize {
         self.input_overlap.len() - 1
     }
@@ -96,7 +96,7 @@ impl RowCovariance {
         self.rounding[equation][row]
     }
 
-    /// Makes R of an equation at θ.
+    /// Computes R of an equation at θ.
     pub fn make<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, theta: &[f64], whitening: &mut Whitening) {
         self.differentiate(block, e, theta);
         error_weights(block, e).write_linear(theta, &mut self.linear);
@@ -115,8 +115,8 @@ impl RowCovariance {
         }
     }
 
-    /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at every sample that a window holds:
-    /// differentiated at some, and on straight lines between these, since c are weights only.
+    /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at every sample of a window: differentiated
+    /// at some, and interpolated linearly between these, because c serves only as weights.
     fn differentiate<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, theta: &[f64]) {
         let (form, signals) = (&block.form, &block.samples.signals);
         let (polynomial, sensitivity) = (form.separation.equations[e].as_ref(), &form.separation.sensitivities[e]);
@@ -163,8 +163,8 @@ impl RowCovariance {
         }
     }
 
-    /// R of two rows, the later one first, which has these `odd` inputs; `rounding` is that of
-    /// their inputs.
+    /// R of two rows, the later one first, which has these `odd` inputs; `rounding` is the rounding
+    /// variance of their inputs.
     fn covariance<P: Plant>(
         &self,
         block: &MeasuredBlock<P>,
@@ -212,22 +212,22 @@ impl RowCovariance {
     }
 }
 
-/// Inputs of a window that are not like the others: jumps with their sizes, and those whose
-/// variance has a surplus.
+/// Inputs of a window that need separate treatment: jumps with their sizes, and those with
+/// additional variance.
 struct OddInputs<'a> {
     jumps: &'a [(usize, f64)],
     surplus: &'a [(usize, f64)],
 }
 
-/// What is known of an equation's input in a block.
+/// Noise of an equation's input in a block.
 struct InputNoise {
     number: usize,
     /// s.
     scale: f64,
-    /// σ_u², and what is put in its place for exact signals.
+    /// σ_u², or its replacement for exact signals.
     variance: f64,
     std: f64,
-    /// What a jump's size is known to, relative to it.
+    /// Relative standard deviation of a jump's size.
     jump_error: f64,
 }
 
@@ -254,7 +254,7 @@ impl InputNoise {
     }
 }
 
-/// A straight line from the first of some values, as it stands, to their last one.
+/// Fills `values` with a straight line from its first value to `last`.
 #[inline]
 fn draw_line(values: &mut [f64], last: f64) {
     let (first, steps) = (values[0], values.len() - 1);
@@ -265,12 +265,12 @@ fn draw_line(values: &mut [f64], last: f64) {
     values[steps] = last;
 }
 
-/// Place of a signal among the slopes.
+/// Index of a signal among the slopes.
 fn place(kind: Kind) -> usize {
     2 * kind.joint + usize::from(kind.velocity)
 }
 
-/// What the c of an equation are made of.
+/// The data for c of an equation.
 fn error_weights<P: Plant>(block: &MeasuredBlock<P>, e: usize) -> ErrorWeights<'_> {
     let form = &block.form;
     ErrorWeights {
@@ -281,7 +281,7 @@ fn error_weights<P: Plant>(block: &MeasuredBlock<P>, e: usize) -> ErrorWeights<'
     }
 }
 
-/// Variance of an equation's input; exact signals are exact to rounding and quadrature only.
+/// Variance of an equation's input; exact signals are only exact to within rounding and quadrature.
 fn input_variance<P: Plant>(block: &MeasuredBlock<P>, e: usize) -> f64 {
     let (input, len) = (block.form.input(e).0, block.samples.len);
     let u = &block.samples.signals.u[input][..len];
@@ -289,8 +289,8 @@ fn input_variance<P: Plant>(block: &MeasuredBlock<P>, e: usize) -> f64 {
     block.noise.sensors.input_noise[input].powi(2) + EXACT * EXACT * mean_square.max(EXACT)
 }
 
-/// Variance of the rounding of an equation's input to counts over a window, 0 without: white if
-/// it crosses counts, and correlated if it creeps, as for positions.
+/// Variance of the rounding of an equation's input to counts over a window, 0 without rounding:
+/// white if the input crosses counts, and correlated if it creeps, as for positions.
 fn input_rounding<P: Plant>(block: &MeasuredBlock<P>, e: usize, row: usize) -> f64 {
     let (input, half) = (block.form.input(e).0, block.form.kernels.input_half);
     let count = block.noise.sensors.input_resolution[input];

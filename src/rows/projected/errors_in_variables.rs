@@ -1,11 +1,11 @@
-//! Errors in variables: positions less the errors that the residuals show of them.
+//! Errors in variables: positions minus their errors as estimated from the residuals.
 //!
 //! ```text
 //! n̂ = E[n | f] = −Σ_q Cᵀ R⁻¹ f(θ̄)        q̂ = q − n̂
 //! ```
 //!
 //! C holds the c_i = −∂f_i/∂q, R is the covariance of the rows (`covariance.rs`), θ̄ is θ̂ before
-//! the block. What is made of it: the head of `projected/mod.rs`.
+//! the block. The head of `projected/mod.rs` explains the use.
 
 use super::covariance::RowCovariance;
 use super::measured::MeasuredBlock;
@@ -16,21 +16,21 @@ use crate::rows::standstill::Standstill;
 use crate::rows::trajectory::Trajectory;
 use crate::rows::whitening::Whitening;
 
-/// Largest error of a position that a residual may show, in its standard deviations.
+/// Limit of the estimated error of a position, in its standard deviations.
 const LARGEST_ERROR: f64 = 3.0;
 
 /// The smoothed signals of a block.
 #[derive(Debug, Clone)]
 pub(super) struct SmoothedSignals {
     signals: Trajectory,
-    /// The rows are made of them.
+    /// True if the rows use the smoothed signals.
     applied: bool,
     /// Scratch: R⁻¹ f of one equation.
     weighted: Vec<f64>,
 }
 
 impl SmoothedSignals {
-    /// Room for a block and `rows` rows of each equation.
+    /// Workspace for a block and `rows` rows of each equation.
     pub fn new<P: Plant>(block: &MeasuredBlock<P>, rows: usize) -> Self {
         let (features, capacity) = (block.form.separation.features, block.samples.capacity());
         Self {
@@ -40,17 +40,17 @@ impl SmoothedSignals {
         }
     }
 
-    /// The signals that the rows are made of: smoothed ones if there are, otherwise those measured.
+    /// The signals of the rows: smoothed ones if they exist, otherwise those measured.
     pub fn or<'a>(&'a self, measured: &'a Trajectory) -> &'a Trajectory {
         if self.applied { &self.signals } else { measured }
     }
 
-    /// Goes back to the signals as they were measured.
+    /// Returns to the measured signals.
     pub fn forget(&mut self) {
         self.applied = false;
     }
 
-    /// Begins with inputs as they were measured, and with errors of 0 in place of the positions.
+    /// Begins with the measured inputs, and with errors of 0 in place of the positions.
     pub fn begin(&mut self, samples: &Samples) {
         let (own, measured) = (&mut self.signals, &samples.signals);
         own.q.iter_mut().for_each(|errors| errors[..samples.len].fill(0.0));
@@ -59,8 +59,8 @@ impl SmoothedSignals {
         }
     }
 
-    /// Errors −n̂/σ_q += σ_q Σ_i c_i (R⁻¹ f)_i by the rows of one equation, whose residuals are
-    /// whitened forwards; û itself.
+    /// Errors −n̂/σ_q += σ_q Σ_i c_i (R⁻¹ f)_i from the rows of one equation, whose residuals are
+    /// whitened forwards; for the input û directly.
     pub fn subtract<P: Plant>(
         &mut self,
         block: &MeasuredBlock<P>,
@@ -92,8 +92,8 @@ impl SmoothedSignals {
         }
     }
 
-    /// Limits the errors that were found, takes them out of the positions, and makes velocities and
-    /// features of what is left.
+    /// Limits the estimated errors, subtracts them from the positions, and computes velocities and
+    /// features of the result.
     pub fn finish<P: Plant>(&mut self, block: &MeasuredBlock<P>, standstill: &Standstill) {
         let (covered, len) = (block.samples.windows.covered(), block.samples.len);
         if covered.is_empty() {

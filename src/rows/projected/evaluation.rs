@@ -1,11 +1,11 @@
-//! Rows at one θ, of equations whose terms are no polynomials in θ.
+//! Rows at one θ, for equations whose terms are not polynomials in θ.
 //!
 //! ```text
-//! z₀ = Σ_d ∫K_d g_d(q, q̇; θ)        z_p = ∂z₀/∂θ_p, by automatic differentiation        whitened as the rows are
+//! z₀ = Σ_d ∫K_d g_d(q, q̇; θ)        z_p = ∂z₀/∂θ_p, by automatic differentiation        whitened like the rows
 //! ```
 //!
-//! Rows of other equations are products of θ and columns that are made once per block
-//! (`separation.rs`); these are made anew at each θ.
+//! Rows of other equations are products of θ and columns computed once per block (`separation.rs`);
+//! these are computed again at each θ.
 
 use super::measured::MeasuredBlock;
 use crate::model::{MAX_JOINTS, MAX_PARAMS, Plant};
@@ -15,14 +15,14 @@ use crate::rows::trajectory::Trajectory;
 use crate::rows::whitening::{Direction, Whitening};
 use num_dual::Dual64;
 
-/// What rows are made of.
+/// The data of the rows.
 pub(super) struct Source<'a, P> {
     pub block: &'a MeasuredBlock<P>,
-    /// The block's signals, as measured or freed of their noise.
+    /// The block's signals, measured or smoothed.
     pub signals: &'a Trajectory,
 }
 
-/// The values at the θ that came last.
+/// The values at the last θ.
 #[derive(Debug, Clone)]
 pub(super) struct Evaluation {
     theta: Vec<f64>,
@@ -34,7 +34,7 @@ pub(super) struct Evaluation {
 }
 
 impl Evaluation {
-    /// Room for `rows` rows of each equation that is no polynomial.
+    /// Workspace for `rows` rows of each equation that is not a polynomial.
     pub fn new<P: Plant>(block: &MeasuredBlock<P>, rows: usize) -> Self {
         let form = &block.form;
         let columns_of = |e: usize| match form.separation.equations[e] {
@@ -53,7 +53,7 @@ impl Evaluation {
         }
     }
 
-    /// The signals or their weights have changed.
+    /// Call this if the signals or their weights have changed.
     pub fn forget(&mut self) {
         self.valid = false;
     }
@@ -80,7 +80,7 @@ impl Evaluation {
         &self.columns[direction as usize][equation]
     }
 
-    /// Terms of an equation and their derivatives in θ at every sample that a window holds.
+    /// Terms of an equation and their derivatives in θ at every sample of a window.
     fn evaluate<P: Plant>(&mut self, source: &Source<'_, P>, e: usize) {
         let (plant, signals) = (&source.block.form.plant, source.signals);
         let form = &plant.equations()[e];
@@ -109,7 +109,7 @@ impl Evaluation {
         }
     }
 
-    /// Projects and whitens what was evaluated.
+    /// Projects and whitens the evaluated terms.
     fn project<P: Plant>(&mut self, source: &Source<'_, P>, e: usize, whitening: &Whitening) {
         let (form, windows) = (&source.block.form, source.block.samples.windows.all());
         let (kernels, terms) = (&form.kernels, form.plant.equations()[e].order + 1);

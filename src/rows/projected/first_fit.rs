@@ -1,23 +1,23 @@
-//! A first θ for the weights of the rows, while the estimator has none.
+//! A first θ for the weights of the rows, until the estimator has one.
 //!
 //! ```text
 //! θ → R(θ), q̂(θ) → rows → θ = argmin Σ f²          repeated for each of the first blocks
 //! ```
 //!
-//! R and the smoothed positions q̂ depend on θ, which is not known well enough before the first
-//! estimates. The first blocks are therefore fitted alone, each several times with the R and q̂ of
-//! the fit before, until every parameter is known to within 50 %. One θ serves both: positions that
-//! are smoothed with a θ that does not minimise the block's residuals agree with that θ afterwards,
-//! and the estimator would learn it, confidently. Through encoders of 13 bits, smooth motion with
-//! rests had 3 % of its blocks called misfits or changes that way, and θ₅ an error of 18 times the
-//! bound; it is 1.7 times (docs/efficiency.md).
+//! R and the smoothed positions q̂ depend on θ, which is not known well enough at first. The first
+//! blocks are therefore fitted alone, each several times with the R and q̂ of the fit before, until
+//! every parameter is known to within 50 %. Both must use the same θ: positions smoothed with a θ
+//! that does not minimise the block's residuals agree with that θ afterwards, and the estimator
+//! would confidently adopt it. With encoders of 13 bits and smooth motion with rests, 3 % of the
+//! blocks were then called misfits or changes, and the error of θ₅ was 18 times the bound; now it
+//! is 1.7 times (docs/efficiency.md).
 //!
-//! A block that alone tells nothing of some parameter is fitted together with those before, and R
-//! uses the start value of each parameter that is not known to within 50 %: the arbitrary inertia
-//! of a joint that has not moved would spoil the weights.
+//! A block that does not inform on some parameter is fitted together with those before, and R uses
+//! the start value of each parameter that is not known to within 50 %: the arbitrary inertia of a
+//! joint that has not moved would spoil the weights.
 //!
-//! Later the same fit serves a block that θ̂ before it does not explain: it is fitted alone, and
-//! its positions are smoothed with that.
+//! Later the same fit is used for a block that θ̂ before it does not explain: the block is fitted
+//! alone, and its positions are smoothed with that fit.
 
 use super::projection::Projection;
 use crate::estimator::{
@@ -28,16 +28,16 @@ use crate::rows::pointwise::priors;
 use crate::rows::start::StartFinder;
 use crate::rows::theta_polynomial::Polynomial;
 
-/// Blocks that are fitted for their weights at most.
+/// Largest number of blocks that are fitted for their weights.
 const FIRST_BLOCKS: u32 = 10;
-/// Times that a first block is fitted with the weights of the fit before.
+/// Number of fits of a first block, each with the weights of the fit before.
 const ROUNDS: usize = 3;
 /// Relative standard deviation below which a parameter is known well enough for weights.
 const KNOWN: f64 = 0.5;
-/// Standard deviation, relative to that of the start, above which a fit tells nothing of a
+/// Standard deviation, relative to that of the start, above which a fit does not inform on a
 /// parameter.
 const NOTHING: f64 = 100.0;
-/// Mean square of whitened residuals from which on they hold more than noise.
+/// Mean square of whitened residuals above which they contain more than noise.
 const FAR: f64 = 2.0;
 
 /// The fit of the first blocks.
@@ -46,9 +46,9 @@ pub(super) struct FirstFit {
     estimator: BlockEstimator,
     /// Blocks that may still be fitted.
     left: u32,
-    /// Finds a start beside the configured one, if there can be more than one minimum.
+    /// Finds an alternative to the configured start, if there can be more than one minimum.
     finder: Option<StartFinder>,
-    /// The block was the first one, and its θ̂ is where the estimator had better begin.
+    /// True if the block was the first one, so its θ̂ is a better start for the estimator.
     begins: bool,
     /// θ of the weights.
     settled: Vec<f64>,
@@ -57,10 +57,10 @@ pub(super) struct FirstFit {
 }
 
 impl FirstFit {
-    /// A fit that begins at the plant's own start values and keeps its bounds.
+    /// A fit with the plant's start values and bounds.
     ///
     /// # Errors
-    /// Start values, bounds and structure do not fit together.
+    /// If start values, bounds and structure do not fit together.
     pub fn new(plant: &impl Plant, structure: Structure) -> Result<Self, EstimatorError> {
         let mut options = EstimatorOptions::recommended(priors(plant), plant.equations().len());
         options.change_detection = None;
@@ -77,7 +77,7 @@ impl FirstFit {
         })
     }
 
-    /// The same with a second start that the rows of these equations give.
+    /// The same with a second start, from the rows of these equations.
     #[must_use]
     pub fn with_finder(mut self, equations: &[Option<Polynomial>]) -> Self {
         self.finder = StartFinder::new(equations, self.settled.len());
@@ -87,10 +87,10 @@ impl FirstFit {
     /// The same from other start values.
     ///
     /// # Errors
-    /// Not one finite value within its bounds for each parameter.
+    /// If there is not exactly one finite value within its bounds per parameter.
     pub fn starting_at(mut self, structure: Structure, theta: &[f64]) -> Result<Self, EstimatorError> {
         let mut options = self.estimator.options().clone();
-        // too few or too many are refused with the options
+        // validating the options refuses too few or too many
         options.parameters.resize(theta.len(), ParameterPrior::new(0.0));
         for (prior, &start) in options.parameters.iter_mut().zip(theta) {
             (prior.start, prior.std) = (start, start.abs());
@@ -100,25 +100,26 @@ impl FirstFit {
         Ok(self)
     }
 
-    /// Where the estimator had better begin; `None` after the first block.
+    /// A better start for the estimator; `None` after the first block.
     pub fn start(&self) -> Option<&[f64]> {
         self.begins.then(|| self.estimator.theta())
     }
 
-    /// No block is fitted for its weights any more: the estimator knows θ.
+    /// Stops fitting blocks for their weights: the estimator knows θ.
     pub fn end(&mut self) {
         (self.left, self.begins) = (0, false);
     }
 
-    /// θ is unknown again: the next blocks are fitted for their weights as the first ones were.
+    /// Begins again: θ is unknown, so the next blocks are fitted for their weights like the first
+    /// ones.
     pub fn restart(&mut self) {
         self.estimator.reset();
         self.settled.copy_from_slice(self.estimator.theta());
         (self.left, self.begins) = (FIRST_BLOCKS, false);
     }
 
-    /// Weighs and smooths the rows of a block, with a fit of its own for the first blocks and with
-    /// θ̂ before the block from then on.
+    /// Weights and smooths the rows of a block: with its own fit for the first blocks, and with θ̂
+    /// before the block from then on.
     pub fn weigh<P: Plant>(&mut self, rows: &mut Projection<P>, theta: &[f64]) {
         if self.left > 0 {
             self.fit(rows);
@@ -137,7 +138,7 @@ impl FirstFit {
         if self.begins {
             self.estimator.update(rows);
             self.try_other_start(rows);
-            // once more with regressors that the first fit has freed of noise
+            // once more with the regressors of the smoothed positions
             rows.weigh(&self.settled);
         }
         self.smooth(rows);
@@ -161,21 +162,21 @@ impl FirstFit {
         self.weigh_and_smooth(rows);
     }
 
-    /// True if the fit tells something of every parameter.
+    /// True if the fit informs on every parameter.
     fn tells_of_all(&self) -> bool {
         let (report, options) = (self.estimator.report(), self.estimator.options());
         let mut pairs = report.theta_std.iter().zip(&options.parameters);
         pairs.all(|(std, prior)| *std < NOTHING * prior.std)
     }
 
-    /// True if the fit knows a parameter well enough for weights.
+    /// True if the fit determines a parameter well enough for weights.
     fn knows(&self, i: usize) -> bool {
         let report = self.estimator.report();
         report.theta_std[i] < KNOWN * report.theta[i].abs()
     }
 
-    /// Adopts the parameters that the fit knows well enough, and `otherwise`, or the start values,
-    /// for the rest.
+    /// Adopts the parameters that the fit determines well enough, and `otherwise`, or the start
+    /// values, for the rest.
     fn keep_known_or(&mut self, otherwise: Option<&[f64]>) {
         for i in 0..self.settled.len() {
             self.settled[i] = if self.knows(i) {
@@ -186,15 +187,15 @@ impl FirstFit {
         }
     }
 
-    /// Makes R and the smoothed positions at the fit.
+    /// Computes R and the smoothed positions at the fit.
     fn weigh_and_smooth<P: Plant>(&mut self, rows: &mut Projection<P>) {
         self.settled.copy_from_slice(self.estimator.theta());
         rows.weigh(&self.settled);
         self.smooth(rows);
     }
 
-    /// Fits the first block from the start that its rows give, too, and goes on from the better of
-    /// the two.
+    /// Also fits the first block from the start that its rows give, and continues with the better
+    /// of the two.
     fn try_other_start<P: Plant>(&mut self, rows: &Projection<P>) {
         let Some(finder) = &mut self.finder else { return };
         let estimator = &mut self.estimator;
@@ -212,7 +213,7 @@ impl FirstFit {
         starts(&estimator.options().parameters, &mut self.settled);
     }
 
-    /// Smooths with the residuals at the fit, unless it leaves more in them than noise.
+    /// Smooths with the residuals at the fit, unless they contain more than noise.
     fn smooth<P: Plant>(&self, rows: &mut Projection<P>) {
         let theta = self.estimator.theta();
         if rows.mean_square(theta) < FAR {
@@ -221,11 +222,11 @@ impl FirstFit {
     }
 
     /// Smooths with the residuals at θ̂ before the block, or at a fit of this block alone if the
-    /// plant has moved away from that. Leaves the rows as they are measured if either leaves more
-    /// in them than noise.
+    /// plant has changed since. Leaves the rows as measured if the residuals still contain more
+    /// than noise.
     ///
-    /// A parameter that the block does not determine to within 50 % keeps its value: rows with
-    /// hardly any motion would put it anywhere, and positions smoothed to agree would confirm it.
+    /// A parameter that the block does not determine to within 50 % keeps its value: with hardly
+    /// any motion its fitted value is arbitrary, and positions smoothed to agree would confirm it.
     fn smooth_near<P: Plant>(&mut self, rows: &mut Projection<P>, theta: &[f64]) {
         if rows.mean_square(theta) < FAR {
             rows.smooth(theta);

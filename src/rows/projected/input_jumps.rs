@@ -1,12 +1,12 @@
-//! Jumps of the inputs, for inputs that are continuous otherwise: where they are and how large.
+//! Finds position and size of jumps in inputs that are otherwise continuous.
 //!
 //! ```text
 //! e_k = d_k − (d_{k−1} + d_{k+1})/2        d_k = u_k − u_{k−1}
 //! j_k = (e_k − (e_{k−1} + e_{k+1})/2)/1.5
 //! ```
 //!
-//! A jump Δ at t_k gives e = (−Δ/2, Δ, −Δ/2) around k, white noise a variance of 5 σ_u², and a
-//! smooth input next to nothing, of slowly varying sign. j tells them apart best.
+//! Around k, a jump Δ at t_k gives e = (−Δ/2, Δ, −Δ/2). White noise gives a variance of 5 σ_u², and
+//! a smooth input almost nothing. j separates them best.
 
 use super::setpoint_steps::SetpointSteps;
 use crate::rows::kernel::{Kernels, dot};
@@ -21,19 +21,20 @@ pub(super) struct InputJumps {
 }
 
 impl InputJumps {
-    /// Room for `capacity` samples.
+    /// Workspace for `capacity` samples.
     pub fn new(joints: usize, capacity: usize) -> Self {
         Self {
-            // a vector's clone has no room
+            // a cloned vector has no spare capacity
             found: (0..joints).map(|_| Vec::with_capacity(capacity)).collect(),
             bends: vec![0.0; capacity],
             statistic: Vec::with_capacity(capacity),
         }
     }
 
-    /// Finds the jumps of a joint's input `u`, which has noise of standard deviation `noise`. One
-    /// that no step of the setpoint explains may have happened anywhere since the sample before, as
-    /// when a drive leaves its limit: it goes to `surplus` instead, as a variance.
+    /// Finds the jumps of a joint's input `u`, which has noise of standard deviation `noise`. A
+    /// jump that no step of the setpoint explains may have happened at any time since the sample
+    /// before, such as when a drive leaves its limit: it is added to `surplus` as a variance
+    /// instead.
     pub fn find(
         &mut self,
         joint: usize,
@@ -49,7 +50,7 @@ impl InputJumps {
             return;
         }
         let e = &mut self.bends[..len];
-        // e_k of the samples that have their neighbours
+        // e_k of the samples with neighbours on both sides
         let (before, here, behind) = (&u[1..], &u[2..], &u[3..]);
         let neighbours = before.iter().zip(here).zip(behind).zip(u);
         for (e, (((before, here), behind), second)) in e[2..len - 1].iter_mut().zip(neighbours) {
@@ -63,7 +64,7 @@ impl InputJumps {
             .extend(around.map(|((&before, &here), &behind)| contrast(before, here, behind).abs()));
         let middle = self.statistic.len() / 2;
         let (_, median, _) = self.statistic.select_nth_unstable_by(middle, f64::total_cmp);
-        // the variance of j is 7 σ_u², and a median of 0.67 standard deviations
+        // the variance of j is 7 σ_u², and its median magnitude 0.67 standard deviations
         let threshold = (8.0 * 7f64.sqrt() * noise).max(12.0 * *median).max(f64::MIN_POSITIVE);
         for k in candidates {
             let (before, here, behind) = (e[k - 1], e[k], e[k + 1]);
@@ -96,7 +97,7 @@ impl InputJumps {
         within(&self.found[joint], from, len)
     }
 
-    /// ∫ψ^(r) u of the window around a centre for r < N ≤ 3, `u` being all of a joint's input.
+    /// ∫ψ^(r) u of the window around a centre for r < N ≤ 3; `u` is all of a joint's input.
     pub fn moments<const N: usize>(&self, kernels: &Kernels, centre: usize, joint: usize, u: &[f64]) -> [f64; N] {
         let from = centre - kernels.input_half;
         let u = &u[from..=centre + kernels.input_half];

@@ -1,4 +1,4 @@
-//! A block as it was measured: samples, their noise, the jumps of the inputs.
+//! A block as measured: samples, their noise, the jumps of the inputs.
 
 use super::input_jumps::InputJumps;
 use super::options::{ProjectedError, ProjectedOptions};
@@ -8,7 +8,7 @@ use super::weak_form::WeakForm;
 use crate::model::{JointSample, Plant};
 use crate::rows::kernel::InputTiming;
 
-/// The block, and the equations that it is seen through.
+/// The block, and the equations in weak form.
 #[derive(Debug, Clone)]
 pub(super) struct MeasuredBlock<P> {
     pub form: WeakForm<P>,
@@ -18,10 +18,10 @@ pub(super) struct MeasuredBlock<P> {
 }
 
 impl<P: Plant> MeasuredBlock<P> {
-    /// Room for a block of `block_len` samples. The options must be valid.
+    /// Workspace for a block of `block_len` samples. The options must be valid.
     ///
     /// # Errors
-    /// A velocity filter over too few samples.
+    /// If the velocity filter has too few samples.
     pub fn new(plant: P, options: ProjectedOptions, block_len: usize) -> Result<Self, ProjectedError> {
         let form = WeakForm::new(plant, options)?;
         let samples = Samples::new(&form, block_len);
@@ -34,12 +34,12 @@ impl<P: Plant> MeasuredBlock<P> {
         })
     }
 
-    /// Takes a sample in; false if there is no room for it.
+    /// Adds a sample; false if the block is full.
     pub fn push(&mut self, t_ns: u64, sample: &JointSample) -> bool {
         self.samples.push(&self.form, t_ns, sample)
     }
 
-    /// Mends the samples of a block that is complete and says what each is worth.
+    /// Repairs the samples of a complete block and determines their noise.
     pub fn sense(&mut self) {
         let sensors = &self.noise.sensors;
         self.samples.mend(&self.form, |joint| {
@@ -48,7 +48,7 @@ impl<P: Plant> MeasuredBlock<P> {
         self.noise.sense(&self.form, &self.samples);
     }
 
-    /// Finds the jumps of inputs that are continuous otherwise.
+    /// Finds the jumps of otherwise continuous inputs.
     pub fn find_jumps(&mut self) {
         if self.form.options.timing != InputTiming::Continuous {
             return;
@@ -61,15 +61,15 @@ impl<P: Plant> MeasuredBlock<P> {
         }
     }
 
-    /// s ∫ψ^(r) u of the window around a centre for r < N ≤ 3; `u` are inputs as measured or freed
-    /// of noise \[joint\]\[sample\].
+    /// s ∫ψ^(r) u of the window around a centre for r < N ≤ 3; `u` are measured or smoothed inputs
+    /// \[joint\]\[sample\].
     pub fn moments<const N: usize>(&self, equation: usize, centre: usize, u: &[Vec<f64>]) -> [f64; N] {
         let (input, scale) = self.form.input(equation);
         let moments = self.jumps.moments(&self.form.kernels, centre, input, &u[input]);
         moments.map(|moment| scale * moment)
     }
 
-    /// Keeps what the next block's windows reach back to.
+    /// Keeps the samples that the next block's windows need.
     pub fn clear(&mut self) {
         self.samples.clear();
     }

@@ -1,4 +1,4 @@
-//! What projected rows can be told, and what is wrong with it.
+//! Options of projected rows, and their errors.
 
 use super::sensor_noise::SensorNoise;
 use crate::rows::kernel::InputTiming;
@@ -10,32 +10,32 @@ pub struct ProjectedOptions {
     /// h \[s\], 1e-6 to 1.
     pub sample_period_s: f64,
     /// T \[s\], 8 to 2000 sample periods; rounded to an even number of them. Long windows average
-    /// more noise, short ones resolve faster motion: about 1.3 periods of the fastest mode that
-    /// matters are a good length.
+    /// more noise, short ones resolve faster motion: about 1.3 periods of the fastest relevant mode
+    /// is a good length.
     pub window_s: f64,
-    /// Time from a window to the next \[s\], one sample period to T; rounded to whole periods. T/5
-    /// loses little, see docs/method.md.
+    /// Time from one window to the next \[s\], one sample period to T; rounded to whole periods.
+    /// T/5 loses little, see docs/method.md.
     pub stride_s: f64,
     /// Samples on either side that the velocity filter (order 5) uses, 3 to 100. 10 for encoders of
     /// 16 bits, 5 from 20 bits on.
     pub velocity_half_width: usize,
-    /// What the input does between samples.
+    /// Behaviour of the input between samples.
     pub timing: InputTiming,
     /// The recorded input acts on the plant this much later \[s\], at most half of T either way;
     /// negative for an input that was recorded late.
     pub input_delay_s: f64,
-    /// What the sensors do.
+    /// Noise of the sensors.
     pub noise: SensorNoise,
-    /// Learn the noise levels from the signals instead (`noise.rs`), block by block; `noise` is
-    /// then not used.
+    /// If true, the noise levels are learnt from the signals block by block (`noise.rs`), and
+    /// `noise` is not used.
     pub learn_noise: bool,
-    /// What the model does not say and σ must allow for.
+    /// Errors that the model lacks and σ must allow for.
     pub considered: Considered,
 }
 
 impl ProjectedOptions {
-    /// Windows of 100 ms every 20 ms at 1 kHz: right for modes up to some 15 Hz, through 16-bit
-    /// encoders and 0.05 of input noise.
+    /// Windows of 100 ms every 20 ms at 1 kHz: suitable for modes up to about 15 Hz, 16-bit
+    /// encoders and input noise of 0.05.
     pub fn recommended() -> Self {
         Self {
             sample_period_s: 1e-3,
@@ -55,7 +55,7 @@ impl ProjectedOptions {
         (0.5 * self.window_s / self.sample_period_s).round() as usize
     }
 
-    /// Samples from a window to the next, as asked for.
+    /// Samples from one window to the next, as requested.
     pub(super) fn stride(&self) -> usize {
         (self.stride_s / self.sample_period_s).round() as usize
     }
@@ -63,7 +63,7 @@ impl ProjectedOptions {
     /// Checks every value against its domain.
     ///
     /// # Errors
-    /// The first value outside.
+    /// The first value out of range.
     pub fn validate(&self) -> Result<(), ProjectedError> {
         let check = |field, expected, got: f64, good: bool| {
             if good {
@@ -147,17 +147,17 @@ pub enum ProjectedError {
     Value {
         /// Name of the option.
         field: &'static str,
-        /// What would be right.
+        /// What was expected.
         expected: &'static str,
         /// Value given.
         got: f64,
     },
-    /// A term is differentiated more often than the window allows.
+    /// A term is differentiated more often than the window permits.
     #[error("equation {equation}: expected terms differentiated at most {expected} times, got {got}")]
     Order {
         /// Name of the equation.
         equation: String,
-        /// Highest order there is.
+        /// Highest possible order.
         expected: usize,
         /// Order of the equation.
         got: usize,

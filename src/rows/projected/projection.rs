@@ -1,4 +1,4 @@
-//! From a block of samples to its rows, step by step: measured, projected, whitened, smoothed.
+//! The steps from a block of samples to its rows: measure, project, whiten, smooth.
 
 use super::covariance::RowCovariance;
 use super::errors_in_variables::SmoothedSignals;
@@ -13,7 +13,7 @@ use crate::rows::standstill::Standstill;
 use crate::rows::suspect_columns::SuspectColumns;
 use crate::rows::whitening::Direction;
 
-/// Rows of a block at any θ, with the weights of one.
+/// Rows of a block at any θ, with weights computed at one θ.
 #[derive(Debug, Clone)]
 pub(super) struct Projection<P> {
     pub block: MeasuredBlock<P>,
@@ -50,7 +50,7 @@ impl<P: Plant> Projection<P> {
         }
     }
 
-    /// Mends and projects a block that is complete.
+    /// Repairs and projects a complete block.
     pub fn project(&mut self) {
         self.smoothed.forget();
         self.block.sense();
@@ -69,7 +69,7 @@ impl<P: Plant> Projection<P> {
         }
     }
 
-    /// Finds the rows that a joint at rest spoils.
+    /// Finds the rows that do not hold because a joint is at rest.
     fn find_rests(&mut self) {
         let (samples, sensors) = (&self.block.samples, &self.block.noise.sensors);
         for (joint, q) in samples.signals.q.iter().enumerate() {
@@ -86,7 +86,7 @@ impl<P: Plant> Projection<P> {
             .judge(samples.windows.all().iter().map(|window| window.centre));
     }
 
-    /// Divides the samples at which a joint reverses between both sides.
+    /// Splits the samples at which a joint reverses between both directions.
     fn find_reversals(&mut self) {
         let MeasuredBlock {
             form, samples, noise, ..
@@ -99,7 +99,7 @@ impl<P: Plant> Projection<P> {
         }
     }
 
-    /// Makes R at θ and whitens the rows by it, as they are measured.
+    /// Computes R at θ and whitens the measured rows by it.
     pub fn weigh(&mut self, theta: &[f64]) {
         self.smoothed.forget();
         let rows = self.len();
@@ -111,14 +111,14 @@ impl<P: Plant> Projection<P> {
             self.rows.whiten(e, rows);
         }
         self.rows.forget();
-        // the windows at the end know the configured delay only
+        // the windows at the end use only the configured delay
         if self.block.form.delay.is_none() {
             self.tail.project(&self.block, theta);
         }
     }
 
-    /// Makes the regressors of smoothed positions. The rows must have been [weighed](Self::weigh);
-    /// `theta` is to leave no more in them than noise.
+    /// Computes the regressors from smoothed positions. The rows must have been
+    /// [weighted](Self::weigh), and their residuals at `theta` must be noise.
     pub fn smooth(&mut self, theta: &[f64]) {
         let block = &self.block;
         let measured = Source {
@@ -137,9 +137,9 @@ impl<P: Plant> Projection<P> {
         self.rows.replace_regressors(&Source { block, signals }, theta);
     }
 
-    /// Makes the columns of considered errors, of smoothed signals if there are. Residual and
-    /// column would otherwise share the noise: with motion so slow that the second derivative of
-    /// the input is less than its noise, the score of a resonance is −σ_u² Σ ψ′², always of one
+    /// Computes the columns of considered errors, from smoothed signals if they exist. Otherwise
+    /// residual and column would share the noise: in motion so slow that the second derivative of
+    /// the input is below its noise, the score of a resonance would be −σ_u² Σ ψ′², always of one
     /// sign, and the sine of a joint that hardly moves would explain all noise by an eccentricity
     /// of 1 rad.
     pub fn project_suspects(&mut self) {
@@ -159,12 +159,12 @@ impl<P: Plant> Projection<P> {
     }
 
     /// A whitened row with a coefficient for each monomial: writes the factors of those other than
-    /// 1, returns what is left without them.
+    /// 1, returns the rest.
     pub fn linear_row(&self, e: usize, row: usize, factors: &mut [f64]) -> f64 {
         self.rows.linear_row(&self.block.form.separation, e, row, factors)
     }
 
-    /// Mean square of the whitened residuals at θ: 1 if they hold sensor noise alone.
+    /// Mean square of the whitened residuals at θ: 1 if they contain only sensor noise.
     pub fn mean_square(&self, theta: &[f64]) -> f64 {
         let mut regressor = [0.0; MAX_PARAMS];
         let (mut sum, mut count) = (0.0, 0usize);
@@ -179,7 +179,7 @@ impl<P: Plant> Projection<P> {
         sum / count.max(1) as f64
     }
 
-    /// What the rows are made of.
+    /// The data of the rows.
     #[inline]
     fn source(&self) -> Source<'_, P> {
         Source {
@@ -188,7 +188,7 @@ impl<P: Plant> Projection<P> {
         }
     }
 
-    /// Keeps what the next block's windows reach back to.
+    /// Keeps the samples that the next block's windows need.
     pub fn clear(&mut self) {
         self.block.clear();
         self.rows.forget();
@@ -201,7 +201,7 @@ impl<P: Plant> Projection<P> {
     }
 }
 
-/// The rows without the errors that are considered: a first fit knows of none.
+/// The rows without considered errors, which a first fit does not use.
 impl<P: Plant> Residuals for Projection<P> {
     fn len(&self) -> usize {
         self.block.samples.windows.len()

@@ -5,15 +5,14 @@
 //! (2)  b_k = (1/2 − u_k/h) b(q, q̇⁻) + (1/2 + u_k/h) b(q, q̇⁺)        |u_k| ≤ h/2
 //! ```
 //!
-//! A feature b (`separation.rs`) takes the value of each sample for the whole period h around
-//! it. If the joint turns round within that period, at t₀, a feature that jumps with the sign
-//! of the velocity is on the wrong side for up to h/2, which can make more of a row than its
-//! noise. The sample nearest to t₀ gets the mean of both sides instead, each at its mean
-//! velocity.
+//! A feature b (`separation.rs`) takes the value of each sample for the whole period h around it.
+//! If the joint reverses within that period, at t₀, a feature that jumps with the sign of the
+//! velocity has the wrong sign for up to h/2, which can exceed the noise of a row. The sample
+//! nearest to t₀ therefore gets the weighted mean of both directions, each at its mean velocity.
 //!
-//! Where friction turns round, the acceleration jumps by some Δ, and the velocity filter, which
-//! takes it for smooth, is late or early by a part of h, always the same. If the positions tell
-//! (1) sharply, t₀ is theirs, and otherwise the zero of the filtered velocity.
+//! When friction reverses, the acceleration jumps by some Δ, and the velocity filter, which assumes
+//! it smooth, is systematically late or early by a fraction of h. If the positions determine (1)
+//! sharply, t₀ comes from that fit, otherwise from the zero of the filtered velocity.
 
 use super::weak_form::WeakForm;
 use crate::model::{MAX_JOINTS, Plant};
@@ -24,14 +23,14 @@ use std::ops::Range;
 
 /// Unknowns of (1): as many derivatives as the velocity filter has, and Δ.
 const UNKNOWNS: usize = 7;
-/// Times that t₀ is improved.
+/// Largest number of iterations for t₀.
 const ROUNDS: usize = 6;
-/// Step of t₀, in samples, after which it is known.
+/// Step of t₀, in samples, below which the iteration ends.
 const SETTLED: f64 = 0.01;
-/// Largest standard deviation of t₀, in samples, that is better than the filter's.
+/// Largest standard deviation of t₀, in samples, with which the fit is preferred to the filter.
 const SHARP: f64 = 0.05;
 
-/// Corrects velocities and features where a joint at which terms jump reverses. The velocities of
+/// Corrects velocities and features at reversals of joints at which terms jump. The velocities of
 /// `samples` are known; `noise` is the standard deviation of a joint's positions.
 pub(super) fn correct<P: Plant>(
     form: &WeakForm<P>,
@@ -51,7 +50,7 @@ pub(super) fn correct<P: Plant>(
             let q = &signals.q[joint][at - half..=at + half];
             let instant = at as f64 + locate(q, filtered, noise(joint)).unwrap_or(filtered);
             let slope = next - here;
-            // samples between both instants are on the wrong side
+            // samples between both instants have the wrong sign
             for k in samples.clone().skip(at.saturating_sub(1) - samples.start).take(4) {
                 let u = k as f64 - instant;
                 let wrong = signals.dq[joint][k] * slope * u < 0.0;
@@ -59,7 +58,7 @@ pub(super) fn correct<P: Plant>(
                     signals.dq[joint][k] = slope * u;
                 }
                 if u.abs() < 0.5 {
-                    // (2), at the middle of the period's part on either side
+                    // (2), at the middle of either part of the period
                     let parts = [0.5 * (u - 0.5), 0.5 * (u + 0.5)];
                     evaluate(
                         form,
@@ -76,8 +75,8 @@ pub(super) fn correct<P: Plant>(
     }
 }
 
-/// Where the joint turns round, by (1), in samples from the middle of these positions; `filtered`
-/// is where the velocity filter has it. `None` if they do not tell it sharply.
+/// The instant of reversal by (1), in samples from the middle of these positions; `filtered` is
+/// that of the velocity filter. `None` if the positions do not determine it sharply.
 fn locate(q: &[f64], filtered: f64, noise: f64) -> Option<f64> {
     let half = (q.len() / 2) as f64;
     let reference = q[q.len() / 2];
@@ -111,7 +110,7 @@ fn locate(q: &[f64], filtered: f64, noise: f64) -> Option<f64> {
     None
 }
 
-/// Writes the features of a sample: those at two velocities of a joint, each with its share.
+/// Writes the features of a sample: those at two velocities of a joint, weighted.
 fn evaluate<P: Plant>(form: &WeakForm<P>, signals: &mut Trajectory, at: usize, joint: usize, parts: [(f64, f64); 2]) {
     let Trajectory { q, dq, features, .. } = signals;
     let mut velocities = [0.0; MAX_JOINTS];

@@ -1,11 +1,11 @@
-//! Noise of each sample of a block, from the sensors' noise as configured or learnt.
+//! Noise of each sample of a block, from the configured or learnt noise of the sensors.
 //!
 //! ```text
 //! σ_q²(k) = σ² + LSB²/12 · v_k        σ_u²(k) = σ_u² + surplus_k
 //! ```
 //!
-//! v_k ≥ 1 says how far the rounding is from white (`rounding.rs`). Samples that were mended
-//! (`repair.rs`) are worth less.
+//! v_k ≥ 1 accounts for rounding that is not white (`rounding.rs`). Replaced samples (`repair.rs`)
+//! have a larger variance.
 
 use super::samples::Samples;
 use super::sensor_noise::SensorNoise;
@@ -17,43 +17,43 @@ use crate::rows::repair::Kind;
 use crate::rows::rounding;
 use std::ops::Range;
 
-/// Share of the input's size that counts as noise of signals that are exact.
+/// Noise of exact input signals, relative to their size.
 pub(super) const EXACT: f64 = 1e-7;
-/// Stands for the standard deviation of a position that is exact, so that others may be divided by
-/// it; its square adds nothing to R.
+/// Standard deviation of an exact position, so that it can be a divisor; its square adds nothing to
+/// R.
 const EXACT_STD: f64 = 1e-150;
-/// Standard deviations beyond which an acceleration is more than noise.
+/// Standard deviations above which an acceleration is more than noise.
 const SURE: f64 = 3.0;
 
 /// The noise of the samples.
 #[derive(Debug, Clone)]
 pub(super) struct SampleNoise {
-    /// What the sensors do, as configured or as learnt so far.
+    /// Noise of the sensors, as configured or as learnt so far.
     pub sensors: SensorNoise,
-    /// What was learnt of each joint's position and input.
+    /// Learnt noise of each joint's position and input.
     learnt: Vec<[SignalNoise; 2]>,
     /// Standard deviation of each position \[joint\]\[sample\].
     pub q_std: Vec<Vec<f64>>,
-    /// Inputs whose variance is not that of the others, and by how much \[joint\].
+    /// Inputs with additional variance, and its size \[joint\].
     pub surplus: Vec<Vec<(usize, f64)>>,
     /// Scratch of the learning.
     statistic: Vec<f64>,
 }
 
 impl SampleNoise {
-    /// Room for `capacity` samples.
+    /// Workspace for `capacity` samples.
     pub fn new(sensors: SensorNoise, joints: usize, capacity: usize) -> Self {
         Self {
             sensors,
             learnt: vec![<[SignalNoise; 2]>::default(); joints],
             q_std: vec![vec![0.0; capacity]; joints],
-            // a vector's clone has no room
+            // a cloned vector has no spare capacity
             surplus: (0..joints).map(|_| Vec::with_capacity(2 * capacity)).collect(),
             statistic: Vec::with_capacity(capacity),
         }
     }
 
-    /// Learns the noise of a block if it is to be learnt, and says what each sample is worth.
+    /// Learns the noise from a block if so configured, and computes that of each sample.
     pub fn sense<P: Plant>(&mut self, form: &WeakForm<P>, samples: &Samples) {
         let longest = samples.longest_stretch();
         for joint in 0..samples.signals.joints() {
@@ -67,8 +67,8 @@ impl SampleNoise {
         }
     }
 
-    /// Takes the levels of a joint's sensors from a stretch of their signals. Those of a signal of
-    /// which too little has been seen stay as they are: 0 would call the sensor exact.
+    /// Learns the noise levels of a joint's sensors from a stretch of their signals. The level of a
+    /// signal with too few samples stays unchanged, because 0 would mean an exact sensor.
     fn learn(&mut self, joint: usize, samples: &Samples, stretch: Range<usize>) {
         let [position, input] = &mut self.learnt[joint];
         let made = |kind| {
@@ -106,7 +106,7 @@ impl SampleNoise {
                 velocity_gain: form.velocity.gain,
                 window_half: form.kernels.half,
             };
-            // windows lie before a hole as well as behind it
+            // windows lie both before and after a hole
             for stretch in samples.repair.stretches(samples.len) {
                 counts.weigh(&samples.signals.q[joint], &samples.signals.dq[joint], stretch, std);
             }
@@ -127,7 +127,7 @@ impl SampleNoise {
         self.sensors.deviations(joint)[1]
     }
 
-    /// Goes on with what others have learnt of the same sensors.
+    /// Adopts what another block has learnt of the same sensors.
     pub fn take_over(&mut self, other: &Self) {
         self.sensors = other.sensors;
         self.learnt.clone_from_slice(&other.learnt);
@@ -142,10 +142,11 @@ impl SampleNoise {
 /// A joint whose positions are rounded to counts.
 struct Counts {
     resolution: f64,
-    /// Variance of the noise beside the rounding.
+    /// Variance of the noise besides the rounding.
     white: f64,
     period_s: f64,
-    /// Samples on either side of the velocity filter, and its deviation for white noise of 1.
+    /// Samples on either side of the velocity filter, and its standard deviation for white noise of
+    /// 1.
     velocity_half: usize,
     velocity_gain: f64,
     /// Samples on either side of a window's centre.
@@ -155,7 +156,7 @@ struct Counts {
 impl Counts {
     /// Standard deviations of the positions of a stretch without holes.
     fn weigh(&self, q: &[f64], dq: &[f64], stretch: Range<usize>, std: &mut [f64]) {
-        // away from the ends everything has its neighbours, and the loop no branches
+        // away from the ends every sample has its neighbours, so the loop needs no branches
         let margin = self.window_half.max(2 * self.velocity_half);
         let (first, end) = (stretch.start + margin, stretch.end.saturating_sub(margin));
         if first >= end {
@@ -182,7 +183,7 @@ impl Counts {
         }
     }
 
-    /// That of a sample near an end of a stretch, with the neighbours that there are.
+    /// The same for a sample near an end of a stretch, with the neighbours that exist.
     fn deviation_near_end(&self, q: &[f64], dq: &[f64], stretch: &Range<usize>, at: usize) -> f64 {
         let around = |reach: usize, within: &Range<usize>| {
             let clamp = |k: usize| k.clamp(within.start, within.end - 1);
@@ -201,14 +202,14 @@ impl Counts {
         self.deviation((velocity, dq[behind] - dq[before], span), slow)
     }
 
-    /// √(σ² + LSB²/12 · v) of a sample with a velocity and its change over so many samples, if
-    /// that is more than noise. Otherwise it is slow enough to be measured by the change of the
-    /// position over so many samples.
+    /// √(σ² + LSB²/12 · v) of a sample, from its velocity and the change of velocity over `span`
+    /// samples, if that exceeds the noise. Otherwise the joint is so slow that the position's
+    /// change `moved` over `samples` samples is used.
     #[inline(always)]
     fn deviation(&self, (dq, change, span): (f64, f64, f64), (moved, samples): (f64, f64)) -> f64 {
         let per_sample = self.period_s / self.resolution;
         let acceleration = change * (per_sample / span);
-        // of the difference of two filtered velocities, in counts
+        // standard deviation of the difference of two filtered velocities, in counts
         let noise = self.velocity_gain / (6f64.sqrt() * span);
         let (velocity, acceleration) = match acceleration.abs() > SURE * noise {
             true => (dq * per_sample, acceleration),

@@ -1,5 +1,4 @@
-//! The samples of a block on their grid, and those of the block before as far as windows reach
-//! back.
+//! The samples of a block on their grid, and those of the block before that windows still need.
 
 use super::setpoint_steps::SetpointSteps;
 use super::weak_form::WeakForm;
@@ -10,17 +9,17 @@ use crate::rows::repair::Repair;
 use crate::rows::trajectory::Trajectory;
 use std::ops::Range;
 
-/// Samples before a jump of the input that its size is told from.
+/// Samples before a jump of the input from which its size is determined.
 const BEFORE_JUMP: usize = 5;
 
-/// Samples in buffers; positions in them count from the oldest sample that was kept.
+/// Samples in buffers; buffer positions count from the oldest sample kept.
 #[derive(Debug, Clone)]
 pub(super) struct Samples {
-    /// The signals as they were measured, mended and filtered.
+    /// The signals as measured, repaired and filtered.
     pub signals: Trajectory,
     /// Samples so far.
     pub len: usize,
-    /// First buffer position that follows the last hole.
+    /// First buffer position after the last hole.
     pub segment: usize,
     pub windows: Windows,
     pub repair: Repair,
@@ -36,7 +35,7 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Room for the samples of a block of `block_len`.
+    /// Buffers for the samples of a block of `block_len`.
     pub fn new<P: Plant>(form: &WeakForm<P>, block_len: usize) -> Self {
         let (options, half) = (&form.options, form.kernels.half);
         let stride = options.stride().max(1);
@@ -67,14 +66,14 @@ impl Samples {
         self.block_len
     }
 
-    /// Samples that there is room for.
+    /// Capacity in samples.
     pub fn capacity(&self) -> usize {
         self.capacity
     }
 
-    /// Takes a sample in; false if there is no room for it.
+    /// Adds a sample; false if the buffers are full.
     pub fn push<P: Plant>(&mut self, form: &WeakForm<P>, t_ns: u64, sample: &JointSample) -> bool {
-        // one sample may complete as many grid values
+        // one sample may complete this many grid values
         if self.len + BRIDGED + 2 > self.capacity {
             return false;
         }
@@ -92,11 +91,11 @@ impl Samples {
         true
     }
 
-    /// Takes a sample on the grid in, which there is room for.
+    /// Adds a sample on the grid; the buffers must have room for it.
     fn append<P: Plant>(&mut self, form: &WeakForm<P>, grid: &GridSample) {
         let at = self.len;
         if grid.first || at == 0 {
-            // behind a hole, or a clock that went back
+            // after a hole, or after a clock that went back
             self.segment = at;
             self.offset = grid.number - at as i64;
         }
@@ -120,8 +119,8 @@ impl Samples {
         }
     }
 
-    /// Makes single wrong and lost samples good, and what was computed from them. `noise` are the
-    /// standard deviations of each joint's position and input with the size of its encoder's count.
+    /// Repairs single wrong and lost samples, and what was computed from them. `noise` gives the
+    /// standard deviations of a joint's position and input, and the size of its encoder's count.
     pub fn mend<P: Plant>(&mut self, form: &WeakForm<P>, noise: impl Fn(usize) -> ([f64; 2], f64)) {
         for joint in 0..self.signals.joints() {
             let (std, count) = noise(joint);
@@ -147,7 +146,7 @@ impl Samples {
         stretches.max_by_key(|stretch| stretch.len()).unwrap_or(0..self.len)
     }
 
-    /// Keeps what the next block's windows reach back to.
+    /// Keeps the samples that the next block's windows need.
     pub fn clear(&mut self) {
         let kept = (self.len - self.segment).min(self.history);
         let from = self.len - kept;

@@ -1,8 +1,8 @@
-//! Noise and resolution of the sensors, a joint each: σ² = σ_white² + LSB²/12.
+//! Noise and resolution of the sensors of each joint: σ² = σ_white² + LSB²/12.
 
 use crate::model::MAX_JOINTS;
 
-/// What the sensors do to the signals; the weights of the rows follow from it.
+/// Noise and resolution of the sensors, from which the weights of the rows follow.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorNoise {
     /// Size of one count of each joint's encoder \[rad or m\], ≥ 0; 0 if the position is not
@@ -36,7 +36,7 @@ impl SensorNoise {
         }
     }
 
-    /// Standard deviations of a joint's position and input, with their rounding taken for white.
+    /// Standard deviations of a joint's position and input, if their rounding is white.
     pub(in crate::rows) fn deviations(&self, joint: usize) -> [f64; 2] {
         let with = |noise: f64, count: f64| noise.hypot(count / 12f64.sqrt());
         [

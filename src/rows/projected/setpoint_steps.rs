@@ -1,8 +1,8 @@
-//! Which samples were commanded elsewhere than the one before: an input may jump there.
+//! Finds steps of the setpoint: an input may jump there.
 
 use crate::model::MAX_JOINTS;
 
-/// Samples after a step of the setpoint in which a jump of the input is due to it.
+/// Samples after a step of the setpoint in which a jump of the input is attributed to it.
 const ANSWER: usize = 5;
 
 /// Steps of the setpoints, sample by sample.
@@ -10,18 +10,18 @@ const ANSWER: usize = 5;
 pub(super) struct SetpointSteps {
     /// Commanded positions of the sample before.
     last: [f64; MAX_JOINTS],
-    /// Bit j: joint j was commanded elsewhere since the last sample in the buffers.
+    /// Bit j: the setpoint of joint j has stepped since the last sample in the buffers.
     now: u32,
-    /// `now` belongs to a sample in the buffers.
+    /// True if `now` belongs to a sample in the buffers.
     recorded: bool,
-    /// There was ever a setpoint.
+    /// True if there has been any setpoint.
     commanded: bool,
     /// The same for each sample in the buffers.
     stepped: Vec<u32>,
 }
 
 impl SetpointSteps {
-    /// Room for `capacity` samples.
+    /// Workspace for `capacity` samples.
     pub fn new(capacity: usize) -> Self {
         Self {
             last: [0.0; MAX_JOINTS],
@@ -32,8 +32,8 @@ impl SetpointSteps {
         }
     }
 
-    /// Looks at the setpoints of a sample that comes in. A sample between two places of the grid
-    /// becomes none in the buffers: its step belongs to the next one.
+    /// Checks the setpoints of an incoming sample. A sample between two grid instants is not stored
+    /// in the buffers: its step belongs to the next one.
     pub fn look(&mut self, setpoint: &[f64; MAX_JOINTS], joints: usize) {
         if std::mem::take(&mut self.recorded) {
             self.now = 0;
@@ -45,14 +45,14 @@ impl SetpointSteps {
         self.commanded |= self.now != 0;
     }
 
-    /// The sample that was looked at last becomes sample `at` of the buffers.
+    /// Stores the last checked sample as sample `at` of the buffers.
     pub fn note(&mut self, at: usize) {
         self.stepped[at] = self.now;
         self.recorded = true;
     }
 
     /// True if the setpoint explains a jump of a joint's input at sample `at`, or if there are no
-    /// setpoints that could. A drive may answer a few samples late.
+    /// setpoints. A drive may respond a few samples late.
     pub fn explain(&self, joint: usize, at: usize) -> bool {
         let mut recent = self.stepped[at.saturating_sub(ANSWER)..=at].iter();
         !self.commanded || recent.any(|mask| mask >> joint & 1 == 1)
@@ -86,7 +86,7 @@ mod tests {
             steps.look(&at(0.0), 2);
             steps.note(k);
         }
-        // commanded elsewhere by a sample that completes no value of the grid, then by none
+        // a step in a sample that completes no grid value, then no step
         steps.look(&at(1.0), 2);
         steps.look(&at(1.0), 2);
         steps.note(10);

@@ -1,17 +1,17 @@
-//! Windows that end with the last sample of a block: what the regular windows cannot see yet.
+//! Windows that end with the last sample of a block, for what the regular windows do not yet show.
 //!
 //! ```text
 //! f_k(θ) = s ∫ψ_k u − Σ_d (−1)^d ∫ψ_k^(d) g_d(q, q̇; θ)
 //! ψ_k of `end_kernel.rs`: 3/2, 1, 1/2 and 1/4 of a regular window
-//! var f_k = Σ c_k² σ_q² + s² σ_u² Σ w_k² + what jumps and repaired inputs add
+//! var f_k = Σ c_k² σ_q² + s² σ_u² Σ w_k² + the variance of jumps and repaired inputs
 //! ```
 //!
-//! A regular window weights its middle, so a plant that changes some 80 ms before a block ends
-//! shows in none of them. These windows look at the end. The velocities of the last samples, which
-//! have no neighbours behind them, are those of the polynomial that is fitted to the last samples.
-//! What that costs in noise is part of the variance. The windows are too few to estimate from, but
-//! a residual of many of their standard deviations tells that the block's estimate no longer holds
-//! at its end. They serve the fit statistic only (`estimator/fit_statistic.rs`).
+//! A regular window weights its middle, so a plant that changes less than about 80 ms before a
+//! block ends shows in none of them. These windows weight the end. The last samples have no later
+//! neighbours, so their velocities are those of the polynomial fitted to the last samples; the
+//! added noise is part of the variance. The windows are too few for estimation, but a residual of
+//! many standard deviations shows that the block's estimate no longer holds at its end. Only the
+//! fit statistic uses them (`estimator/fit_statistic.rs`).
 
 use super::measured::MeasuredBlock;
 use super::velocity_filter::ORDER;
@@ -29,7 +29,7 @@ use crate::rows::theta_polynomial::MAX_ORDER;
 const COUNT: usize = 4;
 /// The fewest intervals of a window.
 const SHORTEST: usize = 16;
-/// Samples at the end that cannot be told from spikes yet, in a block that has some.
+/// Samples at the end that cannot yet be distinguished from spikes, in a block that has some.
 const UNSURE: usize = 5;
 
 /// The windows at the end of a block.
@@ -45,7 +45,7 @@ pub(super) struct Tail {
     /// Y₀ times the input's scale and the factors of the monomials \[equation\]\[window\].
     input: Vec<[f64; COUNT]>,
     factors: Vec<Vec<[f64; COUNT]>>,
-    /// Variance of each residual; 0 if the window says nothing.
+    /// Variance of each residual; 0 if the window is not used.
     variance: Vec<[f64; COUNT]>,
     // velocities and features of the last samples
     dq: Vec<Vec<f64>>,
@@ -57,7 +57,7 @@ pub(super) struct Tail {
 }
 
 impl Tail {
-    /// Windows beside the regular ones of a plant.
+    /// The windows at the end, besides the regular ones of a plant.
     pub fn new<P: Plant>(form: &WeakForm<P>) -> Self {
         let (half, velocity_half) = (form.kernels.half, form.velocity.half);
         let (options, separation, joints) = (&form.options, &form.separation, form.plant.joints());
@@ -92,12 +92,12 @@ impl Tail {
         }
     }
 
-    /// Nothing is known of the end.
+    /// Clears the windows.
     pub fn clear(&mut self) {
         self.variance.fill([0.0; COUNT]);
     }
 
-    /// Projects the end of a block; θ is that of the weights.
+    /// Projects the end of a block; `theta` is that of the weights.
     pub fn project<P: Plant>(&mut self, end: &MeasuredBlock<P>, theta: &[f64]) {
         self.clear();
         let spare = if end.samples.repair.touched() { UNSURE } else { 0 };
@@ -142,7 +142,7 @@ impl Tail {
         form.separation.extract(&form.plant, last, motion, put);
     }
 
-    /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at these samples.
+    /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at the samples before `stop`.
     fn differentiate<P: Plant>(&mut self, end: &MeasuredBlock<P>, e: usize, stop: usize, theta: &[f64]) {
         let (first, form) = (stop - self.longest, &end.form);
         let (q, dq) = (&end.samples.signals.q, &self.dq);
@@ -260,7 +260,7 @@ impl Tail {
         variance
     }
 
-    /// Residual of window k at θ in its standard deviations; `None` if the window says nothing.
+    /// Residual of window k at θ in its standard deviations; `None` if the window is not used.
     pub fn residual(&self, separation: &Separation, e: usize, k: usize, theta: &[f64]) -> Option<f64> {
         let variance = *self.variance.get(e)?.get(k)?;
         let polynomial = separation.equations[e].as_ref()?;

@@ -5,10 +5,10 @@ use crate::rows::kernel::{correlate_odd, dot};
 use crate::rows::smoothing::savitzky_golay;
 use std::ops::Range;
 
-/// Order of the polynomial that is fitted to the neighbours of a sample.
+/// Order of the polynomial fitted to the neighbours of a sample.
 pub(super) const ORDER: usize = 5;
 
-/// Samples from which on a stretch is filtered faster as a whole.
+/// Number of samples from which a stretch is filtered faster as a whole.
 const STRETCH: usize = 8;
 
 /// The filter.
@@ -18,7 +18,7 @@ pub(super) struct VelocityFilter {
     pub half: usize,
     /// s \[1/s\], 2 n + 1 of them, with s_{−j} = −s_j.
     pub weights: Vec<f64>,
-    /// The first n of the transposed filter, which has them in the reverse order.
+    /// The first n weights of the transposed filter, which has the reverse order.
     pub transposed: Vec<f64>,
     /// Standard deviation of the velocity per sample, for white noise of 1 on the positions.
     pub gain: f64,
@@ -43,7 +43,7 @@ impl VelocityFilter {
         })
     }
 
-    /// Writes the velocities at samples that have their neighbours.
+    /// Writes the velocities at samples with neighbours on both sides.
     #[inline]
     pub fn write(&self, q: &[f64], samples: Range<usize>, dq: &mut [f64]) {
         if samples.len() >= STRETCH {

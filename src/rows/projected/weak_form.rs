@@ -1,11 +1,11 @@
-//! A plant's equations in the weak form: what the rows of every block are made with.
+//! A plant's equations in the weak form, used for the rows of every block.
 //!
 //! ```text
 //! f_i(θ) = s ∫ψ_i u dt − Σ_d (−1)^d ∫ψ_i^(d) g_d(q, q̇; θ) dt        g = Σ_m μ_m(θ) [Σ_j a_j q̇_j + b_m(q, q̇)]
 //! ```
 //!
-//! with the plant's terms g taken apart (`separation.rs`), ψ and its derivatives as weights on
-//! samples (`kernel.rs`) and the velocity filter. Nothing here changes after construction.
+//! with the plant's terms g separated (`separation.rs`), ψ and its derivatives as weights on
+//! samples (`kernel.rs`), and the velocity filter. Nothing here changes after construction.
 
 use super::options::{ProjectedError, ProjectedOptions};
 use super::velocity_filter::VelocityFilter;
@@ -29,10 +29,10 @@ pub(super) struct WeakForm<P> {
 }
 
 impl<P: Plant> WeakForm<P> {
-    /// Takes the plant apart and makes the windows' weights. The options must be valid.
+    /// Separates the plant's terms and computes the windows' weights. The options must be valid.
     ///
     /// # Errors
-    /// A velocity filter over too few samples.
+    /// If the velocity filter has too few samples.
     pub fn new(plant: P, options: ProjectedOptions) -> Result<Self, ProjectedError> {
         let half_width = options.velocity_half_width;
         let velocity = VelocityFilter::new(half_width, options.sample_period_s).ok_or(ProjectedError::Value {
@@ -62,13 +62,14 @@ impl<P: Plant> WeakForm<P> {
         self.separation.equations.len()
     }
 
-    /// Positions of each joint that a row depends on, by way of the velocity filter as well.
+    /// Number of positions of each joint that a row depends on, including those in the velocity
+    /// filter.
     pub fn support(&self) -> usize {
         2 * (self.kernels.half + self.velocity.half) + 1
     }
 
-    /// Positions of a joint, out of those of the [support](Self::support), that a row depends on:
-    /// all of them by way of the velocity filter, those within the window otherwise.
+    /// Positions of a joint, within the [support](Self::support), that a row depends on: all of
+    /// them if the velocity filter is used, otherwise those within the window.
     pub fn span(&self, equation: usize, joint: usize) -> Range<usize> {
         let mut kinds = self.separation.sensitivities[equation].kinds.iter();
         let filtered = kinds.any(|kind| kind.joint == joint && kind.velocity);
@@ -98,7 +99,7 @@ impl<P: Plant> WeakForm<P> {
         nonlinear.kinds.iter().any(|kind| kind.joint == joint) || linear.map(|term| term.joint).any(|own| own == joint)
     }
 
-    /// True if it matters to an equation where a joint is, and not only how it moves.
+    /// True if an equation depends on where a joint is, not only on how it moves.
     pub fn depends_on_place(&self, equation: usize, joint: usize) -> bool {
         let kinds = &self.separation.sensitivities[equation].kinds;
         kinds.iter().any(|kind| kind.joint == joint && !kind.velocity)
@@ -116,7 +117,7 @@ impl<P: Plant> WeakForm<P> {
     }
 
     /// The factors of an equation's monomials \[monomial\]\[window\]; nothing for an equation that
-    /// is no polynomial in θ.
+    /// is not a polynomial in θ.
     pub fn project(&self, equation: usize, windows: &[Window], signals: &Trajectory, factors: &mut [Vec<f64>]) {
         let Some(polynomial) = &self.separation.equations[equation] else {
             return;

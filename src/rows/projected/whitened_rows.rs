@@ -1,13 +1,13 @@
-//! The rows of a block: what is linear in the coefficients of θ is made once, and a row at any θ is
-//! a handful of products.
+//! The rows of a block: columns linear in the coefficients of θ are computed once, and a row at any
+//! θ takes a few products.
 //!
 //! ```text
 //! f_i(θ) = Y_i − Σ_m μ_m(θ) z_im        μ_m ∈ {1, θ_j, θ_j θ_k}
 //! Y(ε) = Y₀ + ε Y₁ + ε²/2 Y₂            ε of an input delay that is a parameter, beyond the configured one
 //! ```
 //!
-//! The columns Y and z are whitened (`whitening.rs`), both ways. Equations that are no polynomials
-//! in θ are evaluated instead (`evaluation.rs`).
+//! The columns Y and z are whitened in both directions (`whitening.rs`). Equations that are not
+//! polynomials in θ are evaluated instead (`evaluation.rs`).
 
 use super::evaluation::{Evaluation, Source};
 use super::measured::MeasuredBlock;
@@ -17,7 +17,7 @@ use crate::rows::theta_polynomial::{Monomial, Polynomial};
 use crate::rows::whitening::{Direction, Whitening};
 use std::cell::RefCell;
 
-/// The columns of one equation: a value per window each.
+/// The columns of one equation, each with one value per window.
 #[derive(Debug, Clone)]
 struct Columns {
     /// Y₀, Y₁, Y₂ times the input's scale; only Y₀ if the delay is not estimated.
@@ -36,12 +36,12 @@ pub(super) struct WhitenedRows {
     /// R of each equation, and its factors.
     pub whitening: Vec<Whitening>,
     evaluation: RefCell<Evaluation>,
-    /// Residuals as measured at the θ of the smoothing \[direction\]\[equation\]\[row\].
+    /// Measured residuals at the θ of the smoothing \[direction\]\[equation\]\[row\].
     measured: [Vec<Vec<f64>>; 2],
 }
 
 impl WhitenedRows {
-    /// Room for `rows` rows of each equation that correlate over `bandwidth` neighbours.
+    /// Workspace for `rows` rows of each equation that correlate over `bandwidth` neighbours.
     pub fn new<P: Plant>(block: &MeasuredBlock<P>, rows: usize, bandwidth: usize) -> Self {
         let form = &block.form;
         let column = vec![0.0; rows];
@@ -67,13 +67,13 @@ impl WhitenedRows {
         }
     }
 
-    /// Projects the factors of an equation's monomials, of the signals as they were measured.
+    /// Projects the factors of an equation's monomials from the measured signals.
     pub fn project<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize) {
         let (windows, signals) = (block.samples.windows.all(), &block.samples.signals);
         block.form.project(e, windows, signals, &mut self.raw[e].factors);
     }
 
-    /// Whitens the rows of an equation, as they were projected, by the R that was made for it.
+    /// Whitens the projected rows of an equation by its R.
     pub fn whiten(&mut self, e: usize, rows: usize) {
         let raw = &self.raw[e];
         for (direction, white) in Direction::BOTH.into_iter().zip(&mut self.white) {
@@ -87,12 +87,12 @@ impl WhitenedRows {
         }
     }
 
-    /// Forgets what was evaluated: the signals or their weights have changed.
+    /// Drops evaluated values; call this if the signals or their weights have changed.
     pub fn forget(&mut self) {
         self.evaluation.get_mut().forget();
     }
 
-    /// Keeps the residuals at θ as measured, to be told of by [`measured`](Self::measured).
+    /// Keeps the measured residuals at θ for [`measured`](Self::measured).
     pub fn keep_residuals<P: Plant>(&mut self, source: &Source<'_, P>, theta: &[f64]) {
         let rows = source.block.samples.windows.len();
         for e in 0..self.raw.len() {
@@ -105,13 +105,12 @@ impl WhitenedRows {
         }
     }
 
-    /// The residuals of an equation that were kept, whitened forwards.
+    /// The kept residuals of an equation, whitened forwards.
     pub fn measured(&self, e: usize) -> &[f64] {
         &self.measured[Direction::Forward as usize][e]
     }
 
-    /// Makes the regressors of other signals, and leaves the residuals at θ what they were when
-    /// they were kept.
+    /// Computes the regressors from other signals, while the residuals at θ stay the kept ones.
     pub fn replace_regressors<P: Plant>(&mut self, source: &Source<'_, P>, theta: &[f64]) {
         self.forget();
         let windows = source.block.samples.windows.all();
@@ -132,7 +131,7 @@ impl WhitenedRows {
         }
         for e in 0..self.raw.len() {
             for direction in Direction::BOTH {
-                // Y = f as measured + what the model explains at θ
+                // Y = measured f + the model's part at θ
                 let mut input = std::mem::take(&mut self.white[direction as usize][e].input[0]);
                 input[..rows].copy_from_slice(&self.measured[direction as usize][e][..rows]);
                 self.add_model(source, direction, e, theta, 1.0, &mut input[..rows]);
@@ -141,8 +140,8 @@ impl WhitenedRows {
         }
     }
 
-    /// Adds what the model explains of the rows of an equation at θ, times `sign`: Σ μ z less what
-    /// a further delay adds to Y₀.
+    /// Adds the model's part of the rows of an equation at θ, times `sign`: Σ μ z minus the
+    /// contribution of a further delay to Y₀.
     fn add_model<P: Plant>(
         &self,
         source: &Source<'_, P>,
@@ -230,7 +229,7 @@ impl WhitenedRows {
     }
 
     /// A row with a coefficient for each monomial: writes the factors of those other than 1,
-    /// returns what is left without them.
+    /// returns the rest.
     pub fn linear_row(&self, separation: &Separation, e: usize, row: usize, factors: &mut [f64]) -> f64 {
         let columns = &self.white[Direction::Forward as usize][e];
         let mut y = columns.input[0][row];

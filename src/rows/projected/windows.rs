@@ -1,5 +1,5 @@
-//! The windows of a block: every so many samples of the grid, wherever a stretch without holes
-//! reaches far enough to both sides.
+//! The windows of a block: one every `stride` samples of the grid, if the stretch without holes is
+//! long enough on both sides.
 
 use std::ops::Range;
 
@@ -20,7 +20,7 @@ pub(super) struct Window {
 pub(super) struct Windows {
     all: Vec<Window>,
     capacity: usize,
-    /// Samples from a window to the next.
+    /// Samples from one window to the next.
     pub stride: usize,
     /// Samples on either side of a centre within the window.
     half: usize,
@@ -29,7 +29,7 @@ pub(super) struct Windows {
 }
 
 impl Windows {
-    /// Room for `capacity` windows of `half` samples on either side, whose rows need `reach`.
+    /// Workspace for `capacity` windows of `half` samples on either side, whose rows need `reach`.
     pub fn new(half: usize, reach: usize, stride: usize, capacity: usize) -> Self {
         Self {
             all: Vec::with_capacity(capacity),
@@ -52,12 +52,12 @@ impl Windows {
         self.all.len()
     }
 
-    /// Windows that there is room for.
+    /// Capacity in windows.
     pub fn capacity(&self) -> usize {
         self.capacity
     }
 
-    /// Places a window around a sample if it lies on the grid of windows.
+    /// Adds a window around a sample if this lies on the grid of windows.
     pub fn place(&mut self, centre: usize, number: i64, t_ns: &[u64]) {
         if number.rem_euclid(self.stride as i64) == 0 && self.all.len() < self.capacity {
             self.all.push(Window {
@@ -77,7 +77,7 @@ impl Windows {
         }
     }
 
-    /// Forgets them.
+    /// Removes all windows.
     pub fn clear(&mut self) {
         self.all.clear();
     }

@@ -1,4 +1,4 @@
-//! Good inputs, which the cases change.
+//! Valid inputs, which the cases mutate.
 
 use crate::config::Config;
 use crate::messages::{Estimate, Journal, Sample, Status};
@@ -10,15 +10,15 @@ use crate::sim::MachineSimulator;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A block that is soon full.
+/// Settings for short blocks.
 pub(super) const QUICK: [&str; 2] = ["estimator.block_len=100", "estimator.max_iterations=3"];
-/// Samples of a recording or log.
+/// Number of samples in a recording or log.
 pub(super) const LENGTH: usize = 450;
 
-/// Good inputs, which the cases change.
+/// Valid inputs, which the cases mutate.
 pub(super) struct Corpora {
     pub(super) dir: PathBuf,
-    /// Of the paper's arm, of an arm with encoders, of a servo axis.
+    /// Configurations of the paper's arm, an arm with encoders, and a servo axis.
     pub(super) configs: Vec<Config>,
     pub(super) samples: Vec<Vec<Sample>>,
     pub(super) recordings: Vec<Vec<u8>>,
@@ -101,7 +101,7 @@ pub(super) fn exported(config: &Config, samples: &[Sample]) -> Vec<u8> {
 }
 
 pub(super) fn record(path: &Path, info: RunInfo, samples: &[Sample], estimates: &[Estimate], told: &[Journal]) {
-    // What a recording cannot hold is refused.
+    // A recording refuses what it cannot represent.
     let Ok(mut recorder) = Recorder::create(path, info, RecordingLimits::default()) else {
         return;
     };

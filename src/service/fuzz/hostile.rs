@@ -1,4 +1,4 @@
-//! Messages with anything in them.
+//! Messages with arbitrary content.
 
 use super::mutate::Random;
 use crate::config::Config;

@@ -1,9 +1,9 @@
 //! Hostile files and messages by the thousand: no panic, no abort, no hang, in a gigabyte of
 //! memory.
 //!
-//! Each target runs in a process of its own, this test program started again, so that a limit on
-//! memory is one (`RLIMIT_AS`) and an abort is seen. A case follows from its target and number
-//! alone: `THETABUS_FUZZ=mcap:1234:1 cargo test --release --lib service::fuzz::worker -- --ignored
+//! Each target runs in a separate process (this test program, started again), so that the memory
+//! limit (`RLIMIT_AS`) holds and an abort is detected. A case is determined by its target and
+//! number: `THETABUS_FUZZ=mcap:1234:1 cargo test --release --lib service::fuzz::worker -- --ignored
 //! --exact` runs number 1234 again.
 
 mod corpora;
@@ -20,17 +20,17 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use targets::TARGETS;
 
-/// Target, first case, cases: what a worker shall do.
+/// A worker's task: target, first case, number of cases.
 const TASK: &str = "THETABUS_FUZZ";
 /// Directory for its files.
 const DIRECTORY: &str = "THETABUS_FUZZ_DIR";
-/// The case that it has begun.
+/// File with the case that it has begun.
 const PROGRESS: &str = "progress";
-/// All that a worker may map.
+/// Memory that a worker may map.
 const MEMORY: u64 = 1 << 30;
-/// A case takes milliseconds; this is a hang, on a machine that is busy with other things, too.
+/// A case takes milliseconds; this is a hang even on a busy machine.
 const LONGEST: Duration = Duration::from_secs(20);
-/// Cases in the suite, and in the test that is run on its own.
+/// Number of cases in the suite, and in the separate long test.
 const FEW: u64 = 500;
 const MANY: u64 = 10_000;
 
@@ -115,7 +115,7 @@ fn fuzz(target: &str, cases: u64) {
     let said = fs::read(&errors).unwrap_or_default();
     let said = String::from_utf8_lossy(&said[said.len().saturating_sub(4000)..]).into_owned();
     assert!(status.success(), "{target}, case {reached:?}: {status}\n{said}");
-    // A worker that found no test to run would succeed, too.
+    // A worker that found no test to run would also succeed.
     assert_eq!(reached, Some(cases - 1), "{target}: not all cases were run");
     eprintln!("{target}: {cases} cases in {:.1} s", start.elapsed().as_secs_f64());
 }

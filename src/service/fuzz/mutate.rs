@@ -1,9 +1,9 @@
-//! Seeded changes of bytes, texts and numbers, of the kinds that break parsers.
+//! Seeded mutations of bytes, texts and numbers that typically break parsers.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// Numbers at the edges of their types, and texts that some parsers take for numbers.
+/// Numbers at the limits of their types, and texts that some parsers accept as numbers.
 const NUMBERS: [&str; 24] = [
     "0",
     "-0",
@@ -31,7 +31,7 @@ const NUMBERS: [&str; 24] = [
     "000000000000000000000000000000000000000000000000000000000001",
 ];
 
-/// Pieces of the formats that are read.
+/// Fragments of the formats.
 const PIECES: [&str; 24] = [
     "\n",
     "\r\n",
@@ -155,14 +155,14 @@ impl Random {
                 insert(bytes, at, &run);
             }
             7 => insert(bytes, at, self.pick(&PIECES).as_bytes()),
-            // a length or a count somewhere in a binary file
+            // possibly a length or a count in a binary file
             8 if rest >= 8 => bytes[at..at + 8].copy_from_slice(&self.whole().to_le_bytes()),
             9 if rest >= 4 => bytes[at..at + 4].copy_from_slice(&(self.whole() as u32).to_le_bytes()),
             _ => self.another_number(bytes, at),
         }
     }
 
-    /// Puts another number in the place of the next one in a text.
+    /// Replaces the next number in a text.
     fn another_number(&mut self, bytes: &mut Vec<u8>, from: usize) {
         let is_number = |b: &u8| b.is_ascii_digit() || b"+-.eE".contains(b);
         let Some(start) = bytes[from..].iter().position(u8::is_ascii_digit).map(|i| from + i) else {

@@ -1,5 +1,5 @@
-//! What is read from outside: configuration, CSV, MCAP, checkpoint, samples, control. Each with
-//! what the programs do with it afterwards.
+//! External inputs: configuration, CSV, MCAP, checkpoint, samples, control; each followed by the
+//! processing in the programs.
 
 use super::corpora::{Corpora, LENGTH, QUICK, info, record};
 use super::hostile::{hostile_estimate, hostile_info, hostile_request, hostile_sample};
@@ -20,7 +20,7 @@ use crate::service::{CommonArgs, IdentifyArgs, SpanArgs, TableFormat, identify, 
 use std::fs;
 use std::path::Path;
 
-/// Name and what one case does.
+/// Name and function of one case.
 pub(super) const TARGETS: [(&str, fn(&mut Random, &Corpora)); 6] = [
     ("configuration", configuration),
     ("csv", csv),
@@ -116,7 +116,7 @@ fn setpoints(random: &mut Random, corpora: &Corpora) {
     }
 }
 
-/// `thetabus identify`: whatever comes of it, it comes back.
+/// `thetabus identify`: it must return, with any result.
 fn identified(path: &Path, config: Option<&str>, random: &mut Random) {
     let mut common = CommonArgs {
         set: QUICK.map(str::to_owned).into(),
@@ -157,7 +157,7 @@ fn mcap(random: &mut Random, corpora: &Corpora) {
         random.mutate(&mut bytes);
         fs::write(&path, &bytes).expect("a disk");
     } else {
-        // Whole as a file, hostile in what it says.
+        // A valid file with hostile content.
         let which = random.below(corpora.configs.len());
         let mut info = info(&corpora.configs[which]);
         hostile_info(random, &mut info);
@@ -214,7 +214,7 @@ fn checkpoints(random: &mut Random, corpora: &Corpora) {
     let mut state = corpora.states[which].clone();
     let whole = random.once_in(3);
     if !whole {
-        // A state that is one by its checksum, and none by what it says.
+        // A state with a valid checksum and invalid content.
         for _ in 0..=random.below(5) {
             let (real, count) = (random.real(), random.whole());
             let (reals, counts) = (&mut state.estimator.reals, &mut state.estimator.counts);
@@ -256,7 +256,7 @@ fn checkpoints(random: &mut Random, corpora: &Corpora) {
     node.save(&mut NodeState::default());
 }
 
-/// Feeds a node; estimates that may be used are numbers.
+/// Feeds a node and checks that usable estimates are numbers.
 fn follow(node: &mut dyn Identifier, samples: &[Sample]) {
     for sample in samples {
         node.on_sample(sample, &mut |e| {
@@ -281,7 +281,7 @@ fn samples(random: &mut Random, corpora: &Corpora) {
         }
     }
     follow(&mut *identifier_node(config).expect("a node"), &samples);
-    // hostile estimates claim any model: taken as they come, so that they reach the figures
+    // hostile estimates may claim any model; accept all, so that they reach the figures
     let monitor = monitor_node(config, Some(&config.plant.sim)).of_model(0);
     let mut run = RunData::new(info(config), monitor);
     for (k, sample) in samples.iter().enumerate() {

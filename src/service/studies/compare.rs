@@ -25,12 +25,12 @@ impl From<CompareError> for Failure {
     }
 }
 
-/// Puts estimators side by side on the configured run and writes the tables; a signal ends it and
-/// nothing is written.
+/// Compares estimators on the configured run and writes the tables; a signal ends it and nothing is
+/// written.
 ///
 /// # Errors
-/// The configuration is wrong or gives nothing to compare, a signal came, or the file cannot be
-/// written.
+/// If the configuration is wrong or gives nothing to compare, a signal arrives, or the file cannot
+/// be written.
 pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let config = args.common.load(vec![Source::File(args.file.clone())], &[])?;
     if config.model.name() != "manipulator" || config.model.parameters().len() != MANIPULATOR_PARAMS {
@@ -41,8 +41,7 @@ pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     }
     let (paper, seeds) = (args.paper, args.seeds);
     let recording = args.recording.as_deref().map(positions_and_voltages).transpose()?;
-    // The tables take minutes and know nothing of signals; the process ends and takes their thread
-    // along.
+    // The tables take minutes and do not check for signals; ending the process ends their thread.
     let work = std::thread::spawn(move || {
         let (sim, estimator) = (&config.plant.sim, &config.estimator);
         if paper {
@@ -94,7 +93,7 @@ pub fn run(args: &CompareArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// What a recording of the configured run costs, in a file of the system's temporary directory.
+/// Cost of recording the configured run, with a file in the system's temporary directory.
 fn recording_section(config: &Config) -> Result<Section, Failure> {
     let failed = |e: &dyn std::fmt::Display| Failure::Failed(e.to_string());
     let sim = &config.plant.sim;
@@ -178,7 +177,7 @@ fn positions_and_voltages(file: &Path) -> Result<Vec<(f64, f64)>, Failure> {
         .collect()
 }
 
-/// The command that makes the document again.
+/// The command that generates the document.
 fn command(args: &CompareArgs) -> String {
     let mut words = vec![output::command("compare"), args.file.display().to_string()];
     if args.paper {
@@ -188,7 +187,7 @@ fn command(args: &CompareArgs) -> String {
         words.push(format!("--seeds {}", args.seeds));
     }
     if let Some(file) = &args.recording {
-        // the recording lies where its user keeps it
+        // only the file name, because the directory is the user's
         let name = file.file_name().unwrap_or(file.as_os_str());
         words.push(format!("--recording {}", name.to_string_lossy()));
     }

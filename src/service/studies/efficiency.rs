@@ -56,8 +56,8 @@ fn cases() -> impl Iterator<Item = Case> {
     arm.chain(axis)
 }
 
-/// The shipped configuration with what the bound supposes: θ is constant, and the input is held
-/// from sample to sample.
+/// The shipped configuration with the assumptions of the bound: θ is constant, and the input is
+/// held from sample to sample.
 fn configuration(spec: &Spec, more: &[String]) -> Result<Config, Failure> {
     let sources: Vec<Source> = Config::embedded(spec.basis()).into_iter().collect();
     let mut settings = spec.settings();
@@ -76,7 +76,7 @@ fn configuration(spec: &Spec, more: &[String]) -> Result<Config, Failure> {
     Ok(Config::load(&sources, &settings)?)
 }
 
-/// Ours: the identifier node of the service.
+/// Estimates of the service's identifier node.
 fn identify(config: &Config, samples: &[Sample]) -> Result<Option<Published>, Failure> {
     let mut node = identifier_node(config)?;
     let mut last = None;
@@ -113,8 +113,7 @@ fn run_case(spec: &Spec, more: &[String]) -> Result<Outcome, Failure> {
 /// Runs every case, one line each, and writes the tables; a signal ends it and nothing is written.
 ///
 /// # Errors
-/// A setting is wrong, no case has the words asked for, a signal came, or the file cannot be
-/// written.
+/// If a setting is wrong, no case matches, a signal arrives, or the file cannot be written.
 pub fn run(args: &EfficiencyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let mut results = Vec::new();
     for case in cases().filter(|case| is_wanted(args, &case.name)) {
@@ -185,7 +184,7 @@ fn robots(args: &EfficiencyArgs, shutdown: &Shutdown) -> Result<Vec<RobotRuns>, 
     Ok(results)
 }
 
-/// The command that makes the document again.
+/// The command that generates the document.
 fn command(args: &EfficiencyArgs) -> String {
     let mut words = vec![output::command("efficiency"), format!("--seeds {}", args.seeds)];
     words.extend(args.only.iter().map(|only| format!("--only \"{only}\"")));

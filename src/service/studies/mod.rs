@@ -1,4 +1,4 @@
-//! The program `studies`: the tables in `docs/`, made by the same nodes as those of the service.
+//! The program `studies`: generates the tables in `docs/` with the same nodes as the service.
 
 mod args;
 mod compare;

@@ -1,12 +1,12 @@
-//! Where the tables of a study go, and the command that makes them again.
+//! Output of a study's tables, and the command that generates them.
 
 use crate::service::{Failure, logging};
 use std::path::Path;
 
-/// Writes a text to a file and says so; to standard output without a file.
+/// Writes a text to a file and reports it; to standard output without a file.
 ///
 /// # Errors
-/// The file or standard output cannot be written.
+/// If the file or standard output cannot be written.
 pub(super) fn write(out: Option<&Path>, text: &str) -> Result<(), Failure> {
     let Some(file) = out else {
         return logging::result(text.trim_end());

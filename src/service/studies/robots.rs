@@ -11,8 +11,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Runs the trials and writes their tables; a signal ends it and nothing is written.
 ///
 /// # Errors
-/// A configuration is named, the arm cannot be simulated, a signal came, or the file cannot be
-/// written.
+/// If a configuration is named, the arm cannot be simulated, a signal arrives, or the file cannot
+/// be written.
 pub fn run(args: &RobotsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     refuse_configuration(args)?;
     let ticker = Ticker::start("trials of robots");
@@ -44,7 +44,7 @@ pub fn run(args: &RobotsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// Nothing of a configuration has an effect here, and nobody should think so.
+/// Refuses a configuration, because it would have no effect.
 fn refuse_configuration(args: &RobotsArgs) -> Result<(), Failure> {
     let common = &args.common;
     let given = [
@@ -61,7 +61,7 @@ fn refuse_configuration(args: &RobotsArgs) -> Result<(), Failure> {
     }
 }
 
-/// What was found in the runs of a seed.
+/// Results of the runs of a seed.
 fn details(seed: u64, trial: &RobotTrial) -> String {
     let loaded = &trial.loaded;
     format!(
@@ -70,7 +70,7 @@ fn details(seed: u64, trial: &RobotTrial) -> String {
     )
 }
 
-/// The command that makes the document again.
+/// The command that generates the document.
 fn command(args: &RobotsArgs) -> String {
     let mut words = vec![output::command("robots"), format!("--seeds {}", args.seeds)];
     if args.first_seed != 1 {

@@ -1,5 +1,4 @@
-//! The closed loop, measured: how well a machine follows its trajectory with feed-forward from
-//! estimates.
+//! Measures how well a machine follows its trajectory with feed-forward from estimates.
 
 use super::{TrackArgs, output};
 use crate::config::{Config, Source};
@@ -16,14 +15,14 @@ use crate::sim::{Machine, MachineSimulator, SimOptions};
 use crate::studies::{Document, Section, Table, for_each_index, two_digits};
 use std::path::Path;
 
-/// Time from which on a loop that began at rest is judged \[s\].
+/// Time after which a loop that began at rest is judged \[s\].
 const SETTLED_S: f64 = 20.0;
-/// Time after a change in which the identifier may find it \[s\].
+/// Time after a change within which the identifier may find it \[s\].
 const FOUND_S: f64 = 3.0;
-/// Length of the parts over which the figure's errors are taken \[s\].
+/// Length of the intervals of the figure's errors \[s\].
 const PART_S: f64 = 0.5;
 
-/// Whose parameters the feed-forward is made from.
+/// Source of the feed-forward's parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Contender {
     Without,
@@ -47,7 +46,7 @@ struct Tracking {
     /// Root mean squares of each joint before the change and after it.
     phases: [[f64; MAX_JOINTS]; 2],
     counts: [f64; 2],
-    /// Sum of squares of all joints, and samples, of each part of the run.
+    /// Sum of squares over all joints, and number of samples, of each interval of the run.
     parts: Vec<(f64, f64)>,
     largest_input: f64,
 }
@@ -75,7 +74,7 @@ impl Tracking {
         phase.into_iter().for_each(|phase| self.counts[phase] += 1.0);
     }
 
-    /// From sums to root mean squares.
+    /// Converts sums to root mean squares.
     fn closed(mut self) -> Self {
         for (phase, count) in self.phases.iter_mut().zip(self.counts) {
             *phase = phase.map(|sum| (sum / count).sqrt());
@@ -83,7 +82,7 @@ impl Tracking {
         self
     }
 
-    /// Of the joints together.
+    /// Root mean square over all joints.
     fn together(&self, phase: usize) -> f64 {
         self.phases[phase].iter().map(|x| x * x).sum::<f64>().sqrt()
     }
@@ -100,8 +99,7 @@ struct Compared {
 /// Runs the loop with each contender and writes tables and figure.
 ///
 /// # Errors
-/// A configuration without a controller, a change or smooth setpoints, a file that cannot be
-/// written.
+/// If the configuration has no controller, change or smooth setpoints, or a file cannot be written.
 pub fn run(args: &TrackArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let all: Vec<Compared> = args
         .files
@@ -184,7 +182,7 @@ fn follow(config: &Config, contender: Contender, change_s: f64) -> Result<Tracki
     let mut node = identifier_node(config)?;
     let mut trajectory = Trajectory::of(&*config.model, sim).map_err(Failure::Usage)?;
     let options = match contender {
-        // true values are taken as they are
+        // true values are used exactly
         Contender::Knowing => AdaptiveOptions {
             blend_s: 1e-6,
             ..config.controller.options
@@ -197,7 +195,7 @@ fn follow(config: &Config, contender: Contender, change_s: f64) -> Result<Tracki
             .map_err(|e| Failure::Usage(format!("controller: {e}")))
     };
     let mut feed_forward = match contender {
-        // the best that can be done without estimates
+        // the best possible without estimates
         Contender::Knowing | Contender::Fixed => begin(&sim.true_values(&names, 0.0))?,
         _ => begin(&config.controller.theta)?,
     };
@@ -231,7 +229,7 @@ fn follow(config: &Config, contender: Contender, change_s: f64) -> Result<Tracki
     Ok(tracking.closed())
 }
 
-/// The figure's panel of a machine, from what is judged on.
+/// The figure's panel of a machine, for the judged time.
 fn panel(of: &Compared) -> TrackingPanel {
     let line = |runs: &Vec<Tracking>| {
         let parts = runs.first().map_or(&[][..], |run| &run.parts);
@@ -314,7 +312,7 @@ fn section(of: &Compared) -> Section {
     }
 }
 
-/// The command that makes the document again.
+/// The command that generates the document.
 fn command(args: &TrackArgs) -> String {
     let mut words = vec![output::command("track")];
     words.extend(args.files.iter().map(|file| file.display().to_string()));

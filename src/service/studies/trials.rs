@@ -19,7 +19,7 @@ use std::time::Instant;
 /// `section.key=value`.
 ///
 /// # Errors
-/// A setting is wrong.
+/// If a setting is wrong.
 pub fn trial(spec: &Spec, more: &[String]) -> Result<TrialResult, Failure> {
     let config = configuration(spec, more)?;
     let mut node = identifier_node(&config)?;
@@ -47,7 +47,8 @@ pub fn trial(spec: &Spec, more: &[String]) -> Result<TrialResult, Failure> {
     Ok(result)
 }
 
-/// The status, if it says so: a term "would explain" a misfit, or is ", unseen", most of σ.
+/// The status text if it contains `what`: a term "would explain" a misfit, or most of σ is due to
+/// one ", unseen".
 fn words(node: &dyn Identifier, what: &str) -> Option<String> {
     let status = node.status();
     let words = status.error.words();
@@ -63,7 +64,7 @@ fn load(spec: &Spec, settings: &[String]) -> Result<Config, Failure> {
     Ok(Config::load(&sources, settings)?)
 }
 
-/// What the trial's basis is overridden with, the instant of a change at rest included.
+/// The overrides of the trial's base configuration, including the instant of a change at rest.
 fn settings(spec: &Spec, more: &[String]) -> Result<Vec<String>, Failure> {
     let mut settings = spec.settings();
     for (key, value) in spec.disturbance().optional_settings() {
@@ -74,7 +75,7 @@ fn settings(spec: &Spec, more: &[String]) -> Result<Vec<String>, Failure> {
     settings.extend(more.iter().cloned());
     if let Spec::Arm(arm) = spec
         && arm.disturbance == Disturbance::AtRest
-        // Up to the change the motion does not depend on it.
+        // Until the change, the motion does not depend on it.
         && let Some(at_s) = rest_instant(&load(spec, &settings)?.plant.sim, arm.middle_s())
     {
         settings.push(format!("plant.mass_2.t_s=[0.0, {at_s:?}]"));
@@ -95,8 +96,7 @@ fn settings(spec: &Spec, more: &[String]) -> Result<Vec<String>, Failure> {
 /// written.
 ///
 /// # Errors
-/// A setting is wrong, no case has the name asked for, a signal came, or the file cannot be
-/// written.
+/// If a setting is wrong, no case matches, a signal arrives, or the file cannot be written.
 pub fn run(args: &TrialsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let all = if args.quick { quick_cases() } else { full_cases() };
     let count = all.len();
@@ -160,7 +160,7 @@ pub fn run(args: &TrialsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// One run in figures, a line per parameter.
+/// Figures of one run, one line per parameter.
 fn details(seed: u64, run: &TrialResult) -> String {
     let states: Vec<String> = run
         .states
@@ -203,7 +203,7 @@ fn details(seed: u64, run: &TrialResult) -> String {
     text
 }
 
-/// The command that makes the document again.
+/// The command that generates the document.
 fn command(args: &TrialsArgs) -> String {
     let mut words = vec![output::command("trials")];
     if args.quick {

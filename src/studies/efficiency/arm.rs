@@ -24,11 +24,11 @@ const ENDS: usize = 200;
 /// arm reaches.
 const STATE_STD: [f64; 6] = [1e-3, 1.0, 10.0, 1e-3, 1.0, 10.0];
 
-/// Runs every estimator on the arm under its sampled controller; `start` are the first values of θ,
-/// `identify` is ours and sees all samples.
+/// Runs every estimator on the arm with its sampled controller; `start` are the start values of θ,
+/// `identify` is our estimator and receives all samples.
 ///
 /// # Errors
-/// The simulation's options are not valid.
+/// If the simulation's options are invalid.
 pub fn arm_run(
     sim: &SimOptions,
     start: &[f64],
@@ -109,8 +109,8 @@ impl<'a> ArmRegression<'a> {
         ]))
     }
 
-    /// Positions without noise under the recorded setpoints; none if the loop is not stable with
-    /// this θ.
+    /// Positions without noise for the recorded setpoints; `None` if the loop is unstable with this
+    /// θ.
     fn simulate(&self, theta: &Theta) -> Option<Vec<[f64; 2]>> {
         let controller = &self.sim.controller;
         let mut x = self.machine.at_rest(self.sim.initial_q_rad, theta);
@@ -132,7 +132,7 @@ impl<'a> ArmRegression<'a> {
     }
 }
 
-/// (26) over a run, both sides without fast parts.
+/// (26) over a run, both sides low-pass filtered.
 fn equations(sim: &SimOptions, positions: &[[f64; 2]], voltages: &[Vec<f64>; 2]) -> [Regression<5>; 2] {
     let h = sim.sample_period_s;
     let joints = [0, 1].map(|joint| derivatives(positions.iter().map(|q| q[joint]).collect(), DIFFERENTIATED_HZ, h));

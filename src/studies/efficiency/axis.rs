@@ -15,10 +15,10 @@ type Theta = SVector<f64, SERVO_PARAMS>;
 
 /// Standard deviation of the prior, relative.
 const PRIOR: f64 = 0.5;
-/// Standard deviations of q and v at the start \[m, m/s\]: nothing is known of them.
+/// Standard deviations of q and v at the start \[m, m/s\], which count as unknown.
 const UNKNOWN: [f64; AXIS_STATES] = [1e-3, 0.1];
-/// Standard deviation of the offset at the start, which alone has either sign: as uncertain as
-/// friction is large \[N\].
+/// Standard deviation of the offset at the start \[N\], the only parameter of either sign: as large
+/// as friction.
 const OFFSET_STD: f64 = 20.0;
 /// Edge of the low-pass before differentiation \[Hz\].
 const DIFFERENTIATED_HZ: f64 = 100.0;
@@ -26,18 +26,19 @@ const DIFFERENTIATED_HZ: f64 = 100.0;
 const EQUATION_HZ: f64 = 30.0;
 /// Samples at either end that the filters need.
 const ENDS: usize = 200;
-/// Slower is standstill or a reversal \[m/s\], and so are the samples within this distance.
+/// Speed below which there is standstill or a reversal \[m/s\], and the number of samples around it
+/// that also count.
 const SLOW: f64 = 2e-3;
 const AROUND: usize = 25;
 
-/// Runs every estimator on the axis under a sampled controller; `start` are the first values of θ,
-/// `identify` is ours and sees all samples.
+/// Runs every estimator on the axis with a sampled controller; `start` are the start values of θ,
+/// `identify` is our estimator and receives all samples.
 ///
-/// Under an analog controller the input between samples is in no record: states that take it for
-/// held are then wrong by more than the bound.
+/// With an analog controller the input between samples is not recorded: states computed with a held
+/// input are then wrong by more than the bound.
 ///
 /// # Errors
-/// The simulation's options are not valid.
+/// If the simulation's options are invalid.
 pub fn axis_run(
     sim: &SimOptions,
     axis: &ServoAxisOptions,
@@ -83,7 +84,7 @@ pub fn axis_run(
     Ok(contest.outcome(bound, identify(&samples)))
 }
 
-/// The axis with these parameters, everything known of it; none if that is no machine.
+/// The axis with these parameters, without noise; `None` if they are no valid machine.
 fn noiseless(sim: &SimOptions, axis: &ServoAxisOptions, theta: &Theta, count: usize) -> Option<Vec<JointSample>> {
     let axis = ServoAxisOptions {
         mass: MassSchedule::constant(theta[0]),
@@ -103,8 +104,7 @@ fn noiseless(sim: &SimOptions, axis: &ServoAxisOptions, theta: &Theta, count: us
 }
 
 /// The covariance recursion along the true motion, see
-/// [`CramerRaoBound`](crate::studies::trials::CramerRaoBound), from a start of which nothing is
-/// known.
+/// [`CramerRaoBound`](crate::studies::trials::CramerRaoBound), from an unknown initial state.
 fn bound(machine: AxisStates, theta: &Theta, variance: SensorVariance, exact: &[JointSample]) -> Vec<f64> {
     let prior = theta.map(|value| PRIOR * value.abs());
     let mut covariance = JointCovariance::independent(&SVector::from(UNKNOWN), &prior);
@@ -117,7 +117,7 @@ fn bound(machine: AxisStates, theta: &Theta, variance: SensorVariance, exact: &[
     covariance.theta_std().as_slice().to_vec()
 }
 
-/// M q̈ + F_v q̇ + F_c sign q̇ + b = k u over a run, for the samples at which the axis moves.
+/// M q̈ + F_v q̇ + F_c sign q̇ + b = k u over a run, for the samples in motion.
 fn regression(sim: &SimOptions, axis: &ServoAxisOptions, samples: &[JointSample]) -> Regression<SERVO_PARAMS> {
     let h = sim.sample_period_s;
     let [_, dq, ddq, _] = derivatives(samples.iter().map(|s| s.q[0]).collect(), DIFFERENTIATED_HZ, h);

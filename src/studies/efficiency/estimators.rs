@@ -1,4 +1,4 @@
-//! The estimators of the comparison, and all of them on one run.
+//! The estimators of the comparison, and their application to one run.
 
 use super::prediction::{Record, Start, augmented_filter, maximum_likelihood};
 use crate::studies::states::StateSpace;
@@ -11,11 +11,11 @@ pub enum Method {
     Ours,
     /// The extended Kalman filter with θ in its state, on line.
     Filter,
-    /// The same from a start that is 10 % off, and knows it.
+    /// The same from a start that is 10 % off, with the matching standard deviation.
     NearFilter,
     /// Maximum likelihood by prediction errors, off line.
     PredictionError,
-    /// Maximum likelihood by output errors: the input counts as exact; off line.
+    /// Maximum likelihood by output errors: the input is taken as exact; off line.
     OutputError,
     /// Least squares on differentiated positions, off line.
     LeastSquares,
@@ -58,28 +58,28 @@ pub struct Published {
     pub std: Vec<f64>,
 }
 
-/// What a run gave after its last sample.
+/// Result of a run after its last sample.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Outcome {
-    /// θ as it is.
+    /// True θ.
     pub truth: Vec<f64>,
-    /// Least standard deviation of each parameter if nothing is known of the state at the start.
+    /// Smallest standard deviation of each parameter with an unknown initial state.
     pub bound: Vec<f64>,
-    /// θ̂ of each of [`Method::ALL`]; none if it did not settle.
+    /// θ̂ of each of [`Method::ALL`]; `None` if it did not settle.
     pub estimates: [Option<Vec<f64>>; Method::ALL.len()],
-    /// What the service says of its own standard deviations.
+    /// Standard deviations published by the service.
     pub own_std: Vec<f64>,
 }
 
 impl Outcome {
-    /// (θ̂ − θ)/bound of a parameter; none if the method did not settle.
+    /// (θ̂ − θ)/bound of a parameter; `None` if the method did not settle.
     pub fn ratio(&self, method: Method, i: usize) -> Option<f64> {
         let theta = self.estimates[method as usize].as_ref()?;
         Some((theta[i] - self.truth[i]) / self.bound[i])
     }
 }
 
-/// What the estimators of others begin with.
+/// Inputs of the other estimators.
 pub struct Contest<'a, const X: usize, const P: usize, const U: usize, S> {
     /// The machine as states.
     pub machine: &'a S,
@@ -87,7 +87,7 @@ pub struct Contest<'a, const X: usize, const P: usize, const U: usize, S> {
     pub record: &'a Record<U>,
     /// The values of the configuration.
     pub start: Start<X, P>,
-    /// θ as it is.
+    /// True θ.
     pub truth: SVector<f64, P>,
     /// θ̂ by least squares.
     pub least_squares: Option<SVector<f64, P>>,
@@ -97,7 +97,7 @@ pub struct Contest<'a, const X: usize, const P: usize, const U: usize, S> {
 
 /// Standard deviation of a logarithm at the start of the filter: a factor of 2.7.
 const FAR: f64 = 1.0;
-/// Relative distance of the start that is near.
+/// Relative distance of the near start.
 const NEAR: f64 = 0.1;
 
 impl<const X: usize, const P: usize, const U: usize, S: StateSpace<X, P, U>> Contest<'_, X, P, U, S> {
@@ -114,7 +114,7 @@ impl<const X: usize, const P: usize, const U: usize, S: StateSpace<X, P, U>> Con
             theta: SVector::from_fn(|i, _| truth[i] * if i % 2 == 0 { 1.0 + NEAR } else { 1.0 - NEAR }),
             ..*start
         };
-        // the likelihood has several peaks: a search begins at the coarse estimate, if there is one
+        // the likelihood has several peaks: a search starts at the coarse estimate, if there is one
         let coarse = Start {
             theta: self
                 .instruments

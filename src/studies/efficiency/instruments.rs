@@ -1,15 +1,15 @@
-//! Least squares on differentiated positions, and the same with instruments from a simulation: what
-//! is usual for robots off line.
+//! Least squares on differentiated positions, and the same with instruments from a simulation: the
+//! usual off-line methods for robots.
 //!
 //! ```text
 //! y = Φ β        least squares  β = (Φᵀ Φ)⁻¹ Φᵀ y        instruments  β = (Zᵀ Φ)⁻¹ Zᵀ y
 //! ```
 //!
-//! The positions go through a Butterworth filter forth and back, so that nothing is delayed, and
-//! are differentiated by central differences. Each equation is linear in parameters β; both sides
-//! go through one more low-pass of the same kind. The noise of the positions is in Φ, too, and
-//! pulls β off; the instruments Z, the same Φ of a simulation under the recorded setpoints with the
-//! last β, have no such noise. That is done a few times over.
+//! The positions are filtered by a Butterworth filter forwards and backwards, so without delay, and
+//! differentiated by central differences. Each equation is linear in parameters β; both sides are
+//! filtered by another low-pass filter of the same kind. The noise of the positions is also in Φ
+//! and biases β; the instruments Z, the same Φ from a simulation with the recorded setpoints and
+//! the last β, have no such noise. This is iterated a few times.
 //!
 //! Source: A. Janot, P.-O. Vandanjon, M. Gautier, A generic instrumental variable approach for
 //! industrial robot identification, IEEE Trans. Control Systems Technology 22 (2014).
@@ -17,11 +17,11 @@
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use std::f64::consts::PI;
 
-/// Simulations, each with the result of the one before.
+/// Number of simulations, each with the result of the one before.
 const ROUNDS: usize = 5;
 
-/// The estimate with instruments that are simulated with the last one, begun with least squares;
-/// none if a simulation is not possible.
+/// The estimate with instruments simulated with the previous estimate, starting from least squares;
+/// `None` if a simulation is not possible.
 pub fn refined<const P: usize>(
     least_squares: Option<SVector<f64, P>>,
     again: impl Fn(&SVector<f64, P>) -> Option<SVector<f64, P>>,
@@ -29,8 +29,7 @@ pub fn refined<const P: usize>(
     (0..ROUNDS).try_fold(least_squares?, |theta, _| again(&theta))
 }
 
-/// A held input as a function of time: it jumps at the samples, and is the mean of both sides
-/// there.
+/// A held input as a function of time: at a sample, where it jumps, it is the mean of both sides.
 pub fn held_means(inputs: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut before = None;
     inputs
@@ -46,7 +45,7 @@ struct Biquad {
 }
 
 impl Biquad {
-    /// Butterworth's low-pass by the bilinear transform, its edge where it should be.
+    /// Butterworth low-pass filter by the bilinear transform, with a prewarped edge.
     fn low_pass(edge_hz: f64, period_s: f64) -> Self {
         let k = (PI * edge_hz * period_s).tan();
         let norm = 1.0 / (1.0 + 2f64.sqrt() * k + k * k);
@@ -56,7 +55,7 @@ impl Biquad {
         }
     }
 
-    /// Settled at the first value.
+    /// Filters in place, starting from the steady state of the first value.
     fn run(&self, values: &mut dyn Iterator<Item = &mut f64>) {
         let mut state: Option<[f64; 2]> = None;
         for value in values {
@@ -69,7 +68,7 @@ impl Biquad {
     }
 }
 
-/// A low-pass without delay: forth and back.
+/// A low-pass filter without delay, applied forwards and backwards.
 pub fn smooth(values: &mut [f64], edge_hz: f64, period_s: f64) {
     let filter = Biquad::low_pass(edge_hz, period_s);
     filter.run(&mut values.iter_mut());
@@ -99,19 +98,19 @@ pub fn derivatives(mut values: Vec<f64>, edge_hz: f64, period_s: f64) -> [Vec<f6
     [values, first, second, third]
 }
 
-/// One equation over a run: Φ and y, a row per sample, and which samples count.
+/// One equation over a run: Φ and y, a row per sample, and which samples are used.
 #[derive(Debug, Clone)]
 pub struct Regression<const B: usize> {
     /// Columns of Φ.
     pub columns: [Vec<f64>; B],
     /// y.
     pub y: Vec<f64>,
-    /// Samples that count.
+    /// Samples that are used.
     pub counts: Vec<bool>,
 }
 
 impl<const B: usize> Regression<B> {
-    /// Low-pass over both sides.
+    /// Applies a low-pass filter to both sides.
     pub fn smoothed(mut self, edge_hz: f64, period_s: f64) -> Self {
         for column in self.columns.iter_mut().chain([&mut self.y]) {
             smooth(column, edge_hz, period_s);
@@ -123,8 +122,8 @@ impl<const B: usize> Regression<B> {
         SVector::from_fn(|i, _| self.columns[i][k])
     }
 
-    /// β with these instruments; with itself as instruments, least squares. None if they do not
-    /// tell β.
+    /// β with these instruments; with itself as instruments, least squares. `None` if they do not
+    /// determine β.
     pub fn solve(&self, instruments: &Self) -> Option<SVector<f64, B>> {
         let (mut left, mut right) = (SMatrix::<f64, B, B>::zeros(), SVector::<f64, B>::zeros());
         for k in (0..self.y.len()).filter(|&k| self.counts[k] && instruments.counts[k]) {
@@ -162,7 +161,7 @@ mod tests {
                 );
             }
         }
-        // at ten times the edge 1e-4 are left, and less by the bilinear transform
+        // at ten times the edge 1e-4 remains, and less by the bilinear transform
         let mut fast: Vec<f64> = (0..8000).map(|k| (2.0 * PI * 200.0 * h * f64::from(k)).sin()).collect();
         smooth(&mut fast, 20.0, h);
         assert!(fast[3000..5000].iter().all(|y| y.abs() < 1e-4));

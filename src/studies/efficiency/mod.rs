@@ -1,5 +1,4 @@
-//! How near estimators come to the least error that the data allow: the tables of
-//! docs/efficiency.md.
+//! How close estimators come to the smallest possible error: the tables of docs/efficiency.md.
 //!
 //! ```text
 //! simulated run ─▶ samples as the bus has them ─┬▶ ours, as shipped
@@ -9,8 +8,8 @@
 //! the same run without noise ─▶ the Cramér–Rao bound
 //! ```
 //!
-//! All see the same positions, inputs and setpoints and know the sensors' noise. The six-axis robot
-//! has estimators and a bound of its own, see `robot`.
+//! All use the same positions, inputs and setpoints and know the sensors' noise. The six-axis robot
+//! has its own estimators and bound, see `robot`.
 
 mod arm;
 mod axis;

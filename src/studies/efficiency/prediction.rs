@@ -1,5 +1,5 @@
-//! What follows from a machine's states: the filter with θ in its state, and maximum likelihood by
-//! prediction errors.
+//! State-space estimators: the filter with θ in its state, and maximum likelihood by prediction
+//! errors.
 //!
 //! ```text
 //! −2 ln L(θ) = Σ e²/s + ln s        e, s: innovations of the Kalman filter at θ, their variances
@@ -15,26 +15,26 @@
 use crate::studies::states::{Jacobian, JointCovariance, SensorVariance, StateSpace};
 use nalgebra::{SMatrix, SVector};
 
-/// No step of a search is larger, as a logarithm.
+/// Largest step of a search, as a logarithm.
 const LARGEST_STEP: f64 = 1.0;
 /// Rounds of Gauss-Newton, rejected steps included.
 const ROUNDS: usize = 60;
-/// A step is done if no parameter moves by more than this share of its standard deviation.
+/// A search ends if no parameter moves by more than this share of its standard deviation.
 const DONE: f64 = 1e-3;
 
-/// A run as these estimators see it.
+/// A run as used by these estimators.
 #[derive(Debug, Clone)]
 pub struct Record<const U: usize> {
     /// Measured positions \[rad or m\].
     pub positions: Vec<[f64; U]>,
     /// Recorded input that acts from sample k to the next.
     pub inputs: Vec<SVector<f64, U>>,
-    /// Of the sensors.
+    /// Variance of the sensors.
     pub variance: SensorVariance,
 }
 
 impl<const U: usize> Record<U> {
-    /// The same, with inputs that count as exact: prediction errors become output errors.
+    /// The same with exact inputs: prediction errors become output errors.
     pub fn with_exact_input(&self) -> Self {
         Self {
             variance: SensorVariance {
@@ -46,7 +46,7 @@ impl<const U: usize> Record<U> {
     }
 }
 
-/// Where the estimators start.
+/// Start of the estimators.
 #[derive(Debug, Clone, Copy)]
 pub struct Start<const X: usize, const P: usize> {
     /// Guess of the state; its positions are replaced by the first measured ones.
@@ -60,7 +60,7 @@ pub struct Start<const X: usize, const P: usize> {
 }
 
 impl<const X: usize, const P: usize> Start<X, P> {
-    /// θ as the estimators move it: logarithms of what is positive.
+    /// θ in the estimators' coordinates: logarithms of positive parameters.
     fn coordinates(&self) -> SVector<f64, P> {
         SVector::from_fn(|i, _| {
             if self.is_positive(i) {
@@ -75,7 +75,7 @@ impl<const X: usize, const P: usize> Start<X, P> {
         self.either_sign[i] == 0.0
     }
 
-    /// Whether a search may begin with this θ.
+    /// True if a search may start at this θ.
     pub fn can_be(&self, theta: &SVector<f64, P>) -> bool {
         (0..P).all(|i| theta[i] > 0.0 || !self.is_positive(i))
     }
@@ -137,7 +137,7 @@ pub fn augmented_filter<const X: usize, const P: usize, const U: usize, S: State
     start.theta_at(&eta)
 }
 
-/// What prediction errors say of a θ.
+/// Likelihood of a θ by prediction errors.
 struct Likelihood<const P: usize> {
     /// −2 ln of it, up to a constant.
     loss: f64,
@@ -147,8 +147,8 @@ struct Likelihood<const P: usize> {
     gradient: SVector<f64, P>,
 }
 
-/// Innovations of the Kalman filter at a fixed θ, with their sensitivities; the gain counts as
-/// constant, whose change only meets errors of mean 0.
+/// Innovations of the Kalman filter at a fixed θ, with their sensitivities; the gain is taken as
+/// constant, because its change only multiplies errors of mean 0.
 fn likelihood<const X: usize, const P: usize, const U: usize, S: StateSpace<X, P, U>>(
     machine: &S,
     record: &Record<U>,
@@ -189,8 +189,8 @@ fn likelihood<const X: usize, const P: usize, const U: usize, S: StateSpace<X, P
     sum
 }
 
-/// The likeliest θ, searched by Gauss and Newton, damped as Levenberg and Marquardt do; none if the
-/// search does not settle.
+/// The most likely θ, by Gauss-Newton with Levenberg-Marquardt damping; `None` if the search does
+/// not settle.
 ///
 /// With exact inputs the errors are those of the simulated positions: the output error.
 pub fn maximum_likelihood<const X: usize, const P: usize, const U: usize, S: StateSpace<X, P, U>>(

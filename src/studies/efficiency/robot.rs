@@ -1,5 +1,5 @@
-//! The shipped six-axis robot: simulated runs, the identifier, and what else could be done with the
-//! same samples.
+//! The shipped six-axis robot: simulated runs, the identifier, and other methods on the same
+//! samples.
 //!
 //! ```text
 //! simulated robot ─▶ positions, torques, 1 kHz ─┬▶ RobotIdentifier, on line, as shipped
@@ -8,8 +8,8 @@
 //! its true states ─▶ the Cramér–Rao bound, `robot_bound`
 //! ```
 //!
-//! Everything is as `config/robots/six_axis.toml` says, but for offsets of the drives, which would
-//! be 0, and without a payload.
+//! Everything is as in `config/robots/six_axis.toml`, except for offsets of the drives, which are 0
+//! there, and without a payload.
 
 use super::robot_bound::{RobotBound, RobotTruth};
 use super::robot_regression::{differentiated, in_windows};
@@ -25,25 +25,25 @@ const URDF: &str = include_str!("../../../config/robots/six_axis.urdf");
 const JOINTS: usize = 6;
 /// Length of a run \[s\].
 pub const ROBOT_RUN_S: f64 = 40.0;
-/// Velocities are formed over this time to either side \[s\].
+/// Time on either side over which velocities are computed \[s\].
 const VELOCITY_S: f64 = 0.02;
-/// Each body differs from the URDF by up to this part.
+/// Largest relative difference of each body from the URDF.
 const DIFFERENCE: f64 = 0.15;
-/// Offset of the drives as a part of their Coulomb friction.
+/// Offset of the drives relative to their Coulomb friction.
 const OFFSET: f64 = 0.5;
-/// Motions that the designed one is the best of.
+/// Number of motions tried for the designed one.
 const TRIES: usize = 400;
 /// Period of the points of the designed motion \[s\], as `thetabus excite` writes them.
 const POINTS_S: f64 = 0.01;
 
-/// How the robot moves.
+/// Motions of the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RobotMotion {
-    /// Sums of sines, other ones for each seed: what the configuration simulates.
+    /// Sums of sines, different for each seed, as in the configuration.
     Fourier,
     /// The periodic motion that `thetabus excite` designs, the same for each seed.
     Designed,
-    /// From posture to posture with rests of half a second, others for each seed.
+    /// From posture to posture with rests of half a second, different for each seed.
     Moves,
 }
 
@@ -93,7 +93,7 @@ impl RobotMotion {
 pub enum RobotMethod {
     /// The service as shipped, on line.
     Ours,
-    /// Least squares over the rows of its windows, all of one weight, off line.
+    /// Least squares over the rows of its windows with equal weights, off line.
     Windows,
     /// The same with the noise of each joint's torque as weights.
     WeightedWindows,
@@ -125,23 +125,23 @@ impl RobotMethod {
     }
 }
 
-/// What a run gave after its last sample.
+/// Result of a run after its last sample.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RobotOutcome {
-    /// θ as it is.
+    /// True θ.
     pub truth: Vec<f64>,
-    /// Least standard deviations if nothing is known of the state at the start.
+    /// Smallest standard deviations with an unknown initial state.
     pub bound: Vec<f64>,
-    /// The same if positions were exact.
+    /// The same with exact positions.
     pub exact_bound: Vec<f64>,
-    /// θ̂ of each of [`RobotMethod::ALL`]; none if it does not tell θ.
+    /// θ̂ of each of [`RobotMethod::ALL`]; `None` if it does not determine θ.
     pub estimates: [Option<Vec<f64>>; RobotMethod::ALL.len()],
-    /// What the service says of its own standard deviations.
+    /// Standard deviations published by the service.
     pub own_std: Vec<f64>,
 }
 
 impl RobotOutcome {
-    /// (θ̂ − θ)/bound of a parameter; none if there is no θ̂.
+    /// (θ̂ − θ)/bound of a parameter; `None` if there is no θ̂.
     pub fn ratio(&self, method: RobotMethod, i: usize) -> Option<f64> {
         let theta = self.estimates[method as usize].as_ref()?;
         Some((theta[i] - self.truth[i]) / self.bound[i])
@@ -159,7 +159,7 @@ fn sample_period_s(robot: &Robot) -> f64 {
     RobotSimOptions::new(robot).sample_period_s
 }
 
-/// The robot in one motion, ready for any seed.
+/// The robot with one motion, for any seed.
 #[derive(Debug, Clone)]
 pub struct RobotCase {
     model: RobotModel,
@@ -167,10 +167,10 @@ pub struct RobotCase {
 }
 
 impl RobotCase {
-    /// The robot in a motion; a designed one takes seconds.
+    /// The robot with a motion; designing one takes seconds.
     ///
     /// # Errors
-    /// In words, if there is no such robot or motion.
+    /// If the robot or the motion is invalid.
     pub fn new(motion: RobotMotion) -> Result<Self, String> {
         let selection = Selection {
             tip: Some("flange".to_owned()),
@@ -189,7 +189,8 @@ impl RobotCase {
         &self.model
     }
 
-    /// What is simulated with a seed: another machine, other noise, another motion if it is drawn.
+    /// Options of the simulation for a seed, which selects the machine, the noise and, if drawn,
+    /// the motion.
     pub fn options(&self, seed: u64) -> RobotSimOptions {
         let robot = self.model.robot();
         let offset = |(i, drive): (usize, SimulatedDrive)| SimulatedDrive {
@@ -210,7 +211,7 @@ impl RobotCase {
         }
     }
 
-    /// How it is identified.
+    /// Options of the identification.
     pub fn identification(robot: &Robot) -> IdentifyOptions {
         IdentifyOptions {
             windows: WindowOptions::for_period(sample_period_s(robot)),
@@ -223,10 +224,10 @@ impl RobotCase {
         }
     }
 
-    /// Simulates a run of this length and gives its samples to every estimator.
+    /// Simulates a run of this length and passes its samples to every estimator.
     ///
     /// # Errors
-    /// In words, if the robot cannot be simulated or identified.
+    /// If the robot cannot be simulated or identified.
     pub fn run(&self, seed: u64, duration_s: f64) -> Result<RobotOutcome, String> {
         let (model, robot) = (&self.model, self.model.robot());
         let options = self.options(seed);

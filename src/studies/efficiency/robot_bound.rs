@@ -5,18 +5,18 @@
 //! S ← F S + F_θ,   P ← F P Fᵀ + G R_w Gᵀ                     from sample to sample                (2)
 //! C = P_qq + R_e,   Λ += S_qᵀ C⁻¹ S_q                        information of the innovations       (3)
 //! K = P_xq C⁻¹,     S ← S − K S_q,   P ← P − K P_qx                                               (4)
-//! Λ' += Σ_j y_j y_jᵀ/σ_j²                                    if positions were exact              (5)
+//! Λ' += Σ_j y_j y_jᵀ/σ_j²                                    with exact positions                 (5)
 //! ```
 //!
-//! The state is x = (q, q̇, z), z the engagement of friction, with nothing known of it at the
-//! start. The recorded torque is the true one with white noise w of variance R_w, which so acts as
-//! process noise; positions have the noise e of their rounding. S = ∂(x − x̂)/∂θ, x̂ the Kalman
-//! filter's prediction: for a linear system with Gaussian noise Λ is the Fisher information of all
-//! positions. F, G and F_θ are those of (1) along the true motion: with p = M⁻¹,
-//! ∂q̈/∂q = −p ∂ID/∂q and likewise for q̇, ∂q̈/∂θ = −p Y, ID the inverse dynamics.
+//! The state is x = (q, q̇, z), z the engagement of friction, unknown at the start. The recorded
+//! torque is the true one plus white noise w of variance R_w, which acts as process noise;
+//! positions have the noise e of their rounding. S = ∂(x − x̂)/∂θ, x̂ the Kalman filter's
+//! prediction: for a linear system with Gaussian noise Λ is the Fisher information of all
+//! positions. F, G and F_θ are those of (1) along the true motion: with p = M⁻¹, ∂q̈/∂q = −p ∂ID/∂q
+//! and likewise for q̇, ∂q̈/∂θ = −p Y, ID the inverse dynamics.
 //!
-//! Friction takes its parameters as they act on the simulated machine, f_c and ln δ; what the model
-//! calls f_r is f_c (δ/δ_m − 1) with the δ_m of its configuration, which the last step allows for.
+//! The friction parameters are those of the simulated machine, f_c and ln δ; the model's f_r is f_c
+//! (δ/δ_m − 1) with the configured δ_m, into which the last step converts them.
 //!
 //! Sources: R. Mehra, IEEE Trans. Automatic Control 15 (1970) for the innovations; H. Olsson et
 //! al., European J. of Control 4 (1998) for z.
@@ -28,11 +28,11 @@ use crate::robot::{
 };
 use nalgebra::{DMatrix, SMatrix, SVector};
 
-/// Steps of the sensitivities per sample, as the simulator has.
+/// Steps of the sensitivities per sample, as in the simulator.
 const SUBSTEPS: usize = 4;
-/// Samples for which one linearisation of the rigid bodies holds.
+/// Samples for which one linearisation of the rigid bodies is used.
 const HELD: usize = 4;
-/// Rows that are gathered before their squares are summed up.
+/// Number of rows gathered before their squares are summed.
 const GATHERED: usize = 384;
 /// Standard deviations at the start of q \[rad\], q̇ \[rad/s\] and z.
 const UNKNOWN: [f64; 3] = [1e-2, 0.1, 1.0];
@@ -40,11 +40,11 @@ const UNKNOWN: [f64; 3] = [1e-2, 0.1, 1.0];
 /// The machine and its sensors.
 #[derive(Debug, Clone)]
 pub struct RobotTruth {
-    /// The bodies as they are.
+    /// The true bodies.
     pub bodies: Vec<BodyParameters>,
-    /// The drives as they are.
+    /// The true drives.
     pub drives: Vec<SimulatedDrive>,
-    /// δ as it is \[rad or m\].
+    /// True δ \[rad or m\].
     pub presliding: f64,
     /// Time from sample to sample \[s\].
     pub sample_period_s: f64,
@@ -86,11 +86,11 @@ impl<const N: usize> Column<N> {
 struct Linearised<const N: usize> {
     by_q: SMatrix<f64, N, N>,
     by_v: SMatrix<f64, N, N>,
-    /// p = M⁻¹, which is ∂q̈ by torques.
+    /// p = M⁻¹ = ∂q̈/∂τ.
     by_torque: SMatrix<f64, N, N>,
 }
 
-/// ∂z behind a step: by z before it, by the way, and by f_c ln δ.
+/// ∂z after a step, with respect to z before it, the distance, and f_c ln δ.
 #[derive(Debug, Clone, Copy)]
 struct Reversal<const N: usize> {
     kept: SVector<f64, N>,
@@ -98,7 +98,7 @@ struct Reversal<const N: usize> {
     by_presliding: SVector<f64, N>,
 }
 
-/// Squares of rows, summed up many at a time.
+/// Squares of rows, summed many at a time.
 #[derive(Debug, Clone)]
 struct Squares {
     rows: DMatrix<f64>,
@@ -143,7 +143,7 @@ struct At {
     direct: Vec<f64>,
 }
 
-/// The recursion; give it the true states of a run one after the other.
+/// The recursion, which processes the true states of a run in order.
 #[derive(Debug, Clone)]
 pub struct RobotBound<'a, const N: usize> {
     model: &'a RobotModel,
@@ -160,7 +160,7 @@ pub struct RobotBound<'a, const N: usize> {
 }
 
 impl<'a, const N: usize> RobotBound<'a, N> {
-    /// For a model of N joints; none if it has another number.
+    /// For a model of N joints; `None` if it has another number.
     pub fn new(model: &'a RobotModel, truth: RobotTruth) -> Option<Self> {
         let lengths = [
             model.robot().len(),
@@ -197,7 +197,7 @@ impl<'a, const N: usize> RobotBound<'a, N> {
         })
     }
 
-    /// Takes the state at the next sample: positions and velocities as they are.
+    /// Takes the true positions and velocities at the next sample.
     pub fn advance(&mut self, q: &[f64; MAX_JOINTS], dq: &[f64; MAX_JOINTS]) {
         let mut engagement = [Engagement::default(); MAX_JOINTS];
         if let Some(last) = &self.last {
@@ -263,7 +263,7 @@ impl<'a, const N: usize> RobotBound<'a, N> {
                 self.linearised.step(&self.truth, part, &p.column(joint).into(), column);
             }
         }
-        // F P, and then its transpose P Fᵀ the same way
+        // F P, and then its transpose P Fᵀ in the same way
         for _ in 0..2 {
             for column in &mut self.covariance {
                 for part in &parts {
@@ -293,7 +293,7 @@ impl<'a, const N: usize> RobotBound<'a, N> {
         }
     }
 
-    /// Rounding must not make P lopsided: nothing would bring that back.
+    /// Keeps P symmetric: rounding errors would not decay.
     fn symmetrise(&mut self) {
         for i in 0..3 * N {
             for j in 0..i {
@@ -310,7 +310,7 @@ impl<'a, const N: usize> RobotBound<'a, N> {
         Some(self.model.friction_of(joint).start + place)
     }
 
-    /// ∂z of the parts of the way from one sample to the next.
+    /// ∂z for the parts of the step from one sample to the next.
     fn parts(&self, last: &At, now: &At) -> [Reversal<N>; SUBSTEPS] {
         let mut engagement = last.engagement;
         std::array::from_fn(|_| {
@@ -324,7 +324,7 @@ impl<'a, const N: usize> RobotBound<'a, N> {
                 let (way, z) = (step.abs() / self.truth.presliding, engagement[i].z);
                 let kept = (-way).exp();
                 part.kept[i] = kept;
-                // a joint that stands still is pushed to either side
+                // a joint at rest is pushed to either side
                 let left = if step == 0.0 { 1.0 } else { 1.0 - step.signum() * z };
                 part.by_way[i] = left * kept / self.truth.presliding;
                 let coulomb = self.truth.drives[i].coulomb;
@@ -415,8 +415,8 @@ impl<'a, const N: usize> RobotBound<'a, N> {
         self.symmetrise();
     }
 
-    /// Least standard deviations of the model's parameters by (3), and by (5), with what is known
-    /// beforehand; none if the run does not tell them.
+    /// Smallest standard deviations of the model's parameters by (3), and by (5), including prior
+    /// information; `None` if the run does not determine them.
     pub fn std(mut self) -> Option<[Vec<f64>; 2]> {
         self.information.flush();
         self.exact.flush();
@@ -426,7 +426,7 @@ impl<'a, const N: usize> RobotBound<'a, N> {
 
     fn of(&self, information: &DMatrix<f64>) -> Option<Vec<f64>> {
         let count = information.nrows();
-        // scaled by what is known beforehand, which is the unit matrix then
+        // scaled so that the prior information is the unit matrix
         let scale = |i: usize| self.model.parameters()[i].scale;
         let scaled = DMatrix::from_fn(count, count, |i, j| {
             information[(i, j)] * scale(i) * scale(j) + if i == j { 1.0 } else { 0.0 }
@@ -450,9 +450,8 @@ impl<'a, const N: usize> RobotBound<'a, N> {
 }
 
 impl<const N: usize> Linearised<N> {
-    /// A part of (2) for a column, with accelerations that come from elsewhere. Friction acts with
-    /// z as before, and z follows the speed behind: the spring of a joint at rest does not swing
-    /// up so.
+    /// A part of (2) for a column, with additional accelerations. Friction uses z from before the
+    /// step, and z then follows the new speed, which keeps the spring of a joint at rest stable.
     fn step(&self, truth: &RobotTruth, reversal: &Reversal<N>, more: &SVector<f64, N>, column: &mut Column<N>) {
         let h = truth.sample_period_s / SUBSTEPS as f64;
         let friction = SVector::<f64, N>::from_fn(|i, _| truth.drives[i].coulomb * column.z[i]);
@@ -464,7 +463,7 @@ impl<const N: usize> Linearised<N> {
     }
 }
 
-/// Of a symmetric positive definite matrix, which has a small N: Gauss and Jordan without pivots.
+/// Inverse of a small symmetric positive definite matrix: Gauss-Jordan without pivoting.
 fn inverse<const N: usize>(matrix: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
     let (mut left, mut right) = (*matrix, SMatrix::<f64, N, N>::identity());
     for k in 0..N {

@@ -5,10 +5,11 @@
 //! (Σ z xᵀ/s² + Λ₀) (θ̂ − θ₀) = Σ z (τ − x·θ₀)/s²       z = x, or the same row of the reference      (1)
 //! ```
 //!
-//! s is the noise of the joint's torque, or the same for all joints. θ₀ is what the URDF says, Λ₀
-//! what is known beforehand, as in the service. Differentiated positions go through a Butterworth
-//! filter forth and back first; both sides of the equations go through another one and are thinned
-//! out. Rows about rest and reversals are left out there, as is usual: friction is not sign q̇.
+//! s is the noise of the joint's torque, or equal for all joints. θ₀ is the URDF's value, Λ₀ the
+//! prior information, as in the service. Before differentiation, positions are filtered by a
+//! Butterworth filter forwards and backwards; both sides of the equations are filtered by another
+//! one and thinned out. As usual, rows near rest and reversals are left out there, because friction
+//! is not sign q̇.
 //!
 //! Sources: J. Swevers et al., IEEE Trans. Robotics and Automation 13 (1997); A. Janot, P.-O.
 //! Vandanjon, M. Gautier, IEEE Trans. Control Systems Technology 22 (2014) for instruments.
@@ -22,14 +23,14 @@ use nalgebra::{DMatrix, DVector};
 const DIFFERENTIATED_HZ: f64 = 20.0;
 /// Edge of the low-pass over both sides of the equations \[Hz\].
 const EQUATION_HZ: f64 = 10.0;
-/// One of so many samples is kept behind it.
+/// One of this many samples is kept after it.
 const KEPT: usize = 20;
 /// Samples at either end that the filters need.
 const ENDS: usize = 400;
-/// Samples to either side of rest that are left out, too.
+/// Samples on either side of rest that are also left out.
 const AROUND: usize = 25;
 
-/// (1), scaled by what is known beforehand.
+/// (1), scaled by the prior.
 struct Normal<'a> {
     model: &'a RobotModel,
     left: DMatrix<f64>,
@@ -77,11 +78,11 @@ impl<'a> Normal<'a> {
     }
 }
 
-/// θ̂ over the rows of these windows, all joints with one weight and each with its own; `row_std` is
-/// what the noise of each joint's torque makes of a row.
+/// θ̂ over the rows of these windows, with equal weights and with a weight per joint; `row_std` is
+/// the standard deviation of a row due to the noise of each joint's torque.
 ///
 /// # Errors
-/// The windows, in words.
+/// If the windows are invalid.
 pub fn in_windows(
     model: &RobotModel,
     windows: WindowOptions,
@@ -167,7 +168,7 @@ impl Equations {
     }
 }
 
-/// Samples that are kept of so many.
+/// Indices of the samples kept out of `count`.
 fn kept(count: usize) -> impl Iterator<Item = usize> {
     (ENDS..count.saturating_sub(ENDS)).step_by(KEPT)
 }

@@ -5,7 +5,7 @@ use super::table::{GOAL, INTERVAL, KNOWABLE, LOST, NONE, rms};
 use crate::robot::{FrictionTerm, RobotModel, Standard};
 use crate::studies::document::{Section, Table, percent, two_digits};
 
-/// What a parameter is, for the tables.
+/// Groups of parameters in the tables.
 const GROUPS: [&str; 9] = [
     "bodies",
     "rotor inertia",
@@ -17,23 +17,23 @@ const GROUPS: [&str; 9] = [
     "stribeck, which is 0",
     "spring, which is 0",
 ];
-/// Groups whose parameters are 0: no bound is a share of these.
+/// Groups whose parameters are 0, so relative bounds do not exist.
 const ZERO: std::ops::Range<usize> = 6..9;
 
-/// The robot's runs in one motion.
+/// The robot's runs with one motion.
 #[derive(Debug, Clone)]
 pub struct RobotRuns {
     /// The motion.
     pub name: &'static str,
     /// Names of the parameters.
     pub parameters: Vec<String>,
-    /// Place of each parameter's group among [`GROUPS`].
+    /// Index of each parameter's group in [`GROUPS`].
     groups: Vec<usize>,
     /// One per seed.
     pub runs: Vec<RobotOutcome>,
 }
 
-/// Which group each parameter of a model belongs to.
+/// The group of each parameter of a model.
 fn groups(model: &RobotModel) -> Vec<usize> {
     let base = model.base().parameters.iter();
     let mut groups: Vec<usize> = base
@@ -60,7 +60,7 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 }
 
 impl RobotRuns {
-    /// Runs of a model in a motion, one per seed.
+    /// Runs of a model with a motion, one per seed.
     pub fn new(name: &'static str, model: &RobotModel, runs: Vec<RobotOutcome>) -> Self {
         Self {
             name,
@@ -96,7 +96,7 @@ impl RobotRuns {
         }
     }
 
-    /// 95 % intervals of ours that hold the truth, and all.
+    /// Number of our 95 % intervals that contain the truth, and of all.
     fn held(&self, of: &[usize]) -> [usize; 2] {
         let mut held = [0, 0];
         for run in &self.runs {
@@ -120,7 +120,7 @@ impl RobotRuns {
         row
     }
 
-    /// Ours, a line for each group.
+    /// Our results, one line per group.
     fn group_lines(&self) -> Vec<Vec<String>> {
         let line = |group: usize| {
             let members: Vec<usize> = (0..self.groups.len()).filter(|&i| self.groups[i] == group).collect();
@@ -153,7 +153,7 @@ impl RobotRuns {
         (0..GROUPS.len()).map(line).collect()
     }
 
-    /// Ours of a parameter: error over bound, with the bound itself.
+    /// Our result for a parameter: error over bound, with the bound.
     fn cell(&self, i: usize) -> String {
         let share = rms(self.runs.iter().map(|run| run.bound[i] / run.truth[i])).map_or(NONE.to_owned(), percent);
         match rms(self.ratios(RobotMethod::Ours, i)).filter(|_| self.is_knowable(i)) {
@@ -163,7 +163,7 @@ impl RobotRuns {
         }
     }
 
-    /// One line for people.
+    /// One line of text.
     pub fn words(&self) -> String {
         let cells = self.line();
         let parts: Vec<String> = heads()
@@ -175,7 +175,7 @@ impl RobotRuns {
         format!("{:<22} {}", self.name, parts.join("  "))
     }
 
-    /// How much larger the bound is because positions are rounded: median and most.
+    /// Increase of the bound due to rounded positions: median and maximum.
     fn of_rounding(&self) -> Option<[f64; 2]> {
         let more: Vec<f64> = self
             .knowable()
@@ -247,7 +247,7 @@ fn rounding(cases: &[RobotRuns]) -> String {
     words.join(", ")
 }
 
-/// The sections of the robot; none without runs.
+/// The sections of the robot; empty without runs.
 pub fn robot_sections(cases: &[RobotRuns]) -> Vec<Section> {
     let Some(first) = cases.first() else { return Vec::new() };
     let mut summary = Table::new(&heads());

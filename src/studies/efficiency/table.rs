@@ -3,20 +3,20 @@
 use super::estimators::{Method, Outcome};
 use crate::studies::document::{Document, Section, Table, percent, two_digits};
 
-/// A parameter counts if its bound is below this share of it.
+/// A parameter is knowable if its bound is below this share of it.
 pub const KNOWABLE: f64 = 0.01;
-/// The goal: error ÷ bound up to this.
+/// The goal for error ÷ bound.
 pub(super) const GOAL: f64 = 1.2;
-/// Further off is no estimate.
+/// Error ÷ bound above which there is no estimate.
 pub(super) const LOST: f64 = 100.0;
 /// Half the width of a 95 % interval in standard deviations.
 pub(super) const INTERVAL: f64 = 1.959_963_984_540_054;
 pub(super) const NONE: &str = "–";
 
-/// The runs of one motion seen through one sensor.
+/// The runs of one motion with one sensor.
 #[derive(Debug, Clone)]
 pub struct CaseRuns {
-    /// Heading under which it stands.
+    /// Heading of its table.
     pub group: &'static str,
     /// Motion and sensor.
     pub name: String,
@@ -40,7 +40,7 @@ impl CaseRuns {
         (0..self.parameters.len()).filter(|&i| self.is_knowable(i))
     }
 
-    /// Errors over bounds of a parameter, of the runs that settled.
+    /// Errors over bounds of a parameter, for the runs that settled.
     fn ratios(&self, method: Method, i: usize) -> impl Iterator<Item = f64> + '_ {
         self.runs.iter().filter_map(move |run| run.ratio(method, i))
     }
@@ -61,7 +61,7 @@ impl CaseRuns {
         }
     }
 
-    /// 95 % intervals of ours that hold the truth, and all.
+    /// Number of our 95 % intervals that contain the truth, and of all.
     fn held(&self) -> [usize; 2] {
         let mut held = [0, 0];
         for run in &self.runs {
@@ -83,7 +83,7 @@ impl CaseRuns {
         row
     }
 
-    /// Ours, parameter by parameter: error over bound, with the bound itself.
+    /// Our results per parameter: error over bound, with the bound.
     fn parameter_line(&self) -> Vec<String> {
         let mut row = vec![self.name.clone()];
         row.extend((0..self.parameters.len()).map(|i| {
@@ -97,7 +97,7 @@ impl CaseRuns {
         row
     }
 
-    /// Knowable parameters of which ours is above a limit, with how much.
+    /// Knowable parameters for which our error ÷ bound exceeds a limit, with the value.
     fn above(&self, limit: f64) -> Vec<String> {
         self.knowable()
             .filter_map(|i| {
@@ -107,7 +107,7 @@ impl CaseRuns {
             .collect()
     }
 
-    /// One line for people.
+    /// One line of text.
     pub fn words(&self) -> String {
         let cells = self.line();
         let parts = heads()
@@ -156,7 +156,7 @@ fn group_sections(group: &str, cases: &[&CaseRuns]) -> [Section; 2] {
     ]
 }
 
-/// What misses the goal, in sentences.
+/// Sentences about the parameters that miss the goal.
 fn verdict(cases: &[CaseRuns], seeds: u64) -> String {
     let all: usize = cases.iter().map(|case| case.knowable().count()).sum();
     let beyond_chance = GOAL * (1.0 + 2.0 * (0.5 / seeds as f64).sqrt());
@@ -235,7 +235,7 @@ fn introduction(cases: &[CaseRuns], seeds: u64, duration_s: f64) -> Section {
     }
 }
 
-/// The document; `duration_s` is that of a run, `more` is what else was compared.
+/// The document; `duration_s` is that of a run, `more` are further sections.
 pub fn efficiency_document(cases: &[CaseRuns], seeds: u64, duration_s: f64, more: Vec<Section>) -> Document {
     let mut groups: Vec<&'static str> = cases.iter().map(|case| case.group).collect();
     groups.dedup();

@@ -1,9 +1,9 @@
-//! Trials of robots: the seven-axis arm simulated over many seeds, identified as a service does it,
-//! and compared with what was simulated.
+//! Trials of robots: the seven-axis arm simulated over many seeds, identified as in the service,
+//! and compared with the truth.
 //!
 //! Each seed is another machine (bodies 15 % off the URDF) on another motion: 1 kHz, 16-bit
-//! encoders, torque noise of 0.5 % of the range, velocities formed from positions. Motion, machine
-//! and noise follow from the seed alone.
+//! encoders, torque noise of 0.5 % of the range, velocities computed from positions. Motion,
+//! machine and noise depend only on the seed.
 
 mod table;
 
@@ -18,32 +18,32 @@ use crate::robot::{
 const URDF: &str = include_str!("../../../config/robots/seven_axis.urdf");
 /// Time from sample to sample \[s\].
 const PERIOD_S: f64 = 1e-3;
-/// Samples to either side that a velocity is formed from.
+/// Samples on either side from which a velocity is computed.
 const HALF_WIDTH: usize = 20;
-/// Length of a run of an arm that carries nothing new \[s\].
+/// Length of a run with a constant load \[s\].
 pub const EMPTY_S: f64 = 60.0;
-/// The load is picked up within a second after this, at another instant for each seed \[s\].
+/// The load is picked up within a second after this, at a different instant for each seed \[s\].
 pub const LOADED_FROM_S: f64 = 20.0;
-/// From one seed's instant to the next \[s\]; 73 of them make a second. No border of a window or a
-/// block is preferred.
+/// Difference of the instant between seeds \[s\]; 73 of them make a second. No border of a window
+/// or a block is preferred.
 const LOADED_STEP_S: f64 = 0.0137;
 /// Length of a block, and so from one estimate to the next \[s\].
 pub const BLOCK_S: f64 = 0.25;
-/// How long a run goes on after the pick-up \[s\].
+/// How long a run continues after the pick-up \[s\].
 const AFTER_S: f64 = 5.1;
-/// A velocity, and so an estimate, comes so much later than its sample \[s\].
+/// Delay of a velocity, and so of an estimate, relative to its sample \[s\].
 const LAG_S: f64 = HALF_WIDTH as f64 * PERIOD_S;
 /// Mass of the load \[kg\].
 pub const LOAD_KG: f64 = 3.0;
-/// Mass of a load that is there from the start and that nobody declares \[kg\].
+/// Mass of an undeclared load that is present from the start \[kg\].
 pub const UNDECLARED_KG: f64 = 2.0;
-/// A parameter is excited if its standard deviation is below this part of it.
+/// A parameter is excited if its standard deviation is below this share of it.
 pub const EXCITED: f64 = 0.002;
 
 /// A parameter at the end of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outcome {
-    /// Of the arm's bodies and rotors, not of its friction.
+    /// True for a parameter of the arm's bodies and rotors, false for friction.
     pub is_base: bool,
     /// Error over the truth.
     pub relative: f64,
@@ -53,18 +53,18 @@ pub struct Outcome {
     pub relative_std: f64,
 }
 
-/// An arm that carries the same thing all the time.
+/// A run with a constant load.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct EmptyRun {
     /// Each parameter at the end.
     pub parameters: Vec<Outcome>,
-    /// Changes that were found although nothing changed.
+    /// Changes reported although nothing changed.
     pub alarms: Vec<RobotChange>,
     /// Blocks of the run.
     pub blocks: usize,
 }
 
-/// An arm that picks up a load.
+/// A run in which the arm picks up a load.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LoadedRun {
     /// When the load was picked up \[s\].
@@ -80,24 +80,24 @@ pub struct LoadedRun {
     pub mass: [Option<[f64; 2]>; 2],
 }
 
-/// Everything of one seed.
+/// All runs of one seed.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RobotTrial {
     /// Without a load.
     pub empty: EmptyRun,
-    /// With a load that is picked up, by an identifier that is told that friction does not depend
-    /// on it, as it does not here.
+    /// With a load that is picked up, and an identifier configured for friction that does not
+    /// depend on the load, as is true here.
     pub loaded: LoadedRun,
-    /// The same by one that has to reckon with friction that does, as on real gears.
+    /// The same with an identifier configured for load-dependent friction, as on real gears.
     pub guarded: LoadedRun,
-    /// With a load that nobody declares from the start.
+    /// With an undeclared load from the start.
     pub undeclared: EmptyRun,
 }
 
 /// Runs the trials of a seed.
 ///
 /// # Errors
-/// In words, if the arm cannot be simulated or identified.
+/// If the arm cannot be simulated or identified.
 pub fn robot_trial(seed: u64) -> Result<RobotTrial, String> {
     let robot = arm()?;
     Ok(RobotTrial {
@@ -173,8 +173,8 @@ fn identifier(robot: &Robot, payload_friction: f64) -> Result<RobotIdentifier, S
     RobotIdentifier::new(model, options)
 }
 
-/// Hands the samples of a simulation to an identifier, with velocities formed from positions;
-/// `closed` sees it after each block.
+/// Passes the samples of a simulation to an identifier, with velocities computed from positions;
+/// `closed` is called after each block.
 fn run(
     simulator: RobotSimulator,
     seconds: f64,
@@ -247,7 +247,7 @@ fn loaded_run(
         }
         for (mass, after_s) in result.mass.iter_mut().zip([2.0, 5.0]) {
             if t_s >= at_s && t_s <= at_s + after_s + LAG_S {
-                // Nothing is carried as far as is known: a mass of 0.
+                // No known payload: a mass of 0.
                 let carried = identifier.carried().map(|carried| [carried.values[0], carried.std[0]]);
                 *mass = Some(carried.unwrap_or_default());
             }
@@ -257,7 +257,7 @@ fn loaded_run(
 }
 
 impl LoadedRun {
-    /// The located instant less the true one \[s\]; `None` if no payload was found.
+    /// The located instant minus the true one \[s\]; `None` if no payload was found.
     pub fn located_s(&self) -> Option<f64> {
         let found = self.found.filter(|change| change.cause == ChangeCause::Payload)?;
         Some(found.t_s - self.at_s)

@@ -6,7 +6,7 @@ use super::{
 use crate::robot::ChangeCause;
 use crate::studies::{Document, Section, Table};
 
-/// 95 % of a normal distribution lie within so many standard deviations.
+/// Standard deviations that contain 95 % of a normal distribution.
 const WITHIN_95: f64 = 1.96;
 
 /// The trials as tables.
@@ -51,7 +51,7 @@ fn settings(seeds: usize) -> Section {
     }
 }
 
-/// The value below which this part of the sorted values lies; NaN of none.
+/// Quantile of sorted values; NaN for none.
 fn quantile(sorted: &[f64], part: f64) -> f64 {
     let last = sorted.len().saturating_sub(1) as f64;
     sorted.get((part * last).round() as usize).copied().unwrap_or(f64::NAN)
@@ -108,7 +108,7 @@ fn known(trials: &[RobotTrial]) -> Section {
         }));
         let error = |part: f64| match name.ends_with("excited") {
             true => cell(100.0 * quantile(&errors, part), 3, "%"),
-            // The relative error of what is 0, or nearly so, says nothing.
+            // The relative error of a value near 0 is meaningless.
             false => "–".to_owned(),
         };
         table.push(vec![

@@ -1,5 +1,4 @@
-//! The paper's arm as first-order equations, so that nothing but the voltages is differentiated
-//! less often than the positions.
+//! The paper's arm as first-order equations, in which the voltages are not differentiated.
 //!
 //! ```text
 //! p₁ = (θ₁ + 3θ₂ cos²q₂) q̇₁        a₁ = ṗ₁ + (θ₃ + 3θ₄ cos²q₂) q̇₁            ȧ₁ = 12u₁ − 12θ₅q̇₁
@@ -39,8 +38,8 @@ impl ArmStates {
         SVector::from([q1, 0.0, 0.0, q2, 0.0, 6.0 * self.gravity_m_s2 * theta[5] * q2.cos()])
     }
 
-    /// What the arm may do: x at 1 rad, 1 rad/s, 1 rad/s² and under its weight. These are the
-    /// standard deviations of a state of which nothing is known.
+    /// Range of the arm: x at 1 rad, 1 rad/s, 1 rad/s² and under its weight; the standard
+    /// deviations of an unknown state.
     pub fn reach(&self, theta: &SVector<f64, P>) -> SVector<f64, X> {
         let (inertia, damping) = (
             [theta[0] + 3.0 * theta[1], 4.0 * theta[5] * theta[8]],
@@ -85,7 +84,7 @@ impl ArmStates {
             a2 - 4.0 * th[6] * th[8] * d2 - th[5] * (th[8] * centrifugal + 6.0 * g * c),
             12.0 * (input[1] - th[7] * d2) - th[6] * (th[8] * centrifugal + 6.0 * g * c),
         ];
-        // through the states, then what θ and u do directly
+        // through the states, then the direct effect of θ and u
         let mut out: Rows = [[0.0; COLUMNS]; X];
         let mut v1 = [0.0; COLUMNS];
         let mut v2 = [0.0; COLUMNS];

@@ -5,9 +5,9 @@
 //! v = 0 while |k u − b| ≤ F_c                   stuck
 //! ```
 //!
-//! x = (q, v). A step that would carry v through zero is cut there, as in the simulator. The
-//! instant of the cut depends on everything before it, so dual numbers carry it along; behind a
-//! reversal δv⁺ = δv⁻ a⁺/a⁻, behind a stop δv⁺ = 0.
+//! x = (q, v). A step that would take v through zero is cut there, as in the simulator. The instant
+//! of the cut depends on everything before it, so it is also a dual number; after a reversal δv⁺ =
+//! δv⁻ a⁺/a⁻, after a stop δv⁺ = 0.
 
 use super::{Jacobian, StateSpace};
 use crate::model::{SERVO_PARAMS, Scalar};
@@ -19,7 +19,7 @@ pub const AXIS_STATES: usize = 2;
 const X: usize = AXIS_STATES;
 const P: usize = SERVO_PARAMS;
 const COLUMNS: usize = X + P + 1;
-/// A drive cannot turn the axis more often within a sample period than this.
+/// Largest number of reversals within a sample period.
 const CUTS: usize = 4;
 /// Newton's iterations for the instant of a cut; the motion is nearly a parabola.
 const NEWTON: usize = 4;
@@ -46,7 +46,7 @@ fn moved<D: Scalar>([q, v]: [D; 2], a: D, rate: D, h: D) -> [D; 2] {
 }
 
 impl AxisStates {
-    /// One sample period in any numbers.
+    /// One sample period, for any number type.
     fn step<D: Scalar>(&self, mut x: [D; 2], theta: [D; P], input: D) -> [D; 2] {
         let [mass, viscous, coulomb, offset] = theta;
         let drive = input * self.gain - offset;

@@ -1,5 +1,5 @@
-//! Machines as first-order equations, for everything that works on states: the Cramér–Rao bound,
-//! Kalman filters, prediction errors.
+//! Machines as first-order equations, for state-space methods: the Cramér–Rao bound, Kalman
+//! filters, prediction errors.
 //!
 //! ```text
 //! x(k + 1) = f(x(k), θ, u(k) + w(k))        y_j(k) = x_{p_j}(k) + v_j(k)
@@ -16,7 +16,7 @@ pub use axis::{AXIS_STATES, AxisStates};
 
 use nalgebra::{SMatrix, SVector};
 
-/// ∂x(k + 1) by state, parameters and inputs.
+/// Derivatives of x(k + 1) with respect to state, parameters and inputs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Jacobian<const X: usize, const P: usize, const U: usize> {
     /// F = ∂f/∂x.
@@ -30,10 +30,10 @@ pub struct Jacobian<const X: usize, const P: usize, const U: usize> {
 /// A machine with X states, P parameters and U inputs, each of which drives a joint with a position
 /// sensor.
 pub trait StateSpace<const X: usize, const P: usize, const U: usize> {
-    /// Place of the position of each joint in x.
+    /// Index of each joint's position in x.
     const POSITIONS: [usize; U];
 
-    /// x one sample period further on under an input that is held.
+    /// x one sample period later, with a held input.
     fn advance(
         &self,
         x: &SVector<f64, X>,
@@ -72,8 +72,8 @@ impl<const X: usize, const P: usize> JointCovariance<X, P> {
         }
     }
 
-    /// P ← P − P h hᵀ P/(hᵀ P h + r), h the unit vector of the position at `place` in x; returns
-    /// the gains of x and θ.
+    /// P ← P − P h hᵀ P/(hᵀ P h + r), h the unit vector of the position with index `place` in x;
+    /// returns the gains of x and θ.
     pub fn measure(&mut self, place: usize, variance: f64) -> (SVector<f64, X>, SVector<f64, P>) {
         let states: SVector<f64, X> = self.states.column(place).into();
         let theta: SVector<f64, P> = self.cross.row(place).transpose();
@@ -98,7 +98,7 @@ impl<const X: usize, const P: usize> JointCovariance<X, P> {
         let product = state * self.states + theta * self.cross.transpose();
         self.cross = state * self.cross + theta * self.theta;
         let states = product * state.transpose() + self.cross * theta.transpose();
-        // rounding must not make it lopsided
+        // keep it symmetric in spite of rounding
         self.states = (states + states.transpose()) * 0.5 + input * input.transpose() * input_variance;
     }
 }

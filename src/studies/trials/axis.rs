@@ -1,16 +1,16 @@
-//! Trials of the servo axis, which sticks whenever it rests.
+//! Trials of the servo axis, which sticks at rest.
 
 use super::disturbance::Disturbance;
 use super::spread::spread;
 
-/// What the axis follows, within 5 cm either side.
+/// Motion of the axis, within 5 cm on either side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxisMotion {
     /// The sines of `config/servo_axis.toml`.
     Sines,
-    /// A square wave, amplitude and period by the seed.
+    /// A square wave, with amplitude and period from the seed.
     Square,
-    /// Moves with the least jerk and rests up to 1 s.
+    /// Minimum-jerk moves and rests up to 1 s.
     MinimumJerk,
     /// The same with a trapezoid of the speed.
     Trapezoidal,
@@ -34,9 +34,9 @@ impl AxisMotion {
 /// A trial of the servo axis of `config/servo_axis.toml`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisSpec {
-    /// What it follows.
+    /// Its motion.
     pub motion: AxisMotion,
-    /// What is wrong with the model.
+    /// Its disturbance.
     pub disturbance: Disturbance,
     /// Number of blocks.
     pub blocks: u64,
@@ -54,7 +54,7 @@ impl AxisSpec {
         words
     }
 
-    /// What the configuration `servo_axis` has to be overridden with.
+    /// Overrides of the configuration `servo_axis`.
     pub fn settings(&self) -> Vec<String> {
         let mut settings = vec![
             format!("plant.seed={}", self.seed),

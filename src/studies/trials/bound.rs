@@ -1,5 +1,5 @@
-//! The Cramér–Rao bound of the arm: the least standard deviations of θ that any unbiased estimator
-//! can reach from the encoders and voltages of a run.
+//! The Cramér–Rao bound of the arm: the smallest standard deviations of θ that any unbiased
+//! estimator can reach with the encoders and voltages of a run.
 //!
 //! The plant (26) as the six states of [`ArmStates`]. The voltages are held between samples and
 //! known with white noise, which acts as process noise; the positions have the noise of their
@@ -19,7 +19,7 @@ const PRIOR: f64 = 0.5;
 /// Standard deviation of each state at the start if it is known.
 const KNOWN: f64 = 1e-10;
 
-/// The recursion at work: one [`advance`](Self::advance) per sample, in order, while θ is constant.
+/// The recursion: one [`advance`](Self::advance) per sample, in order, while θ is constant.
 #[derive(Debug, Clone)]
 pub struct CramerRaoBound {
     machine: ArmStates,
@@ -32,7 +32,7 @@ pub struct CramerRaoBound {
 }
 
 impl CramerRaoBound {
-    /// For an arm at rest at `initial_q_rad` under a sampled PD controller.
+    /// For an arm at rest at `initial_q_rad` with a sampled PD controller.
     ///
     /// Noise: standard deviations of each measured position \[rad\], > 0, and of each voltage
     /// \[V\], ≥ 0.
@@ -56,17 +56,17 @@ impl CramerRaoBound {
         }
     }
 
-    /// The same for an estimator that may have been switched on at any time, and does not know that
-    /// the arm is at rest in the beginning. To know the state then is to know θ₆, too: a₂ holds the
-    /// weight.
+    /// The same for an estimator that may start at any time and does not know that the arm is
+    /// initially at rest. Knowing the initial state would mean knowing θ₆ too, because a₂ contains
+    /// the weight.
     #[must_use]
     pub fn with_unknown_start(mut self) -> Self {
         self.covariance = JointCovariance::independent(&self.machine.reach(&self.theta), &(self.theta * PRIOR));
         self
     }
 
-    /// Takes in the positions of a sample and carries on to the next one with the voltages that the
-    /// setpoint gives.
+    /// Takes the positions of a sample and advances to the next one with the voltages from the
+    /// setpoint.
     pub fn advance(&mut self, setpoint: [f64; 2]) {
         for place in ArmStates::POSITIONS {
             self.covariance.measure(place, self.variance.position);
@@ -83,12 +83,13 @@ impl CramerRaoBound {
         self.covariance.propagate(&jacobian, self.variance.input);
     }
 
-    /// Positions q₁, q₂ at the next sample to be taken in \[rad\].
+    /// Positions q₁, q₂ at the next sample \[rad\].
     pub fn positions(&self) -> [f64; 2] {
         ArmStates::POSITIONS.map(|place| self.state[place])
     }
 
-    /// Least standard deviation of each parameter from the samples so far, in the parameter's unit.
+    /// Smallest standard deviation of each parameter from the samples so far, in the parameter's
+    /// unit.
     pub fn std(&self) -> [f64; MANIPULATOR_PARAMS] {
         self.covariance.theta_std().into()
     }

@@ -1,4 +1,4 @@
-//! Which trials there are.
+//! The cases of the trials.
 
 use super::axis::{AxisMotion, AxisSpec};
 use super::disturbance::Disturbance;
@@ -16,7 +16,7 @@ const ALONE: &str = "No error considered";
 const MENDED: &str = "Model mended";
 const AXIS: &str = "Servo axis with friction";
 const AXIS_WRONG: &str = "Servo axis, model wrong";
-/// v_s of friction that falls with speed \[mm/s\]; the axis moves with 0.1 m/s in the mean.
+/// v_s of friction that falls with speed \[mm/s\]; the mean speed of the axis is 0.1 m/s.
 const STRIBECK_SPEEDS: [u32; 3] = [5, 20, 50];
 
 /// A trial of either machine.
@@ -28,7 +28,7 @@ pub enum Spec {
     Axis(AxisSpec),
 }
 
-/// Trials that differ in nothing but their seed.
+/// Trials that differ only in their seed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Case {
     /// Heading of the table that it belongs to.
@@ -63,7 +63,7 @@ impl Spec {
         }
     }
 
-    /// What the basis has to be overridden with, as `section.key=value`.
+    /// Overrides of the basis, as `section.key=value`.
     pub fn settings(&self) -> Vec<String> {
         match self {
             Self::Arm(spec) => spec.settings(),
@@ -79,7 +79,7 @@ impl Spec {
         }
     }
 
-    /// What is wrong.
+    /// The disturbance.
     pub fn disturbance(&self) -> Disturbance {
         match self {
             Self::Arm(spec) => spec.disturbance,
@@ -108,7 +108,7 @@ impl Case {
         }
     }
 
-    /// Those of the axis.
+    /// Cases of the axis.
     fn axes() -> impl Iterator<Item = Self> {
         let right = AxisMotion::ALL.map(|motion| Self::axis(AXIS, motion, Disturbance::None));
         let wrong = STRIBECK_SPEEDS.into_iter().flat_map(|speed| {
@@ -132,7 +132,7 @@ impl Case {
     }
 }
 
-/// Few cases, for a look between two changes of the estimator.
+/// A few cases, for quick checks while changing the estimator.
 pub fn quick_cases() -> Vec<Case> {
     let case_of = |group, disturbance, motion, arm, bits, period_us| {
         Case::arm(
@@ -194,14 +194,14 @@ pub fn quick_cases() -> Vec<Case> {
     cases
 }
 
-/// Everything.
+/// All cases.
 pub fn full_cases() -> Vec<Case> {
     let mut cases = Vec::new();
     for motion in Motion::ALL {
         for arm in Arm::ALL {
             for bits in [13, 16, 20] {
                 for period_us in [500, 1000, 2000] {
-                    // Moves of half a minute need a while.
+                    // Moves of half a minute need longer runs.
                     let slow = matches!(motion, Motion::Rests | Motion::Creeping) && period_us < 1000;
                     let spec = TrialSpec {
                         arm,

@@ -1,34 +1,34 @@
-//! What is wrong with a run: with its payload, its samples, or with the model.
+//! Disturbances of a run: of its payload, its samples, or the model.
 
-/// Time before the end of a block \[s\] in which a change does not show yet, through 13 bits.
+/// Time before the end of a block \[s\] within which a change does not yet show with 13 bits.
 const LATE_S: f64 = 0.05;
 
-/// What is wrong.
+/// A disturbance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Disturbance {
-    /// Nothing; the payload changes once.
+    /// None; the payload changes once.
     None,
     /// The payload changes while both joints rest.
     AtRest,
-    /// The mass of link 2 jumps by so many per cent.
+    /// The mass of link 2 jumps by this percentage.
     Jump(i32),
     /// The same within the last 0.4 s of a block.
     JumpAtEnd(i32),
-    /// So many samples in a thousand are lost, in bursts of so many.
+    /// Samples are lost in bursts.
     Loss {
         /// Share in thousandths.
         permille: u32,
-        /// Samples lost in one go.
+        /// Samples lost together.
         burst: u32,
     },
-    /// The samples' instants scatter by so many µs; time stamps tell them.
+    /// The samples' instants scatter by this many µs; time stamps show it.
     Jitter(u32),
-    /// One sample in a hundred has a wrong position of either joint, by 0.01 to 1 rad, as the seed
-    /// says.
+    /// One sample in a hundred has a wrong position of either joint, by 0.01 to 1 rad, depending on
+    /// the seed.
     PositionSpikes,
     /// One sample in a hundred has a wrong voltage at either motor, by 100 times the noise.
     InputSpikes,
-    /// The voltage is measured in so many bits of ± 400 V.
+    /// The voltage is measured with this many bits over ± 400 V.
     InputBits(u32),
     /// Coulomb friction at a joint, in per cent of the torque that holds link 2 level.
     Friction {
@@ -37,24 +37,24 @@ pub enum Disturbance {
         /// Size.
         percent: u32,
     },
-    /// The same, and the model has friction at both joints.
+    /// The same, with friction at both joints in the model.
     FrictionModelled {
         /// Joint, 1 or 2.
         joint: usize,
         /// Size.
         percent: u32,
     },
-    /// The voltage acts so many µs later than the identifier thinks.
+    /// The voltage acts this many µs later than configured in the identifier.
     Delay(u32),
-    /// The same, and the delay is estimated along.
+    /// The same, with the delay estimated.
     DelayEstimated(u32),
     /// A resonance at 40 Hz between joints and encoders.
     Resonance,
-    /// Encoders off their axes by so many seconds of arc.
+    /// Encoders off their axes by this many arc seconds.
     Eccentricity(u32),
     /// The base is 1° off the vertical.
     Tilt,
-    /// The recorded voltage of a motor is off by so many mV.
+    /// The recorded voltage of a motor has an offset.
     InputOffset {
         /// Joint, 1 or 2.
         joint: usize,
@@ -63,47 +63,46 @@ pub enum Disturbance {
     },
     /// Both windings' resistances grow by 10 % in 60 s.
     Heating,
-    /// The measured voltage of a motor is so many per cent off from the middle of the run on.
+    /// The gain of a motor's measured voltage is wrong from the middle of the run on.
     GainLater {
         /// Joint, 1 or 2.
         joint: usize,
         /// Size.
         percent: i32,
     },
-    /// It is off by so many mV from then on.
+    /// The measured voltage has an offset from then on.
     OffsetLater {
         /// Joint, 1 or 2.
         joint: usize,
         /// Size.
         millivolts: u32,
     },
-    /// The position of a joint is so many mrad off from then on.
+    /// The position of a joint has an offset from then on.
     ZeroLater {
         /// Joint, 1 or 2.
         joint: usize,
         /// Size.
         milliradians: u32,
     },
-    /// The scale of a joint's encoder is so many thousandths off from then on.
+    /// The scale of a joint's encoder is wrong from then on.
     ScaleLater {
         /// Joint, 1 or 2.
         joint: usize,
         /// Size.
         permille: i32,
     },
-    /// The clock of the time stamps runs so many thousandths faster from then on.
+    /// The clock of the time stamps runs this many thousandths faster from then on.
     ClockLater(i32),
-    /// Coulomb friction comes up then, in per cent of the torque that holds link 2 level.
+    /// Coulomb friction begins then, in per cent of the torque that holds link 2 level.
     FrictionLater {
         /// Joint, 1 or 2.
         joint: usize,
         /// Size.
         percent: u32,
     },
-    /// An error of the machine, its kind by the seed, drawn from what the identifier considers it
-    /// to be.
+    /// An error of the machine, its kind chosen by the seed, drawn from the identifier's prior.
     Drawn,
-    /// Nothing, and the identifier considers no error.
+    /// None, and the identifier considers no error.
     NoiseAlone,
     /// The axis has further friction, a fifth of its Coulomb friction, that falls with the speed v
     /// as exp(−(v/v_s)²), with v_s in mm/s.
@@ -111,7 +110,7 @@ pub enum Disturbance {
 }
 
 impl Disturbance {
-    /// Those of the payload.
+    /// Disturbances of the payload.
     pub const PAYLOAD: [Self; 11] = [
         Self::AtRest,
         Self::Jump(-50),
@@ -125,7 +124,7 @@ impl Disturbance {
         Self::JumpAtEnd(13),
         Self::JumpAtEnd(50),
     ];
-    /// Those of the samples.
+    /// Disturbances of the samples.
     pub const SAMPLES: [Self; 14] = [
         Self::loss(1, 1),
         Self::loss(10, 1),
@@ -142,7 +141,7 @@ impl Disturbance {
         Self::InputSpikes,
         Self::InputBits(12),
     ];
-    /// Those of the model.
+    /// Disturbances of the model.
     pub const MODEL: [Self; 14] = [
         Self::friction(1, 2),
         Self::friction(1, 10),
@@ -159,7 +158,7 @@ impl Disturbance {
         Self::input_offset(1, 500),
         Self::Heating,
     ];
-    /// Those of a drive or a sensor in the middle of a run.
+    /// Faults of a drive or a sensor in the middle of a run.
     pub const SENSOR: [Self; 7] = [
         Self::GainLater { joint: 1, percent: 2 },
         Self::GainLater { joint: 2, percent: 2 },
@@ -178,7 +177,7 @@ impl Disturbance {
             milliradians: 20,
         },
     ];
-    /// Those that no column of the identifier was made for.
+    /// Disturbances for which the identifier has no column.
     pub const OTHER: [Self; 5] = [
         Self::ScaleLater { joint: 1, permille: 20 },
         Self::ScaleLater {
@@ -189,7 +188,7 @@ impl Disturbance {
         Self::FrictionLater { joint: 1, percent: 10 },
         Self::FrictionLater { joint: 2, percent: 5 },
     ];
-    /// Errors of the model that the configuration can do something about, and does.
+    /// Errors of the model for which the configuration compensates.
     pub const MODEL_MENDED: [Self; 6] = [
         Self::DelayEstimated(50),
         Self::DelayEstimated(150),
@@ -251,7 +250,7 @@ impl Disturbance {
         }
     }
 
-    /// Words of a cause that is named right: one of them, and the joint's number if there is one.
+    /// Words of the right cause, of which one must appear, and the joint's number if there is one.
     pub fn cause(self) -> Option<(&'static [&'static str], Option<usize>)> {
         match self {
             Self::Friction { joint, .. } => Some((&["friction"], Some(joint))),
@@ -264,7 +263,7 @@ impl Disturbance {
             Self::GainLater { joint, .. } => Some((&["gain"], Some(joint))),
             Self::OffsetLater { joint, .. } => Some((&["offset"], Some(joint))),
             Self::ZeroLater { joint, .. } => Some((&["zero"], Some(joint))),
-            // a scale of a joint that is turned about the vertical is a gain to the letter
+            // a scale of a joint about the vertical is exactly a gain
             Self::ScaleLater { joint, .. } => Some((&["scale", "gain"], Some(joint))),
             Self::ClockLater(_) => Some((&["clock"], None)),
             Self::FrictionLater { joint, .. } => Some((&["friction"], Some(joint))),
@@ -284,22 +283,22 @@ impl Disturbance {
     pub(super) fn mass_after(self, first_kg: f64, then_kg: f64) -> f64 {
         match self {
             Self::Jump(percent) | Self::JumpAtEnd(percent) => first_kg * (1.0 + f64::from(percent) / 100.0),
-            // One thing wrong at a time.
+            // One disturbance at a time.
             _ if self.is_of_the_machine() => first_kg,
             _ => then_kg,
         }
     }
 
-    /// Where in its block the payload changes, 0 to 1, from a number of the seed's.
+    /// Position of the payload's change within its block, 0 to 1, from a number of the seed.
     pub(super) fn place_of_change(self, spread: f64, block_s: f64) -> f64 {
         match self {
             Self::JumpAtEnd(_) => 1.0 - 0.4 / block_s * spread,
-            // JumpAtEnd is for what comes too late to show
+            // JumpAtEnd is for changes that come too late to show
             _ => (1.0 - LATE_S / block_s) * spread,
         }
     }
 
-    /// Settings that an identifier is given if it has these keys.
+    /// Settings for an identifier that has these keys.
     pub fn optional_settings(self) -> Vec<(&'static str, String)> {
         match self {
             Self::InputBits(bits) => vec![(

@@ -1,5 +1,5 @@
-//! An error of a machine that is drawn from what the identifier considers it to be: if its standard
-//! deviations are right, at least 95 % of its intervals hold the truth.
+//! An error of a machine drawn from the identifier's prior: if its standard deviations are right,
+//! at least 95 % of its intervals contain the truth.
 
 use super::spread::{normal, spread};
 use crate::rows::Considered;
@@ -12,7 +12,7 @@ use std::f64::consts::TAU;
 /// windings' resistances.
 ///
 /// # Errors
-/// The simulation's options are not valid.
+/// If the simulation's options are invalid.
 pub fn drawn_errors(sim: &SimOptions, considered: &Considered, seed: u64) -> Result<Vec<String>, SimError> {
     let sizes = input_sizes(sim)?;
     let draw = |place: u64| normal(seed, 60 + place);
@@ -65,7 +65,7 @@ pub fn drawn_errors(sim: &SimOptions, considered: &Considered, seed: u64) -> Res
     })
 }
 
-/// Root mean square of each voltage of the machine as its equations say.
+/// Root mean square of each voltage of the machine without the error.
 fn input_sizes(sim: &SimOptions) -> Result<[f64; 2], SimError> {
     let exact = SimOptions {
         sensors: SensorOptions::exact(),

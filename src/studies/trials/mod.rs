@@ -1,13 +1,13 @@
-//! Trials of the evidence: other arms, motions, sensors and seeds than those of our own studies;
+//! Trials of the evidence: with arms, motions, sensors and seeds other than those of the studies;
 //! the tables of docs/trials.md.
 //!
-//! What is on trial is not θ̂ alone but what is published with it: σ, `usable`, `use_ok`. A
-//! **dangerous block** has `use_ok = 1` and a usable parameter, or a derived value, that is more
-//! than 5 of its σ and more than 0.5 % off.
+//! They test not only θ̂ but also the published evidence: σ, `usable`, `use_ok`. A **dangerous
+//! block** has `use_ok = 1` and a usable parameter, or a derived value, that is more than 5 of its
+//! σ and more than 0.5 % off.
 //!
-//! A [`Spec`] says what is tried and gives the settings of the configuration, so that each case can
-//! be run again by hand; [`Trial::run`] sends the samples of the simulated machine through the
-//! identifier and scores what it publishes, beside the Cramér–Rao bound.
+//! A [`Spec`] describes a case and gives the settings of the configuration, so each case can be run
+//! again by hand; [`Trial::run`] passes the samples of the simulated machine to the identifier and
+//! scores its estimates, with the Cramér–Rao bound.
 
 mod axis;
 mod bound;

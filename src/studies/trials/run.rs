@@ -1,4 +1,4 @@
-//! One trial: the simulated machine's samples through an identifier, its estimates beside the
+//! One trial: an identifier's estimates from the simulated machine's samples, compared with the
 //! truth.
 
 use super::bound::CramerRaoBound;
@@ -9,11 +9,11 @@ use crate::node::simulated_plant::sample_stream;
 use crate::sim::{ArmSimulator, ControllerKind, Machine, SensorOptions, SimOptions, Unmodelled};
 use crate::studies::CompareError;
 
-/// Parts of the run before the change at whose ends efficiency is measured.
+/// Shares of the run before the change at which efficiency is measured.
 const MARKS: [f64; 3] = [0.33, 0.66, 1.0];
-/// Both joints rest if for so long \[s\] …
+/// Both joints are at rest if for this time \[s\]
 const REST_S: f64 = 0.5;
-/// … neither is faster than this \[rad/s\].
+/// neither is faster than this \[rad/s\].
 const REST_RAD_PER_S: f64 = 1e-3;
 
 /// A trial ready to run.
@@ -25,19 +25,18 @@ pub struct Trial<'a> {
     pub block_len: u64,
     /// Names of the identifier's parameters.
     pub names: &'a [String],
-    /// Constants that the identifier derives physical values with.
+    /// Constants for the identifier's derived values.
     pub known: Option<KnownConstants>,
 }
 
 impl Trial<'_> {
-    /// Sends each sample through `identify`, which appends what the identifier publishes, and
-    /// scores that.
+    /// Passes each sample to `identify`, which appends the published estimates, and scores these.
     ///
-    /// The Cramér–Rao bound of the same run without its disturbance goes along until the payload
+    /// The Cramér–Rao bound of the same run without its disturbance is computed until the payload
     /// changes.
     ///
     /// # Errors
-    /// The simulation's options are not valid.
+    /// If the simulation's options are invalid.
     pub fn run(&self, mut identify: impl FnMut(&Sample, &mut Vec<Estimate>)) -> Result<TrialResult, CompareError> {
         let sim = self.sim;
         let mut plant = sample_stream(sim, 1)?;
@@ -48,8 +47,8 @@ impl Trial<'_> {
         let first_change_ns = changes_ns.first().copied().unwrap_or(u64::MAX);
         let quiet_blocks = first_change_ns.min(end_ns) / block_ns;
         let marks = MARKS.map(|share| ((share * quiet_blocks as f64) as u64).max(1));
-        // A new mass holds from its own sample on, so that a change at a border belongs to the
-        // block that it begins.
+        // A new mass applies from its own sample on, so a change at a border belongs to the block
+        // that begins there.
         let changes_in = |block: u64| {
             let from_ns = block.saturating_sub(1) * block_ns;
             changes_ns.iter().any(|&t| t >= from_ns && t < from_ns + block_ns)
@@ -91,7 +90,7 @@ impl Trial<'_> {
         Ok(result)
     }
 
-    /// θ as it is, in the order of the identifier's parameters.
+    /// True θ, in the order of the identifier's parameters.
     fn true_theta(&self, t_s: f64) -> Vec<f64> {
         let names: Vec<&str> = self.names.iter().map(String::as_str).collect();
         self.sim.true_values(&names, t_s)
@@ -111,13 +110,12 @@ impl Trial<'_> {
         changes.map(|pair| nanoseconds(pair[1].0)).collect()
     }
 
-    /// The arm as its equations say, and what could be known of it; none for other machines and
-    /// controllers.
+    /// The undisturbed arm with its bound; `None` for other machines and controllers.
     fn reference(&self) -> Result<Option<Reference>, CompareError> {
         let sim = self.sim;
         let sensors = &sim.sensors;
         let sampled = sim.controller.kind == ControllerKind::Sampled;
-        // the bound is that of the paper's nine parameters, which a delay leaves in their places
+        // the bound is that of the paper's nine parameters, whose indices a delay does not change
         let arm = Manipulator::default();
         let nine = arm.parameters().iter().map(|p| &*p.name);
         let nine = nine.eq(self.names.iter().map(String::as_str).take(arm.parameters().len()));
@@ -137,14 +135,14 @@ impl Trial<'_> {
     }
 }
 
-/// The undisturbed run beside the trial.
+/// The undisturbed run.
 struct Reference {
     arm: ArmSimulator,
     bound: CramerRaoBound,
 }
 
 impl Reference {
-    /// Takes in all samples up to this one, also those that were lost.
+    /// Takes all samples up to this one, including lost ones.
     fn advance_to(&mut self, seq: u64) {
         while self.arm.position() <= seq
             && let Some(sample) = self.arm.next()
@@ -170,11 +168,11 @@ fn derived_truth(derived: Option<&ManipulatorDerived>, theta: &[f64]) -> Vec<(St
 }
 
 /// First time from `from_s` on at which both joints of the arm have rested for half a second \[s\];
-/// none if they never do.
+/// `None` if they never do.
 pub fn rest_instant(sim: &SimOptions, from_s: f64) -> Option<f64> {
     let mut since: Option<u64> = None;
     let needed = (REST_S / sim.sample_period_s) as u64;
-    // Derivatives are blank if positions are measured.
+    // Derivatives are missing if positions are measured.
     let exact = SimOptions {
         sensors: SensorOptions::exact(),
         ..sim.clone()

@@ -1,26 +1,27 @@
-//! What is read off the estimates of a run.
+//! Scores of a run's estimates.
 
 use crate::messages::{Estimate, estimate_flags};
 
-/// Blocks at the start that coverage and shares leave out: the estimate is still on its way.
+/// Number of first blocks left out of coverage and shares, because the estimate is still
+/// converging.
 const SETTLING: u64 = 5;
-/// Bound relative to the parameter below which a parameter counts as one that can be known.
+/// Relative bound below which a parameter counts as knowable.
 const KNOWABLE: f64 = 0.01;
-/// A value is dangerous that is more σ off than this …
+/// A value is dangerous if its error exceeds this many σ
 const SIGMAS: f64 = 5.0;
-/// … and by more than this share.
+/// and this share of the truth.
 const SHARE: f64 = 0.005;
-/// Alarms and dangerous blocks that are remembered one by one.
+/// Number of alarms and dangerous blocks remembered individually.
 const REMEMBERED: usize = 20;
 /// Half the width of a 95 % interval in σ.
 const INTERVAL: f64 = 1.959_963_984_540_054;
 
-/// A value that was published for use and is wrong.
+/// A value that was published as usable and is wrong.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Danger {
     /// Block.
     pub block: u64,
-    /// What is wrong: `theta_7`, `mass_2`.
+    /// Its name: `theta_7`, `mass_2`.
     pub name: String,
     /// Error relative to the truth.
     pub error: f64,
@@ -41,10 +42,9 @@ pub struct ParameterScore {
     pub squared_ratio: f64,
     /// Number of these marks.
     pub marks: u32,
-    /// Known values (σ below half the value) in quiet blocks, and those whose 95 % interval holds
-    /// the truth.
+    /// Number of known values (σ below half the value) in quiet blocks.
     pub intervals: u64,
-    /// Intervals that hold the truth.
+    /// Number of these whose 95 % interval contains the truth.
     pub covered: u64,
 }
 
@@ -61,17 +61,17 @@ pub struct TrialResult {
     pub dangerous: u64,
     /// The worst of their values, by σ.
     pub worst: Option<Danger>,
-    /// Blocks in which an alarm is false: no change in them nor in the block before.
+    /// Blocks in which an alarm would be false: no change in them or in the block before.
     pub quiet: u64,
     /// Alarms in these.
     pub false_alarms: u64,
-    /// The first of their blocks.
+    /// The first blocks with a false alarm.
     pub alarmed: Vec<u64>,
     /// The worst value of each of the first dangerous blocks.
     pub dangers: Vec<Danger>,
-    /// Changes, and those that were announced in their block or the next.
+    /// Number of changes.
     pub changes: u64,
-    /// Changes that were announced in time.
+    /// Changes reported in their block or the next.
     pub detected: u64,
     /// Parameters excited, over the settled blocks.
     pub excited: u64,
@@ -81,21 +81,21 @@ pub struct TrialResult {
     pub knowable: u64,
     /// The same and usable.
     pub knowable_usable: u64,
-    /// Usable values, and those whose 95 % interval holds the truth.
+    /// Number of usable values.
     pub usable_intervals: u64,
-    /// Usable values whose interval holds the truth.
+    /// Usable values whose 95 % interval contains the truth.
     pub usable_covered: u64,
     /// Each parameter.
     pub parameters: Vec<ParameterScore>,
-    /// Likeliest cause of a misfit that the identifier named last, if any; the caller knows it.
+    /// Cause of a misfit that the identifier named last, if any; set by the caller.
     pub named_cause: Option<String>,
-    /// What σ was last said to be made of mostly; the caller knows it.
+    /// Main contribution to σ that the identifier named last; set by the caller.
     pub named_limit: Option<String>,
     /// Blocks by state name.
     pub states: Vec<(&'static str, u64)>,
 }
 
-/// The truth beside one estimate.
+/// The truth for one estimate.
 pub(super) struct Truth<'a> {
     /// Names of the parameters.
     pub names: &'a [String],
@@ -103,18 +103,18 @@ pub(super) struct Truth<'a> {
     pub theta: &'a [f64],
     /// Derived values at the block's end, with their names.
     pub derived: &'a [(String, f64)],
-    /// Least standard deviations, if there is a bound.
+    /// Smallest standard deviations, if there is a bound.
     pub bound: Option<&'a [f64]>,
-    /// The truth changed within this block.
+    /// True if the truth changed within this block.
     pub changed: bool,
-    /// The truth changed within the block before.
+    /// True if the truth changed within the block before.
     pub changed_before: bool,
-    /// The efficiency is measured at this block.
+    /// True if the efficiency is measured at this block.
     pub mark: bool,
 }
 
 impl TrialResult {
-    /// Takes in an estimate.
+    /// Adds an estimate.
     pub(super) fn add(&mut self, estimate: &Estimate, truth: &Truth<'_>) {
         let params = (estimate.params as usize).min(truth.theta.len());
         self.parameters.resize(params, ParameterScore::default());
@@ -197,7 +197,7 @@ impl TrialResult {
         for (name, value, std, true_value) in usable.chain(derived) {
             let error = ((value - true_value) / true_value).abs();
             let sigmas = (value - true_value).abs() / std;
-            // Where σ is not a number nothing is claimed.
+            // If σ is not a number, nothing is claimed.
             if sigmas > SIGMAS && error > SHARE && worst.as_ref().is_none_or(|worst| sigmas > worst.sigmas) {
                 worst = Some(Danger {
                     block: estimate.block,

@@ -7,7 +7,7 @@ use crate::sim::ArmDynamics;
 use std::f64::consts::TAU;
 
 impl TrialSpec {
-    /// What the configuration `encoder_only` has to be overridden with, as `section.key=value`.
+    /// Overrides of the configuration `encoder_only`, as `section.key=value`.
     pub fn settings(&self) -> Vec<String> {
         let arm = self.arm.parameters();
         let (first_kg, then_kg) = self.arm.masses_kg();
@@ -74,7 +74,7 @@ fn motion_settings(motion: Motion, seed: u64) -> Vec<String> {
         ]
     };
     match motion {
-        // as config/encoder_only.toml has them
+        // as in config/encoder_only.toml
         Motion::Steps => vec!["plant.setpoint.kind=\"random\"".to_owned()],
         Motion::MinimumJerk => moves("minimum_jerk", 1.0, (0.6, 1.6), (0.0, 0.5)),
         Motion::Trapezoidal => moves("trapezoidal", 1.0, (0.6, 1.6), (0.0, 0.5)),
@@ -120,7 +120,7 @@ fn sines(seed: u64) -> Vec<String> {
 }
 
 impl TrialSpec {
-    /// What a signal of a joint is wrong by from the middle of the run on.
+    /// A fault of a joint's signal from the middle of the run on.
     fn fault_later(&self, signal: &str, joint: usize, by: &str) -> String {
         let from_s = self.change_s();
         format!("plant.faults=[{{kind=\"wrong\",signal=\"{signal}\",joint={joint},from_s={from_s:?},{by}}}]")
@@ -142,7 +142,7 @@ const ERRORS: [&str; 11] = [
     "eccentricity_rad",
 ];
 
-/// Settings of the simulation, and of the identifier if it is told.
+/// Settings of the simulation and, if it is configured for the disturbance, of the identifier.
 fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
     let sensors = |key: &str, value: f64| format!("plant.sensors.{key}={value:?}");
     match spec.disturbance {
@@ -238,9 +238,9 @@ fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
             .into_iter()
             .map(|key| format!("identifier.considered.{key}=0.0"))
             .collect(),
-        // by what the identifier considers, see `drawn.rs`
+        // from the identifier's prior, see `drawn.rs`
         Disturbance::Drawn => Vec::new(),
-        // of the axis alone
+        // only for the axis
         Disturbance::Stribeck(_) => Vec::new(),
     }
 }

@@ -1,4 +1,4 @@
-//! What is tried: an arm, a motion, sensors, a disturbance, a seed.
+//! A trial of an arm: machine, motion, sensors, disturbance, seed.
 
 use super::disturbance::Disturbance;
 use super::spread::spread;
@@ -7,12 +7,12 @@ use crate::sim::ArmParameters;
 /// An arm with its payload and the gains of its controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arm {
-    /// The paper's: links of 100 and 150 kg, from the change on 170 kg.
+    /// The paper's: links of 100 and 150 kg, 170 kg after the change.
     Paper,
-    /// Links of 0.6 m and 60 kg, 0.8 m and 80 kg, from the change on 95 kg; two different motors.
+    /// Links of 0.6 m and 60 kg, 0.8 m and 80 kg, 95 kg after the change; two different motors.
     Unequal,
-    /// Links of 0.35 m and 0.5 m of 20 kg, from the change on 23 kg; small geared motors, whose
-    /// windings take 4 ms instead of 100 ms.
+    /// Links of 0.35 m and 0.5 m of 20 kg, 23 kg after the change; small geared motors with
+    /// electrical time constants of 4 ms instead of 100 ms.
     Small,
 }
 
@@ -69,8 +69,8 @@ impl Arm {
     /// Gains K_p \[V/rad\] and K_d \[V s/rad\] at a sample period.
     ///
     /// The loop L J/k q⃛ + (R J/k − K_d Δ/2) q̈ + (k + K_d) q̇ + K_p q is stable if (R J/k − K_d
-    /// Δ/2)(k + K_d) > K_p L J/k. The paper's gains are not at 2 ms for the lower joint with the
-    /// arm raised, so that there they are smaller.
+    /// Δ/2)(k + K_d) > K_p L J/k. With the paper's gains the lower joint is unstable at 2 ms with
+    /// the arm raised, so there they are smaller.
     pub fn gains(self, period_us: u32) -> ([f64; 2], [f64; 2]) {
         match self {
             Self::Paper if period_us <= 1000 => ([191.304; 2], [31.6957; 2]),
@@ -81,22 +81,22 @@ impl Arm {
     }
 }
 
-/// What the arm follows, |q₁| ≤ 1 rad and |q₂| ≤ 0.8 rad.
+/// Motion of the arm, |q₁| ≤ 1 rad and |q₂| ≤ 0.8 rad.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Motion {
     /// Random levels, each for 1 to 3 s.
     Steps,
-    /// Moves of 0.6 to 1.6 s with the least jerk, rests up to 0.5 s.
+    /// Minimum-jerk moves of 0.6 to 1.6 s, rests up to 0.5 s.
     MinimumJerk,
     /// The same moves with a trapezoid of the speed.
     Trapezoidal,
-    /// Six sines from 0.23 to 5.3 Hz with amplitudes that fall slowly, phases by the seed.
+    /// Six sines from 0.23 to 5.3 Hz with slowly falling amplitudes and phases from the seed.
     Multisine,
-    /// Moves with the least jerk and rests of 1 to 20 s.
+    /// Minimum-jerk moves and rests of 1 to 20 s.
     Rests,
     /// Moves of 10 to 30 s within 0.3 rad.
     Creeping,
-    /// Six sines within 0.01 to 0.05 rad, by the seed.
+    /// Six sines within 0.01 to 0.05 rad, depending on the seed.
     Tiny,
 }
 
@@ -131,7 +131,7 @@ impl Motion {
 pub struct TrialSpec {
     /// The machine.
     pub arm: Arm,
-    /// What it follows.
+    /// The motion.
     pub motion: Motion,
     /// Bits of the encoders.
     pub bits: u32,
@@ -139,7 +139,7 @@ pub struct TrialSpec {
     pub period_us: u32,
     /// Standard deviation of the noise on the measured voltage \[V\].
     pub noise_v: f64,
-    /// What is wrong.
+    /// The disturbance.
     pub disturbance: Disturbance,
     /// Number of blocks.
     pub blocks: u64,
@@ -186,8 +186,7 @@ impl TrialSpec {
         (self.blocks / 2 * Self::BLOCK_LEN) as f64 * self.period_s()
     }
 
-    /// When the payload changes \[s\]: in the block in the middle, at a place that the seed
-    /// chooses.
+    /// When the payload changes \[s\]: in the middle block, at a position chosen by the seed.
     pub fn change_s(&self) -> f64 {
         let block_len = Self::BLOCK_LEN as f64;
         let place = self
@@ -197,7 +196,8 @@ impl TrialSpec {
         self.middle_s() + samples.round() * self.period_s()
     }
 
-    /// Start values, a factor of 2.5 off, up and down in turn, as in `config/encoder_only.toml`.
+    /// Start values, alternately too large and too small by a factor of 2.5, as in
+    /// `config/encoder_only.toml`.
     pub fn start(&self) -> Vec<f64> {
         let theta = self.arm.parameters().with_mass_2(self.arm.masses_kg().0).theta();
         let factors = [2.5, 0.4].into_iter().cycle();

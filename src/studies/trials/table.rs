@@ -6,10 +6,10 @@ use super::score::TrialResult;
 use crate::studies::document::{Document, Section, Table, percent, two_digits};
 use crate::studies::metrics::median;
 
-/// What the runs of a case gave, or of several cases.
+/// Results of the runs of one or several cases.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CaseResult {
-    /// One per seed, with what was wrong.
+    /// One per seed, with its disturbance.
     pub runs: Vec<(Disturbance, TrialResult)>,
 }
 
@@ -41,7 +41,7 @@ fn in_percent(part: u64, whole: u64, digits: usize) -> String {
     share(part, whole).map_or(NONE.to_owned(), |share| format!("{:.digits$} %", 100.0 * share))
 }
 
-/// The largest; a value that is not a number is larger than any.
+/// The largest value; NaN is larger than any other.
 fn largest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(
         0.0,
@@ -54,8 +54,8 @@ impl CaseResult {
         self.runs.iter().map(|(_, run)| value(run)).sum()
     }
 
-    /// RMS over seeds and marks of the error over the Cramér–Rao bound, per parameter; none if the
-    /// bound is not below 1 %.
+    /// RMS over seeds and marks of the error over the Cramér–Rao bound, per parameter; `None` if
+    /// the bound is not below 1 %.
     pub fn efficiency(&self) -> Vec<Option<f64>> {
         let params = self.runs.iter().map(|(_, run)| run.parameters.len()).max().unwrap_or(0);
         let of = |i: usize| {
@@ -67,8 +67,8 @@ impl CaseResult {
         (0..params).map(of).collect()
     }
 
-    /// Error at the end of the worst parameter whose bound is below 1 %, of any if there is no
-    /// bound: median over the runs and worst.
+    /// Final error of the worst parameter whose bound is below 1 %, or of any if there is no bound:
+    /// median over the runs and maximum.
     fn end_errors(&self) -> (f64, f64) {
         let of_run = |run: &TrialResult| {
             let known = run.parameters.iter().filter(|p| p.bound < 0.01);
@@ -82,7 +82,8 @@ impl CaseResult {
         (median(&mut errors), worst)
     }
 
-    /// Runs whose cause was named right in the words that `of` gives, and runs that have one.
+    /// Number of runs whose cause was named correctly in the text of `of`, and of runs that have
+    /// one.
     fn causes(&self, of: impl Fn(&TrialResult) -> Option<&String>) -> (u64, u64) {
         let with = self
             .runs
@@ -147,7 +148,7 @@ impl CaseResult {
         })
     }
 
-    /// One line for people, with the names of the figures.
+    /// One line of text, with the names of the figures.
     pub fn line(&self) -> String {
         let cells = self.cells();
         let parts = COLUMNS.iter().zip(&cells).filter(|(_, cell)| *cell != NONE);
@@ -166,7 +167,7 @@ impl CaseResult {
     }
 }
 
-/// A table without the columns that say nothing in any row.
+/// A table without the columns that are empty in all rows.
 fn table(rows: &[(String, CaseResult)]) -> Table {
     let cells: Vec<Vec<String>> = rows.iter().map(|(_, result)| result.cells()).collect();
     let used: Vec<usize> = (0..COLUMNS.len())

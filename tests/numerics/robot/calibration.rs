@@ -22,8 +22,8 @@ fn model() -> RobotModel {
     RobotModel::new(robot(SIX_AXIS), true, vec![friction; 6]).unwrap()
 }
 
-/// The simulated six-axis arm over so many seconds; torques are those of gains that are wrong by
-/// these factors.
+/// The simulated six-axis arm for `seconds`; the torques have gains that are wrong by the factors
+/// `gains`.
 fn samples(payloads: Vec<PayloadChange>, seed: u64, seconds: f64, gains: [f64; 6]) -> Vec<RobotSample> {
     let robot = robot(SIX_AXIS);
     let options = RobotSimOptions {
@@ -115,8 +115,8 @@ fn identifier(payload: bool) -> RobotIdentifier {
     RobotIdentifier::new(model(), options).unwrap()
 }
 
-/// An arm that is learnt with a declared load is the arm without it; one that is learnt without
-/// saying so is not.
+/// An arm identified with a declared load is the arm without the load; without the declaration it
+/// is not.
 #[test]
 fn ident_an_arm_is_learnt_with_a_load_that_was_declared() {
     let body = declared_load(LOAD.mass_kg, LOAD.center_m, Some(LOAD.inertia_kg_m2)).unwrap();
@@ -200,7 +200,7 @@ fn fault_loads_that_cannot_exist_are_refused() {
     assert!(declared_load(1.0, [0.1, 0.0, 0.0], Some([0.01, 0.0, 0.01, 0.0, 0.0, 0.01])).is_ok());
 }
 
-/// What the load weighs on line, behind an empty recording.
+/// Mass of the load identified on line, after an empty recording.
 fn weighed(empty: &[RobotSample], loaded: &[RobotSample], gain_std: f64) -> (f64, f64) {
     let model = RobotModel::new(ur10e().unwrap(), true, vec![JointFriction::default(); 6]).unwrap();
     let options = IdentifyOptions {
@@ -244,8 +244,8 @@ fn val_a_real_robot_weighs_right_after_a_calibration_with_a_known_load() {
     let options = IdentifyOptions::default();
     let whole = GainCalibration::of(&model, &options, &empty, &loaded, &load).unwrap();
     println!("whole: {whole:.4?}");
-    // The first half calibrates, the second half is weighed behind a recording of another
-    // trajectory.
+    // The first half calibrates; the load is identified from the second half, after a recording of
+    // another trajectory.
     let half = loaded.len() / 2;
     let first = GainCalibration::of(&model, &options, &empty, &loaded[..half], &load).unwrap();
     println!("first half: {first:.4?}");

@@ -1,4 +1,4 @@
-//! Encoders of 13 bits: regressors are so noisy that the first blocks fit badly, or that any
+//! Encoders of 13 bits: the regressors are so noisy that the first blocks fit badly, or that any
 //! parameters fit them.
 
 use super::left_out::{run, simulation};

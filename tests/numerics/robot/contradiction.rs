@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use std::f64::consts::FRAC_PI_2;
 use thetabus::robot::{BodyParameters, Motions, Robot, RobotModel, RobotSample};
 
-/// Two joints that turn about upright axes and one that lifts; and three that slide.
+/// Two joints with vertical axes and one that lifts; and three prismatic joints.
 const SCARA: &str = r#"<robot name="scara"><link name="base"/>
 <joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><origin xyz="0 0 0.4"/><axis xyz="0 0 1"/>
 <limit lower="-2.3" upper="2.3" velocity="6" effort="80"/></joint>

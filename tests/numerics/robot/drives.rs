@@ -36,12 +36,12 @@ enum Machine {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Fault {
     Nothing,
-    /// Measured torques of all joints are so many times the true ones.
+    /// Factor of the measured torques of all joints.
     Gain(f64),
     GainOf(usize, f64),
     /// The same for four seconds.
     Passing(f64),
-    /// The encoder of a joint shows so much more \[rad\].
+    /// Step of the encoder offset of a joint \[rad\].
     Slip(usize, f64),
     /// The same, within a second.
     Creep(usize, f64),
@@ -53,7 +53,7 @@ enum Fault {
 struct Case {
     machine: Machine,
     seed: u64,
-    /// Moves with rests of this length \[s\] instead of a Fourier series.
+    /// Length \[s\] of the rests between moves; without it the motion is a Fourier series.
     rest_s: Option<f64>,
     mass_kg: f64,
     loaded_s: f64,
@@ -136,15 +136,15 @@ fn simulate(case: Case) -> Recording {
     }
 }
 
-/// What a run has shown.
+/// Result of a run.
 #[derive(Debug, Default, Clone)]
 struct Run {
     usable: usize,
     dangerous: usize,
     misfits: usize,
-    /// Blocks that may be used and weigh the payload to 5 %.
+    /// Usable blocks that know the payload's mass to 5 %.
     weighed: usize,
-    /// When what was said first.
+    /// Each message and when it came first.
     said: Vec<(f64, String)>,
     worst: String,
 }

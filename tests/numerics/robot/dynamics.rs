@@ -112,7 +112,7 @@ fn val_the_regressors_along_a_motion_give_the_inverse_dynamics() {
                 let error = rate - of_bodies(regressors.lagrangian(i), &robot) - tau[i];
                 assert!(error.abs() < 1e-7, "joint {i} of {}: {error:e}", robot.name);
             }
-            // At rest Newton and Euler leave the weight alone; some hundred roundings of the largest.
+            // At rest only the weight remains; about a hundred roundings of the largest.
             let (still, mut weight) = (vec![0.0; n], vec![0.0; n]);
             inverse_dynamics(&robot, &robot.bodies, &q, &still, &still, &mut tau);
             regressors.weight(&robot.bodies, &mut weight);

@@ -1,5 +1,5 @@
-//! Designed motions: within their limits, better than chance, and what they promise is kept by
-//! identification.
+//! Designed motions: they keep their limits, are better than random ones, and identification
+//! reaches the predicted errors.
 
 use super::{SEVEN_AXIS, SIX_AXIS, robot};
 use std::sync::Arc;
@@ -120,8 +120,8 @@ fn samples(options: RobotSimOptions, seconds: f64) -> Vec<RobotSample> {
         .collect()
 }
 
-/// Promise, simulation, identification: errors are as large as promised, and the identification
-/// says so itself.
+/// Prediction, simulation, identification: errors are as large as predicted, and the
+/// identification's own standard deviations agree.
 #[test]
 fn ident_what_a_motion_promises_is_kept() {
     let model = model(SIX_AXIS);
@@ -142,7 +142,7 @@ fn ident_what_a_motion_promises_is_kept() {
             .truth(&model, 0.0);
         let settings = IdentifyOptions {
             friction_walk: 0.0,
-            // what a forecast promises, and what is simulated, has exact zeros
+            // the forecast and the simulation both have exact zeros
             zero_rad: 0.0,
             ..IdentifyOptions::default()
         };

@@ -1,4 +1,4 @@
-//! What is said of a robot's log that was not recorded or read as it was meant.
+//! Messages about a robot's log that was recorded or read incorrectly.
 
 use super::{SEVEN_AXIS, SIX_AXIS, robot, ur10e, ur10e_recording};
 use std::f64::consts::{PI, TAU};
@@ -34,7 +34,7 @@ pub(super) fn simulated(model: &RobotModel, seconds: usize, change: impl Fn(&mut
         .collect()
 }
 
-/// What is said of a log.
+/// Messages about a log.
 fn said(model: &RobotModel, log: &[RobotSample]) -> Vec<String> {
     let options = IdentifyOptions::default();
     let mut found = judge_robot_log(model, log, options.windows.max_gap_s);
@@ -141,7 +141,7 @@ fn fault_each_usual_mistake_is_named_with_its_joint() {
         let said = said(&model, &changed(&log, change));
         assert!(said.iter().any(|line| line.contains(words)), "{what}: {said:#?}");
     }
-    // Between −π and π: what lies beyond comes back at the other end.
+    // Positions are wrapped to −π … π.
     let turning = SIX_AXIS.replace("revolute", "continuous");
     let model = self::model(&turning);
     let wrapped = changed(&log, |s| s.q[0] = (s.q[0] + 3.0 + PI).rem_euclid(TAU) - PI);
@@ -150,7 +150,7 @@ fn fault_each_usual_mistake_is_named_with_its_joint() {
     assert!(said.iter().any(|line| line.contains(words)), "{said:#?}");
 }
 
-/// Recordings of a real robot, whose last joint is mostly friction.
+/// Recordings of a real robot whose last joint is mostly friction.
 #[test]
 fn val_nothing_is_said_of_a_real_robots_recordings() {
     let Some(robot) = ur10e() else { return };

@@ -1,5 +1,5 @@
-//! A robot whose friction has terms that the identified model leaves out: it is said, and nothing
-//! that may be used is wrong.
+//! A robot whose friction has terms that the identified model leaves out: this is reported, and no
+//! usable value is wrong.
 //!
 //! A block is *dangerous* if it may be used and holds a usable parameter, or a derived value of the
 //! payload, that is off by more than 5 of its standard deviations and more than 0.5 %.
@@ -18,13 +18,13 @@ use thetabus::robot::{
 /// Fourier series that begin anew every 20 s, and moves from posture to posture with rests.
 const MOTIONS: [bool; 2] = [false, true];
 
-/// What a run has shown.
+/// Result of a run.
 #[derive(Debug, Default)]
 pub(super) struct Run {
     pub usable: usize,
     pub dangerous: usize,
     misfits: usize,
-    /// What the status said at the last misfit.
+    /// Status at the last misfit.
     words: String,
 }
 

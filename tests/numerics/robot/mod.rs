@@ -50,8 +50,8 @@ pub fn at_1_khz(joints: usize) -> (Vec<JointFriction>, WindowOptions) {
     (vec![friction; joints], windows)
 }
 
-/// A file of the data that stands beside the project, or `None` with a message; a gate that
-/// requires it fails instead.
+/// A file of the data kept outside the project, or `None` with a message; a gate that requires it
+/// fails instead.
 pub fn shared(name: &str) -> Option<(PathBuf, String)> {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     let named = std::env::var_os("THETABUS_DATA_DIR").map(PathBuf::from);

@@ -16,7 +16,7 @@ fn node() -> RobotNode {
     node_of_blocks(N, IdentifyOptions::default().block_s)
 }
 
-/// With blocks of so many samples, which last so long [s].
+/// With blocks of `samples` samples, which last `block_s` [s].
 fn node_of_blocks(samples: u64, block_s: f64) -> RobotNode {
     let (friction, windows) = at_1_khz(6);
     let model = RobotModel::new(robot(SIX_AXIS), true, friction).unwrap();
@@ -103,7 +103,7 @@ fn ident_a_stream_of_positions_and_torques_becomes_estimates_that_may_be_used() 
     // The payload is held at nothing.
     let first = node.learner().robot().model().parameters().len();
     assert!(last.fixed.contains(first) && last.theta[first] == 0.0 && last.derived[0] == 0.0);
-    // What is said to be known to 5 % is.
+    // A value that is reported as known to 5 % is known to 5 %.
     let robot = robot(SIX_AXIS);
     let options = RobotSimOptions {
         difference: 0.1,

@@ -7,7 +7,7 @@ use thetabus::robot::{
     RobotModel, RobotSample, RobotSimOptions, RobotSimulator, SimulatedDrive, Velocities, is_physical,
 };
 
-/// What was found in a run, and the payload after each block.
+/// Changes found in a run, and the payload after each block.
 struct Found {
     changes: Vec<RobotChange>,
     carried: Vec<(f64, Option<CarriedPayload>)>,
@@ -124,8 +124,8 @@ fn ident_a_payload_of_3_kg_is_located_within_50_ms_and_weighed_and_its_removal_i
     }
 }
 
-/// No payload that comes, none that is found, and what is learnt of the arm is as good as without
-/// looking for one.
+/// Without a payload none is found, and the arm's parameters are as accurate as without the search
+/// for one.
 #[test]
 fn ident_an_arm_without_payload_raises_no_alarm_and_its_intervals_hold() {
     let (mut inside, mut count, mut worst) = (0.0, 0.0, 0.0_f64);
@@ -187,7 +187,7 @@ fn fault_friction_that_changes_is_no_payload() {
     assert!((found.changes[0].t_s - 20.0).abs() < 0.3 && !identifier.is_loaded());
 }
 
-/// One recording behind the other, a second later; also where the second begins.
+/// One recording after the other, a second later; also the index at which the second begins.
 fn spliced(parts: [Vec<RobotSample>; 2]) -> (Vec<RobotSample>, f64) {
     let mut all: Vec<RobotSample> = Vec::new();
     let mut border = 0.0;
@@ -260,7 +260,7 @@ fn val_another_empty_recording_raises_no_payload_alarm_and_weighs_nothing() {
         let at = log.partition_point(|sample| sample.t_s < border);
         let found = run(&mut identifier.clone(), log.clone());
         assert!(found.of(ChangeCause::Payload).is_empty(), "{:?}", found.changes);
-        // The payload set free at the border: what does the other recording weigh?
+        // The payload is set free at the border: its mass in the other recording.
         run(&mut identifier, log[..at].iter().copied());
         let first = identifier.model().parameters().len();
         identifier.free(first);

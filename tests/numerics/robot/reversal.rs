@@ -1,4 +1,4 @@
-//! The way of a reversal is never known well: it must not spoil what is learnt of the bodies.
+//! The way of a reversal is never known well: this must not spoil the estimates of the bodies.
 
 use super::{SIX_AXIS, robot};
 use thetabus::robot::{
@@ -65,7 +65,8 @@ fn prop_a_wrong_way_of_reversals_leaves_nothing_confidently_wrong() {
             "seed {seed}"
         );
     }
-    // The same without the term: the residuals speak for it, and standard deviations allow for it.
+    // The same without the term: the residuals contain it, and the standard deviations allow for
+    // it.
     let mut rigid = JointFriction::default();
     rigid.terms.retain(|term| *term != FrictionTerm::Reversal);
     assert_eq!(confidently_wrong(1, rigid), [""; 0]);

@@ -12,7 +12,7 @@ use thetabus::rows::savitzky_golay;
 const PERIOD_S: f64 = 0.001;
 /// Counts of an encoder per turn, 16 bit.
 const COUNT: f64 = std::f64::consts::TAU / 65_536.0;
-/// Noise of the torques as a part of their range.
+/// Noise of the torques as a share of their range.
 const NOISE: f64 = 0.005;
 /// Inertia of the rotors [kg m²].
 const ROTORS: [f64; 7] = [0.4, 0.4, 0.2, 0.2, 0.1, 0.05, 0.03];
@@ -196,7 +196,7 @@ fn ident_a_seven_axis_robot_with_encoders_and_noise() {
     assert!(coverage > 0.9, "{coverage}");
 }
 
-/// Velocities of rounded positions beside exact ones, with the same noise of the torques.
+/// Velocities from rounded positions against exact ones, with the same noise of the torques.
 #[test]
 fn ident_a_log_without_velocities_gives_what_a_log_with_exact_ones_gives() {
     let clean = simulate(&robot(SEVEN_AXIS), 60.0);

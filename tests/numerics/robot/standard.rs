@@ -72,7 +72,7 @@ fn prop_bodies_have_the_base_parameters_that_were_identified() {
             robot.name,
             rms(&fitted.deviation)
         );
-        // γ of a tenth of an observation pulls by at most a part of one standard deviation.
+        // γ of a tenth of an observation pulls by less than one standard deviation.
         assert!(fitted.deviation.iter().all(|x| x.abs() < 1.0), "{:?}", fitted.deviation);
         let read = rewritten(text, &robot, &fitted);
         let base = model.base().nominal(&read, &fitted.rotors);
@@ -181,7 +181,7 @@ fn val_a_real_robot_gives_bodies_that_can_exist_and_predict_as_well() {
         fitted.bodies.iter().map(|b| b.mass()).collect::<Vec<_>>()
     );
     // A real arm bends and its gears have friction of other kinds: single parameters end up outside
-    // of what any body can have.
+    // the range of any body.
     assert!(rms(&fitted.deviation) < 1.5, "{}", rms(&fitted.deviation));
     let read = rewritten(&text, &robot, &fitted);
     let mut consistent = theta.clone();

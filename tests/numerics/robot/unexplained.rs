@@ -1,4 +1,4 @@
-//! A joint whose torque the model does not explain is no noisy joint: nothing may be used.
+//! A joint whose torque the model does not explain is not a noisy joint: no estimate is usable.
 
 use super::judge::{changed, model, simulated};
 use super::{SIX_AXIS, robot};
@@ -9,12 +9,12 @@ use thetabus::robot::{
 };
 
 /// Blocks that may be used and those of the state `misfit`, both in the last third of a log, and
-/// what is said of the log.
+/// the messages about the log.
 pub(super) fn last_third(model: &RobotModel, log: &[RobotSample]) -> (usize, usize, Vec<String>) {
     judged(model, log, 2 * log.len() / 3)
 }
 
-/// The same behind so many samples.
+/// The same after the first `behind` samples.
 pub(super) fn judged(model: &RobotModel, log: &[RobotSample], behind: usize) -> (usize, usize, Vec<String>) {
     let mut identifier = RobotIdentifier::new(model.clone(), IdentifyOptions::default()).expect("valid");
     let mut evidence = RobotEvidence::new(&identifier);
@@ -67,7 +67,7 @@ fn fault_nothing_is_used_while_a_joint_is_not_explained() {
             );
             assert!(said.iter().any(|line| line.contains(words)), "{what} {seed}: {said:#?}");
         }
-        // an axis of the URDF the other way round
+        // an axis of the URDF is reversed
         let mut turned = robot(SIX_AXIS);
         turned.joints[1].axis *= -1.0;
         let turned = RobotModel::new(turned, true, model(SIX_AXIS).friction().to_vec()).expect("sound");

@@ -1,4 +1,5 @@
-//! A real six-joint robot: what one on-line pass over 30 s of motion predicts of other recordings.
+//! A real six-joint robot: predictions of other recordings after one on-line pass over 30 s of
+//! motion.
 
 use super::{ur10e, ur10e_rows};
 use thetabus::robot::{IdentifyOptions, JointFriction, RobotIdentifier, RobotModel, RobotSample, TorqueFit, filtered};
@@ -83,7 +84,7 @@ fn val_logs_from_50_hz_on_are_enough() {
     assert_below("47 Hz", residuals(&fit), VALIDATION);
 }
 
-/// Recordings that no choice of this project was made on: another day, other trajectories.
+/// Recordings that were not used for any choice in this project: another day, other trajectories.
 #[test]
 fn val_recordings_of_another_day_predict_each_other() {
     let (Some(one), Some(other)) = (

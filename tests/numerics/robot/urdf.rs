@@ -1,4 +1,4 @@
-//! What is read from a URDF, and what is refused by element and line.
+//! Contents read from a URDF, and errors that name element and line.
 
 use super::{SEVEN_AXIS, SIX_AXIS, robot};
 use crate::support::TestRng;
@@ -31,7 +31,7 @@ fn error(text: &str, selection: &Selection) -> String {
 #[test]
 fn regress_a_wrong_urdf_is_refused_by_element_and_line() {
     assert_eq!(robot(&chain()).len(), 3);
-    // What is replaced, by what, and what the message must say.
+    // Old text, new text, and the required words of the message.
     let cases = [
         (
             "type=\"continuous\"",

@@ -433,7 +433,7 @@ pub enum EstimatorError {
     /// The structure has no parameters, no equations, or an equation with parameters that do not
     /// exist.
     #[error(
-        "expected equations with 1 to 64 parameters that lie within the plant's, got {equations} equations and {params} parameters"
+        "expected equations with 1 to 128 parameters that lie within the plant's, got {equations} equations and {params} parameters"
     )]
     Structure {
         /// Number of parameters.

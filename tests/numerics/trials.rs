@@ -197,6 +197,40 @@ fn run(settings: &[String]) -> (TrialResult, usize) {
     (result.unwrap(), last.count())
 }
 
+/// One block of smooth motion through 13 bits hardly determines the θ of its own weights. If the
+/// first blocks were learnt from only once, theta_5 would end up to 99 bounds off, and nine of the
+/// 216 quiet blocks would raise an alarm.
+#[test]
+fn ident_the_first_blocks_through_13_bits_leave_no_error_behind() {
+    let (mut alarms, mut quiet) = (0, 0);
+    for motion in [Motion::MinimumJerk, Motion::Trapezoidal] {
+        for seed in 0..6 {
+            let spec = TrialSpec {
+                bits: 13,
+                period_us: 500,
+                blocks: 20,
+                ..TrialSpec::new(motion, seed)
+            };
+            let (result, _) = run(&spec.settings());
+            let score = &result.parameters[4];
+            let ratio = (score.squared_ratio / f64::from(score.marks.max(1))).sqrt();
+            println!(
+                "{} {seed}: {ratio:.1} bounds, {} alarms",
+                motion.name(),
+                result.false_alarms
+            );
+            assert_eq!(result.dangerous, 0, "{} {seed}", motion.name());
+            assert!(score.marks > 0);
+            // three marks of twelve runs: 30 bounds are far beyond chance, and what a run may still
+            // keep of its start is a few
+            assert!(ratio < 30.0, "{} {seed}: {ratio:.1} bounds", motion.name());
+            alarms += result.false_alarms;
+            quiet += result.quiet;
+        }
+    }
+    assert!(alarms * 50 <= quiet, "{alarms} alarms in {quiet} blocks");
+}
+
 /// Each parameter of an equation follows the gain of its drive, without a residual: the estimate is
 /// wrong by as much, at hundreds of standard deviations. A payload moves some of them only.
 #[test]

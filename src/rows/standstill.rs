@@ -23,6 +23,17 @@
 //! W is what rounding and noise alone make of a position at rest. Rests shorter than a twentieth of
 //! a window are none.
 //!
+//! # Slow passages
+//! A joint may also creep to a stop, or away from one, more slowly than the velocity filter can see.
+//! The sign is that of noise there, too. The filter knows a velocity above three of its standard
+//! deviations σ_v, and a joint that is faster passes 2 W within
+//!
+//! ```text
+//! t₁ ≤ 2 W/(3 σ_v)
+//! ```
+//!
+//! One that stays within W for longer is left out as if it rested, whether it creeps or turns round.
+//!
 //! # Slow reversals
 //! If a term that is differentiated jumps, as friction does behind a winding's inductance, a
 //! reversal is an impulse in the equation, and its instant counts: at an acceleration a the sign of
@@ -45,6 +56,8 @@ const FEWEST: usize = 4;
 const SPOILT: f64 = 1e-6;
 /// Standard deviations between the smallest and the largest of some hundred noisy values.
 const RANGE: f64 = 6.0;
+/// Standard deviations of the filtered velocity above which its sign is known.
+const KNOWN_SIGN: f64 = 3.0;
 /// Share of a window that a joint may stay at its turning point, if a derivative of the equation
 /// jumps there.
 const SLOW: f64 = 0.2;
@@ -167,24 +180,30 @@ impl Standstill {
     }
 
     /// Looks for the rests of a joint in one uninterrupted stretch of its positions. `resolution`
-    /// is a count, `noise` the standard deviation beside the rounding.
-    pub fn look(&mut self, joint: usize, q: &[f64], stretch: Range<usize>, resolution: f64, noise: f64) {
+    /// is a count, `noise` the standard deviation beside the rounding; `velocity` is that of the
+    /// filtered velocity, per sample.
+    pub fn look(
+        &mut self,
+        joint: usize,
+        q: &[f64],
+        stretch: Range<usize>,
+        (resolution, noise): (f64, f64),
+        velocity: f64,
+    ) {
+        let width = 1.01 * resolution + RANGE * noise;
+        let unknown = match velocity > 0.0 {
+            true => ((2.0 * width / (KNOWN_SIGN * velocity)).ceil() as usize).max(FEWEST),
+            false => usize::MAX,
+        };
         let shortest = FEWEST.max((SHORTEST * 2.0 * self.half as f64).ceil() as usize);
         let slow = match self.abrupt >> joint & 1 {
             1 => (SLOW * 2.0 * self.half as f64) as usize,
             _ => usize::MAX,
         };
         let rests = &mut self.rests[joint];
-        find(
-            q,
-            stretch,
-            1.01 * resolution + RANGE * noise,
-            shortest,
-            slow,
-            |from, to| {
-                rests.push((from, to));
-            },
-        );
+        find(q, stretch, width, shortest, slow.min(unknown), |from, to| {
+            rests.push((from, to));
+        });
     }
 
     /// Finds the rows that the rests spoil; `centres` are the middles of the windows.
@@ -233,8 +252,8 @@ impl Standstill {
 }
 
 /// Gives the rests in a stretch of positions: every time that they stay within `width` for
-/// `shortest` samples, and do not just turn round there. A reversal counts, too, if it stays there
-/// for `slow` samples.
+/// `shortest` samples, and do not just turn round or pass there. These count, too, if they stay
+/// there for `slow` samples.
 fn find(q: &[f64], stretch: Range<usize>, width: f64, shortest: usize, slow: usize, rest: impl FnMut(usize, usize)) {
     let band = |x: &[f64]| {
         let width = width.max(1e-12 * x[0].abs()).max(f64::MIN_POSITIVE);
@@ -407,7 +426,7 @@ mod tests {
         let found = |arm: &ExtendedManipulator, acceleration: f64| {
             let q = turn(acceleration, 0.0);
             let mut standstill = Standstill::new(arm, &[1.0; 101], q.len(), 10);
-            standstill.look(0, &q, 0..q.len(), 1e-4, 0.0);
+            standstill.look(0, &q, 0..q.len(), (1e-4, 0.0), 0.0);
             standstill.rests[0].len()
         };
         // within a count for 2 √(2 W/a): 28 ms at 1 rad/s², 9 ms at 10 rad/s², a fifth of the
@@ -432,6 +451,19 @@ mod tests {
                 .map(|k| (speed * f64::from(k) * 1e-3 / 1e-4).round() * 1e-4)
                 .collect();
             assert_eq!(rests(&q, 1.01e-4), [], "{speed}");
+        }
+    }
+
+    #[test]
+    fn prop_a_joint_that_creeps_rests_if_the_filter_does_not_know_its_sign() {
+        let axis = ServoAxis::new(Motion::Linear, DriveInput::Force, 1.0).unwrap();
+        // 21 samples of an encoder with a count of 1e-4: σ_v is 0.03 counts per sample, so that
+        // 0.09 counts per sample are known and pass 2 W in 22
+        for (speed, known) in [(0.01, false), (0.05, false), (0.2, true), (1.0, true)] {
+            let q: Vec<f64> = (0..4000).map(|k| (speed * f64::from(k)).round() * 1e-4).collect();
+            let mut standstill = Standstill::new(&axis, &[1.0; 41], q.len(), 10);
+            standstill.look(0, &q, 0..q.len(), (1e-4, 0.0), 0.03e-4);
+            assert_eq!(standstill.rests[0].is_empty(), known, "{speed}");
         }
     }
 

@@ -19,11 +19,11 @@
 //! | another scale of an encoder: q (1 + a) is read | Σ_k q_k ∂f_i/∂q_k | share |
 //! | a clock that runs fast | none: it is a change of the parameters (`tempo.rs`) | share |
 //!
-//! Friction that falls with speed (R. Stribeck 1902), a dead band and a spring count beside Coulomb
-//! friction that the model has; without it they would be hard to tell from Coulomb friction. There
-//! are two columns of friction that falls with speed, with v_s of 0.2 and of 0.8 times the root
-//! mean square of the velocity in the first block that moves: together they are near enough to any
-//! v_s between. The standard deviations of friction, dead band, offset and spring are shares of
+//! Friction that falls with speed (R. Stribeck 1902) and a dead band count beside Coulomb friction
+//! that the model has; without it they would be hard to tell from Coulomb friction. There are two
+//! columns of friction that falls with speed, with v_s of 0.2 and of 0.8 times the root mean square
+//! of the velocity in the first block that moves: together they are near enough to any v_s between.
+//! A spring counts at any joint whose model has none: a weight and an inertia look like one. The standard deviations of friction, dead band, offset and spring are shares of
 //! u_r, the largest root mean square of a block's input so far, so that one default fits drives of
 //! any voltage. sat is sign with a straight piece: of three standard deviations of the velocity's
 //! noise, because at rest friction may have either sign, and noise has both, or of a fiftieth of
@@ -137,7 +137,7 @@ impl SuspectColumns {
             let of = (suspect - 1) / PER_EQUATION;
             match (suspect - 1) % PER_EQUATION {
                 OFFSET => of == e && !constant[e],
-                SPRING => of == e && jumps[e] && !springs[e],
+                SPRING => of == e && !springs[e],
                 SLOW_FRICTION | DEAD_BAND => of == e && jumps[e],
                 CLOCK => false,
                 SCALE => moves(e, inputs[of]) && first_of(of),
@@ -164,7 +164,9 @@ impl SuspectColumns {
             sizes: [0.0; MAX_JOINTS],
             travels: [0.0; MAX_JOINTS],
             speeds: vec![0.0; jumps.len()],
-            drives: jumps.iter().map(|&jumps| [room(jumps), room(jumps)]).collect(),
+            drives: (jumps.iter().zip(&springs))
+                .map(|(&jumps, &spring)| [room(jumps), room(!spring)])
+                .collect(),
             frictions: jumps.iter().map(|&jumps| [room(true), room(jumps)]).collect(),
             jumps,
             turns: (0..joints)

@@ -24,15 +24,16 @@
 //! a window are none.
 //!
 //! # Slow passages
-//! A joint may also creep to a stop, or away from one, more slowly than the velocity filter can see.
-//! The sign is that of noise there, too. The filter knows a velocity above three of its standard
-//! deviations σ_v, and a joint that is faster passes 2 W within
+//! A joint may also creep to a stop, or away from one, more slowly than the velocity filter can
+//! see. The sign is that of noise there, too. The filter knows a velocity above three of its
+//! standard deviations σ_v, and a joint that is faster passes 2 W within
 //!
 //! ```text
 //! t₁ ≤ 2 W/(3 σ_v)
 //! ```
 //!
-//! One that stays within W for longer is left out as if it rested, whether it creeps or turns round.
+//! One that stays within W for longer is left out as if it rested, whether it creeps or turns
+//! round.
 //!
 //! # Slow reversals
 //! If a term that is differentiated jumps, as friction does behind a winding's inductance, a

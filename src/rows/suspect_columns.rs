@@ -23,9 +23,9 @@
 //! that the model has; without it they would be hard to tell from Coulomb friction. There are two
 //! columns of friction that falls with speed, with v_s of 0.2 and of 0.8 times the root mean square
 //! of the velocity in the first block that moves: together they are near enough to any v_s between.
-//! A spring counts at any joint whose model has none: a weight and an inertia look like one. The standard deviations of friction, dead band, offset and spring are shares of
-//! u_r, the largest root mean square of a block's input so far, so that one default fits drives of
-//! any voltage. sat is sign with a straight piece: of three standard deviations of the velocity's
+//! A spring counts at any joint whose model has none: a weight and an inertia look like one. The
+//! standard deviations of friction, dead band, offset and spring are shares of u_r, the largest
+//! root mean square of a block's input so far, so that one default fits drives of any voltage. sat is sign with a straight piece: of three standard deviations of the velocity's
 //! noise, because at rest friction may have either sign, and noise has both, or of a fiftieth of
 //! u_r. A flexible joint gives u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order
 //! in 1/ω² its rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of the input,

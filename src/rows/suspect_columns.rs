@@ -25,11 +25,12 @@
 //! of the velocity in the first block that moves: together they are near enough to any v_s between.
 //! A spring counts at any joint whose model has none: a weight and an inertia look like one. The
 //! standard deviations of friction, dead band, offset and spring are shares of u_r, the largest
-//! root mean square of a block's input so far, so that one default fits drives of any voltage. sat is sign with a straight piece: of three standard deviations of the velocity's
-//! noise, because at rest friction may have either sign, and noise has both, or of a fiftieth of
-//! u_r. A flexible joint gives u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order
-//! in 1/ω² its rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of the input,
-//! whatever the equation is.
+//! root mean square of a block's input so far, so that one default fits drives of any voltage. sat
+//! is sign with a straight piece: of three standard deviations of the velocity's noise, because at
+//! rest friction may have either sign, and noise has both, or of a fiftieth of u_r. A flexible
+//! joint gives u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its
+//! rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of the input, whatever the
+//! equation is.
 //!
 //! The estimator widens its published covariance by what the data leave open of the errors that
 //! have a prior standard deviation ([`Considered`]), and tests for all of them

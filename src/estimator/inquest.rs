@@ -3,7 +3,7 @@
 //! ```text
 //! X_0 = Σ_g (J_0 − J_θ)                nothing has changed                (b) to (d) of inquiry.rs, per group g
 //! X_s = X_0′ − (Σ_g u_s)²/Σ_g i_s      error s, of one amplitude, with the parameters as they were
-//! X_p = X_0′ − Σ_g max u_s²/i_s        errors s of one kind p, one in each group, of its own amplitude
+//! X_p = X_0′ − (Σ_s Σ_g u_s)²/Σ_s Σ_g i_s    all errors s of one kind p, of one amplitude
 //! X ≤ 30 + number of parameters        explains the rows as well as other parameters do
 //! ```
 //!
@@ -11,8 +11,9 @@
 //! leaves no residual: the estimate follows, exactly and wrongly. A plant that changes moves some
 //! parameters and leaves others. So after a change each hypothesis of an error that may come up
 //! while a machine runs is held against (b) and (c), over all groups together: two causes at once
-//! are unlikely. A supply that sags is one, and takes from each drive: so where no error explains
-//! the rows, one of the same kind in each group is held against them. Nothing may be used
+//! are unlikely. A supply that sags is one, and takes the same share from each drive: so where no
+//! error explains the rows, all errors of one kind, of one amplitude, are held against them.
+//! Nothing may be used
 //!
 //! * while some error explains the rows as well as other parameters do,
 //! * while all parameters of a group seem to have changed, or
@@ -279,26 +280,15 @@ impl Inquest {
         if let Some(found) = single.explains(limit) {
             return Some(found);
         }
-        let mut each = Likeliest::default();
-        for place in 0..PER_EQUATION.min(errors) {
-            let alike = || (1 + place..errors).step_by(PER_EQUATION);
-            let own = (0..groups.len()).filter(of).filter_map(|k| {
-                let pulls = alike().map(|s| (s, groups[k].inquiry.pulls()[s]));
-                let seen = pulls.filter(|(_, [_, left])| *left > 0.0);
-                seen.map(|(s, [score, left])| Suspicion::of(s, score, left))
-                    .max_by(|a, b| a.deviations.total_cmp(&b.deviations))
-            });
-            let mut leaves = base;
-            let mut strongest: Option<Suspicion> = None;
-            for error in own {
-                leaves -= error.deviations * error.deviations;
-                strongest = strongest.filter(|s| s.deviations > error.deviations).or(Some(error));
-            }
-            if let Some(error) = strongest {
-                each.consider(leaves, error);
+        let mut common = Likeliest::default();
+        for place in 1..=PER_EQUATION.min(errors.saturating_sub(1)) {
+            let alike = (place..errors).step_by(PER_EQUATION).flat_map(pulls);
+            let [score, left] = alike.fold([0.0; 2], |sum, pull| [sum[0] + pull[0], sum[1] + pull[1]]);
+            if left > 0.0 {
+                common.consider(base - score * score / left, Suspicion::of(place, score, left));
             }
         }
-        if let Some(found) = each.explains(limit) {
+        if let Some(found) = common.explains(limit) {
             return Some(found);
         }
         let plausible = compared().all(|c| c.plausible || c.is_nothing());

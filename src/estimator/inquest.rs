@@ -3,6 +3,7 @@
 //! ```text
 //! X_0 = Σ_g (J_0 − J_θ)                nothing has changed                (b) to (d) of inquiry.rs, per group g
 //! X_s = X_0′ − (Σ_g u_s)²/Σ_g i_s      error s, of one amplitude, with the parameters as they were
+//! X_p = X_0′ − (Σ_s Σ_g u_s)²/Σ_s Σ_g i_s    all errors s of one kind p, of one amplitude
 //! X ≤ 30 + number of parameters        explains the rows as well as changed parameters do
 //! ```
 //!
@@ -10,6 +11,8 @@
 //! residual: the estimate follows, precisely and wrongly. A change of the plant moves some
 //! parameters and leaves others. So after a change, each error that can arise while a machine runs
 //! is compared with (b) and (c), over all groups together, because two causes at once are unlikely.
+//! A supply that sags is one cause and takes the same share from each drive. So if no single error
+//! explains the rows, all errors of one kind and one amplitude are compared.
 //! Nothing may be used
 //!
 //! * while some error explains the rows as well as changed parameters do,
@@ -29,6 +32,7 @@
 //! motion. Once it has explained more of these, a further change leaves its groups without a
 //! reference, and only (c) clears them.
 
+use super::considered::PER_EQUATION;
 use super::group::GroupState;
 use super::inquiry::{Comparison, REFUTED};
 use super::persist::Visit;
@@ -75,6 +79,54 @@ enum Found {
     /// Changed parameters alone, but all of a group.
     Everything,
     Error(Suspicion, bool),
+}
+
+/// The error that leaves least of the rows unexplained, and what the next one leaves.
+struct Likeliest {
+    error: Option<Suspicion>,
+    least: f64,
+    second: f64,
+}
+
+impl Default for Likeliest {
+    fn default() -> Self {
+        Self {
+            error: None,
+            least: f64::INFINITY,
+            second: f64::INFINITY,
+        }
+    }
+}
+
+impl Likeliest {
+    fn consider(&mut self, leaves: f64, error: Suspicion) {
+        if leaves < self.least {
+            (self.second, self.least, self.error) = (self.least, leaves, Some(error));
+        } else {
+            self.second = self.second.min(leaves);
+        }
+    }
+
+    /// The error, if it leaves no more than `limit` and is seen.
+    fn explains(&self, limit: f64) -> Option<Found> {
+        let error = self
+            .error
+            .filter(|error| self.least <= limit && error.deviations > SEEN)?;
+        Some(Found::Error(error, self.second - self.least > ALONE))
+    }
+}
+
+impl Suspicion {
+    /// An error by its score and information.
+    fn of(suspect: usize, score: f64, left: f64) -> Self {
+        Self {
+            suspect,
+            drifting: None,
+            amplitude: score / left,
+            deviations: score.abs() / left.sqrt(),
+            share: 1.0,
+        }
+    }
 }
 
 impl Inquest {
@@ -217,37 +269,28 @@ impl Inquest {
             return Some(Found::Nothing(nothing <= 2.0 * (limit - REFUTED)));
         }
         let base: f64 = compared().map(|c| c.base).sum();
-        let (mut best, mut second) = (None, f64::INFINITY);
-        let mut least = f64::INFINITY;
-        let errors = groups
-            .iter()
-            .map(|group| group.inquiry.pulls().len())
-            .max()
-            .unwrap_or(0);
+        let pulls = |s: usize| (0..groups.len()).filter(of).map(move |k| groups[k].inquiry.pulls()[s]);
+        let errors = groups.first().map_or(0, |group| group.inquiry.pulls().len());
+        let mut single = Likeliest::default();
         for s in 0..errors {
-            let pulls = (0..groups.len()).filter(of).map(|k| groups[k].inquiry.pulls()[s]);
-            let [score, left] = pulls.fold([0.0; 2], |sum, pull| [sum[0] + pull[0], sum[1] + pull[1]]);
-            if !(left > 0.0) {
-                continue;
-            }
-            let leaves = base - score * score / left;
-            if leaves < least {
-                second = least;
-                least = leaves;
-                best = Some(Suspicion {
-                    suspect: s,
-                    drifting: None,
-                    amplitude: score / left,
-                    deviations: score.abs() / left.sqrt(),
-                    share: 1.0,
-                });
-            } else {
-                second = second.min(leaves);
+            let [score, left] = pulls(s).fold([0.0; 2], |sum, pull| [sum[0] + pull[0], sum[1] + pull[1]]);
+            if left > 0.0 {
+                single.consider(base - score * score / left, Suspicion::of(s, score, left));
             }
         }
-        let explains = |error: &Suspicion| least <= limit && error.deviations > SEEN;
-        if let Some(error) = best.filter(explains) {
-            return Some(Found::Error(error, second - least > ALONE));
+        if let Some(found) = single.explains(limit) {
+            return Some(found);
+        }
+        let mut common = Likeliest::default();
+        for place in 1..=PER_EQUATION.min(errors.saturating_sub(1)) {
+            let alike = (place..errors).step_by(PER_EQUATION).flat_map(pulls);
+            let [score, left] = alike.fold([0.0; 2], |sum, pull| [sum[0] + pull[0], sum[1] + pull[1]]);
+            if left > 0.0 {
+                common.consider(base - score * score / left, Suspicion::of(place, score, left));
+            }
+        }
+        if let Some(found) = common.explains(limit) {
+            return Some(found);
         }
         let plausible = compared().all(|c| c.plausible || c.is_nothing());
         Some(if plausible { Found::Plant } else { Found::Everything })

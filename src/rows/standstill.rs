@@ -24,6 +24,17 @@
 //! W is the range of a position at rest due to rounding and noise. Rests shorter than a twentieth
 //! of a window do not count.
 //!
+//! # Slow passages
+//! A joint may also creep to a stop, or away from one, more slowly than the velocity filter can
+//! see; the sign of its velocity is then noise, too. The filter knows a velocity above three of its
+//! standard deviations σ_v, and a faster joint passes 2 W within
+//!
+//! ```text
+//! t₁ ≤ 2 W/(3 σ_v)
+//! ```
+//!
+//! A joint that stays within W for longer counts as resting, whether it creeps or reverses.
+//!
 //! # Slow reversals
 //! If a differentiated term jumps, such as friction combined with a winding's inductance, a
 //! reversal is an impulse in the equation, and its instant matters: at an acceleration a, the sign
@@ -46,6 +57,8 @@ const FEWEST: usize = 4;
 const SPOILT: f64 = 1e-6;
 /// Standard deviations between the smallest and the largest of about a hundred noisy values.
 const RANGE: f64 = 6.0;
+/// Standard deviations of the filtered velocity above which its sign is known.
+const KNOWN_SIGN: f64 = 3.0;
 /// Share of a window that a joint may stay at its turning point if a differentiated term jumps
 /// there.
 const SLOW: f64 = 0.2;
@@ -168,24 +181,30 @@ impl Standstill {
     }
 
     /// Finds the rests of a joint in one uninterrupted stretch of its positions. `resolution` is
-    /// the size of a count, `noise` the standard deviation besides the rounding.
-    pub fn look(&mut self, joint: usize, q: &[f64], stretch: Range<usize>, resolution: f64, noise: f64) {
+    /// the size of a count, `noise` the standard deviation besides the rounding, `velocity` that
+    /// of the filtered velocity, per sample.
+    pub fn look(
+        &mut self,
+        joint: usize,
+        q: &[f64],
+        stretch: Range<usize>,
+        (resolution, noise): (f64, f64),
+        velocity: f64,
+    ) {
+        let width = 1.01 * resolution + RANGE * noise;
+        let unknown = match velocity > 0.0 {
+            true => ((2.0 * width / (KNOWN_SIGN * velocity)).ceil() as usize).max(FEWEST),
+            false => usize::MAX,
+        };
         let shortest = FEWEST.max((SHORTEST * 2.0 * self.half as f64).ceil() as usize);
         let slow = match self.abrupt >> joint & 1 {
             1 => (SLOW * 2.0 * self.half as f64) as usize,
             _ => usize::MAX,
         };
         let rests = &mut self.rests[joint];
-        find(
-            q,
-            stretch,
-            1.01 * resolution + RANGE * noise,
-            shortest,
-            slow,
-            |from, to| {
-                rests.push((from, to));
-            },
-        );
+        find(q, stretch, width, shortest, slow.min(unknown), |from, to| {
+            rests.push((from, to));
+        });
     }
 
     /// Finds the rows to leave out because of rests; `centres` are the middles of the windows.
@@ -234,7 +253,7 @@ impl Standstill {
 }
 
 /// Finds the rests in a stretch of positions: whenever they stay within `width` for `shortest`
-/// samples and do not merely reverse there. A reversal also counts if it stays there for `slow`
+/// samples and do not merely reverse or pass there. These count, too, if they stay there for `slow`
 /// samples.
 fn find(q: &[f64], stretch: Range<usize>, width: f64, shortest: usize, slow: usize, rest: impl FnMut(usize, usize)) {
     let band = |x: &[f64]| {
@@ -408,7 +427,7 @@ mod tests {
         let found = |arm: &ExtendedManipulator, acceleration: f64| {
             let q = turn(acceleration, 0.0);
             let mut standstill = Standstill::new(arm, &[1.0; 101], q.len(), 10);
-            standstill.look(0, &q, 0..q.len(), 1e-4, 0.0);
+            standstill.look(0, &q, 0..q.len(), (1e-4, 0.0), 0.0);
             standstill.rests[0].len()
         };
         // within a count for 2 √(2 W/a): 28 ms at 1 rad/s², 9 ms at 10 rad/s², a fifth of the
@@ -433,6 +452,19 @@ mod tests {
                 .map(|k| (speed * f64::from(k) * 1e-3 / 1e-4).round() * 1e-4)
                 .collect();
             assert_eq!(rests(&q, 1.01e-4), [], "{speed}");
+        }
+    }
+
+    #[test]
+    fn prop_a_joint_that_creeps_rests_if_the_filter_does_not_know_its_sign() {
+        let axis = ServoAxis::new(Motion::Linear, DriveInput::Force, 1.0).unwrap();
+        // 21 samples of an encoder with a count of 1e-4: σ_v is 0.03 counts per sample, so that
+        // 0.09 counts per sample are known and pass 2 W in 22
+        for (speed, known) in [(0.01, false), (0.05, false), (0.2, true), (1.0, true)] {
+            let q: Vec<f64> = (0..4000).map(|k| (speed * f64::from(k)).round() * 1e-4).collect();
+            let mut standstill = Standstill::new(&axis, &[1.0; 41], q.len(), 10);
+            standstill.look(0, &q, 0..q.len(), (1e-4, 0.0), 0.03e-4);
+            assert_eq!(standstill.rests[0].is_empty(), known, "{speed}");
         }
     }
 

@@ -23,8 +23,8 @@ pub struct Considered {
     /// Dead band of each drive whose joint's model has Coulomb friction, as a share of the same
     /// size, ≥ 0.
     pub dead_band: f64,
-    /// Spring, such as a cable, at each joint whose model has Coulomb friction and no spring: its
-    /// input at the root mean square of the travel, as a share of the same size, ≥ 0.
+    /// Spring, such as a cable, at each joint whose model has none: its input at the root mean
+    /// square of the travel, as a share of the same size, ≥ 0.
     pub spring: f64,
     /// Natural frequency of the flexibility between each motor and its load \[Hz\], one standard
     /// deviation of 1/(2π f)²; 0 for rigid joints.

@@ -19,9 +19,10 @@
 //! | another scale of an encoder: reads q (1 + a) | Σ_k q_k ∂f_i/∂q_k | share |
 //! | a clock that runs fast | none: it is a change of the parameters (`tempo.rs`) | share |
 //!
-//! Friction that falls with speed (R. Stribeck 1902), a dead band and a spring have columns only if
-//! the model has Coulomb friction; otherwise they would be hard to distinguish from Coulomb
-//! friction. There are two columns of friction that falls with speed, with v_s of 0.2 and of 0.8
+//! Friction that falls with speed (R. Stribeck 1902) and a dead band have columns only if the model
+//! has Coulomb friction; otherwise they would be hard to distinguish from Coulomb friction. A
+//! spring has one at any joint whose model has none, because a weight and an inertia look like it.
+//! There are two columns of friction that falls with speed, with v_s of 0.2 and of 0.8
 //! times the root mean square of the velocity in the first block that moves: together they
 //! approximate any v_s between. The standard deviations of friction, dead band, offset and spring
 //! are shares of u_r, the largest root mean square of a block's input so far, so one default fits
@@ -137,7 +138,7 @@ impl SuspectColumns {
             let of = (suspect - 1) / PER_EQUATION;
             match (suspect - 1) % PER_EQUATION {
                 OFFSET => of == e && !constant[e],
-                SPRING => of == e && jumps[e] && !springs[e],
+                SPRING => of == e && !springs[e],
                 SLOW_FRICTION | DEAD_BAND => of == e && jumps[e],
                 CLOCK => false,
                 SCALE => moves(e, inputs[of]) && first_of(of),
@@ -164,7 +165,9 @@ impl SuspectColumns {
             sizes: [0.0; MAX_JOINTS],
             travels: [0.0; MAX_JOINTS],
             speeds: vec![0.0; jumps.len()],
-            drives: jumps.iter().map(|&jumps| [room(jumps), room(jumps)]).collect(),
+            drives: (jumps.iter().zip(&springs))
+                .map(|(&jumps, &spring)| [room(jumps), room(!spring)])
+                .collect(),
             frictions: jumps.iter().map(|&jumps| [room(true), room(jumps)]).collect(),
             jumps,
             turns: (0..joints)

@@ -76,10 +76,11 @@ impl<P: Plant> Projection<P> {
             if !self.standstill.concerns(joint) {
                 continue;
             }
-            let (resolution, white) = (sensors.position_resolution[joint], sensors.position_noise[joint]);
+            let noise = (sensors.position_resolution[joint], sensors.position_noise[joint]);
+            let velocity = self.block.form.velocity.gain * sensors.deviations(joint)[0];
             self.standstill.begin(joint);
             for stretch in samples.repair.stretches(samples.len) {
-                self.standstill.look(joint, q, stretch, resolution, white);
+                self.standstill.look(joint, q, stretch, noise, velocity);
             }
         }
         self.standstill

@@ -163,11 +163,8 @@ impl BlockEstimator {
     /// Saves the state of the estimator and its state machine, so that both can continue bit for
     /// bit; allocates only if `into` is too small.
     pub fn save(&mut self, judge: &mut StateMachine, into: &mut EstimatorState) {
-        into.reals.clear();
-        into.counts.clear();
-        let mut save = Save(into);
-        self.visit(&mut save);
-        judge.visit(&mut save);
+        self.remember(into);
+        judge.visit(&mut Save(into));
     }
 
     /// Saves the state for [`go_back`](Self::go_back); allocates only if `into` is too small.
@@ -319,16 +316,11 @@ impl BlockEstimator {
             }
         }
         // the sums of a single step are taken at θ̄
-        let before = self.is_single() && self.report.change.is_none();
+        let before = self.options.max_iterations == 1 && self.report.change.is_none();
         self.judge_fit(rows, lines, before);
         self.conclude(rows, lines, before);
         self.describe();
         &self.report
-    }
-
-    /// True if each block moves the estimate by one step from θ̄.
-    fn is_single(&self) -> bool {
-        self.options.max_iterations == 1
     }
 
     /// Begins a block.
@@ -359,7 +351,7 @@ impl BlockEstimator {
 
     /// Fits the groups that follow no line, and compares the results with their priors.
     fn fit(&mut self, rows: &dyn Summable, lines: u64) {
-        let single = self.is_single();
+        let single = self.options.max_iterations == 1; // one step from θ̄ per block
         for (k, group) in self.groups.iter_mut().enumerate() {
             if lines >> k & 1 == 1 {
                 continue;

@@ -198,11 +198,11 @@ fn run(settings: &[String]) -> (TrialResult, usize) {
 }
 
 /// One block of smooth motion through 13 bits hardly determines the θ of its own weights. If the
-/// first blocks were learnt from only once, theta_5 would end up to 99 bounds off, and nine of the
-/// 216 quiet blocks would raise an alarm.
+/// first blocks were learnt from only once, theta_5 would end more than 80 bounds off in three of
+/// these twelve runs, and nine of the 216 quiet blocks would raise an alarm.
 #[test]
 fn ident_the_first_blocks_through_13_bits_leave_no_error_behind() {
-    let (mut alarms, mut quiet) = (0, 0);
+    let (mut alarms, mut quiet, mut far) = (0, 0, 0);
     for motion in [Motion::MinimumJerk, Motion::Trapezoidal] {
         for seed in 0..6 {
             let spec = TrialSpec {
@@ -221,14 +221,14 @@ fn ident_the_first_blocks_through_13_bits_leave_no_error_behind() {
             );
             assert_eq!(result.dangerous, 0, "{} {seed}", motion.name());
             assert!(score.marks > 0);
-            // three marks of twelve runs: 30 bounds are far beyond chance, and what a run may still
-            // keep of its start is a few
-            assert!(ratio < 30.0, "{} {seed}: {ratio:.1} bounds", motion.name());
+            far += u32::from(ratio > 10.0);
             alarms += result.false_alarms;
             quiet += result.quiet;
         }
     }
-    assert!(alarms * 50 <= quiet, "{alarms} alarms in {quiet} blocks");
+    // after a false alarm, the estimate of a run begins anew; one may have one
+    assert!(far <= 1, "{far} of 12 runs");
+    assert!(alarms * 40 <= quiet, "{alarms} alarms in {quiet} blocks");
 }
 
 /// Each parameter of an equation follows the gain of its drive, without a residual: the estimate is

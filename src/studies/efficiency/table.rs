@@ -218,14 +218,12 @@ fn introduction(cases: &[CaseRuns], seeds: u64, duration_s: f64) -> Section {
          physically possible, else from the configuration's values. Filters and likelihoods know the noise of the \
          sensors, instruments know the controller."
             .to_owned(),
-        "**Why figures are above 1.**\n\n- *thetabus*: on the axis, the cause is square waves of a few seeds. After them the axis \
-         creeps to its place, and the rows over the end of that are left out as a rest. What thetabus loses of theta_1 on steps \
-         at 20 bits is not explained yet. On smooth moves at 13 bits a first block alone hardly determines the θ from \
-         which its weights and smoothed positions are computed; started at the true θ, thetabus is at the bound \
-         there.\n- *Filter and prediction error*, on moves with rests: they take the rounding of a machine at rest \
-         for noise. With one count of white noise added, 8 seeds of trapezoidal, 20 bit, have 1.1 instead of 1.5. On \
-         the axis they linearise sticking, and such noise changes nothing.\n- *Least squares and instrumental \
-         variables*: they have filters of a fixed width and equations without weights."
+        "**Why figures are above 1.**\n\n- *thetabus*: on steps at 20 bits, the velocity filter smooths away jumps of \
+         the jerk (method.md, section 14). On steps at 13 bits, the rounding of a joint that creeps to its place is not \
+         white, so the rows have the wrong weights.\n- *Filter and prediction error*, on moves with rests: they take \
+         the rounding of a machine at rest for noise. With one count of white noise added, 8 seeds of trapezoidal, 20 \
+         bit, have 1.1 instead of 1.5. On the axis they linearise sticking, and such noise changes nothing.\n- *Least \
+         squares and instrumental variables*: they have filters of a fixed width and equations without weights."
             .to_owned(),
     ];
     Section {

@@ -59,8 +59,8 @@ impl Config {
     }
 
     /// Upper estimate of the memory for the rows of a block \[bytes\]: signals and features of each
-    /// sample, columns of each window, and three bands of the windows' covariance, as wide as a
-    /// window reaches.
+    /// sample, samples of the first four blocks, columns of each window, and three bands of the
+    /// windows' covariance, as wide as a window reaches.
     fn rows_bytes(&self) -> u64 {
         let definition = self.model.definition();
         let (joints, equations) = (definition.joints as u64, definition.equations.len() as u64);
@@ -78,7 +78,9 @@ impl Config {
                 let band = 3 * (reach / stride + 2);
                 let columns = 3 * (params + 16) + 16;
                 let of_windows = windows.saturating_mul(8 * equations * (band + columns));
-                capacity.saturating_mul(sample).saturating_add(of_windows)
+                let of_first_blocks = block_len.saturating_mul(4 * 8 * (1 + 3 * joints));
+                let of_samples = capacity.saturating_mul(sample).saturating_add(of_first_blocks);
+                of_samples.saturating_add(of_windows)
             }
         }
     }

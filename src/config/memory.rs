@@ -66,7 +66,7 @@ impl Config {
         let (joints, equations) = (definition.joints as u64, definition.equations.len() as u64);
         let params = definition.parameters.len() as u64;
         let block_len = self.estimator.block_len as u64;
-        let sample = 8 * (20 * joints + 24);
+        let sample = 8 * (23 * joints + 32);
         match &self.identifier.rows {
             RowForm::Pointwise => block_len.saturating_mul(sample + 8 * (params + 1) * equations),
             RowForm::Projected(options) => {
@@ -76,7 +76,7 @@ impl Config {
                 let capacity = block_len + block_len / 16 + 2 * reach + stride;
                 let windows = capacity / stride + 2;
                 let band = 3 * (reach / stride + 2);
-                let columns = 3 * (params + 16) + 16;
+                let columns = 4 * (params + 16) + 16;
                 let of_windows = windows.saturating_mul(8 * equations * (band + columns));
                 let of_first_blocks = block_len.saturating_mul(4 * 8 * (1 + 3 * joints));
                 let of_samples = capacity.saturating_mul(sample).saturating_add(of_first_blocks);

@@ -45,7 +45,7 @@ use super::Forward;
 use super::equation::{EquationState, TINY};
 use super::fit::Fit;
 use super::group::GroupState;
-use super::linalg::{dot, gather, mul_vec};
+use super::linalg::{Cholesky, dot, gather, mul_vec};
 use super::options::{EstimatorOptions, Outliers};
 use super::pass::{Loss, Summable, Sums, used};
 use super::stats::f_tail;
@@ -59,6 +59,9 @@ pub const CONSISTENT: f64 = 1e-4;
 pub const MANY: f64 = 1e6;
 /// Share of gated rows above which they are not outliers but a changed plant.
 pub const GATED: f64 = 0.1;
+/// Relative increase of a diagonal that makes singular sums definite: far above rounding, far below
+/// what a block informs on.
+const SINGULAR: f64 = 1e-9;
 /// Boundaries per level of the search for τ.
 const GRID: usize = 64;
 
@@ -91,7 +94,7 @@ impl GroupState {
         for (e, sums) in self.equations.iter().zip(&self.at) {
             let p = sums.params;
             // the block's own noise, if it is consistent with the level known so far
-            let own = own_variance(sums, &mut self.cholesky, &mut room.a);
+            let own = own_variance(sums, &mut self.cholesky, &mut room.a, &mut room.scale);
             let variance = e.variance.max(own.min(4.0 * e.variance)).max(TINY);
             for i in 0..p {
                 room.gradient[e.offset + i] += sums.score[i] / variance;
@@ -399,16 +402,26 @@ impl Boundary {
     }
 }
 
-// Residual variance of one equation if it were fitted alone: cost over degrees of freedom.
-fn own_variance(sums: &Sums, factor: &mut super::linalg::Cholesky, work: &mut [f64]) -> f64 {
+// Residual variance of one equation if it were fitted alone: cost over degrees of freedom. A block
+// that does not inform on some direction, so that its sums are singular, is fitted in the others.
+fn own_variance(sums: &Sums, factor: &mut Cholesky, matrix: &mut [f64], vector: &mut [f64]) -> f64 {
     let p = sums.params;
     let freedom = sums.rows as f64 - p as f64;
     if freedom < 1.0 {
         return 0.0;
     }
     let mut cost = sums.cost;
-    if factor.factor(p, &sums.gram) {
-        let x = &mut work[..p];
+    let (matrix, x) = (&mut matrix[..p * p], &mut vector[..p]);
+    matrix.copy_from_slice(&sums.gram);
+    for i in 0..p {
+        let diagonal = &mut matrix[i * p + i];
+        *diagonal = if *diagonal > 0.0 {
+            *diagonal * (1.0 + SINGULAR)
+        } else {
+            1.0
+        };
+    }
+    if factor.factor(p, matrix) {
         x.copy_from_slice(&sums.score);
         factor.solve(x);
         cost -= dot(x, &sums.score);

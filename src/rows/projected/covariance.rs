@@ -91,9 +91,46 @@ impl RowCovariance {
         (&c[span.clone()], first + span.start)
     }
 
-    /// Variance of the rounding of an equation's input within a window.
-    pub fn rounding(&self, equation: usize, row: usize) -> f64 {
-        self.rounding[equation][row]
+    /// Variance of an equation's input within a window.
+    pub fn input_variance<P: Plant>(&self, block: &MeasuredBlock<P>, equation: usize, row: usize) -> f64 {
+        let input = block.form.input(equation).0;
+        block.noise.sensors.input_noise[input].powi(2) + self.rounding[equation][row]
+    }
+
+    /// Residual of a row that errors of the positions cause, Σ_k c(k) error(k); `errors` are in
+    /// standard deviations \[joint\]\[sample\].
+    pub fn residual<P: Plant>(
+        &self,
+        block: &MeasuredBlock<P>,
+        equation: usize,
+        row: usize,
+        errors: &[Vec<f64>],
+    ) -> f64 {
+        let of_joint = |(joint, errors): (usize, &Vec<f64>)| {
+            let (c, first) = self.sensitivity(block, equation, row, joint);
+            dot(c, &errors[first..first + c.len()])
+        };
+        errors.iter().enumerate().map(of_joint).sum()
+    }
+
+    /// Errors += `factor` Cᵀ R⁻¹ f from the rows of an equation, in standard deviations
+    /// \[joint\]\[sample\]; `weighted` is R⁻¹ f.
+    pub fn add_errors<P: Plant>(
+        &self,
+        block: &MeasuredBlock<P>,
+        equation: usize,
+        weighted: &[f64],
+        factor: f64,
+        errors: &mut [Vec<f64>],
+    ) {
+        for (i, weighted) in weighted.iter().enumerate() {
+            for (joint, errors) in errors.iter_mut().enumerate() {
+                let (c, first) = self.sensitivity(block, equation, i, joint);
+                for (error, c) in errors[first..].iter_mut().zip(c) {
+                    *error += factor * weighted * c;
+                }
+            }
+        }
     }
 
     /// Computes R of an equation at θ.

@@ -73,19 +73,11 @@ impl SmoothedSignals {
         let weighted = &mut self.weighted[..windows.len()];
         weighted.copy_from_slice(&residuals[..windows.len()]);
         whitening.apply_transposed(weighted);
-        for (i, &weighted) in weighted.iter().enumerate() {
-            for (joint, errors) in self.signals.q.iter_mut().enumerate() {
-                let (c, first) = covariance.sensitivity(block, e, i, joint);
-                for (error, c) in errors[first..].iter_mut().zip(c) {
-                    *error += c * weighted;
-                }
-            }
-        }
+        covariance.add_errors(block, e, weighted, 1.0, &mut self.signals.q);
         let (input, scale) = block.form.input(e);
         let kernel = &block.form.kernels.input[0];
         for (i, window) in windows.iter().enumerate() {
-            let variance = block.noise.sensors.input_noise[input].powi(2) + covariance.rounding(e, i);
-            let moved = variance * scale * weighted[i];
+            let moved = covariance.input_variance(block, e, i) * scale * weighted[i];
             let from = window.centre - block.form.kernels.input_half;
             let u = &mut self.signals.u[input][from..from + kernel.len()];
             u.iter_mut().zip(kernel).for_each(|(u, weight)| *u -= moved * weight);

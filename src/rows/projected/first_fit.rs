@@ -218,6 +218,8 @@ impl FirstFit {
         let theta = self.estimator.theta();
         if rows.mean_square(theta) < FAR {
             rows.smooth(theta);
+        } else {
+            rows.keep_measured(theta);
         }
     }
 
@@ -237,6 +239,8 @@ impl FirstFit {
         self.keep_known_or(Some(theta));
         if rows.mean_square(&self.settled) < FAR {
             rows.smooth(&self.settled);
+        } else {
+            rows.keep_measured(&self.settled);
         }
     }
 }

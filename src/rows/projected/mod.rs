@@ -18,6 +18,7 @@
 //! | rows over a standstill, left out of equations that do not hold there | `Standstill` |
 //! | covariance R of the rows, and the rows whitened by it | `RowCovariance`, `WhitenedRows` |
 //! | positions freed of the errors that the residuals show | `SmoothedSignals` |
+//! | regressors freed of the noise left in them | `RegressorNoise`, `Calibration` |
 //! | windows that end with the block | `Tail` |
 //! | all of these, in this order | `Projection` |
 //! | a first θ for R | `FirstFit` |
@@ -58,6 +59,7 @@
 //! explain is first fitted alone; if that also leaves more than noise, its rows stay as measured.
 
 mod block;
+mod calibration;
 mod covariance;
 mod errors_in_variables;
 mod evaluation;
@@ -66,6 +68,7 @@ mod input_jumps;
 mod measured;
 mod options;
 mod projection;
+mod regressor_noise;
 mod reversals;
 mod sample_noise;
 mod samples;

@@ -4,6 +4,7 @@ use super::covariance::RowCovariance;
 use super::errors_in_variables::SmoothedSignals;
 use super::evaluation::Source;
 use super::measured::MeasuredBlock;
+use super::regressor_noise::{RegressorNoise, Rows};
 use super::reversals;
 use super::tail::Tail;
 use super::whitened_rows::WhitenedRows;
@@ -22,6 +23,7 @@ pub(super) struct Projection<P> {
     covariance: RowCovariance,
     rows: WhitenedRows,
     smoothed: SmoothedSignals,
+    regressor_noise: RegressorNoise,
     tail: Tail,
 }
 
@@ -44,6 +46,7 @@ impl<P: Plant> Projection<P> {
             standstill: Standstill::new(&form.plant, &form.kernels.position[0], capacity, rows),
             rows: WhitenedRows::new(&block, rows, covariance.bandwidth()),
             smoothed: SmoothedSignals::new(&block, rows),
+            regressor_noise: RegressorNoise::new(&block, rows),
             tail: Tail::new(form),
             covariance,
             block,
@@ -135,7 +138,33 @@ impl<P: Plant> Projection<P> {
         }
         self.smoothed.finish(block, &self.standstill);
         let signals = self.smoothed.or(&block.samples.signals);
-        self.rows.replace_regressors(&Source { block, signals }, theta);
+        self.rows.replace_regressors(&Source { block, signals });
+        self.calibrate(theta);
+    }
+
+    /// Keeps the measured positions, because residuals at `theta` are more than noise. The rows
+    /// must have been [weighted](Self::weigh).
+    pub fn keep_measured(&mut self, theta: &[f64]) {
+        self.smoothed.forget();
+        let block = &self.block;
+        let signals = &block.samples.signals;
+        self.rows.keep_residuals(&Source { block, signals }, theta);
+        self.calibrate(theta);
+    }
+
+    /// Frees the regressors of the noise left in them; the residuals at `theta` stay the kept ones.
+    fn calibrate(&mut self, theta: &[f64]) {
+        let (block, measured) = (&self.block, &self.block.samples.signals);
+        let signals = self.smoothed.or(measured);
+        let rows = Rows {
+            block,
+            covariance: &self.covariance,
+            standstill: &self.standstill,
+            signals,
+            smoothed: !std::ptr::eq(signals, measured),
+        };
+        self.regressor_noise.remove(&rows, &mut self.rows);
+        self.rows.keep_at(&Source { block, signals }, theta);
     }
 
     /// Computes the columns of considered errors, from smoothed signals if they exist. Otherwise

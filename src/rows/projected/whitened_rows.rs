@@ -110,8 +110,8 @@ impl WhitenedRows {
         &self.measured[Direction::Forward as usize][e]
     }
 
-    /// Computes the regressors from other signals, while the residuals at θ stay the kept ones.
-    pub fn replace_regressors<P: Plant>(&mut self, source: &Source<'_, P>, theta: &[f64]) {
+    /// Computes the regressors from other signals; [`keep_at`](Self::keep_at) must follow.
+    pub fn replace_regressors<P: Plant>(&mut self, source: &Source<'_, P>) {
         self.forget();
         let windows = source.block.samples.windows.all();
         let rows = windows.len();
@@ -129,6 +129,20 @@ impl WhitenedRows {
                 backward.iter_mut().map(|column| &mut column[..rows]),
             );
         }
+    }
+
+    /// The columns of an equation, whitened forwards and backwards, and their whitening.
+    pub fn factors(&mut self, e: usize) -> ([&mut [Vec<f64>]; 2], &mut Whitening) {
+        let [forward, backward] = &mut self.white;
+        (
+            [&mut forward[e].factors, &mut backward[e].factors],
+            &mut self.whitening[e],
+        )
+    }
+
+    /// Sets Y so that the residuals at θ are the [kept](Self::keep_residuals) ones.
+    pub fn keep_at<P: Plant>(&mut self, source: &Source<'_, P>, theta: &[f64]) {
+        let rows = source.block.samples.windows.len();
         for e in 0..self.raw.len() {
             for direction in Direction::BOTH {
                 // Y = measured f + the model's part at θ

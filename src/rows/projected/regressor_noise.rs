@@ -1,0 +1,181 @@
+//! Noise in the regressors, as a draw of the sensors' noise shows it.
+//!
+//! ```text
+//! (1)  n = σ_q s,  s_k = ±1 at random        δ = n for measured positions
+//! (2)  f_n = C n + (noise of the inputs)     δ = n − Σ_q Cᵀ R⁻¹ f_n for smoothed ones
+//! (3)  δZ = Z(q̂ + δ) − Z(q̂)                  N = δZᵀ R⁻¹ δZ
+//! ```
+//!
+//! Smoothed positions (`errors_in_variables.rs`) still have the error δ that the residuals do not
+//! show. It is independent of them, so it does not bias the score, but it lengthens the regressors.
+//! If a joint hardly moves, most of Σ φ R⁻¹ φᵀ may be noise. `calibration.rs` uses N (3).
+
+use super::calibration::Calibration;
+use super::covariance::RowCovariance;
+use super::measured::MeasuredBlock;
+use super::reversals;
+use super::whitened_rows::WhitenedRows;
+use crate::model::Plant;
+use crate::rows::standstill::Standstill;
+use crate::rows::trajectory::Trajectory;
+use crate::rows::whitening::{Direction, Whitening};
+
+/// Draws of a block if the first is not negligible.
+const DRAWS: u64 = 2;
+
+/// What a row depends on.
+pub(super) struct Rows<'a, P> {
+    pub block: &'a MeasuredBlock<P>,
+    pub covariance: &'a RowCovariance,
+    pub standstill: &'a Standstill,
+    /// The positions of the rows, measured or smoothed.
+    pub signals: &'a Trajectory,
+    pub smoothed: bool,
+}
+
+/// Draws of the noise, and what they do to the regressors.
+#[derive(Debug, Clone)]
+pub(super) struct RegressorNoise {
+    /// δ/σ_q in place of the positions, then the signals with the noise.
+    noisy: Trajectory,
+    /// R⁻¹ f_n \[equation\]\[row\].
+    weighted: Vec<Vec<f64>>,
+    /// δZ of an equation \[column\]\[row\].
+    columns: Vec<Vec<f64>>,
+    calibrations: Vec<Calibration>,
+}
+
+impl RegressorNoise {
+    /// Workspace for a block and `rows` rows of each equation.
+    pub fn new<P: Plant>(block: &MeasuredBlock<P>, rows: usize) -> Self {
+        let separation = &block.form.separation;
+        let count = |e: usize| separation.equations[e].as_ref().map_or(0, |p| p.monomials.len());
+        let counts = (0..block.form.equations()).map(count);
+        let (joints, capacity) = (block.form.plant.joints(), block.samples.capacity());
+        Self {
+            noisy: Trajectory::new(joints, separation.features, capacity),
+            weighted: vec![vec![0.0; rows]; block.form.equations()],
+            columns: vec![vec![0.0; rows]; counts.clone().max().unwrap_or(0)],
+            calibrations: counts.map(Calibration::new).collect(),
+        }
+    }
+
+    /// Frees the columns of every equation of noise.
+    pub fn remove<P: Plant>(&mut self, rows: &Rows<'_, P>, whitened: &mut WhitenedRows) {
+        let windows = rows.block.samples.windows.all();
+        for (e, calibration) in self.calibrations.iter_mut().enumerate() {
+            let ([forward, _], _) = whitened.factors(e);
+            calibration.begin(forward, windows.len());
+        }
+        for draw in 0..DRAWS {
+            self.draw(rows, &whitened.whitening, draw);
+            let mut matters = false;
+            for e in 0..self.calibrations.len() {
+                let ([forward, _], whitening) = whitened.factors(e);
+                self.project(rows.block, e, whitening, forward);
+                matters |= self.calibrations[e].add(&self.columns[..forward.len()], windows.len());
+            }
+            if !matters {
+                return;
+            }
+        }
+        for (e, calibration) in self.calibrations.iter_mut().enumerate() {
+            if calibration.solve() {
+                for columns in whitened.factors(e).0 {
+                    calibration.apply(columns, windows.len());
+                }
+            }
+        }
+    }
+
+    /// Draws the noise, (1) and (2), and computes the signals with it.
+    fn draw<P: Plant>(&mut self, rows: &Rows<'_, P>, whitening: &[Whitening], draw: u64) {
+        let (block, len) = (rows.block, rows.block.samples.len);
+        let windows = block.samples.windows.all();
+        let Some(first) = windows.first() else { return };
+        let sign = |sensor: usize, at: usize| sign(draw, sensor, first.number + at as i64 - first.centre as i64);
+        for (joint, errors) in self.noisy.q.iter_mut().enumerate() {
+            let errors = errors[..len].iter_mut().enumerate();
+            errors.for_each(|(at, error)| *error = sign(joint, at));
+        }
+        if rows.smoothed {
+            self.subtract_estimates(rows, whitening, sign);
+        }
+        for (joint, q) in self.noisy.q.iter_mut().enumerate() {
+            let signals = rows.signals.q[joint].iter().zip(&block.noise.q_std[joint]);
+            for (q, (signal, std)) in q[..len].iter_mut().zip(signals) {
+                *q = signal + std * *q;
+            }
+        }
+        let covered = block.samples.windows.covered();
+        block.form.differentiate(&mut self.noisy, covered.clone());
+        let std = |joint: usize| block.noise.sensors.deviations(joint)[0];
+        reversals::correct(&block.form, rows.standstill, &mut self.noisy, std, covered);
+    }
+
+    /// Subtracts from the errors what the residuals show of them, (2).
+    fn subtract_estimates<P: Plant>(
+        &mut self,
+        rows: &Rows<'_, P>,
+        whitening: &[Whitening],
+        sign: impl Fn(usize, usize) -> f64,
+    ) {
+        let (block, covariance) = (rows.block, rows.covariance);
+        let (windows, kernels) = (block.samples.windows.all(), &block.form.kernels);
+        let joints = self.noisy.joints();
+        for (e, weighted) in self.weighted.iter_mut().enumerate() {
+            let (input, scale) = block.form.input(e);
+            let weighted = &mut weighted[..windows.len()];
+            for (i, window) in windows.iter().enumerate() {
+                let weights = kernels.input[0].iter().zip(window.centre - kernels.input_half..);
+                let drawn: f64 = weights.map(|(weight, at)| weight * sign(joints + input, at)).sum();
+                let std = covariance.input_variance(block, e, i).sqrt();
+                weighted[i] = covariance.residual(block, e, i, &self.noisy.q) + scale * std * drawn;
+            }
+            whitening[e].apply(Direction::Forward, weighted);
+            whitening[e].apply_transposed(weighted);
+        }
+        for (e, weighted) in self.weighted.iter().enumerate() {
+            covariance.add_errors(block, e, &weighted[..windows.len()], -1.0, &mut self.noisy.q);
+        }
+    }
+
+    /// δZ of an equation, whitened (3); `clean` are the whitened columns without the noise.
+    fn project<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, whitening: &mut Whitening, clean: &[Vec<f64>]) {
+        let windows = block.samples.windows.all();
+        let columns = &mut self.columns[..clean.len()];
+        block.form.project(e, windows, &self.noisy, columns);
+        let own = columns.iter_mut().map(|column| &mut column[..windows.len()]);
+        whitening.apply_all(Direction::Forward, own);
+        for (noisy, clean) in columns.iter_mut().zip(clean) {
+            noisy.iter_mut().zip(clean).for_each(|(noisy, clean)| *noisy -= clean);
+        }
+    }
+}
+
+/// 1 or −1 for a sample of a sensor: a bit of SplitMix64. The same samples get the same noise, so
+/// that a replay gives the same estimates.
+fn sign(draw: u64, sensor: usize, number: i64) -> f64 {
+    let stream = (sensor as u64 + 1) << 56 | (draw + 1) << 52;
+    let mut z = (number as u64 ^ stream).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    if (z ^ (z >> 31)) & 1 == 0 { 1.0 } else { -1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::sign;
+
+    #[test]
+    fn prop_signs_of_sensors_draws_and_neighbours_are_independent() {
+        let count = 10_000i64;
+        let series = |draw: u64, sensor: usize, lag: i64| (0..count).map(move |k| sign(draw, sensor, k + lag));
+        for (draw, sensor, lag) in [(0, 0, 1), (0, 0, 2), (0, 1, 0), (1, 0, 0), (1, 1, 0), (0, 0, 19)] {
+            let other = series(draw, sensor, lag);
+            let sum: f64 = series(0, 0, 0).zip(other).map(|(a, b)| a * b).sum();
+            // a random walk of as many steps: four standard deviations
+            assert!(sum.abs() < 4.0 * (count as f64).sqrt(), "{draw} {sensor} {lag}: {sum}");
+        }
+    }
+}

@@ -213,7 +213,8 @@ impl FirstFit {
         starts(&estimator.options().parameters, &mut self.settled);
     }
 
-    /// Smooths with the residuals at the fit, unless they contain more than noise.
+    /// Smooths with the residuals at the fit; keeps the measured positions if these contain more
+    /// than noise.
     fn smooth<P: Plant>(&self, rows: &mut Projection<P>) {
         let theta = self.estimator.theta();
         if rows.mean_square(theta) < FAR {
@@ -224,7 +225,7 @@ impl FirstFit {
     }
 
     /// Smooths with the residuals at θ̂ before the block, or at a fit of this block alone if the
-    /// plant has changed since. Leaves the rows as measured if the residuals still contain more
+    /// plant has changed since. Keeps the measured positions if the residuals still contain more
     /// than noise.
     ///
     /// A parameter that the block does not determine to within 50 % keeps its value: with hardly

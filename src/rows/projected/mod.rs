@@ -56,7 +56,12 @@
 //! errors as unknowns (the Gauss-Helmert model; structured total least squares). Sources: F. R.
 //! Helmert, Die Ausgleichungsrechnung nach der Methode der kleinsten Quadrate, 2nd ed., 1907; P.
 //! Lemmerling, B. De Moor, Misfit versus latency, Automatica 37 (2001). A block that θ̄ does not
-//! explain is first fitted alone; if that also leaves more than noise, its rows stay as measured.
+//! explain is first fitted alone; if that also leaves more than noise, its positions stay as
+//! measured.
+//!
+//! What is left of n in q̂ does not bias, but lengthens φ: the information seems larger than it is,
+//! and where a joint hardly moves it is all noise. A draw of the noise through the same rows shows
+//! how much (`regressor_noise.rs`), and φ is freed of it (`calibration.rs`).
 
 mod block;
 mod calibration;

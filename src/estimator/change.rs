@@ -59,8 +59,8 @@ pub const CONSISTENT: f64 = 1e-4;
 pub const MANY: f64 = 1e6;
 /// Share of gated rows above which they are not outliers but a changed plant.
 pub const GATED: f64 = 0.1;
-/// Relative increase of a diagonal that makes singular sums definite: far above rounding, far below
-/// what a block informs on.
+/// Relative increase of the diagonal of singular sums, so that they can be inverted: far above
+/// rounding, and far below the share of a direction that a block informs on.
 const SINGULAR: f64 = 1e-9;
 /// Boundaries per level of the search for τ.
 const GRID: usize = 64;
@@ -402,8 +402,8 @@ impl Boundary {
     }
 }
 
-// Residual variance of one equation if it were fitted alone: cost over degrees of freedom. A block
-// that does not inform on some direction, so that its sums are singular, is fitted in the others.
+// Residual variance of one equation if it were fitted alone: cost over degrees of freedom. If the
+// block does not inform on every direction, its sums are singular, and the others are fitted.
 fn own_variance(sums: &Sums, factor: &mut Cholesky, matrix: &mut [f64], vector: &mut [f64]) -> f64 {
     let p = sums.params;
     let freedom = sums.rows as f64 - p as f64;

@@ -5,6 +5,16 @@ use crate::model::{MAX_JOINTS, Plant};
 /// Number of points that decide the form of a plant's terms.
 const PROBES: usize = 24;
 
+/// 2⁶⁴ over the golden ratio: the increment of SplitMix64.
+pub(super) const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// The mixing function of SplitMix64.
+pub(super) fn mix(mut z: u64) -> u64 {
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
 /// Random numbers for the probes: SplitMix64.
 pub(super) struct Random(u64);
 
@@ -15,11 +25,8 @@ impl Random {
 
     /// Uniformly distributed from 0 to 1.
     pub fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 * (-53f64).exp2()
+        self.0 = self.0.wrapping_add(GOLDEN);
+        (mix(self.0) >> 11) as f64 * (-53f64).exp2()
     }
 
     /// Of either sign, with magnitudes over three decades.

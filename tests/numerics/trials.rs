@@ -232,7 +232,7 @@ fn ident_the_first_blocks_through_13_bits_leave_no_error_behind() {
 }
 
 /// Through 13 bits, the acceleration of joints that creep is mostly noise. If that noise counted as
-/// information, 53 of these 360 blocks would be dangerous, with parameters 97 % off.
+/// information, 53 of these 360 blocks would be dangerous.
 #[test]
 fn ident_noise_in_the_regressors_of_creeping_joints_is_not_taken_for_knowledge() {
     let (mut dangerous, mut blocks) = (0u64, 0u64);

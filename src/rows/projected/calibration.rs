@@ -17,8 +17,8 @@ use crate::estimator::linalg::{Cholesky, Eigen, dot, mul};
 
 /// Largest sum of the shares of noise, tr S⁻¹N, that regressors may keep.
 const NEGLIGIBLE: f64 = 0.01;
-/// Share of noise above which a direction becomes 0. N is known from few draws, so a direction of
-/// pure noise may seem to be half of it; with 0.2 to 0.5 the trials differ little.
+/// Share of noise above which a direction becomes 0. N comes from two draws, so a direction of pure
+/// noise may seem to contain only half as much; with limits of 0.2 to 0.5 the trials differ little.
 const MOSTLY_NOISE: f64 = 0.3;
 /// Eigenvalues of the scaled S below this are rounding.
 const ROUNDING: f64 = 1e-12;
@@ -35,6 +35,9 @@ pub(super) struct Calibration {
     /// S, and N as the mean over the draws, n × n; then I − A in place of N.
     seen: Vec<f64>,
     noise: Vec<f64>,
+    /// S⁻¹, unless S is singular.
+    is_singular: bool,
+    inverse: Vec<f64>,
     /// S½ and S⁻½.
     root: Vec<f64>,
     inverse_root: Vec<f64>,
@@ -52,9 +55,11 @@ impl Calibration {
         Self {
             draws: 0,
             matters: false,
+            is_singular: false,
             scale: vec![0.0; n],
             seen: matrix.clone(),
             noise: matrix.clone(),
+            inverse: matrix.clone(),
             root: matrix.clone(),
             inverse_root: matrix.clone(),
             product: matrix,
@@ -76,6 +81,10 @@ impl Calibration {
         for (i, scale) in self.scale.iter().enumerate() {
             self.seen[i * n + i] = if *scale > 0.0 { 1.0 + ROUNDING } else { 1.0 };
         }
+        self.is_singular = !self.cholesky.factor(n, &self.seen);
+        if !self.is_singular {
+            self.cholesky.inverse(&mut self.inverse);
+        }
         self.noise.fill(0.0);
     }
 
@@ -86,13 +95,7 @@ impl Calibration {
         products(noise, rows, &self.scale, |at, v| {
             self.noise[at] += gain * (v - self.noise[at]);
         });
-        let n = self.scale.len();
-        if self.cholesky.factor(n, &self.seen) {
-            self.cholesky.inverse(&mut self.product);
-            self.matters = dot(&self.product, &self.noise) >= NEGLIGIBLE;
-        } else {
-            self.matters = true;
-        }
+        self.matters = self.is_singular || dot(&self.inverse, &self.noise) >= NEGLIGIBLE;
         self.matters
     }
 

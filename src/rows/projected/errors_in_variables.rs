@@ -45,6 +45,11 @@ impl SmoothedSignals {
         if self.applied { &self.signals } else { measured }
     }
 
+    /// True if the rows use the smoothed signals.
+    pub fn exist(&self) -> bool {
+        self.applied
+    }
+
     /// Returns to the measured signals.
     pub fn forget(&mut self) {
         self.applied = false;

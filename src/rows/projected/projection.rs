@@ -154,14 +154,14 @@ impl<P: Plant> Projection<P> {
 
     /// Frees the regressors of the noise left in them; the residuals at `theta` stay the kept ones.
     fn calibrate(&mut self, theta: &[f64]) {
-        let (block, measured) = (&self.block, &self.block.samples.signals);
-        let signals = self.smoothed.or(measured);
+        let block = &self.block;
+        let signals = self.smoothed.or(&block.samples.signals);
         let rows = Rows {
             block,
             covariance: &self.covariance,
             standstill: &self.standstill,
             signals,
-            smoothed: !std::ptr::eq(signals, measured),
+            smoothed: self.smoothed.exist(),
         };
         self.regressor_noise.remove(&rows, &mut self.rows);
         self.rows.keep_at(&Source { block, signals }, theta);

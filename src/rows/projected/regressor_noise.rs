@@ -16,6 +16,7 @@ use super::measured::MeasuredBlock;
 use super::reversals;
 use super::whitened_rows::WhitenedRows;
 use crate::model::Plant;
+use crate::rows::probes::{GOLDEN, mix};
 use crate::rows::standstill::Standstill;
 use crate::rows::trajectory::Trajectory;
 use crate::rows::whitening::{Direction, Whitening};
@@ -23,20 +24,21 @@ use crate::rows::whitening::{Direction, Whitening};
 /// Draws of a block if the first is not negligible.
 const DRAWS: u64 = 2;
 
-/// What a row depends on.
+/// The rows of a block, and the signals that their regressors are computed from.
 pub(super) struct Rows<'a, P> {
     pub block: &'a MeasuredBlock<P>,
     pub covariance: &'a RowCovariance,
     pub standstill: &'a Standstill,
-    /// The positions of the rows, measured or smoothed.
     pub signals: &'a Trajectory,
+    /// False if these are the measured signals.
     pub smoothed: bool,
 }
 
 /// Draws of the noise, and what they do to the regressors.
 #[derive(Debug, Clone)]
 pub(super) struct RegressorNoise {
-    /// δ/σ_q in place of the positions, then the signals with the noise.
+    /// First errors in place of the signals, in standard deviations: s, and then δ for positions.
+    /// At last the positions with δ, and what follows from them.
     noisy: Trajectory,
     /// R⁻¹ f_n \[equation\]\[row\].
     weighted: Vec<Vec<f64>>,
@@ -93,13 +95,20 @@ impl RegressorNoise {
         let (block, len) = (rows.block, rows.block.samples.len);
         let windows = block.samples.windows.all();
         let Some(first) = windows.first() else { return };
-        let sign = |sensor: usize, at: usize| sign(draw, sensor, first.number + at as i64 - first.centre as i64);
+        let oldest = first.number - first.centre as i64;
+        let fill = |sensor: usize, errors: &mut [f64]| {
+            let errors = errors[..len].iter_mut().zip(oldest..);
+            errors.for_each(|(error, number)| *error = sign(draw, sensor, number));
+        };
+        let joints = self.noisy.joints();
         for (joint, errors) in self.noisy.q.iter_mut().enumerate() {
-            let errors = errors[..len].iter_mut().enumerate();
-            errors.for_each(|(at, error)| *error = sign(joint, at));
+            fill(joint, errors);
         }
         if rows.smoothed {
-            self.subtract_estimates(rows, whitening, sign);
+            for (input, errors) in self.noisy.u.iter_mut().enumerate() {
+                fill(joints + input, errors);
+            }
+            self.subtract_estimates(rows, whitening);
         }
         for (joint, q) in self.noisy.q.iter_mut().enumerate() {
             let signals = rows.signals.q[joint].iter().zip(&block.noise.q_std[joint]);
@@ -114,21 +123,19 @@ impl RegressorNoise {
     }
 
     /// Subtracts from the errors what the residuals show of them, (2).
-    fn subtract_estimates<P: Plant>(
-        &mut self,
-        rows: &Rows<'_, P>,
-        whitening: &[Whitening],
-        sign: impl Fn(usize, usize) -> f64,
-    ) {
+    fn subtract_estimates<P: Plant>(&mut self, rows: &Rows<'_, P>, whitening: &[Whitening]) {
         let (block, covariance) = (rows.block, rows.covariance);
         let (windows, kernels) = (block.samples.windows.all(), &block.form.kernels);
-        let joints = self.noisy.joints();
         for (e, weighted) in self.weighted.iter_mut().enumerate() {
             let (input, scale) = block.form.input(e);
             let weighted = &mut weighted[..windows.len()];
             for (i, window) in windows.iter().enumerate() {
-                let weights = kernels.input[0].iter().zip(window.centre - kernels.input_half..);
-                let drawn: f64 = weights.map(|(weight, at)| weight * sign(joints + input, at)).sum();
+                let errors = &self.noisy.u[input][window.centre - kernels.input_half..];
+                let drawn: f64 = kernels.input[0]
+                    .iter()
+                    .zip(errors)
+                    .map(|(weight, error)| weight * error)
+                    .sum();
                 let std = covariance.input_variance(block, e, i).sqrt();
                 weighted[i] = covariance.residual(block, e, i, &self.noisy.q) + scale * std * drawn;
             }
@@ -153,14 +160,12 @@ impl RegressorNoise {
     }
 }
 
-/// 1 or −1 for a sample of a sensor: a bit of SplitMix64. The same samples get the same noise, so
-/// that a replay gives the same estimates.
+/// 1 or −1 for a sample of a sensor, at random. The same samples get the same noise, so that a
+/// replay gives the same estimates.
 fn sign(draw: u64, sensor: usize, number: i64) -> f64 {
     let stream = (sensor as u64 + 1) << 56 | (draw + 1) << 52;
-    let mut z = (number as u64 ^ stream).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    if (z ^ (z >> 31)) & 1 == 0 { 1.0 } else { -1.0 }
+    let bits = mix((number as u64 ^ stream).wrapping_mul(GOLDEN));
+    if bits & 1 == 0 { 1.0 } else { -1.0 }
 }
 
 #[cfg(test)]

@@ -370,7 +370,7 @@ impl BlockEstimator {
         for (k, group) in self.groups.iter_mut().enumerate() {
             if lines >> k & 1 == 0 {
                 group.suspect(rows, 0..rows.len(), at);
-                group.probability = group.change_probability(at);
+                group.probability = group.change_probability(rows, at);
             }
         }
     }

@@ -46,6 +46,7 @@ use super::equation::{EquationState, TINY};
 use super::fit::Fit;
 use super::group::GroupState;
 use super::linalg::{Cholesky, dot, gather, mul_vec};
+use super::long_run::long_run_variance;
 use super::options::{EstimatorOptions, Outliers};
 use super::pass::{Loss, Summable, Sums, used};
 use super::stats::f_tail;
@@ -57,6 +58,8 @@ const GUESS: f64 = 100.0;
 pub const CONSISTENT: f64 = 1e-4;
 /// Degrees of freedom of a known variance.
 pub const MANY: f64 = 1e6;
+/// A probability below this is computed again with the correlation of the block's residuals.
+const NOTABLE: f64 = 1e-2;
 /// Share of gated rows above which they are not outliers but a changed plant.
 pub const GATED: f64 = 0.1;
 /// Relative increase of the diagonal of singular sums, so that they can be inverted: far above
@@ -67,13 +70,23 @@ const GRID: usize = 64;
 
 impl GroupState {
     /// Probability of T at least this large if the plant is unchanged; 1 if there is nothing to
-    /// compare with. `at` holds the sums at `theta`.
-    pub fn change_probability(&mut self, theta: &[f64]) -> f64 {
+    /// compare with. `at` holds the sums of all rows at `theta`.
+    pub fn change_probability(&mut self, rows: &dyn Summable, theta: &[f64]) -> f64 {
+        let probability = self.probability_of_the_block(theta, None);
+        if probability < NOTABLE {
+            probability.max(self.probability_of_the_block(theta, Some(rows)))
+        } else {
+            probability
+        }
+    }
+
+    /// The same; with the `rows`, correlated residuals count as more noise.
+    fn probability_of_the_block(&mut self, theta: &[f64], rows: Option<&dyn Summable>) -> f64 {
         let freedom: f64 = self.equations.iter().map(|e| e.freedom).sum();
         if self.blocks == 0 || freedom < 1.0 {
             return 1.0;
         }
-        self.weigh_the_block(theta);
+        self.weigh_the_block(theta, rows);
         self.root_of_the_prior();
         self.turn_to_directions();
         let (t, rank) = self.squares();
@@ -86,7 +99,7 @@ impl GroupState {
     }
 
     /// Writes A to `total` and A d to `gradient`.
-    fn weigh_the_block(&mut self, theta: &[f64]) {
+    fn weigh_the_block(&mut self, theta: &[f64], rows: Option<&dyn Summable>) {
         let n = self.n;
         let room = &mut self.room;
         room.total.fill(0.0);
@@ -94,7 +107,12 @@ impl GroupState {
         for (e, sums) in self.equations.iter().zip(&self.at) {
             let p = sums.params;
             // the block's own noise, if it is consistent with the level known so far
-            let own = own_variance(sums, &mut self.cholesky, &mut room.a, &mut room.scale);
+            let mut own = own_variance(sums, &mut self.cholesky, &mut room.a, &mut room.scale);
+            if let (Some(rows), Loss::Square) = (rows, e.loss) {
+                let (step, regressor) = (&room.scale[..p], &mut room.regressor[..p]);
+                let freedom = (sums.rows as f64 - p as f64).max(1.0);
+                own = own.max(long_run_variance(rows, e, (theta, step), regressor, freedom));
+            }
             let variance = e.variance.max(own.min(4.0 * e.variance)).max(TINY);
             for i in 0..p {
                 room.gradient[e.offset + i] += sums.score[i] / variance;
@@ -404,14 +422,16 @@ impl Boundary {
 
 // Residual variance of one equation if it were fitted alone: cost over degrees of freedom. If the
 // block does not inform on every direction, its sums are singular, and the others are fitted.
+// Leaves the step to that fit in `vector`.
 fn own_variance(sums: &Sums, factor: &mut Cholesky, matrix: &mut [f64], vector: &mut [f64]) -> f64 {
     let p = sums.params;
     let freedom = sums.rows as f64 - p as f64;
+    let (matrix, x) = (&mut matrix[..p * p], &mut vector[..p]);
+    x.fill(0.0);
     if freedom < 1.0 {
         return 0.0;
     }
     let mut cost = sums.cost;
-    let (matrix, x) = (&mut matrix[..p * p], &mut vector[..p]);
     matrix.copy_from_slice(&sums.gram);
     for i in 0..p {
         let diagonal = &mut matrix[i * p + i];

@@ -40,6 +40,7 @@ mod inquiry;
 mod inquiry_step;
 pub(crate) mod linalg;
 mod line;
+mod long_run;
 mod offline;
 mod options;
 mod pass;

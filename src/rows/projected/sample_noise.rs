@@ -139,6 +139,13 @@ impl SampleNoise {
     }
 }
 
+/// The smaller of two changes of position. A joint that rests until a step of its setpoint has the
+/// same rounding error until then, although it moves within the same window.
+#[inline(always)]
+fn slower(before: f64, after: f64) -> f64 {
+    if before.abs() < after.abs() { before } else { after }
+}
+
 /// A joint whose positions are rounded to counts.
 struct Counts {
     resolution: f64,
@@ -165,18 +172,18 @@ impl Counts {
             }
             return;
         }
-        let (velocity_span, span) = ((2 * self.velocity_half) as f64, (2 * self.window_half) as f64);
+        let (velocity_span, span) = ((2 * self.velocity_half) as f64, self.window_half as f64);
         let dq_before = &dq[first - self.velocity_half..];
         let dq_behind = &dq[first + self.velocity_half..];
         let q_before = &q[first - self.window_half..];
         let q_behind = &q[first + self.window_half..];
         let velocities = dq[first..end].iter().zip(dq_before).zip(dq_behind);
-        let positions = q_before.iter().zip(q_behind);
-        for (std, (((dq, dq_before), dq_behind), (q_before, q_behind))) in
+        let positions = q[first..end].iter().zip(q_before).zip(q_behind);
+        for (std, (((dq, dq_before), dq_behind), ((q, q_before), q_behind))) in
             std[first..end].iter_mut().zip(velocities.zip(positions))
         {
             let fast = (*dq, dq_behind - dq_before, velocity_span);
-            *std = self.deviation(fast, (q_behind - q_before, span));
+            *std = self.deviation(fast, (slower(q - q_before, q_behind - q), span));
         }
         for at in (stretch.start..first).chain(end..stretch.end) {
             std[at] = self.deviation_near_end(q, dq, &stretch, at);
@@ -191,7 +198,14 @@ impl Counts {
             (before, behind, (behind - before).max(1) as f64)
         };
         let (before, behind, span) = around(self.window_half, stretch);
-        let slow = (q[behind] - q[before], span);
+        let half = 0.5 * span;
+        let slow = match (at - before, behind - at) {
+            (0, _) | (_, 0) => (q[behind] - q[before], span),
+            (back, on) => {
+                let (back, on) = (half / back as f64, half / on as f64);
+                (slower((q[at] - q[before]) * back, (q[behind] - q[at]) * on), half)
+            }
+        };
         // where the velocity filter has all its samples
         let filtered = stretch.start + self.velocity_half..stretch.end.saturating_sub(self.velocity_half);
         if filtered.is_empty() {
@@ -204,7 +218,8 @@ impl Counts {
 
     /// √(σ² + LSB²/12 · v) of a sample, from its velocity and the change of velocity over `span`
     /// samples, if that exceeds the noise. Otherwise the joint is so slow that the position's
-    /// change `moved` over `samples` samples is used.
+    /// change `moved` over `samples` samples is used: before or after the sample, whichever is
+    /// [`slower`].
     #[inline(always)]
     fn deviation(&self, (dq, change, span): (f64, f64, f64), (moved, samples): (f64, f64)) -> f64 {
         let per_sample = self.period_s / self.resolution;

@@ -167,12 +167,12 @@ impl RobotConfig {
         }
         let friction = friction(file.friction).map_err(|problem| at("friction", problem))?;
         let rotors = file.model.rotor_inertia.unwrap_or(true);
-        let model = RobotModel::new(robot, rotors, vec![friction; n]).map_err(|problem| at("friction", problem))?;
+        let model = RobotModel::new(robot, rotors, vec![friction; n]).map_err(|e| at("friction", e.to_string()))?;
         let drives = Drives {
             gain: file.drive.gain.unwrap_or_else(|| vec![1.0; n]),
             coupling: file.drive.coupling,
         };
-        drives.validate(n).map_err(|problem| at("drive", problem))?;
+        drives.validate(n).map_err(|e| at("drive", e.to_string()))?;
         let period_s = sample_period_of(file.plant.as_ref());
         let sample_period_s = period_s.map_err(|problem| at("plant.sample_period_s", problem))?;
         let velocity_s = match file.identify.velocity {
@@ -193,7 +193,7 @@ impl RobotConfig {
             ..options(&file.identify, windows.at(sample_period_s))
         };
         // Reports errors of the options now, not after the log has been read.
-        RobotIdentifier::new(model.clone(), options).map_err(|problem| at("identify", problem))?;
+        RobotIdentifier::new(model.clone(), options).map_err(|e| at("identify", e.to_string()))?;
         let mut simulation =
             simulation(&file.simulate, &model, velocity_s.is_none()).map_err(|problem| at("simulate", problem))?;
         if let Some(name) = &file.simulate.motion_csv {
@@ -351,7 +351,7 @@ fn excitation(section: ExciteSection, model: &RobotModel) -> Result<ExcitationOp
         seed: section.seed.unwrap_or(default.seed),
         ..default
     };
-    options.validate(robot)?;
+    options.validate(robot).map_err(|e| e.to_string())?;
     Ok(options)
 }
 
@@ -427,7 +427,7 @@ fn simulation(section: &SimulateSection, model: &RobotModel, has_velocity: bool)
         ..default
     };
     // Reports errors now, not when the robot is simulated.
-    RobotSimulator::new(model.robot(), options.clone())?;
+    RobotSimulator::new(model.robot(), options.clone()).map_err(|e| e.to_string())?;
     Ok(options)
 }
 

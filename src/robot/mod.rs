@@ -45,6 +45,7 @@
 //! | `motion_table`, `prediction`, `excitation` | a motion as a table; its expected information; informative motions |
 //! | `config_file`, `config`, `overrides` | the TOML file of a robot, with `--set` (feature `config`) |
 //! | `log`, `fit`, `judge`, `suspicion` | logs in columns; measured and predicted torque; probable mistakes in a log |
+//! | `error` | what can be wrong with each of these |
 
 mod base_parameters;
 mod butterworth;
@@ -116,14 +117,17 @@ mod xml;
 
 pub use base_parameters::{BaseParameter, BaseParameters, Standard};
 pub use butterworth::ZeroPhaseLowPass;
-pub use calibration::{GainCalibration, KnownLoad};
+pub use calibration::{CalibrationError, GainCalibration, KnownLoad};
 pub use carried::{CarriedPayload, PAYLOAD_VALUES};
 pub use change::{ChangeCause, RobotChange};
 #[cfg(feature = "config")]
 pub use config::RobotConfig;
 pub use dynamics::{forward_dynamics, inverse_dynamics};
 pub use encoder_noise::RowErrors;
-pub use error::UrdfError;
+pub use error::{
+    DrivesError, FrictionError, IdentifyError, LoadError, MotionError, RobotError, RobotSimError, SampleFault,
+    StandardError, UrdfError,
+};
 pub use excitation::{Excitation, ExcitationOptions, JointRange, MAX_EXCITATION_HARMONICS};
 pub use explained::LEAST_EXPLAINED;
 pub use figures::BlockFigures;
@@ -148,7 +152,7 @@ pub use physical::{
 pub use prediction::{Forecaster, ParameterForecast, RowMisfit};
 pub use reference::{MAX_HARMONICS, MotionLimits, Motions, Reference};
 pub use regressor::EnergyRegressors;
-pub use rows::{SampleFault, WeakRow, WeakRows};
+pub use rows::{WeakRow, WeakRows};
 pub use simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator, SimulatedDrive};
 pub use skipped::{LogError, Skip, SkippedRows};
 pub use spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};

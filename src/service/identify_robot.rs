@@ -52,7 +52,7 @@ pub(super) fn configuration(args: &IdentifyArgs) -> Result<Option<RobotConfig>, 
     }
     RobotConfig::parse_with(&text, path, &args.common.set)
         .map(Some)
-        .map_err(Failure::Usage)
+        .map_err(Failure::usage)
 }
 
 fn none_with_validation(args: &IdentifyArgs) -> Result<Option<RobotConfig>, Failure> {
@@ -85,7 +85,7 @@ pub(super) fn run(args: &IdentifyArgs, mut config: RobotConfig, shutdown: &Shutd
     }
     let log = log.samples;
     let ticker = Ticker::start(&format!("identifying from {}", args.input.display()));
-    let mut identifier = RobotIdentifier::new(config.model, config.options).map_err(Failure::Usage)?;
+    let mut identifier = RobotIdentifier::new(config.model, config.options).map_err(Failure::usage)?;
     let states = filtered(identifier.model(), &log);
     let Pass {
         before,

@@ -56,7 +56,7 @@ pub(super) fn source(
         return Ok(None);
     };
     let config = RobotConfig::parse_with(&text, path, set).map_err(Failure::Usage)?;
-    let in_file = |problem: String| Failure::Usage(format!("{}: {problem}", path.display()));
+    let in_file = |problem: &dyn std::fmt::Display| Failure::Usage(format!("{}: {problem}", path.display()));
     let own_period_s = config.sample_period_s;
     let period_s = period_s.unwrap_or(own_period_s);
     let settings = RobotSettings {
@@ -71,7 +71,7 @@ pub(super) fn source(
         simulation: config.simulation,
     };
     let (block_s, simulation) = (settings.options.block_s, settings.simulation.clone());
-    let robot = RobotPlant::new(settings).map_err(in_file)?;
+    let robot = RobotPlant::new(settings).map_err(|e| in_file(&e))?;
     let mut table = config.ordinary;
     // A lower layer, such as the configuration of a recording, may name another robot.
     let name = crate::node::model::Model::definition(&robot).name.clone();
@@ -86,7 +86,7 @@ pub(super) fn source(
         Value::from(i64::from(simulation.encoder_bits)),
     );
     // The truth for the table: at the start, and after the first change of the payload.
-    let machine = RobotSimulator::new(robot.settings().model.robot(), simulation.clone()).map_err(in_file)?;
+    let machine = RobotSimulator::new(robot.settings().model.robot(), simulation.clone()).map_err(|e| in_file(&e))?;
     let theta = |t_s: f64| -> Value {
         let all = machine.truth(&robot.settings().model, t_s);
         let count = crate::node::model::Model::parameters(&robot).len();
@@ -103,7 +103,7 @@ pub(super) fn source(
     state(estimator, "block_len", ((block_s / period_s).round() as i64).max(1));
     let source = Source::Embedded {
         name: path.display().to_string(),
-        text: toml::to_string(&table).map_err(|e| in_file(e.to_string()))?,
+        text: toml::to_string(&table).map_err(|e| in_file(&e))?,
     };
     Ok(Some(RobotSource {
         catalog: catalog.clone().with_latest(SharedModel::new(robot)),

@@ -137,7 +137,7 @@ fn of_message(sample: &Sample, config: &RobotConfig) -> Result<RobotSample, Stri
 fn of_bag(path: &Path, config: &RobotConfig, skipped: &mut SkippedRows) -> Result<(Vec<RobotSample>, bool), Failure> {
     let robot = config.model.robot();
     let names: Vec<&str> = robot.joints.iter().map(|joint| joint.name.as_str()).collect();
-    let states = read_joint_states(path, &names).map_err(Failure::Usage)?;
+    let states = read_joint_states(path, &names).map_err(Failure::usage)?;
     let begin = states.first().map_or(0, |state| state.t_ns);
     let mut log: Vec<RobotSample> = Vec::with_capacity(states.len());
     let mut has_velocity = true;

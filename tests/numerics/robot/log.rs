@@ -381,10 +381,10 @@ fn regress_options_out_of_range_are_refused_in_words() {
         ),
     ] {
         let error = RobotIdentifier::new(model.clone(), options).unwrap_err();
-        assert!(error.contains(message), "{error}");
+        assert!(error.to_string().contains(message), "{error}");
     }
     let error = RobotModel::new(robot(SIX_AXIS), true, vec![JointFriction::default(); 5]).unwrap_err();
-    assert!(error.contains("each of 6 joints, got 5"), "{error}");
+    assert!(error.to_string().contains("each of 6 joints, got 5"), "{error}");
 }
 
 /// The autocorrelation of a cosine is a cosine: it falls to 1/e after acos(1/e)/2π = 0.190 of its

@@ -221,7 +221,7 @@ fn row(fields: &[&str], columns: &LogColumns, drives: &Drives) -> Result<RobotSa
 
 /// Number of columns of the first line that holds a number; `None` if none does.
 #[cfg(feature = "config")]
-pub(super) fn width_of(text: &str) -> Option<usize> {
+pub(crate) fn columns_in(text: &str) -> Option<usize> {
     let mut fields = Vec::new();
     text.lines().find_map(|line| {
         fields.clear();

@@ -43,7 +43,6 @@
 //! | `velocity` | velocities from positions |
 //! | `reference`, `simulator` | motions within limits; a simulated robot in closed loop |
 //! | `motion_table`, `prediction`, `excitation` | a motion as a table; its expected information; informative motions |
-//! | `config_file`, `config`, `overrides` | the TOML file of a robot, with `--set` (feature `config`) |
 //! | `log`, `fit`, `judge`, `suspicion` | logs in columns; measured and predicted torque; probable mistakes in a log |
 //! | `error` | what can be wrong with each of these |
 
@@ -53,10 +52,6 @@ mod calibration;
 mod carried;
 mod change;
 mod clipped;
-#[cfg(feature = "config")]
-mod config;
-#[cfg(feature = "config")]
-mod config_file;
 mod dynamics;
 mod encoder_noise;
 mod error;
@@ -84,8 +79,6 @@ mod levels;
 mod log;
 mod model;
 mod motion_table;
-#[cfg(feature = "config")]
-mod overrides;
 mod payload;
 mod persist;
 mod physical;
@@ -120,8 +113,6 @@ pub use butterworth::ZeroPhaseLowPass;
 pub use calibration::{CalibrationError, GainCalibration, KnownLoad};
 pub use carried::{CarriedPayload, PAYLOAD_VALUES};
 pub use change::{ChangeCause, RobotChange};
-#[cfg(feature = "config")]
-pub use config::RobotConfig;
 pub use dynamics::{forward_dynamics, inverse_dynamics};
 pub use encoder_noise::RowErrors;
 pub use error::{
@@ -139,11 +130,11 @@ pub use impossible_room::Impossible;
 pub use inquiry_room::RobotDoubt;
 pub use judge::{judge_robot_fit, judge_robot_log};
 pub use left_out_room::LeftOutCause;
+#[cfg(feature = "config")]
+pub(crate) use log::columns_in;
 pub use log::{Drives, LogColumns, RobotLog, read_log};
 pub use model::{Meaningful, RobotModel, RobotParameter, Unmodelled};
 pub use motion_table::{MotionTable, read_motion};
-#[cfg(feature = "config")]
-pub use overrides::is_robot_override;
 pub use payload::Payload;
 pub use physical::{
     BodyInformation, controller_std, controller_values, declared_load, information, is_physical, project,

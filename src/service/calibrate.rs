@@ -2,7 +2,8 @@
 
 use super::robot_log::RobotLog;
 use super::{CalibrateArgs, Exit, Failure, TableFormat, logging, robot_profile};
-use crate::robot::{BodyParameters, GainCalibration, KnownLoad, RobotConfig, declared_load};
+use crate::config::RobotConfig;
+use crate::robot::{BodyParameters, GainCalibration, KnownLoad, declared_load};
 use serde_json::json;
 use std::fmt::Write as _;
 
@@ -11,7 +12,7 @@ use std::fmt::Write as _;
 /// # Errors
 /// If the configuration, a log or the load is wrong.
 pub fn run(args: &CalibrateArgs) -> Result<Exit, Failure> {
-    let mut config = RobotConfig::from_file(&args.config).map_err(Failure::usage)?;
+    let mut config = RobotConfig::from_file(&args.config)?;
     if config.drives.coupling.is_some() {
         return Err(Failure::Usage(format!(
             "{}: drive.coupling: expected a drive for each joint, got coupled ones, whose gains one load does not tell apart",

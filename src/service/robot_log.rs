@@ -1,12 +1,13 @@
 //! The log of a robot from a URDF: columns of numbers, an exported recording, or a ROS 2 bag.
 
 use super::Failure;
+use crate::config::RobotConfig;
 use crate::messages::{Sample, signals};
 use crate::model::MAX_JOINTS;
 use crate::node::robot_model::robot_units;
 use crate::pipe::read_text;
 use crate::recording::{RecordingReader, SamplesCsvReader, Span, is_samples_csv, read_joint_states};
-use crate::robot::{LogColumns, RobotConfig, RobotSample, Skip, SkippedRows, read_log};
+use crate::robot::{LogColumns, RobotSample, Skip, SkippedRows, read_log};
 use std::path::Path;
 
 /// Largest log \[bytes\], because it is kept in memory: two hours of seven joints at 1 kHz.

@@ -41,15 +41,15 @@ pub enum Source {
         /// TOML.
         text: String,
     },
-    /// The sections of a robot's file that every configuration has, below what its own sections say
-    /// in the words of these and above what they suggest; `RobotConfig` reads its own sections.
+    /// The common sections of a robot's file. `RobotConfig` reads its own sections; what these say
+    /// about the common ones is in the two texts.
     #[cfg(feature = "robot")]
     Robot {
         /// The file.
         path: PathBuf,
         /// TOML: what holds unless the file says otherwise.
         defaults: String,
-        /// TOML: what follows from its own sections.
+        /// TOML: what holds whatever the file says.
         derived: String,
     },
     /// The configuration in a recording, which may come from anywhere, so it must not make the

@@ -9,6 +9,7 @@
 //! Columns of the logs are t, then q, q̇ and the drives' currents or torques of each joint, in SI
 //! units.
 
+use std::error::Error;
 use std::path::Path;
 use std::process::ExitCode;
 use thetabus::robot::{
@@ -26,7 +27,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn run() -> Result<(), String> {
+fn run() -> Result<(), Box<dyn Error>> {
     let (mut files, mut gain, mut selection) = (Vec::new(), None, Selection::default());
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
@@ -38,9 +39,9 @@ fn run() -> Result<(), String> {
         }
     }
     let [urdf, train, rest @ ..] = &files[..] else {
-        return Err("expected a URDF and a log: robot_from_urdf arm.urdf train.csv [validate.csv]".to_owned());
+        return Err("expected a URDF and a log: robot_from_urdf arm.urdf train.csv [validate.csv]".into());
     };
-    let robot = Robot::from_file(Path::new(urdf), &selection).map_err(|e| e.to_string())?;
+    let robot = Robot::from_file(Path::new(urdf), &selection)?;
     let n = robot.len();
     let columns = LogColumns::in_order(n, true);
     let drives = Drives {

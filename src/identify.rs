@@ -33,22 +33,22 @@ pub use crate::estimator::ParameterPrior;
 
 use crate::estimator::{ChangeDetection, EquationNoise, EstimatorOptions};
 use crate::messages::{Estimate, ParameterNames, Sample, nanoseconds, signals};
-use crate::model::{JointSample, Plant};
+use crate::model::{DefinitionError, JointSample, Plant};
 use crate::node::identifier::{Identifier as Node, IdentifierOptions};
 use crate::node::model::{ModelError, NodeSettings, PlantModel, SharedModel};
 use crate::rows::{Considered, InputSource, ProjectedOptions, RowForm, SensorNoise, auto_window_first, priors};
 
 /// Why an identifier could not be built.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BuildError {
     /// The plant breaks a rule of its definition.
-    #[error("the plant {plant}: {problem}")]
+    #[error("the plant {plant}: {source}")]
     Plant {
         /// Its name.
         plant: String,
-        /// The rule, in words.
-        problem: String,
+        /// The rule.
+        source: DefinitionError,
     },
     /// The plant has no parameter of this name.
     #[error("expected a parameter out of {known}, got \"{name}\"")]
@@ -191,9 +191,9 @@ impl IdentifierBuilder {
     /// An error that names the wrong setting or parameter.
     pub fn build(self) -> Result<Identifier, BuildError> {
         let definition = self.model.definition();
-        definition.validate().map_err(|problem| BuildError::Plant {
+        definition.validate().map_err(|source| BuildError::Plant {
             plant: definition.name.clone(),
-            problem,
+            source,
         })?;
         if let Some(name) = self.unknown {
             let known: Vec<&str> = definition.parameters.iter().map(|p| &*p.name).collect();

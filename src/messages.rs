@@ -22,8 +22,8 @@ mod text;
 mod usable;
 
 pub use control::{
-    Command, DATA, Item, Journal, MAX_ITEMS, MAX_PARTS, NAME, Parts, RESPONSE_TEXT, Request, Response, UNIT, item_kind,
-    request_flags, response_code, stream_tag,
+    Command, DATA, Item, Journal, MAX_ITEMS, MAX_PARTS, NAME, Parts, RESPONSE_TEXT, Request, RequestError, Response,
+    UNIT, item_kind, request_flags, response_code, stream_tag,
 };
 
 pub use description::{DerivedInfo, Description, JointInfo, MEANING, ParameterInfo};

@@ -118,8 +118,8 @@ impl Catalog {
         for (index, model) in self.own.iter().enumerate() {
             let definition = model.definition();
             let name = &definition.name;
-            if let Err(message) = definition.validate() {
-                check.wrong("model", format!("the plant {name} of this program: {message}"));
+            if let Err(error) = definition.validate() {
+                check.wrong("model", format!("the plant {name} of this program: {error}"));
             }
             if !crate::words::is_name(name) {
                 let message = "expected a name of 1 to 32 characters a-z 0-9 _ -";

@@ -92,6 +92,23 @@ macro_rules! by_their_names {
     )* };
 }
 
+#[cfg(feature = "robot")]
+by_their_names! {
+    crate::robot::FrictionTerm = swapped(&crate::robot::FrictionTerm::NAMES);
+}
+
+/// Pairs of name and value the other way round.
+#[cfg(feature = "robot")]
+const fn swapped<T: Copy, const N: usize>(names: &[(&'static str, T); N]) -> [(T, &'static str); N] {
+    let mut swapped = [(names[0].1, ""); N];
+    let mut i = 0;
+    while i < N {
+        swapped[i] = (names[i].1, names[i].0);
+        i += 1;
+    }
+    swapped
+}
+
 by_their_names! {
     Interpolation = Interpolation::NAMES;
     ControllerKind = ControllerKind::NAMES;

@@ -30,6 +30,14 @@ impl Key {
     }
 }
 
+/// A section of a file.
+#[derive(Debug)]
+pub(super) struct Section {
+    pub name: &'static str,
+    pub meaning: &'static str,
+    pub keys: &'static [Key],
+}
+
 /// An interval of real numbers; infinite ends stand for "no limit".
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Interval {
@@ -128,6 +136,8 @@ pub enum Len {
     Equations,
     /// One per joint of the model, or none for the default.
     ModelJoints,
+    /// One per joint of a robot, whose number its URDF gives.
+    RobotJoints,
     /// Any number within these limits.
     From(usize, usize),
 }
@@ -138,6 +148,7 @@ impl Len {
             Self::Joints => (ARM_JOINTS, ARM_JOINTS),
             Self::Parameters => (0, crate::model::MAX_PARAMS),
             Self::Equations | Self::ModelJoints => (0, crate::model::MAX_JOINTS),
+            Self::RobotJoints => (1, crate::model::MAX_JOINTS),
             Self::From(low, high) => (low, high),
         }
     }
@@ -151,6 +162,8 @@ impl Len {
             Self::Parameters => format!("a list of {items}, one per parameter, or none"),
             Self::Equations => format!("a list of {items}, one per equation, or none"),
             Self::ModelJoints => format!("a list of {items}, one per joint, or none"),
+            Self::RobotJoints => format!("a list of {items}, one per joint of the robot"),
+            Self::From(low, high) if low == high => format!("a list of {low} {items}"),
             Self::From(low, high) => format!("a list of {low} to {high} {items}"),
         }
     }
@@ -183,8 +196,12 @@ pub enum Kind {
     Wholes(Len, u64, u64),
     /// A list of short names.
     Words,
+    /// A list of some of these words.
+    Choices(&'static [&'static str]),
     /// One list of finite numbers for each joint.
     RealsPerJoint(Len, Interval),
+    /// A row of finite numbers for each joint of a robot, with a number for each.
+    Matrix(Interval),
     /// Any number of tables with these keys, `[[section.key]]`; keys without a default are required
     /// in each.
     Tables(&'static [Key]),
@@ -213,14 +230,19 @@ impl Kind {
                 "lines of t_s q1_rad q2_rad, separated by spaces, as a string of at most {MAX_ROWS_BYTES} bytes"
             ),
             Self::Label => format!("a name as a string of at most {MAX_LABEL_BYTES} bytes"),
+            Self::Choice([word]) => format!("\"{word}\""),
             Self::Choice(words) => format!("one of {}", quoted(words)),
-            Self::Whole(low, high) if *high == i64::MAX as u64 => format!("a whole number of at least {low}{unit}"),
-            Self::Whole(low, high) => format!("a whole number from {low} to {high}{unit}"),
+            Self::Whole(low, high) => format!("a whole number {}{unit}", whole_range(*low, *high)),
             Self::Real(interval) => format!("a number {interval}{unit}"),
             Self::RealOr(interval, word) => format!("\"{word}\" or a number {interval}{unit}"),
             Self::Reals(len, interval) => len.of(&format!("numbers {interval}{unit}")),
-            Self::Wholes(len, low, high) => len.of(&format!("whole numbers from {low} to {high}{unit}")),
+            Self::Wholes(len, low, high) => len.of(&format!("whole numbers {}{unit}", whole_range(*low, *high))),
             Self::Words => format!("a list of names as strings of at most {MAX_LABEL_BYTES} bytes"),
+            Self::Choices(words) => format!("a list of words among {}", quoted(words)),
+            Self::Matrix(interval) => {
+                let row = Len::RobotJoints.of(&format!("numbers {interval}{unit}"));
+                format!("for each joint of the robot {row}")
+            }
             Self::RealsPerJoint(len, interval) => {
                 format!(
                     "for each of the {} joints {}",
@@ -252,12 +274,26 @@ impl Kind {
             Self::Words => list(value, Len::Parameters, |v| {
                 v.as_str().filter(|s| is_text(s, MAX_LABEL_BYTES)).map(Value::from)
             }),
+            Self::Choices(words) => list(value, Len::From(0, words.len()), |v| {
+                v.as_str().filter(|s| words.contains(s)).map(Value::from)
+            }),
+            Self::Matrix(interval) => list(value, Len::RobotJoints, |row| {
+                list(row, Len::RobotJoints, |v| number(v, interval))
+            }),
             Self::RealsPerJoint(len, interval) => {
                 list(value, Len::Joints, |inner| list(inner, *len, |v| number(v, interval)))
             }
             // Checked key by key when read, so that a message can name the key.
             Self::Tables(_) => None,
         }
+    }
+}
+
+/// "from 1 to 10", or "of at least 1" if the largest one is that of TOML.
+fn whole_range(low: u64, high: u64) -> String {
+    match high == i64::MAX as u64 {
+        true => format!("of at least {low}"),
+        false => format!("from {low} to {high}"),
     }
 }
 

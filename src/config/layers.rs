@@ -3,13 +3,13 @@
 use super::error::{Origin, Problem};
 use super::kind::Key;
 use super::kind::{Kind, quoted};
-use super::schema::{EXCLUSIVE, key};
+use super::schema::{EXCLUSIVE, Schema};
 use super::words::{cut, describe, is_section, nearest, shorten, unknown};
 use crate::pipe::read_text;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use toml::Value;
-use toml::de::{DeTable, DeValue};
+use toml::de::{DeArray, DeTable, DeValue};
 
 /// Longest text of settings from any source \[bytes\].
 pub(super) const MAX_BYTES: u64 = crate::pipe::MAX_SETTINGS_BYTES;
@@ -41,6 +41,17 @@ pub enum Source {
         /// TOML.
         text: String,
     },
+    /// The common sections of a robot's file. `RobotConfig` reads its own sections; what these say
+    /// about the common ones is in the two texts.
+    #[cfg(feature = "robot")]
+    Robot {
+        /// The file.
+        path: PathBuf,
+        /// TOML: what holds unless the file says otherwise.
+        defaults: String,
+        /// TOML: what holds whatever the file says.
+        derived: String,
+    },
     /// The configuration in a recording, which may come from anywhere, so it must not make the
     /// program open files. Its paths for results and checkpoints, of another machine, are ignored,
     /// and it contains setpoints as rows.
@@ -65,14 +76,18 @@ pub(super) struct Entry {
 }
 
 /// The present values while sources are applied.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Layers {
+    /// The keys that there are.
+    schema: &'static Schema,
     entries: BTreeMap<String, Entry>,
     layer: usize,
     /// True if the source being read is a recording.
     recorded: bool,
-    /// True if the `[[robot]]` entries of the source being read are handled elsewhere.
-    shared: bool,
+    /// Sections of the source being read that are handled elsewhere.
+    elsewhere: Vec<&'static str>,
+    /// True if the text being read is a file's own.
+    has_lines: bool,
     pub problems: Vec<Problem>,
     /// Problems beyond [`MAX_PROBLEMS`].
     untold: usize,
@@ -87,6 +102,21 @@ const ROBOTS: &str = "robot";
 const SAMPLES_OF_THE_VELOCITY_FILTER: &str = "identifier.projected.velocity_half_width";
 
 impl Layers {
+    /// Without sources, for files of this kind.
+    pub fn of(schema: &'static Schema) -> Self {
+        Self {
+            schema,
+            entries: BTreeMap::new(),
+            layer: 0,
+            recorded: false,
+            elsewhere: Vec::new(),
+            has_lines: true,
+            problems: Vec::new(),
+            untold: 0,
+            velocity_samples: None,
+        }
+    }
+
     /// The stated values, by full key.
     pub fn entries(&self) -> &BTreeMap<String, Entry> {
         &self.entries
@@ -115,17 +145,43 @@ impl Layers {
                 self.translate_velocity_filter();
                 self.recorded = false;
             }
-            Source::File(path) | Source::Shared(path) => {
-                self.shared = matches!(source, Source::Shared(_));
+            Source::File(path) => self.file(path),
+            Source::Shared(path) => {
+                self.elsewhere = vec![ROBOTS];
+                self.file(path);
+                self.elsewhere.clear();
+            }
+            #[cfg(feature = "robot")]
+            Source::Robot {
+                path,
+                defaults,
+                derived,
+            } => {
                 let name = path.display().to_string();
-                match read_text(path, MAX_BYTES) {
-                    Ok(text) => self.text(&name, &text, path.parent()),
-                    Err(problem) => {
-                        self.problems
-                            .push(Problem::new(Origin::File { name, line: 0 }, "", problem.to_string()))
-                    }
-                }
-                self.shared = false;
+                self.generated(&name, defaults);
+                self.elsewhere = super::schema::own_sections_of_robots().collect();
+                self.file(path);
+                self.elsewhere.clear();
+                self.generated(&name, derived);
+            }
+        }
+    }
+
+    /// Applies a text that follows from the file of this name, so that its lines say nothing.
+    #[cfg(feature = "robot")]
+    fn generated(&mut self, name: &str, text: &str) {
+        self.has_lines = false;
+        self.text(name, text, None);
+        self.has_lines = true;
+    }
+
+    fn file(&mut self, path: &Path) {
+        let name = path.display().to_string();
+        match read_text(path, MAX_BYTES) {
+            Ok(text) => self.text(&name, &text, path.parent()),
+            Err(problem) => {
+                let origin = Origin::File { name, line: 0 };
+                self.problems.push(Problem::new(origin, "", problem.to_string()));
             }
         }
     }
@@ -164,8 +220,8 @@ impl Layers {
             ));
         };
         let (path, text) = (path.trim(), text.trim());
-        let Some(key) = key(path) else {
-            return Err(Problem::new(origin, &cut(path, MAX_KEY), unknown(path)));
+        let Some(key) = self.schema.key(path) else {
+            return Err(Problem::new(origin, &cut(path, MAX_KEY), unknown(self.schema, path)));
         };
         // A bare word is a string, so that no quotes need escaping in a shell.
         let bare = DeValue::String(text.into());
@@ -180,13 +236,19 @@ impl Layers {
             }
             _ => bare,
         };
-        self.put(key, path, &parsed, text, origin, None);
+        self.put(key, path, (&parsed, text), origin, None);
         Ok(())
     }
 
-    fn text(&mut self, name: &str, text: &str, base: Option<&Path>) {
+    /// Applies a text on top, with its name for messages and the base directory of its paths.
+    pub fn text(&mut self, name: &str, text: &str, base: Option<&Path>) {
         self.layer += 1;
-        let file = File { name, text, base };
+        let file = File {
+            name,
+            text,
+            base,
+            has_lines: self.has_lines,
+        };
         if text.len() as u64 > MAX_BYTES {
             let message = too_large();
             self.problems.push(Problem::new(file.whole(), "", message));
@@ -244,17 +306,18 @@ impl Layers {
             };
             let got = file.slice(&value.span());
             let origin = || file.origin(name.span().start);
-            if self.shared && path == ROBOTS {
+            if self.elsewhere.contains(&path.as_str()) {
                 continue;
             }
             if self.recorded && path == SAMPLES_OF_THE_VELOCITY_FILTER {
                 self.velocity_samples = value.get_ref().as_integer().and_then(|n| n.as_str().parse().ok());
-            } else if let Some(key) = key(&path) {
-                self.put(key, &path, value.get_ref(), got, origin(), file.base);
-            } else if !is_section(&path) {
+            } else if let Some(key) = self.schema.key(&path) {
+                self.put(key, &path, (value.get_ref(), got), origin(), Some(file));
+            } else if !is_section(self.schema, &path) {
                 if !self.enough() {
                     let told = cut(&path, MAX_KEY);
-                    self.problems.push(Problem::new(origin(), &told, unknown(&path)));
+                    self.problems
+                        .push(Problem::new(origin(), &told, unknown(self.schema, &path)));
                 }
             } else if let Some(inner) = value.get_ref().as_table() {
                 self.table(file, &path, inner);
@@ -266,26 +329,28 @@ impl Layers {
         }
     }
 
-    fn put(&mut self, key: &Key, path: &str, value: &DeValue<'_>, text: &str, origin: Origin, base: Option<&Path>) {
+    /// Takes a value with its text; of a `file`, or else of an argument.
+    fn put(
+        &mut self,
+        key: &Key,
+        path: &str,
+        (value, text): (&DeValue<'_>, &str),
+        origin: Origin,
+        file: Option<&File<'_>>,
+    ) {
         let checked = match (key.kind, value.as_array()) {
-            (Kind::Tables(inner), Some(items)) => {
-                let items: Vec<_> = items.iter().map(|item| item.get_ref()).collect();
-                match self.tables(inner, path, &items, &origin) {
-                    Some(tables) => Some(tables),
-                    None => return,
-                }
-            }
+            (Kind::Tables(inner), Some(items)) => match self.tables(inner, path, items, &origin, file) {
+                Some(tables) => Some(tables),
+                None => return,
+            },
             _ => key.kind.check(value),
         };
         let Some(checked) = checked else {
             let expected = key.kind.expected(key.unit);
             let got = describe(value, text);
-            let got = match key.kind {
-                Kind::Choice(words) => match value.as_str().and_then(|s| nearest(s, words.iter().copied())) {
-                    Some(word) => format!("{got}; did you mean \"{word}\"?"),
-                    None => got,
-                },
-                _ => got,
+            let got = match meant(key.kind, value) {
+                Some(word) => format!("{got}; did you mean \"{word}\"?"),
+                None => got,
             };
             self.problems.push(Problem::expected(origin, path, expected, got));
             return;
@@ -312,7 +377,7 @@ impl Layers {
             recorded: self.recorded,
             value: checked,
             origin,
-            base: base.map(Path::to_path_buf),
+            base: file.and_then(|file| file.base).map(Path::to_path_buf),
             layer: self.layer,
         };
         self.entries.insert(path.to_owned(), entry);
@@ -321,7 +386,15 @@ impl Layers {
 
 impl Layers {
     /// A list of tables; `None` after reporting their problems.
-    fn tables(&mut self, keys: &[Key], path: &str, items: &[&DeValue<'_>], origin: &Origin) -> Option<Value> {
+    fn tables(
+        &mut self,
+        keys: &[Key],
+        path: &str,
+        items: &DeArray<'_>,
+        origin: &Origin,
+        file: Option<&File<'_>>,
+    ) -> Option<Value> {
+        let at = |span: std::ops::Range<usize>| file.map_or_else(|| origin.clone(), |file| file.origin(span.start));
         let before = self.problems.len();
         let mut tables = Vec::new();
         for (index, item) in items.iter().enumerate() {
@@ -329,30 +402,35 @@ impl Layers {
                 continue;
             }
             let path = format!("{path}[{}]", index + 1);
-            let Some(table) = item.as_table() else {
-                let got = describe(item, "");
+            let Some(table) = item.get_ref().as_table() else {
+                let got = describe(item.get_ref(), "");
                 self.problems
-                    .push(Problem::expected(origin.clone(), &path, "a table", got));
+                    .push(Problem::expected(at(item.span()), &path, "a table", got));
                 continue;
             };
             let mut checked = toml::Table::new();
             for (name, value) in table.iter() {
-                let name = name.get_ref();
+                let (name, origin) = (name.get_ref(), at(name.span()));
                 let path = format!("{path}.{name}");
                 let Some(key) = keys.iter().find(|key| key.name == name) else {
                     let known = quoted(&keys.iter().map(|key| key.name).collect::<Vec<_>>());
                     if !self.enough() {
-                        let message = format!("unknown key; expected {known}");
-                        self.problems
-                            .push(Problem::new(origin.clone(), &cut(&path, MAX_KEY), message));
+                        let hint = nearest(name, keys.iter().map(|key| key.name));
+                        let hint = hint.map(|name| format!("; did you mean {name}?")).unwrap_or_default();
+                        let message = format!("unknown key; expected {known}{hint}");
+                        self.problems.push(Problem::new(origin, &cut(&path, MAX_KEY), message));
                     }
                     continue;
                 };
                 match key.kind.check(value.get_ref()) {
                     Some(value) => _ = checked.insert(name.to_string(), value),
                     None => {
-                        let got = describe(value.get_ref(), &plain(value.get_ref()));
-                        let problem = Problem::expected(origin.clone(), &path, key.kind.expected(key.unit), got);
+                        let text = match file {
+                            Some(file) => file.slice(&value.span()).to_owned(),
+                            None => plain(value.get_ref()),
+                        };
+                        let got = describe(value.get_ref(), &text);
+                        let problem = Problem::expected(origin, &path, key.kind.expected(key.unit), got);
                         self.problems.push(problem);
                     }
                 }
@@ -360,12 +438,27 @@ impl Layers {
             for key in keys.iter().filter(|key| !key.optional && !table.contains_key(key.name)) {
                 let expected = format!("{} = {}", key.name, key.kind.expected(key.unit));
                 self.problems
-                    .push(Problem::expected(origin.clone(), &path, expected, "none"));
+                    .push(Problem::expected(at(item.span()), &path, expected, "none"));
             }
             tables.push(Value::Table(checked));
         }
         (self.problems.len() == before).then_some(Value::Array(tables))
     }
+}
+
+/// The word of a choice that was probably meant.
+fn meant(kind: Kind, value: &DeValue<'_>) -> Option<&'static str> {
+    let (Kind::Choice(words) | Kind::Choices(words)) = kind else {
+        return None;
+    };
+    let wrong = match value.as_array() {
+        Some(items) => {
+            let mut given = items.iter().filter_map(|item| item.get_ref().as_str());
+            given.find(|word| !words.contains(word))
+        }
+        None => value.as_str(),
+    };
+    nearest(wrong?, words.iter().copied())
 }
 
 /// A number as it was written.
@@ -382,10 +475,14 @@ struct File<'a> {
     name: &'a str,
     text: &'a str,
     base: Option<&'a Path>,
+    has_lines: bool,
 }
 
 impl File<'_> {
     fn origin(&self, offset: usize) -> Origin {
+        if !self.has_lines {
+            return self.whole();
+        }
         let before = self.text.as_bytes().iter().take(offset);
         Origin::File {
             name: self.name.to_owned(),

@@ -17,6 +17,7 @@ mod choice;
 mod controller;
 mod error;
 mod estimator;
+mod form;
 mod identifier;
 mod kind;
 mod layers;
@@ -24,6 +25,10 @@ mod log;
 mod memory;
 mod nodes;
 mod plant;
+#[cfg(feature = "robot")]
+mod robot;
+#[cfg(feature = "robot")]
+mod robot_sections;
 mod schema;
 mod sections;
 mod setpoint;
@@ -39,6 +44,8 @@ pub use error::{ConfigError, Origin, Problem};
 pub(crate) use kind::Short;
 pub use kind::{Interval, Key, Kind, Len};
 pub use layers::Source;
+#[cfg(feature = "robot")]
+pub use robot::{RobotConfig, is_robot_override};
 pub use schema::{Delivery, FeedForward, FileForm, RealOr, keys};
 pub use sections::{
     BusConfig, CheckpointConfig, Config, ControllerConfig, EstimatorConfig, IdentifierConfig, LogColumns,
@@ -78,7 +85,7 @@ impl Config {
     /// # Errors
     /// All errors in any of them, and of the models.
     pub fn load_for(catalog: &Catalog, sources: &[Source], arguments: &[String]) -> Result<Self, ConfigError> {
-        let mut layers = Layers::default();
+        let mut layers = Layers::of(&schema::ORDINARY);
         sources.iter().for_each(|source| layers.source(source));
         layers.arguments(arguments);
         let mut problems = std::mem::take(&mut layers.problems);
@@ -141,14 +148,14 @@ impl Config {
             .flat_map(|group| group.iter())
             .filter_map(|key| key.rsplit_once('.'))
         {
-            section_of(&mut table, section).map(|section| section.remove(name));
+            form::section_of(&mut table, section).map(|section| section.remove(name));
         }
-        let base = FileForm::deserialize(Value::Table(table)).map(|form| render(&form, false));
+        let base = FileForm::deserialize(Value::Table(table)).map(|form| form::render(schema::SECTIONS, &form));
         let source = Source::Embedded {
             name: "the configuration in force".to_owned(),
             text: base.unwrap_or_default(),
         };
-        let config = Self::load_for(&self.catalog, &[source], &[format!("{path}={}", literal(&value))])?;
+        let config = Self::load_for(&self.catalog, &[source], &[format!("{path}={}", form::literal(&value))])?;
         let useless = |problem: &&Problem| problem.key == path && problem.is_without_effect;
         match config.warnings.iter().find(useless) {
             Some(problem) => Err(ConfigError {
@@ -193,12 +200,12 @@ impl Config {
 
     /// The whole configuration as a file that loads to the same configuration.
     pub fn to_toml(&self) -> String {
-        render(&self.file, false)
+        form::render(schema::SECTIONS, &self.file)
     }
 
     /// `config/default.toml`: every key with its default, type, range, unit and meaning.
     pub fn reference() -> String {
-        render(&FileForm::default(), true)
+        form::reference(REFERENCE, schema::SECTIONS, &FileForm::default())
     }
 
     /// The settings in the form of the file.
@@ -210,7 +217,7 @@ impl Config {
 impl Default for Config {
     /// The paper's experiment: the values of `config/default.toml`.
     fn default() -> Self {
-        let layers = Layers::default();
+        let layers = Layers::of(&schema::ORDINARY);
         build::config(FileForm::default(), &Catalog::default(), &layers)
             .unwrap_or_else(|problems| unreachable!("the built-in defaults are tested to be valid: {problems:?}"))
     }
@@ -218,22 +225,7 @@ impl Default for Config {
 
 /// Defaults with the stated values applied.
 fn resolve(layers: &Layers) -> Result<FileForm, Vec<Problem>> {
-    let broken = |e: &dyn std::fmt::Display| vec![Problem::new(Origin::Default, "", format!("{e}"))];
-    let mut table = toml::Table::try_from(FileForm::default()).map_err(|e| broken(&e))?;
-    for group in schema::EXCLUSIVE {
-        if group.iter().any(|key| layers.entries().contains_key(*key)) {
-            for (section, name) in group.iter().filter_map(|key| key.rsplit_once('.')) {
-                section_of(&mut table, section).map(|section| section.remove(name));
-            }
-        }
-    }
-    for (path, entry) in layers.entries() {
-        let Some((section, name)) = path.rsplit_once('.') else {
-            continue;
-        };
-        section_of(&mut table, section).map(|section| section.insert(name.to_owned(), entry.value.clone()));
-    }
-    let mut form = FileForm::deserialize(Value::Table(table)).map_err(|e| broken(&e))?;
+    let mut form: FileForm = form::merged(layers)?;
     let base = layers
         .entries()
         .get("plant.setpoint.csv.path")
@@ -242,10 +234,6 @@ fn resolve(layers: &Layers) -> Result<FileForm, Vec<Problem>> {
         *path = base.join(&*path).display().to_string();
     }
     Ok(form)
-}
-
-fn section_of<'a>(table: &'a mut toml::Table, section: &str) -> Option<&'a mut toml::Table> {
-    table.get_mut(section).and_then(Value::as_table_mut)
 }
 
 /// Section, name and value of every key that is set, in the order of the schema.
@@ -258,80 +246,7 @@ fn settings(form: &FileForm) -> impl Iterator<Item = (String, String, Value)> {
     })
 }
 
-fn render(form: &FileForm, comments: bool) -> String {
-    let values: std::collections::BTreeMap<_, _> = settings(form).map(|(s, n, value)| ((s, n), value)).collect();
-    let mut text = String::new();
-    if comments {
-        text.push_str(
-            "# Every key with its default. A configuration states only what differs: config/encoder_only.toml, which\n\
-             # every program takes if no file is named, or config/cedro2022.toml.\n\
-             # The same can be said on the command line: --set estimator.block_len=950\n",
-        );
-    }
-    for section in schema::SECTIONS {
-        if comments {
-            text.push('\n');
-            comment(&mut text, &format!("{}.", section.meaning));
-        }
-        let _ = writeln!(text, "[{}]", section.name);
-        for key in section.keys {
-            let value = values.get(&(section.name.to_owned(), key.name.to_owned()));
-            if comments {
-                let default = if value.is_none() { "; not set by default" } else { "" };
-                text.push('\n');
-                comment(&mut text, &format!("{}.", key.meaning));
-                comment(&mut text, &format!("Takes {}{default}.", key.kind.expected(key.unit)));
-                if let Kind::Tables(inner) = key.kind {
-                    for key in inner {
-                        let need = if key.optional { "" } else { "; needed" };
-                        let line = format!(
-                            "{}: {}. Takes {}{need}.",
-                            key.name,
-                            key.meaning,
-                            key.kind.expected(key.unit)
-                        );
-                        comment(&mut text, &line);
-                    }
-                }
-            }
-            match value {
-                Some(value) => _ = writeln!(text, "{} = {}", key.name, literal(value)),
-                None if comments => _ = writeln!(text, "#{} =", key.name),
-                None => {}
-            }
-        }
-        if !comments {
-            text.push('\n');
-        }
-    }
-    text
-}
-
-/// A value in short form: `1e-9`, not `0.000000001`.
-fn literal(value: &Value) -> String {
-    match value {
-        Value::Float(x) => format!("{x:?}"),
-        Value::Table(table) => {
-            let entries = table.iter().map(|(name, value)| format!("{name} = {}", literal(value)));
-            format!("{{ {} }}", entries.collect::<Vec<_>>().join(", "))
-        }
-        Value::Array(items) => format!("[{}]", items.iter().map(literal).collect::<Vec<_>>().join(", ")),
-        other => other.to_string(),
-    }
-}
-
-/// A sentence as comment lines of readable length.
-fn comment(text: &mut String, sentence: &str) {
-    const WIDTH: usize = 110;
-    let mut width = WIDTH;
-    for word in sentence.split(' ') {
-        if width + 1 + word.chars().count() > WIDTH {
-            text.push_str(if text.ends_with('\n') { "#" } else { "\n#" });
-            width = 1;
-        }
-        text.push(' ');
-        text.push_str(word);
-        width += 1 + word.chars().count();
-    }
-    text.push('\n');
-}
+/// The first lines of `config/default.toml`.
+const REFERENCE: &str = "# Every key with its default. A configuration states only what differs: config/encoder_only.toml, which\n\
+     # every program takes if no file is named, or config/cedro2022.toml.\n\
+     # The same can be said on the command line: --set estimator.block_len=950\n";

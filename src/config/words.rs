@@ -1,28 +1,31 @@
 //! Messages about wrong keys and values: what is wrong, and what was probably intended.
 
 use super::kind::Key;
-use super::schema::{RETIRED, keys};
+use super::schema::Schema;
 use toml::de::DeValue;
 
 pub(super) use crate::words::cut;
 
 /// True for a section and for the beginning of one.
-pub(super) fn is_section(path: &str) -> bool {
-    keys().any(|key| key.section == path || key.section.strip_prefix(path).is_some_and(|rest| rest.starts_with('.')))
+pub(super) fn is_section(schema: &Schema, path: &str) -> bool {
+    schema
+        .keys()
+        .any(|key| key.section == path || key.section.strip_prefix(path).is_some_and(|rest| rest.starts_with('.')))
 }
 
 /// Message about an unknown key.
-pub(super) fn unknown(path: &str) -> String {
-    let known: Vec<String> = keys().map(Key::path).collect();
-    if is_section(path) {
-        let inside = keys().find(|key| key.section == path).map(Key::path);
+pub(super) fn unknown(schema: &Schema, path: &str) -> String {
+    let known: Vec<String> = schema.keys().map(Key::path).collect();
+    let list = schema.list_of(path);
+    if is_section(schema, path) {
+        let inside = schema.keys().find(|key| key.section == path).map(Key::path);
         return match inside {
-            Some(key) => format!("a section, not a key; its keys are {key} and others in config/default.toml"),
-            None => "a section, not a key; config/default.toml lists its keys".to_owned(),
+            Some(key) => format!("a section, not a key; its keys are {key} and others in {list}"),
+            None => format!("a section, not a key; {list} lists its keys"),
         };
     }
-    if let Some((_, what)) = RETIRED.iter().find(|(retired, _)| *retired == path) {
-        return (*what).to_owned();
+    if let Some(what) = schema.retired(path) {
+        return what.to_owned();
     }
     let name = path.rsplit('.').next().unwrap_or(path);
     // The right key in the wrong section is the most common mistake.
@@ -30,10 +33,10 @@ pub(super) fn unknown(path: &str) -> String {
         .iter()
         .find(|key| key.rsplit('.').next() == Some(name))
         .map(String::as_str);
-    let sections = keys().map(|key| key.section);
+    let sections = schema.keys().map(|key| key.section);
     match moved.or_else(|| nearest(path, known.iter().map(String::as_str).chain(sections))) {
         Some(key) => format!("unknown key; did you mean {key}?"),
-        None => "unknown key; config/default.toml lists all of them".to_owned(),
+        None => format!("unknown key; {list} lists all of them"),
     }
 }
 

@@ -51,6 +51,31 @@ impl Default for AdaptiveOptions {
     }
 }
 
+/// Values or options that give no feed-forward.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum AdaptiveError {
+    /// Parameters that are not finite, or not as many as those of the model.
+    #[error("expected {expected} finite parameters, got {got:?}")]
+    Parameters {
+        /// Number of the model's parameters.
+        expected: usize,
+        /// What was given.
+        got: Vec<f64>,
+    },
+    /// An option that is not above 0.
+    #[error("{name}: expected a number above 0, got {got}")]
+    Option {
+        /// Which one.
+        name: &'static str,
+        /// What was given.
+        got: f64,
+    },
+    /// Limits of the inputs that are not above 0.
+    #[error("input_limit: expected numbers above 0, got {0:?}")]
+    InputLimit([f64; MAX_JOINTS]),
+}
+
 /// What the feed-forward is made from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Knowledge {
@@ -82,25 +107,25 @@ impl AdaptiveFeedForward {
     ///
     /// # Errors
     /// If the number of values is not that of the model's parameters, or an option is out of range.
-    pub fn new(model: SharedModel, theta: &[f64], options: AdaptiveOptions) -> Result<Self, String> {
+    pub fn new(model: SharedModel, theta: &[f64], options: AdaptiveOptions) -> Result<Self, AdaptiveError> {
         let params = model.parameters().len();
         if theta.len() != params || theta.iter().any(|x| !x.is_finite()) {
-            return Err(format!("expected {params} finite parameters, got {theta:?}"));
+            return Err(AdaptiveError::Parameters {
+                expected: params,
+                got: theta.to_vec(),
+            });
         }
-        for (name, value) in [
+        for (name, got) in [
             ("max_std", options.max_std),
             ("blend_s", options.blend_s),
             ("silence_s", options.silence_s),
         ] {
-            if !(value > 0.0) {
-                return Err(format!("{name}: expected a number above 0, got {value}"));
+            if !(got > 0.0) {
+                return Err(AdaptiveError::Option { name, got });
             }
         }
         if options.input_limit.iter().any(|limit| !(*limit > 0.0)) {
-            return Err(format!(
-                "input_limit: expected numbers above 0, got {:?}",
-                options.input_limit
-            ));
+            return Err(AdaptiveError::InputLimit(options.input_limit));
         }
         Ok(Self {
             model_hash: model.definition().hash(),

@@ -10,6 +10,6 @@ mod adaptive;
 #[cfg(feature = "sim")]
 mod trajectory;
 
-pub use adaptive::{AdaptiveFeedForward, AdaptiveOptions, Knowledge};
+pub use adaptive::{AdaptiveError, AdaptiveFeedForward, AdaptiveOptions, Knowledge};
 #[cfg(feature = "sim")]
-pub use trajectory::{CATCH_UP, Trajectory};
+pub use trajectory::{CATCH_UP, Trajectory, TrajectoryError};

@@ -9,7 +9,7 @@
 //! ```
 
 use crate::model::{JointSample, MAX_JOINTS};
-use crate::node::model::Model;
+use crate::node::model::{Model, ModelError};
 use crate::sim::{DesiredMotion, SetpointPath, SimOptions};
 
 const POINTS: usize = 7;
@@ -21,6 +21,20 @@ const THIRD: [f64; POINTS] = [1.0, -8.0, 13.0, 0.0, -13.0, 8.0, -1.0];
 /// Largest advance of a trajectory of setpoints in one call \[samples\]: about 10 ms of work, so a
 /// wrong sample number cannot block the caller.
 pub const CATCH_UP: u64 = 100_000;
+
+/// Why a machine has no motion that feed-forward could follow.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum TrajectoryError {
+    /// Setpoints that jump.
+    #[error(
+        "plant.setpoint.kind: expected setpoints without jumps (sines, random_sines, chirp, moves), for no input follows a jump"
+    )]
+    Jumps,
+    /// Options that do not fit the model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
 
 /// Desired motion of a simulated machine, sample by sample.
 #[derive(Debug, Clone)]
@@ -44,8 +58,8 @@ impl Trajectory {
     ///
     /// # Errors
     /// Setpoints that jump: no input follows them. Options that do not fit the model.
-    pub fn of(model: &dyn Model, options: &SimOptions) -> Result<Self, String> {
-        match model.desired_motion(options).map_err(|e| e.to_string())? {
+    pub fn of(model: &dyn Model, options: &SimOptions) -> Result<Self, TrajectoryError> {
+        match model.desired_motion(options)? {
             Some(motion) => Ok(Self {
                 motion: Motion::Smooth(motion),
                 sample_period_s: options.sample_period_s,
@@ -59,7 +73,7 @@ impl Trajectory {
     ///
     /// # Errors
     /// Setpoints that jump: no input follows them.
-    pub fn new(options: &SimOptions) -> Result<Self, String> {
+    pub fn new(options: &SimOptions) -> Result<Self, TrajectoryError> {
         Ok(Self {
             motion: Motion::Setpoints(Box::new(Setpoints::new(options)?)),
             sample_period_s: options.sample_period_s,
@@ -109,7 +123,7 @@ struct Setpoints {
 }
 
 impl Setpoints {
-    fn new(options: &SimOptions) -> Result<Self, String> {
+    fn new(options: &SimOptions) -> Result<Self, TrajectoryError> {
         let joints = options.joints();
         if options
             .setpoint
@@ -117,7 +131,7 @@ impl Setpoints {
             .take(joints)
             .any(crate::sim::Setpoint::has_steps)
         {
-            return Err("plant.setpoint.kind: expected setpoints without jumps (sines, random_sines, chirp, moves), for no input follows a jump".to_owned());
+            return Err(TrajectoryError::Jumps);
         }
         let mut setpoints = Self {
             paths: (0..joints)
@@ -197,6 +211,6 @@ mod tests {
         }
         assert!(!trajectory.advance_to(u64::MAX), "it comes back");
         let jumps = SimOptions::cedro2022();
-        assert!(Trajectory::new(&jumps).unwrap_err().contains("without jumps"));
+        assert_eq!(Trajectory::new(&jumps).unwrap_err(), TrajectoryError::Jumps);
     }
 }

@@ -101,6 +101,28 @@ pub fn stream_tag(stream_id: u64) -> u32 {
     ((stream_id ^ (stream_id >> 32)) as u32).max(1)
 }
 
+/// A request whose data cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RequestError {
+    /// The length is neither 0 nor that of a body.
+    #[error("payload: expected {} bytes of a body, or 0 for nothing, got {got}", 8 * PAYLOAD)]
+    Payload {
+        /// Length that was given \[bytes\].
+        got: usize,
+    },
+    /// A part of a state is not the next one, or is out of range.
+    #[error("expected part {next} of a state, got {got} of {of}")]
+    Part {
+        /// Number of the next part, from 0.
+        next: u32,
+        /// Number that was given.
+        got: u32,
+        /// Parts of the state that was given.
+        of: u32,
+    },
+}
+
 message! {
     /// A request of service `control`.
     pub struct Request = "ThetabusRequestV3" {
@@ -171,7 +193,7 @@ impl Request {
     ///
     /// # Errors
     /// If the length is neither 0 nor that of a body.
-    pub fn payload_body(&self) -> Result<Option<[f64; PAYLOAD]>, String> {
+    pub fn payload_body(&self) -> Result<Option<[f64; PAYLOAD]>, RequestError> {
         match self.data_len as usize {
             0 => Ok(None),
             len if len == 8 * PAYLOAD => {
@@ -181,10 +203,7 @@ impl Request {
                 }
                 Ok(Some(body))
             }
-            len => Err(format!(
-                "payload: expected {} bytes of a body, or 0 for nothing, got {len}",
-                8 * PAYLOAD
-            )),
+            got => Err(RequestError::Payload { got }),
         }
     }
 
@@ -222,9 +241,11 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// Takes the next part and returns the state with the last one; an error if a part is missing
-    /// or out of range.
-    pub fn take(&mut self, part: &Request) -> Result<Option<Vec<u8>>, String> {
+    /// Takes the next part and returns the state with the last one.
+    ///
+    /// # Errors
+    /// If a part is missing or out of range; then it begins anew.
+    pub fn take(&mut self, part: &Request) -> Result<Option<Vec<u8>>, RequestError> {
         if part.part == 0 {
             *self = Self::default();
         }
@@ -232,7 +253,7 @@ impl Parts {
         if part.part != self.next || part.part >= part.parts || part.parts > MAX_PARTS || len > DATA {
             let (next, got, of) = (self.next, part.part, part.parts);
             *self = Self::default();
-            return Err(format!("expected part {next} of a state, got {got} of {of}"));
+            return Err(RequestError::Part { next, got, of });
         }
         self.bytes.extend_from_slice(&part.data[..len]);
         self.next += 1;
@@ -365,7 +386,7 @@ mod tests {
         assert_eq!(Request::payload(None).payload_body(), Ok(None));
         let mut cut = Request::payload(Some(&body));
         cut.data_len = 79;
-        assert!(cut.payload_body().unwrap_err().contains("got 79"));
+        assert!(cut.payload_body().unwrap_err().to_string().contains("got 79"));
     }
 
     #[test]
@@ -376,7 +397,7 @@ mod tests {
         let mut parts = Parts::default();
         let taken: Vec<_> = requests.iter().map(|r| parts.take(r).unwrap()).collect();
         assert_eq!(taken, [None, None, Some(state)]);
-        assert!(parts.take(&requests[1]).unwrap_err().contains("part 0"));
+        assert!(parts.take(&requests[1]).unwrap_err().to_string().contains("part 0"));
         let mut mad = requests[0];
         mad.data_len = u32::MAX;
         assert!(parts.take(&mad).is_err());

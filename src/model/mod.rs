@@ -16,6 +16,7 @@ mod autodiff;
 mod controller;
 mod delayed;
 mod derived;
+mod error;
 mod extended_manipulator;
 mod load;
 mod manipulator;
@@ -26,6 +27,7 @@ mod servo_axis;
 pub use controller::PdController;
 pub use delayed::Delayed;
 pub use derived::PlantDerived;
+pub use error::DefinitionError;
 pub use extended_manipulator::{ExtendedManipulator, ExtraTerms};
 pub use load::{ball_inertia, load_at_flange};
 pub use manipulator::{MANIPULATOR_PARAMS, Manipulator, ManipulatorFeatures};
@@ -228,19 +230,16 @@ impl PlantDefinition {
     ///
     /// # Errors
     /// The first rule that is violated.
-    pub fn validate(&self) -> Result<(), String> {
+    pub fn validate(&self) -> Result<(), DefinitionError> {
         let (joints, params) = (self.joints, self.parameters.len());
         if !(1..=MAX_JOINTS).contains(&joints) {
-            return Err(format!("expected 1 to {MAX_JOINTS} joints, got {joints}"));
+            return Err(DefinitionError::Joints(joints));
         }
         if !(1..=MAX_PARAMS).contains(&params) {
-            return Err(format!("expected 1 to {MAX_PARAMS} parameters, got {params}"));
+            return Err(DefinitionError::Parameters(params));
         }
         if !(1..=MAX_JOINTS).contains(&self.equations.len()) {
-            return Err(format!(
-                "expected 1 to {MAX_JOINTS} equations, got {}",
-                self.equations.len()
-            ));
+            return Err(DefinitionError::Equations(self.equations.len()));
         }
         for (i, parameter) in self.parameters.iter().enumerate() {
             let Parameter {
@@ -251,19 +250,20 @@ impl PlantDefinition {
                 ..
             } = parameter;
             if self.parameters[..i].iter().any(|other| other.name == *name) {
-                return Err(format!("two parameters are called {name}"));
+                return Err(DefinitionError::SameName(name.to_string()));
             }
             if !(start.is_finite() && start >= lower && start <= upper) {
-                return Err(format!(
-                    "expected a start of {name} from {lower} to {upper}, got {start}"
-                ));
+                return Err(DefinitionError::Start {
+                    parameter: name.to_string(),
+                    lower: *lower,
+                    upper: *upper,
+                    got: *start,
+                });
             }
         }
         for relation in &self.relations {
-            if let Some(index) = relation.iter().find(|index| **index >= params) {
-                return Err(format!(
-                    "a relation names parameter {index} of {params}, counted from 0"
-                ));
+            if let Some(&index) = relation.iter().find(|index| **index >= params) {
+                return Err(DefinitionError::Relation { index, params });
             }
         }
         for equation in &self.equations {
@@ -275,28 +275,39 @@ impl PlantDefinition {
                 parameters,
                 motion,
             } = equation;
+            let equation = || name.to_string();
             if *motion >> joints != 0 {
-                return Err(format!(
-                    "equation {name}: expected joints below {joints} to need motion, got the mask {motion:#b}"
-                ));
+                return Err(DefinitionError::Motion {
+                    equation: equation(),
+                    joints,
+                    mask: *motion,
+                });
             }
             if *input >= joints {
-                return Err(format!(
-                    "equation {name}: expected an input below {joints}, got {input}"
-                ));
+                return Err(DefinitionError::Input {
+                    equation: equation(),
+                    joints,
+                    got: *input,
+                });
             }
             if !(input_scale.is_finite() && *input_scale != 0.0) {
-                return Err(format!(
-                    "equation {name}: expected an input scale that is finite and not 0, got {input_scale}"
-                ));
+                return Err(DefinitionError::InputScale {
+                    equation: equation(),
+                    got: *input_scale,
+                });
             }
             if *order > 2 {
-                return Err(format!("equation {name}: expected terms up to order 2, got {order}"));
+                return Err(DefinitionError::Order {
+                    equation: equation(),
+                    got: *order,
+                });
             }
             if parameters.is_empty() || parameters.end > params {
-                return Err(format!(
-                    "equation {name}: expected parameters within 0..{params}, got {parameters:?}"
-                ));
+                return Err(DefinitionError::ParametersOf {
+                    equation: equation(),
+                    params,
+                    got: parameters.clone(),
+                });
             }
         }
         Ok(())

@@ -6,14 +6,15 @@ use super::model::{Model, ModelError, NodeSettings};
 use super::robot::{RobotLearner, RobotNode};
 use crate::messages::signals;
 use crate::model::{
-    DerivedQuantity, DerivedValues, Equation, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter, PlantDefinition,
+    DefinitionError, DerivedQuantity, DerivedValues, Equation, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter,
+    PlantDefinition,
 };
 use crate::robot::LEAST_EXPLAINED;
 #[cfg(feature = "sim")]
 use crate::robot::Reference;
 use crate::robot::{
-    BODY_PARAMETERS, BodyParameters, Drives, Engagement, FilteredSample, IdentifyOptions, PAYLOAD_VALUES, Payload,
-    RobotIdentifier, RobotModel, RobotSimOptions, Velocities, controller_values,
+    BODY_PARAMETERS, BodyParameters, Drives, Engagement, FilteredSample, IdentifyError, IdentifyOptions,
+    PAYLOAD_VALUES, Payload, RobotIdentifier, RobotModel, RobotSimOptions, Velocities, controller_values,
 };
 use crate::words::fnv1a;
 use std::sync::Arc;
@@ -37,6 +38,18 @@ pub struct RobotSettings {
     pub simulation: RobotSimOptions,
 }
 
+/// Settings from which no model follows.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RobotPlantError {
+    /// The options of the identification.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    /// The robot has more joints or parameters than an estimate holds.
+    #[error(transparent)]
+    Definition(#[from] DefinitionError),
+}
+
 /// A robot as a model.
 #[derive(Debug)]
 pub struct RobotPlant {
@@ -52,7 +65,7 @@ impl RobotPlant {
     ///
     /// # Errors
     /// If options do not fit, or there are more parameters than an estimate can hold.
-    pub fn new(settings: RobotSettings) -> Result<Self, String> {
+    pub fn new(settings: RobotSettings) -> Result<Self, RobotPlantError> {
         let identifier = RobotIdentifier::new(settings.model.clone(), settings.options)?;
         let robot = settings.model.robot();
         let own = |text: &str| std::borrow::Cow::<'static, str>::Owned(text.to_owned());
@@ -178,15 +191,15 @@ impl Model for RobotPlant {
     }
 
     fn identifier(&self, settings: &NodeSettings) -> Result<Box<dyn Identifier>, ModelError> {
-        let problem = |problem: String| ModelError::Setting {
+        let setting = |problem: &dyn std::fmt::Display| ModelError::Setting {
             section: "identify",
-            problem,
+            problem: problem.to_string(),
         };
         let own = &self.settings;
-        let robot = RobotIdentifier::new(own.model.clone(), own.options).map_err(problem)?;
+        let robot = RobotIdentifier::new(own.model.clone(), own.options).map_err(|e| setting(&e))?;
         let period_s = settings.options.sample_period_ns as f64 * 1e-9;
         if let Some(too_far_apart) = own.options.windows.too_far_apart(period_s) {
-            return Err(problem(too_far_apart.to_string()));
+            return Err(setting(&too_far_apart));
         }
         let velocities = own.velocity_s.map(|half_s| {
             let half = if period_s > 0.0 {
@@ -239,10 +252,10 @@ impl Model for RobotPlant {
 }
 
 #[cfg(feature = "sim")]
-fn not_simulated(problem: String) -> ModelError {
+fn not_simulated(error: impl std::fmt::Display) -> ModelError {
     ModelError::Setting {
         section: "simulate",
-        problem,
+        problem: error.to_string(),
     }
 }
 

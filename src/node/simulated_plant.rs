@@ -1,10 +1,22 @@
 //! The simulated machine as a stream of messages, with its losses, faults and time stamps.
 
-use super::model::{Model, SampleSource};
+use super::model::{Model, ModelError, SampleSource};
 use super::plant::PlantNode;
 use crate::messages::nanoseconds;
 use crate::model::JointSample;
 use crate::sim::{Faults, Losses, Machine, MachineSimulator, SampleInstants, SimError, SimOptions};
+
+/// Why there are no samples of a machine.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum StreamError {
+    /// The options of the simulation.
+    #[error(transparent)]
+    Options(#[from] SimError),
+    /// The model, whose equations are simulated.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
 
 /// All samples of a run of a built-in machine, from seq 0 to END; `stream_id` identifies the
 /// stream.
@@ -24,10 +36,10 @@ pub fn sample_stream_of(
     model: &dyn Model,
     options: &SimOptions,
     stream_id: u64,
-) -> Result<PlantNode<SampleSource>, String> {
+) -> Result<PlantNode<SampleSource>, StreamError> {
     let source: SampleSource = match options.machine {
-        Machine::Plant(_) => model.simulator(options).map_err(|e| e.to_string())?,
-        _ => Box::new(MachineSimulator::new(options).map_err(|e| e.to_string())?),
+        Machine::Plant(_) => model.simulator(options)?,
+        _ => Box::new(MachineSimulator::new(options)?),
     };
     Ok(with_sensor_faults(source, options, stream_id))
 }

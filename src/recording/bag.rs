@@ -1,24 +1,32 @@
 //! The messages of one type in any MCAP file: plain, or in chunks compressed with lz4 or zstd.
 
+use super::bag_error::BagError;
 use super::record_file::decompress;
 use mcap::McapError;
 use mcap::read::LinearReader;
 use mcap::records::{MessageHeader, Record};
 use std::collections::{HashMap, HashSet};
+use std::path::Path;
 
-/// Passes the messages whose schema has this name to `take`: topic, header, data.
+/// Passes the messages whose schema has this name to `take`: topic, header, data. `bytes` are those
+/// of `file`, for messages.
 ///
 /// # Errors
 /// What was expected and found in the file; or the first error of `take`.
 pub(super) fn messages_of(
+    file: &Path,
     bytes: &[u8],
     schema: &str,
-    take: &mut dyn FnMut(&str, &MessageHeader, &[u8]) -> Result<(), String>,
-) -> Result<(), String> {
+    take: &mut dyn FnMut(&str, &MessageHeader, &[u8]) -> Result<(), BagError>,
+) -> Result<(), BagError> {
     let mut bag = Bag {
         schema,
         schemas: HashSet::new(),
         topics: HashMap::new(),
+    };
+    let in_words = |error: McapError| BagError::Mcap {
+        file: file.to_owned(),
+        source: Box::new(error),
     };
     let mut plain = Vec::new();
     for record in LinearReader::new(bytes).map_err(in_words)? {
@@ -28,20 +36,16 @@ pub(super) fn messages_of(
             continue;
         };
         if !decompress(header, data, &mut plain) {
-            return Err(format!(
-                "expected chunks without compression or with lz4 or zstd, of at most 64 MiB, got a damaged one or \"{}\"",
-                header.compression
-            ));
+            return Err(BagError::Chunk {
+                file: file.to_owned(),
+                compression: header.compression.clone(),
+            });
         }
         for record in LinearReader::sans_magic(&plain) {
             bag.record(&record.map_err(in_words)?, take)?;
         }
     }
     Ok(())
-}
-
-fn in_words(error: McapError) -> String {
-    format!("{error}; expected an MCAP file, as `ros2 bag record` writes it")
 }
 
 /// Definitions in the file so far.
@@ -57,8 +61,8 @@ impl Bag<'_> {
     fn record(
         &mut self,
         record: &Record<'_>,
-        take: &mut dyn FnMut(&str, &MessageHeader, &[u8]) -> Result<(), String>,
-    ) -> Result<(), String> {
+        take: &mut dyn FnMut(&str, &MessageHeader, &[u8]) -> Result<(), BagError>,
+    ) -> Result<(), BagError> {
         match record {
             Record::Schema { header, .. } if header.name == self.schema => {
                 self.schemas.insert(header.id);

@@ -10,12 +10,9 @@
 //! skipped.
 
 use super::bag::messages_of;
+use super::bag_error::{BagError, LARGEST, SCHEMA};
 use std::path::{Path, PathBuf};
 
-/// Name of the schema in MCAP files of ROS 2.
-pub(super) const SCHEMA: &str = "sensor_msgs/msg/JointState";
-/// Largest file \[bytes\].
-const LARGEST: u64 = 4 << 30;
 /// Longest accepted list of a message.
 const LONGEST: usize = 1 << 16;
 
@@ -37,29 +34,29 @@ pub struct JointState {
 ///
 /// # Errors
 /// If a file cannot be read or no message has all joints; with the file's name.
-pub fn read_joint_states(path: &Path, joints: &[&str]) -> Result<Vec<JointState>, String> {
+pub fn read_joint_states(path: &Path, joints: &[&str]) -> Result<Vec<JointState>, BagError> {
     let mut states: Vec<JointState> = Vec::new();
     let mut topic: Option<String> = None;
     let mut seen: Vec<String> = Vec::new();
     for file in files(path)? {
-        let problem = |e: &dyn std::fmt::Display| format!("{}: {e}", file.display());
-        crate::pipe::refuse_named_pipe(&file).map_err(|e| problem(&e))?;
-        let size = std::fs::metadata(&file).map_err(|e| problem(&e))?.len();
+        let failed = |source| BagError::Read {
+            file: file.clone(),
+            source,
+        };
+        crate::pipe::refuse_named_pipe(&file).map_err(failed)?;
+        let size = std::fs::metadata(&file).map_err(failed)?.len();
         if size > LARGEST {
-            return Err(problem(&format!(
-                "expected at most {LARGEST} bytes, got {size}; cut the bag"
-            )));
+            return Err(BagError::Large { file, got: size });
         }
-        let bytes = std::fs::read(&file).map_err(|e| problem(&e))?;
-        messages_of(&bytes, SCHEMA, &mut |of, header, data| {
+        let bytes = std::fs::read(&file).map_err(failed)?;
+        messages_of(&file, &bytes, SCHEMA, &mut |of, header, data| {
             if topic.as_ref().is_some_and(|topic| topic != of) {
                 return Ok(());
             }
-            let all = All::parse(data).ok_or_else(|| {
-                format!(
-                    "{of}: expected a {SCHEMA} in little-endian CDR, got {} bytes of something else",
-                    data.len()
-                )
+            let all = All::parse(data).ok_or_else(|| BagError::Message {
+                file: file.clone(),
+                topic: of.to_owned(),
+                bytes: data.len(),
             })?;
             for name in &all.names {
                 if !seen.contains(name) && seen.len() < LONGEST {
@@ -74,30 +71,27 @@ pub fn read_joint_states(path: &Path, joints: &[&str]) -> Result<Vec<JointState>
                 states.push(state);
             }
             Ok(())
-        })
-        .map_err(|e| problem(&e))?;
+        })?;
     }
     match states.is_empty() {
         false => Ok(states),
-        true => Err(format!(
-            "{}: expected messages {SCHEMA} with positions of {}, got {}",
-            path.display(),
-            joints.join(", "),
-            match seen.is_empty() {
-                true => "none of that type".to_owned(),
-                false => format!("the joints {}", seen.join(", ")),
-            }
-        )),
+        true => Err(BagError::NoStates {
+            path: path.to_owned(),
+            joints: joints.iter().map(|joint| (*joint).to_owned()).collect(),
+            seen,
+        }),
     }
 }
 
 /// The MCAP files of a bag, in the order of their names.
-fn files(path: &Path) -> Result<Vec<PathBuf>, String> {
+fn files(path: &Path) -> Result<Vec<PathBuf>, BagError> {
     if !path.is_dir() {
         return Ok(vec![path.to_owned()]);
     }
-    let problem = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
-    let entries = std::fs::read_dir(path).map_err(|e| problem(&e))?;
+    let entries = std::fs::read_dir(path).map_err(|source| BagError::Read {
+        file: path.to_owned(),
+        source,
+    })?;
     let mut files: Vec<PathBuf> = entries
         .filter_map(|entry| Some(entry.ok()?.path()))
         .filter(|file| file.extension().is_some_and(|name| name.eq_ignore_ascii_case("mcap")))
@@ -106,7 +100,7 @@ fn files(path: &Path) -> Result<Vec<PathBuf>, String> {
     files.sort_by_key(|file| (file.as_os_str().len(), file.clone()));
     match files.is_empty() {
         false => Ok(files),
-        true => Err(problem(&"expected a bag with files *.mcap, got none")),
+        true => Err(BagError::NoFiles { dir: path.to_owned() }),
     }
 }
 
@@ -256,7 +250,7 @@ mod tests {
             };
             assert_eq!(states, [expected]);
         }
-        let error = read_joint_states(&path, &["hip"]).unwrap_err();
+        let error = read_joint_states(&path, &["hip"]).unwrap_err().to_string();
         assert!(
             error.contains("hip") && error.contains("the joints elbow, wrist, finger"),
             "{error}"
@@ -317,7 +311,7 @@ mod tests {
             let mut damaged = zstd.clone();
             damaged[at..at + 4].copy_from_slice(other);
             std::fs::write(&path, damaged).unwrap();
-            let error = read_joint_states(&path, &["a"]).unwrap_err();
+            let error = read_joint_states(&path, &["a"]).unwrap_err().to_string();
             assert!(error.contains("lz4 or zstd"), "{error}");
         }
     }
@@ -328,6 +322,7 @@ mod tests {
         assert!(
             read_joint_states(dir.path(), &["a"])
                 .unwrap_err()
+                .to_string()
                 .contains("files *.mcap")
         );
         let path = dir.path().join("bag.mcap");

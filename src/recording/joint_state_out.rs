@@ -4,8 +4,8 @@
 //! Names and frame are the same in every message, so they are encoded once. Signals that a sample
 //! lacks are empty lists, as the message's definition requires.
 
+use super::bag_error::SCHEMA;
 use super::info::RunInfo;
-use super::joint_state::SCHEMA;
 use super::layout::{Channel, field_name};
 use super::names::channel;
 use crate::messages::{Sample, signals};

@@ -6,6 +6,7 @@
 //! the configuration, and the commands to the identifier.
 
 mod bag;
+mod bag_error;
 mod cdr;
 mod clock;
 mod encoder;
@@ -27,6 +28,7 @@ mod unmeasured;
 mod wire;
 mod writer;
 
+pub use bag_error::BagError;
 pub use encoder::Encoder;
 pub use estimates_csv::EstimatesCsv;
 pub use info::{InfoError, RunInfo};

@@ -18,6 +18,7 @@
 //! Sources: M. Gautier, S. Briot, J. Dyn. Sys., Meas., Control 136 (2014), on drive gains from a
 //! known payload.
 
+use super::error::{IdentifyError, LoadError, SampleFault};
 use super::identify::RobotIdentifier;
 use super::identify_options::IdentifyOptions;
 use super::model::RobotModel;
@@ -35,6 +36,9 @@ const GAIN_PRIOR: (f64, f64) = (0.3, 0.1);
 const STEPS: usize = 30;
 /// Step at which they end, as a part of the standard deviations.
 const SETTLED: f64 = 1e-3;
+/// The two recordings in messages.
+const WITHOUT: &str = "without";
+const WITH: &str = "with";
 
 /// The known load.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,6 +59,42 @@ impl KnownLoad {
         let inertia = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
         BodyParameters::new(self.mass_kg, self.center_m.unwrap_or_default().into(), inertia)
     }
+}
+
+/// Recordings or a load from which no gains follow.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CalibrationError {
+    /// The load.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    /// The options of the identification.
+    #[error(transparent)]
+    Options(#[from] IdentifyError),
+    /// A sample of a recording.
+    #[error("the recording {recording} load: at {t_s} s: {source}")]
+    Sample {
+        /// `with` or `without`.
+        recording: &'static str,
+        /// Its time \[s\].
+        t_s: f64,
+        /// Why it was refused.
+        source: SampleFault,
+    },
+    /// A recording without motion.
+    #[error("the recording {recording} load: expected at least a second of motion, got none")]
+    NoMotion {
+        /// `with` or `without`.
+        recording: &'static str,
+    },
+    /// Motions that do not tell the unknowns apart.
+    #[error("the recordings: expected motions that can be told apart, got none; move all joints")]
+    Alike,
+    /// Factors that are not above 0.
+    #[error(
+        "gains: expected factors above 0, got {0:?}; is the load on the flange in the second recording, and not in the first?"
+    )]
+    Gains(Vec<f64>),
 }
 
 /// Factors of the gains.
@@ -82,17 +122,18 @@ impl GainCalibration {
         empty: &[RobotSample],
         loaded: &[RobotSample],
         load: &KnownLoad,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, CalibrationError> {
         let numbers = load
             .center_m
             .iter()
             .flatten()
             .chain(load.inertia_kg_m2.iter().flatten());
         if !(load.mass_kg > 0.0 && load.mass_kg.is_finite()) || numbers.into_iter().any(|x| !x.is_finite()) {
-            return Err(format!(
-                "load: expected a mass above 0 and finite numbers, got {} kg, {:?}, {:?}",
-                load.mass_kg, load.center_m, load.inertia_kg_m2
-            ));
+            return Err(CalibrationError::Load(LoadError::Numbers {
+                mass_kg: load.mass_kg,
+                center_m: load.center_m,
+                inertia_kg_m2: load.inertia_kg_m2,
+            }));
         }
         // Weights as the identification finds them.
         let mut identifier = RobotIdentifier::new(
@@ -103,19 +144,21 @@ impl GainCalibration {
             },
         )?;
         for sample in empty {
-            identifier
-                .push(sample)
-                .map_err(|e| format!("the recording without load: at {} s: {e}", sample.t_s))?;
+            identifier.push(sample).map_err(|source| CalibrationError::Sample {
+                recording: WITHOUT,
+                t_s: sample.t_s,
+                source,
+            })?;
         }
         if !identifier.end_of_recording() && identifier.blocks() == 0 {
-            return Err("the recording without load: expected at least a second of motion, got none".to_owned());
+            return Err(CalibrationError::NoMotion { recording: WITHOUT });
         }
         let sums = [
-            sums(model, options, empty).map_err(|e| format!("the recording without load: {e}"))?,
-            sums(model, options, loaded).map_err(|e| format!("the recording with load: {e}"))?,
+            sums(model, options, empty, WITHOUT)?,
+            sums(model, options, loaded, WITH)?,
         ];
         if sums[1].iter().all(|sums| sums.rows == 0) {
-            return Err("the recording with load: expected at least a second of motion, got none".to_owned());
+            return Err(CalibrationError::NoMotion { recording: WITH });
         }
         let weights: Vec<f64> = (0..model.robot().len())
             .map(|j| (identifier.torque_std(j) * identifier.inflation(j)).powi(-2))
@@ -124,7 +167,12 @@ impl GainCalibration {
     }
 }
 
-fn sums(model: &RobotModel, options: &IdentifyOptions, log: &[RobotSample]) -> Result<Vec<JointSums>, String> {
+fn sums(
+    model: &RobotModel,
+    options: &IdentifyOptions,
+    log: &[RobotSample],
+    recording: &'static str,
+) -> Result<Vec<JointSums>, CalibrationError> {
     let joints = model.robot().len();
     let mut sums: Vec<JointSums> = (0..joints).map(|j| JointSums::new(model.columns(j))).collect();
     let mut rows = WeakRows::new(model, options.windows)?;
@@ -132,7 +180,11 @@ fn sums(model: &RobotModel, options: &IdentifyOptions, log: &[RobotSample]) -> R
         rows.push(model, sample, &mut |row| {
             sums[row.joint].add_row(row.regressor, row.torque)
         })
-        .map_err(|e| format!("at {} s: {e}", sample.t_s))?;
+        .map_err(|source| CalibrationError::Sample {
+            recording,
+            t_s: sample.t_s,
+            source,
+        })?;
     }
     sums.iter_mut().for_each(JointSums::mirror);
     Ok(sums)
@@ -270,15 +322,14 @@ impl<'a> Problem<'a> {
         (information, gradient)
     }
 
-    fn solve(mut self) -> Result<GainCalibration, String> {
-        let lost = || "the recordings: expected motions that can be told apart, got none; move all joints".to_owned();
+    fn solve(mut self) -> Result<GainCalibration, CalibrationError> {
         let mut covariance = DMatrix::zeros(0, 0);
         for _ in 0..STEPS {
             let (information, gradient) = self.equations();
             let scale = information.diagonal().map(|d| d.sqrt().recip());
             let count = self.x.len();
             let scaled = DMatrix::from_fn(count, count, |i, j| information[(i, j)] * scale[i] * scale[j]);
-            let factor = scaled.cholesky().ok_or_else(lost)?;
+            let factor = scaled.cholesky().ok_or(CalibrationError::Alike)?;
             let step = factor.solve(&gradient.component_mul(&scale)).component_mul(&scale);
             self.x += &step;
             let inverse = factor.inverse();
@@ -291,10 +342,7 @@ impl<'a> Problem<'a> {
         let joints = self.weights.len();
         let gain = |j: usize| self.x[self.first_gain + j];
         if (0..joints).any(|j| !(gain(j) > 0.0 && gain(j).is_finite())) {
-            return Err(format!(
-                "gains: expected factors above 0, got {:?}; is the load on the flange in the second recording, and not in the first?",
-                (0..joints).map(gain).collect::<Vec<_>>()
-            ));
+            return Err(CalibrationError::Gains((0..joints).map(gain).collect()));
         }
         // Each gain is weighted by the joint's information on a mass.
         let share: Vec<f64> = (0..joints)

@@ -19,6 +19,7 @@
 //! Rechenberg, *Evolutionsstrategie* (1973), on the length of the steps.
 
 use super::dynamics::inverse_dynamics;
+use super::error::MotionError;
 use super::motion_table::MotionTable;
 use super::prediction::Forecaster;
 use super::random::Random;
@@ -84,12 +85,15 @@ impl JointRange {
         robot.joints.iter().map(range).collect()
     }
 
-    fn validate(&self) -> Result<(), String> {
+    /// Checks the limits of the joint of this name.
+    fn validate(&self, joint: &str) -> Result<(), MotionError> {
+        let joint = || joint.to_owned();
         if !(self.lower.is_finite() && self.upper.is_finite() && self.lower < self.upper) {
-            let (lower, upper) = (self.lower, self.upper);
-            return Err(format!(
-                "expected a finite lower below a finite upper, got {lower} and {upper}"
-            ));
+            return Err(MotionError::Empty {
+                joint: joint(),
+                lower: self.lower,
+                upper: self.upper,
+            });
         }
         let above_0 = [
             ("velocity", self.velocity, self.velocity.is_finite()),
@@ -101,7 +105,11 @@ impl JointRange {
             .find(|(_, x, is_allowed)| !(*x > 0.0 && *is_allowed))
         {
             None => Ok(()),
-            Some((name, x, _)) => Err(format!("{name}: expected a number above 0, got {x}")),
+            Some((name, got, _)) => Err(MotionError::Limit {
+                joint: joint(),
+                name,
+                got,
+            }),
         }
     }
 }
@@ -137,25 +145,22 @@ impl ExcitationOptions {
     ///
     /// # Errors
     /// The first number out of range.
-    pub fn validate(&self, robot: &Robot) -> Result<(), String> {
-        let within = |name: &str, x: f64, low: f64, high: f64| match x >= low && x <= high {
+    pub fn validate(&self, robot: &Robot) -> Result<(), MotionError> {
+        let within = |name: &'static str, got: f64, low: f64, high: f64| match got >= low && got <= high {
             true => Ok(()),
-            false => Err(format!("{name}: expected {low} to {high}, got {x}")),
+            false => Err(MotionError::Range { name, low, high, got }),
         };
         within("duration", self.duration_s, 1.0, 600.0)?;
         within("harmonics", self.harmonics as f64, 2.0, MAX_EXCITATION_HARMONICS as f64)?;
         within("tries", self.tries as f64, 1.0, 1e6)?;
         if self.ranges.len() != robot.len() {
-            return Err(format!(
-                "limits: expected one for each of {} joints, got {}",
-                robot.len(),
-                self.ranges.len()
-            ));
+            return Err(MotionError::Limits {
+                expected: robot.len(),
+                got: self.ranges.len(),
+            });
         }
         for (joint, range) in robot.joints.iter().zip(&self.ranges) {
-            range
-                .validate()
-                .map_err(|problem| format!("limits of joint \"{}\": {problem}", joint.name))?;
+            range.validate(&joint.name)?;
         }
         Ok(())
     }
@@ -295,7 +300,7 @@ impl Excitation {
         forecaster: &mut Forecaster,
         options: &ExcitationOptions,
         go_on: &mut dyn FnMut(usize) -> bool,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, MotionError> {
         options.validate(forecaster.model().robot())?;
         let mut random = Random(options.seed ^ 0x0065_7863_6974_6521);
         let drawn = (options.tries / DRAWN).max(1);
@@ -338,7 +343,7 @@ impl Excitation {
             }
         }
         let Some((_, mut motion)) = best else {
-            return Err("excitation: expected rows that can be solved, got none; widen the limits".to_owned());
+            return Err(MotionError::NoRows);
         };
         gains.sort_by(f64::total_cmp);
         motion.random_gain = gains.get(gains.len() / 2).copied().unwrap_or(motion.gain);
@@ -351,11 +356,11 @@ impl Excitation {
             .zip(&motion.effort)
         {
             if *effort > range.effort {
-                return Err(format!(
-                    "excitation: expected torques of joint \"{}\" up to {:.4}, got {effort:.4} with every motion; lower its \
-                     accelerations or narrow its range",
-                    joint.name, range.effort
-                ));
+                return Err(MotionError::Effort {
+                    joint: joint.name.clone(),
+                    limit: range.effort,
+                    got: *effort,
+                });
             }
         }
         Ok(motion)
@@ -424,12 +429,12 @@ impl Excitation {
     ///
     /// # Errors
     /// If the step is not above 0 or is longer than a tenth of the period.
-    pub fn table(&self, step_s: f64) -> Result<MotionTable, String> {
+    pub fn table(&self, step_s: f64) -> Result<MotionTable, MotionError> {
         if !(step_s >= 1e-5 && step_s <= 0.1 * self.duration_s) {
-            return Err(format!(
-                "step: expected 1e-5 to {} s, got {step_s} s",
-                0.1 * self.duration_s
-            ));
+            return Err(MotionError::Step {
+                most_s: 0.1 * self.duration_s,
+                got_s: step_s,
+            });
         }
         let count = (self.duration_s / step_s).ceil() as usize;
         let times: Vec<f64> = (0..=count).map(|k| self.duration_s * k as f64 / count as f64).collect();

@@ -30,6 +30,8 @@
 //! Sources: H. Olsson et al., European J. of Control 4 (1998) on Stribeck's and Dahl's models; A.
 //! Wahrburg et al., IEEE RA-L 3 (2018) on load.
 
+use super::error::FrictionError;
+
 /// One term of (1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FrictionTerm {
@@ -163,26 +165,20 @@ impl JointFriction {
     /// Checks the constants.
     ///
     /// # Errors
-    /// What was expected and what was given.
-    pub fn validate(&self) -> Result<(), String> {
+    /// The first rule that is violated.
+    pub fn validate(&self) -> Result<(), FrictionError> {
         if !(self.rest_speed >= 0.0 && self.rest_speed.is_finite()) {
-            return Err(format!(
-                "rest_speed: expected a speed of at least 0, got {}",
-                self.rest_speed
-            ));
+            return Err(FrictionError::RestSpeed(self.rest_speed));
         }
         if !(self.presliding > 0.0 && self.presliding.is_finite()) {
-            return Err(format!("presliding: expected a way above 0, got {}", self.presliding));
+            return Err(FrictionError::Presliding(self.presliding));
         }
         if !(self.stribeck_speed > 0.0 && self.stribeck_speed.is_finite()) {
-            return Err(format!(
-                "stribeck_speed: expected a speed above 0, got {}",
-                self.stribeck_speed
-            ));
+            return Err(FrictionError::StribeckSpeed(self.stribeck_speed));
         }
         for (i, term) in self.terms.iter().enumerate() {
             if self.terms[..i].contains(term) {
-                return Err(format!("friction: expected each term once, got {} twice", term.name()));
+                return Err(FrictionError::Twice(term.name()));
             }
         }
         Ok(())

@@ -28,6 +28,7 @@
 //! time blocks as clusters.
 
 use super::change::RobotChange;
+use super::error::{IdentifyError, SampleFault};
 use super::explained::RecentRows;
 use super::figures::BlockFigures;
 use super::friction_drift::FrictionDrift;
@@ -40,7 +41,7 @@ use super::levels::LevelRing;
 use super::model::{RobotModel, RobotParameter};
 use super::payload::Payload;
 use super::recent::{RowRing, SliceRing};
-use super::rows::{SampleFault, WeakRows};
+use super::rows::WeakRows;
 use super::state::RobotSample;
 use super::sums::JointSums;
 use super::torque_counts::TorqueCounts;
@@ -136,7 +137,7 @@ impl RobotIdentifier {
     ///
     /// # Errors
     /// If the options are invalid.
-    pub fn new(model: RobotModel, options: IdentifyOptions) -> Result<Self, String> {
+    pub fn new(model: RobotModel, options: IdentifyOptions) -> Result<Self, IdentifyError> {
         options.validate()?;
         let joints = model.robot().len();
         let mut payload = options.payload.then(|| Payload::new(&model));

@@ -1,5 +1,6 @@
 //! Options of the identification of a robot: windows, blocks, and allowances.
 
+use super::error::IdentifyError;
 use super::windows::WindowOptions;
 
 /// Options of the identification of a robot.
@@ -59,23 +60,23 @@ impl Default for IdentifyOptions {
 }
 
 impl IdentifyOptions {
-    pub(super) fn validate(&self) -> Result<(), String> {
+    pub(super) fn validate(&self) -> Result<(), IdentifyError> {
         self.windows.validate()?;
         if !(self.block_s > 0.0 && self.block_s.is_finite()) {
-            return Err(format!(
-                "block length: expected a time above 0 [s], got {}",
-                self.block_s
-            ));
+            return Err(IdentifyError::Time {
+                name: "block length",
+                got: self.block_s,
+            });
         }
-        for (name, value) in [
+        for (name, got) in [
             ("friction walk", self.friction_walk),
             ("friction change", self.friction_change),
             ("payload friction", self.payload_friction),
             ("zero_rad", self.zero_rad),
             ("gain_std", self.gain_std),
         ] {
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err(format!("{name}: expected a number of at least 0, got {value}"));
+            if !(got >= 0.0 && got.is_finite()) {
+                return Err(IdentifyError::Negative { name, got });
             }
         }
         Ok(())

@@ -1,5 +1,6 @@
 //! Log files of robots: numbers in columns, with or without a header line.
 
+use super::error::DrivesError;
 use super::skipped::{LogError, Skip, SkippedRows};
 use super::state::RobotSample;
 use crate::model::MAX_JOINTS;
@@ -52,13 +53,11 @@ impl Drives {
     /// Checks the numbers for a robot of this many joints.
     ///
     /// # Errors
-    /// What was expected and what was given.
-    pub fn validate(&self, joints: usize) -> Result<(), String> {
+    /// The gains or the coupling, if they do not fit.
+    pub fn validate(&self, joints: usize) -> Result<(), DrivesError> {
         if self.gain.len() != joints || self.gain.iter().any(|g| !g.is_finite() || *g == 0.0) {
-            return Err(format!(
-                "gain: expected {joints} finite numbers other than 0, got {:?}",
-                self.gain
-            ));
+            let got = self.gain.clone();
+            return Err(DrivesError::Gain { joints, got });
         }
         if let Some(rows) = &self.coupling {
             let sound = rows.len() == joints
@@ -66,9 +65,8 @@ impl Drives {
                     .iter()
                     .all(|row| row.len() == joints && row.iter().all(|x| x.is_finite()));
             if !sound {
-                return Err(format!(
-                    "coupling: expected {joints} rows of {joints} finite numbers, got {rows:?}"
-                ));
+                let got = rows.clone();
+                return Err(DrivesError::Coupling { joints, got });
             }
         }
         Ok(())
@@ -148,7 +146,7 @@ pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Rob
     if all().any(|column| *column == 0) {
         return Err(problem("columns: expected numbers from 1, got 0".to_owned()));
     }
-    drives.validate(joints).map_err(problem)?;
+    drives.validate(joints).map_err(|e| problem(e.to_string()))?;
     let widest = all().copied().max().unwrap_or(1);
     let mut log = RobotLog::default();
     let mut fields: Vec<&str> = Vec::new();
@@ -223,7 +221,7 @@ fn row(fields: &[&str], columns: &LogColumns, drives: &Drives) -> Result<RobotSa
 
 /// Number of columns of the first line that holds a number; `None` if none does.
 #[cfg(feature = "config")]
-pub(super) fn width_of(text: &str) -> Option<usize> {
+pub(crate) fn columns_in(text: &str) -> Option<usize> {
     let mut fields = Vec::new();
     text.lines().find_map(|line| {
         fields.clear();

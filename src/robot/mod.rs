@@ -43,8 +43,8 @@
 //! | `velocity` | velocities from positions |
 //! | `reference`, `simulator` | motions within limits; a simulated robot in closed loop |
 //! | `motion_table`, `prediction`, `excitation` | a motion as a table; its expected information; informative motions |
-//! | `config_file`, `config`, `overrides` | the TOML file of a robot, with `--set` (feature `config`) |
 //! | `log`, `fit`, `judge`, `suspicion` | logs in columns; measured and predicted torque; probable mistakes in a log |
+//! | `error` | what can be wrong with each of these |
 
 mod base_parameters;
 mod butterworth;
@@ -52,10 +52,6 @@ mod calibration;
 mod carried;
 mod change;
 mod clipped;
-#[cfg(feature = "config")]
-mod config;
-#[cfg(feature = "config")]
-mod config_file;
 mod dynamics;
 mod encoder_noise;
 mod error;
@@ -83,8 +79,6 @@ mod levels;
 mod log;
 mod model;
 mod motion_table;
-#[cfg(feature = "config")]
-mod overrides;
 mod payload;
 mod persist;
 mod physical;
@@ -116,14 +110,15 @@ mod xml;
 
 pub use base_parameters::{BaseParameter, BaseParameters, Standard};
 pub use butterworth::ZeroPhaseLowPass;
-pub use calibration::{GainCalibration, KnownLoad};
+pub use calibration::{CalibrationError, GainCalibration, KnownLoad};
 pub use carried::{CarriedPayload, PAYLOAD_VALUES};
 pub use change::{ChangeCause, RobotChange};
-#[cfg(feature = "config")]
-pub use config::RobotConfig;
 pub use dynamics::{forward_dynamics, inverse_dynamics};
 pub use encoder_noise::RowErrors;
-pub use error::UrdfError;
+pub use error::{
+    DrivesError, FrictionError, IdentifyError, LoadError, MotionError, RobotError, RobotSimError, SampleFault,
+    StandardError, UrdfError,
+};
 pub use excitation::{Excitation, ExcitationOptions, JointRange, MAX_EXCITATION_HARMONICS};
 pub use explained::LEAST_EXPLAINED;
 pub use figures::BlockFigures;
@@ -135,11 +130,11 @@ pub use impossible_room::Impossible;
 pub use inquiry_room::RobotDoubt;
 pub use judge::{judge_robot_fit, judge_robot_log};
 pub use left_out_room::LeftOutCause;
+#[cfg(feature = "config")]
+pub(crate) use log::columns_in;
 pub use log::{Drives, LogColumns, RobotLog, read_log};
 pub use model::{Meaningful, RobotModel, RobotParameter, Unmodelled};
 pub use motion_table::{MotionTable, read_motion};
-#[cfg(feature = "config")]
-pub use overrides::is_robot_override;
 pub use payload::Payload;
 pub use physical::{
     BodyInformation, controller_std, controller_values, declared_load, information, is_physical, project,
@@ -148,7 +143,7 @@ pub use physical::{
 pub use prediction::{Forecaster, ParameterForecast, RowMisfit};
 pub use reference::{MAX_HARMONICS, MotionLimits, Motions, Reference};
 pub use regressor::EnergyRegressors;
-pub use rows::{SampleFault, WeakRow, WeakRows};
+pub use rows::{WeakRow, WeakRows};
 pub use simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator, SimulatedDrive};
 pub use skipped::{LogError, Skip, SkippedRows};
 pub use spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};

@@ -11,6 +11,7 @@
 
 use super::base_parameters::{BaseParameters, Standard};
 use super::dynamics::inverse_dynamics;
+use super::error::FrictionError;
 use super::friction::{Engagement, FrictionTerm, JointFriction};
 use super::regressor::{EnergyRegressors, HeldSlopes, TILTS};
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
@@ -175,18 +176,19 @@ impl RobotModel {
     ///
     /// # Errors
     /// If friction is not given for each joint, or is invalid.
-    pub fn new(robot: Robot, rotors: bool, friction: Vec<JointFriction>) -> Result<Self, String> {
+    pub fn new(robot: Robot, rotors: bool, friction: Vec<JointFriction>) -> Result<Self, FrictionError> {
         let n = robot.len();
         if friction.len() != n {
-            return Err(format!(
-                "friction: expected an entry for each of {n} joints, got {}",
-                friction.len()
-            ));
+            return Err(FrictionError::Joints {
+                expected: n,
+                got: friction.len(),
+            });
         }
         for (joint, friction) in robot.joints.iter().zip(&friction) {
-            friction
-                .validate()
-                .map_err(|problem| format!("joint \"{}\": {problem}", joint.name))?;
+            friction.validate().map_err(|source| FrictionError::Joint {
+                joint: joint.name.clone(),
+                source: Box::new(source),
+            })?;
         }
         let base = BaseParameters::of(&robot, rotors);
         let nominal = base.nominal(&robot, &vec![0.0; n]);

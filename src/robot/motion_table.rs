@@ -12,6 +12,7 @@
 //! at 1 Hz that is 0.15 % with points at 100 Hz. Source: C. de Boor, *A Practical Guide to Splines*
 //! (1978), chapter IV.
 
+use super::error::MotionError;
 use super::log::{Drives, LogColumns, read_log, split};
 use super::skipped::LogError;
 use super::state::Setpoint;
@@ -39,24 +40,23 @@ impl MotionTable {
     ///
     /// # Errors
     /// If there are fewer than 3 points, times do not increase, or numbers are not finite.
-    pub fn new(joints: usize, t_s: &[f64], q: &[[f64; MAX_JOINTS]]) -> Result<Self, String> {
+    pub fn new(joints: usize, t_s: &[f64], q: &[[f64; MAX_JOINTS]]) -> Result<Self, MotionError> {
         if !(1..=MAX_JOINTS).contains(&joints) || t_s.len() != q.len() || t_s.len() < 3 {
-            return Err(format!(
-                "motion: expected 1 to {MAX_JOINTS} joints at 3 instants or more, got {joints} joints at {} of {} instants",
-                q.len(),
-                t_s.len()
-            ));
+            return Err(MotionError::Size {
+                joints,
+                postures: q.len(),
+                instants: t_s.len(),
+            });
         }
         if let Some(i) = (1..t_s.len()).find(|i| !(t_s[*i] > t_s[i - 1])) {
-            return Err(format!(
-                "motion: expected a time after {} s, got {} s",
-                t_s[i - 1],
-                t_s[i]
-            ));
+            return Err(MotionError::NotLater {
+                before_s: t_s[i - 1],
+                got_s: t_s[i],
+            });
         }
         let numbers = || t_s.iter().chain(q.iter().flat_map(|q| q[..joints].iter()));
         if numbers().any(|x| !x.is_finite()) {
-            return Err("motion: expected finite numbers, got NaN or an infinity".to_owned());
+            return Err(MotionError::NotFinite);
         }
         let mut table = Self {
             joints,
@@ -132,7 +132,10 @@ impl MotionTable {
             }
             q.push(posture);
         }
-        Self::new(joints, &t_s, &q).map_err(|problem| LogError { line: None, problem })
+        Self::new(joints, &t_s, &q).map_err(|error| LogError {
+            line: None,
+            problem: error.to_string(),
+        })
     }
 
     /// As text with the columns `t_s`, positions, velocities and accelerations; `turns` is true for
@@ -233,7 +236,10 @@ pub fn read_motion(text: &str, columns: &LogColumns) -> Result<MotionTable, LogE
         return Err(first);
     }
     let (t_s, q): (Vec<f64>, Vec<_>) = log.samples.iter().map(|sample| (sample.t_s, sample.q)).unzip();
-    MotionTable::new(joints, &t_s, &q).map_err(|problem| LogError { line: None, problem })
+    MotionTable::new(joints, &t_s, &q).map_err(|error| LogError {
+        line: None,
+        problem: error.to_string(),
+    })
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@
 //! converge slowly along the boundary of the cone. Sources: P. Wensing, S. Kim, J.-J. Slotine, IEEE
 //! RA-L 3 (2018); T. Lee, P. Wensing, F. Park, IEEE T-RO 36 (2020).
 
+use super::error::LoadError;
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
 use crate::model::{ball_inertia, load_at_flange};
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
@@ -129,19 +130,14 @@ pub fn project(estimate: &BodyParameters, information: &BodyInformation) -> Opti
 ///
 /// # Errors
 /// If no body can have these values.
-pub fn declared_load(mass_kg: f64, center_m: [f64; 3], inertia: Option<[f64; 6]>) -> Result<BodyParameters, String> {
+pub fn declared_load(mass_kg: f64, center_m: [f64; 3], inertia: Option<[f64; 6]>) -> Result<BodyParameters, LoadError> {
     if !(mass_kg > 0.0 && mass_kg.is_finite() && center_m.iter().all(|x| x.is_finite())) {
-        return Err(format!(
-            "load: expected a mass above 0 and a finite centre of mass, got {mass_kg} kg at {center_m:?}"
-        ));
+        return Err(LoadError::Mass { mass_kg, center_m });
     }
     let body = BodyParameters(load_at_flange(mass_kg, center_m, inertia));
     match is_physical(&body) {
         true => Ok(body),
-        false => Err(format!(
-            "load: expected an inertia that a body can have, each principal one below the sum of the others, got {:?}",
-            inertia.unwrap_or_default()
-        )),
+        false => Err(LoadError::Inertia(inertia.unwrap_or_default())),
     }
 }
 

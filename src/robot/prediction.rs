@@ -10,6 +10,7 @@
 //! misfit of the torques is known: σ_j of a row and the factor f_j for its correlation. Both come
 //! from an earlier identification, or from (2) for white noise of s_j per sample every Δ.
 
+use super::error::IdentifyError;
 use super::identify::RobotIdentifier;
 use super::information::{Information, Solver};
 use super::model::RobotModel;
@@ -64,16 +65,17 @@ impl RowMisfit {
         }
     }
 
-    fn validate(&self, joints: usize) -> Result<(), String> {
+    fn validate(&self, joints: usize) -> Result<(), IdentifyError> {
         let sound = |list: &[f64], least: f64| {
             list.len() == joints && list.iter().all(|x| *x >= least && *x > 0.0 && x.is_finite())
         };
         match sound(&self.std, 0.0) && sound(&self.correlation, 1.0) {
             true => Ok(()),
-            false => Err(format!(
-                "misfit: expected {joints} standard deviations above 0 and {joints} factors of at least 1, got {:?} and {:?}",
-                self.std, self.correlation
-            )),
+            false => Err(IdentifyError::Misfit {
+                joints,
+                std: self.std.clone(),
+                correlation: self.correlation.clone(),
+            }),
         }
     }
 }
@@ -108,7 +110,7 @@ impl Forecaster {
     ///
     /// # Errors
     /// If windows or misfit are invalid.
-    pub fn new(model: RobotModel, windows: WindowOptions, misfit: RowMisfit) -> Result<Self, String> {
+    pub fn new(model: RobotModel, windows: WindowOptions, misfit: RowMisfit) -> Result<Self, IdentifyError> {
         let (joints, n) = (model.robot().len(), model.parameters().len());
         misfit.validate(joints)?;
         Ok(Self {

@@ -11,6 +11,7 @@
 //! limits. The polynomial begins and ends with zero speed and acceleration: T. Flash, N. Hogan, J.
 //! of Neuroscience 5 (1985).
 
+use super::error::MotionError;
 use super::motion_table::MotionTable;
 use super::random::Random;
 use super::state::Setpoint;
@@ -97,12 +98,10 @@ impl Reference {
     ///
     /// # Errors
     /// If a number is out of range.
-    pub fn new(robot: &Robot, kind: Motions, limits: MotionLimits, seed: u64) -> Result<Self, String> {
-        let within = |name: &str, x: f64, low: f64, high: f64| match x > low && x <= high {
+    pub fn new(robot: &Robot, kind: Motions, limits: MotionLimits, seed: u64) -> Result<Self, MotionError> {
+        let within = |name: &'static str, got: f64, low: f64, high: f64| match got > low && got <= high {
             true => Ok(()),
-            false => Err(format!(
-                "{name}: expected a number above {low} and up to {high}, got {x}"
-            )),
+            false => Err(MotionError::Above { name, low, high, got }),
         };
         within("part of the limits", limits.part, 0.0, 1.0)?;
         within("reach", limits.reach, 0.0, 100.0)?;
@@ -110,16 +109,18 @@ impl Reference {
         match kind {
             Motions::Rest => {}
             Motions::Table(ref table) if table.joints() != robot.len() => {
-                return Err(format!(
-                    "motion: expected a table of {} joints, got {}",
-                    robot.len(),
-                    table.joints()
-                ));
+                return Err(MotionError::Joints {
+                    expected: robot.len(),
+                    got: table.joints(),
+                });
             }
             Motions::Table(_) => {}
             Motions::Fourier { harmonics, period_s } => {
                 if !(1..=MAX_HARMONICS).contains(&harmonics) {
-                    return Err(format!("harmonics: expected 1 to {MAX_HARMONICS}, got {harmonics}"));
+                    return Err(MotionError::Harmonics {
+                        most: MAX_HARMONICS,
+                        got: harmonics,
+                    });
                 }
                 within("period", period_s, 0.0, 1e4)?;
             }

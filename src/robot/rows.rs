@@ -15,37 +15,17 @@
 
 use super::clipped::Largest;
 use super::encoder_noise::{EncoderNoise, RowErrors};
+use super::error::{IdentifyError, SampleFault};
 use super::friction::Engagement;
 use super::model::RobotModel;
 use super::regressor::{EnergyRegressors, HeldSlopes};
 use super::state::RobotSample;
 use super::windows::{WindowOptions, psi};
 use crate::model::MAX_JOINTS;
-use std::fmt;
 
 /// Updates per window of the columns of zeros and tilts, which depend on the posture: a robot moves
 /// little in 2 ms.
 const SLOPES_PER_WINDOW: f64 = 64.0;
-
-/// Why a sample was refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum SampleFault {
-    /// A number is not finite.
-    NotFinite,
-    /// Its time is not after that of the sample before it.
-    NotLater,
-}
-
-impl fmt::Display for SampleFault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::NotFinite => "expected finite numbers, got NaN or an infinity",
-            Self::NotLater => "expected a time after that of the sample before, got an earlier or equal one",
-        })
-    }
-}
-
-impl std::error::Error for SampleFault {}
 
 /// One row (1) of a joint.
 #[derive(Debug, Clone, Copy)]
@@ -127,7 +107,7 @@ impl WeakRows {
     ///
     /// # Errors
     /// See [`WindowOptions::validate`].
-    pub fn new(model: &RobotModel, options: WindowOptions) -> Result<Self, String> {
+    pub fn new(model: &RobotModel, options: WindowOptions) -> Result<Self, IdentifyError> {
         options.validate()?;
         let joints = model.robot().len();
         let entries = model.row_entries();

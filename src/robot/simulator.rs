@@ -15,6 +15,7 @@
 //! a sample is its mean before and after the sample's instant.
 
 use super::dynamics::{forward_dynamics, inverse_dynamics};
+use super::error::RobotSimError;
 use super::friction::{Engagement, FrictionTerm, JointFriction};
 use super::model::RobotModel;
 use super::random::Random;
@@ -164,10 +165,10 @@ impl RobotSimOptions {
         }
     }
 
-    fn validate(&self, robot: &Robot) -> Result<(), String> {
-        let within = |name: &str, x: f64, low: f64, high: f64| match x >= low && x <= high {
+    fn validate(&self, robot: &Robot) -> Result<(), RobotSimError> {
+        let within = |name: &'static str, got: f64, low: f64, high: f64| match got >= low && got <= high {
             true => Ok(()),
-            false => Err(format!("{name}: expected {low} to {high}, got {x}")),
+            false => Err(RobotSimError::Range { name, low, high, got }),
         };
         within("sample_period_s", self.sample_period_s, 1e-5, 0.1)?;
         within("control_steps", self.control_steps as f64, 1.0, 1000.0)?;
@@ -178,11 +179,10 @@ impl RobotSimOptions {
         within("encoder_bits", f64::from(self.encoder_bits), 0.0, 48.0)?;
         within("torque_noise", self.torque_noise, 0.0, 10.0)?;
         if self.drives.len() != robot.len() {
-            return Err(format!(
-                "drives: expected one for each of {} joints, got {}",
-                robot.len(),
-                self.drives.len()
-            ));
+            return Err(RobotSimError::Drives {
+                expected: robot.len(),
+                got: self.drives.len(),
+            });
         }
         for drive in &self.drives {
             within("viscous friction", drive.viscous, 0.0, 1e6)?;
@@ -199,12 +199,13 @@ impl RobotSimOptions {
                 ("center_m", &payload.center_m),
                 ("inertia_kg_m2", &payload.inertia_kg_m2),
             ];
-            let wrong = |(_, numbers): &(&str, &[f64])| numbers.iter().any(|x| !x.is_finite());
+            let wrong = |(_, numbers): &(&'static str, &[f64])| numbers.iter().any(|x| !x.is_finite());
             if let Some((name, numbers)) = members.into_iter().find(wrong) {
-                return Err(format!("payload: {name}: expected finite numbers, got {numbers:?}"));
+                let got = numbers.to_vec();
+                return Err(RobotSimError::Payload { name, got });
             }
             if i > 0 && payload.t_s <= self.payloads[i - 1].t_s {
-                return Err(format!("payload: expected rising times, got {} s", payload.t_s));
+                return Err(RobotSimError::PayloadTime(payload.t_s));
             }
         }
         Ok(())
@@ -242,7 +243,7 @@ impl RobotSimulator {
     ///
     /// # Errors
     /// If a number is out of range.
-    pub fn new(robot: &Robot, options: RobotSimOptions) -> Result<Self, String> {
+    pub fn new(robot: &Robot, options: RobotSimOptions) -> Result<Self, RobotSimError> {
         options.validate(robot)?;
         let reference = Reference::new(robot, options.motions.clone(), options.limits, options.seed)?;
         let mut differences = Random(options.machine_seed ^ 0x6469_6666_6572);

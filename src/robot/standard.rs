@@ -16,6 +16,7 @@
 //! IEEE T-RO 36 (2020).
 
 use super::base_parameters::Standard;
+use super::error::StandardError;
 use super::model::RobotModel;
 use super::physical::{is_physical, pseudo_inertia};
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
@@ -61,29 +62,25 @@ impl StandardParameters {
     /// # Errors
     /// If nothing has been identified, the numbers are not an estimate, or no possible body is
     /// near.
-    pub fn fit(model: &RobotModel, theta: &[f64], covariance: &[f64]) -> Result<Self, String> {
+    pub fn fit(model: &RobotModel, theta: &[f64], covariance: &[f64]) -> Result<Self, StandardError> {
         let (all, count) = (theta.len(), model.base().parameters.len());
         if all < count || covariance.len() != all * all || theta.iter().chain(covariance).any(|x| !x.is_finite()) {
-            return Err(format!(
-                "estimates: expected at least {count} finite numbers with their covariance, got {all} with {}",
-                covariance.len()
-            ));
+            return Err(StandardError::Estimates {
+                least: count,
+                got: all,
+                covariance: covariance.len(),
+            });
         }
         let std = |i: usize| covariance[i * (all + 1)].max(0.0).sqrt();
         if (0..count).all(|i| !(std(i) < KNOWN * model.parameters()[i].scale)) {
-            return Err(
-                "nothing has been identified: expected base parameters that data say something of, got the standard deviations of before \
-                 any data; identify with a motion that moves the joints"
-                    .to_owned(),
-            );
+            return Err(StandardError::NothingIdentified);
         }
         // A fixed parameter has no variance: it is taken as known to a millionth of its size.
         let least = |i: usize| 1e-12 * model.parameters()[i].scale.powi(2);
         let p = DMatrix::from_fn(count, count, |i, j| {
             covariance[i * all + j] + if i == j { least(i) } else { 0.0 }
         });
-        let information =
-            inverse(&p).ok_or("estimates: expected a positive definite covariance, got another matrix")?;
+        let information = inverse(&p).ok_or(StandardError::Covariance)?;
         let beta = DVector::from_column_slice(&theta[..count]);
         let problem = Problem::new(model, &beta, information)?;
         let x = problem.solve()?;
@@ -134,7 +131,7 @@ struct Problem {
 }
 
 impl Problem {
-    fn new(model: &RobotModel, beta: &DVector<f64>, information: DMatrix<f64>) -> Result<Self, String> {
+    fn new(model: &RobotModel, beta: &DVector<f64>, information: DMatrix<f64>) -> Result<Self, StandardError> {
         let robot = model.robot();
         let n = robot.len();
         let has_rotors = model
@@ -174,7 +171,7 @@ impl Problem {
             .iter()
             .map(|body| pseudo_inertia(body).try_inverse())
             .collect::<Option<_>>()
-            .ok_or("the URDF: expected inertias that can be inverted, got a singular one")?;
+            .ok_or(StandardError::Urdf)?;
         Ok(Self {
             joints: n,
             has_rotors,
@@ -268,7 +265,7 @@ impl Problem {
     }
 
     /// Damped Newton steps from the URDF, with decreasing γ.
-    fn solve(&self) -> Result<DVector<f64>, String> {
+    fn solve(&self) -> Result<DVector<f64>, StandardError> {
         let columns = self.k.ncols();
         let mut x = DVector::from_fn(columns, |i, _| {
             let joint = i / BODY_PARAMETERS;
@@ -277,19 +274,18 @@ impl Problem {
                 None => self.rotor_prior[i - self.joints * BODY_PARAMETERS],
             }
         });
-        let lost = || "no robot that can exist is near what was identified; is the log that of this URDF?".to_owned();
         let mut gamma = WEIGHTS.0;
         for _ in 0..STEPS {
-            let (gradient, hessian) = self.slopes(&x, gamma).ok_or_else(lost)?;
+            let (gradient, hessian) = self.slopes(&x, gamma).ok_or(StandardError::Impossible)?;
             let scale = hessian.diagonal().map(|d| d.sqrt().recip());
             let scaled = DMatrix::from_fn(columns, columns, |i, j| {
                 hessian[(i, j)] * scale[i] * scale[j] + if i == j { 1e-14 } else { 0.0 }
             });
             let right = DVector::from_fn(columns, |i, _| -gradient[i] * scale[i]);
-            let step = scaled.cholesky().ok_or_else(lost)?.solve(&right);
+            let step = scaled.cholesky().ok_or(StandardError::Impossible)?.solve(&right);
             let decrement = right.dot(&step);
             let step = step.component_mul(&scale);
-            let now = self.cost(&x, gamma).ok_or_else(lost)?;
+            let now = self.cost(&x, gamma).ok_or(StandardError::Impossible)?;
             let mut part = 1.0;
             let moved = loop {
                 let next = &x + &step * part;
@@ -314,25 +310,21 @@ impl Problem {
         }
         match self.bodies(&x).iter().all(is_physical) {
             true => Ok(x),
-            false => Err(lost()),
+            false => Err(StandardError::Impossible),
         }
     }
 }
 
 /// The heaviest link fixed to a joint, which gets the identified values.
-fn own_link(robot: &Robot, joint: usize) -> Result<usize, String> {
+fn own_link(robot: &Robot, joint: usize) -> Result<usize, StandardError> {
     let mass = |index: &usize| robot.links[*index].body.map_or(0.0, |body| body.mass());
     let fixed =
         (0..robot.links.len()).filter(|index| robot.links[*index].joint == joint && !robot.links[*index].is_held);
     // The first of several with equal mass.
     let heaviest = fixed.rev().max_by(|a, b| mass(a).total_cmp(&mass(b)));
-    heaviest.filter(|index| mass(index) > 0.0).ok_or_else(|| {
-        format!(
-            "joint \"{}\": expected a link with <inertial> that is fixed to it, got one behind a joint that is held only; add an <inertial> to its \
-             child link",
-            robot.joints[joint].name
-        )
-    })
+    heaviest
+        .filter(|index| mass(index) > 0.0)
+        .ok_or_else(|| StandardError::NoLink(robot.joints[joint].name.clone()))
 }
 
 /// A link of a URDF with second moments that are possible for its mass.

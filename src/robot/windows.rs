@@ -1,5 +1,6 @@
 //! The windows of the weak form: shape and length.
 
+use super::error::IdentifyError;
 use std::fmt;
 
 /// Largest number of overlapping windows.
@@ -63,24 +64,23 @@ impl WindowOptions {
     ///
     /// # Errors
     /// The first rule that is violated.
-    pub fn validate(&self) -> Result<(), String> {
-        let positive = |name: &str, x: f64| match x > 0.0 && x.is_finite() {
+    pub fn validate(&self) -> Result<(), IdentifyError> {
+        let positive = |name: &'static str, got: f64| match got > 0.0 && got.is_finite() {
             true => Ok(()),
-            false => Err(format!("{name}: expected a time above 0 [s], got {x}")),
+            false => Err(IdentifyError::Time { name, got }),
         };
         positive("window length", self.length_s)?;
         positive("window stride", self.stride_s)?;
         positive("longest gap", self.max_gap_s)?;
         if self.length_s / self.stride_s > (MAX_OVERLAP - 1) as f64 {
-            return Err(format!(
-                "window stride: expected at least {:.4} s, a {}th of the window, got {} s",
-                self.length_s / (MAX_OVERLAP - 1) as f64,
-                MAX_OVERLAP - 1,
-                self.stride_s
-            ));
+            return Err(IdentifyError::Stride {
+                least_s: self.length_s / (MAX_OVERLAP - 1) as f64,
+                part: MAX_OVERLAP - 1,
+                got_s: self.stride_s,
+            });
         }
         if !(0.0..=1.0).contains(&self.max_rest) {
-            return Err(format!("rest: expected a part from 0 to 1, got {}", self.max_rest));
+            return Err(IdentifyError::Rest(self.max_rest));
         }
         Ok(())
     }

@@ -3,9 +3,8 @@
 
 use super::{Failure, cell};
 use crate::bus::{Domain, ICEORYX2_VERSION, Limits};
-use crate::config::{Catalog, Config, Source};
+use crate::config::{Catalog, Config, Source, is_robot_override};
 use crate::messages::SCHEMA_VERSION;
-use crate::robot::is_robot_override;
 use crate::runner::Stay;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;

@@ -2,7 +2,8 @@
 
 use super::robot_log::RobotLog;
 use super::{CalibrateArgs, Exit, Failure, TableFormat, logging, robot_profile};
-use crate::robot::{BodyParameters, GainCalibration, KnownLoad, RobotConfig, declared_load};
+use crate::config::RobotConfig;
+use crate::robot::{BodyParameters, GainCalibration, KnownLoad, declared_load};
 use serde_json::json;
 use std::fmt::Write as _;
 
@@ -11,7 +12,7 @@ use std::fmt::Write as _;
 /// # Errors
 /// If the configuration, a log or the load is wrong.
 pub fn run(args: &CalibrateArgs) -> Result<Exit, Failure> {
-    let mut config = RobotConfig::from_file(&args.config).map_err(Failure::Usage)?;
+    let mut config = RobotConfig::from_file(&args.config)?;
     if config.drives.coupling.is_some() {
         return Err(Failure::Usage(format!(
             "{}: drive.coupling: expected a drive for each joint, got coupled ones, whose gains one load does not tell apart",
@@ -31,7 +32,7 @@ pub fn run(args: &CalibrateArgs) -> Result<Exit, Failure> {
     });
     let (empty, loaded) = (empty?.samples, loaded?.samples);
     config.options.windows = config.windows_of(&empty);
-    let found = GainCalibration::of(&config.model, &config.options, &empty, &loaded, &load).map_err(Failure::Usage)?;
+    let found = GainCalibration::of(&config.model, &config.options, &empty, &loaded, &load).map_err(Failure::usage)?;
     let gains: Vec<f64> = config
         .drives
         .gain
@@ -92,7 +93,7 @@ pub(super) fn load_of(
 ) -> Result<BodyParameters, Failure> {
     let mass = mass.ok_or_else(|| Failure::Usage("payload: expected `none` or --mass KG, got neither".to_owned()))?;
     let center = numbers("com", com)?.unwrap_or_default();
-    declared_load(mass, center, numbers("inertia", inertia)?).map_err(Failure::Usage)
+    declared_load(mass, center, numbers("inertia", inertia)?).map_err(Failure::usage)
 }
 
 fn numbers<const N: usize>(name: &str, list: Option<&[f64]>) -> Result<Option<[f64; N]>, Failure> {

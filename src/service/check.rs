@@ -3,8 +3,7 @@
 use super::new_file::{refuse_existing, write_new};
 use super::robot::robot_text;
 use super::{CommonArgs, Exit, Failure, logging};
-use crate::config::{Config, Source};
-use crate::robot::RobotConfig;
+use crate::config::{Config, RobotConfig, Source};
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -41,7 +40,7 @@ pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<
         ))?;
     }
     if let Some(text) = robot_text(file) {
-        let robot = RobotConfig::parse_with(&text, file, set).map_err(Failure::Usage)?;
+        let robot = RobotConfig::parse_with(&text, file, set)?;
         for problem in robot.model.robot().impossible_links() {
             logging::result(&format!("warning: {}: {problem}", robot.urdf.display()))?;
         }

@@ -177,7 +177,7 @@ impl Commands {
                 None => Err("checkpoint.dir is not set, so there is no place for a checkpoint".to_owned()),
             },
             Command::Describe => Ok(Wanted::Answer(Box::new(self.describe()))),
-            Command::Restore => match self.parts.take(request)? {
+            Command::Restore => match self.parts.take(request).map_err(|e| e.to_string())? {
                 None => Ok(Wanted::More),
                 Some(bytes) => {
                     let state = checkpoint::decode(&bytes, &self.identity).map_err(|e| format!("the state: {e}"))?;
@@ -191,7 +191,7 @@ impl Commands {
                             .to_owned(),
                     );
                 }
-                let body = request.payload_body()?;
+                let body = request.payload_body().map_err(|e| e.to_string())?;
                 let what = match &body {
                     None => "nothing is carried".to_owned(),
                     Some(body) if is_physical(&BodyParameters(*body)) => format!("a load of {} kg is carried", body[0]),

@@ -29,7 +29,7 @@ pub fn run(args: &ControllerArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
     let _only_one = RoleLock::acquire(&domain, robot, Role::Controller)?;
     let sim = &config.plant.sim;
     let mut follower = Follower {
-        trajectory: Trajectory::of(&*config.model, sim).map_err(Failure::Usage)?,
+        trajectory: Trajectory::of(&*config.model, sim).map_err(Failure::usage)?,
         feed_forward: AdaptiveFeedForward::new(config.model.clone(), &settings.theta, settings.options)
             .map_err(|e| Failure::Usage(format!("controller: {e}")))?,
         period_ns: nanoseconds(sim.sample_period_s),

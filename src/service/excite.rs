@@ -4,10 +4,9 @@
 use super::new_file::{refuse_existing, write_new};
 use super::robot::robot_text;
 use super::{ExciteArgs, Exit, Failure, TableFormat, logging};
+use crate::config::RobotConfig;
 use crate::pipe::{MAX_TABLE_BYTES, read_text};
-use crate::robot::{
-    Excitation, ExcitationOptions, Forecaster, MotionTable, ParameterForecast, RobotConfig, RowMisfit, read_motion,
-};
+use crate::robot::{Excitation, ExcitationOptions, Forecaster, MotionTable, ParameterForecast, RowMisfit, read_motion};
 use crate::runner::Shutdown;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -18,7 +17,7 @@ use std::path::Path;
 /// # Errors
 /// If the configuration or options are wrong, or the file exists or cannot be written.
 pub fn run(args: &ExciteArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
-    let config = RobotConfig::from_file(&args.config).map_err(Failure::Usage)?;
+    let config = RobotConfig::from_file(&args.config)?;
     let options = ExcitationOptions {
         duration_s: args.duration.unwrap_or(config.excitation.duration_s),
         harmonics: args.harmonics.unwrap_or(config.excitation.harmonics),
@@ -36,8 +35,8 @@ pub fn run(args: &ExciteArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let expected = Expected::of(&config, args.residuals.as_deref())?;
     let mut forecaster = expected.forecaster(&config)?;
     let motion =
-        Excitation::design(&mut forecaster, &options, &mut |_| !shutdown.requested()).map_err(Failure::Usage)?;
-    let table = motion.table(1.0 / args.rate).map_err(Failure::Usage)?;
+        Excitation::design(&mut forecaster, &options, &mut |_| !shutdown.requested()).map_err(Failure::usage)?;
+    let table = motion.table(1.0 / args.rate).map_err(Failure::usage)?;
     let forecast = forecaster.forecast(&table);
     if let Some(out) = &args.out {
         let turns: Vec<bool> = config.model.robot().joints.iter().map(|joint| joint.turns).collect();
@@ -88,7 +87,7 @@ pub(super) fn check_motion(config: &Path, motion: &Path, residuals: Option<&Path
             config.display()
         )));
     };
-    let config = RobotConfig::parse(&text, config).map_err(Failure::Usage)?;
+    let config = RobotConfig::parse(&text, config)?;
     let problem = |e: &dyn std::fmt::Display| Failure::Usage(format!("{}: {e}", motion.display()));
     let text = read_text(motion, MAX_TABLE_BYTES).map_err(|e| problem(&e))?;
     let table = read_motion(&text, &config.columns).map_err(|e| problem(&e))?;
@@ -158,7 +157,7 @@ impl Expected {
     }
 
     fn forecaster(&self, config: &RobotConfig) -> Result<Forecaster, Failure> {
-        Forecaster::new(config.model.clone(), config.options.windows, self.misfit.clone()).map_err(Failure::Usage)
+        Forecaster::new(config.model.clone(), config.options.windows, self.misfit.clone()).map_err(Failure::usage)
     }
 }
 

@@ -28,6 +28,13 @@ pub enum Failure {
     Failed(String),
 }
 
+impl Failure {
+    /// A wrong command line or configuration, in the words of an error.
+    pub(super) fn usage(error: impl std::fmt::Display) -> Self {
+        Self::Usage(error.to_string())
+    }
+}
+
 impl From<ConfigError> for Failure {
     fn from(error: ConfigError) -> Self {
         Self::Usage(error.to_string())

@@ -5,11 +5,12 @@ use super::robot::robot_text;
 use super::robot_log::RobotLog;
 use super::ticker::Ticker;
 use super::{Exit, Failure, IdentifyArgs, TableFormat, logging, out_dir, robot_profile, robot_urdf};
+use crate::config::{RobotConfig, is_robot_override};
 use crate::messages::{Estimate, State};
 use crate::node::robot::RobotEvidence;
 use crate::robot::{
-    FilteredSample, RobotConfig, RobotIdentifier, RobotSample, TorqueFit, correlation_time_s, filtered,
-    is_robot_override, judge_robot_fit, median_period_s,
+    FilteredSample, RobotIdentifier, RobotSample, TorqueFit, correlation_time_s, filtered, judge_robot_fit,
+    median_period_s,
 };
 use crate::runner::Shutdown;
 use serde_json::{Value, json};
@@ -41,18 +42,14 @@ pub(super) fn configuration(args: &IdentifyArgs) -> Result<Option<RobotConfig>, 
             path.display()
         )));
     }
-    if text
-        .parse::<toml::Table>()
-        .is_ok_and(|file| file.contains_key("checkpoint"))
-    {
+    let config = RobotConfig::parse_with(&text, path, &args.common.set)?;
+    if config.is_stated("checkpoint") {
         tracing::info!(
             "{}: section checkpoint has no effect on the log of a robot from a URDF",
             path.display()
         );
     }
-    RobotConfig::parse_with(&text, path, &args.common.set)
-        .map(Some)
-        .map_err(Failure::Usage)
+    Ok(Some(config))
 }
 
 fn none_with_validation(args: &IdentifyArgs) -> Result<Option<RobotConfig>, Failure> {
@@ -85,7 +82,7 @@ pub(super) fn run(args: &IdentifyArgs, mut config: RobotConfig, shutdown: &Shutd
     }
     let log = log.samples;
     let ticker = Ticker::start(&format!("identifying from {}", args.input.display()));
-    let mut identifier = RobotIdentifier::new(config.model, config.options).map_err(Failure::Usage)?;
+    let mut identifier = RobotIdentifier::new(config.model, config.options).map_err(Failure::usage)?;
     let states = filtered(identifier.model(), &log);
     let Pass {
         before,

@@ -112,7 +112,7 @@ fn open(domain: &Domain, configs: &[Config], shutdown: &Shutdown) -> Result<Vec<
 
 fn simulate(config: &Config, shutdown: &Shutdown) -> Result<Rc<[Sample]>, Failure> {
     let sim = &config.plant.sim;
-    let mut node = sample_stream_of(&*config.model, sim, 1).map_err(Failure::Usage)?;
+    let mut node = sample_stream_of(&*config.model, sim, 1).map_err(Failure::usage)?;
     let mut samples = Vec::with_capacity(sim.sample_count() as usize);
     while let Some(sample) = node.next_sample().filter(|_| !shutdown.requested()) {
         samples.push(sample);

@@ -24,7 +24,7 @@ pub fn run(args: &PlantArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 
     let sim = &config.plant.sim;
     let samples = sim.sample_count();
-    let mut node = sample_stream_of(&*config.model, sim, stream_id()).map_err(Failure::Usage)?;
+    let mut node = sample_stream_of(&*config.model, sim, stream_id()).map_err(Failure::usage)?;
 
     let bus = Bus::join(&domain, robot, "plant_simulator")?;
     let delivery = delivery(&config);

@@ -2,11 +2,11 @@
 //! and its other sections as an ordinary source.
 
 use super::Failure;
-use crate::config::{Catalog, Config, Source};
+use crate::config::{Catalog, Config, RobotConfig, Source, is_robot_override};
 use crate::node::model::SharedModel;
 use crate::node::robot_model::{RobotPlant, RobotSettings};
 use crate::pipe::{MAX_SETTINGS_BYTES, read_text};
-use crate::robot::{IdentifyOptions, RobotConfig, RobotSimulator, is_robot_override};
+use crate::robot::{IdentifyOptions, RobotSimulator};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
@@ -55,10 +55,11 @@ pub(super) fn source(
     let Some(text) = robot_text(path) else {
         return Ok(None);
     };
-    let config = RobotConfig::parse_with(&text, path, set).map_err(Failure::Usage)?;
-    let in_file = |problem: String| Failure::Usage(format!("{}: {problem}", path.display()));
+    let config = RobotConfig::parse_with(&text, path, set)?;
+    let in_file = |problem: &dyn std::fmt::Display| Failure::Usage(format!("{}: {problem}", path.display()));
     let own_period_s = config.sample_period_s;
     let period_s = period_s.unwrap_or(own_period_s);
+    let counts_samples = config.is_stated("estimator.block_len");
     let settings = RobotSettings {
         options: IdentifyOptions {
             payload: config.payload,
@@ -71,44 +72,46 @@ pub(super) fn source(
         simulation: config.simulation,
     };
     let (block_s, simulation) = (settings.options.block_s, settings.simulation.clone());
-    let robot = RobotPlant::new(settings).map_err(in_file)?;
-    let mut table = config.ordinary;
+    let robot = RobotPlant::new(settings).map_err(|e| in_file(&e))?;
+    let mut defaults = Table::new();
+    let plant = section(&mut defaults, "plant");
+    set_to(plant, "sample_period_s", own_period_s);
+    set_to(plant, "duration_s", DURATION_S);
+    set_to(plant, "machine", "model");
+    let block_len = ((block_s / period_s).round() as i64).max(1);
+    set_to(section(&mut defaults, "estimator"), "block_len", block_len);
+    let mut derived = Table::new();
     // A lower layer, such as the configuration of a recording, may name another robot.
     let name = crate::node::model::Model::definition(&robot).name.clone();
-    section(&mut table, "model").insert("kind".to_owned(), Value::from(name));
-    let plant = section(&mut table, "plant");
-    state(plant, "sample_period_s", own_period_s);
-    state(plant, "duration_s", DURATION_S);
-    state(plant, "machine", "model");
-    let sensors = section(plant, "sensors");
-    sensors.insert(
-        "encoder_bits".to_owned(),
-        Value::from(i64::from(simulation.encoder_bits)),
+    set_to(section(&mut derived, "model"), "kind", name);
+    let plant = section(&mut derived, "plant");
+    set_to(
+        section(plant, "sensors"),
+        "encoder_bits",
+        i64::from(simulation.encoder_bits),
     );
     // The truth for the table: at the start, and after the first change of the payload.
-    let machine = RobotSimulator::new(robot.settings().model.robot(), simulation.clone()).map_err(in_file)?;
+    let machine = RobotSimulator::new(robot.settings().model.robot(), simulation.clone()).map_err(|e| in_file(&e))?;
     let theta = |t_s: f64| -> Value {
         let all = machine.truth(&robot.settings().model, t_s);
         let count = crate::node::model::Model::parameters(&robot).len();
         Value::Array(all.into_iter().take(count).map(Value::Float).collect())
     };
     let truth = section(plant, "model");
-    truth.insert("theta".to_owned(), theta(0.0));
+    set_to(truth, "theta", theta(0.0));
     if let Some(change) = simulation.payloads.iter().find(|change| change.t_s > 0.0) {
-        truth.insert("change_s".to_owned(), Value::Float(change.t_s));
-        truth.insert("theta_after".to_owned(), theta(change.t_s));
+        set_to(truth, "change_s", change.t_s);
+        set_to(truth, "theta_after", theta(change.t_s));
     }
-    let estimator = section(&mut table, "estimator");
-    let counted_with_s = (!estimator.contains_key("block_len")).then_some(period_s);
-    state(estimator, "block_len", ((block_s / period_s).round() as i64).max(1));
-    let source = Source::Embedded {
-        name: path.display().to_string(),
-        text: toml::to_string(&table).map_err(|e| in_file(e.to_string()))?,
+    let source = Source::Robot {
+        path: path.to_owned(),
+        defaults: toml::to_string(&defaults).map_err(|e| in_file(&e))?,
+        derived: toml::to_string(&derived).map_err(|e| in_file(&e))?,
     };
     Ok(Some(RobotSource {
         catalog: catalog.clone().with_latest(SharedModel::new(robot)),
         source,
-        counted_with_s,
+        counted_with_s: (!counts_samples).then_some(period_s),
     }))
 }
 
@@ -141,28 +144,19 @@ pub(super) fn as_file<'a>(
     let mut robot = None;
     for path in files {
         if let Some(text) = robot_text(path) {
-            let table = RobotConfig::overlaid(&text, set).map_err(Failure::Usage)?;
-            robot = Some((path, table));
+            robot = Some((path, RobotConfig::own_sections(&text, path, set)?));
         }
     }
-    let Some((path, mut table)) = robot else {
+    let Some((path, mut own)) = robot else {
         return Ok(None);
     };
-    let model = section(&mut table, "model");
-    let urdf = model.get("urdf").and_then(Value::as_str).unwrap_or_default();
-    let urdf = path.parent().unwrap_or(Path::new("")).join(urdf);
-    copy(&urdf, &dir.join(URDF))?;
-    model.insert("urdf".to_owned(), Value::from(URDF));
-    if let Some(name) = table
-        .get_mut("simulate")
-        .and_then(|section| section.get_mut("motion_csv"))
-    {
-        let motion = path
-            .parent()
-            .unwrap_or(Path::new(""))
-            .join(name.as_str().unwrap_or_default());
-        copy(&motion, &dir.join(MOTION))?;
-        *name = Value::from(MOTION);
+    let beside = path.parent().unwrap_or(Path::new(""));
+    if let Some(urdf) = own.model.urdf.replace(URDF.to_owned()) {
+        copy(&beside.join(urdf), &dir.join(URDF))?;
+    }
+    if let Some(motion) = &mut own.simulate.motion_csv {
+        copy(&beside.join(&*motion), &dir.join(MOTION))?;
+        *motion = MOTION.to_owned();
     }
     let failed = |e: &dyn std::fmt::Display| {
         Failure::Failed(format!(
@@ -170,22 +164,12 @@ pub(super) fn as_file<'a>(
             path.display()
         ))
     };
-    let resolved: Table = config.to_toml().parse().map_err(|e| failed(&e))?;
-    for name in [
-        "bus",
-        "plant",
-        "estimator",
-        "monitor",
-        "checkpoint",
-        "supervision",
-        "controller",
-        "realtime",
-    ] {
-        if let Some(section) = resolved.get(name) {
-            table.insert(name.to_owned(), section.clone());
-        }
+    let mut shared: Table = config.to_toml().parse().map_err(|e| failed(&e))?;
+    for name in ["model", "identifier", "log"] {
+        shared.remove(name);
     }
-    toml::to_string(&table).map(Some).map_err(|e| failed(&e))
+    let shared = toml::to_string(&shared).map_err(|e| failed(&e))?;
+    Ok(Some(own.to_toml() + &shared))
 }
 
 /// Copies a file that was read before, so it is not a pipe.
@@ -223,9 +207,8 @@ fn section<'a>(table: &'a mut Table, name: &str) -> &'a mut Table {
     }
 }
 
-/// Sets a key that is not stated.
-fn state(section: &mut Table, key: &str, value: impl Into<Value>) {
-    section.entry(key).or_insert_with(|| value.into());
+fn set_to(section: &mut Table, key: &str, value: impl Into<Value>) {
+    section.insert(key.to_owned(), value.into());
 }
 
 #[cfg(test)]
@@ -278,10 +261,34 @@ mod tests {
         for (written, said) in [("0.004", "0.004"), ("1", "got 1"), ("\"fast\"", "got \"fast\"")] {
             let file = beside_the_urdf("rule", &format!("[plant]\nsample_period_s = {written}\n"));
             let config = RobotConfig::from_file(&file).map(|config| config.sample_period_s.to_string());
-            let text = config.unwrap_or_else(|problem| problem);
+            let text = config.unwrap_or_else(|error| error.to_string());
             assert!(text.contains(said), "{text}");
             std::fs::remove_dir_all(file.parent().expect("a directory")).expect("removed");
         }
+    }
+
+    #[test]
+    fn regress_the_other_sections_keep_their_lines() {
+        let file = beside_the_urdf(
+            "lines",
+            "\n[plant.arm]\nlength_1_m = 0.7\n\n[controller]\nmax_std = 3\n",
+        );
+        let config = load(&file, &[]).expect("valid");
+        let said = config.warnings().first().expect("a warning").to_string();
+        assert!(
+            said.contains("robot.toml:6: plant.arm.length_1_m: has no effect"),
+            "{said}"
+        );
+        let sections = "[plant]\nduration_s = \"long\"\n[identify]\nblok_s = 1\n";
+        let file = beside_the_urdf("lines", sections);
+        let error = load(&file, &[]).expect_err("two errors");
+        for said in [
+            "robot.toml:5: plant.duration_s: expected",
+            "robot.toml:7: identify.blok_s: unknown key",
+        ] {
+            assert!(error.contains(said), "{error}");
+        }
+        std::fs::remove_dir_all(file.parent().expect("a directory")).expect("removed");
     }
 
     #[test]
@@ -335,11 +342,20 @@ mod tests {
         for (set, words) in [
             (
                 "identify.block=1",
-                "--set identify.block=1: unknown field `block`, expected one of `window_s`",
+                "--set identify.block=1: identify.block: unknown key; did you mean identify.block_s?",
             ),
-            ("identify.block_s=x", "--set identify.block_s=x: invalid type: string"),
-            ("identify.block_s=-1", "identify: block length: expected a time above 0"),
-            ("identifyer.block_s=1", "unknown key"),
+            (
+                "identify.block_s=x",
+                "--set identify.block_s=x: identify.block_s: expected a number above 0 [s], got \"x\" (a string)",
+            ),
+            (
+                "identify.block_s=-1",
+                "identify.block_s: expected a number above 0 [s], got -1 (a whole number)",
+            ),
+            (
+                "identifyer.block_s=1",
+                "--set identifyer.block_s=1: identifyer.block_s: unknown key; did you mean identify.block_s?",
+            ),
         ] {
             let error = load(six_axis, &[set]).expect_err(set);
             assert!(error.contains(words), "{error}");

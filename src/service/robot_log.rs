@@ -1,12 +1,13 @@
 //! The log of a robot from a URDF: columns of numbers, an exported recording, or a ROS 2 bag.
 
 use super::Failure;
+use crate::config::RobotConfig;
 use crate::messages::{Sample, signals};
 use crate::model::MAX_JOINTS;
 use crate::node::robot_model::robot_units;
 use crate::pipe::read_text;
 use crate::recording::{RecordingReader, SamplesCsvReader, Span, is_samples_csv, read_joint_states};
-use crate::robot::{LogColumns, RobotConfig, RobotSample, Skip, SkippedRows, read_log};
+use crate::robot::{LogColumns, RobotSample, Skip, SkippedRows, read_log};
 use std::path::Path;
 
 /// Largest log \[bytes\], because it is kept in memory: two hours of seven joints at 1 kHz.
@@ -137,7 +138,7 @@ fn of_message(sample: &Sample, config: &RobotConfig) -> Result<RobotSample, Stri
 fn of_bag(path: &Path, config: &RobotConfig, skipped: &mut SkippedRows) -> Result<(Vec<RobotSample>, bool), Failure> {
     let robot = config.model.robot();
     let names: Vec<&str> = robot.joints.iter().map(|joint| joint.name.as_str()).collect();
-    let states = read_joint_states(path, &names).map_err(Failure::Usage)?;
+    let states = read_joint_states(path, &names).map_err(Failure::usage)?;
     let begin = states.first().map_or(0, |state| state.t_ns);
     let mut log: Vec<RobotSample> = Vec::with_capacity(states.len());
     let mut has_velocity = true;

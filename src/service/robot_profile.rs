@@ -1,8 +1,9 @@
 //! Reports how a robot's log was read, and probable mistakes, on standard error.
 
 use super::robot_log::RobotLog;
+use crate::config::RobotConfig;
 use crate::offline::{LogProfile, short};
-use crate::robot::{LogColumns, RobotConfig, RobotSample, RobotSuspicion, judge_robot_log};
+use crate::robot::{LogColumns, RobotSample, RobotSuspicion, judge_robot_log};
 use std::path::Path;
 
 /// Reports what was read, then probable mistakes.

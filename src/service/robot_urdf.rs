@@ -7,13 +7,13 @@ use super::script::Script;
 use super::wiring::{identifier_node, identity};
 use super::{CommonArgs, Exit, Failure, TableFormat, UrdfArgs, foreign, logging, report};
 use crate::checkpoint;
-use crate::config::Config;
+use crate::config::{Config, RobotConfig};
 use crate::node::command::NodeState;
 use crate::pipe::{MAX_TABLE_BYTES, read_text};
 use crate::recording::{Entry, Span};
 use crate::robot::{
-    FrictionTerm, IdentifyOptions, JointValues, LinkValues, RobotConfig, RobotIdentifier, RobotModel, Standard,
-    StandardParameters, write_urdf,
+    FrictionTerm, IdentifyOptions, JointValues, LinkValues, RobotIdentifier, RobotModel, Standard, StandardParameters,
+    write_urdf,
 };
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -400,5 +400,5 @@ fn one_config(common: &CommonArgs) -> Result<&PathBuf, Failure> {
 }
 
 fn robot_config(common: &CommonArgs) -> Result<RobotConfig, Failure> {
-    RobotConfig::from_file_with(one_config(common)?, &common.set).map_err(Failure::Usage)
+    Ok(RobotConfig::from_file_with(one_config(common)?, &common.set)?)
 }

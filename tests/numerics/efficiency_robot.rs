@@ -3,9 +3,9 @@
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 use std::path::Path;
+use thetabus::config::RobotConfig;
 use thetabus::robot::{
-    FrictionTerm, IdentifyOptions, JointFriction, Robot, RobotConfig, RobotModel, RobotSimOptions, Selection,
-    SimulatedDrive,
+    FrictionTerm, IdentifyOptions, JointFriction, Robot, RobotModel, RobotSimOptions, Selection, SimulatedDrive,
 };
 use thetabus::studies::efficiency::{KNOWABLE, RobotBound, RobotCase, RobotMethod, RobotMotion, RobotTruth};
 

@@ -121,22 +121,22 @@ fn e2e_a_robot_with_a_wrong_file_is_refused_by_its_place() {
         (
             model("arm.urdf") + "tips = 3\n",
             "log.csv",
-            "robot.toml:4: unknown field `tips`",
+            "robot.toml:4: model.tips: unknown key; did you mean model.tip?",
         ),
         (
             model("arm.urdf") + "[drive]\ngain = [1.0]\n",
             "log.csv",
-            "drive: gain: expected 6 finite numbers",
+            "robot.toml:5: drive.gain: expected 6 finite numbers",
         ),
         (
             model("arm.urdf") + "[friction]\nterms = [\"dry\"]\n",
             "log.csv",
-            "got \"dry\"",
+            "robot.toml:5: friction.terms: expected a list of words among",
         ),
         (
             model("arm.urdf") + "[identify]\nwindow_s = 0\n",
             "log.csv",
-            "window length: expected a time above 0",
+            "robot.toml:5: identify.window_s: expected a number above 0 [s], got 0",
         ),
         (
             model("arm.urdf"),

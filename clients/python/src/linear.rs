@@ -66,7 +66,7 @@ impl LinearModel {
             relations: Vec::new(),
             derived: Vec::new(),
         };
-        definition.validate()?;
+        definition.validate().map_err(|e| e.to_string())?;
         let arrays = Arrays {
             phi,
             y,

@@ -12,6 +12,8 @@ mod model;
 mod needs;
 mod plant;
 mod programs;
+#[cfg(feature = "robot")]
+mod robot;
 mod setpoint;
 mod table;
 
@@ -23,11 +25,16 @@ pub use model::{Known, Model, ServoAxisModel};
 pub(super) use needs::Need;
 pub use plant::{Arm, Controller, Fastest, MachineKind, Mass2, ModelPlant, Plant, Sensors, ServoAxisPlant, Unmodelled};
 pub use programs::{Checkpoint, Control, FeedForward, Log, Monitor, Realtime, Supervision};
+#[cfg(feature = "robot")]
+pub use robot::{
+    DriveForm, ExciteForm, FrictionForm, IdentifyForm, LogForm, MotionKind, PayloadForm, RobotControllerKind,
+    RobotForm, SimulateForm, VelocityKind,
+};
 pub use setpoint::{Chirp, Csv, Moves, Random, RandomSines, Setpoint, SetpointKind, Sines, Square, Steps};
 pub use table::RealOr;
+use table::sections;
 
-use super::kind::Key;
-use serde::{Deserialize, Serialize};
+use super::kind::{Key, Section};
 
 /// Groups of mutually exclusive keys.
 pub(super) const EXCLUSIVE: &[&[&str]] = &[
@@ -36,51 +43,94 @@ pub(super) const EXCLUSIVE: &[&[&str]] = &[
 ];
 
 /// Keys of earlier versions, with what to write now.
-pub(super) const RETIRED: &[(&str, &str)] = &[(
+const RETIRED: &[(&str, &str)] = &[(
     "identifier.projected.velocity_half_width",
     "is a time now: write velocity_half_width_s, the samples times plant.sample_period_s, for example 0.01 for 10 samples at 1 ms",
 )];
 
 /// All keys, in the order of `config/default.toml`.
 pub fn keys() -> impl Iterator<Item = &'static Key> {
-    SECTIONS.iter().flat_map(|section| section.keys)
+    ORDINARY.keys()
 }
 
 /// The key with this full name.
 pub(super) fn key(path: &str) -> Option<&'static Key> {
-    let (section, name) = path.rsplit_once('.')?;
-    keys().find(|key| key.section == section && key.name == name)
+    ORDINARY.key(path)
 }
 
-/// A section of the configuration.
-pub(super) struct Section {
-    pub name: &'static str,
-    pub meaning: &'static str,
-    pub keys: &'static [Key],
+/// The keys of one kind of file.
+#[derive(Debug)]
+pub(super) struct Schema {
+    /// Sections that only this kind has, or that have another meaning in it.
+    own: &'static [Section],
+    /// Whether it has this one of the other sections.
+    shares: fn(&str) -> bool,
+    /// The file that lists its own keys.
+    list: &'static str,
 }
 
-macro_rules! sections {
-    ($( $field:ident : $struct:ident = $section:literal, $about:literal; )*) => {
-        /// The configuration in the form of its file: every section with its keys. The defaults are
-        /// the paper's experiment, from the presets of the core types.
-        #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-        #[serde(deny_unknown_fields)]
-        pub struct FileForm {
-            $(
-                #[doc = $about]
-                #[serde(rename = $section)]
-                pub $field: $struct,
-            )*
-        }
-        pub(super) static SECTIONS: &[Section] = &[ $( Section {
-            name: $section,
-            meaning: $about,
-            keys: &$struct::keys($section),
-        }, )* ];
-    };
+/// A configuration.
+pub(super) static ORDINARY: Schema = Schema {
+    own: &[],
+    shares: |_| true,
+    list: DEFAULTS,
+};
+
+/// The file with all keys of a configuration.
+const DEFAULTS: &str = "config/default.toml";
+
+/// The configuration of a robot from its URDF.
+#[cfg(feature = "robot")]
+pub(super) static ROBOT: Schema = Schema {
+    own: robot::OWN,
+    shares: |section| !["model", "identifier", "log"].contains(&section.split('.').next().unwrap_or("")),
+    list: "config/robots/six_axis.toml",
+};
+
+/// Names of the sections that only a robot's file has, or that have another meaning there.
+#[cfg(feature = "robot")]
+pub(super) fn own_sections_of_robots() -> impl Iterator<Item = &'static str> {
+    robot::OWN.iter().map(|section| section.name)
+}
+
+impl Schema {
+    /// All keys, its own first.
+    pub fn keys(&self) -> impl Iterator<Item = &'static Key> {
+        let shares = self.shares;
+        let shared = SECTIONS.iter().filter(move |section| shares(section.name));
+        self.own.iter().chain(shared).flat_map(|section| section.keys)
+    }
+
+    /// The key with this full name.
+    pub fn key(&self, path: &str) -> Option<&'static Key> {
+        let (section, name) = path.rsplit_once('.')?;
+        self.keys().find(|key| key.section == section && key.name == name)
+    }
+
+    /// Its own sections.
+    #[cfg(feature = "service")]
+    pub fn own_sections(&self) -> &'static [Section] {
+        self.own
+    }
+
+    /// The file that lists the keys near this one.
+    pub fn list_of(&self, path: &str) -> &'static str {
+        let section = path.split('.').next().unwrap_or("");
+        let is_shared = SECTIONS.iter().any(|other| other.name == section) && (self.shares)(section);
+        if is_shared { DEFAULTS } else { self.list }
+    }
+
+    /// What to write instead of a key of earlier versions.
+    pub fn retired(&self, path: &str) -> Option<&'static str> {
+        let found = RETIRED.iter().find(|(retired, _)| *retired == path);
+        found.map(|(_, what)| *what).filter(|_| (self.shares)(path))
+    }
 }
 
 sections! {
+    /// The configuration in the form of its file: every section with its keys. The defaults are the
+    /// paper's experiment, from the presets of the core types.
+    FileForm, pub(super) SECTIONS;
     bus: Bus = "bus", "Which topics, and how samples are delivered";
     plant: Plant = "plant", "The simulated machine";
     arm: Arm = "plant.arm", "The simulated arm: two uniform beams, a DC motor at each joint";
@@ -120,6 +170,7 @@ sections! {
 mod tests {
     use super::super::kind::Kind;
     use super::*;
+    use serde::Deserialize as _;
     use toml::Value;
 
     /// The value of a key after it was set to a word, read and written.

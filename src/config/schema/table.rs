@@ -75,6 +75,30 @@ macro_rules! table {
 }
 pub(super) use table;
 
+/// The structure of a file with a field for each section, and the list of its sections.
+macro_rules! sections {
+    ($(#[$about:meta])* $form:ident, $seen:vis $list:ident;
+        $( $field:ident : $struct:ident = $section:literal, $meaning:literal; )*) => {
+        $(#[$about])*
+        #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        pub struct $form {
+            $(
+                #[doc = $meaning]
+                #[serde(rename = $section)]
+                pub $field: $struct,
+            )*
+        }
+
+        $seen static $list: &[$crate::config::kind::Section] = &[ $( $crate::config::kind::Section {
+            name: $section,
+            meaning: $meaning,
+            keys: &$struct::keys($section),
+        }, )* ];
+    };
+}
+pub(super) use sections;
+
 pub(super) const FINITE: Interval = Interval::ANY;
 pub(super) const POSITIVE: Interval = Interval::POSITIVE;
 pub(super) const NOT_NEGATIVE: Interval = Interval::NOT_NEGATIVE;

@@ -8,8 +8,8 @@ use crate::service::wiring::identifier_node;
 use crate::service::{Exit, Failure, logging};
 use crate::sim::Machine;
 use crate::studies::efficiency::{
-    CaseRuns, Outcome, Published, ROBOT_RUN_S, RobotCase, RobotMotion, RobotOutcome, RobotRuns, arm_run, axis_run,
-    efficiency_document, robot_sections,
+    CaseRuns, Outcome, Published, ROBOT_RUN_S, RobotCase, RobotMotion, RobotOutcome, RobotRunError, RobotRuns, arm_run,
+    axis_run, efficiency_document, robot_sections,
 };
 use crate::studies::for_each_index;
 use crate::studies::trials::{AxisMotion, AxisSpec, Disturbance, Motion, Spec, TrialSpec};
@@ -165,7 +165,7 @@ fn robots(args: &EfficiencyArgs, shutdown: &Shutdown) -> Result<Vec<RobotRuns>, 
         .into_iter()
         .filter(|motion| is_wanted(args, motion.name()))
     {
-        let case = RobotCase::new(motion).map_err(Failure::Failed)?;
+        let case = RobotCase::new(motion).map_err(|e| Failure::Failed(e.to_string()))?;
         let runs = for_each_index(args.seeds as usize, |seed| match shutdown.requested() {
             true => Ok(RobotOutcome::default()),
             false => case.run(seed as u64, ROBOT_RUN_S),
@@ -175,8 +175,8 @@ fn robots(args: &EfficiencyArgs, shutdown: &Shutdown) -> Result<Vec<RobotRuns>, 
         }
         let runs: Vec<RobotOutcome> = runs
             .into_iter()
-            .collect::<Result<_, String>>()
-            .map_err(Failure::Failed)?;
+            .collect::<Result<_, RobotRunError>>()
+            .map_err(|e| Failure::Failed(e.to_string()))?;
         let result = RobotRuns::new(motion.name(), case.model(), runs);
         logging::result(&result.words())?;
         results.push(result);

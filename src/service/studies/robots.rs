@@ -1,6 +1,7 @@
 //! `studies robots`.
 
 use super::{RobotsArgs, output};
+use crate::robot::RobotError;
 use crate::runner::Shutdown;
 use crate::service::ticker::Ticker;
 use crate::service::{Exit, Failure, logging};
@@ -32,8 +33,8 @@ pub fn run(args: &RobotsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     }
     let trials: Vec<RobotTrial> = runs
         .into_iter()
-        .collect::<Result<_, String>>()
-        .map_err(Failure::Failed)?;
+        .collect::<Result<_, RobotError>>()
+        .map_err(|e| Failure::Failed(e.to_string()))?;
     if args.details {
         for (seed, trial) in (args.first_seed..).zip(&trials) {
             logging::result(&details(seed, trial))?;

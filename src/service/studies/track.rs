@@ -180,7 +180,7 @@ fn follow(config: &Config, contender: Contender, change_s: f64) -> Result<Tracki
         _ => Box::new(MachineSimulator::new(sim).map_err(|e| Failure::Usage(e.to_string()))?),
     };
     let mut node = identifier_node(config)?;
-    let mut trajectory = Trajectory::of(&*config.model, sim).map_err(Failure::Usage)?;
+    let mut trajectory = Trajectory::of(&*config.model, sim).map_err(Failure::usage)?;
     let options = match contender {
         // true values are used exactly
         Contender::Knowing => AdaptiveOptions {

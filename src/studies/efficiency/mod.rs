@@ -30,7 +30,7 @@ pub use arm::arm_run;
 pub use axis::axis_run;
 pub use estimators::{Method, Outcome, Published};
 #[cfg(feature = "robot")]
-pub use robot::{ROBOT_RUN_S, RobotCase, RobotMethod, RobotMotion, RobotOutcome};
+pub use robot::{ROBOT_RUN_S, RobotCase, RobotMethod, RobotMotion, RobotOutcome, RobotRunError};
 #[cfg(feature = "robot")]
 pub use robot_bound::{RobotBound, RobotTruth};
 #[cfg(feature = "robot")]

@@ -16,7 +16,7 @@ use super::robot_regression::{differentiated, in_windows};
 use crate::model::MAX_JOINTS;
 use crate::robot::{
     Excitation, ExcitationOptions, Forecaster, IdentifyOptions, JointFriction, JointRange, MotionLimits, Motions,
-    Robot, RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator, RowMisfit, Selection,
+    Robot, RobotError, RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator, RowMisfit, Selection,
     SimulatedDrive, WindowOptions, with_velocities,
 };
 use std::sync::Arc;
@@ -35,6 +35,24 @@ const OFFSET: f64 = 0.5;
 const TRIES: usize = 400;
 /// Period of the points of the designed motion \[s\], as `thetabus excite` writes them.
 const POINTS_S: f64 = 0.01;
+
+/// Why a run of the robot has no outcome.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RobotRunError {
+    /// The robot cannot be simulated or identified.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// The robot has another number of joints.
+    #[error("expected a robot of six joints")]
+    Joints,
+    /// The state of the simulated robot is no longer finite.
+    #[error("the simulated robot is lost")]
+    Lost,
+    /// The information of the run cannot be inverted.
+    #[error("the run tells nothing")]
+    Uninformative,
+}
 
 /// Motions of the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,7 +78,7 @@ impl RobotMotion {
         }
     }
 
-    fn motions(self, model: &RobotModel) -> Result<Motions, String> {
+    fn motions(self, model: &RobotModel) -> Result<Motions, RobotError> {
         Ok(match self {
             Self::Fourier => Motions::Fourier {
                 harmonics: 5,
@@ -171,12 +189,12 @@ impl RobotCase {
     ///
     /// # Errors
     /// If the robot or the motion is invalid.
-    pub fn new(motion: RobotMotion) -> Result<Self, String> {
+    pub fn new(motion: RobotMotion) -> Result<Self, RobotError> {
         let selection = Selection {
             tip: Some("flange".to_owned()),
             ..Selection::default()
         };
-        let robot = Robot::from_urdf(URDF, &selection).map_err(|e| e.to_string())?;
+        let robot = Robot::from_urdf(URDF, &selection)?;
         let model = RobotModel::new(robot, true, vec![JointFriction::default(); JOINTS])?;
         Ok(Self {
             motions: motion.motions(&model)?,
@@ -228,11 +246,11 @@ impl RobotCase {
     ///
     /// # Errors
     /// If the robot cannot be simulated or identified.
-    pub fn run(&self, seed: u64, duration_s: f64) -> Result<RobotOutcome, String> {
+    pub fn run(&self, seed: u64, duration_s: f64) -> Result<RobotOutcome, RobotRunError> {
         let (model, robot) = (&self.model, self.model.robot());
         let options = self.options(seed);
         let period_s = options.sample_period_s;
-        let mut simulator = RobotSimulator::new(robot, options.clone())?;
+        let mut simulator = RobotSimulator::new(robot, options.clone()).map_err(RobotError::from)?;
         let count = model.parameters().len();
         let mut truth = simulator.truth(model, 0.0);
         truth.truncate(count);
@@ -245,14 +263,14 @@ impl RobotCase {
             torque_std: torque_std(robot),
             position_std: vec![resolution / 12f64.sqrt(); JOINTS],
         };
-        let mut bound = RobotBound::<JOINTS>::new(model, machine).ok_or("expected a robot of six joints")?;
+        let mut bound = RobotBound::<JOINTS>::new(model, machine).ok_or(RobotRunError::Joints)?;
         let samples = (duration_s / period_s).round() as usize;
         let mut log = Vec::with_capacity(samples);
         let mut setpoints: Vec<[f64; MAX_JOINTS]> = Vec::with_capacity(samples);
         for k in 0..samples {
             let (q, dq) = simulator.state();
             bound.advance(&q, &dq);
-            let sample = simulator.next().ok_or("the simulated robot is lost")?;
+            let sample = simulator.next().ok_or(RobotRunError::Lost)?;
             log.push(RobotSample {
                 t_s: period_s * k as f64,
                 q: sample.q,
@@ -261,12 +279,12 @@ impl RobotCase {
             });
             setpoints.push(sample.setpoint);
         }
-        let [bound, exact_bound] = bound.std().ok_or("the run tells nothing")?;
+        let [bound, exact_bound] = bound.std().ok_or(RobotRunError::Uninformative)?;
         let identification = Self::identification(self.model.robot());
         let moving = with_velocities(&log, VELOCITY_S, identification.windows.max_gap_s);
-        let mut identifier = RobotIdentifier::new(model.clone(), identification)?;
+        let mut identifier = RobotIdentifier::new(model.clone(), identification).map_err(RobotError::from)?;
         for sample in &moving {
-            identifier.push(sample).map_err(|e| e.to_string())?;
+            identifier.push(sample).map_err(RobotError::from)?;
         }
         let noise = torque_std(robot);
         let of_rows = RowMisfit::white(&noise, period_s, &identification.windows);

@@ -16,7 +16,7 @@
 
 use super::instruments::{derivatives, smooth};
 use crate::model::MAX_JOINTS;
-use crate::robot::{EnergyRegressors, Engagement, RobotModel, RobotSample, WeakRows, WindowOptions};
+use crate::robot::{EnergyRegressors, Engagement, RobotError, RobotModel, RobotSample, WeakRows, WindowOptions};
 use nalgebra::{DMatrix, DVector};
 
 /// Edge of the low-pass before differentiation \[Hz\].
@@ -88,7 +88,7 @@ pub fn in_windows(
     windows: WindowOptions,
     samples: &[RobotSample],
     row_std: &[f64],
-) -> Result<[Option<Vec<f64>>; 2], String> {
+) -> Result<[Option<Vec<f64>>; 2], RobotError> {
     let mut rows = WeakRows::new(model, windows)?;
     let common = (row_std.iter().map(|std| std * std).sum::<f64>() / row_std.len() as f64).sqrt();
     let (mut ordinary, mut weighted) = (Normal::new(model), Normal::new(model));
@@ -96,8 +96,7 @@ pub fn in_windows(
         rows.push(model, sample, &mut |row| {
             ordinary.add(row.joint, row.regressor, row.regressor, row.torque, common);
             weighted.add(row.joint, row.regressor, row.regressor, row.torque, row_std[row.joint]);
-        })
-        .map_err(|e| e.to_string())?;
+        })?;
     }
     Ok([ordinary.solve(), weighted.solve()])
 }

@@ -10,8 +10,8 @@ mod table;
 pub use table::robots_document;
 
 use crate::robot::{
-    ChangeCause, FrictionTerm, IdentifyOptions, JointFriction, PayloadChange, Robot, RobotChange, RobotIdentifier,
-    RobotModel, RobotSample, RobotSimOptions, RobotSimulator, Selection, Velocities, WindowOptions,
+    ChangeCause, FrictionTerm, IdentifyOptions, JointFriction, PayloadChange, Robot, RobotChange, RobotError,
+    RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator, Selection, Velocities, WindowOptions,
 };
 
 /// The arm of the trials.
@@ -98,7 +98,7 @@ pub struct RobotTrial {
 ///
 /// # Errors
 /// If the arm cannot be simulated or identified.
-pub fn robot_trial(seed: u64) -> Result<RobotTrial, String> {
+pub fn robot_trial(seed: u64) -> Result<RobotTrial, RobotError> {
     let robot = arm()?;
     Ok(RobotTrial {
         empty: empty_run(&robot, options(&robot, seed, Vec::new()))?,
@@ -113,7 +113,7 @@ pub fn robot_trial(seed: u64) -> Result<RobotTrial, String> {
 ///
 /// # Errors
 /// As [`robot_trial`].
-pub fn loaded_trial(seed: u64, payload_friction: f64) -> Result<LoadedRun, String> {
+pub fn loaded_trial(seed: u64, payload_friction: f64) -> Result<LoadedRun, RobotError> {
     let robot = arm()?;
     let at_s = LOADED_FROM_S + (seed % 73) as f64 * LOADED_STEP_S;
     let identifier = identifier(&robot, payload_friction)?;
@@ -125,8 +125,8 @@ pub fn loaded_trial(seed: u64, payload_friction: f64) -> Result<LoadedRun, Strin
     )
 }
 
-fn arm() -> Result<Robot, String> {
-    Robot::from_urdf(URDF, &Selection::default()).map_err(|e| e.to_string())
+fn arm() -> Result<Robot, RobotError> {
+    Ok(Robot::from_urdf(URDF, &Selection::default())?)
 }
 
 /// A load of this mass from `t_s` on.
@@ -149,7 +149,7 @@ fn options(robot: &Robot, seed: u64, payloads: Vec<PayloadChange>) -> RobotSimOp
     }
 }
 
-fn identifier(robot: &Robot, payload_friction: f64) -> Result<RobotIdentifier, String> {
+fn identifier(robot: &Robot, payload_friction: f64) -> Result<RobotIdentifier, RobotError> {
     let friction = JointFriction {
         terms: vec![FrictionTerm::Viscous, FrictionTerm::Coulomb, FrictionTerm::Offset],
         presliding: 1e-4,
@@ -170,7 +170,7 @@ fn identifier(robot: &Robot, payload_friction: f64) -> Result<RobotIdentifier, S
         payload: true,
         ..IdentifyOptions::default()
     };
-    RobotIdentifier::new(model, options)
+    Ok(RobotIdentifier::new(model, options)?)
 }
 
 /// Passes the samples of a simulation to an identifier, with velocities computed from positions;
@@ -180,7 +180,7 @@ fn run(
     seconds: f64,
     identifier: &mut RobotIdentifier,
     mut closed: impl FnMut(f64, &RobotIdentifier),
-) -> Result<(), String> {
+) -> Result<(), RobotError> {
     let mut velocities = Velocities::new(HALF_WIDTH, 0.01);
     for (k, sample) in simulator.take((seconds / PERIOD_S).round() as usize).enumerate() {
         let sample = RobotSample {
@@ -190,7 +190,7 @@ fn run(
             tau: sample.input,
         };
         if let Some(sample) = velocities.push(&sample)
-            && identifier.push(&sample).map_err(|e| e.to_string())?
+            && identifier.push(&sample)?
         {
             closed(sample.t_s, identifier);
         }
@@ -198,7 +198,7 @@ fn run(
     Ok(())
 }
 
-fn empty_run(robot: &Robot, options: RobotSimOptions) -> Result<EmptyRun, String> {
+fn empty_run(robot: &Robot, options: RobotSimOptions) -> Result<EmptyRun, RobotError> {
     let mut identifier = identifier(robot, 0.0)?;
     let simulator = RobotSimulator::new(robot, options)?;
     let truth = simulator.truth(identifier.model(), EMPTY_S);
@@ -231,7 +231,7 @@ fn loaded_run(
     mut identifier: RobotIdentifier,
     options: RobotSimOptions,
     at_s: f64,
-) -> Result<LoadedRun, String> {
+) -> Result<LoadedRun, RobotError> {
     let simulator = RobotSimulator::new(robot, options)?;
     let mut result = LoadedRun {
         at_s,

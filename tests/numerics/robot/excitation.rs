@@ -242,6 +242,6 @@ fn fault_options_of_a_motion_are_refused_by_name() {
         (weak, "torques of joint \"joint_2\" up to 0.5"),
     ] {
         let error = Excitation::design(&mut forecaster(&model), &options, &mut |_| true).unwrap_err();
-        assert!(error.contains(said), "{error}");
+        assert!(error.to_string().contains(said), "{error}");
     }
 }

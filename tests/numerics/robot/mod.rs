@@ -2,6 +2,8 @@
 
 mod calibration;
 mod coarse_encoders;
+#[cfg(feature = "config")]
+mod config;
 mod contradiction;
 mod drives;
 mod dynamics;

@@ -201,7 +201,10 @@ fn fault_a_payload_that_is_no_body_is_refused_by_its_member() {
         ..RobotSimOptions::new(&robot)
     };
     let error = RobotSimulator::new(&robot, options).unwrap_err();
-    assert_eq!(error, "payload: center_m: expected finite numbers, got [0.0, NaN, 0.1]");
+    assert_eq!(
+        error.to_string(),
+        "payload: center_m: expected finite numbers, got [0.0, NaN, 0.1]"
+    );
 }
 
 #[test]

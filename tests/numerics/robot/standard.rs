@@ -207,9 +207,9 @@ fn fault_nothing_is_written_if_nothing_was_identified() {
     let identifier = RobotIdentifier::new(model.clone(), IdentifyOptions::default()).unwrap();
     let (theta, covariance) = estimates(&identifier);
     let error = StandardParameters::fit(&model, &theta, &covariance).unwrap_err();
-    assert!(error.starts_with("nothing has been identified"), "{error}");
+    assert!(error.to_string().starts_with("nothing has been identified"), "{error}");
     let error = StandardParameters::fit(&model, &theta[..3], &covariance).unwrap_err();
-    assert!(error.contains("expected at least"), "{error}");
+    assert!(error.to_string().contains("expected at least"), "{error}");
     let mut broken = covariance.clone();
     broken[0] = f64::NAN;
     assert!(StandardParameters::fit(&model, &theta, &broken).is_err());

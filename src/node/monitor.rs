@@ -283,6 +283,10 @@ pub fn misfit_words(estimate: &Estimate, least_explained: Option<f64>) -> String
     let shares = estimate.explained.iter().take(estimate.equations as usize);
     let worst = shares.copied().fold(f64::INFINITY, f64::min);
     match least_explained {
+        // 0 until a block shows it, see `Report::explained`
+        _ if worst == 0.0 => "the noise is too large to judge the model: no block's input has exceeded its noise by \
+             20 dB yet, or 30 dB if the noise level is learnt"
+            .to_owned(),
         Some(least) if worst < least => format!(
             "the model explains {:.1} % of an input's power, less than the {:.1} % expected of it",
             100.0 * worst,
@@ -503,6 +507,8 @@ pub(crate) mod tests {
                 "a parameter is at its bound, or the model lacks a term",
             ),
             (0.5, 0.85, Some(0.9), "less than the 90.0 %"),
+            (0.5, 0.0, Some(0.9), "the noise is too large to judge the model"),
+            (0.5, 0.0, None, "the noise is too large to judge the model"),
             (
                 0.5,
                 0.97,

@@ -7,8 +7,9 @@ use std::fmt;
 /// estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Considered {
-    /// Further delay of the recorded input \[s\], ≥ 0.
-    pub input_delay_s: f64,
+    /// Further delay of the recorded input \[s\], ≥ 0. `None`: a quarter of the sample period, and
+    /// at least 50 µs.
+    pub input_delay_s: Option<f64>,
     /// Gain of each drive, relative, ≥ 0.
     pub gain: f64,
     /// Coulomb friction at each joint whose model has none, as a share of the largest root mean
@@ -43,7 +44,7 @@ pub struct Considered {
 impl Considered {
     /// No error is considered; errors are still tested for.
     pub const NONE: Self = Self {
-        input_delay_s: 0.0,
+        input_delay_s: Some(0.0),
         gain: 0.0,
         coulomb: 0.0,
         stribeck: 0.0,
@@ -55,6 +56,13 @@ impl Considered {
         zero_rad: 0.0,
         eccentricity_rad: Some(0.0),
     };
+
+    /// Standard deviation of the delay for samples a period \[s\] apart. Inputs are recorded half a
+    /// sample or one sample off by mistake, such as a held input that is taken for a continuous one;
+    /// a shorter delay is that of the drive, which does not depend on the period.
+    pub fn input_delay_std_s(&self, sample_period_s: f64) -> f64 {
+        self.input_delay_s.unwrap_or((0.25 * sample_period_s).max(5e-5))
+    }
 
     /// The same for joints that move along lines, whose sensors have no turns.
     #[must_use]
@@ -68,15 +76,15 @@ impl Considered {
 }
 
 impl Default for Considered {
-    /// The errors of a good installation. Delay: 50 µs, a fraction of a sample at 1 kHz, or the
-    /// effect of a lightly damped resonance. Gain: 0, because parameters are in the units that the
+    /// The errors of a good installation. Delay: a quarter of the sample period, so that a record
+    /// that is one sample late lies within four standard deviations. Gain: 0, because parameters are in the units that the
     /// drive reports. Coulomb friction: 1 % of the input, friction that falls with speed: 2 %,
     /// offset: 0.1 %. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°.
     /// Eccentricity: 0.05 mrad, 10″. With motion that shows an error, σ becomes what it is without
     /// the error; with other motion, σ includes its possible effect.
     fn default() -> Self {
         Self {
-            input_delay_s: 5e-5,
+            input_delay_s: None,
             gain: 0.0,
             coulomb: 1e-2,
             stribeck: 2e-2,

@@ -199,7 +199,8 @@ impl SuspectColumns {
     pub fn std(&self, suspect: usize) -> f64 {
         let size = self.joint(suspect).map_or(0.0, |joint| self.sizes[joint]);
         match self.kind(suspect) {
-            SuspectKind::InputDelay => self.considered.input_delay_s,
+            // the rows have resolved the default, which depends on the sample period
+            SuspectKind::InputDelay => self.considered.input_delay_s.unwrap_or(0.0),
             SuspectKind::Gain => self.considered.gain,
             SuspectKind::Coulomb => self.considered.coulomb * size,
             SuspectKind::Stribeck => self.considered.stribeck * size,

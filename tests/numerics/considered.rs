@@ -236,7 +236,7 @@ fn wrongs() -> Vec<(&'static str, Wrong, Option<(SuspectKind, Option<usize>)>)> 
 
 fn only(input_delay_s: f64) -> Considered {
     Considered {
-        input_delay_s,
+        input_delay_s: Some(input_delay_s),
         ..Considered::NONE
     }
 }

@@ -84,8 +84,8 @@ table! {
 table! {
     /// Section `[identifier.considered]`.
     ConsideredErrors where considered = ProjectedOptions::recommended().considered; {
-        input_delay_s: f64 = considered.input_delay_s, Kind::Real(NOT_NEGATIVE), "s",
-            "Delay of the recorded input beyond input_delay_s";
+        input_delay_s: Option<f64> = considered.input_delay_s, Kind::Real(NOT_NEGATIVE), "s",
+            "Delay of the recorded input beyond identifier.projected.input_delay_s; not set: a quarter of the sample period, and at least 5e-5 s";
         gain: f64 = considered.gain, Kind::Real(NOT_NEGATIVE), "",
             "Relative error of each drive's gain; 0 if parameters are meant in units of the drive as it reports itself";
         coulomb: f64 = considered.coulomb, Kind::Real(NOT_NEGATIVE), "",

@@ -110,7 +110,10 @@ impl ProjectedOptions {
             .chain(self.noise.input_resolution.iter().map(|v| ("input_resolution", v)));
         let considered = self.considered;
         let suspects = [
-            ("considered.input_delay_s", considered.input_delay_s),
+            (
+                "considered.input_delay_s",
+                considered.input_delay_std_s(self.sample_period_s),
+            ),
             ("considered.gain", considered.gain),
             ("considered.coulomb", considered.coulomb),
             ("considered.stribeck", considered.stribeck),

@@ -11,6 +11,7 @@ use super::whitened_rows::WhitenedRows;
 use crate::estimator::Residuals;
 use crate::model::{MAX_PARAMS, Plant};
 use crate::rows::standstill::Standstill;
+use crate::rows::suspect::Considered;
 use crate::rows::suspect_columns::SuspectColumns;
 use crate::rows::whitening::Direction;
 
@@ -31,12 +32,17 @@ impl<P: Plant> Projection<P> {
     /// Rows for a block.
     pub fn new(block: MeasuredBlock<P>) -> Self {
         let (form, capacity) = (&block.form, block.samples.capacity());
+        let considered = form.options.considered;
+        let input_delay_s = considered.input_delay_std_s(form.options.sample_period_s);
         let rows = block.samples.windows.capacity();
         let covariance = RowCovariance::new(&block, rows);
         Self {
             suspects: SuspectColumns::new(
                 &form.plant,
-                form.options.considered,
+                Considered {
+                    input_delay_s: Some(input_delay_s),
+                    ..considered
+                },
                 &form.velocity.weights,
                 |equation, joint| form.moves(equation, joint),
                 |equation, joint| form.depends_on_place(equation, joint),

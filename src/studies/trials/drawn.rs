@@ -22,7 +22,7 @@ pub fn drawn_errors(sim: &SimOptions, considered: &Considered, seed: u64) -> Res
     Ok(match seed % 7 {
         0 => vec![format!(
             "plant.sensors.input_delay_s={:?}",
-            considered.input_delay_s * draw(0).abs()
+            considered.input_delay_std_s(sim.sample_period_s) * draw(0).abs()
         )],
         1 => {
             let arm = &sim.arm;

@@ -108,7 +108,8 @@ impl GroupState {
             let p = sums.params;
             // the block's own noise, if it is consistent with the level known so far
             let mut own = own_variance(sums, &mut self.cholesky, &mut room.a, &mut room.scale);
-            if let (Some(rows), Loss::Square) = (rows, e.loss) {
+            // larger residuals are those of a change within the block
+            if let (Some(rows), Loss::Square, true) = (rows, e.loss, own <= e.variance) {
                 let (step, regressor) = (&room.scale[..p], &mut room.regressor[..p]);
                 let freedom = (sums.rows as f64 - p as f64).max(1.0);
                 own = own.max(long_run_variance(rows, e, (theta, step), regressor, freedom));

@@ -9,7 +9,9 @@
 //! Rows are whitened for noise that is white, and the rounding of an encoder is not: a joint that
 //! settles between two counts has the same error in many windows. Then the residuals of neighbours
 //! are correlated, and sums over them vary more than their variance says: with encoders of 13 bits
-//! by a factor of up to three. (1) is never negative: W. K. Newey and K. D. West 1987.
+//! by a factor of up to three. The residuals themselves are then no larger than the noise; if they
+//! are, the plant has changed within the block, and their correlation is no noise. (1) is never
+//! negative: W. K. Newey and K. D. West 1987.
 
 use super::equation::EquationState;
 use super::pass::Summable;

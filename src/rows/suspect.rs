@@ -57,9 +57,9 @@ impl Considered {
         eccentricity_rad: Some(0.0),
     };
 
-    /// Standard deviation of the delay for samples a period \[s\] apart. Inputs are recorded half a
-    /// sample or one sample off by mistake, such as a held input that is taken for a continuous one;
-    /// a shorter delay is that of the drive, which does not depend on the period.
+    /// Standard deviation of the delay for samples a period \[s\] apart. By mistake, inputs are
+    /// often recorded half a sample or one sample off: a held input is taken for a continuous one,
+    /// for example. A shorter delay is that of the drive, which does not depend on the period.
     pub fn input_delay_std_s(&self, sample_period_s: f64) -> f64 {
         self.input_delay_s.unwrap_or((0.25 * sample_period_s).max(5e-5))
     }
@@ -77,11 +77,11 @@ impl Considered {
 
 impl Default for Considered {
     /// The errors of a good installation. Delay: a quarter of the sample period, so that a record
-    /// that is one sample late lies within four standard deviations. Gain: 0, because parameters are in the units that the
-    /// drive reports. Coulomb friction: 1 % of the input, friction that falls with speed: 2 %,
-    /// offset: 0.1 %. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°.
-    /// Eccentricity: 0.05 mrad, 10″. With motion that shows an error, σ becomes what it is without
-    /// the error; with other motion, σ includes its possible effect.
+    /// that is one sample late lies within four standard deviations. Gain: 0, because parameters
+    /// are in the units that the drive reports. Coulomb friction: 1 % of the input, friction that
+    /// falls with speed: 2 %, offset: 0.1 %. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1
+    /// mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. With motion that shows an error, σ becomes what
+    /// it is without the error; with other motion, σ includes its possible effect.
     fn default() -> Self {
         Self {
             input_delay_s: None,

@@ -24,6 +24,11 @@ pub(super) const EXACT: f64 = 1e-7;
 const EXACT_STD: f64 = 1e-150;
 /// Standard deviations above which an acceleration is more than noise.
 const SURE: f64 = 3.0;
+/// Share of the largest factor on the variance of rounding that applies if a joint rests on one
+/// side of a sample only. An error e that ends within a window at k has the effect of white noise
+/// of e² (Σ_{j<k} c_j)²/Σ_{j<k} c_j², some 10 e² for most k. The whole factor would hide a payload
+/// of +2 % that is picked up at rest.
+const RESTING: f64 = 1.0 / 3.0;
 
 /// The noise of the samples.
 #[derive(Debug, Clone)]
@@ -139,13 +144,6 @@ impl SampleNoise {
     }
 }
 
-/// The smaller of two changes of position. A joint that rests until a step of its setpoint has the
-/// same rounding error until then, although it moves within the same window.
-#[inline(always)]
-fn slower(before: f64, after: f64) -> f64 {
-    if before.abs() < after.abs() { before } else { after }
-}
-
 /// A joint whose positions are rounded to counts.
 struct Counts {
     resolution: f64,
@@ -183,7 +181,7 @@ impl Counts {
             std[first..end].iter_mut().zip(velocities.zip(positions))
         {
             let fast = (*dq, dq_behind - dq_before, velocity_span);
-            *std = self.deviation(fast, (slower(q - q_before, q_behind - q), span));
+            *std = self.deviation(fast, [q - q_before, q_behind - q], span);
         }
         for at in (stretch.start..first).chain(end..stretch.end) {
             std[at] = self.deviation_near_end(q, dq, &stretch, at);
@@ -199,38 +197,42 @@ impl Counts {
         };
         let (before, behind, span) = around(self.window_half, stretch);
         let half = 0.5 * span;
-        let slow = match (at - before, behind - at) {
-            (0, _) | (_, 0) => (q[behind] - q[before], span),
-            (back, on) => {
-                let (back, on) = (half / back as f64, half / on as f64);
-                (slower((q[at] - q[before]) * back, (q[behind] - q[at]) * on), half)
-            }
+        let moved = |from: usize, to: usize| match to - from {
+            0 => half / span * (q[behind] - q[before]),
+            samples => half / samples as f64 * (q[to] - q[from]),
         };
+        let slow = [moved(before, at), moved(at, behind)];
         // where the velocity filter has all its samples
         let filtered = stretch.start + self.velocity_half..stretch.end.saturating_sub(self.velocity_half);
         if filtered.is_empty() {
-            return self.deviation((0.0, 0.0, 1.0), slow);
+            return self.deviation((0.0, 0.0, 1.0), slow, half);
         }
         let (before, behind, span) = around(self.velocity_half, &filtered);
         let velocity = dq[at.clamp(filtered.start, filtered.end - 1)];
-        self.deviation((velocity, dq[behind] - dq[before], span), slow)
+        self.deviation((velocity, dq[behind] - dq[before], span), slow, half)
     }
 
     /// √(σ² + LSB²/12 · v) of a sample, from its velocity and the change of velocity over `span`
     /// samples, if that exceeds the noise. Otherwise the joint is so slow that the position's
-    /// change `moved` over `samples` samples is used: before or after the sample, whichever is
-    /// [`slower`].
+    /// changes over `samples` samples before and after are used. A joint that rests until a step of
+    /// its setpoint has the same rounding error until then, although it moves within the same
+    /// window.
     #[inline(always)]
-    fn deviation(&self, (dq, change, span): (f64, f64, f64), (moved, samples): (f64, f64)) -> f64 {
+    fn deviation(&self, (dq, change, span): (f64, f64, f64), moved: [f64; 2], samples: f64) -> f64 {
         let per_sample = self.period_s / self.resolution;
         let acceleration = change * (per_sample / span);
         // standard deviation of the difference of two filtered velocities, in counts
         let noise = self.velocity_gain / (6f64.sqrt() * span);
-        let (velocity, acceleration) = match acceleration.abs() > SURE * noise {
-            true => (dq * per_sample, acceleration),
-            false => (moved * (1.0 / (self.resolution * samples)), 0.0),
+        let limit = rounding::limit(self.window_half);
+        let inflation = match acceleration.abs() > SURE * noise {
+            true => rounding::inflation(dq * per_sample, acceleration, limit),
+            false => {
+                let [before, after] = moved.map(|moved| moved * (1.0 / (self.resolution * samples)));
+                let slower = if before.abs() < after.abs() { before } else { after };
+                let resting = rounding::inflation(slower, 0.0, RESTING * limit);
+                rounding::inflation(0.5 * (before + after), 0.0, limit).max(resting)
+            }
         };
-        let inflation = rounding::inflation(velocity, acceleration, rounding::limit(self.window_half));
         (self.white + self.resolution * self.resolution / 12.0 * inflation).sqrt()
     }
 }

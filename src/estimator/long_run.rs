@@ -46,3 +46,48 @@ pub fn long_run_variance(
     }
     sum.max(0.0) / freedom
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{EstimatorOptions, ParameterPrior, Residuals};
+    use super::*;
+
+    /// Residuals of an equation without regressors.
+    struct Values(Vec<f64>);
+
+    impl Residuals for Values {
+        fn len(&self) -> usize {
+            self.0.len()
+        }
+
+        fn row(&self, _: usize, index: usize, _: &[f64], regressor: &mut [f64]) -> f64 {
+            regressor[0] = 0.0;
+            self.0[index]
+        }
+    }
+
+    /// σ_L² of a moving mean over `width` numbers of variance 1.
+    fn variance(width: usize) -> f64 {
+        const ROWS: usize = 20_000;
+        let mut state = 7u64;
+        // signs of a congruential generator with Knuth's factor
+        let mut sign = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            if state >> 63 == 0 { 1.0 } else { -1.0 }
+        };
+        let white: Vec<f64> = (0..ROWS + width).map(|_| sign()).collect();
+        let gain = 1.0 / (width as f64).sqrt();
+        let rows = Values(white.windows(width).map(|w| gain * w.iter().sum::<f64>()).collect());
+        let options = EstimatorOptions::recommended([ParameterPrior::new(1.0)], 1);
+        let equation = EquationState::new(0, 0..1, &(0..1), &options);
+        long_run_variance(&rows, &equation, (&[1.0], &[0.0]), &mut [0.0], ROWS as f64)
+    }
+
+    #[test]
+    fn val_the_variance_of_sums_is_that_of_their_correlated_terms() {
+        // white: 1 to within four standard deviations, √(4 (L + 1)/3 / rows)
+        assert!((variance(1) - 1.0).abs() < 0.11, "{}", variance(1));
+        // γ_k = 1 − k/3 for k < 3, weighed by 1 − k/11: 1 + 2 (2/3 · 10/11 + 1/3 · 9/11) = 2.76
+        assert!((variance(3) - 2.76).abs() < 0.3, "{}", variance(3));
+    }
+}

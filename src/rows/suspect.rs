@@ -191,6 +191,14 @@ mod tests {
     use super::*;
 
     #[test]
+    fn val_the_delay_is_a_share_of_the_sample_period_unless_it_is_stated() {
+        let default = Considered::default();
+        assert_eq!(default.input_delay_std_s(1e-3), 2.5e-4);
+        assert_eq!(default.input_delay_std_s(1e-4), 5e-5);
+        assert_eq!(Considered::NONE.input_delay_std_s(1e-3), 0.0);
+    }
+
+    #[test]
     fn prop_a_base_that_is_turned_round_and_round_is_no_cause() {
         let tilted = Suspect {
             kind: SuspectKind::Zero,

@@ -482,6 +482,21 @@ fn prop_an_unknown_delay_that_is_considered_leaves_nothing_confidently_wrong() {
     }
 }
 
+/// An input that is recorded half a sample or one sample late, with the defaults.
+#[test]
+fn prop_a_record_that_is_a_sample_late_leaves_nothing_confidently_wrong() {
+    for delay_s in [0.5e-3, 1e-3] {
+        let wrong = Wrong {
+            delay_s,
+            ..Wrong::default()
+        };
+        for (kind, motion) in [("steps", steps()), ("smooth", smooth(1))] {
+            let answers = identify(&arm(motion, 1, 25, wrong), Considered::default(), wrong);
+            assert_eq!(dangerous(&answers), Vec::<usize>::new(), "{kind}, {delay_s} s");
+        }
+    }
+}
+
 #[test]
 fn ident_the_term_that_the_model_lacks_is_named_and_allowed_for() {
     for (name, wrong, cause) in wrongs() {

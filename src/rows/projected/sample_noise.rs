@@ -236,3 +236,42 @@ impl Counts {
         (self.white + self.resolution * self.resolution / 12.0 * inflation).sqrt()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Variances in units of LSB²/12 of a joint that rests for 300 samples and then moves by
+    /// `counts` per sample.
+    fn variances(counts: f64) -> Vec<f64> {
+        let resting = Counts {
+            resolution: 1.0,
+            white: 0.0,
+            period_s: 1e-3,
+            velocity_half: 8,
+            velocity_gain: 0.1,
+            window_half: 50,
+        };
+        let q: Vec<f64> = (0..600)
+            .map(|k| (counts * f64::from((k - 300).max(0))).round())
+            .collect();
+        let dq: Vec<f64> = (0..600).map(|k| if k < 300 { 0.0 } else { counts * 1e3 }).collect();
+        let mut std = vec![0.0; 600];
+        resting.weigh(&q, &dq, 0..600, &mut std);
+        std.iter().map(|std| 12.0 * std * std).collect()
+    }
+
+    #[test]
+    fn regress_rounding_stays_the_same_until_a_resting_joint_moves() {
+        let of = variances(0.72);
+        let limit = rounding::limit(50);
+        // both sides rest, then the window reaches into the motion, then both sides move
+        assert!(of[100..240].iter().all(|&v| (v - limit).abs() < 1e-9));
+        assert!(
+            of[252..290].iter().all(|&v| v > 0.99 * RESTING * limit),
+            "{:?}",
+            &of[252..290]
+        );
+        assert!(of[360..500].iter().all(|&v| v < 3.0), "{:?}", &of[360..500]);
+    }
+}

@@ -19,9 +19,9 @@
 //! ```
 //!
 //! less the part that considered errors explain (`considered.rs`). This is a sum of squares without
-//! cancellation, to which a direction without excitation (b_k = 0) does not contribute. The start
-//! value is only a guess, so its variance enters P multiplied by 100: a wrong guess is not a change
-//! of the plant.
+//! cancellation, to which a direction without excitation (b_k = 0) does not contribute. Correlated
+//! residuals raise σ_e² to their long-run variance (`long_run.rs`). The start value is only a
+//! guess, so its variance enters P multiplied by 100: a wrong guess is not a change of the plant.
 //!
 //! **Kind.** On an alarm the block is fitted alone. If that fit leaves only noise, nothing changed
 //! inside the block: all rows are used, and the prior is widened by the difference found. Otherwise
@@ -58,8 +58,9 @@ const GUESS: f64 = 100.0;
 pub const CONSISTENT: f64 = 1e-4;
 /// Degrees of freedom of a known variance.
 pub const MANY: f64 = 1e6;
-/// A probability below this is computed again with the correlation of the block's residuals.
-const NOTABLE: f64 = 1e-2;
+/// A group whose probability is below this joins one with an alarm. So only then does it matter
+/// that residuals may be correlated, and the probability is computed again.
+pub const JOINS: f64 = 1e-2;
 /// Share of gated rows above which they are not outliers but a changed plant.
 pub const GATED: f64 = 0.1;
 /// Relative increase of the diagonal of singular sums, so that they can be inverted: far above
@@ -73,7 +74,7 @@ impl GroupState {
     /// compare with. `at` holds the sums of all rows at `theta`.
     pub fn change_probability(&mut self, rows: &dyn Summable, theta: &[f64]) -> f64 {
         let probability = self.probability_of_the_block(theta, None);
-        if probability < NOTABLE {
+        if probability < JOINS {
             probability.max(self.probability_of_the_block(theta, Some(rows)))
         } else {
             probability

@@ -1,7 +1,7 @@
 //! Finds what changed in a block that raised an alarm, and fits the rows that remain valid. See
 //! `change.rs` for the equations.
 
-use super::change::locate;
+use super::change::{JOINS, locate};
 use super::fit::Fit;
 use super::group::GroupState;
 use super::options::{ChangeDetection, EstimatorOptions};
@@ -16,8 +16,6 @@ const PASSES: usize = 6;
 /// Largest share of the residuals' excess over the noise that may remain after a further cut.
 const EXPLAINS: f64 = 0.5;
 
-/// A group without an alarm joins a group with one if its own test probability is below this.
-const JOINS: f64 = 1e-2;
 /// Alarms at most this many blocks apart are a drift.
 const DRIFT_BLOCKS: u32 = 8;
 

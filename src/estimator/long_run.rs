@@ -49,22 +49,9 @@ pub fn long_run_variance(
 
 #[cfg(test)]
 mod tests {
-    use super::super::{EstimatorOptions, ParameterPrior, Residuals};
+    use super::super::robust::tests::Values;
+    use super::super::{EstimatorOptions, ParameterPrior};
     use super::*;
-
-    /// Residuals of an equation without regressors.
-    struct Values(Vec<f64>);
-
-    impl Residuals for Values {
-        fn len(&self) -> usize {
-            self.0.len()
-        }
-
-        fn row(&self, _: usize, index: usize, _: &[f64], regressor: &mut [f64]) -> f64 {
-            regressor[0] = 0.0;
-            self.0[index]
-        }
-    }
 
     /// σ_L² of a moving mean over `width` numbers of variance 1.
     fn variance(width: usize) -> f64 {

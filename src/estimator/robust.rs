@@ -84,11 +84,13 @@ impl Outliers {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::estimator::Residuals;
 
-    struct Values(Vec<f64>);
+    /// Residuals that do not depend on θ.
+    pub struct Values(pub Vec<f64>);
+
     impl Residuals for Values {
         fn len(&self) -> usize {
             self.0.len()

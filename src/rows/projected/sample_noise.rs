@@ -198,7 +198,7 @@ impl Counts {
         let (before, behind, span) = around(self.window_half, stretch);
         let half = 0.5 * span;
         let moved = |from: usize, to: usize| match to - from {
-            0 => half / span * (q[behind] - q[before]),
+            0 => 0.5 * (q[behind] - q[before]),
             samples => half / samples as f64 * (q[to] - q[from]),
         };
         let slow = [moved(before, at), moved(at, behind)];

@@ -15,13 +15,17 @@
 //! explains the rows, all errors of one kind and one amplitude are compared.
 //! Nothing may be used
 //!
-//! * while some error explains the rows as well as changed parameters do,
-//! * while all parameters of a group seem to have changed, or
-//! * while the estimate has moved although the rows show no change:
+//! * while all parameters of a group seem to have changed,
+//! * while an error explains the rows and changed parameters are no plausible cause, or
+//! * while the estimate is still on its way:
 //!
-//! until the rows refute that. With most motion this takes a block or two; it may also never
-//! happen. Groups that have not moved may be used meanwhile. A change back is recognised in the
-//! same way, because θ₀ stays the estimate before the first change.
+//! until the rows refute that. While an error explains the rows as well as a plausible change of
+//! the plant does, or while the estimate has moved although the rows show no change, the truth is
+//! either θ̂ or still θ₀, and the published covariance covers both (`inquiry.rs`).
+//!
+//! With most motion this takes a block or two; it may also never happen. Groups that have not moved
+//! may be used meanwhile. A change back is recognised in the same way, because θ₀ stays the
+//! estimate before the first change.
 //!
 //! Rows of the block that raised the alarm do not count, because the change may lie within it; nor
 //! do rows of a group whose estimate is still converging (`inquiry_step.rs`).
@@ -56,6 +60,9 @@ pub struct Inquest {
     /// followed one that an error explained.
     withheld: u64,
     lost: u64,
+    /// Withheld groups that an error explains as well as changed parameters do: the parameters are
+    /// either θ̂ or still θ₀.
+    ambiguous: u64,
     /// Number of blocks for which an error has explained the change, and whether one is named.
     blocks: u32,
     named: bool,
@@ -136,6 +143,7 @@ impl Inquest {
             begun: false,
             withheld: 0,
             lost: 0,
+            ambiguous: 0,
             blocks: 0,
             named: false,
             cause: None,
@@ -147,18 +155,28 @@ impl Inquest {
     pub fn visit(&mut self, v: &mut impl Visit) {
         v.count(&mut self.withheld);
         v.count(&mut self.lost);
+        v.count(&mut self.ambiguous);
         v.small(&mut self.blocks);
         v.flag(&mut self.named);
     }
 
     /// True if no parameter of group k may be used.
     pub fn withholds(&self, k: usize) -> bool {
-        (self.withheld | self.lost) >> k & 1 == 1
+        self.unclear() >> k & 1 == 1
     }
 
     /// True if some group must not be used.
     pub fn is_unclear(&self) -> bool {
-        self.withheld | self.lost != 0
+        self.unclear() != 0
+    }
+
+    /// True if the parameters of group k are either θ̂ or what they were before the change.
+    pub fn is_ambiguous(&self, k: usize) -> bool {
+        (self.withheld & self.ambiguous & !self.lost) >> k & 1 == 1
+    }
+
+    fn unclear(&self) -> u64 {
+        self.withheld & !self.ambiguous | self.lost
     }
 
     /// The error that explains the change.
@@ -169,7 +187,7 @@ impl Inquest {
     /// Ends the inquest without a result.
     pub fn close(&mut self, groups: &mut [GroupState]) {
         groups.iter_mut().for_each(|group| group.inquiry.close());
-        (self.begun, self.withheld, self.lost) = (false, 0, 0);
+        (self.begun, self.withheld, self.lost, self.ambiguous) = (false, 0, 0, 0);
         (self.blocks, self.named, self.cause) = (0, false, None);
     }
 
@@ -179,7 +197,8 @@ impl Inquest {
         if self.blocks >= SURE {
             self.lost |= self.withheld;
         }
-        (self.begun, self.withheld, self.blocks, self.named) = (true, 0, 0, false);
+        (self.begun, self.withheld, self.ambiguous) = (true, 0, 0);
+        (self.blocks, self.named) = (0, false);
         for (k, group) in groups.iter_mut().enumerate() {
             self.withheld |= 1 << k;
             group.begin_inquiry();
@@ -212,6 +231,7 @@ impl Inquest {
         }
         let open = groups.iter().enumerate().filter(|(_, group)| group.inquiry.is_open());
         self.withheld |= open.fold(0, |mask, (k, _)| mask | 1 << k) & on_its_way;
+        self.ambiguous &= !on_its_way;
     }
 
     fn compare(&mut self, groups: &mut [GroupState], on_its_way: u64) {
@@ -231,6 +251,7 @@ impl Inquest {
             Some(Found::Nothing(sure)) => {
                 self.withheld &= !self.asked(|_| true);
                 self.withheld |= self.asked(|_| true) & moved(groups);
+                self.ambiguous = self.withheld;
                 self.named = false;
                 if sure && settled && (self.withheld | on_its_way) == 0 {
                     self.clear(groups);
@@ -239,7 +260,7 @@ impl Inquest {
             Some(Found::Plant) => self.clear(groups),
             Some(Found::Everything) => {
                 self.withheld |= self.asked(|_| true);
-                self.named = false;
+                (self.ambiguous, self.named) = (0, false);
             }
             Some(Found::Error(error, alone)) => self.suspect(error, alone),
         }
@@ -292,8 +313,19 @@ impl Inquest {
         if let Some(found) = common.explains(limit) {
             return Some(found);
         }
-        let plausible = compared().all(|c| c.plausible || c.is_nothing());
-        Some(if plausible { Found::Plant } else { Found::Everything })
+        Some(if self.may_be_the_plant() {
+            Found::Plant
+        } else {
+            Found::Everything
+        })
+    }
+
+    /// True if a change of the plant is plausible in all groups that have changed.
+    fn may_be_the_plant(&self) -> bool {
+        let compared = self.compared.iter().enumerate();
+        let of = compared.filter(|(k, _)| self.lost >> k & 1 == 0);
+        of.filter_map(|(_, c)| c.as_ref())
+            .all(|c| c.plausible || c.is_nothing())
     }
 
     /// Records that an error explains the rows, `alone` or not.
@@ -301,6 +333,7 @@ impl Inquest {
         let changed = self.asked(|c| !c.is_nothing());
         self.withheld &= !self.asked(|_| true);
         self.withheld |= if changed == 0 { self.asked(|_| true) } else { changed };
+        self.ambiguous = if self.may_be_the_plant() { self.withheld } else { 0 };
         let moves = self.asked(|c| c.moves) & self.withheld != 0;
         self.blocks = if moves { self.blocks.saturating_add(1) } else { 0 };
         let tells = self.asked(|c| c.tells) & self.withheld != 0;
@@ -312,6 +345,7 @@ impl Inquest {
     fn clear(&mut self, groups: &mut [GroupState]) {
         let cleared = groups.iter_mut().enumerate().filter(|(k, _)| self.lost >> k & 1 == 0);
         cleared.for_each(|(_, group)| group.inquiry.close());
-        (self.withheld, self.blocks, self.named) = (0, 0, false);
+        (self.withheld, self.ambiguous) = (0, 0);
+        (self.blocks, self.named) = (0, false);
     }
 }

@@ -196,6 +196,17 @@ impl Inquiry {
         self.moved
     }
 
+    /// Adds P₀ + (θ̂ − θ₀)(θ̂ − θ₀)ᵀ to a covariance of θ̂: the plant may be what it was.
+    pub fn widen(&self, theta: &[f64], covariance: &mut [f64]) {
+        let n = self.n;
+        for i in 0..n {
+            for j in 0..n {
+                let shift = (theta[i] - self.reference[i]) * (theta[j] - self.reference[j]);
+                covariance[i * n + j] += self.known[i * n + j] + shift;
+            }
+        }
+    }
+
     /// Score and information of each error relative to (c), after [`compare`](Self::compare).
     pub fn pulls(&self) -> &[[f64; 2]] {
         &self.pulls

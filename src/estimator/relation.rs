@@ -61,11 +61,15 @@ impl Published {
 
     /// Copies θ̂ and P and imposes the relations, each \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l, one
     /// after the other.
-    pub fn take(&mut self, theta: &[f64], groups: &[GroupState], relations: &[[usize; 4]]) {
+    pub fn take(&mut self, theta: &[f64], groups: &Groups, relations: &[[usize; 4]]) {
         self.theta.copy_from_slice(theta);
-        for ((own, weights), group) in self.covariance.iter_mut().zip(&mut self.weights).zip(groups) {
+        let published = self.covariance.iter_mut().zip(&mut self.weights);
+        for (k, ((own, weights), group)) in published.zip(groups.iter()).enumerate() {
             own.copy_from_slice(&group.confirmation.covariance);
             weights.copy_from_slice(&group.undrifted);
+            if groups.inquest.is_ambiguous(k) {
+                group.inquiry.widen(&theta[group.parameters.clone()], own);
+            }
         }
         for relation in relations {
             let holder = groups.iter().position(|g| g.parameters.contains(&relation[0]));

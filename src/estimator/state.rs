@@ -210,7 +210,7 @@ impl StateMachine {
         let explains = report.explained.iter().all(|&share| share >= self.least_explained);
         // a machine at rest neither confirms nor refutes its model
         let refuted = self.converged && report.informed && !(explains && report.pressed == 0);
-        self.misfit = report.misfit != 0 || refuted || report.fault.is_some();
+        self.misfit = report.misfit != 0 || refuted || report.fault.is_some() && report.unclear;
         self.informed = report.informed && report.usable != 0;
         if report.misfit != 0 {
             (self.converged, self.predicted) = (false, 0);

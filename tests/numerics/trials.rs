@@ -251,8 +251,9 @@ fn ident_noise_in_the_regressors_of_creeping_joints_is_not_taken_for_knowledge()
     assert!(dangerous <= 2, "{dangerous} of {blocks}");
 }
 
-/// Each parameter of an equation follows the gain of its drive, without a residual: the estimate is
-/// wrong by as much, at hundreds of standard deviations. A payload moves some of them only.
+/// Each parameter of an equation follows the gain of its drive, without a residual: without the
+/// inquest the estimate would be wrong by as much, at hundreds of standard deviations. A payload
+/// moves some of them only.
 #[test]
 fn prop_a_drive_or_sensor_that_changes_is_not_taken_for_the_plant() {
     for motion in [Motion::Steps, Motion::MinimumJerk] {
@@ -262,12 +263,11 @@ fn prop_a_drive_or_sensor_that_changes_is_not_taken_for_the_plant() {
                 blocks: 40,
                 ..TrialSpec::new(motion, 2)
             };
-            let (result, used) = run(&spec.settings());
+            let (result, _) = run(&spec.settings());
             let name = format!("{} {}", motion.name(), disturbance.name());
-            // a slip of 3 mrad may be too small to show at once: 9 of 640 blocks in docs/trials.md
+            // a slip of 3 mrad may be too small to show at once: 7 of 640 blocks in docs/trials.md
             let slips = if name.contains("zero_2_later_3mrad") { 3 } else { 0 };
             assert!(result.dangerous <= slips, "{name}: {:?}", result.worst);
-            assert!(used == 0 || name.contains("zero"), "{name}: {used}");
         }
     }
     // a payload that is picked up later does not clear up what a drive has done before
@@ -289,6 +289,24 @@ fn prop_a_drive_or_sensor_that_changes_is_not_taken_for_the_plant() {
         };
         let (result, used) = run(&spec.settings());
         assert_eq!((result.dangerous, result.detected, used), (0, 1, 10), "{percent} %");
+    }
+}
+
+/// An offset of the drive explains a payload of 1 % as well as the payload does, for as long as the
+/// arm moves like this. σ then covers both, and the estimate stays in use.
+#[test]
+fn ident_a_small_payload_that_an_offset_would_explain_does_not_silence_the_service() {
+    for motion in [Motion::MinimumJerk, Motion::Trapezoidal] {
+        let mut settings = TrialSpec::new(motion, 2).settings();
+        settings.push("plant.mass_2.mass_kg=[150.0, 151.5]".to_owned());
+        let (result, used) = run(&settings);
+        assert_eq!(
+            (result.dangerous, used),
+            (0, 10),
+            "{}: {:?}",
+            motion.name(),
+            result.worst
+        );
     }
 }
 

@@ -10,7 +10,7 @@ mod all;
 
 /// Callgrind collects inside this function alone.
 #[inline(never)]
-fn counted_work(work: all::Work) {
+fn counted_work(work: &mut all::Work) {
     work();
 }
 
@@ -29,7 +29,7 @@ fn main() {
                 eprintln!("expected a stage that --list names, got {name}");
                 std::process::exit(2);
             };
-            counted_work((stage.ready)());
+            counted_work(&mut (stage.ready)());
         }
     }
 }

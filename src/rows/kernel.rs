@@ -261,7 +261,7 @@ fn add_first<'a, const N: usize>(
 /// long enough.
 #[inline]
 pub(super) fn correlate_odd(w: &[f64], x: &[f64], y: &mut [f64]) {
-    const LANES: usize = 8;
+    const LANES: usize = 16;
     let width = 2 * w.len();
     let (ys, rest) = y.as_chunks_mut::<LANES>();
     let tail = LANES * ys.len();
@@ -289,7 +289,7 @@ mod tests {
     #[test]
     fn val_a_correlation_is_the_sum_that_it_stands_for() {
         let w = [0.3, -1.2];
-        for len in [1usize, 7, 8, 9, 21] {
+        for len in [1usize, 15, 16, 17, 37] {
             let x: Vec<f64> = (0..len + 4).map(|k| (k as f64).sin()).collect();
             let mut y: Vec<f64> = (0..len).map(|k| k as f64).collect();
             correlate_odd(&w, &x, &mut y);

@@ -8,12 +8,13 @@
 use super::passes::Terms;
 use super::theta_polynomial::MAX_ORDER;
 use crate::model::{MAX_JOINTS, MAX_PARAMS, Plant};
-use nalgebra::{Const, U1};
-use num_dual::{Derivative, DualSVec64};
+use num_dual::HyperDual64;
 
 /// Number of signals in which one evaluation differentiates.
 pub(super) const LANES: usize = 2;
-type Number = DualSVec64<LANES>;
+/// The second derivative, which is not used, costs less than the branches of a vector of slopes
+/// that may be absent.
+type Number = HyperDual64;
 
 /// A position or a velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,7 +48,8 @@ impl<'a, P: Plant> Partials<'a, P> {
         }
         for (lane, kind) in kinds.iter().enumerate() {
             let signals = if kind.velocity { &mut own.dq } else { &mut own.q };
-            signals[kind.joint].eps = Derivative::derivative_generic(Const, U1, lane);
+            let signal = &mut signals[kind.joint];
+            *(if lane == 0 { &mut signal.eps1 } else { &mut signal.eps2 }) = 1.0;
         }
         own
     }
@@ -63,7 +65,6 @@ impl<'a, P: Plant> Partials<'a, P> {
         let order = self.plant.equations()[self.equation].order;
         let (q, dq, theta) = (&self.q[..joints], &self.dq[..joints], &self.theta[..params]);
         self.plant.terms(self.equation, q, dq, theta, &mut g[..=order]);
-        let slopes = g.map(|g| g.eps.unwrap_generic(Const, U1));
-        std::array::from_fn(|lane| slopes.map(|slope| slope[lane]))
+        [g.map(|g| g.eps1), g.map(|g| g.eps2)]
     }
 }

@@ -85,6 +85,15 @@ impl Whitening {
         }
     }
 
+    /// R_ii; infinite for a row that is left out.
+    pub fn variance(&self, i: usize) -> f64 {
+        if self.excluded[i] {
+            f64::INFINITY
+        } else {
+            self.band[i * (self.bandwidth + 1)]
+        }
+    }
+
     /// Factors R in both directions. If it is not positive definite, only its diagonal is used; a
     /// row without noise stays unchanged.
     pub fn factor(&mut self) {

@@ -20,6 +20,9 @@ const NEGLIGIBLE: f64 = 0.01;
 /// Share of noise above which a direction becomes 0. N comes from two draws, so a direction of pure
 /// noise may seem to contain only half as much; with limits of 0.2 to 0.5 the trials differ little.
 const MOSTLY_NOISE: f64 = 0.3;
+/// Factor by which the noise of a block may exceed what an earlier draw lets expect; calibration
+/// then still sets in at a tenth of what would be dangerous.
+const MARGIN: f64 = 4.0;
 /// Eigenvalues of the scaled S below this are rounding.
 const ROUNDING: f64 = 1e-12;
 
@@ -35,6 +38,9 @@ pub(super) struct Calibration {
     /// S, and N as the mean over the draws, n × n; then I − A in place of N.
     seen: Vec<f64>,
     noise: Vec<f64>,
+    /// N and scale of the last block with a draw.
+    drawn: Vec<f64>,
+    drawn_scale: Vec<f64>,
     /// S⁻¹, unless S is singular.
     is_singular: bool,
     inverse: Vec<f64>,
@@ -59,6 +65,8 @@ impl Calibration {
             scale: vec![0.0; n],
             seen: matrix.clone(),
             noise: matrix.clone(),
+            drawn: matrix.clone(),
+            drawn_scale: vec![0.0; n],
             inverse: matrix.clone(),
             root: matrix.clone(),
             inverse_root: matrix.clone(),
@@ -97,6 +105,26 @@ impl Calibration {
         });
         self.matters = self.is_singular || dot(&self.inverse, &self.noise) >= NEGLIGIBLE;
         self.matters
+    }
+
+    /// Keeps the N of this block for [`expects_little`](Self::expects_little) in later ones.
+    pub fn keep(&mut self) {
+        self.drawn.copy_from_slice(&self.noise);
+        self.drawn_scale.copy_from_slice(&self.scale);
+    }
+
+    /// True if the kept N, times `growth`, is far from mattering in this block. The noise of a
+    /// column is taken to be as large as in the drawn block, or as large relative to the column if
+    /// that has grown.
+    pub fn expects_little(&self, growth: f64) -> bool {
+        let n = self.scale.len();
+        let shrunk = |i: usize| (self.scale[i] / self.drawn_scale[i]).max(1.0);
+        let row = |i: usize| (0..n).map(move |j| (i, j));
+        let shares = (0..n)
+            .flat_map(row)
+            .map(|(i, j)| self.inverse[i * n + j] * self.drawn[i * n + j] * shrunk(i) * shrunk(j));
+        // false for NaN, of a column that was zero in the drawn block
+        !self.is_singular && MARGIN * growth * shares.sum::<f64>() < NEGLIGIBLE
     }
 
     /// Computes A; false if the columns can stay as they are.
@@ -256,5 +284,35 @@ mod tests {
         assert!(columns.iter().flatten().all(|v| v.is_finite()));
         let (matters, _) = calibrated(&seen, &[vec![f64::NAN; ROWS]]);
         assert!(!matters);
+    }
+
+    #[test]
+    fn prop_an_earlier_draw_lets_expect_little_only_of_columns_as_large_and_noise_as_small() {
+        let [_, seen, draw] = columns(&[1e-4, 1e-4], 5);
+        let mut calibration = Calibration::new(2);
+        calibration.begin(&seen, ROWS);
+        assert!(!calibration.add(&draw, ROWS));
+        calibration.keep();
+        assert!(calibration.expects_little(1.0));
+        // 4 · 2e-4 · 30 > 0.01
+        assert!(!calibration.expects_little(30.0));
+        assert!(!calibration.expects_little(f64::NAN));
+        let times = |factors: [f64; 2]| -> Vec<Vec<f64>> {
+            let pairs = seen.iter().zip(factors);
+            pairs
+                .map(|(column, factor)| column.iter().map(|v| factor * v).collect())
+                .collect()
+        };
+        for (factors, little) in [([0.1, 1.0], false), ([1.0, 0.1], false), ([10.0, 10.0], true)] {
+            calibration.begin(&times(factors), ROWS);
+            assert_eq!(calibration.expects_little(1.0), little, "{factors:?}");
+        }
+        // of a column that was zero, no noise is known
+        calibration.begin(&times([1.0, 0.0]), ROWS);
+        calibration.add(&draw, ROWS);
+        calibration.keep();
+        assert!(calibration.expects_little(1.0));
+        calibration.begin(&seen, ROWS);
+        assert!(!calibration.expects_little(1.0));
     }
 }

@@ -294,12 +294,19 @@ impl InputNoise {
 /// Fills `values` with a straight line from its first value to `last`.
 #[inline]
 fn draw_line(values: &mut [f64], last: f64) {
-    let (first, steps) = (values[0], values.len() - 1);
-    let rise = (last - first) / steps.max(1) as f64;
-    for (k, value) in values[..steps].iter_mut().enumerate() {
-        *value = first + rise * k as f64;
+    let Some((end, values)) = values.split_last_mut() else {
+        return;
+    };
+    *end = last;
+    let Some((&mut first, between)) = values.split_first_mut() else {
+        return;
+    };
+    let rise = (last - first) / (between.len() + 1) as f64;
+    let mut steps = 0.0;
+    for value in between {
+        steps += 1.0;
+        *value = first + rise * steps;
     }
-    values[steps] = last;
 }
 
 /// Index of a signal among the slopes.

@@ -134,6 +134,8 @@ impl FirstFit {
     fn fit<P: Plant>(&mut self, rows: &mut Projection<P>) {
         self.begins = self.left == FIRST_BLOCKS;
         self.left -= 1;
+        // what an earlier θ lets expect of the noise may be far off
+        rows.draw_anew();
         rows.weigh(&self.settled);
         if self.begins {
             self.estimator.update(rows);

@@ -173,6 +173,11 @@ impl<P: Plant> Projection<P> {
         self.rows.keep_at(&Source { block, signals }, theta);
     }
 
+    /// Draws the noise in the regressors of the next block in any case.
+    pub fn draw_anew(&mut self) {
+        self.regressor_noise.forget();
+    }
+
     /// Computes the columns of considered errors, from smoothed signals if they exist. Otherwise
     /// residual and column would share the noise: in motion so slow that the second derivative of
     /// the input is below its noise, the score of a resonance would be −σ_u² Σ ψ′², always of one
@@ -234,6 +239,7 @@ impl<P: Plant> Projection<P> {
     pub fn reset(&mut self) {
         self.block.reset();
         self.suspects.reset();
+        self.draw_anew();
     }
 }
 
@@ -275,5 +281,108 @@ impl<P: Plant> Residuals for Projection<P> {
         let forward = Direction::Forward;
         self.rows
             .row(&self.source(), forward, equation, index, theta, regressor)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::options::ProjectedOptions;
+    use super::*;
+    use crate::model::{Equation, JointSample, Parameter, Scalar};
+
+    const BLOCK: usize = 1000;
+    const THETA: [f64; 2] = [2.0, 3.0];
+
+    static PARAMETERS: [Parameter; 2] = [
+        Parameter::positive("inertia", "kg m^2", "of all that turns", 2.0),
+        Parameter::positive("viscous_friction", "N m s/rad", "grows with speed", 3.0),
+    ];
+
+    /// J q̈ + F q̇ = u.
+    struct Wheel([Equation; 1]);
+
+    impl Plant for Wheel {
+        fn name(&self) -> &str {
+            "wheel"
+        }
+
+        fn joints(&self) -> usize {
+            1
+        }
+
+        fn input_unit(&self) -> &str {
+            "N m"
+        }
+
+        fn parameters(&self) -> &[Parameter] {
+            &PARAMETERS
+        }
+
+        fn equations(&self) -> &[Equation] {
+            &self.0
+        }
+
+        fn terms<D: Scalar>(&self, _: usize, _: &[D], dq: &[D], theta: &[D], g: &mut [D]) {
+            g[0] = theta[1] * dq[0];
+            g[1] = theta[0] * dq[0];
+        }
+    }
+
+    fn wheel() -> Projection<Wheel> {
+        let plant = Wheel([Equation::new("wheel", 0, 1.0, 1, 0..2)]);
+        let options = ProjectedOptions::recommended();
+        Projection::new(MeasuredBlock::new(plant, options, BLOCK).unwrap())
+    }
+
+    /// The wheel swings through this many rad, seen through 16 bits; true if nothing was drawn for
+    /// the block from `first` on.
+    fn skips(wheel: &mut Projection<Wheel>, first: usize, rad: impl Fn(f64) -> f64) -> bool {
+        let count = wheel.block.noise.sensors.position_resolution[0];
+        for k in first..first + BLOCK {
+            let q = |t: f64| rad(t) * ((5.0 * t).sin() + 0.3 * (17.0 * t).sin());
+            let (t, h) = (k as f64 * 1e-3, 1e-4);
+            let (before, here, after) = (q(t - h), q(t), q(t + h));
+            let (dq, ddq) = ((after - before) / (2.0 * h), (after - 2.0 * here + before) / (h * h));
+            let mut sample = JointSample::default();
+            sample.q[0] = (here / count).round() * count;
+            sample.input[0] = THETA[0] * ddq + THETA[1] * dq;
+            assert!(wheel.block.push(k as u64 * 1_000_000, &sample));
+        }
+        wheel.project();
+        wheel.weigh(&THETA);
+        wheel.smooth(&THETA);
+        let skipped = wheel.regressor_noise.was_skipped(&wheel.block);
+        wheel.clear();
+        skipped
+    }
+
+    #[test]
+    fn prop_noise_in_the_regressors_of_ordinary_motion_is_drawn_once_in_some_blocks() {
+        let mut wheel = wheel();
+        let mut drawn = (0..40).map(|block| !skips(&mut wheel, block * BLOCK, |_| 1.0));
+        assert_eq!(drawn.next(), Some(true));
+        // every twelfth block or so: the windows of the first begin later in it
+        assert_eq!(drawn.filter(|drawn| *drawn).count(), 3);
+    }
+
+    #[test]
+    fn prop_noise_in_the_regressors_of_hardly_any_motion_is_drawn_in_every_block() {
+        let mut wheel = wheel();
+        // a swing of two counts from the fifth second on, after a second in which it fades
+        let rad = |t: f64| 2e-4 + (1.0 - 2e-4) * (0.5 * (1.0 + (std::f64::consts::PI * (t - 4.0)).cos()));
+        let rad = |t: f64| rad(t.clamp(4.0, 5.0));
+        let skipped: Vec<bool> = (0..9).map(|block| skips(&mut wheel, block * BLOCK, rad)).collect();
+        assert_eq!(skipped[..4], [false, true, true, true]);
+        assert!(skipped[6..].iter().all(|skipped| !skipped), "{skipped:?}");
+    }
+
+    #[test]
+    fn prop_noise_in_the_regressors_is_drawn_after_a_gap_and_after_a_reset() {
+        let mut wheel = wheel();
+        let skips_from = |wheel: &mut Projection<Wheel>, first: usize| skips(wheel, first, |_| 1.0);
+        assert!(!skips_from(&mut wheel, 0) && skips_from(&mut wheel, BLOCK));
+        assert!(!skips_from(&mut wheel, 20 * BLOCK) && skips_from(&mut wheel, 21 * BLOCK));
+        wheel.reset();
+        assert!(!skips_from(&mut wheel, 22 * BLOCK));
     }
 }

@@ -4,17 +4,24 @@
 //! (1)  n = σ_q s,  s_k = ±1 at random        δ = n for measured positions
 //! (2)  f_n = C n + (noise of the inputs)     δ = n − Σ_q Cᵀ R⁻¹ f_n for smoothed ones
 //! (3)  δZ = Z(q̂ + δ) − Z(q̂)                  N = δZᵀ R⁻¹ δZ
+//! (4)  N ≈ N₀ max_j w_j/w_j₀                   w_j = Σ_i σ_j²(k_i)/R_ii        N₀, w₀ of the last draw
 //! ```
 //!
 //! Smoothed positions (`errors_in_variables.rs`) still have the error δ that the residuals do not
 //! show. It is independent of them, so it does not bias the score, but it lengthens the regressors.
 //! If a joint hardly moves, most of Σ φ R⁻¹ φᵀ may be noise. `calibration.rs` uses N (3).
+//!
+//! In most blocks N does not matter, and a draw costs a fifth of the end of a block. If the last
+//! draw was far from mattering, and (4) is so beside what this block shows of the motion, nothing
+//! is drawn. w accounts for other noise levels, weights and numbers of rows: k_i is the centre of
+//! row i. The margin covers what (4) neglects, such as the place of the arm.
 
 use super::calibration::Calibration;
 use super::covariance::RowCovariance;
 use super::measured::MeasuredBlock;
 use super::reversals;
 use super::whitened_rows::WhitenedRows;
+use super::windows::Window;
 use crate::model::Plant;
 use crate::rows::probes::{GOLDEN, mix};
 use crate::rows::standstill::Standstill;
@@ -23,6 +30,9 @@ use crate::rows::whitening::{Direction, Whitening};
 
 /// Draws of a block if the first is not negligible.
 const DRAWS: u64 = 2;
+
+/// Blocks from one draw to the next at most.
+const BLOCKS: i64 = 12;
 
 /// The rows of a block, and the signals that their regressors are computed from.
 pub(super) struct Rows<'a, P> {
@@ -45,6 +55,11 @@ pub(super) struct RegressorNoise {
     /// δZ of an equation \[column\]\[row\].
     columns: Vec<Vec<f64>>,
     calibrations: Vec<Calibration>,
+    /// Number of the first window's centre in the last block with a draw, if that was far from
+    /// mattering; w of that block, and of this one \[equation × joints + joint\].
+    drawn_at: Option<i64>,
+    drawn_weights: Vec<f64>,
+    weights: Vec<f64>,
 }
 
 impl RegressorNoise {
@@ -54,12 +69,28 @@ impl RegressorNoise {
         let count = |e: usize| separation.equations[e].as_ref().map_or(0, |p| p.monomials.len());
         let counts = (0..block.form.equations()).map(count);
         let (joints, capacity) = (block.form.plant.joints(), block.samples.capacity());
+        let weights = vec![0.0; block.form.equations() * joints];
         Self {
             noisy: Trajectory::new(joints, separation.features, capacity),
             weighted: vec![vec![0.0; rows]; block.form.equations()],
             columns: vec![vec![0.0; rows]; counts.clone().max().unwrap_or(0)],
             calibrations: counts.map(Calibration::new).collect(),
+            drawn_at: None,
+            drawn_weights: weights.clone(),
+            weights,
         }
+    }
+
+    /// Draws in the next block in any case.
+    pub fn forget(&mut self) {
+        self.drawn_at = None;
+    }
+
+    /// True if this block needed no draw.
+    #[cfg(test)]
+    pub fn was_skipped<P: Plant>(&self, block: &MeasuredBlock<P>) -> bool {
+        let first = block.samples.windows.all().first();
+        self.drawn_at.is_some() && self.drawn_at != first.map(|window| window.number)
     }
 
     /// Frees the columns of every equation of noise.
@@ -69,6 +100,11 @@ impl RegressorNoise {
             let ([forward, _], _) = whitened.factors(e);
             calibration.begin(forward, windows.len());
         }
+        self.weigh(rows.block, &whitened.whitening);
+        if self.is_negligible(rows) {
+            return;
+        }
+        self.forget();
         for draw in 0..DRAWS {
             self.draw(rows, &whitened.whitening, draw);
             let mut matters = false;
@@ -78,6 +114,7 @@ impl RegressorNoise {
                 matters |= self.calibrations[e].add(&self.columns[..forward.len()], windows.len());
             }
             if !matters {
+                self.keep(rows);
                 return;
             }
         }
@@ -87,6 +124,52 @@ impl RegressorNoise {
                     calibration.apply(columns, windows.len());
                 }
             }
+        }
+    }
+
+    /// w of each equation and joint (4).
+    fn weigh<P: Plant>(&mut self, block: &MeasuredBlock<P>, whitening: &[Whitening]) {
+        let windows = block.samples.windows.all();
+        for (weights, whitening) in self.weights.chunks_exact_mut(self.noisy.q.len()).zip(whitening) {
+            for (weight, std) in weights.iter_mut().zip(&block.noise.q_std) {
+                let share = |(i, window): (usize, &Window)| std[window.centre].powi(2) / whitening.variance(i);
+                *weight = windows.iter().enumerate().map(share).sum();
+            }
+        }
+    }
+
+    /// True if the last draw shows that the noise is far from mattering in this block, too (4).
+    fn is_negligible<P: Plant>(&self, rows: &Rows<'_, P>) -> bool {
+        let samples = &rows.block.samples;
+        let (Some(drawn_at), Some(first)) = (self.drawn_at, samples.windows.all().first()) else {
+            return false;
+        };
+        // 0 if the same block is weighted again
+        let since = first.number - drawn_at;
+        rows.smoothed && since > 0 && since < BLOCKS * samples.block_len() as i64 && self.expects_little()
+    }
+
+    /// True if N (4) is far from mattering in every equation; not if a number is not finite.
+    fn expects_little(&self) -> bool {
+        let ratios = self.weights.iter().zip(&self.drawn_weights);
+        let mut growths = ratios.map(|(own, drawn)| own / drawn);
+        let joints = self.noisy.q.len();
+        let mut calibrations = self.calibrations.iter();
+        calibrations.all(|calibration| {
+            growths
+                .by_ref()
+                .take(joints)
+                .all(|growth| calibration.expects_little(growth))
+        })
+    }
+
+    /// Keeps N and w of a block whose noise did not matter, for the blocks to come.
+    fn keep<P: Plant>(&mut self, rows: &Rows<'_, P>) {
+        self.calibrations.iter_mut().for_each(Calibration::keep);
+        self.drawn_weights.copy_from_slice(&self.weights);
+        if rows.smoothed && self.expects_little() {
+            let first = rows.block.samples.windows.all().first();
+            self.drawn_at = first.map(|window| window.number);
         }
     }
 

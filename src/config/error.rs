@@ -1,6 +1,7 @@
 //! Errors of a configuration, with messages that suffice to fix them without a manual.
 
 use std::fmt;
+use std::path::Path;
 
 /// Where a value was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -16,6 +17,16 @@ pub enum Origin {
     },
     /// In a `--set` argument, quoted as given.
     Argument(String),
+}
+
+impl Origin {
+    /// A whole file.
+    pub(super) fn whole(path: &Path) -> Self {
+        Self::File {
+            name: path.display().to_string(),
+            line: 0,
+        }
+    }
 }
 
 impl fmt::Display for Origin {
@@ -61,6 +72,15 @@ impl Problem {
             message: message.into(),
             is_without_effect: false,
         }
+    }
+
+    /// The same, of this file if it is about a default: what the file states does not go with it.
+    #[cfg(feature = "robot")]
+    pub(super) fn or_in(mut self, path: &Path) -> Self {
+        if self.origin == Origin::Default {
+            self.origin = Origin::whole(path);
+        }
+        self
     }
 
     /// A value that has no effect, with the reason.

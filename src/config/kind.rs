@@ -9,7 +9,7 @@ use toml::de::DeValue;
 /// One key of the configuration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Key {
-    /// Its section, `plant.arm`.
+    /// Its section, `plant.arm`; empty at the top of a file.
     pub section: &'static str,
     /// Its name in the section.
     pub name: &'static str,
@@ -26,7 +26,10 @@ pub struct Key {
 impl Key {
     /// Section and name, `plant.arm.length_1_m`.
     pub fn path(&self) -> String {
-        format!("{}.{}", self.section, self.name)
+        match self.section {
+            "" => self.name.to_owned(),
+            section => format!("{section}.{}", self.name),
+        }
     }
 }
 

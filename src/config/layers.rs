@@ -3,19 +3,19 @@
 use super::error::{Origin, Problem};
 use super::kind::Key;
 use super::kind::{Kind, quoted};
-use super::schema::{EXCLUSIVE, Schema};
+use super::schema::{EXCLUSIVE, ROBOTS, Schema};
 use super::words::{cut, describe, is_section, nearest, shorten, unknown};
 use crate::pipe::read_text;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use toml::Value;
 use toml::de::{DeArray, DeTable, DeValue};
+use toml::{Spanned, Value};
 
 /// Longest text of settings from any source \[bytes\].
 pub(super) const MAX_BYTES: u64 = crate::pipe::MAX_SETTINGS_BYTES;
 
 /// More problems than this are only counted: a file of garbage has one in each line.
-const MAX_PROBLEMS: usize = 100;
+pub(super) const MAX_PROBLEMS: usize = 100;
 
 /// Longest part of a key shown in a message \[characters\].
 const MAX_KEY: usize = 100;
@@ -81,6 +81,8 @@ pub(super) struct Layers {
     /// The keys that there are.
     schema: &'static Schema,
     entries: BTreeMap<String, Entry>,
+    /// The valid keys in lists of tables, by a path such as `robot[2].name`, each with its origin.
+    inner: BTreeMap<String, (Value, Origin)>,
     layer: usize,
     /// True if the source being read is a recording.
     recorded: bool,
@@ -95,9 +97,6 @@ pub(super) struct Layers {
     velocity_samples: Option<u32>,
 }
 
-/// The entries of a file for many robots.
-const ROBOTS: &str = "robot";
-
 /// A key of old recordings; it gives a time together with their sample period.
 const SAMPLES_OF_THE_VELOCITY_FILTER: &str = "identifier.projected.velocity_half_width";
 
@@ -107,6 +106,7 @@ impl Layers {
         Self {
             schema,
             entries: BTreeMap::new(),
+            inner: BTreeMap::new(),
             layer: 0,
             recorded: false,
             elsewhere: Vec::new(),
@@ -120,6 +120,12 @@ impl Layers {
     /// The stated values, by full key.
     pub fn entries(&self) -> &BTreeMap<String, Entry> {
         &self.entries
+    }
+
+    /// A valid value in a list of tables and its origin, by a path such as `robot[2].name`; also if
+    /// another table of the list is wrong.
+    pub fn inner(&self, path: &str) -> Option<(&Value, &Origin)> {
+        self.inner.get(path).map(|(value, origin)| (value, origin))
     }
 
     /// Origin of a key: where it was stated, or the built-in default.
@@ -243,11 +249,12 @@ impl Layers {
     /// Applies a text on top, with its name for messages and the base directory of its paths.
     pub fn text(&mut self, name: &str, text: &str, base: Option<&Path>) {
         self.layer += 1;
+        let ends = text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n');
         let file = File {
             name,
             text,
             base,
-            has_lines: self.has_lines,
+            line_ends: self.has_lines.then(|| ends.map(|(at, _)| at).collect()),
         };
         if text.len() as u64 > MAX_BYTES {
             let message = too_large();
@@ -395,6 +402,10 @@ impl Layers {
         file: Option<&File<'_>>,
     ) -> Option<Value> {
         let at = |span: std::ops::Range<usize>| file.map_or_else(|| origin.clone(), |file| file.origin(span.start));
+        let text = |value: &Spanned<DeValue<'_>>| match file {
+            Some(file) => file.slice(&value.span()).to_owned(),
+            None => plain(value.get_ref()),
+        };
         let before = self.problems.len();
         let mut tables = Vec::new();
         for (index, item) in items.iter().enumerate() {
@@ -403,7 +414,7 @@ impl Layers {
             }
             let path = format!("{path}[{}]", index + 1);
             let Some(table) = item.get_ref().as_table() else {
-                let got = describe(item.get_ref(), "");
+                let got = describe(item.get_ref(), &text(item));
                 self.problems
                     .push(Problem::expected(at(item.span()), &path, "a table", got));
                 continue;
@@ -423,13 +434,12 @@ impl Layers {
                     continue;
                 };
                 match key.kind.check(value.get_ref()) {
-                    Some(value) => _ = checked.insert(name.to_string(), value),
+                    Some(value) => {
+                        checked.insert(name.to_string(), value.clone());
+                        self.inner.insert(path, (value, origin));
+                    }
                     None => {
-                        let text = match file {
-                            Some(file) => file.slice(&value.span()).to_owned(),
-                            None => plain(value.get_ref()),
-                        };
-                        let got = describe(value.get_ref(), &text);
+                        let got = describe(value.get_ref(), &text(value));
                         let problem = Problem::expected(origin, &path, key.kind.expected(key.unit), got);
                         self.problems.push(problem);
                     }
@@ -475,18 +485,16 @@ struct File<'a> {
     name: &'a str,
     text: &'a str,
     base: Option<&'a Path>,
-    has_lines: bool,
+    /// Where its lines end; `None` if they say nothing.
+    line_ends: Option<Vec<usize>>,
 }
 
 impl File<'_> {
     fn origin(&self, offset: usize) -> Origin {
-        if !self.has_lines {
-            return self.whole();
-        }
-        let before = self.text.as_bytes().iter().take(offset);
+        let line = |ends: &Vec<usize>| 1 + ends.partition_point(|end| *end < offset);
         Origin::File {
             name: self.name.to_owned(),
-            line: 1 + before.filter(|b| **b == b'\n').count(),
+            line: self.line_ends.as_ref().map_or(0, line),
         }
     }
 

@@ -12,6 +12,7 @@
 
 mod build;
 mod catalog;
+mod cell;
 mod check;
 mod choice;
 mod controller;
@@ -38,6 +39,7 @@ mod timing;
 mod words;
 
 pub use catalog::Catalog;
+pub use cell::CellRobot;
 pub use choice::Choice;
 pub use error::{ConfigError, Origin, Problem};
 #[cfg(feature = "service")]

@@ -104,7 +104,7 @@ impl RobotConfig {
     /// See [`from_file`](Self::from_file).
     pub fn from_file_with(path: &Path, set: &[String]) -> Result<Self, ConfigError> {
         let text = read_text(path, MAX_SETTINGS_BYTES).map_err(|e| ConfigError {
-            problems: vec![Problem::new(whole(path), "", e.to_string())],
+            problems: vec![Problem::new(Origin::whole(path), "", e.to_string())],
         })?;
         Self::parse_with(&text, path, set)
     }
@@ -134,7 +134,8 @@ impl RobotConfig {
         if !layers.entries().contains_key("model.kind") {
             // After a syntax error nothing is known of the file.
             if !problems.iter().any(|problem| problem.key.is_empty()) {
-                problems = vec![Problem::expected(whole(path), "model.kind", "\"robot\"", "none")];
+                let origin = Origin::whole(path);
+                problems = vec![Problem::expected(origin, "model.kind", "\"robot\"", "none")];
             }
             return Err(ConfigError { problems });
         }
@@ -148,7 +149,7 @@ impl RobotConfig {
             Ok(config) if problems.is_empty() => Ok(config),
             Ok(_) => Err(ConfigError { problems }),
             Err(more) => {
-                problems.extend(more);
+                problems.extend(more.into_iter().map(|problem| problem.or_in(path)));
                 Err(ConfigError { problems })
             }
         }
@@ -215,14 +216,6 @@ impl RobotForm {
     #[cfg(feature = "service")]
     pub(crate) fn to_toml(&self) -> String {
         form::render(ROBOT.own_sections(), self)
-    }
-}
-
-/// The place of a whole file.
-fn whole(path: &Path) -> Origin {
-    Origin::File {
-        name: path.display().to_string(),
-        line: 0,
     }
 }
 

@@ -142,8 +142,17 @@ pub(super) fn identification(
         Err(IdentifyError::Stride { least_s, part, got_s }) => {
             let key = check.culprit(&["identify.stride_s", "identify.window_s"]);
             let problem =
-                format!("expected a stride of at least {least_s:.4} s, a {part}th of the window, got {got_s} s");
+                format!("expected a stride of at least {least_s:.4} s and a {part}th of the window, got {got_s} s");
             check.wrong(key, problem);
+        }
+        Err(IdentifyError::Block {
+            least_s,
+            most_s,
+            most,
+            got_s,
+        }) => {
+            let problem = format!("expected {least_s} to {most_s} s, {most} strides of the windows, got {got_s} s");
+            check.wrong("identify.block_s", problem);
         }
         Err(error) => check.wrong("identify", error.to_string()),
     }

@@ -33,7 +33,7 @@ pub(super) fn unknown(schema: &Schema, path: &str) -> String {
         .iter()
         .find(|key| key.rsplit('.').next() == Some(name))
         .map(String::as_str);
-    let sections = schema.keys().map(|key| key.section);
+    let sections = schema.keys().map(|key| key.section).filter(|name| !name.is_empty());
     match moved.or_else(|| nearest(path, known.iter().map(String::as_str).chain(sections))) {
         Some(key) => format!("unknown key; did you mean {key}?"),
         None => format!("unknown key; {list} lists all of them"),

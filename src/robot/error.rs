@@ -131,13 +131,25 @@ pub enum IdentifyError {
         /// What was given \[s\].
         got: f64,
     },
-    /// Windows that overlap too often.
-    #[error("window stride: expected at least {least_s:.4} s, a {part}th of the window, got {got_s} s")]
+    /// Windows that follow each other, or overlap, too often.
+    #[error("window stride: expected at least {least_s:.4} s and a {part}th of the window, got {got_s} s")]
     Stride {
         /// Smallest stride \[s\].
         least_s: f64,
         /// Largest number of strides in a window.
         part: usize,
+        /// What was given \[s\].
+        got_s: f64,
+    },
+    /// A block that is too short, or that has too many windows for the memory that keeps them.
+    #[error("block length: expected {least_s} to {most_s} s, {most} strides of the windows, got {got_s} s")]
+    Block {
+        /// Shortest block \[s\].
+        least_s: f64,
+        /// Longest block \[s\].
+        most_s: f64,
+        /// Largest number of strides.
+        most: usize,
         /// What was given \[s\].
         got_s: f64,
     },

@@ -3,6 +3,11 @@
 use super::error::IdentifyError;
 use super::windows::WindowOptions;
 
+/// Shortest block \[s\]: the noise of each block of two seconds is kept.
+const LEAST_BLOCK_S: f64 = 1e-4;
+/// Most windows of a block: its rows are kept, in a hundred megabytes for a robot of six axes.
+const MAX_BLOCK_WINDOWS: usize = 50_000;
+
 /// Options of the identification of a robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdentifyOptions {
@@ -62,10 +67,13 @@ impl Default for IdentifyOptions {
 impl IdentifyOptions {
     pub(super) fn validate(&self) -> Result<(), IdentifyError> {
         self.windows.validate()?;
-        if !(self.block_s > 0.0 && self.block_s.is_finite()) {
-            return Err(IdentifyError::Time {
-                name: "block length",
-                got: self.block_s,
+        let most_s = MAX_BLOCK_WINDOWS as f64 * self.windows.stride_s;
+        if !(LEAST_BLOCK_S..=most_s).contains(&self.block_s) {
+            return Err(IdentifyError::Block {
+                least_s: LEAST_BLOCK_S,
+                most_s,
+                most: MAX_BLOCK_WINDOWS,
+                got_s: self.block_s,
             });
         }
         for (name, got) in [

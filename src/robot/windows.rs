@@ -5,6 +5,8 @@ use std::fmt;
 
 /// Largest number of overlapping windows.
 const MAX_OVERLAP: usize = 32;
+/// Shortest stride \[s\]: the rows of three seconds are kept.
+const LEAST_STRIDE_S: f64 = 1e-4;
 
 /// ψ(s) = (1 − s²)⁴, 0 outside of (−1, 1).
 pub(super) fn psi(s: f64) -> f64 {
@@ -72,9 +74,10 @@ impl WindowOptions {
         positive("window length", self.length_s)?;
         positive("window stride", self.stride_s)?;
         positive("longest gap", self.max_gap_s)?;
-        if self.length_s / self.stride_s > (MAX_OVERLAP - 1) as f64 {
+        let overlaps = self.length_s / self.stride_s > (MAX_OVERLAP - 1) as f64;
+        if overlaps || self.stride_s < LEAST_STRIDE_S {
             return Err(IdentifyError::Stride {
-                least_s: self.length_s / (MAX_OVERLAP - 1) as f64,
+                least_s: LEAST_STRIDE_S.max(self.length_s / (MAX_OVERLAP - 1) as f64),
                 part: MAX_OVERLAP - 1,
                 got_s: self.stride_s,
             });

@@ -14,36 +14,12 @@
 //! ```
 
 use super::Failure;
-use crate::config::Source;
+use crate::config::{CellRobot, Source};
 use crate::pipe::{MAX_SETTINGS_BYTES, read_text};
-use serde::Deserialize;
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use toml::{Table, Value};
 
-/// Largest number of robots in one file.
-const MAX_ROBOTS: u32 = 4096;
 /// Largest number of names listed in a message.
 const LISTED: usize = 8;
-
-#[derive(Deserialize)]
-struct File {
-    robot: Vec<Entry>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Entry {
-    name: String,
-    config: Option<PathBuf>,
-    count: Option<u32>,
-}
-
-/// One robot of a file.
-struct Robot {
-    name: String,
-    config: Option<PathBuf>,
-}
 
 /// The names of all robots in these files; `None` if no file has `[[robot]]` entries.
 ///
@@ -78,7 +54,7 @@ pub(super) fn sources(files: &[PathBuf], robot: Option<&str>) -> Result<Vec<Sour
     Ok(sources)
 }
 
-fn pick(path: &Path, robots: Vec<Robot>, wanted: Option<&str>) -> Result<Robot, Failure> {
+fn pick(path: &Path, robots: Vec<CellRobot>, wanted: Option<&str>) -> Result<CellRobot, Failure> {
     let mut names: Vec<&str> = robots.iter().map(|robot| robot.name.as_str()).take(LISTED).collect();
     if robots.len() > LISTED {
         names.push("…");
@@ -105,49 +81,13 @@ fn pick(path: &Path, robots: Vec<Robot>, wanted: Option<&str>) -> Result<Robot, 
     })
 }
 
-/// The robots of a file; `None` for a file without entries, or one that is not TOML, which the
+/// The robots of a file; `None` for a file without entries, or one that cannot be read, which the
 /// ordinary loader reports.
-fn read(path: &Path) -> Result<Option<Vec<Robot>>, Failure> {
+fn read(path: &Path) -> Result<Option<Vec<CellRobot>>, Failure> {
     // A pipe can be read only once, by the ordinary loader.
     if !path.is_file() {
         return Ok(None);
     }
     let text = read_text(path, MAX_SETTINGS_BYTES).unwrap_or_default();
-    let is_cell = text
-        .parse::<Table>()
-        .is_ok_and(|table| matches!(table.get("robot"), Some(Value::Array(_))));
-    if !is_cell {
-        return Ok(None);
-    }
-    let problem = |problem: String| Failure::Usage(format!("{}: {problem}", path.display()));
-    let file: File = toml::from_str(&text).map_err(|e| problem(e.to_string()))?;
-    let base = path.parent().unwrap_or(Path::new(""));
-    let (mut robots, mut seen) = (Vec::new(), BTreeSet::new());
-    for entry in file.robot {
-        let config = entry.config.map(|config| base.join(config));
-        let names: Vec<String> = match entry.count {
-            None => vec![entry.name],
-            Some(count @ 1..=MAX_ROBOTS) => (1..=count).map(|i| format!("{}-{i}", entry.name)).collect(),
-            Some(count) => {
-                let name = entry.name;
-                return Err(problem(format!(
-                    "[[robot]] {name:?}: count is {count}, expected 1 to {MAX_ROBOTS}"
-                )));
-            }
-        };
-        for name in names {
-            if !seen.insert(name.clone()) {
-                return Err(problem(format!("[[robot]]: two entries give a robot called {name:?}")));
-            }
-            let config = config.clone();
-            robots.push(Robot { name, config });
-        }
-    }
-    if robots.is_empty() || robots.len() > MAX_ROBOTS as usize {
-        let count = robots.len();
-        return Err(problem(format!(
-            "[[robot]]: {count} robots, expected 1 to {MAX_ROBOTS}"
-        )));
-    }
-    Ok(Some(robots))
+    Ok(CellRobot::parse(&text, path)?)
 }

@@ -1,5 +1,6 @@
 //! Configuration files: which ones load, which ones do not, and the messages about them.
 
+use crate::support::{edited, edits};
 use proptest::prelude::*;
 use std::path::Path;
 use thetabus::config::{Catalog, Config, Delivery, Kind, Source, Speed, keys};
@@ -578,24 +579,10 @@ fn regress_legal_but_suspicious_settings_warn() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 10_000, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Bytes flipped, cut out, doubled or moved in the reference file: an error or a configuration,
-    /// never a panic.
+    /// The reference file with bytes changed: an error or a configuration, never a panic.
     #[test]
-    fn fault_corrupt_files_never_panic(
-        edits in prop::collection::vec((0..4u8, any::<prop::sample::Index>(), any::<prop::sample::Index>(), any::<u8>()), 1..6),
-    ) {
-        let mut bytes = include_bytes!("../../config/default.toml").to_vec();
-        for (edit, at, to, byte) in edits {
-            if bytes.is_empty() { break; }
-            let (at, to) = (at.index(bytes.len()), to.index(bytes.len()));
-            match edit {
-                0 => bytes[at] = byte,
-                1 => { bytes.drain(at..(at + usize::from(byte)).min(bytes.len())); }
-                2 => { let piece = bytes[at..(at + usize::from(byte)).min(bytes.len())].to_vec(); bytes.splice(to..to, piece); }
-                _ => bytes.swap(at, to),
-            }
-        }
-        let text = String::from_utf8_lossy(&bytes);
+    fn fault_corrupt_files_never_panic(edits in edits()) {
+        let text = edited(include_str!("../../config/default.toml"), &edits);
         if let Err(message) = load(&text, &[]) {
             prop_assert!(message.starts_with("test.toml"), "{}", message);
         }

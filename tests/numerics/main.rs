@@ -3,6 +3,8 @@
 mod advice;
 mod cedro;
 #[cfg(feature = "config")]
+mod cell;
+#[cfg(feature = "config")]
 mod config;
 #[cfg(feature = "config")]
 mod configured;

@@ -1,6 +1,41 @@
 //! Golden samples and small helpers for several test modules.
 
+#[cfg(feature = "config")]
+use proptest::{prelude::*, sample::Index};
 use thetabus::model::{JointSample, MAX_JOINTS};
+
+/// A change of a file: its kind, its place, another place, and a byte or a length.
+#[cfg(feature = "config")]
+pub type Edit = (u8, Index, Index, u8);
+
+/// A few changes of a file.
+#[cfg(feature = "config")]
+pub fn edits() -> impl Strategy<Value = Vec<Edit>> {
+    prop::collection::vec((0..4u8, any::<Index>(), any::<Index>(), any::<u8>()), 1..6)
+}
+
+/// A text with bytes flipped, cut out, doubled or moved.
+#[cfg(feature = "config")]
+pub fn edited(text: &str, edits: &[Edit]) -> String {
+    let mut bytes = text.as_bytes().to_vec();
+    for (edit, at, to, byte) in edits {
+        if bytes.is_empty() {
+            break;
+        }
+        let (at, to) = (at.index(bytes.len()), to.index(bytes.len()));
+        let end = (at + usize::from(*byte)).min(bytes.len());
+        match edit {
+            0 => bytes[at] = *byte,
+            1 => _ = bytes.drain(at..end),
+            2 => {
+                let piece = bytes[at..end].to_vec();
+                bytes.splice(to..to, piece);
+            }
+            _ => bytes.swap(at, to),
+        }
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}
 
 /// Force on the carriage of the EMPS rig per volt of its drive [N/V]. A. Janot, M. Gautier, M.
 /// Brunot, Data Set and Reference Models of EMPS, 2019.

@@ -5,6 +5,7 @@
 //! generated from these tables.
 
 mod bus;
+mod cell;
 mod estimator;
 mod faults;
 mod identifier;
@@ -18,6 +19,7 @@ mod setpoint;
 mod table;
 
 pub use bus::{Bus, Delivery};
+pub(super) use cell::{MAX_ROBOTS, ROBOTS};
 pub use estimator::{BoundsKind, Estimator, OutliersKind, RelationsKind};
 pub use faults::{FaultChoice, FaultForm};
 pub use identifier::{Automatic, ConsideredErrors, Identifier, InputKind, Projected, RowsKind};
@@ -76,6 +78,13 @@ pub(super) static ORDINARY: Schema = Schema {
     list: DEFAULTS,
 };
 
+/// What is shared by the robots of a cell, and their `[[robot]]` entries.
+pub(super) static CELL: Schema = Schema {
+    own: cell::OWN,
+    shares: |_| true,
+    list: DEFAULTS,
+};
+
 /// The file with all keys of a configuration.
 const DEFAULTS: &str = "config/default.toml";
 
@@ -103,7 +112,7 @@ impl Schema {
 
     /// The key with this full name.
     pub fn key(&self, path: &str) -> Option<&'static Key> {
-        let (section, name) = path.rsplit_once('.')?;
+        let (section, name) = path.rsplit_once('.').unwrap_or(("", path));
         self.keys().find(|key| key.section == section && key.name == name)
     }
 

@@ -9,6 +9,7 @@
 mod corpora;
 mod hostile;
 mod mutate;
+mod robots;
 mod targets;
 
 use corpora::Corpora;

@@ -4,6 +4,7 @@
 use super::corpora::{Corpora, LENGTH, QUICK, info, record};
 use super::hostile::{hostile_estimate, hostile_info, hostile_request, hostile_sample};
 use super::mutate::Random;
+use super::robots::{cell, robot};
 use crate::checkpoint;
 use crate::config::{Catalog, Config, Source, keys};
 use crate::messages::{Estimate, Journal, Request, Sample, Status};
@@ -21,8 +22,10 @@ use std::fs;
 use std::path::Path;
 
 /// Name and function of one case.
-pub(super) const TARGETS: [(&str, fn(&mut Random, &Corpora)); 6] = [
+pub(super) const TARGETS: [(&str, fn(&mut Random, &Corpora)); 8] = [
     ("configuration", configuration),
+    ("robot", robot),
+    ("cell", cell),
     ("csv", csv),
     ("mcap", mcap),
     ("checkpoint", checkpoints),

@@ -1,6 +1,8 @@
 //! The file of a robot: it is read like any other configuration.
 
 use super::{SIX_AXIS, robot};
+use crate::support::{edited, edits};
+use proptest::prelude::*;
 use std::path::Path;
 use thetabus::config::RobotConfig;
 use thetabus::robot::{
@@ -101,6 +103,18 @@ fn fault_what_single_keys_do_not_show_is_told_by_its_key() {
             "mine.toml:6: identify.stride_s: expected a stride of at least 0.0161 s",
         ),
         (
+            "[identify]\nwindow_s = 1e-9\n",
+            "mine.toml:5: identify.window_s: expected a stride of at least 0.0001 s and a 31th of the window, got 0.0000000002 s",
+        ),
+        (
+            "[identify]\nblock_s = 1e15\n",
+            "mine.toml:5: identify.block_s: expected 0.0001 to 1000 s, 50000 strides of the windows, got",
+        ),
+        (
+            "[identify]\nblock_s = 1e-9\n",
+            "mine.toml:5: identify.block_s: expected 0.0001 to 1000 s",
+        ),
+        (
             "[drive]\ncoupling = [[1.0]]\n",
             "mine.toml:5: drive.coupling: expected 6 rows of 6 finite numbers, got [[1.0]]",
         ),
@@ -174,4 +188,38 @@ fn regress_arguments_are_laid_over_the_file() {
         error.contains("--set drive.gain=[1,: drive.gain: not a TOML value"),
         "{error}"
     );
+}
+
+/// The shipped file with the keys that it shows in comments.
+fn shipped() -> String {
+    let key = |line: &'static str| {
+        let key = line.strip_prefix("# ")?;
+        (key.contains(" = ") && !key.contains("…]") && !key.starts_with("motion_csv")).then_some(key)
+    };
+    let lines = include_str!("../../../config/robots/six_axis.toml").lines();
+    lines.map(|line| format!("{}\n", key(line).unwrap_or(line))).collect()
+}
+
+#[test]
+fn regress_the_commented_keys_of_the_shipped_file_are_right() {
+    let config = RobotConfig::parse(&shipped(), Path::new(FILE)).unwrap();
+    assert!(config.is_stated("excite.tries") && config.is_stated("log.input_columns"));
+}
+
+proptest! {
+    // A file that is still right costs a model of six axes.
+    #![proptest_config(ProptestConfig { cases: 1000, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// The shipped file with bytes changed: a model, or errors that name this file, its URDF or its
+    /// motion, and the key.
+    #[test]
+    fn fault_corrupt_files_of_robots_never_panic(edits in edits()) {
+        if let Err(error) = RobotConfig::parse(&edited(&shipped(), &edits), Path::new(FILE)) {
+            for problem in error.problems {
+                let said = problem.to_string();
+                prop_assert!(said.contains("/config/robots/"), "{}", said);
+                prop_assert!(said.contains("mine.toml:") || !problem.key.is_empty(), "{}", said);
+            }
+        }
+    }
 }

@@ -109,6 +109,7 @@ pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Ch
             base_tilt_rad: form.unmodelled.base_tilt_rad,
             heating_share: form.unmodelled.heating_share,
             heating_s: form.unmodelled.heating_s,
+            rotor_inertia_kg_m2: joints(&form.unmodelled.rotor_inertia_kg_m2),
         },
         faults: form.plant.faults.iter().map(fault).collect(),
     };

@@ -142,7 +142,7 @@ pub(super) fn identification(
         Err(IdentifyError::Stride { least_s, part, got_s }) => {
             let key = check.culprit(&["identify.stride_s", "identify.window_s"]);
             let problem =
-                format!("expected a stride of at least {least_s:.4} s and a {part}th of the window, got {got_s} s");
+                format!("expected a stride of at least {least_s:.4} s and 1/{part} of the window, got {got_s} s");
             check.wrong(key, problem);
         }
         Err(IdentifyError::Block {

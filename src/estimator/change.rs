@@ -99,12 +99,13 @@ impl GroupState {
         }
     }
 
-    /// Writes A to `total` and A d to `gradient`.
+    /// Writes A to `total`, A d to `gradient`, and to `noise` the σ_e² of each parameter's rows.
     fn weigh_the_block(&mut self, theta: &[f64], rows: Option<&dyn Summable>) {
         let n = self.n;
         let room = &mut self.room;
         room.total.fill(0.0);
         room.gradient.fill(0.0);
+        room.noise.fill(TINY);
         for (e, sums) in self.equations.iter().zip(&self.at) {
             let p = sums.params;
             // the block's own noise, if it is consistent with the level known so far
@@ -117,6 +118,8 @@ impl GroupState {
             }
             let variance = e.variance.max(own.min(4.0 * e.variance)).max(TINY);
             for i in 0..p {
+                // the largest of equations that share a parameter
+                room.noise[e.offset + i] = variance.max(room.noise[e.offset + i]);
                 room.gradient[e.offset + i] += sums.score[i] / variance;
                 for j in 0..p {
                     room.total[(e.offset + i) * n + e.offset + j] += sums.gram[i * p + j] / variance;
@@ -198,17 +201,9 @@ impl GroupState {
                 rank += 1;
             }
         }
-        let variance = self
-            .at
-            .iter()
-            .zip(&self.equations)
-            .fold((0.0, 0.0), |(sum, rows), (s, e)| {
-                (sum + e.variance * s.rows as f64, rows + s.rows as f64)
-            });
-        let variance = (variance.0 / variance.1.max(1.0)).max(TINY);
         t -= self
             .considered
-            .explained(&room.gradient[..rank], variance, &room.total, |w, image| {
+            .explained(&room.gradient[..rank], &room.noise, &room.total, |w, image| {
                 let mut place = 0;
                 for k in 0..n {
                     let b = eigen.values[k];

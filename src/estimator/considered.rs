@@ -50,7 +50,7 @@ use super::persist::Visit;
 use std::ops::Range;
 
 /// Largest number of errors per equation.
-pub const PER_EQUATION: usize = 12;
+pub const PER_EQUATION: usize = 13;
 
 /// Largest number of errors of the rows: one of the whole machine and those of each equation. The
 /// drifts of the parameters, one each, follow.
@@ -477,12 +477,12 @@ impl Considered {
     }
 
     /// The part of Σ c_k² that the errors explain. c = `values` are uncorrelated, of variance 1,
-    /// and made from A (θ_block − θ̄); `image`(w) is the c of w = (Σ φ d − S T)/σ², the score that
-    /// an error contributes. Woodbury's formula.
+    /// and made from A (θ_block − θ̄); `image`(w) is the c of w = Σ φ d/σ² − A T, the score that an
+    /// error contributes. `noise` is σ² for each parameter, as in A = `total`. Woodbury's formula.
     pub fn explained(
         &mut self,
         values: &[f64],
-        variance: f64,
+        noise: &[f64],
         total: &[f64],
         mut image: impl FnMut(&[f64], &mut [f64]),
     ) -> f64 {
@@ -491,8 +491,7 @@ impl Considered {
         for s in 0..count {
             let (t, cross) = (&self.sensitivity[s * n..(s + 1) * n], &self.cross[s * n..(s + 1) * n]);
             for i in 0..n {
-                // `total` is already in units of the noise
-                self.vector[i] = cross[i] / variance - dot(&total[i * n..(i + 1) * n], t);
+                self.vector[i] = cross[i] / noise[i] - dot(&total[i * n..(i + 1) * n], t);
             }
             image(&self.vector, &mut self.seen[s * n..(s + 1) * n]);
         }

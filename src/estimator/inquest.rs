@@ -56,8 +56,8 @@ const ALONE: f64 = 10.0;
 pub struct Inquest {
     /// A change was found in this block.
     begun: bool,
-    /// Groups, a bit each, that must not be used: the cause is unclear, or a further change
-    /// followed one that an error explained.
+    /// Groups, a bit each, whose cause is unclear, or whose further change followed one that an
+    /// error explained. They must not be used, unless they are ambiguous.
     withheld: u64,
     lost: u64,
     /// Withheld groups that an error explains as well as changed parameters do: the parameters are

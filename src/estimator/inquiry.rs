@@ -6,6 +6,7 @@
 //! J_θ = min J(δ, 0) + δᵀD⁻¹δ          other parameters: D = diag(size²)                          (b)
 //! J_0 = min J(δ, 0) + δᵀV⁻¹δ          nothing: V = P₀ + ε² diag(θ₀²)                              (c)
 //! J_s = min J(δ, a) + δᵀV⁻¹δ          error s: V = P₀ + (ε² + ρ²r²) diag(θ₀²)                     (d)
+//! P   ← P + P₀ + (θ̂ − θ₀)(θ̂ − θ₀)ᵀ   covers both (b), whose estimate is θ̂, and (d), with θ₀       (e)
 //!
 //! δ_θ: the shift of (b);  C: its covariance;  r² = δ_θᵀ Σφφᵀ δ_θ/θ₀ᵀ Σφφᵀ θ₀
 //! ```
@@ -201,6 +202,7 @@ impl Inquiry {
         let n = self.n;
         for i in 0..n {
             for j in 0..n {
+                // (e)
                 let shift = (theta[i] - self.reference[i]) * (theta[j] - self.reference[j]);
                 covariance[i * n + j] += self.known[i * n + j] + shift;
             }

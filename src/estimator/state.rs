@@ -8,7 +8,7 @@
 //! | `Changing` | a change of the plant in this block | a later block that was predicted, as soon as it is clear what has changed |
 //! | `PoorlyExcited` | two blocks in a row that leave some direction of the free parameters open | a block that leaves none |
 //! | `Degraded` | more than 5 % of the samples lost or of the rows outliers | two blocks in a row with at most 1 % |
-//! | `Misfit` | a block that does not fit, a model that leaves too much unexplained, or a drive or sensor that has changed | a block that fits |
+//! | `Misfit` | a block that does not fit, a model that leaves too much unexplained, or a drive or sensor that has changed while the plant cannot have changed that way | a block that fits |
 //! | `Invalid` | a block that cannot be evaluated at θ̂ | the next that can |
 //!
 //! *Predicted* means that the innovation is within 1.5 standard deviations of the noise, or 2 % of

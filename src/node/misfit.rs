@@ -35,9 +35,9 @@ fn explanation(suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq:
         .and_then(|()| write!(words, " would explain {what}"))
         .and_then(|()| match suspect.kind {
             SuspectKind::InputDelay => write!(words, " ({:.0} us)", 1e6 * amplitude),
-            // with two masses of unknown ratio the amplitude gives no frequency; that of a spring
-            // has a long unit
-            SuspectKind::Resonance | SuspectKind::Spring => Ok(()),
+            // with two masses of unknown ratio the amplitude gives no frequency; those of a spring
+            // and of an inertia have long units
+            SuspectKind::Resonance | SuspectKind::Spring | SuspectKind::Inertia => Ok(()),
             SuspectKind::Gain | SuspectKind::Scale | SuspectKind::Clock => {
                 write!(words, " ({:+.1} %)", 100.0 * amplitude)
             }
@@ -93,6 +93,7 @@ mod tests {
             SuspectKind::Offset,
             SuspectKind::DeadBand,
             SuspectKind::Spring,
+            SuspectKind::Inertia,
             SuspectKind::Eccentricity,
             SuspectKind::Resonance,
             SuspectKind::Zero,

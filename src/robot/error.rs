@@ -132,7 +132,7 @@ pub enum IdentifyError {
         got: f64,
     },
     /// Windows that follow each other, or overlap, too often.
-    #[error("window stride: expected at least {least_s:.4} s and a {part}th of the window, got {got_s} s")]
+    #[error("window stride: expected at least {least_s:.4} s and 1/{part} of the window, got {got_s} s")]
     Stride {
         /// Smallest stride \[s\].
         least_s: f64,

@@ -12,6 +12,7 @@ mod kernel;
 mod mended_signal;
 mod neighbours;
 mod noise;
+mod own_inertia;
 mod partials;
 mod passes;
 mod pointwise;

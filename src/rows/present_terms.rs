@@ -1,5 +1,5 @@
 //! Finds by evaluation which terms a plant's equations have: friction with a jump, a constant, a
-//! spring.
+//! spring, an inertia.
 
 use crate::model::{MAX_JOINTS, Plant};
 
@@ -29,20 +29,20 @@ pub(super) fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> boo
     step(1e-9) > 1e-3 * step(1e-3)
 }
 
-/// True if a parameter of an equation is the factor of this function of the positions: ∂g₀/∂θ_k is
-/// proportional to it for any motion, and ∂g_r/∂θ_k = 0 for r > 0.
-pub(super) fn has_term(plant: &impl Plant, equation: usize, shape: impl Fn(&[f64]) -> f64) -> bool {
+/// True if a parameter of an equation is the factor of this function of the positions and
+/// velocities: ∂g_d/∂θ_k is proportional to it for any motion, and ∂g_r/∂θ_k = 0 for r ≠ d.
+pub(super) fn has_term(plant: &impl Plant, equation: usize, d: usize, shape: impl Fn(&[f64], &[f64]) -> f64) -> bool {
     let start = some_theta(plant);
     let order = plant.equations()[equation].order;
     let joints = plant.joints();
     let positions = |state: f64| std::array::from_fn::<f64, MAX_JOINTS, _>(|j| (state * (1.0 + j as f64)).sin());
+    let velocities = |state: f64| std::array::from_fn::<f64, MAX_JOINTS, _>(|j| (1.7 * state * (1.0 + j as f64)).cos());
     let terms = |state: f64, theta: &[f64]| {
-        let dq: [f64; MAX_JOINTS] = std::array::from_fn(|j| (1.7 * state * (1.0 + j as f64)).cos());
         let mut g = [0.0; 8];
         plant.terms::<f64>(
             equation,
             &positions(state)[..joints],
-            &dq[..joints],
+            &velocities(state)[..joints],
             theta,
             &mut g[..=order],
         );
@@ -54,13 +54,14 @@ pub(super) fn has_term(plant: &impl Plant, equation: usize, shape: impl Fn(&[f64
         // ∂g/∂θ_k divided by the function
         let factor = |state: f64| {
             let (from, to) = (terms(state, &start), terms(state, &moved));
-            let divisor = (moved[k] - start[k]) * shape(&positions(state));
+            let divisor = (moved[k] - start[k]) * shape(&positions(state), &velocities(state));
             std::array::from_fn::<f64, 8, _>(|r| (to[r] - from[r]) / divisor)
         };
-        let [first, ..] = factor(0.3);
+        let first = factor(0.3)[d];
         let is_same = |state: f64| {
-            let [same, rest @ ..] = factor(state);
-            (same - first).abs() < 1e-6 * first.abs() && rest.iter().all(|g| g.abs() < 1e-6 * first.abs())
+            let mut rest = factor(state);
+            rest[d] -= first;
+            rest.iter().all(|g| g.abs() < 1e-6 * first.abs())
         };
         first != 0.0 && [0.3, 1.1, 2.9].into_iter().all(is_same)
     })
@@ -77,10 +78,10 @@ mod tests {
         let arm = Manipulator::default();
         let axis = ServoAxis::new(Motion::Linear, DriveInput::Voltage, 35.0).unwrap();
         for equation in 0..2 {
-            assert!(!has_term(&arm, equation, |_| 1.0) && !has_jump(&arm, equation, equation));
+            assert!(!has_term(&arm, equation, 0, |_, _| 1.0) && !has_jump(&arm, equation, equation));
         }
         // the axis has an offset and Coulomb friction, and no spring
-        assert!(has_term(&axis, 0, |_| 1.0) && has_jump(&axis, 0, 0));
-        assert!(!has_term(&axis, 0, |q| q[0]));
+        assert!(has_term(&axis, 0, 0, |_, _| 1.0) && has_jump(&axis, 0, 0));
+        assert!(!has_term(&axis, 0, 0, |q, _| q[0]));
     }
 }

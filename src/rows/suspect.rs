@@ -27,6 +27,9 @@ pub struct Considered {
     /// Spring, such as a cable, at each joint whose model has none: its input at the root mean
     /// square of the travel, as a share of the same size, ≥ 0.
     pub spring: f64,
+    /// Inertia without weight, such as a rotor's, at each joint whose model has no parameter for
+    /// it, as a share of the joint's inertia in the model, ≥ 0.
+    pub inertia: f64,
     /// Natural frequency of the flexibility between each motor and its load \[Hz\], one standard
     /// deviation of 1/(2π f)²; 0 for rigid joints.
     pub resonance_hz: f64,
@@ -51,6 +54,7 @@ impl Considered {
         offset: 0.0,
         dead_band: 0.0,
         spring: 0.0,
+        inertia: 0.0,
         resonance_hz: 0.0,
         drift_per_s: 0.0,
         zero_rad: 0.0,
@@ -79,9 +83,10 @@ impl Default for Considered {
     /// The errors of a good installation. Delay: a quarter of the sample period, so that a record
     /// that is one sample late lies within four standard deviations. Gain: 0, because parameters
     /// are in the units that the drive reports. Coulomb friction: 1 % of the input, friction that
-    /// falls with speed: 2 %, offset: 0.1 %. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1
-    /// mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. With motion that shows an error, σ becomes what
-    /// it is without the error; with other motion, σ includes its possible effect.
+    /// falls with speed: 2 %, offset: 0.1 %. Inertia: 1 % of the joint's. Resonance: 70 Hz. Drift:
+    /// 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. With motion that shows
+    /// an error, σ becomes what it is without the error; with other motion, σ includes its possible
+    /// effect.
     fn default() -> Self {
         Self {
             input_delay_s: None,
@@ -91,6 +96,7 @@ impl Default for Considered {
             offset: 1e-3,
             dead_band: 3e-3,
             spring: 1e-2,
+            inertia: 1e-2,
             resonance_hz: 70.0,
             drift_per_s: 1e-4,
             zero_rad: 1e-3,
@@ -118,6 +124,8 @@ pub enum SuspectKind {
     DeadBand,
     /// A spring that the model lacks.
     Spring,
+    /// An inertia without weight that the model lacks.
+    Inertia,
     /// A resonance that the model lacks.
     Resonance,
     /// The zero of an encoder, or the direction of gravity.
@@ -169,6 +177,7 @@ impl Suspect<'_> {
             SuspectKind::Eccentricity => "an encoder off its centre",
             SuspectKind::DeadBand => "a dead band of the drive or backlash",
             SuspectKind::Spring => "a spring or a cable",
+            SuspectKind::Inertia => "an inertia without weight (rotor, gear)",
             SuspectKind::Resonance => "a resonance",
             SuspectKind::Zero => "a tilted base or encoder zero",
             SuspectKind::Scale => "another scale of the encoder",

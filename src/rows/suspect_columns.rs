@@ -13,6 +13,7 @@
 //! | an offset of the input, or a constant force | −s | unit of the input |
 //! | a dead band of the drive, which produces u − a sign u | s ∫ψ sat(u/u₀) | unit of the input |
 //! | a spring, such as a cable | s ∫ψ q | unit of the input per rad or m |
+//! | an inertia without weight, such as a rotor's | see `own_inertia.rs` | unit of the input per rad/s² or m/s² |
 //! | an encoder off its centre, which reads q + a sin q or q + a cos q | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
 //! | a resonance between motor and load | s ∫ψ″ u | s² |
 //! | an encoder's zero, or gravity's direction: reads q + a | Σ_k ∂f_i/∂q_k | rad |
@@ -37,6 +38,7 @@
 //! (`estimator/considered.rs`, `estimator/score_test.rs`). It does not estimate them.
 
 use super::kernel::{Kernels, dot};
+use super::own_inertia::OwnInertia;
 use super::present_terms::{has_jump, has_term};
 use super::suspect::{Considered, Suspect, SuspectKind};
 use super::tempo::tempo;
@@ -65,6 +67,7 @@ const SPRING: usize = 9;
 const SCALE: usize = 10;
 /// An error of the whole machine; index in the first equation.
 const CLOCK: usize = 11;
+const INERTIA: usize = 12;
 /// u₀, as a share of the input's size.
 const DEAD: f64 = 0.02;
 /// Velocity, in standard deviations of its noise, below which a joint may be at rest.
@@ -97,6 +100,8 @@ pub(super) struct SuspectColumns {
     frictions: Vec<[Vec<f64>; 2]>,
     /// sat(u/u₀) and q per equation and sample; empty if no column needs them.
     drives: Vec<[Vec<f64>; 2]>,
+    /// Inertias without weight; `None` if the model has a parameter for it.
+    inertias: Vec<Option<OwnInertia>>,
     /// sin q/σ, cos q/σ and 1/σ per joint and sample, σ the standard deviation of the position;
     /// empty if no column needs them.
     turns: Vec<[Vec<f64>; 3]>,
@@ -124,9 +129,14 @@ impl SuspectColumns {
         let inputs: Vec<usize> = equations.iter().map(|e| e.input).collect();
         let count = 1 + PER_EQUATION * equations.len();
         let jumps: Vec<bool> = (0..equations.len()).map(|e| has_jump(plant, e, inputs[e])).collect();
-        let constant: Vec<bool> = (0..equations.len()).map(|e| has_term(plant, e, |_| 1.0)).collect();
+        let constant: Vec<bool> = (0..equations.len())
+            .map(|e| has_term(plant, e, 0, |_, _| 1.0))
+            .collect();
         let springs: Vec<bool> = (0..equations.len())
-            .map(|e| has_term(plant, e, |q| q[inputs[e]]))
+            .map(|e| has_term(plant, e, 0, |q, _| q[inputs[e]]))
+            .collect();
+        let inertias: Vec<Option<OwnInertia>> = (0..equations.len())
+            .map(|e| OwnInertia::new(plant, e, capacity))
             .collect();
         let turns = considered.eccentricity_rad.is_some();
         // one encoder per joint, whatever its number of equations
@@ -139,6 +149,7 @@ impl SuspectColumns {
             match (suspect - 1) % PER_EQUATION {
                 OFFSET => of == e && !constant[e],
                 SPRING => of == e && !springs[e],
+                INERTIA => of == e && inertias[e].is_some(),
                 SLOW_FRICTION | DEAD_BAND => of == e && jumps[e],
                 CLOCK => false,
                 SCALE => moves(e, inputs[of]) && first_of(of),
@@ -168,6 +179,7 @@ impl SuspectColumns {
             drives: (jumps.iter().zip(&springs))
                 .map(|(&jumps, &spring)| [room(jumps), room(!spring)])
                 .collect(),
+            inertias,
             frictions: jumps.iter().map(|&jumps| [room(true), room(jumps)]).collect(),
             jumps,
             turns: (0..joints)
@@ -188,6 +200,7 @@ impl SuspectColumns {
     pub fn reset(&mut self) {
         (self.sizes, self.travels) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
         self.speeds.fill(0.0);
+        self.inertias.iter_mut().flatten().for_each(OwnInertia::reset);
     }
 
     /// Number of errors, including those without a column.
@@ -210,6 +223,10 @@ impl SuspectColumns {
                 0.0 => 0.0,
                 travel => self.considered.spring * size / travel,
             },
+            SuspectKind::Inertia => {
+                let own = self.inertias[(suspect - 1) / PER_EQUATION].as_ref();
+                own.map_or(0.0, |own| self.considered.inertia * own.size())
+            }
             SuspectKind::Eccentricity => self.considered.eccentricity_rad.unwrap_or(0.0),
             SuspectKind::Resonance => match self.considered.resonance_hz {
                 rigid if !(rigid > 0.0) => 0.0,
@@ -239,6 +256,7 @@ impl SuspectColumns {
             Some(OFFSET) => SuspectKind::Offset,
             Some(DEAD_BAND) => SuspectKind::DeadBand,
             Some(SPRING) => SuspectKind::Spring,
+            Some(INERTIA) => SuspectKind::Inertia,
             Some(SCALE) => SuspectKind::Scale,
             Some(CLOCK) => SuspectKind::Clock,
             Some(_) => SuspectKind::Stribeck,
@@ -302,7 +320,7 @@ impl SuspectColumns {
             SuspectKind::Coulomb | SuspectKind::Stribeck | SuspectKind::Offset | SuspectKind::DeadBand => {
                 (input_unit, joint.map_or(0.0, |joint| self.sizes[joint]))
             }
-            SuspectKind::Spring => ("", f64::INFINITY),
+            SuspectKind::Spring | SuspectKind::Inertia => ("", f64::INFINITY),
             SuspectKind::Eccentricity => ("rad", 0.1),
             SuspectKind::Resonance => ("s^2", f64::INFINITY),
             SuspectKind::Zero => ("rad", 0.5),
@@ -379,6 +397,13 @@ impl SuspectColumns {
         }
     }
 
+    /// Prepares the columns of inertias for the same samples at θ.
+    pub fn sense_inertias(&mut self, len: usize, signals: &Trajectory, plant: &impl Plant, theta: &[f64]) {
+        for inertia in self.inertias.iter_mut().flatten() {
+            inertia.sense(plant, theta, &signals.q, len);
+        }
+    }
+
     /// Projects the columns that depend on the input and on the sign of the velocity, for one row.
     /// `moments` are ∫ψ^(r) u with the input's scale.
     pub fn project(&mut self, e: usize, row: usize, centre: usize, scale: f64, kernels: &Kernels, moments: [f64; 3]) {
@@ -393,6 +418,9 @@ impl SuspectColumns {
         put(own + GAIN, -moments[0]);
         put(own + RESONANCE, moments[2]);
         put(own + OFFSET, -scale); // ∫ψ = 1
+        if let Some(inertia) = &self.inertias[e] {
+            put(own + INERTIA, inertia.column(centre, scale, kernels));
+        }
         let [friction, slow_friction] = &self.frictions[e];
         let [dead_band, spring] = &self.drives[e];
         let shapes = [

@@ -65,6 +65,15 @@ impl ArmDynamics {
         self
     }
 
+    /// The same with rotors that turn with the joints, of these inertias \[kg m²\]: E of (21), (22)
+    /// has ½ J q̇² more for each.
+    #[must_use]
+    pub fn with_rotors(mut self, [rotor_1, rotor_2]: [f64; 2]) -> Self {
+        self.inertia_1 += rotor_1;
+        self.inertia_2 += rotor_2;
+        self
+    }
+
     /// Torques of gravity ∂U/∂q \[N m\], from sine and cosine of q₂.
     #[inline]
     fn gravity(&self, q1: f64, sin: f64, cos: f64) -> [f64; 2] {

@@ -249,7 +249,12 @@ impl SimOptions {
         let mut physical = self.arm.with_mass_2(self.mass_2.mass_kg(t_s));
         let heated = self.unmodelled.resistance_factor(t_s);
         physical.winding_resistance_ohm.iter_mut().for_each(|r| *r *= heated);
-        physical.theta()
+        let mut theta = physical.theta();
+        // the rotor of joint 1 adds to J₁ = m₁ l₁²/12, that of joint 2 to no parameter
+        let rotor = 12.0 * self.unmodelled.rotor_inertia_kg_m2[0] / physical.torque_constant_n_m_per_a[0];
+        theta[0] += rotor * physical.winding_inductance_h[0];
+        theta[2] += rotor * physical.winding_resistance_ohm[0];
+        theta
     }
 
     /// Number of samples: 170 s at 1 ms are samples 0 to 169 999.

@@ -63,8 +63,9 @@ impl ArmSimulator {
         options.validate()?;
         let arm = options.arm;
         let mass_2_kg = options.mass_2.mass_kg(0.0);
-        let tilt = options.unmodelled.base_tilt_rad;
-        let dynamics = ArmDynamics::new(&arm.with_mass_2(mass_2_kg), arm.gravity_m_s2).tilted(tilt);
+        let dynamics = options
+            .unmodelled
+            .mechanics(&arm.with_mass_2(mass_2_kg), arm.gravity_m_s2);
         let [q1, q2] = options.initial_q_rad;
         let holding = dynamics.holding_torques(options.initial_q_rad);
         let [i1, i2] = from_fn(|joint| holding[joint] / arm.torque_constant_n_m_per_a[joint]);
@@ -118,8 +119,8 @@ impl ArmSimulator {
         let mass_2_kg = self.mass_2.mass_kg(self.k as f64 * self.sample_period_s);
         if mass_2_kg != self.mass_2_kg {
             self.mass_2_kg = mass_2_kg;
-            self.dynamics = ArmDynamics::new(&self.arm.with_mass_2(mass_2_kg), self.arm.gravity_m_s2)
-                .tilted(self.unmodelled.base_tilt_rad);
+            let physical = self.arm.with_mass_2(mass_2_kg);
+            self.dynamics = self.unmodelled.mechanics(&physical, self.arm.gravity_m_s2);
         }
         if self.unmodelled.heating_share != 0.0 {
             let heated = self.unmodelled.resistance_factor(self.k as f64 * self.sample_period_s);

@@ -1,18 +1,21 @@
 //! Effects of a real arm that equations (12) to (23) lack: friction independent of speed, a tilted
-//! base, windings that heat up.
+//! base, windings that heat up, rotors of geared motors.
 //!
 //! ```text
 //! M_f = F tanh(q̇/v)                         Coulomb friction of a joint, its jump at q̇ = 0 smoothed over the speed v
 //! U   = W (cos α sin q₂ + sin α cos q₂ sin q₁)    potential energy with the base's axis α off the vertical
 //! R(t) = R (1 + s min(t/T, 1))               both windings grow by the share s within T
+//! E   ← E + ½ Σ J_r q̇²                       rotors turn with their joints, J_r counted at the joint
 //! ```
 //!
 //! With tanh a held joint creeps with at most v instead of sticking; v is small compared with all
 //! commanded speeds. The integration needs F h/(J v) < 2.7 for substeps of length h, see
 //! [`Unmodelled::friction_speed_rad_per_s`].
 
+use super::arm::ArmDynamics;
 use super::arm_parameters::ARM_JOINTS;
 use super::error::{SimError, in_range, not_negative, positive};
+use crate::model::PhysicalParameters;
 
 /// Effects beyond the paper's equations; all off by default.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,6 +33,8 @@ pub struct Unmodelled {
     pub heating_share: f64,
     /// T \[s\], > 0.
     pub heating_s: f64,
+    /// J_r of each joint \[kg m²\], ≥ 0: the rotor's inertia times the square of the gear ratio.
+    pub rotor_inertia_kg_m2: [f64; ARM_JOINTS],
 }
 
 impl Unmodelled {
@@ -42,7 +47,15 @@ impl Unmodelled {
             base_tilt_rad: 0.0,
             heating_share: 0.0,
             heating_s: 60.0,
+            rotor_inertia_kg_m2: [0.0; ARM_JOINTS],
         }
+    }
+
+    /// Mechanics of the arm with these parameters on this base, with these rotors.
+    pub(super) fn mechanics(&self, physical: &PhysicalParameters, gravity_m_s2: f64) -> ArmDynamics {
+        ArmDynamics::new(physical, gravity_m_s2)
+            .tilted(self.base_tilt_rad)
+            .with_rotors(self.rotor_inertia_kg_m2)
     }
 
     /// Friction torques \[N m\] at velocities \[rad/s\], against the motion, and their slopes \[N m
@@ -82,6 +95,9 @@ impl Unmodelled {
     pub fn validate(&self) -> Result<(), SimError> {
         for friction in self.coulomb_friction_n_m {
             not_negative("unmodelled.coulomb_friction_n_m", friction)?;
+        }
+        for inertia in self.rotor_inertia_kg_m2 {
+            not_negative("unmodelled.rotor_inertia_kg_m2", inertia)?;
         }
         positive("unmodelled.friction_speed_rad_per_s", self.friction_speed_rad_per_s)?;
         not_negative("unmodelled.friction_from_s", self.friction_from_s)?;

@@ -351,6 +351,30 @@ fn val_sigma_grows_by_what_the_data_leave_open_of_an_error() {
     }
 }
 
+/// An error that the parameters imitate shifts the estimate of every block alike, so it is no cause
+/// of a change. A change within a block makes its residuals larger, which is no reason to think
+/// otherwise.
+#[test]
+fn regress_an_error_that_every_estimate_contains_explains_no_change() {
+    let structure = Structure {
+        params: 2,
+        equations: vec![0..2],
+    };
+    let mut options = EstimatorOptions::recommended(vec![1.0, 1.0], 1);
+    options.equations = vec![EquationNoise::WHITENED];
+    let mut estimator = BlockEstimator::new(structure, options).unwrap();
+    for block in 1..=5 {
+        let change = estimator.update(&Line::new(block, 0.0, 2.0, 0.0)).change;
+        assert!(change.is_none(), "{block}");
+    }
+    let mut changed = Line::new(6, 0.0, 2.0, 0.0);
+    // in the direction of the error, by five of its standard deviations
+    for (_, y, d) in &mut changed.rows[20..] {
+        *y += 10.0 * *d;
+    }
+    assert!(estimator.update(&changed).change.is_some());
+}
+
 /// y = φ₁ θ₁ + φ₂ θ₂ at 100 instants a second apart in tens of milliseconds, where θ_k(t) = θ_k
 /// (1 + rate_k (t − 5 s)).
 struct Moving(Vec<([f64; 2], f64, u64)>);
@@ -494,6 +518,19 @@ fn prop_a_record_that_is_a_sample_late_leaves_nothing_confidently_wrong() {
             let answers = identify(&arm(motion, 1, 25, wrong), Considered::default(), wrong);
             assert_eq!(dangerous(&answers), Vec::<usize>::new(), "{kind}, {delay_s} s");
         }
+    }
+}
+
+/// A rotor with 5 % of the inertia of link 2, whose weight the model takes for that of the link.
+#[test]
+fn prop_a_rotor_leaves_nothing_confidently_wrong() {
+    for (kind, motion) in [("steps", steps()), ("moves", minimum_jerk())] {
+        let mut sim = arm(motion, 1, 25, Wrong::default());
+        let own = 150.0 * sim.arm.length_2_m.powi(2) / 3.0;
+        sim.unmodelled.rotor_inertia_kg_m2 = [0.0, 0.05 * own];
+        let answers = identify(&sim, Considered::default(), Wrong::default());
+        assert_eq!(dangerous(&answers), Vec::<usize>::new(), "{kind}");
+        assert!(answers.iter().any(|a| a.usable != 0), "silence is no honesty");
     }
 }
 

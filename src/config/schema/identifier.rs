@@ -98,6 +98,8 @@ table! {
             "Dead band of each drive whose joint's model has Coulomb friction: what it gives less, either sign, as a share of the same size";
         spring: f64 = considered.spring, Kind::Real(NOT_NEGATIVE), "",
             "Spring, such as a cable, at each joint whose model has none: its input at the root mean square of the travel, as a share of the same size";
+        inertia: f64 = considered.inertia, Kind::Real(NOT_NEGATIVE), "",
+            "Inertia without weight, such as a rotor's, at each joint whose model has no parameter for it, as a share of the joint's inertia in the model";
         resonance_hz: f64 = considered.resonance_hz, Kind::Real(NOT_NEGATIVE), "Hz",
             "Natural frequency of the flexibility between each motor and its load; 0 if the joints are rigid";
         drift_per_s: f64 = considered.drift_per_s, Kind::Real(Interval::closed(0.0, 1.0)), "1/s",

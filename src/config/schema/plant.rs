@@ -208,5 +208,7 @@ table! {
             "Share by which both winding resistances grow from the start on, at a constant rate";
         heating_s: f64 = unmodelled.heating_s, Kind::Real(POSITIVE), "s",
             "Time that this takes; they stay then";
+        rotor_inertia_kg_m2: Vec<f64> = unmodelled.rotor_inertia_kg_m2.to_vec(), joints(NOT_NEGATIVE), "kg m^2",
+            "Inertia of each joint's rotor, times the square of the gear ratio";
     }
 }

@@ -120,6 +120,7 @@ impl ProjectedOptions {
             ("considered.offset", considered.offset),
             ("considered.dead_band", considered.dead_band),
             ("considered.spring", considered.spring),
+            ("considered.inertia", considered.inertia),
             ("considered.resonance_hz", considered.resonance_hz),
             ("considered.drift_per_s", considered.drift_per_s),
             ("considered.zero_rad", considered.zero_rad),

@@ -26,6 +26,8 @@ pub(super) struct Projection<P> {
     smoothed: SmoothedSignals,
     regressor_noise: RegressorNoise,
     tail: Tail,
+    /// θ of the rows' weights.
+    theta: Vec<f64>,
 }
 
 impl<P: Plant> Projection<P> {
@@ -54,6 +56,7 @@ impl<P: Plant> Projection<P> {
             smoothed: SmoothedSignals::new(&block, rows),
             regressor_noise: RegressorNoise::new(&block, rows),
             tail: Tail::new(form),
+            theta: vec![0.0; form.plant.parameters().len()],
             covariance,
             block,
         }
@@ -112,6 +115,7 @@ impl<P: Plant> Projection<P> {
     /// Computes R at θ and whitens the measured rows by it.
     pub fn weigh(&mut self, theta: &[f64]) {
         self.smoothed.forget();
+        self.theta.copy_from_slice(theta);
         let rows = self.len();
         for e in 0..self.block.form.equations() {
             let whitening = &mut self.rows.whitening[e];
@@ -187,6 +191,8 @@ impl<P: Plant> Projection<P> {
         let (block, rows, kernels) = (&self.block, self.block.samples.windows.len(), &self.block.form.kernels);
         let signals = self.smoothed.or(&block.samples.signals);
         self.suspects.sense(block.samples.len, signals, &block.noise.q_std);
+        self.suspects
+            .sense_inertias(block.samples.len, signals, &block.form.plant, &self.theta);
         for e in 0..block.form.equations() {
             let scale = block.form.input(e).1;
             for (row, window) in block.samples.windows.all().iter().enumerate() {

@@ -63,6 +63,8 @@ pub enum Disturbance {
     },
     /// Both windings' resistances grow by 10 % in 60 s.
     Heating,
+    /// A rotor at joint 2, in per cent of the inertia of link 2.
+    Rotor(u32),
     /// The gain of a motor's measured voltage is wrong from the middle of the run on.
     GainLater {
         /// Joint, 1 or 2.
@@ -142,7 +144,7 @@ impl Disturbance {
         Self::InputBits(12),
     ];
     /// Disturbances of the model.
-    pub const MODEL: [Self; 14] = [
+    pub const MODEL: [Self; 15] = [
         Self::friction(1, 2),
         Self::friction(1, 10),
         Self::friction(2, 2),
@@ -157,6 +159,7 @@ impl Disturbance {
         Self::input_offset(2, 500),
         Self::input_offset(1, 500),
         Self::Heating,
+        Self::Rotor(5),
     ];
     /// Faults of a drive or a sensor in the middle of a run.
     pub const SENSOR: [Self; 7] = [
@@ -236,6 +239,7 @@ impl Disturbance {
             Self::Tilt => "tilt_1deg".to_owned(),
             Self::InputOffset { joint, millivolts } => format!("input_offset_{joint}_{millivolts}mV"),
             Self::Heating => "heating_10%".to_owned(),
+            Self::Rotor(percent) => format!("rotor_2_{percent}%"),
             Self::GainLater { joint, percent } => format!("gain_{joint}_later{percent:+}%"),
             Self::OffsetLater { joint, millivolts } => format!("input_offset_{joint}_later_{millivolts}mV"),
             Self::ZeroLater { joint, milliradians } => format!("zero_{joint}_later_{milliradians}mrad"),
@@ -260,6 +264,7 @@ impl Disturbance {
             Self::Tilt => Some((&["tilt", "gravity"], None)),
             Self::InputOffset { joint, .. } => Some((&["offset"], Some(joint))),
             Self::Heating => Some((&["heat", "resistance", "drift"], None)),
+            Self::Rotor(_) => Some((&["rotor"], Some(2))),
             Self::GainLater { joint, .. } => Some((&["gain"], Some(joint))),
             Self::OffsetLater { joint, .. } => Some((&["offset"], Some(joint))),
             Self::ZeroLater { joint, .. } => Some((&["zero"], Some(joint))),

@@ -7,9 +7,9 @@ use crate::sim::{ArmSimulator, SensorOptions, SimError, SimOptions, Unmodelled};
 use std::f64::consts::TAU;
 
 /// Settings of the simulation of an arm with one error, of a kind that the seed chooses. A delay,
-/// friction and 1/(2π f)² of a resonance have one sign on a machine: they are drawn from half of
-/// the normal distribution, which has the same second moment. Heating is the drift, of both
-/// windings' resistances.
+/// friction, the inertia of a rotor and 1/(2π f)² of a resonance have one sign on a machine: they
+/// are drawn from half of the normal distribution, which has the same second moment. Heating is the
+/// drift, of both windings' resistances.
 ///
 /// # Errors
 /// If the simulation's options are invalid.
@@ -19,7 +19,7 @@ pub fn drawn_errors(sim: &SimOptions, considered: &Considered, seed: u64) -> Res
     let fault = |signal: &str, joint: usize, offset: f64| {
         format!("{{kind=\"wrong\",signal=\"{signal}\",joint={joint},from_s=0.0,offset={offset:?}}}")
     };
-    Ok(match seed % 7 {
+    Ok(match seed % 8 {
         0 => vec![format!(
             "plant.sensors.input_delay_s={:?}",
             considered.input_delay_std_s(sim.sample_period_s) * draw(0).abs()
@@ -54,6 +54,12 @@ pub fn drawn_errors(sim: &SimOptions, considered: &Considered, seed: u64) -> Res
         5 => {
             let hertz = considered.resonance_hz / draw(0).abs().sqrt();
             vec![format!("plant.sensors.resonance_hz={:?}", hertz.min(1000.0))]
+        }
+        6 => {
+            let (arm, mass_kg) = (&sim.arm, sim.mass_2.mass_kg(0.0));
+            let own = mass_kg * arm.length_2_m.powi(2) / 3.0;
+            let rotor = [0.0, considered.inertia * own * draw(0).abs()];
+            vec![format!("plant.unmodelled.rotor_inertia_kg_m2={rotor:?}")]
         }
         _ => {
             let share = considered.drift_per_s * sim.duration_s * draw(0);

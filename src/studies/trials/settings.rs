@@ -128,7 +128,7 @@ impl TrialSpec {
 }
 
 /// Keys of the errors that the identifier considers.
-const ERRORS: [&str; 11] = [
+const ERRORS: [&str; 12] = [
     "input_delay_s",
     "gain",
     "coulomb",
@@ -136,6 +136,7 @@ const ERRORS: [&str; 11] = [
     "offset",
     "dead_band",
     "spring",
+    "inertia",
     "resonance_hz",
     "drift_per_s",
     "zero_rad",
@@ -206,6 +207,11 @@ fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
             "plant.unmodelled.heating_share=0.1".to_owned(),
             "plant.unmodelled.heating_s=60.0".to_owned(),
         ],
+        Disturbance::Rotor(percent) => {
+            let own = spec.arm.masses_kg().0 * spec.arm.parameters().length_2_m.powi(2) / 3.0;
+            let rotors = [0.0, own * f64::from(percent) / 100.0];
+            vec![format!("plant.unmodelled.rotor_inertia_kg_m2={rotors:?}")]
+        }
         Disturbance::GainLater { joint, percent } => {
             let gain = 1.0 + f64::from(percent) / 100.0;
             vec![spec.fault_later("input", joint, &format!("gain={gain:?}"))]

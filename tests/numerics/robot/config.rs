@@ -104,7 +104,7 @@ fn fault_what_single_keys_do_not_show_is_told_by_its_key() {
         ),
         (
             "[identify]\nwindow_s = 1e-9\n",
-            "mine.toml:5: identify.window_s: expected a stride of at least 0.0001 s and a 31th of the window, got 0.0000000002 s",
+            "mine.toml:5: identify.window_s: expected a stride of at least 0.0001 s and 1/31 of the window, got 0.0000000002 s",
         ),
         (
             "[identify]\nblock_s = 1e15\n",

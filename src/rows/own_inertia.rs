@@ -1,0 +1,137 @@
+//! The column of an inertia without weight at a joint: the rotor of a geared motor, a gear.
+//!
+//! ```text
+//! g_d = c_d(q, θ) q̇_j + …   for d ≥ 1            c_1 holds the model's inertia of joint j, as a factor of the input  (1)
+//! J q̈_j passes through the drive as c_1 q̈_j does: f = … + a Σ_d (c_d/c_1) (d/dt)^d q̇_j                              (2)
+//! column  s Σ_d (c_d/c_1) Σ_k K_{d+1}(k) q_j(k)    amplitude a [unit of the input per rad/s² or m/s²]                (3)
+//! ```
+//!
+//! A model whose inertias all have a weight, such as that of a link which hangs from its joint,
+//! misjudges both by as much as the rotor has: with gears, its inertia counts by the square of
+//! their ratio. (3) does not scale with c_1, because a payload changes the inertia of the link and
+//! not that of the rotor.
+
+use super::kernel::{Kernels, dot};
+use super::present_terms::has_term;
+use super::theta_polynomial::MAX_ORDER;
+use crate::model::{MAX_JOINTS, Plant};
+
+/// Speed \[rad/s or m/s\] of the central difference for c_d, exact for a term linear in it.
+const STEP: f64 = 1e-3;
+
+/// Column of one equation.
+#[derive(Debug, Clone)]
+pub(super) struct OwnInertia {
+    equation: usize,
+    joint: usize,
+    /// q_j of the block's samples.
+    positions: Vec<f64>,
+    /// c_d/c_1 at d − 1; 0 beyond the equation's order.
+    shares: [f64; MAX_ORDER],
+    /// |c_1|/s, the model's inertia in units of the amplitude.
+    size: f64,
+}
+
+impl OwnInertia {
+    /// Workspace for samples in buffers of `capacity`; `None` if the equation has no inertia of its
+    /// joint, or a parameter that is nothing else.
+    pub fn new(plant: &impl Plant, equation: usize, capacity: usize) -> Option<Self> {
+        let form = &plant.equations()[equation];
+        if form.order == 0 || has_term(plant, equation, 1, |_, dq| dq[form.input]) {
+            return None;
+        }
+        Some(Self {
+            equation,
+            joint: form.input,
+            positions: vec![0.0; capacity],
+            shares: [0.0; MAX_ORDER],
+            size: 0.0,
+        })
+    }
+
+    /// The model's inertia of the joint, in units of the amplitude; 0 before the first block.
+    pub fn size(&self) -> f64 {
+        self.size
+    }
+
+    /// Forgets the stream.
+    pub fn reset(&mut self) {
+        self.size = 0.0;
+    }
+
+    /// Prepares the first `len` samples of a block at θ: their positions, joint after joint.
+    pub fn sense(&mut self, plant: &impl Plant, theta: &[f64], q: &[Vec<f64>], len: usize) {
+        self.positions[..len].copy_from_slice(&q[self.joint][..len]);
+        let form = &plant.equations()[self.equation];
+        let mut place = [0.0; MAX_JOINTS];
+        let joints = plant.joints();
+        for (place, q) in place.iter_mut().zip(q) {
+            *place = q[len / 2];
+        }
+        let terms = |speed: f64| {
+            let (mut dq, mut g) = ([0.0; MAX_JOINTS], [0.0; MAX_ORDER + 1]);
+            dq[self.joint] = speed;
+            plant.terms::<f64>(
+                self.equation,
+                &place[..joints],
+                &dq[..joints],
+                theta,
+                &mut g[..=form.order],
+            );
+            g
+        };
+        // (1)
+        let (forward, backward) = (terms(STEP), terms(-STEP));
+        let slope = |d: usize| (forward[d] - backward[d]) / (2.0 * STEP);
+        let inertia = slope(1);
+        self.size = (inertia / form.input_scale).abs();
+        let shares = self.shares[..form.order].iter_mut();
+        (1..).zip(shares).for_each(|(d, share)| *share = slope(d) / inertia);
+        if !self.size.is_finite() || self.shares.iter().any(|share| !share.is_finite()) {
+            (self.size, self.shares) = (0.0, [0.0; MAX_ORDER]);
+        }
+    }
+
+    /// (3) for the window around a centre.
+    pub fn column(&self, centre: usize, scale: f64, kernels: &Kernels) -> f64 {
+        let Some(q) = self.positions.get(centre - kernels.half..=centre + kernels.half) else {
+            return 0.0;
+        };
+        let derivatives = kernels.position.iter().skip(2).zip(&self.shares);
+        // an equation of a lower order has fewer
+        let own = derivatives.filter(|(_, share)| **share != 0.0);
+        scale * own.map(|(kernel, share)| share * dot(kernel, q)).sum::<f64>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{DriveInput, Manipulator, Motion, ServoAxis};
+    use crate::rows::kernel::InputTiming;
+
+    #[test]
+    fn val_only_a_joint_whose_inertias_all_have_a_weight_has_a_column() {
+        let arm = Manipulator::default();
+        // θ₃ is the inertia of joint 1 and nothing else
+        assert!(OwnInertia::new(&arm, 0, 1).is_none() && OwnInertia::new(&arm, 1, 1).is_some());
+        let axis = ServoAxis::new(Motion::Linear, DriveInput::Voltage, 35.0).unwrap();
+        assert!(OwnInertia::new(&axis, 0, 1).is_none());
+    }
+
+    /// q = t³ has q̈ = 6 t and q⃛ = 6: (3) is 12 (6 t + 6 θ₆/θ₇), as c_2/c_1 = θ₆/θ₇.
+    #[test]
+    fn val_the_column_is_the_acceleration_behind_the_inductance() {
+        let (plant, period_s) = (Manipulator::default(), 1e-3);
+        let theta = [0.0, 0.0, 0.0, 0.0, 10.0, 0.02, 0.4, 10.0, 1.5];
+        let kernels = Kernels::new(20, period_s, 3, InputTiming::Held, 0.0);
+        let cubes: Vec<f64> = (0..101).map(|k| (f64::from(k) * period_s).powi(3)).collect();
+        let q = [vec![0.0; 101], cubes];
+        let mut inertia = OwnInertia::new(&plant, 1, 101).unwrap();
+        inertia.sense(&plant, &theta, &q, 101);
+        let (column, expected) = (inertia.column(60, 12.0, &kernels), 12.0 * (6.0 * 0.06 + 6.0 * 0.05));
+        assert!((column - expected).abs() < 1e-6 * expected, "{column} {expected}");
+        // 4 θ₇ θ₉ q̈/12
+        assert!((inertia.size() - 4.0 * 0.4 * 1.5 / 12.0).abs() < 1e-12);
+    }
+}

@@ -492,17 +492,17 @@ impl BlockEstimator {
             return 0;
         }
         if !alarm.known {
-            // An undetermined parameter was linearised far from the truth, so disagreeing with that
-            // prior is no evidence of a change. The prior is widened as after a change between two
-            // blocks, but no change is published.
-            let mut search = self.search(rows);
-            search.fit_alone(joined);
-            let between = Change::over_the_block(ChangeKind::Between, rows);
-            let refit = search.refit(joined, lines, between, 0);
+            let refit = self.search(rows).widen(joined, lines);
             self.take_refit(refit);
             return 0;
         }
-        let change = self.search(rows).explain(joined, detection.margin);
+        let explained = self.search(rows).explain(joined, detection.margin);
+        let Ok(change) = explained.inspect_err(|fitting| {
+            let refit = self.search(rows).withdraw(joined, fitting);
+            self.take_refit(refit);
+        }) else {
+            return 0;
+        };
         if change.kind != ChangeKind::Drift {
             self.since_change = 0;
             self.groups.begin_inquest(rows);

@@ -86,8 +86,28 @@ impl ChangeSearch<'_> {
 
     /// Classifies the change: if one fit explains the block, the plant changed before it; otherwise
     /// the block is cut. Alarms in quick succession are a drift.
-    pub fn explain(&mut self, joined: u64, margin: u64) -> Change {
+    ///
+    /// # Errors
+    /// The rows after the cut if they show no change without the others: then some rows of the
+    /// block do not fit, such as a friction's that changes its sign between two samples, or those
+    /// of a spike at a step, and the plant is what it was.
+    pub fn explain(&mut self, joined: u64, margin: u64) -> Result<Change, Range<usize>> {
         let consistent = self.fit_alone(joined);
+        let found = (!consistent).then(|| self.find(joined, margin));
+        if let Some(Change {
+            kind: ChangeKind::Within,
+            row,
+            ..
+        }) = found
+        {
+            // without the windows that overlap those before the cut
+            let clear = self.rows.span(row.saturating_sub(1)).1;
+            let margin = margin.max(clear.saturating_sub(self.rows.span(row).0));
+            let after = first_after(self.rows, row..self.rows.len(), margin)..self.rows.len();
+            if after.start > row && !self.shows_in(joined, &after) {
+                return Err(after);
+            }
+        }
         let mut again = false;
         for (k, group) in self.groups.iter_mut().enumerate() {
             if joined >> k & 1 == 1 {
@@ -95,11 +115,53 @@ impl ChangeSearch<'_> {
                 group.since_alarm = 0;
             }
         }
-        if !consistent {
-            return self.find(joined, margin);
-        }
         let kind = if again { ChangeKind::Drift } else { ChangeKind::Between };
-        Change::over_the_block(kind, self.rows)
+        Ok(found.unwrap_or_else(|| Change::over_the_block(kind, self.rows)))
+    }
+
+    /// True if rows whose fit is θ̂ differ from before. Those after a change do so more clearly than
+    /// the whole block, whose residuals are large.
+    fn shows_in(&mut self, joined: u64, range: &Range<usize>) -> bool {
+        self.groups.iter_mut().enumerate().any(|(k, group)| {
+            joined >> k & 1 == 1 && {
+                group.set_losses(false, self.options);
+                group.suspect(self.rows, range.clone(), self.theta);
+                !group.evaluate_at(self.rows, range.clone(), self.theta)
+                    || group.change_probability(self.rows, self.theta) < JOINS
+            }
+        })
+    }
+
+    /// Fits the rows of `range` as if there had been no alarm; returns all rows, which the fit is
+    /// judged by, and how it ended.
+    pub fn withdraw(&mut self, joined: u64, range: &Range<usize>) -> (Range<usize>, Fit) {
+        let mut all = Fit {
+            iterations: 0,
+            converged: true,
+        };
+        for (k, group) in self.groups.iter_mut().enumerate() {
+            let own = group.parameters.clone();
+            self.before[own.clone()].copy_from_slice(&group.centre);
+            if joined >> k & 1 == 1 {
+                self.theta[own].copy_from_slice(&group.centre);
+                group.set_losses(false, self.options);
+                group.limit_outliers(self.rows, range.clone(), self.theta, true, self.options);
+                group.prior_from_information();
+                group.evaluate_at(self.rows, range.clone(), self.theta);
+                all = all.and(group.fit(self.rows, range.clone(), self.theta, self.options));
+                group.suspect(self.rows, range.clone(), self.theta);
+            }
+        }
+        (0..self.rows.len(), all)
+    }
+
+    /// Fits the block after an alarm of parameters that were not known. They were linearised far
+    /// from the truth, so disagreeing with that prior is no evidence of a change. The prior is
+    /// widened as after a change between two blocks, but no change is published.
+    pub fn widen(&mut self, joined: u64, lines: u64) -> (Range<usize>, Fit) {
+        self.fit_alone(joined);
+        let between = Change::over_the_block(ChangeKind::Between, self.rows);
+        self.refit(joined, lines, between, 0)
     }
 
     /// Fits the block alone; true if only noise remains in the groups of `joined`.

@@ -223,6 +223,11 @@ impl GroupState {
         if options.forgetting == Forgetting::Directional {
             self.excite(theta);
         }
+        self.prior_from_information();
+    }
+
+    /// The prior of the block, as forgetting makes it.
+    pub fn prior_from_information(&mut self) {
         self.rule
             .prior(self.n, &self.information, &self.excitation, &mut self.prior);
     }

@@ -368,9 +368,9 @@ fn regress_an_error_that_every_estimate_contains_explains_no_change() {
         assert!(change.is_none(), "{block}");
     }
     let mut changed = Line::new(6, 0.0, 2.0, 0.0);
-    // in the direction of the error, by five of its standard deviations
+    // in the direction of the error, by twenty of its standard deviations
     for (_, y, d) in &mut changed.rows[20..] {
-        *y += 10.0 * *d;
+        *y += 40.0 * *d;
     }
     assert!(estimator.update(&changed).change.is_some());
 }

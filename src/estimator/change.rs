@@ -37,12 +37,14 @@
 //! widening only the excited combinations. Both keep a wrong, overconfident prior in the other
 //! directions (measured: θ₁ off by 10 standard deviations after a payload jump, because an open
 //! combination of θ₁ and θ₂ kept its old value). Each side is linearised at its own estimate, the
-//! later one again until τ settles. The alarm is withdrawn if the rows that begin after the cut, and
-//! share no samples with those before it, do not show a change by themselves (T, 1 %): after a
-//! change they do so more than the whole block, but not after a few rows that do not fit, such as
-//! those over a spike. Those are then left out, and the block is a misfit. If a straight line θ(t)
-//! through the block costs less than the cut, the plant drifts: the whole block is used, and the
-//! next blocks are expected to continue the line.
+//! later one again until τ settles. If a straight line θ(t) through the block costs less than the
+//! cut, the plant drifts: the whole block is used, and the next blocks are expected to continue the
+//! line.
+//!
+//! The alarm is withdrawn if the rows that begin after the cut, and share no samples with those
+//! before it, do not show a change by themselves (T, 1 %). After a change they do so more than the
+//! whole block, but not after a few rows that do not fit, such as those over a spike. Those are
+//! then left out, and the block is a misfit.
 
 use super::Forward;
 use super::equation::{EquationState, TINY};

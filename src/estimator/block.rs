@@ -496,12 +496,12 @@ impl BlockEstimator {
             self.take_refit(refit);
             return 0;
         }
-        let explained = self.search(rows).explain(joined, detection.margin);
-        let Ok(change) = explained.inspect_err(|fitting| {
-            let refit = self.search(rows).withdraw(joined, fitting);
-            self.take_refit(refit);
-        }) else {
-            return 0;
+        let change = match self.search(rows).explain(joined, detection.margin) {
+            Ok(change) => change,
+            Err(refit) => {
+                self.take_refit(refit);
+                return 0;
+            }
         };
         if change.kind != ChangeKind::Drift {
             self.since_change = 0;

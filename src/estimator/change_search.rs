@@ -88,10 +88,11 @@ impl ChangeSearch<'_> {
     /// the block is cut. Alarms in quick succession are a drift.
     ///
     /// # Errors
-    /// The rows after the cut if they show no change without the others: then some rows of the
-    /// block do not fit, such as a friction's that changes its sign between two samples, or those
-    /// of a spike at a step, and the plant is what it was.
-    pub fn explain(&mut self, joined: u64, margin: u64) -> Result<Change, Range<usize>> {
+    /// No change, if the rows after the cut show none without the others: some rows of the block do
+    /// not fit, such as those over a spike at a step, or over friction that changes its sign
+    /// between two samples. Then the block is fitted as if there had been no alarm; see
+    /// [`refit`](Self::refit) for what this returns.
+    pub fn explain(&mut self, joined: u64, margin: u64) -> Result<Change, (Range<usize>, Fit)> {
         let consistent = self.fit_alone(joined);
         let found = (!consistent).then(|| self.find(joined, margin));
         if let Some(Change {
@@ -105,7 +106,7 @@ impl ChangeSearch<'_> {
             let margin = margin.max(clear.saturating_sub(self.rows.span(row).0));
             let after = first_after(self.rows, row..self.rows.len(), margin)..self.rows.len();
             if after.start > row && !self.shows_in(joined, &after) {
-                return Err(after);
+                return Err(self.withdraw(joined, &after));
             }
         }
         let mut again = false;
@@ -134,7 +135,7 @@ impl ChangeSearch<'_> {
 
     /// Fits the rows of `range` as if there had been no alarm; returns all rows, which the fit is
     /// judged by, and how it ended.
-    pub fn withdraw(&mut self, joined: u64, range: &Range<usize>) -> (Range<usize>, Fit) {
+    fn withdraw(&mut self, joined: u64, range: &Range<usize>) -> (Range<usize>, Fit) {
         let mut all = Fit {
             iterations: 0,
             converged: true,

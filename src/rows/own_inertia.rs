@@ -6,10 +6,10 @@
 //! column  s Σ_d (c_d/c_1) Σ_k K_{d+1}(k) q_j(k)    amplitude a [unit of the input per rad/s² or m/s²]                (3)
 //! ```
 //!
-//! A model whose inertias all have a weight, such as that of a link which hangs from its joint,
-//! misjudges both by as much as the rotor has: with gears, its inertia counts by the square of
-//! their ratio. (3) does not scale with c_1, because a payload changes the inertia of the link and
-//! not that of the rotor.
+//! If all inertias of a model have a weight, such as that of a link which hangs from its joint, a
+//! rotor makes both wrong. With gears, its inertia counts by the square of their ratio. The
+//! amplitude is no share of c_1, because a payload changes the inertia of the link and not that of
+//! the rotor.
 
 use super::kernel::{Kernels, dot};
 use super::present_terms::has_term;
@@ -24,8 +24,6 @@ const STEP: f64 = 1e-3;
 pub(super) struct OwnInertia {
     equation: usize,
     joint: usize,
-    /// q_j of the block's samples.
-    positions: Vec<f64>,
     /// c_d/c_1 at d − 1; 0 beyond the equation's order.
     shares: [f64; MAX_ORDER],
     /// |c_1|/s, the model's inertia in units of the amplitude.
@@ -33,9 +31,8 @@ pub(super) struct OwnInertia {
 }
 
 impl OwnInertia {
-    /// Workspace for samples in buffers of `capacity`; `None` if the equation has no inertia of its
-    /// joint, or a parameter that is nothing else.
-    pub fn new(plant: &impl Plant, equation: usize, capacity: usize) -> Option<Self> {
+    /// `None` if the equation has no inertia of its joint, or a parameter that is nothing else.
+    pub fn new(plant: &impl Plant, equation: usize) -> Option<Self> {
         let form = &plant.equations()[equation];
         if form.order == 0 || has_term(plant, equation, 1, |_, dq| dq[form.input]) {
             return None;
@@ -43,7 +40,6 @@ impl OwnInertia {
         Some(Self {
             equation,
             joint: form.input,
-            positions: vec![0.0; capacity],
             shares: [0.0; MAX_ORDER],
             size: 0.0,
         })
@@ -59,9 +55,9 @@ impl OwnInertia {
         self.size = 0.0;
     }
 
-    /// Prepares the first `len` samples of a block at θ: their positions, joint after joint.
+    /// (1) at θ and at the middle of a block of `len` samples; `q` holds positions, joint after
+    /// joint.
     pub fn sense(&mut self, plant: &impl Plant, theta: &[f64], q: &[Vec<f64>], len: usize) {
-        self.positions[..len].copy_from_slice(&q[self.joint][..len]);
         let form = &plant.equations()[self.equation];
         let mut place = [0.0; MAX_JOINTS];
         let joints = plant.joints();
@@ -93,10 +89,8 @@ impl OwnInertia {
     }
 
     /// (3) for the window around a centre.
-    pub fn column(&self, centre: usize, scale: f64, kernels: &Kernels) -> f64 {
-        let Some(q) = self.positions.get(centre - kernels.half..=centre + kernels.half) else {
-            return 0.0;
-        };
+    pub fn column(&self, q: &[Vec<f64>], centre: usize, scale: f64, kernels: &Kernels) -> f64 {
+        let q = &q[self.joint][centre - kernels.half..=centre + kernels.half];
         let derivatives = kernels.position.iter().skip(2).zip(&self.shares);
         // an equation of a lower order has fewer
         let own = derivatives.filter(|(_, share)| **share != 0.0);
@@ -114,9 +108,9 @@ mod tests {
     fn val_only_a_joint_whose_inertias_all_have_a_weight_has_a_column() {
         let arm = Manipulator::default();
         // θ₃ is the inertia of joint 1 and nothing else
-        assert!(OwnInertia::new(&arm, 0, 1).is_none() && OwnInertia::new(&arm, 1, 1).is_some());
+        assert!(OwnInertia::new(&arm, 0).is_none() && OwnInertia::new(&arm, 1).is_some());
         let axis = ServoAxis::new(Motion::Linear, DriveInput::Voltage, 35.0).unwrap();
-        assert!(OwnInertia::new(&axis, 0, 1).is_none());
+        assert!(OwnInertia::new(&axis, 0).is_none());
     }
 
     /// q = t³ has q̈ = 6 t and q⃛ = 6: (3) is 12 (6 t + 6 θ₆/θ₇), as c_2/c_1 = θ₆/θ₇.
@@ -127,9 +121,10 @@ mod tests {
         let kernels = Kernels::new(20, period_s, 3, InputTiming::Held, 0.0);
         let cubes: Vec<f64> = (0..101).map(|k| (f64::from(k) * period_s).powi(3)).collect();
         let q = [vec![0.0; 101], cubes];
-        let mut inertia = OwnInertia::new(&plant, 1, 101).unwrap();
+        let mut inertia = OwnInertia::new(&plant, 1).unwrap();
         inertia.sense(&plant, &theta, &q, 101);
-        let (column, expected) = (inertia.column(60, 12.0, &kernels), 12.0 * (6.0 * 0.06 + 6.0 * 0.05));
+        let column = inertia.column(&q, 60, 12.0, &kernels);
+        let expected = 12.0 * (6.0 * 0.06 + 6.0 * 0.05);
         assert!((column - expected).abs() < 1e-6 * expected, "{column} {expected}");
         // 4 θ₇ θ₉ q̈/12
         assert!((inertia.size() - 4.0 * 0.4 * 1.5 / 12.0).abs() < 1e-12);

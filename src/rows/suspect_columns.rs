@@ -67,6 +67,7 @@ const SPRING: usize = 9;
 const SCALE: usize = 10;
 /// An error of the whole machine; index in the first equation.
 const CLOCK: usize = 11;
+/// An inertia without weight.
 const INERTIA: usize = 12;
 /// u₀, as a share of the input's size.
 const DEAD: f64 = 0.02;
@@ -135,9 +136,7 @@ impl SuspectColumns {
         let springs: Vec<bool> = (0..equations.len())
             .map(|e| has_term(plant, e, 0, |q, _| q[inputs[e]]))
             .collect();
-        let inertias: Vec<Option<OwnInertia>> = (0..equations.len())
-            .map(|e| OwnInertia::new(plant, e, capacity))
-            .collect();
+        let inertias: Vec<Option<OwnInertia>> = (0..equations.len()).map(|e| OwnInertia::new(plant, e)).collect();
         let turns = considered.eccentricity_rad.is_some();
         // one encoder per joint, whatever its number of equations
         let first_of = |of: usize| !inputs[..of].contains(&inputs[of]);
@@ -397,7 +396,7 @@ impl SuspectColumns {
         }
     }
 
-    /// Prepares the columns of inertias for the same samples at θ.
+    /// Prepares the columns of inertias for the same samples, at θ.
     pub fn sense_inertias(&mut self, len: usize, signals: &Trajectory, plant: &impl Plant, theta: &[f64]) {
         for inertia in self.inertias.iter_mut().flatten() {
             inertia.sense(plant, theta, &signals.q, len);
@@ -418,9 +417,6 @@ impl SuspectColumns {
         put(own + GAIN, -moments[0]);
         put(own + RESONANCE, moments[2]);
         put(own + OFFSET, -scale); // ∫ψ = 1
-        if let Some(inertia) = &self.inertias[e] {
-            put(own + INERTIA, inertia.column(centre, scale, kernels));
-        }
         let [friction, slow_friction] = &self.frictions[e];
         let [dead_band, spring] = &self.drives[e];
         let shapes = [
@@ -433,6 +429,21 @@ impl SuspectColumns {
             if let Some(shape) = shape.get(centre - kernels.half..=centre + kernels.half) {
                 put(own + place, scale * dot(&kernels.position[0], shape));
             }
+        }
+    }
+
+    /// Projects the column of an inertia for one row.
+    pub fn project_inertia(
+        &mut self,
+        e: usize,
+        row: usize,
+        signals: &Trajectory,
+        centre: usize,
+        scale: f64,
+        kernels: &Kernels,
+    ) {
+        if let Some(inertia) = &self.inertias[e] {
+            self.columns[e][1 + PER_EQUATION * e + INERTIA][row] = inertia.column(&signals.q, centre, scale, kernels);
         }
     }
 

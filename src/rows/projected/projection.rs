@@ -198,6 +198,8 @@ impl<P: Plant> Projection<P> {
             for (row, window) in block.samples.windows.all().iter().enumerate() {
                 let moments = block.moments(e, window.centre, &signals.u);
                 self.suspects.project(e, row, window.centre, scale, kernels, moments);
+                self.suspects
+                    .project_inertia(e, row, signals, window.centre, scale, kernels);
                 let c = |joint: usize| self.covariance.sensitivity(block, e, row, joint);
                 self.suspects.turn(e, row, c);
             }

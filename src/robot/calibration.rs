@@ -23,7 +23,6 @@ use super::identify::RobotIdentifier;
 use super::identify_options::IdentifyOptions;
 use super::model::RobotModel;
 use super::payload::Payload;
-use super::rows::WeakRows;
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
 use super::state::RobotSample;
 use super::sums::JointSums;
@@ -175,7 +174,7 @@ fn sums(
 ) -> Result<Vec<JointSums>, CalibrationError> {
     let joints = model.robot().len();
     let mut sums: Vec<JointSums> = (0..joints).map(|j| JointSums::new(model.columns(j))).collect();
-    let mut rows = WeakRows::new(model, options.windows)?;
+    let mut rows = options.rows(model)?;
     for sample in log {
         rows.push(model, sample, &mut |row| {
             sums[row.joint].add_row(row.regressor, row.torque)

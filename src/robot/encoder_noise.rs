@@ -10,23 +10,10 @@
 //! q_{i+1} − q_i − ½ (t_{i+1} − t_i)(q̇_i + q̇_{i+1}) = Σ r_m e_m,    mean square = s² Σ r_m²          (3)
 //! ```
 //!
-//! (2) is an error a_k of the acceleration of joint k, and (3) measures the actual s², including
-//! the effect of late or early time stamps. If a joint is slower than a count per sample, (3) is
-//! too small, so s² is at least that of the rounding, count²/12. A row x of joint j is wrong by
-//! D_jk a_k, D_jk the regressor of the entry M_jk of the mass matrix:
-//!
-//! ```text
-//! E[x (τ − x·θ)] = −Σ_k var(a_k) D_jk M_jk,    M_jk = D_jk·θ                                       (4)
-//! Δθ̂ = −P Σ_j w_j Σ_k var(a_k) D_jk M_jk,    P ← P + Δθ̂ Δθ̂ᵀ                                        (5)
-//! ```
-//!
-//! (5) is the bias of least squares with errors in the regressors. It is not subtracted: the
-//! correction needs θ and diverges with a θ̂ that is not yet known. Windows are made long enough
-//! for it to be small ([`window_review`](super::window_review)), and standard deviations allow for
-//! the rest. Source: T. Söderström, Automatica 43 (2007), for (4).
+//! (2) is an error of the acceleration. (3) measures the actual s², including the effect of late or
+//! early time stamps. If a joint is slower than a count per sample, (3) is too small, so s² is at
+//! least that of the rounding, count²/12.
 
-use super::model::RobotModel;
-use super::regressor::EnergyRegressors;
 use super::state::RobotSample;
 use super::windows::psi;
 use crate::model::MAX_JOINTS;
@@ -131,29 +118,6 @@ impl EncoderNoise {
             overlap.map(|i| of_velocity(i) * slope(m - i)).sum()
         };
         self.of_window = (-reach - h..=reach + h).map(|m| of_position(m).powi(2)).sum(); // (2)
-    }
-}
-
-/// Effect of errors of the positions on the rows of one window.
-#[derive(Debug, Clone, Copy)]
-pub struct RowErrors<'a> {
-    pub(super) regressors: &'a EnergyRegressors,
-    /// var(a_k) \[(rad/s²)² or (m/s²)²\].
-    pub(super) variances: &'a [f64; MAX_JOINTS],
-}
-
-impl RowErrors<'_> {
-    /// Adds Σ_k var(a_k) D_jk M_jk of (4) for a row of this joint to `bias`, which has an entry per
-    /// column; returns the variance of the row's torque, Σ_k var(a_k) M_jk².
-    pub(super) fn bias(&self, model: &RobotModel, joint: usize, theta: &[f64], bias: &mut [f64]) -> f64 {
-        let mut variance = 0.0;
-        for k in (0..model.robot().len()).filter(|k| self.variances[*k] > 0.0) {
-            let inertia = model.inertia(self.regressors, (joint, k), theta);
-            let factor = self.variances[k] * inertia;
-            model.add_inertia_row(self.regressors, (joint, k), factor, bias); // (4)
-            variance += factor * inertia;
-        }
-        variance
     }
 }
 

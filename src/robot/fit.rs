@@ -44,10 +44,11 @@ pub fn filtered(model: &RobotModel, log: &[RobotSample]) -> Vec<FilteredSample> 
             .map(|i| rate(i.saturating_sub(1), (i + 1).min(len - 1)))
             .collect();
         let ddq = filter.apply(&differences);
-        let (mut engagement, mut last) = (Engagement::default(), log[0].t_s);
+        let (mut engagement, mut last) = (Engagement::default(), (log[0].t_s, dq[0]));
         for (i, sample) in samples.iter_mut().enumerate() {
-            engagement = friction.engagement(dq[i] * (sample.t_s - last), engagement);
-            last = sample.t_s;
+            let travel = 0.5 * (last.1 + dq[i]) * (sample.t_s - last.0);
+            engagement = friction.engagement(travel, engagement);
+            last = (sample.t_s, dq[i]);
             (sample.dq[joint], sample.ddq[joint], sample.engagement[joint]) = (dq[i], ddq[i], engagement);
         }
     }

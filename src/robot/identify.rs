@@ -157,10 +157,7 @@ impl RobotIdentifier {
             false => 0,
         };
         let mut identifier = Self {
-            rows: match options.formed_over_s {
-                Some(half_s) => WeakRows::new(&wide, options.windows)?.with_formed_velocities(half_s),
-                None => WeakRows::new(&wide, options.windows)?,
-            },
+            rows: options.rows(&wide)?,
             bias: vec![0.0; n],
             of_mass: vec![0.0; acting],
             jumps: Jumps::default(),
@@ -334,9 +331,7 @@ impl RobotIdentifier {
             slice[row.joint].add_row(row.regressor, row.torque);
             ring.add(&row);
             recent_rows.add(&row);
-            if let Some(errors) = row.errors {
-                slice[row.joint].add_bias(&mut |bias| errors.bias(wide, row.joint, of_mass, bias));
-            }
+            slice[row.joint].add_bias(&mut |bias| row.errors.bias(wide, row.joint, of_mass, bias));
         })?;
         self.counts.take(&self.model, sample, self.options.windows.length_s);
         if self.jumps.take(self.model.robot(), sample) {

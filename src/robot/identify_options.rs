@@ -1,6 +1,8 @@
 //! Options of the identification of a robot: windows, blocks, and allowances.
 
 use super::error::IdentifyError;
+use super::model::RobotModel;
+use super::rows::WeakRows;
 use super::windows::WindowOptions;
 
 /// Shortest block \[s\]: the noise of each block of two seconds is kept.
@@ -16,7 +18,7 @@ pub struct IdentifyOptions {
     /// True if windows become longer when errors of the positions require it.
     pub lengthens: bool,
     /// Time on either side over which velocities were computed from positions \[s\]; `None` if they
-    /// were measured.
+    /// were measured. Standard deviations allow for the errors of either kind.
     pub formed_over_s: Option<f64>,
     /// Length of a block \[s\].
     pub block_s: f64,
@@ -65,6 +67,15 @@ impl Default for IdentifyOptions {
 }
 
 impl IdentifyOptions {
+    /// Rows of a model with these windows, from velocities of this origin.
+    pub(super) fn rows(&self, model: &RobotModel) -> Result<WeakRows, IdentifyError> {
+        let rows = WeakRows::new(model, self.windows)?;
+        Ok(match self.formed_over_s {
+            Some(half_s) => rows.with_formed_velocities(half_s),
+            None => rows,
+        })
+    }
+
     pub(super) fn validate(&self) -> Result<(), IdentifyError> {
         self.windows.validate()?;
         let most_s = MAX_BLOCK_WINDOWS as f64 * self.windows.stride_s;

@@ -118,7 +118,7 @@ impl Solver {
         true
     }
 
-    /// (5) of `encoder_noise.rs`, with P = `covariance`.
+    /// (2) of `acceleration_noise.rs`, with P = `covariance`.
     pub fn bias(information: &Information, covariance: &[f64], bias: &mut [f64]) {
         let n = information.n;
         for (i, bias) in bias.iter_mut().enumerate() {

@@ -44,7 +44,7 @@ impl RobotIdentifier {
             true => self.drift.variance(i) + self.counts.variance(i),
             false => 0.0,
         };
-        let bias = self.bias[i] * self.bias[j]; // (5) of encoder_noise.rs
+        let bias = self.bias[i] * self.bias[j]; // (2) of acceleration_noise.rs
         self.covariance[i * n + j] + drift + bias + left_out.map_or(0.0, |left_out| left_out.covariance(i, j, n))
     }
 

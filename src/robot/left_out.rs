@@ -30,7 +30,7 @@
 //! delay must explain that much in any case. (8) is the same sandwich along the term itself: with
 //! encoders of 13 bits reversals are detected early or late, and the resulting apparent delay
 //! scatters from block to block. (9) subtracts the bias of U_c that
-//! [`encoder_noise`](super::encoder_noise) predicts.
+//! [`acceleration_noise`](super::acceleration_noise) predicts.
 //!
 //! Standard deviations include (6) even before that, so that a term that does less harm, or is less
 //! certain, does not make an estimate significantly wrong.

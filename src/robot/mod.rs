@@ -30,7 +30,8 @@
 //! | `base_parameters` | the parameter combinations on which torques depend |
 //! | `friction`, `model` | friction per joint; the whole robot as one linear model |
 //! | `rows`, `sums`, `information` | samples → weak-form rows → normal equations |
-//! | `windows`, `encoder_noise`, `window_review` | length of the windows; effect of errors of the positions, and when windows become longer |
+//! | `windows`, `window_review` | length of the windows, and when they become longer |
+//! | `acceleration_noise`, `encoder_noise`, `velocity_noise` | effect of errors of the velocities, formed from positions or measured |
 //! | `identify`, `learning`, `known`, `figures` | blocks → estimates with standard deviations and goodness of fit |
 //! | `clipped` | clipped torques |
 //! | `explained` | share of each joint's torque that the model explains |
@@ -46,6 +47,7 @@
 //! | `log`, `fit`, `judge`, `suspicion` | logs in columns; measured and predicted torque; probable mistakes in a log |
 //! | `error` | what can be wrong with each of these |
 
+mod acceleration_noise;
 mod base_parameters;
 mod butterworth;
 mod calibration;
@@ -102,19 +104,20 @@ mod urdf_moments;
 mod urdf_prior;
 mod urdf_writer;
 mod velocity;
+mod velocity_noise;
 mod watch;
 mod watch_room;
 mod window_review;
 mod windows;
 mod xml;
 
+pub use acceleration_noise::RowErrors;
 pub use base_parameters::{BaseParameter, BaseParameters, Standard};
 pub use butterworth::ZeroPhaseLowPass;
 pub use calibration::{CalibrationError, GainCalibration, KnownLoad};
 pub use carried::{CarriedPayload, PAYLOAD_VALUES};
 pub use change::{ChangeCause, RobotChange};
 pub use dynamics::{forward_dynamics, inverse_dynamics};
-pub use encoder_noise::RowErrors;
 pub use error::{
     DrivesError, FrictionError, IdentifyError, LoadError, MotionError, RobotError, RobotSimError, SampleFault,
     StandardError, UrdfError,

@@ -13,14 +13,14 @@
 //! Both sides are divided by ∫ψ dt, so that a row is a mean torque. No acceleration is formed.
 //! Source of the weak form: A. Preisig, D. Rippin, Computers & Chemical Engineering 17 (1993).
 
+use super::acceleration_noise::{AccelerationNoise, RowErrors};
 use super::clipped::Largest;
-use super::encoder_noise::{EncoderNoise, RowErrors};
 use super::error::{IdentifyError, SampleFault};
 use super::friction::Engagement;
 use super::model::RobotModel;
 use super::regressor::{EnergyRegressors, HeldSlopes};
 use super::state::RobotSample;
-use super::windows::{WindowOptions, psi};
+use super::windows::{WindowOptions, psi, psi_slope};
 use crate::model::MAX_JOINTS;
 
 /// Updates per window of the columns of zeros and tilts, which depend on the posture: a robot moves
@@ -38,11 +38,11 @@ pub struct WeakRow<'a> {
     pub regressor: &'a [f64],
     /// Mean torque \[N m or N\].
     pub torque: f64,
-    /// Effect of errors of the positions; `None` if velocities are measured.
-    pub errors: Option<RowErrors<'a>>,
+    /// Effect of errors of the velocities.
+    pub errors: RowErrors<'a>,
 }
 
-/// Accelerations of windows, and their errors due to the positions.
+/// Accelerations of windows, and their errors.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Motion {
     /// Sum of their squares \[(rad/s²)² or (m/s²)²\].
@@ -68,10 +68,13 @@ struct Window {
     /// ψ at the previous sample, and the time between that sample and the one before it, 0 if it
     /// opened the window.
     last_psi: f64,
+    last_slope: f64,
     last_gap: f64,
     torque: [f64; MAX_JOINTS],
     rest: [f64; MAX_JOINTS],
     acceleration: [f64; MAX_JOINTS],
+    /// The same from the positions.
+    of_positions: [f64; MAX_JOINTS],
 }
 
 /// Converts samples to rows: a fixed number of overlapping windows, filled sample by sample without
@@ -85,7 +88,7 @@ pub struct WeakRows {
     rest_speed: [f64; MAX_JOINTS],
     engagement: [Engagement; MAX_JOINTS],
     largest: [Largest; MAX_JOINTS],
-    noise: Option<EncoderNoise>,
+    noise: AccelerationNoise,
     motion: Motion,
     regressors: EnergyRegressors,
     slopes: HeldSlopes,
@@ -103,7 +106,7 @@ pub struct WeakRows {
 }
 
 impl WeakRows {
-    /// For a model.
+    /// For a model and measured velocities.
     ///
     /// # Errors
     /// See [`WindowOptions::validate`].
@@ -127,7 +130,7 @@ impl WeakRows {
             rest_speed,
             engagement: [Engagement::default(); MAX_JOINTS],
             largest: [Largest::default(); MAX_JOINTS],
-            noise: None,
+            noise: AccelerationNoise::measured(),
             motion: Motion::default(),
             regressors: EnergyRegressors::new(joints),
             slopes: HeldSlopes::new(options.length_s / SLOPES_PER_WINDOW),
@@ -147,7 +150,7 @@ impl WeakRows {
     #[must_use]
     pub fn with_formed_velocities(self, half_s: f64) -> Self {
         Self {
-            noise: Some(EncoderNoise::new(half_s)),
+            noise: AccelerationNoise::formed(half_s),
             ..self
         }
     }
@@ -158,6 +161,7 @@ impl WeakRows {
         self.slopes = HeldSlopes::new(options.length_s / SLOPES_PER_WINDOW);
         self.active = 0;
         self.motion = Motion::default();
+        self.noise.forget_windows();
         if let Some(last) = &self.last {
             self.next_center = last.t_s + 0.5 * options.length_s;
         }
@@ -215,9 +219,12 @@ impl WeakRows {
             Some(last) => sample.t_s - last.t_s,
             None => f64::INFINITY,
         };
+        let travel = match &self.last {
+            Some(last) => self.noise.travel(last, sample, n),
+            None => [0.0; MAX_JOINTS],
+        };
         for (i, friction) in model.friction().iter().enumerate() {
-            let step = self.last.map_or(0.0, |last| sample.dq[i] * (sample.t_s - last.t_s));
-            self.engagement[i] = friction.engagement(step, self.engagement[i]);
+            self.engagement[i] = friction.engagement(travel[i], self.engagement[i]);
             if sample.dq[i].abs() > self.rest_speed[i] {
                 self.largest[i].take(sample.tau[i]);
             }
@@ -237,15 +244,13 @@ impl WeakRows {
             self.next_center = sample.t_s + 0.5 * self.options.length_s;
         } else if let Some(last) = self.last {
             self.open_until(sample.t_s);
-            if let Some(noise) = &mut self.noise {
-                noise.take(&last, sample, n, self.options.length_s);
-            }
+            self.noise.take(&last, sample, &travel[..n], self.options.length_s);
             let [before, now] = &self.differentiated;
             for ((step, before), now) in self.step.iter_mut().zip(before).zip(now) {
                 *step = now - before;
             }
             for age in 0..self.active {
-                self.add((self.oldest + age) % self.windows.len(), &last, sample, gap);
+                self.add((self.oldest + age) % self.windows.len(), (&last, sample), &travel, gap);
             }
             while self.active > 0 && self.windows[self.oldest].center + 0.5 * self.options.length_s <= sample.t_s {
                 self.close(model, take);
@@ -270,7 +275,7 @@ impl WeakRows {
     }
 
     /// Adds the time between two samples to a window.
-    fn add(&mut self, slot: usize, last: &RobotSample, sample: &RobotSample, gap: f64) {
+    fn add(&mut self, slot: usize, (last, sample): (&RobotSample, &RobotSample), travel: &[f64; MAX_JOINTS], gap: f64) {
         let window = &mut self.windows[slot];
         let s = 2.0 * (sample.t_s - window.center) / self.options.length_s;
         let psi = psi(s);
@@ -278,10 +283,13 @@ impl WeakRows {
         let gap_before = std::mem::replace(&mut window.last_gap, gap);
         let mean = 0.5 * (before + psi); // (2)
         let (left, right) = (0.5 * gap * before, 0.5 * gap * psi); // (3)
+        let slope = 2.0 * psi_slope(s) / self.options.length_s;
+        let mean_slope = 0.5 * (std::mem::replace(&mut window.last_slope, slope) + slope);
         window.weight += left + right;
         for i in 0..self.joints {
             window.torque[i] += left * last.tau[i] + right * sample.tau[i]; // (3)
             window.acceleration[i] += mean * (sample.dq[i] - last.dq[i]); // (2)
+            window.of_positions[i] -= mean_slope * travel[i];
             let resting = |x: &RobotSample| x.dq[i].abs() < self.rest_speed[i];
             window.rest[i] += if resting(last) { left } else { 0.0 } + if resting(sample) { right } else { 0.0 };
         }
@@ -305,18 +313,19 @@ impl WeakRows {
         }
         let sums = &mut self.sums[slot * self.entries..(slot + 1) * self.entries];
         sums.iter_mut().for_each(|x| *x /= window.weight);
-        let variances = match &mut self.noise {
-            Some(noise) => noise.variances(self.joints, self.options.length_s),
-            None => [0.0; MAX_JOINTS],
-        };
+        let mean = |sums: &[f64; MAX_JOINTS]| sums.map(|sum| sum / window.weight);
+        let (acceleration, of_positions) = (mean(&window.acceleration), mean(&window.of_positions));
+        self.noise
+            .take_window(&acceleration, &of_positions, self.joints, self.options.length_s);
+        let variances = self.noise.variances(self.joints, self.options.length_s);
         for (k, variance) in variances.iter().enumerate().take(self.joints) {
-            self.motion.square[k] += (window.acceleration[k] / window.weight).powi(2);
+            self.motion.square[k] += acceleration[k].powi(2);
             self.motion.noise[k] += variance;
         }
-        let errors = self.noise.is_some().then_some(RowErrors {
+        let errors = RowErrors {
             regressors: &self.regressors,
             variances: &variances,
-        });
+        };
         let mut at = 0;
         for joint in 0..self.joints {
             let len = model.columns(joint).len();

@@ -17,7 +17,7 @@ pub(super) struct JointSums {
     pub gram: Vec<f64>,
     /// b.
     pub moment: Vec<f64>,
-    /// Bias of b by errors of the positions: (4) of `encoder_noise.rs`.
+    /// Bias of b by errors of the velocities: (1) of `acceleration_noise.rs`.
     pub bias: Vec<f64>,
     /// c.
     pub square: f64,

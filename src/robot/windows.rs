@@ -13,6 +13,15 @@ pub(super) fn psi(s: f64) -> f64 {
     if s.abs() < 1.0 { (1.0 - s * s).powi(4) } else { 0.0 }
 }
 
+/// dψ/ds.
+pub(super) fn psi_slope(s: f64) -> f64 {
+    if s.abs() < 1.0 {
+        -8.0 * s * (1.0 - s * s).powi(3)
+    } else {
+        0.0
+    }
+}
+
 /// Windows of the weak form.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WindowOptions {

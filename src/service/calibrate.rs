@@ -30,8 +30,11 @@ pub fn run(args: &CalibrateArgs) -> Result<Exit, Failure> {
         robot_profile::tell_velocities(path, &config, &log);
         Ok(log)
     });
-    let (empty, loaded) = (empty?.samples, loaded?.samples);
+    let (empty, loaded) = (empty?, loaded?);
+    let forms_velocities = empty.forms_velocities || loaded.forms_velocities;
+    let (empty, loaded) = (empty.samples, loaded.samples);
     config.options.windows = config.windows_of(&empty);
+    config.options.formed_over_s = forms_velocities.then(|| config.log_velocity_s());
     let found = GainCalibration::of(&config.model, &config.options, &empty, &loaded, &load).map_err(Failure::usage)?;
     let gains: Vec<f64> = config
         .drives

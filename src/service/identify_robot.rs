@@ -76,6 +76,7 @@ pub(super) fn run(args: &IdentifyArgs, mut config: RobotConfig, shutdown: &Shutd
     // Before the next ticker, because their lines would overlap.
     drop(ticker);
     config.options.windows = config.windows_of(&log.samples);
+    config.options.formed_over_s = log.forms_velocities.then(|| config.log_velocity_s());
     robot_profile::tell(&args.input, &config, &log);
     if let (Some(path), Some(log)) = (&args.validate, &held_out) {
         robot_profile::tell(path, &config, log);

@@ -87,11 +87,6 @@ struct Answer {
     named: Option<(String, SuspectKind, Option<usize>, Suspicion)>,
 }
 
-/// A standard normal number, as the sum of twelve uniform ones.
-fn normal(rng: &mut TestRng) -> f64 {
-    (0..12).map(|_| rng.between(0.0, 1.0)).sum::<f64>() - 6.0
-}
-
 fn identify(sim: &SimOptions, considered: Considered, wrong: Wrong) -> Vec<Answer> {
     let plant = Manipulator::default();
     let count = std::f64::consts::TAU / 65_536.0;
@@ -135,7 +130,7 @@ fn identify(sim: &SimOptions, considered: Considered, wrong: Wrong) -> Vec<Answe
             let current = exact.input[joint] - right[4 + 3 * joint] * (after.q[joint] - q) / 1e-3;
             // voltage overcomes friction and makes up for what the drive delivers too little
             let input = exact.input[joint] + warmer * current + wrong.coulomb_v[joint] * (dq / 0.005).tanh();
-            sample.input[joint] = input * (1.0 - wrong.gain[joint]) + wrong.offset_v[joint] + 0.05 * normal(&mut rng);
+            sample.input[joint] = input * (1.0 - wrong.gain[joint]) + wrong.offset_v[joint] + 0.05 * rng.normal();
             sample.q[joint] = ((q + wrong.eccentricity_rad[joint] * q.sin()) / count).round() * count;
         }
         assert!(block.push(k * 1_000_000, &sample));

@@ -9,16 +9,12 @@ use thetabus::estimator::{BlockEstimator, EstimatorError, EstimatorOptions, Stru
 const RELATION: [usize; 4] = [0, 2, 1, 3];
 const TRUTH: [f64; 5] = [0.06, 0.3, 0.2, 1.0, 0.5];
 
-fn normal(rng: &mut TestRng) -> f64 {
-    (0..12).map(|_| rng.between(-0.5, 0.5)).sum()
-}
-
 /// Rows of all five parameters, the third of which shows least.
 fn rows(truth: &[f64; 5], noise: f64, rng: &mut TestRng) -> Linear {
     let rows = (0..300).map(|_| {
         let mut phi: Vec<f64> = (0..5).map(|_| rng.between(-1.0, 1.0)).collect();
         phi[2] *= 0.1;
-        let v = phi.iter().zip(truth).map(|(x, t)| x * t).sum::<f64>() + noise * normal(rng);
+        let v = phi.iter().zip(truth).map(|(x, t)| x * t).sum::<f64>() + noise * rng.normal();
         (phi, v)
     });
     Linear { rows: rows.collect() }

@@ -63,6 +63,11 @@ impl TestRng {
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * ((self.bits() >> 11) as f64 / (1u64 << 53) as f64)
     }
+
+    /// A standard normal number, as the sum of twelve uniform ones.
+    pub fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.between(-0.5, 0.5)).sum()
+    }
 }
 
 /// A random state of the two-joint arm, with every signal set.

@@ -163,6 +163,7 @@ fn identifier(robot: &Robot, payload_friction: f64) -> Result<RobotIdentifier, R
             max_gap_s: 0.02,
             ..WindowOptions::default()
         },
+        formed_over_s: Some(LAG_S),
         block_s: BLOCK_S,
         friction_walk: 0.0,
         zero_rad: 0.0,

@@ -78,6 +78,7 @@ impl Machine {
         let few = vec![FrictionTerm::Viscous, FrictionTerm::Coulomb, FrictionTerm::Offset];
         let mut friction = JointFriction::default();
         let mut options = IdentifyOptions {
+            formed_over_s: Some(0.02),
             payload,
             ..IdentifyOptions::default()
         };

@@ -141,6 +141,7 @@ fn ident_what_a_motion_promises_is_kept() {
             .unwrap()
             .truth(&model, 0.0);
         let settings = IdentifyOptions {
+            formed_over_s: Some(0.02),
             friction_walk: 0.0,
             // the forecast and the simulation both have exact zeros
             zero_rad: 0.0,

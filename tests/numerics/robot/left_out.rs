@@ -5,6 +5,7 @@
 //! payload, that is off by more than 5 of its standard deviations and more than 0.5 %.
 
 use super::{SIX_AXIS, robot};
+use crate::support::TestRng;
 use FrictionTerm::{Coulomb, Offset, Viscous};
 use nalgebra::{Rotation3, Vector3};
 use thetabus::messages::{Estimate, Sample, State, signals};
@@ -54,6 +55,30 @@ fn run_of(
     simulation: RobotSimOptions,
     seconds: usize,
 ) -> Run {
+    run_with(machine, terms, presliding, simulation, seconds, None)
+}
+
+/// Errors of measured velocities.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct VelocityErrors {
+    /// Standard deviation of white noise \[rad/s\].
+    pub noise: f64,
+    /// Time constant of a filter of first order \[s\].
+    pub filter_s: f64,
+    /// True if they are differences of the positions.
+    pub differs: bool,
+}
+
+/// The same; `velocities` are measured with these errors if not `None`, otherwise formed from
+/// positions.
+pub(super) fn run_with(
+    machine: &Robot,
+    terms: &[FrictionTerm],
+    presliding: f64,
+    mut simulation: RobotSimOptions,
+    seconds: usize,
+    velocities: Option<VelocityErrors>,
+) -> Run {
     let robot = robot(SIX_AXIS);
     let friction = JointFriction {
         terms: terms.to_vec(),
@@ -64,22 +89,45 @@ fn run_of(
     let options = IdentifyOptions {
         windows: WindowOptions::for_period(1e-3),
         lengthens: true,
-        formed_over_s: Some(0.02),
+        formed_over_s: velocities.is_none().then_some(0.02),
         payload: true,
         ..IdentifyOptions::default()
     };
     let identifier = RobotIdentifier::new(model, options).unwrap();
+    simulation.has_velocity = velocities.is_some();
+    let mut random = TestRng(simulation.seed + 1);
     let simulator = RobotSimulator::new(machine, simulation).unwrap();
     let truth = simulator.truth(identifier.model(), 0.0);
+    let mask = signals::Q | signals::INPUT | if velocities.is_some() { signals::DQ } else { 0 };
     let options = IdentifierOptions {
         sample_period_ns: 1_000_000,
-        ..IdentifierOptions::new(1000, 6, signals::Q | signals::INPUT)
+        ..IdentifierOptions::new(1000, 6, mask)
     };
-    let learner = RobotLearner::new(Drives::torque(6), identifier, Some(Velocities::new(20, 0.02)));
+    let former = velocities.is_none().then(|| Velocities::new(20, 0.02));
+    let learner = RobotLearner::new(Drives::torque(6), identifier, former);
     let mut node = RobotNode::new(options, learner, 1);
     let mut run = Run::default();
-    for (seq, joints) in (0..).zip(simulator.take(1000 * seconds)) {
-        let sample = Sample::new(1, seq, seq * 1_000_000, 6, signals::Q | signals::INPUT, &joints);
+    let (mut filtered, mut q) = (None, None);
+    for (seq, mut joints) in (0..).zip(simulator.take(1000 * seconds)) {
+        if let Some(VelocityErrors {
+            noise,
+            filter_s,
+            differs,
+        }) = velocities
+        {
+            let q = q.get_or_insert(joints.q);
+            for (i, q) in q.iter_mut().enumerate().filter(|_| differs) {
+                joints.dq[i] = (joints.q[i] - *q) / 1e-3;
+                *q = joints.q[i];
+            }
+            let followed = 1e-3 / filter_s.max(1e-3);
+            let filtered = filtered.get_or_insert(joints.dq);
+            for (filtered, dq) in filtered.iter_mut().zip(&mut joints.dq).take(6) {
+                *filtered += followed * (*dq - *filtered);
+                *dq = *filtered + noise * random.normal();
+            }
+        }
+        let sample = Sample::new(1, seq, seq * 1_000_000, 6, mask, &joints);
         let mut closed: Option<Estimate> = None;
         node.on_sample(&sample, &mut |estimate| closed = Some(*estimate));
         let Some(estimate) = closed else { continue };

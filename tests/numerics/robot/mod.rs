@@ -11,6 +11,7 @@ mod excitation;
 mod judge;
 mod left_out;
 mod log;
+mod measured_velocities;
 mod node;
 mod payload;
 mod peers;

@@ -22,6 +22,7 @@ fn node_of_blocks(samples: u64, block_s: f64) -> RobotNode {
     let model = RobotModel::new(robot(SIX_AXIS), true, friction).unwrap();
     let options = IdentifyOptions {
         windows,
+        formed_over_s: Some(0.02),
         payload: true,
         block_s,
         ..IdentifyOptions::default()

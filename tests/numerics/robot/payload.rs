@@ -54,6 +54,7 @@ fn seven_axis() -> RobotIdentifier {
     let model = RobotModel::new(robot(SEVEN_AXIS), true, friction).unwrap();
     let options = IdentifyOptions {
         windows,
+        formed_over_s: Some(0.02),
         friction_walk: 0.0,
         // the simulated encoders have the zeros of the URDF
         zero_rad: 0.0,

@@ -30,7 +30,11 @@ fn confidently_wrong(seed: u64, friction: JointFriction) -> Vec<String> {
     };
     assert_eq!(options.presliding, 0.5 * friction.presliding);
     let model = RobotModel::new(robot.clone(), true, vec![friction; joints]).unwrap();
-    let mut identifier = RobotIdentifier::new(model, IdentifyOptions::default()).unwrap();
+    let identification = IdentifyOptions {
+        formed_over_s: Some(VELOCITY.0 as f64 * PERIOD_S),
+        ..IdentifyOptions::default()
+    };
+    let mut identifier = RobotIdentifier::new(model, identification).unwrap();
     let simulator = RobotSimulator::new(&robot, options).unwrap();
     let truth = simulator.truth(identifier.model(), 0.0);
     let mut velocities = Velocities::new(VELOCITY.0, VELOCITY.1);

@@ -102,6 +102,7 @@ fn ident_a_simulated_robot_gives_a_urdf_that_predicts_it() {
     };
     // The simulated encoders have the zeros of the URDF.
     let options_of_identifier = IdentifyOptions {
+        formed_over_s: Some(0.02),
         zero_rad: 0.0,
         ..IdentifyOptions::default()
     };

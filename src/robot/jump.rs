@@ -6,13 +6,15 @@
 //! l = max(LEAST, COUNTS · least |Δq| but 0)                                                    (3)
 //! jump by s:   |m| > max(l, LOUD · mean |m|),   |s| > l,   m/s > SHARE                         (4)
 //! slipped:     |Σ s| > LEAST over the jumps of a joint                                         (5)
+//! wrong time:  Σ Δq_k·Δq_{k−1} < ALIKE · max(Σ Δq_k², Σ Δq²_{k−1}) over the other joints          (6)
 //! ```
 //!
 //! No machine moves like that: after an impact the velocity, measured or computed from positions,
 //! agrees with the positions, and m stays small. Velocities computed over several samples contain
 //! the jump too; (4) holds only in the sample of the jump, not in its neighbours. A single wrong
 //! sample jumps there and back and leaves (5) unchanged. Time steps of different lengths are not
-//! compared, because a wrong stamp would look like a jump.
+//! compared, because a wrong stamp would look like a jump. If the other joints stop, or double their
+//! step, in the same sample (6), then it is repeated, or one before it is lost: no encoder slipped.
 
 use super::inquiry_room::RobotDoubt;
 use super::state::RobotSample;
@@ -31,6 +33,14 @@ const LOUD: f64 = 20.0;
 const SHARE: f64 = 1.0 / 3.0;
 /// Steps of time may differ by this factor.
 const EVEN: f64 = 1.5;
+/// Likeness of two steps of the other joints: 1 if they are equal, 1/2 if one is twice the other, 0
+/// if there is only one.
+const ALIKE: f64 = 0.75;
+/// Smallest step of the other joints together that tells of time, relative to their mean |m| and at
+/// least a count.
+const TELLING: f64 = 5.0;
+/// Samples for which the last step is kept while (6) holds: machines do stop at once.
+const HELD: u32 = 4;
 /// Samples in the mean of |m|.
 const MEAN_OF: f64 = 1000.0;
 
@@ -41,6 +51,8 @@ pub(super) struct Jumps {
     /// Δq and Δt of the last sample.
     step: [f64; MAX_JOINTS],
     step_s: f64,
+    /// Samples since Δq was kept because of (6).
+    held: [u32; MAX_JOINTS],
     usual: [f64; MAX_JOINTS],
     /// Smallest |Δq| so far, at least one count; 0 before the joint has moved.
     count: [f64; MAX_JOINTS],
@@ -66,6 +78,7 @@ impl Jumps {
         };
         let step_s = sample.t_s - last.t_s;
         let even = step_s < EVEN * self.step_s && self.step_s < EVEN * step_s;
+        let others = Others::of(self, &last, sample);
         for (j, joint) in robot.joints.iter().enumerate().take(MAX_JOINTS) {
             let moved = sample.q[j] - last.q[j];
             let missed = moved - 0.5 * (sample.dq[j] + last.dq[j]) * step_s; // (1)
@@ -76,11 +89,17 @@ impl Jumps {
             }
             let least = LEAST.max(COUNTS * self.count[j]); // (3)
             let is_loud = missed.abs() > least.max(LOUD * self.usual[j]);
-            self.step[j] = moved;
-            if even && joint.turns && is_loud && jump.abs() > least && missed / jump > SHARE {
-                self.slipped[j] += jump; // (4)
-                self.step[j] -= jump;
-                jumped = true;
+            let is_jump = even && joint.turns && is_loud && jump.abs() > least && missed / jump > SHARE;
+            if others.show_wrong_time(j) && self.held[j] < HELD {
+                self.held[j] += 1;
+            } else {
+                self.held[j] = 0;
+                self.step[j] = moved;
+                if is_jump {
+                    self.slipped[j] += jump; // (4)
+                    self.step[j] -= jump;
+                    jumped = true;
+                }
             }
             self.usual[j] += (missed.abs().min(LEAST) - self.usual[j]) / MEAN_OF;
         }
@@ -98,6 +117,34 @@ impl Jumps {
         }
         let (joint, by) = most;
         (by.abs() > LEAST).then_some(RobotDoubt::Slip { joint, by }) // (5)
+    }
+}
+
+/// Steps of all joints, for (6).
+struct Others {
+    /// Δq_k·Δq_{k−1}, Δq_k² and Δq²_{k−1} of each joint, in squares of its mean |m|.
+    terms: [[f64; 3]; MAX_JOINTS],
+    sums: [f64; 3],
+}
+
+impl Others {
+    fn of(jumps: &Jumps, last: &RobotSample, sample: &RobotSample) -> Self {
+        let (mut terms, mut sums) = ([[0.0; 3]; MAX_JOINTS], [0.0; 3]);
+        for (j, term) in terms.iter_mut().enumerate() {
+            let least = jumps.count[j].max(jumps.usual[j]);
+            if least > 0.0 {
+                let (moved, before) = ((sample.q[j] - last.q[j]) / least, jumps.step[j] / least);
+                *term = [moved * before, moved * moved, before * before];
+            }
+            sums.iter_mut().zip(*term).for_each(|(sum, term)| *sum += term);
+        }
+        Self { terms, sums }
+    }
+
+    /// (6) for the joints other than this one.
+    fn show_wrong_time(&self, joint: usize) -> bool {
+        let [product, now, before] = std::array::from_fn(|i| self.sums[i] - self.terms[joint][i]);
+        now.max(before) > TELLING * TELLING && product < ALIKE * now.max(before) // (6)
     }
 }
 
@@ -153,6 +200,42 @@ mod tests {
                         "{period_s} {measured}: {found}"
                     );
                 }
+            }
+        }
+    }
+
+    /// Of all joints in motion, a row in twenty repeats the one before, or is missing under stamps
+    /// made up from the rate; a slip is found all the same.
+    #[test]
+    fn prop_repeated_and_missing_rows_are_no_slip() {
+        let urdf = include_str!("../../config/robots/six_axis.urdf");
+        let robot = Robot::from_urdf(urdf, &Selection::default()).unwrap();
+        for (by, is_missing) in [(0.0, false), (0.0, true), (0.02, false), (0.02, true)] {
+            let mut random = super::super::random::Random(3);
+            let (mut jumps, mut velocities) = (Jumps::default(), Velocities::new(10, 1.0));
+            let (mut rows, mut row) = (0, 0);
+            let mut q = [0.0; MAX_JOINTS];
+            while rows < 20_000 {
+                let is_hit = random.normal() > 1.645;
+                row += if is_hit && is_missing { 2 } else { 1 };
+                let phase = 0.002 * f64::from(row);
+                if !is_hit || is_missing {
+                    q = std::array::from_fn(|j| ((1.0 + 0.1 * j as f64) * phase).sin());
+                    q[1] += if rows < 9_000 { 0.0 } else { by };
+                }
+                let sample = RobotSample {
+                    t_s: 0.002 * f64::from(rows),
+                    q,
+                    ..RobotSample::default()
+                };
+                rows += 1;
+                if let Some(sample) = velocities.push(&sample) {
+                    jumps.take(&robot, &sample);
+                }
+            }
+            match jumps.found() {
+                Some(RobotDoubt::Slip { joint: 1, by: found }) => assert!((found - by).abs() < 5e-3, "{found}"),
+                other => assert!(by == 0.0 && other.is_none(), "{by} {is_missing}: {other:?}"),
             }
         }
     }

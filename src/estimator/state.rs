@@ -20,7 +20,7 @@
 //! before and no change was seen since; in both only with the evidence of `evidence.rs`: the data
 //! have informed on more than half of the directions of every group, the block fits, the model
 //! explains the signals of every equation, the data push no parameter against a bound, and at least
-//! one parameter is usable.
+//! one parameter is usable. In a block in which the machine rests and no row counts, they may not.
 
 use super::evidence::LEAST_EXPLAINED;
 use super::persist::Visit;
@@ -169,11 +169,11 @@ impl StateMachine {
         } else {
             Phase::Converging
         };
-        // a block without an estimate is no evidence
-        let use_ok = self.converged
-            && self.informed
-            && report.held.is_none()
-            && matches!(phase, Phase::Converged | Phase::PoorlyExcited);
+        // a block without an estimate is no evidence, nor one whose rows all have weight 0, because
+        // the machine rested: at rest it may have changed
+        let is_silent = report.held.is_some() || report.signal_rms.iter().all(|rms| *rms == 0.0);
+        let use_ok =
+            self.converged && self.informed && !is_silent && matches!(phase, Phase::Converged | Phase::PoorlyExcited);
         Verdict { phase, use_ok }
     }
 
@@ -273,6 +273,9 @@ mod tests {
         let poor = |r: &mut Report| r.rank = 1;
         assert_eq!(drive(&mut m, poor), (Phase::Converged, true));
         assert_eq!(drive(&mut m, poor), (Phase::PoorlyExcited, true));
+        assert_eq!(drive(&mut m, |_| ()), (Phase::Converged, true));
+        // a machine that rests
+        assert_eq!(drive(&mut m, |r| r.signal_rms.fill(0.0)), (Phase::Converged, false));
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converged, true));
         // lost rows: entered at once, left after two clean blocks
         assert_eq!(drive(&mut m, |r| r.rows = 97), (Phase::Converged, true));

@@ -75,7 +75,10 @@ impl fmt::Display for StreamFaults {
             (self.wrong_signals, "lack a signal that is needed"),
             (self.not_finite, "hold NaN, infinity, or a number that no machine has"),
             (self.saturated, "have an input at the limit of its measurement"),
-            (self.frozen, "have a signal that does not move although it must"),
+            (
+                self.frozen,
+                "have a signal that does not move although it must, or only every few samples",
+            ),
         ];
         let mut between = "";
         for (count, what) in kinds.into_iter().filter(|(count, _)| *count > 0) {
@@ -182,7 +185,7 @@ impl ErrorCode {
             Self::WrongSignals => "a sample lacks a signal that is needed",
             Self::NotFinite => "a sample holds NaN, infinity, or a number that no machine has",
             Self::Saturated => "an input lies at the limit of its measurement",
-            Self::Frozen => "a signal does not move although it must",
+            Self::Frozen => "a signal does not move although it must, or only every few samples",
             Self::Silent => "no sample has come for a second or more",
             Self::NotEvaluable => "a block cannot be evaluated at the estimate",
             Self::CheckpointUnused => "a checkpoint was not used",

@@ -8,6 +8,10 @@
 //! | A | position | after M samples of standstill the input, smoothed over M/4, moved by a fifth of its largest magnitude and by more than its noise does, or the measured velocity has passed a thousandth of the range of motion, and M samples later it still stands |
 //! | B | input | it was constant for M samples, changed with every sample before, is not at its largest magnitude (a drive at its limit), and the position has moved by 5 % of its range |
 //! | C | both | both were constant for 5 M samples, and the input changed with every sample before |
+//! | D | position | four in five of its last steps of three counts or more follow a sample in which it stood still |
+//!
+//! No machine moves as in rule D: the position is read less often than it is reported. Its errors
+//! then are the same for some samples, and look like the motion of another machine.
 //!
 //! A joint held by friction against a growing input also satisfies rule A; therefore M is a
 //! configuration key, and 0 turns the detection off.
@@ -42,6 +46,11 @@ struct Joint {
     /// Range of the position since the input has been constant.
     q_least: f64,
     q_most: f64,
+    /// Smallest change of the position that is not 0: at least one count.
+    count: f64,
+    /// Number of steps of some counts, and the share of the last ones that follow a standstill.
+    steps: u64,
+    leaps: f64,
     /// ∫|q̇| since the position has been constant.
     path: f64,
     /// Samples since the position should have moved.
@@ -68,6 +77,9 @@ impl Joint {
         u_most: 0.0,
         q_least: 0.0,
         q_most: 0.0,
+        count: f64::INFINITY,
+        steps: 0,
+        leaps: 0.0,
         path: 0.0,
         driven: 0,
         peak: 0.0,
@@ -89,6 +101,14 @@ impl FreezeWatch {
     const LIVELY: f64 = 0.9;
     /// Rule C: patience of M times this.
     const STILL: u64 = 5;
+
+    /// Rule D: a step of this many counts is more than the encoder's rounding.
+    const COUNTS: f64 = 2.5;
+    /// Rule D: number of steps that the share is of, and the smallest number that is judged.
+    const STEPS: u64 = 200;
+    const FEWEST: u64 = 100;
+    /// Rule D: share of the steps that follow a standstill.
+    const LEAPS: f64 = 0.8;
 
     /// With M = `patience` samples, 0 to turn it off, every `period_s`.
     pub(super) fn new(patience: u64, period_s: f64) -> Self {
@@ -169,6 +189,7 @@ impl Joint {
             let slides = range > 0.0 && self.path > FreezeWatch::PATH * range;
             self.driven = if drive || slides { self.driven + 1 } else { 0 };
         } else {
+            self.step(q);
             (self.q_run, self.path, self.driven) = (0, 0.0, 0);
         }
         (self.q, self.u) = (q, u);
@@ -177,7 +198,23 @@ impl Joint {
         let rule_a = self.driven >= patience;
         let rule_b = self.u_run >= patience && was_lively && !at_limit && moved;
         let rule_c = was_lively && self.u_run.min(self.q_run) >= FreezeWatch::STILL * patience;
-        rule_a || rule_b || rule_c
+        let rule_d = self.steps >= FreezeWatch::FEWEST && self.leaps > FreezeWatch::LEAPS;
+        rule_a || rule_b || rule_c || rule_d
+    }
+
+    /// Counts a step of the position for rule D.
+    #[inline]
+    fn step(&mut self, q: f64) {
+        let step = (q - self.q).abs();
+        // −0 differs from 0 to the bit
+        if step > 0.0 {
+            self.count = self.count.min(step);
+        }
+        if step > FreezeWatch::COUNTS * self.count {
+            self.steps += 1;
+            let leaps = if self.q_run > 0 { 1.0 } else { 0.0 };
+            self.leaps += (leaps - self.leaps) / self.steps.min(FreezeWatch::STEPS) as f64;
+        }
     }
 }
 
@@ -249,6 +286,48 @@ mod tests {
             }
         });
         assert_eq!(hung.last(), Some(&9_899));
+    }
+
+    /// Every second, third and fifth sample is new, and a twentieth of them at random; in the last
+    /// case nothing is frozen.
+    #[test]
+    fn fault_a_position_that_is_read_every_few_samples_is_frozen() {
+        for period in [2, 3, 5, 0] {
+            let mut held = 0.0;
+            let mut random = 7u64;
+            let found = std::cell::RefCell::new((&mut held, &mut random));
+            let frozen = frozen_samples(|k, q, _| {
+                let (held, random) = &mut *found.borrow_mut();
+                **random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                let is_new = match period {
+                    0 => (**random >> 33) % 20 != 0,
+                    _ => k % period == 0,
+                };
+                if is_new {
+                    **held = *q;
+                }
+                *q = **held;
+            });
+            match period {
+                0 => assert_eq!(frozen.first(), None),
+                _ => assert!(
+                    frozen[0] < 2_000 && frozen.last() == Some(&19_999),
+                    "{period}: {frozen:?}"
+                ),
+            }
+        }
+    }
+
+    #[test]
+    fn regress_a_zero_with_a_sign_is_no_step() {
+        let signed = frozen_samples(|k, q, _| {
+            *q = match k {
+                0 => 0.0,
+                1 => -0.0,
+                _ => (*q * 200.0).round() / 200.0,
+            }
+        });
+        assert_eq!(signed.first(), None);
     }
 
     #[test]

@@ -293,10 +293,10 @@ pub fn misfit_words(estimate: &Estimate, least_explained: Option<f64>) -> String
             100.0 * least
         ),
         Some(_) => "a parameter is at its bound, or the model lacks a term".to_owned(),
-        None => {
-            "the model explains too little of the inputs' power, a parameter is at its bound, or the model lacks a term"
-                .to_owned()
-        }
+        None => format!(
+            "the model explains {:.1} % of an input's power, a parameter is at its bound, or the model lacks a term",
+            100.0 * worst
+        ),
     }
 }
 
@@ -513,7 +513,7 @@ pub(crate) mod tests {
                 0.5,
                 0.97,
                 None,
-                "too little of the inputs' power, a parameter is at its bound, or",
+                "explains 97.0 % of an input's power, a parameter is at its bound, or",
             ),
         ] {
             let mut message = estimate(3, 10.0);

@@ -1,7 +1,7 @@
 //! `summary.json` and the result table: the result of a run, with the truth if known.
 
 use crate::messages::{Estimate, State};
-use crate::node::monitor::{MonitorNode, lacking_words, poorly_excited_words, relative_error, seconds};
+use crate::node::monitor::{MonitorNode, lacking_words, misfit_words, poorly_excited_words, relative_error, seconds};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -115,6 +115,9 @@ pub struct Summary {
     /// Number of restarts by a launcher, by process; null without a launcher.
     #[serde(default)]
     pub restarts: Option<BTreeMap<String, u64>>,
+    /// Why the state is `misfit`, in words; null in another state.
+    #[serde(default)]
+    pub misfit_reason: Option<String>,
     /// An error that the model lacks, in words, if the residuals show one.
     #[serde(default)]
     pub misfit: Option<String>,
@@ -170,6 +173,9 @@ impl Summary {
                 .collect(),
             wall_s: None,
             restarts: None,
+            misfit_reason: last
+                .filter(|e| e.state == State::Misfit as u32)
+                .map(|e| misfit_words(e, None)),
             misfit: monitor.misfit().map(str::to_owned),
             no_estimate: status.and_then(|s| s.no_estimate()).map(str::to_owned),
         }
@@ -287,6 +293,9 @@ impl Summary {
         if self.state == State::PoorlyExcited.name() {
             let usable = self.parameters.iter().filter(|p| p.usable == Some(true)).count();
             write!(f, " ({})", poorly_excited_words(usable, self.parameters.len()))?;
+        }
+        if let Some(words) = &self.misfit_reason {
+            write!(f, " ({words})")?;
         }
         match self.wall_s {
             Some(wall) => writeln!(f, "; wall time {wall:.1} s")?,

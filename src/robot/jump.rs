@@ -6,15 +6,16 @@
 //! l = max(LEAST, COUNTS · least |Δq| but 0)                                                    (3)
 //! jump by s:   |m| > max(l, LOUD · mean |m|),   |s| > l,   m/s > SHARE                         (4)
 //! slipped:     |Σ s| > LEAST over the jumps of a joint                                         (5)
-//! wrong time:  Σ Δq_k·Δq_{k−1} < ALIKE · max(Σ Δq_k², Σ Δq²_{k−1}) over the other joints          (6)
+//! wrong time:  Σ Δq_k·Δq_{k−1} < ALIKE · max(Σ Δq_k², Σ Δq²_{k−1}) over the other joints         (6)
 //! ```
 //!
 //! No machine moves like that: after an impact the velocity, measured or computed from positions,
 //! agrees with the positions, and m stays small. Velocities computed over several samples contain
 //! the jump too; (4) holds only in the sample of the jump, not in its neighbours. A single wrong
 //! sample jumps there and back and leaves (5) unchanged. Time steps of different lengths are not
-//! compared, because a wrong stamp would look like a jump. If the other joints stop, or double their
-//! step, in the same sample (6), then it is repeated, or one before it is lost: no encoder slipped.
+//! compared, because a wrong stamp would look like a jump. If the other joints stop, or double
+//! their step, in the same sample (6), then it is repeated, or one before it is lost: no encoder
+//! slipped.
 
 use super::inquiry_room::RobotDoubt;
 use super::state::RobotSample;

@@ -89,6 +89,7 @@ pub(super) fn run(args: &IdentifyArgs, mut config: RobotConfig, shutdown: &Shutd
         before,
         last,
         estimates,
+        uninformed,
         stopped,
     } = Pass::through(&mut identifier, (&log, &states), &args.input, &ticker, shutdown)?;
     if identifier.blocks() == 0 {
@@ -126,6 +127,9 @@ pub(super) fn run(args: &IdentifyArgs, mut config: RobotConfig, shutdown: &Shutd
                 "\nstate {state}, use_ok {}, {usable} parameters usable in the last block",
                 last.use_ok
             ))?;
+            if let Some(words) = uninformed {
+                logging::result(&words)?;
+            }
         }
     }
     if let Some(dir) = &args.out {
@@ -145,6 +149,8 @@ struct Pass {
     last: Estimate,
     /// Text of `estimates.csv`.
     estimates: String,
+    /// Why the data are not enough for `use_ok`, if they are not.
+    uninformed: Option<String>,
     /// True if a signal arrived before the end of the log.
     stopped: bool,
 }
@@ -163,6 +169,7 @@ impl Pass {
             before: TorqueFit::default(),
             last: Estimate::default(),
             estimates: estimates_header(identifier),
+            uninformed: None,
             stopped: false,
         };
         for (index, (sample, state)) in log.iter().zip(states).enumerate() {
@@ -193,6 +200,14 @@ impl Pass {
     fn note(&mut self, identifier: &RobotIdentifier, evidence: &mut RobotEvidence, t_s: f64) {
         self.last = evidence.judge(identifier, true, 0.0);
         estimates_line(identifier, (t_s, &self.last), &mut self.estimates);
+        let report = evidence.report();
+        let free = self.last.params as usize - self.last.fixed.len();
+        self.uninformed = (!report.informed).then(|| {
+            format!(
+                "use_ok needs more than half of the {free} free parameters known from data, got {}: move all joints, at different speeds",
+                report.rank
+            )
+        });
     }
 }
 

@@ -20,12 +20,15 @@ use super::friction::Engagement;
 use super::model::RobotModel;
 use super::regressor::{EnergyRegressors, HeldSlopes};
 use super::state::RobotSample;
-use super::windows::{WindowOptions, psi, psi_slope};
+use super::windows::{WindowOptions, psi_and_slope};
 use crate::model::MAX_JOINTS;
 
 /// Updates per window of the columns of zeros and tilts, which depend on the posture: a robot moves
 /// little in 2 ms.
 const SLOPES_PER_WINDOW: f64 = 64.0;
+
+/// Share of an acceleration below which its errors are left out: the bias is not larger than it.
+const NEGLIGIBLE: f64 = 1e-5;
 
 /// One row (1) of a joint.
 #[derive(Debug, Clone, Copy)]
@@ -65,7 +68,7 @@ impl Motion {
 struct Window {
     center: f64,
     weight: f64,
-    /// ψ at the previous sample, and the time between that sample and the one before it, 0 if it
+    /// ψ and dψ/ds at the previous sample, and the time between that sample and the one before it, 0 if it
     /// opened the window.
     last_psi: f64,
     last_slope: f64,
@@ -73,7 +76,7 @@ struct Window {
     torque: [f64; MAX_JOINTS],
     rest: [f64; MAX_JOINTS],
     acceleration: [f64; MAX_JOINTS],
-    /// The same from the positions.
+    /// The same from the positions, times T/2.
     of_positions: [f64; MAX_JOINTS],
 }
 
@@ -278,18 +281,17 @@ impl WeakRows {
     fn add(&mut self, slot: usize, (last, sample): (&RobotSample, &RobotSample), travel: &[f64; MAX_JOINTS], gap: f64) {
         let window = &mut self.windows[slot];
         let s = 2.0 * (sample.t_s - window.center) / self.options.length_s;
-        let psi = psi(s);
+        let (psi, slope) = psi_and_slope(s);
         let before = std::mem::replace(&mut window.last_psi, psi);
         let gap_before = std::mem::replace(&mut window.last_gap, gap);
         let mean = 0.5 * (before + psi); // (2)
         let (left, right) = (0.5 * gap * before, 0.5 * gap * psi); // (3)
-        let slope = 2.0 * psi_slope(s) / self.options.length_s;
         let mean_slope = 0.5 * (std::mem::replace(&mut window.last_slope, slope) + slope);
         window.weight += left + right;
         for i in 0..self.joints {
             window.torque[i] += left * last.tau[i] + right * sample.tau[i]; // (3)
             window.acceleration[i] += mean * (sample.dq[i] - last.dq[i]); // (2)
-            window.of_positions[i] -= mean_slope * travel[i];
+            window.of_positions[i] -= mean_slope * travel[i]; // (1) of velocity_noise.rs
             let resting = |x: &RobotSample| x.dq[i].abs() < self.rest_speed[i];
             window.rest[i] += if resting(last) { left } else { 0.0 } + if resting(sample) { right } else { 0.0 };
         }
@@ -313,14 +315,18 @@ impl WeakRows {
         }
         let sums = &mut self.sums[slot * self.entries..(slot + 1) * self.entries];
         sums.iter_mut().for_each(|x| *x /= window.weight);
-        let mean = |sums: &[f64; MAX_JOINTS]| sums.map(|sum| sum / window.weight);
-        let (acceleration, of_positions) = (mean(&window.acceleration), mean(&window.of_positions));
+        let acceleration = window.acceleration.map(|sum| sum / window.weight);
+        let per_weight = 2.0 / (self.options.length_s * window.weight);
+        let of_positions = window.of_positions.map(|sum| sum * per_weight);
         self.noise
             .take_window(&acceleration, &of_positions, self.joints, self.options.length_s);
-        let variances = self.noise.variances(self.joints, self.options.length_s);
-        for (k, variance) in variances.iter().enumerate().take(self.joints) {
+        let mut variances = self.noise.variances(self.joints, self.options.length_s);
+        for (k, variance) in variances.iter_mut().enumerate().take(self.joints) {
             self.motion.square[k] += acceleration[k].powi(2);
-            self.motion.noise[k] += variance;
+            self.motion.noise[k] += *variance;
+            if self.motion.noise[k] < NEGLIGIBLE * self.motion.square[k] {
+                *variance = 0.0;
+            }
         }
         let errors = RowErrors {
             regressors: &self.regressors,

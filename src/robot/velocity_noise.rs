@@ -16,7 +16,7 @@
 //! as |(a_v − a_q)² − s² Σ c_m²| in the mean, which holds for both.
 
 use super::state::RobotSample;
-use super::windows::psi_slope;
+use super::windows::{psi, psi_and_slope};
 use crate::model::MAX_JOINTS;
 
 /// Number of windows in the mean (2).
@@ -97,8 +97,8 @@ impl VelocityNoise {
 fn squares_of_positions(period_s: f64, length_s: f64) -> f64 {
     let reach = (0.5 * length_s / period_s).ceil() as i32;
     let at = |i: i32| 2.0 * f64::from(i) * period_s / length_s;
-    let slope = |i: i32| psi_slope(at(i)) * 2.0 / length_s;
-    let weight: f64 = (-reach..=reach).map(|i| super::windows::psi(at(i)) * period_s).sum();
+    let slope = |i: i32| psi_and_slope(at(i)).1 * 2.0 / length_s;
+    let weight: f64 = (-reach..=reach).map(|i| psi(at(i)) * period_s).sum();
     let of_position = |m: i32| 0.5 * (slope(m + 1) - slope(m - 1)) / weight;
     (-reach - 1..=reach + 1).map(|m| of_position(m).powi(2)).sum()
 }

@@ -13,13 +13,14 @@ pub(super) fn psi(s: f64) -> f64 {
     if s.abs() < 1.0 { (1.0 - s * s).powi(4) } else { 0.0 }
 }
 
-/// dψ/ds.
-pub(super) fn psi_slope(s: f64) -> f64 {
-    if s.abs() < 1.0 {
-        -8.0 * s * (1.0 - s * s).powi(3)
-    } else {
-        0.0
+/// ψ and dψ/ds.
+pub(super) fn psi_and_slope(s: f64) -> (f64, f64) {
+    if s.abs() >= 1.0 {
+        return (0.0, 0.0);
     }
+    let base = 1.0 - s * s;
+    let cube = base * base * base;
+    (base * cube, -8.0 * s * cube)
 }
 
 /// Windows of the weak form.

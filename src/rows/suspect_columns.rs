@@ -286,6 +286,11 @@ impl SuspectColumns {
         }
     }
 
+    /// True for a resonance, whose column holds for motion well below its frequency.
+    pub fn is_slow(&self, suspect: usize) -> bool {
+        self.kind(suspect) == SuspectKind::Resonance
+    }
+
     /// The relative changes of the parameters that an error of 1 is equivalent to.
     pub fn imitation(&self, suspect: usize) -> Option<&[f64]> {
         self.tempo.as_deref().filter(|_| suspect == 1 + CLOCK)

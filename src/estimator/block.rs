@@ -424,8 +424,8 @@ impl BlockEstimator {
             let told = group.noise_is_told();
             let excitation = &group.excitation;
             group.clusters.end(changed, told, |i| excitation.share(i));
-            let (scores, information) = (&group.considered.scores, &group.considered.information);
-            self.score_test.take((scores, information), unit, misfit, freedom, told);
+            let evidence = group.considered.evidence();
+            self.score_test.take(evidence, unit, misfit, freedom, told);
         }
         self.later.copy_from_slice(&self.theta);
         let used = (self.used.clone(), &self.report.fit[..]);

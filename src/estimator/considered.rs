@@ -47,6 +47,7 @@ use super::linalg::{Cholesky, dot};
 use super::line::LineFit;
 use super::pass::{Summable, Sums};
 use super::persist::Visit;
+use super::summed_rows::{SummedRows, SummedScore};
 use std::ops::Range;
 
 /// Largest number of errors per equation.
@@ -91,11 +92,12 @@ pub struct Considered {
     gram: Vec<f64>,
     score: Vec<f64>,
     /// u of the last block.
-    pub scores: Vec<f64>,
+    scores: Vec<f64>,
     /// I of the last block, room × room.
-    pub information: Vec<f64>,
+    information: Vec<f64>,
     /// Errors that the parameters imitate: they count only in the sums after a change.
     imitated: Vec<bool>,
+    summed: SummedRows,
     // scratch
     columns: Vec<f64>,
     active: Vec<usize>,
@@ -164,6 +166,7 @@ impl Considered {
             scores: vec![0.0; room],
             information: vec![0.0; room * room],
             imitated: vec![false; room],
+            summed: SummedRows::new(n, first),
             columns: vec![0.0; room],
             active: vec![0; room],
             regressor: vec![0.0; n],
@@ -211,6 +214,7 @@ impl Considered {
         for (s, imitated) in self.imitated[..self.known].iter_mut().enumerate() {
             *imitated = rows.is_imitated(s);
         }
+        self.summed.adopt(|s| s < rows.suspects() && rows.is_slow(s));
         self.clear_scores();
     }
 
@@ -250,6 +254,7 @@ impl Considered {
         self.cross[..count * n].fill(0.0);
         self.gram.fill(0.0);
         self.score.fill(0.0);
+        self.summed.clear();
         if count == 0 || rows.is_empty() {
             return;
         }
@@ -257,11 +262,15 @@ impl Considered {
         for e in equations {
             let p = e.own.len();
             let inverse = 1.0 / e.divisor;
+            self.summed.begin(p);
             for index in range.clone() {
                 let phi = &mut self.regressor[..p];
                 let f = rows.row(e.index, index, theta, phi) * inverse;
                 let weight = e.loss.at(f).1 * inverse;
                 rows.suspect_row(e.index, index, &mut self.columns[..self.known]);
+                if e.floor == 0.0 {
+                    self.summed.add(phi, f * e.divisor, &self.columns[..self.known]);
+                }
                 let mut active = 0;
                 let counts = |s: &usize| self.columns[*s] != 0.0 && (changed || !self.imitated[*s]);
                 for s in (0..self.known).filter(counts) {
@@ -292,6 +301,7 @@ impl Considered {
                         .for_each(|(c, x)| *c += weighted * inverse * x);
                 }
             }
+            self.summed.end();
         }
     }
 
@@ -381,6 +391,7 @@ impl Considered {
         } = *update;
         let (n, m) = (self.n, 2 * self.n);
         self.end_ns = rows.span(rows.len().saturating_sub(1)).1;
+        self.summed.clear();
         let length = rows.len().max(2) as f64 - 1.0;
         self.clear_scores();
         for s in 0..self.count {
@@ -427,6 +438,11 @@ impl Considered {
     /// Σ w φ d_s at s n, Σ w d_s d_t at s room + t for t ≤ s, and Σ w d_s f of the block.
     pub fn sums(&self) -> (&[f64], &[f64], &[f64]) {
         (&self.cross, &self.gram, &self.score)
+    }
+
+    /// u and I of the last block, and the evidence of sums of its rows.
+    pub fn evidence(&self) -> (&[f64], &[f64], &[SummedScore]) {
+        (&self.scores, &self.information, &self.summed.scores)
     }
 
     /// The error that widens parameter i most, and the variance that all errors add together.

@@ -53,6 +53,7 @@ mod robust;
 mod score_test;
 mod state;
 pub(crate) mod stats;
+mod summed_rows;
 mod workspace;
 mod wrls;
 
@@ -194,6 +195,11 @@ pub trait Residuals {
     /// True for an error that the parameters imitate, so its column is informative only after a
     /// change.
     fn is_imitated(&self, _suspect: usize) -> bool {
+        false
+    }
+    /// True for an error whose column is the first term of a series, which holds for slow motion
+    /// only (`summed_rows.rs`).
+    fn is_slow(&self, _suspect: usize) -> bool {
         false
     }
     /// The relative changes of the parameters that an error of 1 is equivalent to, if it has no

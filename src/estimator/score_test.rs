@@ -26,12 +26,18 @@
 //! C = (Σ⁻¹ + I/X)⁻¹,  m = C U/X,  M = C + m mᵀ                                (d) of considered.rs
 //! ```
 //!
+//! A term whose column holds for slow motion only is also tested on sums of neighbouring rows
+//! (`summed_rows.rs`), with scores and information in units of these sums' own scatter. If they
+//! show an amplitude â that counts, of information I, M_ss is at least â² + 1/I, and the term may
+//! be named by them.
+//!
 //! A term without a prior counts with its amplitude â once z exceeds [`BELIEVED`]. Neither corrects
 //! the estimate; for that, the term must be added to the model.
 
 use super::considered::room_for;
 use super::linalg::Cholesky;
 use super::persist::Visit;
+use super::summed_rows::SummedScore;
 use std::ops::Range;
 
 /// Standard deviations above which a term is named.
@@ -78,6 +84,27 @@ struct Term {
 }
 
 impl Term {
+    /// Adds a block.
+    fn take(&mut self, score: f64, information: f64) {
+        let informs = score.is_finite() && information.is_finite() && information > 0.0;
+        let (u, i) = if informs { (score, information) } else { (0.0, 0.0) };
+        let new = [u, i, u * u, u * i, i * i, f64::from(u8::from(informs))];
+        for (sum, new) in self.sums_mut().into_iter().zip(new) {
+            *sum = MEMORY * *sum + new;
+        }
+    }
+
+    fn sums_mut(&mut self) -> [&mut f64; 6] {
+        [
+            &mut self.score,
+            &mut self.information,
+            &mut self.score_square,
+            &mut self.score_information,
+            &mut self.information_square,
+            &mut self.blocks,
+        ]
+    }
+
     /// Σ (u − i â)² with one degree of freedom taken by â.
     fn scatter(&self, amplitude: f64) -> f64 {
         let sum = self.score_square - 2.0 * amplitude * self.score_information
@@ -90,6 +117,10 @@ impl Term {
 #[derive(Debug, Clone)]
 pub struct ScoreTest {
     terms: Vec<Term>,
+    /// Sums of each term over the scores of summed rows, and χ² of these.
+    summed: Vec<Term>,
+    summed_misfit: Vec<f64>,
+    pending_summed: Vec<SummedScore>,
     /// Index of the first drift.
     drifts: usize,
     /// U and I of the block so far; I over all blocks, room × room.
@@ -117,6 +148,9 @@ impl ScoreTest {
         Self {
             drifts: first,
             terms: vec![Term::default(); room],
+            summed: vec![Term::default(); first],
+            summed_misfit: vec![0.0; first],
+            pending_summed: vec![SummedScore::default(); first],
             pending: vec![0.0; room],
             pending_information: vec![0.0; room * room],
             information: vec![0.0; room * room],
@@ -134,6 +168,8 @@ impl ScoreTest {
     /// Forgets everything.
     pub fn reset(&mut self) {
         self.terms.fill(Term::default());
+        self.summed.fill(Term::default());
+        self.summed_misfit.fill(0.0);
         self.information.fill(0.0);
         self.moments.fill(0.0);
         (self.misfit, self.freedom, self.told) = (0.0, 0.0, true);
@@ -141,26 +177,10 @@ impl ScoreTest {
 
     /// What goes from block to block.
     pub fn visit(&mut self, v: &mut impl Visit) {
-        for term in &mut self.terms {
-            let Term {
-                score,
-                information,
-                score_square,
-                score_information,
-                information_square,
-                blocks,
-            } = term;
-            for number in [
-                score,
-                information,
-                score_square,
-                score_information,
-                information_square,
-                blocks,
-            ] {
-                v.real(number);
-            }
+        for term in self.terms.iter_mut().chain(&mut self.summed) {
+            term.sums_mut().into_iter().for_each(|number| v.real(number));
         }
+        v.reals(&mut self.summed_misfit);
         v.reals(&mut self.information);
         v.reals(&mut self.moments);
         v.real(&mut self.misfit);
@@ -190,6 +210,7 @@ impl ScoreTest {
     pub fn begin(&mut self) {
         self.pending.fill(0.0);
         self.pending_information.fill(0.0);
+        self.pending_summed.fill(SummedScore::default());
         self.misfit *= MEMORY;
         self.freedom *= MEMORY;
         self.told = true;
@@ -200,7 +221,7 @@ impl ScoreTest {
     /// not learnt from these residuals.
     pub fn take(
         &mut self,
-        (scores, information): (&[f64], &[f64]),
+        (scores, information, summed): (&[f64], &[f64], &[SummedScore]),
         variance: f64,
         misfit: f64,
         freedom: f64,
@@ -211,6 +232,10 @@ impl ScoreTest {
         };
         add(&mut self.pending, scores);
         add(&mut self.pending_information, information);
+        let pending = self.pending_summed.iter_mut().zip(summed);
+        // the rows of an equation belong to one group
+        let informs = |(_, new): &(&mut SummedScore, &SummedScore)| new.information > 0.0;
+        pending.filter(informs).for_each(|(own, new)| *own = *new);
         self.misfit += misfit;
         self.freedom += freedom;
         self.told &= told;
@@ -228,25 +253,17 @@ impl ScoreTest {
             *sum = MEMORY * *sum + if finite { *i } else { 0.0 };
         }
         for (s, (term, u)) in self.terms.iter_mut().zip(&self.pending).enumerate() {
-            let i = self.pending_information[s * room + s];
-            for sum in [
-                &mut term.score,
-                &mut term.information,
-                &mut term.score_square,
-                &mut term.score_information,
-                &mut term.information_square,
-                &mut term.blocks,
-            ] {
-                *sum *= MEMORY;
-            }
-            if finite && i > 0.0 {
-                term.score += u;
-                term.information += i;
-                term.score_square += u * u;
-                term.score_information += u * i;
-                term.information_square += i * i;
-                term.blocks += 1.0;
-            }
+            let i = if finite {
+                self.pending_information[s * room + s]
+            } else {
+                0.0
+            };
+            term.take(*u, i);
+        }
+        let summed = self.summed.iter_mut().zip(&mut self.summed_misfit);
+        for ((term, misfit), new) in summed.zip(&self.pending_summed) {
+            term.take(new.score, new.information);
+            *misfit = MEMORY * *misfit + if new.misfit.is_finite() { new.misfit } else { 0.0 };
         }
         self.learn();
     }
@@ -295,11 +312,11 @@ impl ScoreTest {
             excess = ((self.misfit - explained) / self.freedom.max(1.0)).max(scatter);
         }
         for s in 0..room {
-            let believed = self.believed(s);
+            let believed = self.believed(s).powi(2).max(self.seen_in_sums(s));
             let own = &mut self.moments[s * room + s];
             // a posterior that could not be factored leaves the prior
             let least = if *own > 0.0 { 0.0 } else { self.std[s] * self.std[s] };
-            *own = own.max(believed * believed).max(least);
+            *own = own.max(believed).max(least);
         }
     }
 
@@ -319,13 +336,24 @@ impl ScoreTest {
 
     /// The likeliest term, if any is significant.
     pub fn likeliest(&self) -> Option<Suspicion> {
-        let named = (0..self.terms.len())
-            .filter_map(|s| self.judge(s))
-            .filter(|j| j.blocks >= ENOUGH && j.suspicion.deviations > NAMED && j.repeated > REPEATED)
-            .filter(|j| self.counts(&j.suspicion));
-        named
-            .max_by(|a, b| a.explained.total_cmp(&b.explained))
-            .map(|judged| judged.suspicion)
+        let significant = |j: &Judged| j.blocks >= ENOUGH && j.is_beyond(NAMED, REPEATED);
+        let largest = |judged: &mut dyn Iterator<Item = Judged>| {
+            let likeliest = judged.max_by(|a, b| a.explained.total_cmp(&b.explained));
+            likeliest.map(|judged| judged.suspicion)
+        };
+        let all = (0..self.terms.len()).filter_map(|s| self.judge(s)).filter(significant);
+        let in_sums = (0..self.summed.len()).filter_map(|s| self.judge_sums(s));
+        largest(&mut all.filter(|j| self.counts(&j.suspicion)))
+            .or_else(|| largest(&mut in_sums.filter(significant).filter(|j| j.suspicion.share > OF_ALL)))
+    }
+
+    /// â² + 1/I of a term that sums of rows show, 0 for others.
+    fn seen_in_sums(&self, suspect: usize) -> f64 {
+        let judged = self.judge_sums(suspect);
+        let counts = |j: &Judged| j.is_beyond(BELIEVED, REPEATED_BELIEVED) && j.suspicion.share > OF_ALL;
+        judged.filter(counts).map_or(0.0, |j| {
+            j.suspicion.amplitude.powi(2) + 1.0 / self.summed[suspect].information
+        })
     }
 
     /// |â| of a term that σ must allow for, 0 for others.
@@ -348,19 +376,26 @@ impl ScoreTest {
     }
 
     fn judge(&self, suspect: usize) -> Option<Judged> {
-        let term = self.terms.get(suspect)?;
+        let freedom = if self.told { self.freedom } else { 0.0 };
+        self.judge_term(suspect, self.terms.get(suspect)?, self.misfit, self.freedom, freedom)
+    }
+
+    /// The same for sums of rows, whose scatter is their noise.
+    fn judge_sums(&self, suspect: usize) -> Option<Judged> {
+        let (term, misfit) = (self.summed.get(suspect)?, self.summed_misfit.get(suspect)?);
+        self.judge_term(suspect, term, *misfit, f64::INFINITY, 0.0)
+    }
+
+    /// `expected`: the part of χ² that is noise.
+    fn judge_term(&self, suspect: usize, term: &Term, misfit: f64, freedom: f64, expected: f64) -> Option<Judged> {
         if !(term.information > 0.0) {
             return None;
         }
         let amplitude = term.score / term.information;
         let explained = term.score * amplitude;
         let scatter = term.scatter(amplitude).max(1e-12 * term.score_square);
-        let excess = ((self.misfit - explained) / self.freedom.max(1.0)).max(1.0);
-        let misfit = if self.told {
-            self.misfit - self.freedom
-        } else {
-            self.misfit
-        };
+        let excess = ((misfit - explained) / freedom.max(1.0)).max(1.0);
+        let misfit = misfit - expected;
         let judged = Judged {
             explained,
             blocks: term.blocks,
@@ -388,6 +423,12 @@ struct Judged {
     suspicion: Suspicion,
 }
 
+impl Judged {
+    fn is_beyond(&self, deviations: f64, repeated: f64) -> bool {
+        self.suspicion.deviations > deviations && self.repeated > repeated
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -401,7 +442,7 @@ mod tests {
             scores[2] = score;
             information[2 * room + 2] = own;
             test.begin();
-            test.take((&scores, &information), 1.0, 100.0 + misfit, 100.0, true);
+            test.take((&scores, &information, &[]), 1.0, 100.0 + misfit, 100.0, true);
             test.end();
         }
         test
@@ -417,6 +458,35 @@ mod tests {
         assert!((suspicion.amplitude - 2.0).abs() < 0.01 && (suspicion.share - 0.8).abs() < 0.01);
         assert_eq!(test.believed(2), suspicion.amplitude);
         assert_eq!(test.believed(1), 0.0);
+    }
+
+    #[test]
+    fn prop_a_term_that_only_sums_of_rows_show_is_named_and_allowed_for() {
+        let room = room_for(1);
+        let (scores, information) = (vec![0.0; room], vec![0.0; room * room]);
+        let named = |misfit: f64| {
+            let mut test = ScoreTest::new(1, 0);
+            let mut summed = vec![SummedScore::default(); room];
+            test.prepare(room, |_| 1.0, |_| 0.0);
+            // amplitude 3, 13 standard deviations a block, which explain 180 of the misfit
+            summed[4] = SummedScore {
+                score: 60.0,
+                information: 20.0,
+                misfit,
+            };
+            for _ in 0..4 {
+                test.begin();
+                test.take((&scores, &information, &summed), 1.0, 100.0, 100.0, false);
+                test.end();
+            }
+            (test.likeliest(), test.moments()[4 * room + 4])
+        };
+        let (suspicion, moment) = named(220.0);
+        assert!(suspicion.is_some_and(|s| s.suspect == 4 && (s.amplitude - 3.0).abs() < 1e-9));
+        assert!((9.0..9.1).contains(&moment), "{moment}");
+        // a tenth of what the parameters leave of the sums is not enough
+        let (suspicion, moment) = named(1800.0);
+        assert!(suspicion.is_none() && moment < 1.1, "{moment}");
     }
 
     #[test]

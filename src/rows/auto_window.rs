@@ -249,6 +249,10 @@ impl<P: Plant + Clone> Residuals for AutoWindowBlock<P> {
         self.own().is_imitated(suspect)
     }
 
+    fn is_slow(&self, suspect: usize) -> bool {
+        self.own().is_slow(suspect)
+    }
+
     fn imitation(&self, suspect: usize) -> Option<&[f64]> {
         self.own().imitation(suspect)
     }

@@ -19,7 +19,7 @@ pub struct Considered {
     /// the same size, ≥ 0.
     pub stribeck: f64,
     /// Offset of each recorded input whose equation has no constant term, as a share of the same
-    /// size, ≥ 0.
+    /// size, and at least of 400 standard deviations of the input's noise, ≥ 0.
     pub offset: f64,
     /// Dead band of each drive whose joint's model has Coulomb friction, as a share of the same
     /// size, ≥ 0.

@@ -29,9 +29,12 @@
 //! are shares of u_r, the largest root mean square of a block's input so far, so one default fits
 //! drives of any voltage. sat is the sign function with a linear middle, as wide as three standard
 //! deviations of the velocity's noise, because at rest friction and noise may have either sign, or
-//! a fiftieth of u_r. A flexible joint has u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to
-//! first order in 1/ω² its rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of
-//! the input, for any equation.
+//! a fiftieth of u_r. The offset is a share of the input's range, if that is larger: slow motion
+//! uses little of it, and the offset of an amplifier or a sensor does not depend on the motion. The
+//! range is taken to be at least 400 times the input's noise. A flexible joint has u (1 + s²/ω_a²)
+//! = (1 + s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid model is off by (1/ω_r² −
+//! 1/ω_a²) s² u: the second derivative of the input, for any equation. Its sign depends on the side
+//! of the encoder.
 //!
 //! The estimator widens its published covariance by the remaining uncertainty of the errors that
 //! have a prior standard deviation ([`Considered`]), and tests for all of them
@@ -71,6 +74,8 @@ const CLOCK: usize = 11;
 const INERTIA: usize = 12;
 /// u₀, as a share of the input's size.
 const DEAD: f64 = 0.02;
+/// Range of an input in standard deviations of its noise, at least.
+const RANGE: f64 = 400.0;
 /// Velocity, in standard deviations of its noise, below which a joint may be at rest.
 const STANDING: f64 = 3.0;
 /// Ratio of the velocity's root mean square to that of its noise above which a joint moves.
@@ -92,6 +97,8 @@ pub(super) struct SuspectColumns {
     /// Largest root mean square of each joint's input so far, and of its position about the mean.
     sizes: [f64; MAX_JOINTS],
     travels: [f64; MAX_JOINTS],
+    /// Standard deviation of each joint's input.
+    input_noises: [f64; MAX_JOINTS],
     /// Equations with Coulomb friction or a similar jump.
     jumps: Vec<bool>,
     /// Root mean square of the velocity that belongs to each equation, in the first block in which
@@ -174,6 +181,7 @@ impl SuspectColumns {
             columns,
             sizes: [0.0; MAX_JOINTS],
             travels: [0.0; MAX_JOINTS],
+            input_noises: [0.0; MAX_JOINTS],
             speeds: vec![0.0; jumps.len()],
             drives: (jumps.iter().zip(&springs))
                 .map(|(&jumps, &spring)| [room(jumps), room(!spring)])
@@ -216,7 +224,10 @@ impl SuspectColumns {
             SuspectKind::Gain => self.considered.gain,
             SuspectKind::Coulomb => self.considered.coulomb * size,
             SuspectKind::Stribeck => self.considered.stribeck * size,
-            SuspectKind::Offset => self.considered.offset * size,
+            SuspectKind::Offset => {
+                let noise = self.joint(suspect).map_or(0.0, |joint| self.input_noises[joint]);
+                self.considered.offset * size.max(RANGE * noise)
+            }
             SuspectKind::DeadBand => self.considered.dead_band * size,
             SuspectKind::Spring => match self.joint(suspect).map_or(0.0, |joint| self.travels[joint]) {
                 0.0 => 0.0,
@@ -286,6 +297,11 @@ impl SuspectColumns {
         }
     }
 
+    /// True for a resonance, whose column holds for motion well below its frequency.
+    pub fn is_slow(&self, suspect: usize) -> bool {
+        self.kind(suspect) == SuspectKind::Resonance
+    }
+
     /// The relative changes of the parameters that an error of 1 is equivalent to.
     pub fn imitation(&self, suspect: usize) -> Option<&[f64]> {
         self.tempo.as_deref().filter(|_| suspect == 1 + CLOCK)
@@ -343,9 +359,10 @@ impl SuspectColumns {
     }
 
     /// Prepares the first `len` samples of a block; `q_std` are the standard deviations of the
-    /// positions.
-    pub fn sense(&mut self, len: usize, signals: &Trajectory, q_std: &[Vec<f64>]) {
+    /// positions, `input_noise` that of a joint's input.
+    pub fn sense(&mut self, len: usize, signals: &Trajectory, q_std: &[Vec<f64>], input_noise: impl Fn(usize) -> f64) {
         for joint in 0..self.turns.len() {
+            self.input_noises[joint] = input_noise(joint);
             let size = root_mean_square(&signals.u[joint][..len]);
             self.sizes[joint] = self.sizes[joint].max(size);
             self.travels[joint] = self.travels[joint].max(standard_deviation(&signals.q[joint][..len]));

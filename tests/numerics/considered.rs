@@ -64,6 +64,19 @@ fn minimum_jerk() -> [Setpoint; 2] {
     })
 }
 
+/// The same, but each takes 4 to 9 s.
+fn slow_moves() -> [Setpoint; 2] {
+    minimum_jerk().map(|setpoint| match setpoint {
+        Setpoint::Moves(moves) => Setpoint::Moves(Moves {
+            min_move_s: 4.0,
+            max_move_s: 9.0,
+            max_rest_s: 1.0,
+            ..moves
+        }),
+        other => other,
+    })
+}
+
 fn arm(setpoint: [Setpoint; 2], seed: u64, blocks: u64, wrong: Wrong) -> SimOptions {
     let mut sim = SimOptions::cedro2022();
     sim.duration_s = (blocks * N) as f64 * 1e-3;
@@ -262,6 +275,26 @@ fn study_of_considered_errors() {
                 }
             }
         }
+    }
+}
+
+/// The load is held with 1.3 V, and slow moves need little more. An offset of 20 mV is 1.5 % of
+/// that, and 0.1 % of the input's root mean square would be 3 mV.
+#[test]
+fn fault_an_offset_in_slow_motion_makes_no_weight_confidently_wrong() {
+    let wrong = Wrong {
+        offset_v: [0.0, 0.03],
+        ..Wrong::default()
+    };
+    for seed in 1..=4 {
+        let answers = identify(&arm(slow_moves(), seed, 16, wrong), Considered::default(), wrong);
+        let weight = |answer: &Answer| (answer.theta[6] - answer.truth[6]) / answer.std[6];
+        let largest = answers.iter().map(|answer| weight(answer).abs()).fold(0.0, f64::max);
+        println!(
+            "seed {seed}: dangerous {:?}, theta_7 {largest:.1} σ off",
+            dangerous(&answers)
+        );
+        assert!(dangerous(&answers).is_empty(), "seed {seed}");
     }
 }
 

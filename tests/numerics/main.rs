@@ -1,6 +1,8 @@
 //! Numerics: model, rows, simulation and estimators, each against an independent result.
 
 mod advice;
+#[cfg(feature = "sim")]
+mod belt;
 mod cedro;
 #[cfg(feature = "config")]
 mod cell;

@@ -93,7 +93,7 @@ table! {
         stribeck: f64 = considered.stribeck, Kind::Real(NOT_NEGATIVE), "",
             "Friction that falls with speed at each joint whose model has Coulomb friction, as a share of the same size";
         offset: f64 = considered.offset, Kind::Real(NOT_NEGATIVE), "",
-            "Offset of each recorded input, or constant force, whose model has none, as a share of the same size";
+            "Offset of each recorded input, or constant force, whose model has none, as a share of the same size, and at least of 400 standard deviations of the input's noise";
         dead_band: f64 = considered.dead_band, Kind::Real(NOT_NEGATIVE), "",
             "Dead band of each drive whose joint's model has Coulomb friction: what it gives less, either sign, as a share of the same size";
         spring: f64 = considered.spring, Kind::Real(NOT_NEGATIVE), "",

@@ -122,6 +122,10 @@ impl<P: Plant> Residuals for ProjectedBlock<P> {
         self.rows.suspects.is_imitated(suspect)
     }
 
+    fn is_slow(&self, suspect: usize) -> bool {
+        self.rows.suspects.is_slow(suspect)
+    }
+
     fn imitation(&self, suspect: usize) -> Option<&[f64]> {
         self.rows.suspects.imitation(suspect)
     }

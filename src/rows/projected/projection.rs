@@ -190,7 +190,9 @@ impl<P: Plant> Projection<P> {
     pub fn project_suspects(&mut self) {
         let (block, rows, kernels) = (&self.block, self.block.samples.windows.len(), &self.block.form.kernels);
         let signals = self.smoothed.or(&block.samples.signals);
-        self.suspects.sense(block.samples.len, signals, &block.noise.q_std);
+        let noise = |joint: usize| block.noise.sensors.deviations(joint)[1];
+        self.suspects
+            .sense(block.samples.len, signals, &block.noise.q_std, noise);
         self.suspects
             .sense_inertias(block.samples.len, signals, &block.form.plant, &self.theta);
         for e in 0..block.form.equations() {

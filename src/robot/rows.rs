@@ -68,8 +68,8 @@ impl Motion {
 struct Window {
     center: f64,
     weight: f64,
-    /// ψ and dψ/ds at the previous sample, and the time between that sample and the one before it, 0 if it
-    /// opened the window.
+    /// ψ and dψ/ds at the previous sample, and the time between that sample and the one before it,
+    /// 0 if it opened the window.
     last_psi: f64,
     last_slope: f64,
     last_gap: f64,

@@ -37,10 +37,10 @@ const EVEN: f64 = 1.5;
 /// Likeness of two steps of the other joints: 1 if they are equal, 1/2 if one is twice the other, 0
 /// if there is only one.
 const ALIKE: f64 = 0.75;
-/// Smallest step of the other joints together that tells of time, relative to their mean |m| and at
-/// least a count.
+/// (6) is judged if the steps of the other joints together exceed this, each relative to its mean
+/// |m|, or to a count if that is larger.
 const TELLING: f64 = 5.0;
-/// Samples for which the last step is kept while (6) holds: machines do stop at once.
+/// Samples for which the last step is kept while (6) holds: a machine may stop within a sample.
 const HELD: u32 = 4;
 /// Samples in the mean of |m|.
 const MEAN_OF: f64 = 1000.0;

@@ -1,4 +1,4 @@
-//! Lengthens windows if errors of the positions require it.
+//! Lengthens windows if errors of the velocities require it.
 //!
 //! With errors in the regressors, the relative bias of least squares is about the error share of
 //! the acceleration. That share falls with the fifth power of the length T of a window:
@@ -7,7 +7,9 @@
 //! share_k = Σ var(a_k)/Σ (a² − var(a_k)) over the windows,    T ← T (share/SHARE)^(1/5)            (1)
 //! ```
 //!
-//! Short windows are kept while errors of the positions hardly affect any joint's torque, because
+//! White noise of measured velocities falls with the third power only: more steps are taken then.
+//!
+//! Short windows are kept while errors of the velocities hardly affect any joint's torque, because
 //! they blur reversals least. If the windows of the first blocks were much too short, these blocks
 //! are dropped, because later data do not outweigh them: encoders of 13 bits at 2 ms left inertial
 //! parameters 10 to 20 % off for a minute.

@@ -97,7 +97,7 @@ pub(super) struct SuspectColumns {
     /// Largest root mean square of each joint's input so far, and of its position about the mean.
     sizes: [f64; MAX_JOINTS],
     travels: [f64; MAX_JOINTS],
-    /// Standard deviation of each joint's input.
+    /// Standard deviation of the noise of each joint's input.
     input_noises: [f64; MAX_JOINTS],
     /// Equations with Coulomb friction or a similar jump.
     jumps: Vec<bool>,
@@ -359,7 +359,7 @@ impl SuspectColumns {
     }
 
     /// Prepares the first `len` samples of a block; `q_std` are the standard deviations of the
-    /// positions, `input_noise` that of a joint's input.
+    /// positions, `input_noise` that of the noise of a joint's input.
     pub fn sense(&mut self, len: usize, signals: &Trajectory, q_std: &[Vec<f64>], input_noise: impl Fn(usize) -> f64) {
         for joint in 0..self.turns.len() {
             self.input_noises[joint] = input_noise(joint);
